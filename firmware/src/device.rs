@@ -1,0 +1,445 @@
+//! The contract between a drive and the world. Read this first.
+//!
+//! A drive is a pure function from stamped inputs to stamped outputs: it owns no clock, no port and
+//! no pin. Whoever runs it (the simulator's bench, the [shell](crate::shell) of a board, a test)
+//! tells it what happens and when, wakes it at its [deadline](Device::deadline), and does what it
+//! puts into the [`Sink`]. [`advance`] is the one place where inputs and deadlines are merged.
+
+pub use standin_protocol::line::Line;
+pub use standin_protocol::modbus::Why;
+use standin_protocol::registers::Table;
+pub use standin_protocol::time::{Duration, Instant};
+
+pub use crate::motion::Plan;
+
+macro_rules! places {
+    ($($(#[$doc:meta])* $Name:ident,)*) => {$(
+        $(#[$doc])*
+        #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
+        #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+        pub struct $Name(pub u8);
+    )*};
+}
+
+places! {
+    /// Place in [`Spec::ports`].
+    Port,
+    /// Place in [`Spec::pins`].
+    Pin,
+    /// Place in [`Spec::axes`].
+    Axis,
+    /// Place in [`Spec::encoders`].
+    Encoder,
+    /// Place in [`Spec::faults`].
+    Fault,
+    /// One TCP connection of a port; numbers are used again, but never while open.
+    Link,
+}
+
+/// What an output pin does.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Level {
+    /// Pulled to ground.
+    Low,
+    /// Driven high.
+    High,
+    /// Let go: whatever is wired there decides.
+    Float,
+}
+
+/// What happens to a drive.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub enum Input<'a> {
+    /// Characters of a serial port. The stamp is the end of the first one's stop bit; the others
+    /// follow back to back. More than one only where silence ends a frame ([`Ends::Silence`]);
+    /// splitting them anywhere changes nothing.
+    Bytes {
+        /// Where.
+        port: Port,
+        /// The characters.
+        bytes: &'a [u8],
+    },
+    /// A character that nobody could read: parity, framing, overrun, collision, another baud rate.
+    Spoiled {
+        /// Where.
+        port: Port,
+    },
+    /// The line itself says that the frame is over (`--line fast`, a UART's idle interrupt).
+    Idle {
+        /// Where.
+        port: Port,
+    },
+    /// The host opened or left the port (DTR; a pty opened or closed).
+    Attached {
+        /// Where.
+        port: Port,
+        /// Whether somebody is there.
+        here: bool,
+    },
+    /// Of a TCP connection: a whole Modbus ADU; of MCode what came, never past a CR.
+    Message {
+        /// Where.
+        port: Port,
+        /// On which connection.
+        link: Link,
+        /// What came.
+        bytes: &'a [u8],
+    },
+    /// A TCP connection was closed.
+    Closed {
+        /// Where.
+        port: Port,
+        /// Which.
+        link: Link,
+    },
+    /// An input pin changed.
+    Edge {
+        /// Which.
+        pin: Pin,
+        /// To high.
+        high: bool,
+    },
+    /// An analogue input changed.
+    Millivolts {
+        /// Which.
+        pin: Pin,
+        /// Its voltage in mV.
+        mv: i32,
+    },
+    /// Quarter cycles from a counter in hardware; boards only, instead of edges.
+    Count {
+        /// Which encoder.
+        encoder: Encoder,
+        /// Steps since the last count, signed.
+        steps: i32,
+        /// Channel A now.
+        a: bool,
+        /// Channel B now.
+        b: bool,
+    },
+    /// The cause of a fault comes or goes.
+    Fault {
+        /// Which.
+        fault: Fault,
+        /// It is there.
+        on: bool,
+    },
+    /// A board took a plan late, so that many more steps were made than the plan says; never in the
+    /// simulator.
+    Slipped {
+        /// Which axis.
+        axis: Axis,
+        /// Steps more, signed.
+        steps: i32,
+    },
+}
+
+/// What a drive does.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub enum Output<'a> {
+    /// Characters leave from the stamp on, back to back at the line's rate; whoever runs the drive
+    /// paces them. The stamp may lie ahead: a reply delay.
+    Bytes {
+        /// Where.
+        port: Port,
+        /// The characters.
+        bytes: &'a [u8],
+    },
+    /// A message on a TCP connection.
+    Message {
+        /// Where.
+        port: Port,
+        /// On which connection.
+        link: Link,
+        /// The message.
+        bytes: &'a [u8],
+    },
+    /// The drive closes a TCP connection.
+    Close {
+        /// Where.
+        port: Port,
+        /// Which.
+        link: Link,
+    },
+    /// The line from the next character on: after all [`Output::Bytes`] put before it have left.
+    Line {
+        /// Where.
+        port: Port,
+        /// The new settings.
+        line: Line,
+    },
+    /// An output pin takes a level.
+    Level {
+        /// Which.
+        pin: Pin,
+        /// The level.
+        level: Level,
+    },
+    /// An output pin repeats from the stamp on, until told otherwise: high for `high`, low for the
+    /// rest of `period`. LEDs, PWM, clocks; nobody is woken for an edge.
+    Wave {
+        /// Which.
+        pin: Pin,
+        /// Time of a cycle, not zero.
+        period: Duration,
+        /// High at its beginning.
+        high: Duration,
+    },
+    /// How an axis moves from the stamp on.
+    Plan {
+        /// Which.
+        axis: Axis,
+        /// Position at any instant from now on.
+        plan: &'a Plan,
+    },
+    /// Steps at the stamp, without a ramp (step/direction input).
+    Step {
+        /// Which axis.
+        axis: Axis,
+        /// How many, signed.
+        steps: i32,
+    },
+    /// What holds or turns the motor.
+    Current {
+        /// Which axis.
+        axis: Axis,
+        /// Peak current in mA.
+        ma: u32,
+    },
+    /// What turns a motor without steps.
+    Duty {
+        /// Which axis.
+        axis: Axis,
+        /// Duty in 1/65536, signed.
+        duty: i32,
+    },
+    /// Bytes of the non-volatile memory. A power cut leaves any prefix of them.
+    Store {
+        /// Where they begin.
+        offset: u16,
+        /// The bytes.
+        bytes: &'a [u8],
+    },
+    /// For logs and statistics; nothing depends on it.
+    Note(Note),
+}
+
+/// What a log may want to know.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Note {
+    /// A request was carried out.
+    Request {
+        /// Where.
+        port: Port,
+        /// The address it was for.
+        unit: u8,
+        /// Its function.
+        function: u8,
+    },
+    /// A request was refused.
+    Refused {
+        /// Where.
+        port: Port,
+        /// Its function.
+        function: u8,
+        /// The exception code.
+        code: u8,
+    },
+    /// A frame was ignored.
+    Dropped {
+        /// Where.
+        port: Port,
+        /// Why.
+        why: Why,
+    },
+}
+
+/// Where a drive's outputs go, and where it reads its memory.
+pub trait Sink {
+    /// `output` holds from `at` on. Stamps are those of the call they are put in, except where
+    /// [`Output`] says that they may lie ahead.
+    fn put(&mut self, at: Instant, output: Output<'_>);
+
+    /// The non-volatile memory, [`Spec::memory`] bytes, as every `Store` so far left it. A new one is
+    /// all `0xFF`.
+    fn memory(&self) -> &[u8];
+}
+
+/// What a drive is told when power comes.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub struct Boot {
+    /// Seed of every random choice.
+    pub seed: u64,
+    /// No start-up delay.
+    pub fast: bool,
+}
+
+/// Why a register cannot be preset.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Refused {
+    /// There is no such row.
+    NoSuchRegister,
+    /// It shows something that cannot be preset.
+    ReadOnly,
+    /// Its row does not accept the value.
+    OutOfRange,
+    /// The saved values cannot be changed, because the memory is bad.
+    BadMemory,
+}
+
+/// How a message on a port ends.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Ends {
+    /// By 3.5 characters of silence (Modbus RTU).
+    Silence,
+    /// By a character that the drive knows: it wants each one at its time.
+    Character,
+    /// By the length in its header (Modbus/TCP).
+    Mbap,
+    /// By a carriage return, on a TCP connection (MCode).
+    Return,
+}
+
+/// A port of a drive.
+#[derive(Clone, Copy, Debug)]
+pub struct PortSpec {
+    /// Its name, as users type it.
+    pub name: &'static str,
+    /// How its messages end.
+    pub ends: Ends,
+    /// The factory line of a serial port; `None` for TCP.
+    pub line: Option<Line>,
+}
+
+/// What a pin is for.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Role {
+    /// The drive reads it.
+    Input,
+    /// The drive drives it.
+    Output,
+    /// One or the other, as its registers say.
+    Both,
+    /// An analogue input.
+    Analogue,
+    /// A light.
+    Led,
+}
+
+/// A pin of a drive.
+#[derive(Clone, Copy, Debug)]
+pub struct PinSpec {
+    /// The manual's name.
+    pub name: &'static str,
+    /// What it is for.
+    pub role: Role,
+    /// What it reads, or shows, while nobody drives it.
+    pub rest: Level,
+}
+
+/// An axis of a drive.
+#[derive(Clone, Copy, Debug)]
+pub struct AxisSpec {
+    /// Its name.
+    pub name: &'static str,
+    /// The pins that carry its step pulses and its direction.
+    pub step_dir: Option<(Pin, Pin)>,
+}
+
+/// An encoder input of a drive.
+#[derive(Clone, Copy, Debug)]
+pub struct EncoderSpec {
+    /// Channel A.
+    pub a: Pin,
+    /// Channel B.
+    pub b: Pin,
+    /// The index.
+    pub index: Pin,
+}
+
+/// What a drive is.
+#[derive(Debug)]
+pub struct Spec {
+    /// The kind, as users type it.
+    pub kind: &'static str,
+    /// The product.
+    pub product: &'static str,
+    /// The manual that it follows.
+    pub manual: &'static str,
+    /// Its ports.
+    pub ports: &'static [PortSpec],
+    /// Its pins.
+    pub pins: &'static [PinSpec],
+    /// Its axes.
+    pub axes: &'static [AxisSpec],
+    /// Its encoder inputs.
+    pub encoders: &'static [EncoderSpec],
+    /// The faults its manual knows, as users type them.
+    pub faults: &'static [&'static str],
+    /// Bytes of its non-volatile memory.
+    pub memory: u16,
+    /// Its registers.
+    pub registers: &'static Table,
+    /// The row that holds its bus address.
+    pub address: Option<usize>,
+    /// Its modelled limits that no row tells.
+    pub not_modelled: &'static [&'static str],
+}
+
+/// A drive, or anything else that sits on a bench.
+pub trait Device {
+    /// What it is.
+    fn spec(&self) -> &'static Spec;
+
+    /// Power comes: everything volatile is forgotten. Also how a drive restarts itself.
+    fn power_on(&mut self, at: Instant, boot: Boot, out: &mut dyn Sink);
+
+    /// Something happens.
+    fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Sink);
+
+    /// When it wants to be woken; [`Instant::NEVER`] if only an input can.
+    fn deadline(&self) -> Instant;
+
+    /// It is woken. At an instant that is not its deadline nothing happens.
+    fn timeout(&mut self, at: Instant, out: &mut dyn Sink);
+
+    /// A register as it reads at `at`, without the bus's side effects; 0 for a row that is not there.
+    fn peek(&self, at: Instant, row: usize) -> i64;
+
+    /// Presets a register, past the bus. Before the first `power_on` a saved row goes into the
+    /// memory, as if written and saved; afterwards the value acts as if the bus had written it.
+    ///
+    /// # Errors
+    /// The row refuses it; nothing has changed then.
+    fn poke(&mut self, at: Instant, row: usize, value: i64, out: &mut dyn Sink) -> Result<(), Refused>;
+}
+
+/// Brings `device` to `now` and returns its next deadline.
+///
+/// Stamps of `inputs` ascend and are not after `now`. An input comes before a deadline at the same
+/// instant. Being called late changes latency, never what happens.
+pub fn advance<'a, D: Device + ?Sized>(
+    device: &mut D,
+    now: Instant,
+    inputs: impl Iterator<Item = (Instant, Input<'a>)>,
+    out: &mut dyn Sink,
+) -> Instant {
+    for (at, input) in inputs {
+        wake(device, at, false, out);
+        device.input(at, input, out);
+    }
+    wake(device, now, true, out)
+}
+
+/// Wakes `device` at its deadlines before `now`, and at `now` if `inclusive`.
+fn wake<D: Device + ?Sized>(device: &mut D, now: Instant, inclusive: bool, out: &mut dyn Sink) -> Instant {
+    loop {
+        let due = device.deadline();
+        if due > now || (due == now && !inclusive) || due == Instant::NEVER {
+            return due;
+        }
+        device.timeout(due, out);
+    }
+}

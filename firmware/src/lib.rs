@@ -1,0 +1,35 @@
+//! The drives of standin, and what they share.
+//!
+//! | module | what it holds |
+//! |---|---|
+//! | [`device`] | the contract between a drive and the world: read this first |
+//! | [`motion`] | plans: position and speed at any instant |
+//!
+//! No `std`, no clock, no socket, no board, no float, no heap, no `unsafe`, no panic.
+#![no_std]
+#![deny(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::float_arithmetic,
+    clippy::indexing_slicing
+)]
+#![cfg_attr(
+    test,
+    allow(clippy::unwrap_used, clippy::indexing_slicing, clippy::panic, reason = "a test may fail")
+)]
+
+#[cfg(test)]
+extern crate std;
+
+pub mod device;
+pub mod motion;
+
+/// The one list of drives: hands a constructor of each kind, of type `fn() -> impl Device`, to a
+/// macro of the caller. The simulator boxes them all, a board picks one.
+#[macro_export]
+macro_rules! devices {
+    ($then:ident) => {
+        $then! {}
+    };
+}

@@ -1,0 +1,292 @@
+//! The answering half of a slave: a register map and the rules of a manual in, replies out.
+//!
+//! Checks come in the order of the specification (application, figures 9 to 21): function,
+//! structure, address, value. What is refused changes nothing; a write of several registers is all
+//! or nothing.
+
+use super::pdu::{
+    EXCEPTION_BIT, Exception, READ_COILS, READ_DISCRETE_INPUTS, READ_INPUT_REGISTERS, Request,
+    WRITE_MULTIPLE_COILS, WRITE_SINGLE_COIL,
+};
+use super::rtu;
+use super::{Frame, Why};
+use crate::registers::{Register, Space, Table};
+
+/// What a manual says about its bus.
+#[derive(Clone, Copy, Debug)]
+pub struct Rules {
+    /// The functions it knows; others are [`Exception::IllegalFunction`].
+    pub functions: &'static [u8],
+    /// The address that every slave obeys and none answers.
+    pub broadcast: Option<u8>,
+    /// Addresses that one read may cover.
+    pub most_read: u16,
+    /// Addresses that one write may cover.
+    pub most_written: u16,
+    /// For a quantity of 0 or beyond the most, and a byte count that does not match.
+    pub bad_quantity: Exception,
+    /// For a value outside the range of its row.
+    pub bad_value: Exception,
+    /// For a write to what can only be read.
+    pub read_only: Exception,
+}
+
+/// A drive as its bus sees it: for the time of one request.
+pub trait Map {
+    /// Its registers.
+    type Register: Register;
+
+    /// The words of its bank.
+    fn words(&self) -> &[u16];
+
+    /// The words of its bank, to be written.
+    fn words_mut(&mut self) -> &mut [u16];
+
+    /// Brings a live register up to date, before it is read.
+    fn refresh(&mut self, register: Self::Register);
+
+    /// A register, or a half of it, has been written: do what it means.
+    fn written(&mut self, register: Self::Register);
+}
+
+/// What became of a frame.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Outcome {
+    /// Carried out, or refused; `reply` holds the answer unless it was a broadcast.
+    Served {
+        /// The address it was for.
+        unit: u8,
+        /// Its function.
+        function: u8,
+        /// Why it was refused.
+        refused: Option<Exception>,
+    },
+    /// Ignored.
+    Dropped(Why),
+}
+
+/// Carries out one RTU frame for the slave `unit` and leaves the reply in `reply`, which stays empty
+/// for a broadcast and for what is dropped.
+pub fn serve_rtu<M: Map>(frame: &[u8], unit: u8, rules: &Rules, map: &mut M, reply: &mut Frame) -> Outcome {
+    reply.clear();
+    let Some(body) = rtu::checked(frame) else { return Outcome::Dropped(Why::Crc) };
+    let Some((&address, pdu)) = body.split_first() else { return Outcome::Dropped(Why::Length) };
+    let broadcast = rules.broadcast == Some(address);
+    if address != unit && !broadcast {
+        return Outcome::Dropped(Why::Address);
+    }
+    let Some(&function) = pdu.first() else { return Outcome::Dropped(Why::Length) };
+    let _ = reply.push(address);
+    let refused = match serve(pdu, rules, map, reply) {
+        Ok(()) => None,
+        Err(Refusal::Drop(why)) => {
+            reply.clear();
+            return Outcome::Dropped(why);
+        }
+        Err(Refusal::Exception(exception)) => {
+            reply.truncate(1);
+            let _ = reply.extend_from_slice(&[function | EXCEPTION_BIT, exception.code()]);
+            Some(exception)
+        }
+    };
+    if broadcast {
+        reply.clear();
+    } else {
+        rtu::seal(reply);
+    }
+    Outcome::Served { unit: address, function, refused }
+}
+
+/// Why a request has no normal reply.
+enum Refusal {
+    Exception(Exception),
+    Drop(Why),
+}
+
+impl From<Exception> for Refusal {
+    fn from(exception: Exception) -> Self {
+        Self::Exception(exception)
+    }
+}
+
+/// Carries out a request and puts the reply's PDU behind what is in `reply`.
+fn serve<M: Map>(pdu: &[u8], rules: &Rules, map: &mut M, reply: &mut Frame) -> Result<(), Refusal> {
+    if !pdu.first().is_some_and(|function| rules.functions.contains(function)) {
+        return Err(Exception::IllegalFunction.into());
+    }
+    match Request::parse(pdu).ok_or(Refusal::Drop(Why::Length))? {
+        Request::Read { function, first, count } => read(function, first, count, rules, map, reply)?,
+        Request::WriteSingle { function, address, value } => {
+            let space = if function == WRITE_SINGLE_COIL { Space::Coil } else { Space::Holding };
+            let value = match (space, value) {
+                (Space::Coil, 0xFF00) => 1,
+                (Space::Coil, 0x0000) | (Space::Holding, _) => value,
+                _ => return Err(rules.bad_quantity.into()),
+            };
+            write(space, address, 1, |_| value, rules, map)?;
+            let _ = reply.extend_from_slice(pdu);
+        }
+        Request::WriteMultiple { function, first, count, values, bytes } => {
+            let coils = function == WRITE_MULTIPLE_COILS;
+            let expected = if coils { usize::from(count).div_ceil(8) } else { 2 * usize::from(count) };
+            if values.len() != usize::from(bytes) {
+                return Err(Refusal::Drop(Why::Length));
+            }
+            if count == 0 || count > rules.most_written || values.len() != expected {
+                return Err(rules.bad_quantity.into());
+            }
+            if coils {
+                let bit = |n: usize| values.get(n / 8).map_or(0, |byte| u16::from(byte >> (n % 8) & 1));
+                write(Space::Coil, first, count, bit, rules, map)?;
+            } else {
+                let word = |n: usize| match values.get(2 * n..).and_then(<[u8]>::first_chunk) {
+                    Some(&word) => u16::from_be_bytes(word),
+                    None => 0,
+                };
+                write(Space::Holding, first, count, word, rules, map)?;
+            }
+            let _ = reply.extend_from_slice(pdu.get(..5).unwrap_or(pdu));
+        }
+        Request::Other { .. } => return Err(Exception::IllegalFunction.into()),
+    }
+    Ok(())
+}
+
+/// Functions 1 to 4.
+fn read<M: Map>(
+    function: u8,
+    first: u16,
+    count: u16,
+    rules: &Rules,
+    map: &mut M,
+    reply: &mut Frame,
+) -> Result<(), Exception> {
+    if count == 0 || count > rules.most_read {
+        return Err(rules.bad_quantity);
+    }
+    let space = match function {
+        READ_COILS => Space::Coil,
+        READ_DISCRETE_INPUTS => Space::Discrete,
+        READ_INPUT_REGISTERS => Space::Input,
+        _ => Space::Holding,
+    };
+    let table = M::Register::TABLE;
+    let range = table.readable(space, first, count).ok_or(Exception::IllegalDataAddress)?;
+    if table.has_live() {
+        for row in table.live_rows_at(&range) {
+            if let Some(register) = M::Register::from_row(row) {
+                map.refresh(register);
+            }
+        }
+    }
+    let words = map.words().get(range).unwrap_or(&[]);
+    let packed = matches!(space, Space::Coil | Space::Discrete);
+    let bytes = if packed { words.len().div_ceil(8) } else { 2 * words.len() };
+    let _ = reply.extend_from_slice(&[function, (bytes & 0xFF) as u8]);
+    let head = reply.len();
+    let _ = reply.resize_default(head + bytes);
+    let Some(data) = reply.get_mut(head..) else { return Ok(()) };
+    if packed {
+        for (byte, bits) in data.iter_mut().zip(words.chunks(8)) {
+            *byte = bits.iter().rev().fold(0, |byte, &bit| byte << 1 | u8::from(bit != 0));
+        }
+    } else {
+        for (bytes, word) in data.chunks_exact_mut(2).zip(words) {
+            bytes.copy_from_slice(&word.to_be_bytes());
+        }
+    }
+    Ok(())
+}
+
+/// Functions 5, 6, 15 and 16: judge everything, then store everything, then say so.
+fn write<M: Map>(
+    space: Space,
+    first: u16,
+    count: u16,
+    word: impl Fn(usize) -> u16,
+    rules: &Rules,
+    map: &mut M,
+) -> Result<(), Exception> {
+    let table = M::Register::TABLE;
+    for part in Parts::new(table, space, first, count) {
+        let part = part?;
+        let row = table.rows.get(part.row).ok_or(Exception::IllegalDataAddress)?;
+        if !row.access.writes() {
+            return Err(rules.read_only);
+        }
+        let whole = part.words == row.shape.words();
+        if table.layout.objects && !whole {
+            return Err(rules.bad_quantity);
+        }
+        // Halves are judged when the value is used.
+        if whole && !row.accepts(table.assemble(row.shape, |n| word(part.offset + n))) {
+            return Err(rules.bad_value);
+        }
+    }
+    for part in Parts::new(table, space, first, count).flatten() {
+        let place = table.place(part.row) + usize::from(part.first);
+        let words = map.words_mut().get_mut(place..).unwrap_or(&mut []);
+        for (n, target) in words.iter_mut().take(usize::from(part.words)).enumerate() {
+            *target = word(part.offset + n);
+        }
+    }
+    for part in Parts::new(table, space, first, count).flatten() {
+        if let Some(register) = M::Register::from_row(part.row) {
+            map.written(register);
+        }
+    }
+    Ok(())
+}
+
+/// What a write brings for one row.
+struct Part {
+    row: usize,
+    /// The first word of the row that it brings, in bus order.
+    first: u16,
+    /// How many.
+    words: u16,
+    /// Where in the request they begin, in words.
+    offset: usize,
+}
+
+/// The parts of a write, one for each row it touches.
+struct Parts {
+    table: &'static Table,
+    space: Space,
+    address: u16,
+    left: u16,
+    offset: usize,
+}
+
+impl Parts {
+    fn new(table: &'static Table, space: Space, address: u16, count: u16) -> Self {
+        Self { table, space, address, left: count, offset: 0 }
+    }
+}
+
+impl Iterator for Parts {
+    type Item = Result<Part, Exception>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        if self.left == 0 {
+            return None;
+        }
+        let Some((row, first)) = self.table.at(self.space, self.address) else {
+            self.left = 0;
+            return Some(Err(Exception::IllegalDataAddress));
+        };
+        let room = self.table.rows.get(row).map_or(1, |row| row.shape.words()).saturating_sub(first);
+        // Of an object the whole quantity is meant for this row, be it right or wrong.
+        let words = if self.table.layout.objects { self.left } else { room.min(self.left) };
+        let part = Part { row, first, words, offset: self.offset };
+        self.offset += usize::from(words);
+        self.left -= words;
+        self.address = self.address.wrapping_add(words);
+        // Past the last address there is nothing, not address 0.
+        if self.left > 0 && self.address < words {
+            self.left = 0;
+            return Some(Err(Exception::IllegalDataAddress));
+        }
+        Some(Ok(part))
+    }
+}

@@ -1,0 +1,901 @@
+//! A register map, declared once.
+//!
+//! A drive writes its map as one table, in the order and with the names of its manual, with
+//! [`registers!`](crate::registers!). From it come the enum that the drive matches on, the storage
+//! ([`Bank`]), what the bus may do, the generated reference, and the names users type. A bad table
+//! (two rows at one address, a factory value that the row itself refuses) does not compile.
+//!
+//! *The table decides what is legal; one `match` in the drive decides what it means.*
+
+use core::marker::PhantomData;
+use core::ops::Range;
+
+/// Which word of a value of several words has the lower address.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Order {
+    /// The high word (MD3, MDrive).
+    HighFirst,
+    /// The low word (RS 434544, MDROBOT).
+    LowFirst,
+}
+
+/// How a map uses its addresses.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Layout {
+    /// Order of the words of a value.
+    pub order: Order,
+    /// Whether an address names a whole value, however long (QSB, MDROBOT), and not one word of it.
+    pub objects: bool,
+}
+
+/// The layouts as [`registers!`](crate::registers!) spells them.
+#[expect(non_upper_case_globals, reason = "they stand where a type's name would: `enum Reg: HighFirst`")]
+impl Layout {
+    /// Words with the high one first.
+    pub const HighFirst: Self = Self { order: Order::HighFirst, objects: false };
+    /// Words with the low one first.
+    pub const LowFirst: Self = Self { order: Order::LowFirst, objects: false };
+    /// Whole values with the high word first.
+    pub const ObjectsHighFirst: Self = Self { order: Order::HighFirst, objects: true };
+    /// Whole values with the low word first.
+    pub const ObjectsLowFirst: Self = Self { order: Order::LowFirst, objects: true };
+}
+
+/// Where a row is: the four address spaces of Modbus, and one that no bus reaches.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Space {
+    /// Coils: functions 1, 5, 15.
+    Coil,
+    /// Discrete inputs: function 2.
+    Discrete,
+    /// Input registers: function 4.
+    Input,
+    /// Holding registers: functions 3, 6, 16; also registers of an ASCII language.
+    Holding,
+    /// A choice of the stand-in where the manual leaves one; set by its name only.
+    Setting,
+}
+
+/// What the bus may do with a row.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Access {
+    /// Read and write.
+    ReadWrite,
+    /// Read only.
+    ReadOnly,
+    /// Write only.
+    WriteOnly,
+    /// The manual names it and says no more: neither.
+    Known,
+}
+
+impl Access {
+    /// Whether the bus may read it.
+    #[must_use]
+    pub const fn reads(self) -> bool {
+        matches!(self, Self::ReadWrite | Self::ReadOnly)
+    }
+
+    /// Whether the bus may write it.
+    #[must_use]
+    pub const fn writes(self) -> bool {
+        matches!(self, Self::ReadWrite | Self::WriteOnly)
+    }
+
+    /// As tables of registers print it.
+    #[must_use]
+    pub const fn as_str(self) -> &'static str {
+        match self {
+            Self::ReadWrite => "R/W",
+            Self::ReadOnly => "R",
+            Self::WriteOnly => "W",
+            Self::Known => "-",
+        }
+    }
+}
+
+/// The form of a value.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Shape {
+    /// One bit of a coil or discrete input.
+    Bit,
+    /// One byte, in the low half of a word.
+    U8,
+    /// An unsigned word.
+    U16,
+    /// A signed word.
+    I16,
+    /// Two words, unsigned.
+    U32,
+    /// Two words, signed.
+    I32,
+    /// That many words with a meaning each; no number as a whole.
+    Words(u8),
+}
+
+impl Shape {
+    /// Words that it takes.
+    #[must_use]
+    pub const fn words(self) -> u16 {
+        match self {
+            Self::Bit | Self::U8 | Self::U16 | Self::I16 => 1,
+            Self::U32 | Self::I32 => 2,
+            Self::Words(n) => n as u16,
+        }
+    }
+
+    /// The least and the greatest number it holds.
+    #[must_use]
+    pub const fn limits(self) -> (i64, i64) {
+        match self {
+            Self::Bit => (0, 1),
+            Self::U8 => (0, u8::MAX as i64),
+            Self::U16 => (0, u16::MAX as i64),
+            Self::I16 => (i16::MIN as i64, i16::MAX as i64),
+            Self::U32 => (0, u32::MAX as i64),
+            Self::I32 => (i32::MIN as i64, i32::MAX as i64),
+            Self::Words(_) => (i64::MIN, i64::MAX),
+        }
+    }
+
+    /// As tables of registers print it.
+    #[must_use]
+    pub const fn as_str(self) -> &'static str {
+        match self {
+            Self::Bit => "bit",
+            Self::U8 => "u8",
+            Self::U16 => "u16",
+            Self::I16 => "i16",
+            Self::U32 => "u32",
+            Self::I32 => "i32",
+            Self::Words(_) => "words",
+        }
+    }
+}
+
+/// The values that a write may bring.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Legal {
+    /// All that the shape holds.
+    Any,
+    /// From the first to the second.
+    Range(i64, i64),
+    /// These.
+    OneOf(&'static [i64]),
+}
+
+/// One row of a register map. Built by the words of [`registers!`](crate::registers!).
+#[derive(Clone, Copy, Debug)]
+#[non_exhaustive]
+pub struct Row {
+    /// The manual's name.
+    pub name: &'static str,
+    /// What it is, with its unit: the rustdoc of the row.
+    pub doc: &'static str,
+    /// The section of the manual.
+    pub section: &'static str,
+    /// Its address space.
+    pub space: Space,
+    /// Its address there; of several words the lowest.
+    pub address: u16,
+    /// What the bus may do.
+    pub access: Access,
+    /// Its form.
+    pub shape: Shape,
+    /// What a write may bring; anything else is refused.
+    pub legal: Legal,
+    /// Limits applied when the value is used; it reads back as written.
+    pub clamp: Option<(i64, i64)>,
+    /// The factory value.
+    pub reset: i64,
+    /// Bits of each word that a save keeps; 0 for a row that is not saved.
+    pub saved: u16,
+    /// Whether the drive brings it up to date before each read.
+    pub live: bool,
+    /// Whether the bus may have it sent again and again (QSB).
+    pub streams: bool,
+    /// Which variants of the product have it, a bit each.
+    pub variants: u8,
+    /// Why it is not modelled; empty if it is.
+    pub missing: &'static str,
+}
+
+impl Row {
+    const fn new(space: Space, access: Access, address: u16, section: &'static str) -> Self {
+        let shape = match space {
+            Space::Coil | Space::Discrete => Shape::Bit,
+            Space::Input | Space::Holding | Space::Setting => Shape::U16,
+        };
+        Self {
+            name: "",
+            doc: "",
+            section,
+            space,
+            address,
+            access,
+            shape,
+            legal: Legal::Any,
+            clamp: None,
+            reset: 0,
+            saved: 0,
+            live: false,
+            streams: false,
+            variants: u8::MAX,
+            missing: "",
+        }
+    }
+
+    /// A holding register to read and write.
+    #[must_use]
+    pub const fn rw(address: u16, section: &'static str) -> Self {
+        Self::new(Space::Holding, Access::ReadWrite, address, section)
+    }
+
+    /// A holding register to read.
+    #[must_use]
+    pub const fn ro(address: u16, section: &'static str) -> Self {
+        Self::new(Space::Holding, Access::ReadOnly, address, section)
+    }
+
+    /// A holding register to write.
+    #[must_use]
+    pub const fn wo(address: u16, section: &'static str) -> Self {
+        Self::new(Space::Holding, Access::WriteOnly, address, section)
+    }
+
+    /// A holding register that the manual names and does not describe.
+    #[must_use]
+    pub const fn known(address: u16, section: &'static str) -> Self {
+        Self::new(Space::Holding, Access::Known, address, section)
+    }
+
+    /// An input register.
+    #[must_use]
+    pub const fn input(address: u16, section: &'static str) -> Self {
+        Self::new(Space::Input, Access::ReadOnly, address, section)
+    }
+
+    /// A coil.
+    #[must_use]
+    pub const fn coil(address: u16, section: &'static str) -> Self {
+        Self::new(Space::Coil, Access::ReadWrite, address, section)
+    }
+
+    /// A discrete input.
+    #[must_use]
+    pub const fn discrete(address: u16, section: &'static str) -> Self {
+        Self::new(Space::Discrete, Access::ReadOnly, address, section)
+    }
+
+    /// A choice of the stand-in; `number` only tells it from others.
+    #[must_use]
+    pub const fn setting(number: u16, section: &'static str) -> Self {
+        Self::new(Space::Setting, Access::ReadWrite, number, section)
+    }
+
+    /// With the names from the table.
+    #[doc(hidden)]
+    #[must_use]
+    pub const fn named(mut self, name: &'static str, doc: &'static str) -> Self {
+        self.name = name;
+        self.doc = doc;
+        self
+    }
+
+    const fn shaped(mut self, shape: Shape) -> Self {
+        self.shape = shape;
+        self
+    }
+
+    /// One byte.
+    #[must_use]
+    pub const fn u8(self) -> Self {
+        self.shaped(Shape::U8)
+    }
+
+    /// A signed word.
+    #[must_use]
+    pub const fn i16(self) -> Self {
+        self.shaped(Shape::I16)
+    }
+
+    /// Two words, unsigned.
+    #[must_use]
+    pub const fn u32(self) -> Self {
+        self.shaped(Shape::U32)
+    }
+
+    /// Two words, signed.
+    #[must_use]
+    pub const fn i32(self) -> Self {
+        self.shaped(Shape::I32)
+    }
+
+    /// `n` words with a meaning each.
+    #[must_use]
+    pub const fn words(self, n: u8) -> Self {
+        self.shaped(Shape::Words(n))
+    }
+
+    /// Refuses what is not in `least..=greatest`.
+    #[must_use]
+    pub const fn range(mut self, least: i64, greatest: i64) -> Self {
+        self.legal = Legal::Range(least, greatest);
+        self
+    }
+
+    /// Refuses what is not in `codes`.
+    #[must_use]
+    pub const fn one_of(mut self, codes: &'static [i64]) -> Self {
+        self.legal = Legal::OneOf(codes);
+        self
+    }
+
+    /// Accepts everything and limits it to `least..=greatest` when it is used.
+    #[must_use]
+    pub const fn clamped(mut self, least: i64, greatest: i64) -> Self {
+        self.clamp = Some((least, greatest));
+        self
+    }
+
+    /// The factory value, where it is not 0.
+    #[must_use]
+    pub const fn reset(mut self, value: i64) -> Self {
+        self.reset = value;
+        self
+    }
+
+    /// Kept by a save.
+    #[must_use]
+    pub const fn saved(self) -> Self {
+        self.saved_bits(u16::MAX)
+    }
+
+    /// Of which a save keeps these bits.
+    #[must_use]
+    pub const fn saved_bits(mut self, mask: u16) -> Self {
+        self.saved = mask;
+        self
+    }
+
+    /// Brought up to date before each read.
+    #[must_use]
+    pub const fn live(mut self) -> Self {
+        self.live = true;
+        self
+    }
+
+    /// Which the bus may have sent again and again.
+    #[must_use]
+    pub const fn streams(mut self) -> Self {
+        self.streams = true;
+        self
+    }
+
+    /// Which only these variants of the product have, a bit each.
+    #[must_use]
+    pub const fn only(mut self, variants: u8) -> Self {
+        self.variants = variants;
+        self
+    }
+
+    /// Kept and read back, but without its effect, and why.
+    #[must_use]
+    pub const fn not_modelled(mut self, reason: &'static str) -> Self {
+        self.missing = reason;
+        self
+    }
+
+    /// Whether a write may bring `value`.
+    #[must_use]
+    pub const fn accepts(&self, value: i64) -> bool {
+        let (least, greatest) = self.shape.limits();
+        if value < least || value > greatest {
+            return false;
+        }
+        match self.legal {
+            Legal::Any => true,
+            Legal::Range(least, greatest) => least <= value && value <= greatest,
+            Legal::OneOf(mut codes) => {
+                while let [code, rest @ ..] = codes {
+                    if *code == value {
+                        return true;
+                    }
+                    codes = rest;
+                }
+                false
+            }
+        }
+    }
+
+    /// `value` as it acts.
+    #[must_use]
+    pub const fn limited(&self, value: i64) -> i64 {
+        match self.clamp {
+            Some((least, _)) if value < least => least,
+            Some((_, greatest)) if value > greatest => greatest,
+            _ => value,
+        }
+    }
+
+    /// Addresses that it takes.
+    const fn addresses(&self, layout: Layout) -> u16 {
+        if layout.objects { 1 } else { self.shape.words() }
+    }
+}
+
+/// A run of readable addresses whose words stand side by side in the bank.
+#[derive(Clone, Copy, Debug)]
+#[doc(hidden)]
+pub struct Run {
+    space: Space,
+    first: u16,
+    addresses: u16,
+    words: u16,
+    place: u16,
+}
+
+/// A whole register map.
+#[derive(Debug)]
+pub struct Table {
+    /// Its rows, in the manual's order.
+    pub rows: &'static [Row],
+    /// How it uses addresses.
+    pub layout: Layout,
+    /// Place of each row's first word in the bank.
+    places: &'static [u16],
+    /// Runs that one read may cover.
+    runs: &'static [Run],
+    /// Whether any row is live.
+    live: bool,
+}
+
+/// A place in a map that somebody named.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Named {
+    /// Its row.
+    pub row: usize,
+    /// The one word of the row that is meant (`SpeedHigh`), counted in bus order; all if `None`.
+    pub word: Option<u16>,
+}
+
+impl Table {
+    /// For [`registers!`](crate::registers!).
+    #[doc(hidden)]
+    #[must_use]
+    #[expect(clippy::indexing_slicing, reason = "only ever evaluated by the compiler")]
+    pub const fn new(
+        rows: &'static [Row],
+        layout: Layout,
+        places: &'static [u16],
+        runs: &'static [Run],
+    ) -> Self {
+        let (mut live, mut i) = (false, 0);
+        while i < rows.len() {
+            live |= rows[i].live;
+            i += 1;
+        }
+        Self { rows, layout, places, runs, live }
+    }
+
+    /// Place of a row's first word in the bank.
+    #[must_use]
+    pub fn place(&self, row: usize) -> usize {
+        self.places.get(row).copied().map_or(usize::MAX, usize::from)
+    }
+
+    /// Places in the bank of the words that a read of `count` addresses from `first` brings; `None`
+    /// if one of them cannot be read, or is half of something.
+    #[must_use]
+    pub fn readable(&self, space: Space, first: u16, count: u16) -> Option<Range<usize>> {
+        for run in self.runs {
+            let skipped = first.wrapping_sub(run.first);
+            if skipped < run.addresses && run.space == space {
+                // Of an object the count is its words, of anything else its addresses.
+                let (skipped, room) =
+                    if self.layout.objects { (0, run.words) } else { (skipped, run.addresses - skipped) };
+                let whole = if self.layout.objects { count == room } else { count <= room };
+                let start = usize::from(run.place) + usize::from(skipped);
+                return whole.then_some(start..start + usize::from(count));
+            }
+        }
+        None
+    }
+
+    /// The row that holds `address`, and which of its words that is.
+    #[must_use]
+    pub fn at(&self, space: Space, address: u16) -> Option<(usize, u16)> {
+        for (index, row) in self.rows.iter().enumerate() {
+            let word = address.wrapping_sub(row.address);
+            if word < row.addresses(self.layout) && row.space == space {
+                return Some((index, word));
+            }
+        }
+        None
+    }
+
+    /// The row of that name, or the half of it that `…High` or `…Low` names.
+    #[must_use]
+    pub fn find(&self, name: &str) -> Option<Named> {
+        let whole = |name: &str| self.rows.iter().position(|row| row.name == name);
+        if let Some(row) = whole(name) {
+            return Some(Named { row, word: None });
+        }
+        let half = |suffix: &str, first: Order| {
+            let row = whole(name.strip_suffix(suffix)?)?;
+            let pair = self.rows.get(row)?.shape.words() == 2;
+            pair.then_some(Named { row, word: Some(u16::from(self.layout.order != first)) })
+        };
+        half("High", Order::HighFirst).or_else(|| half("Low", Order::LowFirst))
+    }
+
+    /// The value of a row of which `words` are the bank.
+    #[must_use]
+    pub fn value(&self, words: &[u16], row: usize) -> i64 {
+        let Some(shape) = self.rows.get(row).map(|row| row.shape) else { return 0 };
+        let place = self.place(row);
+        self.assemble(shape, |n| words.get(place.wrapping_add(n)).copied().unwrap_or(0))
+    }
+
+    /// The value of a shape of which `word` gives the words, in bus order. Of more than four words
+    /// the first four count.
+    #[must_use]
+    pub fn assemble(&self, shape: Shape, word: impl Fn(usize) -> u16) -> i64 {
+        let pair = || {
+            let (high, low) = match self.layout.order {
+                Order::HighFirst => (word(0), word(1)),
+                Order::LowFirst => (word(1), word(0)),
+            };
+            u32::from(high) << 16 | u32::from(low)
+        };
+        match shape {
+            Shape::Bit | Shape::U8 | Shape::U16 => i64::from(word(0)),
+            Shape::I16 => i64::from(word(0).cast_signed()),
+            Shape::U32 => i64::from(pair()),
+            Shape::I32 => i64::from(pair().cast_signed()),
+            Shape::Words(words) => {
+                let words = usize::from(words).min(4);
+                (0..words).fold(0, |value, n| value | i64::from(word(n)) << self.shift(n, words))
+            }
+        }
+    }
+
+    /// Puts `value` into a row's words in the bank, cut to its shape.
+    pub fn put(&self, words: &mut [u16], row: usize, value: i64) {
+        let Some(shape) = self.rows.get(row).map(|row| row.shape) else { return };
+        let place = self.place(row);
+        let mut word = |n: usize, value: i64| {
+            if let Some(word) = words.get_mut(place.wrapping_add(n)) {
+                *word = (value & 0xFFFF).cast_unsigned() as u16;
+            }
+        };
+        let count = usize::from(shape.words()).min(4);
+        for n in 0..count {
+            word(n, value >> self.shift(n, count));
+        }
+    }
+
+    /// Bits below the `n`th of `words` words, in bus order.
+    fn shift(&self, n: usize, words: usize) -> usize {
+        match self.layout.order {
+            Order::HighFirst => 16 * words.saturating_sub(n + 1),
+            Order::LowFirst => 16 * n,
+        }
+    }
+
+    /// Whether any row wants to be brought up to date before it is read.
+    #[must_use]
+    pub fn has_live(&self) -> bool {
+        self.live
+    }
+
+    /// The live rows with words at these places of the bank.
+    pub fn live_rows_at(&self, places: &Range<usize>) -> impl Iterator<Item = usize> + use<'_> {
+        let (start, end) = (places.start, places.end);
+        self.rows.iter().enumerate().filter_map(move |(index, row)| {
+            let place = self.place(index);
+            let touched = place < end && start < place + usize::from(row.shape.words());
+            (row.live && touched).then_some(index)
+        })
+    }
+}
+
+/// What [`registers!`](crate::registers!) gives its enum.
+pub trait Register: Copy + 'static {
+    /// The map it names the rows of.
+    const TABLE: &'static Table;
+
+    /// Its row.
+    fn row(self) -> usize;
+
+    /// The name of a row.
+    fn from_row(row: usize) -> Option<Self>;
+}
+
+/// The storage of a register map: bus words in bus order, so that a read copies a slice.
+#[derive(Clone, Debug)]
+pub struct Bank<R, const WORDS: usize> {
+    words: [u16; WORDS],
+    registers: PhantomData<R>,
+}
+
+impl<R: Register, const WORDS: usize> Default for Bank<R, WORDS> {
+    fn default() -> Self {
+        Self::factory()
+    }
+}
+
+impl<R: Register, const WORDS: usize> Bank<R, WORDS> {
+    /// A bank with the factory values.
+    #[must_use]
+    pub fn factory() -> Self {
+        let mut bank = Self { words: [0; WORDS], registers: PhantomData };
+        for (index, row) in R::TABLE.rows.iter().enumerate() {
+            R::TABLE.put(&mut bank.words, index, row.reset);
+        }
+        bank
+    }
+
+    /// The value of a register, as written.
+    #[must_use]
+    pub fn get(&self, register: R) -> i64 {
+        R::TABLE.value(&self.words, register.row())
+    }
+
+    /// The value of a register as it acts: within the limits of its row.
+    #[must_use]
+    pub fn limited(&self, register: R) -> i64 {
+        let value = self.get(register);
+        R::TABLE.rows.get(register.row()).map_or(value, |row| row.limited(value))
+    }
+
+    /// The first word of a register: all of it where it has one.
+    #[must_use]
+    pub fn word(&self, register: R) -> u16 {
+        self.words.get(R::TABLE.place(register.row())).copied().unwrap_or(0)
+    }
+
+    /// Sets a register, past all rules.
+    pub fn set(&mut self, register: R, value: i64) {
+        R::TABLE.put(&mut self.words, register.row(), value);
+    }
+
+    /// All words, in the order of the table.
+    #[must_use]
+    pub fn words(&self) -> &[u16] {
+        &self.words
+    }
+
+    /// All words, in the order of the table, past all rules.
+    pub fn words_mut(&mut self) -> &mut [u16] {
+        &mut self.words
+    }
+}
+
+/// Everything that can be wrong with a table, found while it compiles.
+#[doc(hidden)]
+#[expect(clippy::panic, clippy::indexing_slicing, reason = "only ever evaluated by the compiler")]
+pub const fn check(rows: &[Row], layout: Layout) {
+    let mut i = 0;
+    while i < rows.len() {
+        let row = &rows[i];
+        let (least, greatest) = row.shape.limits();
+        if row.doc.is_empty() || row.section.is_empty() {
+            panic!("a row says what it is and which section of the manual describes it");
+        }
+        if !row.accepts(row.reset) && !matches!(row.access, Access::WriteOnly) {
+            panic!("a factory value is one that the row accepts");
+        }
+        if let Legal::Range(low, high) = row.legal
+            && (low > high || low < least || high > greatest)
+        {
+            panic!("a range lies within its shape");
+        }
+        if let Some((low, high)) = row.clamp
+            && (low > high || low < least || high > greatest)
+        {
+            panic!("a clamp lies within its shape");
+        }
+        if matches!(row.space, Space::Coil | Space::Discrete) != matches!(row.shape, Shape::Bit) {
+            panic!("coils and discrete inputs are bits, registers are not");
+        }
+        if row.address as u32 + row.addresses(layout) as u32 > 0x1_0000 {
+            panic!("a row ends past the last address");
+        }
+        let mut j = 0;
+        while j < i {
+            let other = &rows[j];
+            if row.space as u8 == other.space as u8
+                && row.variants & other.variants != 0
+                && row.address < other.address + other.addresses(layout)
+                && other.address < row.address + row.addresses(layout)
+            {
+                panic!("two rows share an address");
+            }
+            j += 1;
+        }
+        i += 1;
+    }
+}
+
+/// Words in the bank of a map.
+#[doc(hidden)]
+#[must_use]
+#[expect(clippy::indexing_slicing, reason = "only ever evaluated by the compiler")]
+pub const fn word_count(rows: &[Row]) -> usize {
+    let (mut words, mut i) = (0, 0);
+    while i < rows.len() {
+        words += rows[i].shape.words() as usize;
+        i += 1;
+    }
+    words
+}
+
+/// Place in the bank of each row's first word.
+#[doc(hidden)]
+#[must_use]
+#[expect(clippy::indexing_slicing, reason = "only ever evaluated by the compiler")]
+pub const fn places<const N: usize>(rows: &[Row; N]) -> [u16; N] {
+    let mut places = [0; N];
+    let (mut place, mut i) = (0, 0);
+    while i < N {
+        places[i] = place;
+        place += rows[i].shape.words();
+        i += 1;
+    }
+    places
+}
+
+/// How many runs of readable addresses a map has.
+#[doc(hidden)]
+#[must_use]
+#[expect(clippy::indexing_slicing, reason = "only ever evaluated by the compiler")]
+pub const fn run_count(rows: &[Row], layout: Layout) -> usize {
+    let (mut count, mut i) = (0, 0);
+    while i < rows.len() {
+        if readable(&rows[i]) && (i == 0 || !continues(&rows[i - 1], &rows[i], layout)) {
+            count += 1;
+        }
+        i += 1;
+    }
+    count
+}
+
+/// The runs of readable addresses of a map.
+#[doc(hidden)]
+#[must_use]
+#[expect(clippy::indexing_slicing, reason = "only ever evaluated by the compiler")]
+pub const fn runs<const N: usize>(rows: &[Row], layout: Layout) -> [Run; N] {
+    let mut runs = [Run { space: Space::Holding, first: 0, addresses: 0, words: 0, place: 0 }; N];
+    let (mut count, mut place, mut i) = (0, 0, 0);
+    while i < rows.len() {
+        let row = &rows[i];
+        if readable(row) {
+            if i == 0 || !continues(&rows[i - 1], row, layout) {
+                runs[count] = Run { space: row.space, first: row.address, addresses: 0, words: 0, place };
+                count += 1;
+            }
+            runs[count - 1].addresses += row.addresses(layout);
+            runs[count - 1].words += row.shape.words();
+        }
+        place += row.shape.words();
+        i += 1;
+    }
+    runs
+}
+
+/// Whether any bus may read a row.
+const fn readable(row: &Row) -> bool {
+    row.access.reads() && !matches!(row.space, Space::Setting)
+}
+
+/// Whether one read may go on from `row` into `next`.
+const fn continues(row: &Row, next: &Row, layout: Layout) -> bool {
+    !layout.objects
+        && readable(row)
+        && row.space as u8 == next.space as u8
+        && row.address as u32 + row.shape.words() as u32 == next.address as u32
+}
+
+/// Declares a register map: an enum with a variant a row, and its [`Table`].
+///
+/// ```
+/// standin_protocol::registers! {
+///     /// A drive's guide, chapter 7.
+///     pub enum Reg: HighFirst {
+///         /// Bus address.
+///         DeviceAddress = rw(0x00, "7.1").reset(1).range(1, 247).saved(),
+///         /// Microsteps per second.
+///         Speed = rw(0x14, "7.17").i32().clamped(-40_000, 40_000).reset(5_000).saved(),
+///     }
+/// }
+/// # fn main() {
+/// use standin_protocol::registers::{Bank, Register};
+/// let bank = Bank::<Reg, { Reg::WORDS }>::factory();
+/// assert_eq!(bank.get(Reg::Speed), 5_000);
+/// assert_eq!(Reg::TABLE.rows[1].section, "7.17");
+/// # }
+/// ```
+///
+/// Two rows at one address do not compile:
+///
+/// ```compile_fail
+/// standin_protocol::registers! {
+///     /// A map.
+///     pub enum Reg: HighFirst {
+///         /// Two words.
+///         Speed = rw(0x14, "1").i32(),
+///         /// The second of them.
+///         Mode = rw(0x15, "2"),
+///     }
+/// }
+/// # fn main() { let _ = Reg::Mode; }
+/// ```
+///
+/// Nor does a factory value that its own row refuses:
+///
+/// ```compile_fail
+/// standin_protocol::registers! {
+///     /// A map.
+///     pub enum Reg: HighFirst {
+///         /// Bus address.
+///         DeviceAddress = rw(0x00, "7.1").range(1, 247),
+///     }
+/// }
+/// # fn main() { let _ = Reg::DeviceAddress; }
+/// ```
+#[macro_export]
+macro_rules! registers {
+    (
+        $(#[$about:meta])*
+        $vis:vis enum $Reg:ident: $layout:ident {
+            $(
+                $(#[doc = $doc:literal])+
+                $Name:ident = $row:ident($($argument:expr),*) $(.$with:ident($($value:expr),*))*
+            ),+ $(,)?
+        }
+    ) => {
+        $(#[$about])*
+        #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
+        $vis enum $Reg {
+            $( $(#[doc = $doc])+ $Name, )+
+        }
+
+        impl $Reg {
+            const LAYOUT: $crate::registers::Layout = $crate::registers::Layout::$layout;
+            const ROWS: [$crate::registers::Row; [$($Reg::$Name),+].len()] = [
+                $(
+                    $crate::registers::Row::$row($($argument),*)
+                        .named(stringify!($Name), concat!($($doc),+))
+                        $(.$with($($value),*))*,
+                )+
+            ];
+            /// Words of the map's bank.
+            $vis const WORDS: usize = $crate::registers::word_count(&Self::ROWS);
+        }
+
+        const _: () = $crate::registers::check(&$Reg::ROWS, $Reg::LAYOUT);
+
+        impl $crate::registers::Register for $Reg {
+            const TABLE: &'static $crate::registers::Table = {
+                static ROWS: [$crate::registers::Row; $Reg::ROWS.len()] = $Reg::ROWS;
+                static PLACES: [u16; $Reg::ROWS.len()] = $crate::registers::places(&$Reg::ROWS);
+                static RUNS: [$crate::registers::Run;
+                    $crate::registers::run_count(&$Reg::ROWS, $Reg::LAYOUT)] =
+                    $crate::registers::runs(&$Reg::ROWS, $Reg::LAYOUT);
+                static TABLE: $crate::registers::Table =
+                    $crate::registers::Table::new(&ROWS, $Reg::LAYOUT, &PLACES, &RUNS);
+                &TABLE
+            };
+
+            fn row(self) -> usize {
+                self as usize
+            }
+
+            fn from_row(row: usize) -> Option<Self> {
+                static NAMES: &[$Reg] = &[$($Reg::$Name),+];
+                NAMES.get(row).copied()
+            }
+        }
+    };
+}

@@ -1,0 +1,203 @@
+//! Time as every part of standin knows it: whole ticks of 1/16 µs.
+//!
+//! 16 MHz is the rate of a common timer, it divides every baud rate well enough (a character of
+//! 9,600 8E1 is 18,333⅓ ticks), and 64 bits of it last 36,000 years. All arithmetic saturates:
+//! a deadline that never comes stays [`Instant::NEVER`] whatever is added to it.
+
+use core::ops::{Add, AddAssign, Div, Mul, Sub};
+
+/// Ticks in a second.
+pub const TICKS_PER_SECOND: u64 = 16_000_000;
+
+/// A point in time: ticks of 1/16 µs since the bench, or the board, began.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug, Default)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Instant(u64);
+
+/// A span of time in ticks of 1/16 µs.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug, Default)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Duration(u64);
+
+impl Instant {
+    /// When everything begins.
+    pub const ZERO: Self = Self(0);
+    /// Later than everything: the deadline of what only an input can wake.
+    pub const NEVER: Self = Self(u64::MAX);
+
+    /// The instant `ticks` after the beginning.
+    #[must_use]
+    pub const fn from_ticks(ticks: u64) -> Self {
+        Self(ticks)
+    }
+
+    /// Ticks since the beginning.
+    #[must_use]
+    pub const fn ticks(self) -> u64 {
+        self.0
+    }
+
+    /// The time passed since `earlier`; zero if `earlier` is later.
+    #[must_use]
+    pub const fn since(self, earlier: Self) -> Duration {
+        Duration(self.0.saturating_sub(earlier.0))
+    }
+}
+
+impl Duration {
+    /// No time at all.
+    pub const ZERO: Self = Self(0);
+    /// The shortest time there is: nothing on a bench is faster.
+    pub const TICK: Self = Self(1);
+    /// Longer than everything.
+    pub const FOREVER: Self = Self(u64::MAX);
+
+    /// A span of `ticks`.
+    #[must_use]
+    pub const fn from_ticks(ticks: u64) -> Self {
+        Self(ticks)
+    }
+
+    /// The span in ticks.
+    #[must_use]
+    pub const fn ticks(self) -> u64 {
+        self.0
+    }
+
+    /// `n` microseconds.
+    #[must_use]
+    pub const fn micros(n: u64) -> Self {
+        Self(n.saturating_mul(TICKS_PER_SECOND / 1_000_000))
+    }
+
+    /// `n` milliseconds.
+    #[must_use]
+    pub const fn millis(n: u64) -> Self {
+        Self(n.saturating_mul(TICKS_PER_SECOND / 1_000))
+    }
+
+    /// `n` seconds.
+    #[must_use]
+    pub const fn secs(n: u64) -> Self {
+        Self(n.saturating_mul(TICKS_PER_SECOND))
+    }
+
+    /// The time of `bits` at `baud` bits per second, rounded to the nearest tick; a baud rate of 0
+    /// counts as 1.
+    #[must_use]
+    pub const fn of_bits(bits: u32, baud: u32) -> Self {
+        let baud = if baud == 0 { 1 } else { baud as u64 };
+        Self((bits as u64 * TICKS_PER_SECOND + baud / 2) / baud)
+    }
+
+    /// This many times as long.
+    #[must_use]
+    pub const fn times(self, n: u64) -> Self {
+        Self(self.0.saturating_mul(n))
+    }
+}
+
+/// The instant that long after the beginning.
+impl From<Duration> for Instant {
+    fn from(since_beginning: Duration) -> Self {
+        Self(since_beginning.0)
+    }
+}
+
+impl Add<Duration> for Instant {
+    type Output = Self;
+    fn add(self, span: Duration) -> Self {
+        Self(self.0.saturating_add(span.0))
+    }
+}
+
+impl AddAssign<Duration> for Instant {
+    fn add_assign(&mut self, span: Duration) {
+        *self = *self + span;
+    }
+}
+
+/// Not before [`Instant::ZERO`].
+impl Sub<Duration> for Instant {
+    type Output = Self;
+    fn sub(self, span: Duration) -> Self {
+        Self(self.0.saturating_sub(span.0))
+    }
+}
+
+impl Add for Duration {
+    type Output = Self;
+    fn add(self, other: Self) -> Self {
+        Self(self.0.saturating_add(other.0))
+    }
+}
+
+impl Sub for Duration {
+    type Output = Self;
+    fn sub(self, other: Self) -> Self {
+        Self(self.0.saturating_sub(other.0))
+    }
+}
+
+impl Mul<u64> for Duration {
+    type Output = Self;
+    fn mul(self, n: u64) -> Self {
+        self.times(n)
+    }
+}
+
+/// How often `other` fits; a span of zero counts as one tick.
+impl Div for Duration {
+    type Output = u64;
+    fn div(self, other: Self) -> u64 {
+        self.0.checked_div(other.0).unwrap_or(self.0)
+    }
+}
+
+/// Spans as people write them: `2_500.millis()`.
+pub trait Span {
+    /// That many microseconds.
+    fn micros(self) -> Duration;
+    /// That many milliseconds.
+    fn millis(self) -> Duration;
+    /// That many seconds.
+    fn secs(self) -> Duration;
+}
+
+impl Span for u64 {
+    fn micros(self) -> Duration {
+        Duration::micros(self)
+    }
+    fn millis(self) -> Duration {
+        Duration::millis(self)
+    }
+    fn secs(self) -> Duration {
+        Duration::secs(self)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_tick_is_a_sixteenth_of_a_microsecond() {
+        assert_eq!(1.micros().ticks(), 16);
+        assert_eq!(1.millis().ticks(), 16_000);
+        assert_eq!(1.secs().ticks(), 16_000_000);
+    }
+
+    #[test]
+    fn never_stays_never() {
+        assert_eq!(Instant::NEVER + 1.secs(), Instant::NEVER);
+        assert_eq!(Instant::ZERO - 1.secs(), Instant::ZERO);
+        assert_eq!(Instant::ZERO.since(Instant::NEVER), Duration::ZERO);
+    }
+
+    #[test]
+    fn bits_are_rounded_to_the_nearest_tick() {
+        assert_eq!(Duration::of_bits(11, 9_600).ticks(), 18_333); // 18,333.33
+        assert_eq!(Duration::of_bits(10, 115_200).ticks(), 1_389); // 1,388.89
+        assert_eq!(Duration::of_bits(1, 0).ticks(), 16_000_000);
+    }
+}
