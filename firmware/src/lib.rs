@@ -3,6 +3,8 @@
 //! | module | what it holds |
 //! |---|---|
 //! | [`device`] | the contract between a drive and the world: read this first |
+//! | [`md3`] | US Digital MD3, stepper drive |
+//! | [`memory`] | saved registers and their CRC |
 //! | [`motion`] | plans: position and speed at any instant |
 //!
 //! No `std`, no clock, no socket, no board, no float, no heap, no `unsafe`, no panic.
@@ -23,6 +25,8 @@
 extern crate std;
 
 pub mod device;
+pub mod md3;
+pub mod memory;
 pub mod motion;
 
 /// The one list of drives: hands a constructor of each kind, of type `fn() -> impl Device`, to a

@@ -731,6 +731,21 @@ pub const fn word_count(rows: &[Row]) -> usize {
     words
 }
 
+/// Words that a save of a map keeps.
+#[doc(hidden)]
+#[must_use]
+#[expect(clippy::indexing_slicing, reason = "only ever evaluated by the compiler")]
+pub const fn saved_word_count(rows: &[Row]) -> usize {
+    let (mut words, mut i) = (0, 0);
+    while i < rows.len() {
+        if rows[i].saved != 0 {
+            words += rows[i].shape.words() as usize;
+        }
+        i += 1;
+    }
+    words
+}
+
 /// Place in the bank of each row's first word.
 #[doc(hidden)]
 #[must_use]
@@ -872,6 +887,8 @@ macro_rules! registers {
             ];
             /// Words of the map's bank.
             $vis const WORDS: usize = $crate::registers::word_count(&Self::ROWS);
+            /// Words of it that a save keeps.
+            $vis const SAVED_WORDS: usize = $crate::registers::saved_word_count(&Self::ROWS);
         }
 
         const _: () = $crate::registers::check(&$Reg::ROWS, $Reg::LAYOUT);

@@ -1,0 +1,84 @@
+//! What the MD3's two lights show, and how it starts (sections 2, 4 and 7.20).
+
+use super::{GREEN, RED};
+use crate::device::{Duration, Instant, Level, Output, Sink};
+
+/// Built-in delay before the motor has current and the drive listens (7.4).
+const STARTUP: Duration = Duration::millis(2_500);
+/// A unit of the register StartupDelay (7.4).
+const STARTUP_UNIT: Duration = Duration::millis(10);
+/// Both lights flash twice when the EEPROM passed, inside the built-in delay.
+const GOOD_FLASHES: Duration = Duration::secs(1);
+/// The red light flashes ten times when it did not, before the built-in delay.
+const BAD_FLASHES: Duration = Duration::secs(5);
+/// A flash while starting, dark time included.
+const FLASH: Duration = Duration::millis(500);
+/// The bright part of any flash.
+const BRIGHT: Duration = Duration::millis(250);
+/// How long each light has its turn when they alternate.
+const TURN: Duration = Duration::millis(500);
+/// Heartbeat, and flash of a fault (section 2 says about 1.5 s).
+const HEARTBEAT: Duration = Duration::millis(1_500);
+
+/// A drive that starts.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) struct Boot {
+    phase: Phase,
+    /// When the phase ends.
+    pub(super) due: Instant,
+    /// When the drive is ready.
+    pub(super) ready: Instant,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+enum Phase {
+    /// Flashes that tell what the EEPROM held.
+    Flashes,
+    /// Green has its first turn.
+    Green,
+    /// Green and red alternate.
+    Alternate,
+}
+
+impl Boot {
+    /// Starts with an EEPROM that passed or did not, and the register StartupDelay.
+    pub(super) fn begin(at: Instant, passed: bool, delay: u64, out: &mut dyn Sink) -> Self {
+        let flashes = |pin| Output::Wave { pin, period: FLASH, high: BRIGHT };
+        out.put(at, flashes(RED));
+        let (flashing, delayed) = if passed {
+            out.put(at, flashes(GREEN));
+            (GOOD_FLASHES, Duration::ZERO)
+        } else {
+            out.put(at, Output::Level { pin: GREEN, level: Level::Low });
+            (BAD_FLASHES, BAD_FLASHES)
+        };
+        let ready = at + delayed + STARTUP + STARTUP_UNIT.times(delay);
+        Self { phase: Phase::Flashes, due: at + flashing, ready }
+    }
+
+    /// A phase is over: the next one, or `None` when the drive is ready.
+    pub(super) fn next(self, at: Instant, out: &mut dyn Sink) -> Option<Self> {
+        if at >= self.ready {
+            return None;
+        }
+        let turns = |pin| Output::Wave { pin, period: TURN.times(2), high: TURN };
+        Some(match self.phase {
+            Phase::Flashes => {
+                out.put(at, turns(GREEN));
+                out.put(at, Output::Level { pin: RED, level: Level::Low });
+                Self { phase: Phase::Green, due: (at + TURN).min(self.ready), ..self }
+            }
+            Phase::Green | Phase::Alternate => {
+                out.put(at, turns(RED));
+                Self { phase: Phase::Alternate, due: self.ready, ..self }
+            }
+        })
+    }
+}
+
+/// The lights of a drive that is ready: green beats, or red flashes in a fault.
+pub(super) fn show(at: Instant, fault: bool, out: &mut dyn Sink) {
+    let (beating, dark) = if fault { (RED, GREEN) } else { (GREEN, RED) };
+    out.put(at, Output::Wave { pin: beating, period: HEARTBEAT, high: BRIGHT });
+    out.put(at, Output::Level { pin: dark, level: Level::Low });
+}

@@ -1,0 +1,257 @@
+//! US Digital MD3: a stepper drive with a motion controller, on RS-485 with Modbus RTU.
+//!
+//! Follows the *MD3 User Guide V1.7*; numbers like 7.15 are its sections. Modelled: every register
+//! with default, access, range and persistence, functions 3 and 6, start-up, lights, EEPROM, live
+//! changes of address and line, profile and jog moves, stops, Disable, faults, I/O port. Not yet:
+//! homing, the functions of J2 pins 2 to 5, current cutback, the encoder, DC motors; each such row
+//! says so. Never: "Reset Device", firmware and serial-number updates, which the guide does not
+//! publish (3.2, 7.20).
+
+mod boot;
+mod drive;
+mod registers;
+
+use standin_protocol::modbus::pdu::{Exception, READ_HOLDING_REGISTERS, WRITE_SINGLE_REGISTER};
+use standin_protocol::modbus::rtu::Receiver;
+use standin_protocol::modbus::server::{Map, Outcome, Rules, serve_rtu};
+use standin_protocol::modbus::{Frame, Why};
+use standin_protocol::registers::Register;
+
+use self::drive::Drive;
+pub use self::registers::{Reg, line, motion_control};
+use crate::device::{
+    Axis, AxisSpec, Boot, Device, EncoderSpec, Ends, Fault, Input, Instant, Level, Line, Note, Output, Pin,
+    PinSpec, Port, PortSpec, Refused, Role, Sink, Spec,
+};
+use crate::memory;
+
+const RS485: Port = Port(0);
+const AXIS: Axis = Axis(0);
+const OVER_TEMPERATURE: Fault = Fault(0);
+const BUSY: Pin = Pin(7);
+const J3_8: Pin = Pin(8);
+const STEP: Pin = Pin(9);
+const DIR: Pin = Pin(10);
+const RED: Pin = Pin(11);
+const GREEN: Pin = Pin(12);
+
+/// J2 pins 2, 3, 4, 5 with their bits in IOPortData (7.9).
+const INPUTS: [(Pin, u16); 4] = [(Pin(0), 1 << 3), (Pin(1), 1 << 2), (Pin(2), 1 << 1), (Pin(3), 1 << 0)];
+/// J2 pins 9, 10, 12 with theirs.
+const GPIO: [(Pin, u16); 3] = [(Pin(4), 1 << 6), (Pin(5), 1 << 5), (Pin(6), 1 << 4)];
+/// Bytes of the EEPROM that hold the registers.
+const MEMORY: usize = memory::bytes(Reg::SAVED_WORDS) as usize;
+
+const fn pin(name: &'static str, role: Role, rest: Level) -> PinSpec {
+    PinSpec { name, role, rest }
+}
+
+static SPEC: Spec = Spec {
+    kind: "md3",
+    product: "US Digital MD3 stepper drive, 7 A",
+    manual: "MD3 User Guide V1.7",
+    ports: &[PortSpec { name: "rs485", ends: Ends::Silence, line: Some(registers::FACTORY_LINE) }],
+    #[rustfmt::skip]
+    pins: &[
+        pin("J2.2", Role::Input, Level::High),
+        pin("J2.3", Role::Input, Level::High),
+        pin("J2.4", Role::Input, Level::High),
+        pin("J2.5", Role::Input, Level::High),
+        pin("J2.9", Role::Both, Level::Low),
+        pin("J2.10", Role::Both, Level::Low),
+        pin("J2.12", Role::Both, Level::Low),
+        pin("J3.7", Role::Output, Level::Float),
+        pin("J3.8", Role::Output, Level::Float),
+        pin("STEP", Role::Output, Level::Low),
+        pin("DIR", Role::Output, Level::Low),
+        pin("D5", Role::Led, Level::Low),
+        pin("D6", Role::Led, Level::Low),
+    ],
+    axes: &[AxisSpec { name: "motor", step_dir: Some((STEP, DIR)) }],
+    encoders: &[EncoderSpec { a: Pin(5), b: Pin(6), index: Pin(4) }],
+    faults: &["over_temperature", "over_current"],
+    memory: memory::bytes(Reg::SAVED_WORDS),
+    registers: Reg::TABLE,
+    address: Some(Reg::DeviceAddress as usize),
+    not_modelled: &[
+        "step pulses on STEP and DIR: not modelled yet",
+        "\"Reset Device\", firmware and serial-number updates: not published (3.2, 7.20)",
+    ],
+};
+
+/// Exceptions are 01 and 02 only (6.1, 6.2).
+static RULES: Rules = Rules {
+    functions: &[READ_HOLDING_REGISTERS, WRITE_SINGLE_REGISTER],
+    broadcast: Some(0),
+    most_read: 32,
+    most_written: 1,
+    bad_quantity: Exception::IllegalDataAddress,
+    bad_value: Exception::IllegalDataAddress,
+    read_only: Exception::IllegalDataAddress,
+};
+
+/// An MD3.
+#[derive(Clone, Debug)]
+pub struct Md3 {
+    receiver: Receiver,
+    drive: Drive,
+}
+
+impl Default for Md3 {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Md3 {
+    /// An MD3 without power.
+    #[must_use]
+    pub fn new() -> Self {
+        Self { receiver: Receiver::new(registers::FACTORY_LINE), drive: Drive::new() }
+    }
+
+    /// The frame that has come is over.
+    fn serve(&mut self, at: Instant, out: &mut dyn Sink) {
+        let Some(frame) = self.receiver.take() else { return };
+        let line = self.drive.line();
+        let unit = self.drive.address();
+        let mut reply = Frame::new();
+        let mut map = Bus { drive: &mut self.drive, at, out };
+        let outcome = match frame {
+            Ok(frame) => serve_rtu(frame, unit, &RULES, &mut map, &mut reply),
+            Err(why) => Outcome::Dropped(why),
+        };
+        out.put(at, Output::Note(note(outcome)));
+        if !reply.is_empty() {
+            out.put(at, Output::Bytes { port: RS485, bytes: &reply });
+        }
+        // "The new ones hold from the next frame": the reply leaves with the old line.
+        let sent = at + line.character().times(reply.len() as u64);
+        self.follow_line(line, sent, out);
+    }
+
+    /// Changes the line from `before` to what the registers ask for, if that is another one.
+    fn follow_line(&mut self, before: Line, from: Instant, out: &mut dyn Sink) {
+        let line = self.drive.line();
+        if line != before {
+            self.receiver.set_line(line);
+            out.put(from, Output::Line { port: RS485, line });
+        }
+    }
+
+    /// Characters; those that end before the drive listens are lost.
+    fn hear(&mut self, at: Instant, bytes: &[u8], out: &mut dyn Sink) {
+        let character = self.receiver.timing().character;
+        let from = self.drive.listens_from();
+        let deaf = if at > from { 0 } else { from.since(at) / character + 1 };
+        let deaf = usize::try_from(deaf).unwrap_or(usize::MAX);
+        let heard = bytes.get(deaf..).unwrap_or(&[]);
+        if deaf > 0 {
+            out.put(at, Output::Note(Note::Dropped { port: RS485, why: Why::Starting }));
+        }
+        self.receiver.bytes(at + character.times(deaf as u64), heard);
+    }
+}
+
+impl Device for Md3 {
+    fn spec(&self) -> &'static Spec {
+        &SPEC
+    }
+
+    fn power_on(&mut self, at: Instant, boot: Boot, out: &mut dyn Sink) {
+        self.drive.power_on(at, boot, out);
+        let line = self.drive.line();
+        self.receiver = Receiver::new(line);
+        out.put(at, Output::Line { port: RS485, line });
+    }
+
+    fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Sink) {
+        match input {
+            Input::Bytes { bytes, .. } => {
+                if self.receiver.is_over(at) {
+                    self.serve(at, out);
+                }
+                self.hear(at, bytes, out);
+            }
+            Input::Spoiled { .. } => {
+                if self.receiver.is_over(at) {
+                    self.serve(at, out);
+                }
+                if at > self.drive.listens_from() {
+                    self.receiver.spoiled(at);
+                }
+            }
+            Input::Idle { .. } => self.serve(at, out),
+            Input::Edge { pin, high } => self.drive.edge(pin, high),
+            Input::Fault { fault, on } => self.drive.fault(at, fault, on, out),
+            // It has no such ports, and its axis does not slip on a bench.
+            Input::Attached { .. }
+            | Input::Message { .. }
+            | Input::Closed { .. }
+            | Input::Millivolts { .. }
+            | Input::Count { .. }
+            | Input::Slipped { .. } => {}
+        }
+    }
+
+    fn deadline(&self) -> Instant {
+        self.drive.deadline().min(self.receiver.deadline())
+    }
+
+    fn timeout(&mut self, at: Instant, out: &mut dyn Sink) {
+        self.drive.timeout(at, out);
+        if self.receiver.is_over(at) {
+            self.serve(at, out);
+        }
+    }
+
+    fn peek(&self, _at: Instant, row: usize) -> i64 {
+        self.drive.peek(row)
+    }
+
+    fn poke(&mut self, at: Instant, row: usize, value: i64, out: &mut dyn Sink) -> Result<(), Refused> {
+        let line = self.drive.line();
+        let reg = Reg::from_row(row).ok_or(Refused::NoSuchRegister)?;
+        self.drive.poke(at, reg, value, out)?;
+        self.follow_line(line, at, out);
+        Ok(())
+    }
+}
+
+/// The drive as its bus sees it during a request.
+struct Bus<'a> {
+    drive: &'a mut Drive,
+    at: Instant,
+    out: &'a mut dyn Sink,
+}
+
+impl Map for Bus<'_> {
+    type Register = Reg;
+
+    fn words(&self) -> &[u16] {
+        self.drive.words()
+    }
+
+    fn words_mut(&mut self) -> &mut [u16] {
+        self.drive.words_mut()
+    }
+
+    fn refresh(&mut self, _register: Reg) {
+        // Everything in the bank is up to date at every instant.
+    }
+
+    fn written(&mut self, register: Reg) {
+        self.drive.written(self.at, register, self.out);
+    }
+}
+
+/// What a log says of a frame.
+fn note(outcome: Outcome) -> Note {
+    match outcome {
+        Outcome::Served { unit, function, refused: None } => Note::Request { port: RS485, unit, function },
+        Outcome::Served { function, refused: Some(exception), .. } => {
+            Note::Refused { port: RS485, function, code: exception.code() }
+        }
+        Outcome::Dropped(why) => Note::Dropped { port: RS485, why },
+    }
+}
