@@ -1,0 +1,13 @@
+//! The host side of standin: drives on a bench of virtual time, and everything around them.
+//!
+//! | module | what it holds |
+//! |---|---|
+//! | [`bench`] | the bench: seats for drives, time, pins, power; what a test writes against |
+//! | [`bus`] | serial lines: whose turn it is, and when each character is where |
+//! | [`trace`] | what happened, as text that people read and write |
+//! | [`replay`] | a trace once more, and the first difference |
+
+pub mod bench;
+pub mod bus;
+pub mod replay;
+pub mod trace;
