@@ -10,6 +10,8 @@
 mod boot;
 mod drive;
 mod registers;
+#[cfg(test)]
+mod tests;
 
 use standin_protocol::modbus::pdu::{Exception, READ_HOLDING_REGISTERS, WRITE_SINGLE_REGISTER};
 use standin_protocol::modbus::rtu::Receiver;
