@@ -427,10 +427,16 @@ pub fn advance<'a, D: Device + ?Sized>(
     out: &mut dyn Sink,
 ) -> Instant {
     for (at, input) in inputs {
-        wake(device, at, false, out);
-        device.input(at, input, out);
+        feed(device, at, input, out);
     }
     wake(device, now, true, out)
+}
+
+/// One input of [`advance`]: the deadlines before it, then `input`. For whoever cannot lend all
+/// inputs at once.
+pub fn feed<D: Device + ?Sized>(device: &mut D, at: Instant, input: Input<'_>, out: &mut dyn Sink) {
+    wake(device, at, false, out);
+    device.input(at, input, out);
 }
 
 /// Wakes `device` at its deadlines before `now`, and at `now` if `inclusive`.

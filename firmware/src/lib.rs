@@ -6,6 +6,7 @@
 //! | [`md3`] | US Digital MD3, stepper drive |
 //! | [`memory`] | saved registers and their CRC |
 //! | [`motion`] | plans: position and speed at any instant |
+//! | [`shell`] | the main loop of a board, over embedded-hal, embedded-io and nb |
 //!
 //! No `std`, no clock, no socket, no board, no float, no heap, no `unsafe`, no panic.
 #![no_std]
@@ -28,6 +29,7 @@ pub mod device;
 pub mod md3;
 pub mod memory;
 pub mod motion;
+pub mod shell;
 
 /// The one list of drives: hands a constructor of each kind, of type `fn() -> impl Device`, to a
 /// macro of the caller. The simulator boxes them all, a board picks one.

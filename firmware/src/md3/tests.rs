@@ -214,10 +214,15 @@ fn what_is_no_frame_for_it_is_met_with_silence() {
     let end = bed.now + CHARACTER;
     bed.input(end, Input::Spoiled { port: Port(0) });
     bed.run_until(end + JUDGEMENT);
-    let why: Vec<_> = bed.world.notes.iter().map(|note| match note {
-        Note::Dropped { why, .. } => *why,
-        other => panic!("{other:?}"),
-    }).collect();
+    let why: Vec<_> = bed
+        .world
+        .notes
+        .iter()
+        .map(|note| match note {
+            Note::Dropped { why, .. } => *why,
+            other => panic!("{other:?}"),
+        })
+        .collect();
     assert_eq!(why, [Why::Crc, Why::Address, Why::Crc, Why::Length, Why::Length, Why::Spoiled]);
     assert_eq!(bed.read(0x1d), 0, "nothing was written");
 }
@@ -246,8 +251,15 @@ fn addresses_and_values_it_does_not_have_are_exception_2() {
         assert_eq!(bed.ask(&rtu::read(1, first, count)), exception(3, 2));
     }
     for (address, value) in [
-        (0x0b, 0), (0x1b, 0), (0x1e, 0), (0x1f, 0), (0x20, 0), (0xFFFF, 0), // 7.10, 7.21, 7.24, none
-        (0x00, 0), (0x00, 248), (0x00, 0xFFFF), // 7.1
+        (0x0b, 0),
+        (0x1b, 0),
+        (0x1e, 0),
+        (0x1f, 0),
+        (0x20, 0),
+        (0xFFFF, 0), // 7.10, 7.21, 7.24, none
+        (0x00, 0),
+        (0x00, 248),
+        (0x00, 0xFFFF), // 7.1
     ] {
         assert_eq!(bed.ask(&rtu::write(1, address, value)), exception(6, 2));
     }
@@ -638,8 +650,18 @@ fn the_port_shows_pins_and_drives_outputs() {
 fn the_manuals_currents() {
     // 7.2, high current version, in A · 1000.
     for (code, ma) in [
-        (0x00, 0), (0x01, 100), (0x09, 900), (0x0a, 1_000), (0x14, 2_000), (0x15, 2_500), (0x16, 3_000),
-        (0x1a, 5_000), (0x1d, 6_500), (0x1e, 7_000), (0x1f, 7_000), (0xFF, 7_000),
+        (0x00, 0),
+        (0x01, 100),
+        (0x09, 900),
+        (0x0a, 1_000),
+        (0x14, 2_000),
+        (0x15, 2_500),
+        (0x16, 3_000),
+        (0x1a, 5_000),
+        (0x1d, 6_500),
+        (0x1e, 7_000),
+        (0x1f, 7_000),
+        (0xFF, 7_000),
     ] {
         assert_eq!(super::registers::current_ma(0x0300 | code), ma, "code {code:#04x}");
     }

@@ -1,0 +1,319 @@
+//! The main loop of a board: one drive over embedded-hal, embedded-io, embedded-storage and nb.
+//!
+//! Interrupts catch what happens and stamp it; the loop calls [`Shell::turn`] until it would block,
+//! arms a timer at [`Shell::deadline`] and sleeps. What a board must plug in is [`Inputs`] and
+//! [`Outputs`]; the simulator plugs in virtual wires, so that the very same loop runs on a host.
+
+use core::convert::Infallible;
+
+use embedded_hal::digital::{OutputPin, PinState};
+use embedded_io::{Write, WriteReady};
+use embedded_storage::{ReadStorage, Storage};
+use heapless::{Deque, Vec};
+use standin_protocol::modbus::Frame;
+
+use crate::device::{
+    Axis, Boot, Device, Duration, Fault, Input, Instant, Level, Line, Note, Output, Pin, Plan, Port, Sink,
+    advance, feed,
+};
+
+/// Pins that may wave at a time.
+const WAVES: usize = 8;
+/// Messages and changes of line that may wait to be sent.
+const WAITING: usize = 4;
+
+/// What an interrupt caught.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Caught {
+    /// A character; its stamp is the end of its stop bit.
+    Byte(Port, u8),
+    /// A character that could not be read.
+    Spoiled(Port),
+    /// The UART says that the line fell silent.
+    Idle(Port),
+    /// An input pin changed, to high or low.
+    Edge(Pin, bool),
+    /// The cause of a fault came or went.
+    Fault(Fault, bool),
+    /// A plan was taken late: so many steps more were made.
+    Slipped(Axis, i32),
+}
+
+/// What a board hears, and what time it is.
+pub trait Inputs {
+    /// Now. Everything caught until now is there when this returns.
+    fn now(&self) -> Instant;
+
+    /// The oldest input that is not after `until`. Stamps ascend.
+    fn caught(&mut self, until: Instant) -> Option<(Instant, Caught)>;
+}
+
+/// What a board does.
+pub trait Outputs {
+    /// The sending half of a UART. Its `write` takes what its buffer has room for and never waits.
+    type Serial: Write + WriteReady;
+    /// An output pin. High lets an open drain go.
+    type Pin: OutputPin;
+    /// Non-volatile memory, a byte at a time.
+    type Memory: Storage;
+
+    /// The UART of a port.
+    fn serial(&mut self, port: Port) -> Option<&mut Self::Serial>;
+
+    /// Changes the settings of a port, once all that was written to it has left.
+    fn set_line(&mut self, port: Port, line: Line);
+
+    /// An output pin, if it is wired.
+    fn pin(&mut self, pin: Pin) -> Option<&mut Self::Pin>;
+
+    /// The non-volatile memory.
+    fn memory(&mut self) -> &mut Self::Memory;
+
+    /// The motion of an axis from now on; nothing where no steps are made.
+    fn plan(&mut self, _axis: Axis, _plan: &Plan) {}
+
+    /// The current of an axis, in mA; nothing where it cannot be set.
+    fn current(&mut self, _axis: Axis, _ma: u32) {}
+
+    /// The duty of an axis, in 1/65536; nothing where it cannot be set.
+    fn duty(&mut self, _axis: Axis, _duty: i32) {}
+}
+
+/// A drive on a board. `MEMORY` is [`Spec::memory`](crate::device::Spec::memory).
+#[derive(Debug)]
+pub struct Shell<D, I, O, const MEMORY: usize> {
+    device: D,
+    inputs: I,
+    hands: Hands<O, MEMORY>,
+}
+
+/// Everything that a drive's outputs need.
+#[derive(Debug)]
+struct Hands<O, const MEMORY: usize> {
+    outputs: O,
+    /// The non-volatile memory, as the drive reads it.
+    memory: [u8; MEMORY],
+    waves: Vec<Wave, WAVES>,
+    waiting: Deque<Waiting, WAITING>,
+    failures: u32,
+}
+
+/// A pin that repeats.
+#[derive(Clone, Copy, Debug)]
+struct Wave {
+    pin: Pin,
+    period: Duration,
+    high: Duration,
+    /// When it changes next.
+    due: Instant,
+    /// To which level.
+    rises: bool,
+}
+
+/// What leaves a port, in order.
+#[derive(Clone, Debug)]
+enum Waiting {
+    Message { port: Port, from: Instant, bytes: Frame, sent: usize },
+    Line { port: Port, line: Line },
+}
+
+impl<D: Device, I: Inputs, O: Outputs, const MEMORY: usize> Shell<D, I, O, MEMORY> {
+    /// Gives `device` power.
+    pub fn new(device: D, inputs: I, mut outputs: O, boot: Boot) -> Self {
+        let mut memory = [0xFF; MEMORY];
+        let readable = outputs.memory().read(0, &mut memory).is_ok();
+        let hands = Hands {
+            outputs,
+            memory,
+            waves: Vec::new(),
+            waiting: Deque::new(),
+            failures: u32::from(!readable),
+        };
+        let mut shell = Self { device, inputs, hands };
+        shell.device.power_on(shell.inputs.now(), boot, &mut shell.hands);
+        shell
+    }
+
+    /// Does everything that is due, in the order of its stamps.
+    ///
+    /// # Errors
+    /// [`nb::Error::WouldBlock`] if nothing was: sleep until the [`deadline`](Self::deadline), or
+    /// until something is caught.
+    pub fn turn(&mut self) -> nb::Result<(), Infallible> {
+        let now = self.inputs.now();
+        let mut idle = self.device.deadline() > now;
+        while let Some((at, caught)) = self.inputs.caught(now) {
+            idle = false;
+            let character;
+            let input = match caught {
+                Caught::Byte(port, byte) => {
+                    character = [byte];
+                    Input::Bytes { port, bytes: &character }
+                }
+                Caught::Spoiled(port) => Input::Spoiled { port },
+                Caught::Idle(port) => Input::Idle { port },
+                Caught::Edge(pin, high) => Input::Edge { pin, high },
+                Caught::Fault(fault, on) => Input::Fault { fault, on },
+                Caught::Slipped(axis, steps) => Input::Slipped { axis, steps },
+            };
+            feed(&mut self.device, at, input, &mut self.hands);
+        }
+        advance(&mut self.device, now, core::iter::empty(), &mut self.hands);
+        idle &= !self.hands.wave(now);
+        idle &= !self.hands.send(now);
+        if idle { Err(nb::Error::WouldBlock) } else { Ok(()) }
+    }
+
+    /// When something is due next, should nothing be caught before.
+    #[must_use]
+    pub fn deadline(&self) -> Instant {
+        self.device.deadline().min(self.hands.deadline())
+    }
+
+    /// The drive.
+    #[must_use]
+    pub fn device(&self) -> &D {
+        &self.device
+    }
+
+    /// How often a pin, a port or the memory failed.
+    #[must_use]
+    pub fn failures(&self) -> u32 {
+        self.hands.failures
+    }
+}
+
+impl<O: Outputs, const MEMORY: usize> Hands<O, MEMORY> {
+    fn deadline(&self) -> Instant {
+        let waves = self.waves.iter().map(|wave| wave.due).min().unwrap_or(Instant::NEVER);
+        match self.waiting.front() {
+            // One that has begun waits for room in the port's buffer, and its interrupt tells.
+            Some(Waiting::Message { from, sent: 0, .. }) => waves.min(*from),
+            _ => waves,
+        }
+    }
+
+    fn count<T, E>(&mut self, result: Result<T, E>) -> Option<T> {
+        self.failures = self.failures.saturating_add(u32::from(result.is_err()));
+        result.ok()
+    }
+
+    fn level(&mut self, pin: Pin, high: bool) {
+        if let Some(pin) = self.outputs.pin(pin) {
+            let result = pin.set_state(PinState::from(high));
+            self.count(result);
+        }
+    }
+
+    /// Moves the waves on to `now`; whether any changed.
+    fn wave(&mut self, now: Instant) -> bool {
+        let mut changed = false;
+        for index in 0..self.waves.len() {
+            while let Some(wave) = self.waves.get_mut(index)
+                && wave.due <= now
+            {
+                let Wave { pin, rises, .. } = *wave;
+                wave.due += if rises { wave.high } else { wave.period - wave.high };
+                wave.rises = !rises;
+                self.level(pin, rises);
+                changed = true;
+            }
+        }
+        changed
+    }
+
+    /// Hands what may leave by `now` to the ports; whether anything left.
+    fn send(&mut self, now: Instant) -> bool {
+        let mut moved = false;
+        while let Some(front) = self.waiting.front_mut() {
+            match front {
+                Waiting::Line { port, line } => {
+                    self.outputs.set_line(*port, *line);
+                    self.waiting.pop_front();
+                }
+                Waiting::Message { from, .. } if *from > now => break,
+                Waiting::Message { port, bytes, sent, .. } => {
+                    let rest = bytes.get(*sent..).unwrap_or(&[]);
+                    let Some(serial) = self.outputs.serial(*port).filter(|_| !rest.is_empty()) else {
+                        self.waiting.pop_front();
+                        continue;
+                    };
+                    let written = match serial.write_ready() {
+                        Ok(false) => break,
+                        Ok(true) => serial.write(rest),
+                        Err(error) => Err(error),
+                    };
+                    match written {
+                        Ok(n) => *sent = sent.saturating_add(n),
+                        Err(_) => {
+                            self.failures = self.failures.saturating_add(1);
+                            self.waiting.pop_front();
+                        }
+                    }
+                }
+            }
+            moved = true;
+        }
+        moved
+    }
+
+    fn enqueue(&mut self, waiting: Waiting) {
+        let result = self.waiting.push_back(waiting);
+        self.count(result);
+    }
+}
+
+impl<O: Outputs, const MEMORY: usize> Sink for Hands<O, MEMORY> {
+    fn put(&mut self, at: Instant, output: Output<'_>) {
+        match output {
+            Output::Bytes { port, bytes } => match Frame::from_slice(bytes) {
+                Ok(bytes) => self.enqueue(Waiting::Message { port, from: at, bytes, sent: 0 }),
+                Err(_) => self.failures = self.failures.saturating_add(1),
+            },
+            Output::Line { port, line } => self.enqueue(Waiting::Line { port, line }),
+            Output::Level { pin, level } => {
+                self.waves.retain(|wave| wave.pin != pin);
+                self.level(pin, level != Level::Low);
+            }
+            Output::Wave { pin, period, high } => {
+                self.waves.retain(|wave| wave.pin != pin);
+                self.level(pin, true);
+                let period = period.max(Duration::TICK);
+                let wave = Wave { pin, period, high, due: at + high, rises: false };
+                let result = self.waves.push(wave);
+                self.count(result);
+            }
+            Output::Store { offset, bytes } => {
+                let place = usize::from(offset);
+                let target = self.memory.get_mut(place..place.saturating_add(bytes.len()));
+                if let Some(target) = target {
+                    target.copy_from_slice(bytes);
+                }
+                let result = self.outputs.memory().write(u32::from(offset), bytes);
+                self.count(result);
+            }
+            Output::Plan { axis, plan } => self.outputs.plan(axis, plan),
+            Output::Current { axis, ma } => self.outputs.current(axis, ma),
+            Output::Duty { axis, duty } => self.outputs.duty(axis, duty),
+            Output::Note(note) => log(note),
+            // No board has a network or an axis that steps without a plan yet: such a drive has no
+            // image.
+            Output::Message { .. } | Output::Close { .. } | Output::Step { .. } => {
+                self.failures = self.failures.saturating_add(1);
+            }
+        }
+    }
+
+    fn memory(&self) -> &[u8] {
+        &self.memory
+    }
+}
+
+#[cfg(feature = "defmt")]
+fn log(note: Note) {
+    defmt::debug!("{}", note);
+}
+
+#[cfg(not(feature = "defmt"))]
+fn log(_note: Note) {}
