@@ -19,8 +19,8 @@ use crate::device::{
 
 /// Pins that may wave at a time.
 const WAVES: usize = 8;
-/// Messages and changes of line that may wait to be sent.
-const WAITING: usize = 4;
+/// Messages that may wait to be sent.
+const MESSAGES: usize = 4;
 
 /// What an interrupt caught.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -95,7 +95,7 @@ struct Hands<O, const MEMORY: usize> {
     /// The non-volatile memory, as the drive reads it.
     memory: [u8; MEMORY],
     waves: Vec<Wave, WAVES>,
-    waiting: Deque<Waiting, WAITING>,
+    messages: Deque<Message, MESSAGES>,
     failures: u32,
 }
 
@@ -111,11 +111,16 @@ struct Wave {
     rises: bool,
 }
 
-/// What leaves a port, in order.
+/// A message that leaves a port.
 #[derive(Clone, Debug)]
-enum Waiting {
-    Message { port: Port, from: Instant, bytes: Frame, sent: usize },
-    Line { port: Port, line: Line },
+struct Message {
+    port: Port,
+    /// When its first character may leave.
+    from: Instant,
+    bytes: Frame,
+    sent: usize,
+    /// What the line becomes behind it.
+    then: Option<Line>,
 }
 
 impl<D: Device, I: Inputs, O: Outputs, const MEMORY: usize> Shell<D, I, O, MEMORY> {
@@ -127,7 +132,7 @@ impl<D: Device, I: Inputs, O: Outputs, const MEMORY: usize> Shell<D, I, O, MEMOR
             outputs,
             memory,
             waves: Vec::new(),
-            waiting: Deque::new(),
+            messages: Deque::new(),
             failures: u32::from(!readable),
         };
         let mut shell = Self { device, inputs, hands };
@@ -187,9 +192,9 @@ impl<D: Device, I: Inputs, O: Outputs, const MEMORY: usize> Shell<D, I, O, MEMOR
 impl<O: Outputs, const MEMORY: usize> Hands<O, MEMORY> {
     fn deadline(&self) -> Instant {
         let waves = self.waves.iter().map(|wave| wave.due).min().unwrap_or(Instant::NEVER);
-        match self.waiting.front() {
+        match self.messages.front() {
             // One that has begun waits for room in the port's buffer, and its interrupt tells.
-            Some(Waiting::Message { from, sent: 0, .. }) => waves.min(*from),
+            Some(Message { from, sent: 0, .. }) => waves.min(*from),
             _ => waves,
         }
     }
@@ -226,52 +231,48 @@ impl<O: Outputs, const MEMORY: usize> Hands<O, MEMORY> {
     /// Hands what may leave by `now` to the ports; whether anything left.
     fn send(&mut self, now: Instant) -> bool {
         let mut moved = false;
-        while let Some(front) = self.waiting.front_mut() {
-            match front {
-                Waiting::Line { port, line } => {
-                    self.outputs.set_line(*port, *line);
-                    self.waiting.pop_front();
-                }
-                Waiting::Message { from, .. } if *from > now => break,
-                Waiting::Message { port, bytes, sent, .. } => {
-                    let rest = bytes.get(*sent..).unwrap_or(&[]);
-                    let Some(serial) = self.outputs.serial(*port).filter(|_| !rest.is_empty()) else {
-                        self.waiting.pop_front();
-                        continue;
-                    };
-                    let written = match serial.write_ready() {
-                        Ok(false) => break,
-                        Ok(true) => serial.write(rest),
-                        Err(error) => Err(error),
-                    };
-                    match written {
-                        Ok(n) => *sent = sent.saturating_add(n),
-                        Err(_) => {
-                            self.failures = self.failures.saturating_add(1);
-                            self.waiting.pop_front();
-                        }
+        while let Some(message) = self.messages.front_mut().filter(|message| message.from <= now) {
+            let rest = message.bytes.get(message.sent..).unwrap_or(&[]);
+            let written = match self.outputs.serial(message.port) {
+                Some(serial) if !rest.is_empty() => match serial.write_ready() {
+                    Ok(false) => break,
+                    Ok(true) => serial.write(rest),
+                    Err(error) => Err(error),
+                },
+                _ => Ok(rest.len()),
+            };
+            moved = true;
+            match written {
+                Ok(n) if n < rest.len() => message.sent += n,
+                _ => {
+                    self.failures = self.failures.saturating_add(u32::from(written.is_err()));
+                    if let Some(line) = message.then {
+                        self.outputs.set_line(message.port, line);
                     }
+                    self.messages.pop_front();
                 }
             }
-            moved = true;
         }
         moved
-    }
-
-    fn enqueue(&mut self, waiting: Waiting) {
-        let result = self.waiting.push_back(waiting);
-        self.count(result);
     }
 }
 
 impl<O: Outputs, const MEMORY: usize> Sink for Hands<O, MEMORY> {
     fn put(&mut self, at: Instant, output: Output<'_>) {
         match output {
-            Output::Bytes { port, bytes } => match Frame::from_slice(bytes) {
-                Ok(bytes) => self.enqueue(Waiting::Message { port, from: at, bytes, sent: 0 }),
-                Err(_) => self.failures = self.failures.saturating_add(1),
-            },
-            Output::Line { port, line } => self.enqueue(Waiting::Line { port, line }),
+            Output::Bytes { port, bytes } => {
+                let queued = Frame::from_slice(bytes).is_ok_and(|bytes| {
+                    let message = Message { port, from: at, bytes, sent: 0, then: None };
+                    self.messages.push_back(message).is_ok()
+                });
+                self.failures = self.failures.saturating_add(u32::from(!queued));
+            }
+            Output::Line { port, line } => {
+                match self.messages.iter_mut().rfind(|message| message.port == port) {
+                    Some(message) => message.then = Some(line),
+                    None => self.outputs.set_line(port, line),
+                }
+            }
             Output::Level { pin, level } => {
                 self.waves.retain(|wave| wave.pin != pin);
                 self.level(pin, level != Level::Low);
