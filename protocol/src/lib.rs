@@ -22,6 +22,9 @@
     allow(clippy::unwrap_used, clippy::indexing_slicing, clippy::panic, reason = "a test may fail")
 )]
 
+#[cfg(test)]
+extern crate std;
+
 pub mod line;
 pub mod modbus;
 pub mod registers;

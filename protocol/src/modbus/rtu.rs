@@ -243,3 +243,92 @@ fn lengths(burst: &[u8], function: u8) -> Option<[Option<usize>; 2]> {
         _ => return None,
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::line::Parity;
+    use proptest::prelude::*;
+
+    const LINE: Line = Line::new(9_600, 8, Parity::Even, 1);
+
+    #[test]
+    fn the_crc_of_the_specification() {
+        // Serial, appendix B: 02 07 gives 0x1241, sent as 41 12.
+        assert_eq!(crc(&[0x02, 0x07]), 0x1241);
+        assert_eq!(frame(2, &[7])[..], [0x02, 0x07, 0x41, 0x12]);
+        assert_eq!(checked(&[0x02, 0x07, 0x41, 0x12]), Some(&[0x02, 0x07][..]));
+        assert_eq!(checked(&[0x02, 0x07, 0x12, 0x41]), None);
+        assert_eq!(checked(&[0x02]), None);
+    }
+
+    #[test]
+    fn silences_of_a_slow_and_of_a_fast_line() {
+        let slow = Timing::of(LINE);
+        assert_eq!((slow.t1_5.ticks(), slow.t3_5.ticks()), (27_500, 64_166));
+        let fast = Timing::of(Line::new(38_400, 8, Parity::Even, 1));
+        assert_eq!((fast.t1_5, fast.t3_5), (Duration::micros(750), Duration::micros(1_750)));
+        let last_slow = Timing::of(Line::new(19_200, 8, Parity::Even, 1));
+        assert_eq!(last_slow.character.ticks(), 9_167);
+        assert_eq!(last_slow.t3_5.ticks(), 32_085);
+    }
+
+    #[test]
+    fn a_burst_is_split_at_whole_frames() {
+        let request = read(1, 0, 2);
+        assert_eq!(front(&request), Burst::Frame(8));
+        assert_eq!(front(&request[..7]), Burst::Partial);
+        assert_eq!(front(&[]), Burst::Partial);
+        let two: std::vec::Vec<u8> = request.iter().chain(&request).copied().collect();
+        assert_eq!(front(&two), Burst::Frame(8));
+        // A reply of function 3 has its length in its third byte.
+        let reply = frame(1, &[3, 6, 0, 1, 0, 2, 0, 3]);
+        assert_eq!(front(&reply), Burst::Frame(11));
+        assert_eq!(front(&frame(1, &[0x83, 2])), Burst::Frame(5));
+        assert_eq!(front(&frame(1, &[16, 0, 1, 0, 1, 2, 0, 7])), Burst::Frame(11));
+        assert_eq!(front(&frame(1, &[16, 0, 1, 0, 1])), Burst::Frame(8));
+    }
+
+    #[test]
+    fn a_burst_with_all_its_length_and_no_crc_is_broken() {
+        let mut request = read(1, 0, 2);
+        request[7] ^= 1;
+        assert_eq!(front(&request), Burst::Broken);
+        assert_eq!(front(&[0x55; 200]), Burst::Partial, "function 0x55 may have any length");
+        assert_eq!(front(&[0x55; 257]), Burst::Broken);
+    }
+
+    #[test]
+    fn a_function_that_is_not_listed_may_have_any_length() {
+        for length in 1..250 {
+            let pdu: std::vec::Vec<u8> = core::iter::once(65).chain((0..length).map(|n| n as u8)).collect();
+            let frame = frame(1, &pdu);
+            // A shorter front with a CRC that holds by chance is one in 65,536; these have none.
+            assert_eq!(front(&frame), Burst::Frame(frame.len()));
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn any_bytes_are_judged(burst in proptest::collection::vec(any::<u8>(), 0..600)) {
+            if let Burst::Frame(length) = front(&burst) {
+                prop_assert!(checked(&burst[..length]).is_some());
+            }
+        }
+
+        #[test]
+        fn splitting_a_frame_anywhere_changes_nothing(
+            bytes in proptest::collection::vec(any::<u8>(), 1..300), cut in 0_usize..300,
+        ) {
+            let cut = cut.min(bytes.len());
+            let first = Instant::from_ticks(1_000_000);
+            let mut whole = Receiver::new(LINE);
+            whole.bytes(first, &bytes);
+            let mut parts = Receiver::new(LINE);
+            parts.bytes(first, &bytes[..cut]);
+            parts.bytes(first + LINE.character().times(cut as u64), &bytes[cut..]);
+            prop_assert_eq!(whole.deadline(), parts.deadline());
+            prop_assert_eq!(whole.take(), parts.take());
+        }
+    }
+}

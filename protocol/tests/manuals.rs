@@ -1,0 +1,325 @@
+//! Ten typical rows of each of the five manuals, so that the table fits them all.
+//!
+//! What the tests assert is typed from the manuals, not taken from the tables.
+#![allow(missing_docs, clippy::unwrap_used, clippy::indexing_slicing, reason = "a test")]
+
+use standin_protocol::modbus::pdu::Exception;
+use standin_protocol::modbus::server::{Map, Rules, serve_rtu};
+use standin_protocol::modbus::{Frame, rtu};
+use standin_protocol::registers::{Bank, Legal, Register, Shape, Space};
+
+/// US Digital MD3: one space, no gaps, pairs with the high word first.
+mod md3 {
+    standin_protocol::registers! {
+        /// MD3 User Guide V1.7, chapter 7.
+        pub enum Reg: HighFirst {
+            /// Address on the bus.
+            DeviceAddress = rw(0x00, "7.1").reset(1).range(1, 247).saved(),
+            /// Current and microstepping.
+            MotorCurrentAndMicrostepping = rw(0x01, "7.2").reset(0x030a).saved(),
+            /// Delay in 10 ms.
+            StartupDelay = rw(0x03, "7.4").clamped(0, 65_435).saved(),
+            /// Steps before homing.
+            PreHomeOffset = rw(0x05, "7.6").i32().saved(),
+            /// Do not use.
+            Reserved = ro(0x0b, "7.10"),
+            /// Index pulses.
+            EncoderIndexCount = rw(0x0e, "7.13").i32().live(),
+            /// Commands.
+            MotionControl = rw(0x11, "7.15").saved_bits(0x0020),
+            /// Steps per second.
+            Speed = rw(0x14, "7.17").i32().clamped(-40_000, 40_000).reset(5_000).saved(),
+            /// EEPROM.
+            EEPROMControl = rw(0x1a, "7.20").reset(0x9a00),
+            /// Serial number.
+            SerialNumber = ro(0x1e, "7.24").u32().reset(1).saved(),
+        }
+    }
+}
+
+/// US Digital QSB: 8-bit register numbers, values of up to 32 bits, three variants, streams.
+mod qsb {
+    pub(crate) const D: u8 = 1;
+    pub(crate) const M: u8 = 2;
+
+    standin_protocol::registers! {
+        /// QSB Command List.
+        pub enum Reg: ObjectsHighFirst {
+            /// Encoder mode.
+            Mode = rw(0x00, "MODE").u8().range(0, 0x12).saved(),
+            /// Digital port.
+            DigIO = rw(0x01, "DIG I/O").u8().range(0, 0xF).reset(0xF).saved().streams().only(D | M),
+            /// Counter mode register 0.
+            Mdr0 = rw(0x03, "MDR0").u8().reset(0x4F).saved(),
+            /// Counter mode register 1, nine bits.
+            Mdr1 = rw(0x04, "MDR1").range(0, 0x1FF).saved(),
+            /// Counter status.
+            Str = ro(0x06, "STR").u8().reset(0x0A).live().streams(),
+            /// Data for load and compare.
+            Dtr = rw(0x08, "DTR").u32().reset(0x1F3).saved(),
+            /// Which counter register to clear.
+            ClearReg = wo(0x09, "CLEAR REG").u8().range(0, 3),
+            /// Stream interval in 1/512 s.
+            IntervalRate = rw(0x0C, "INTERVAL RATE").reset(0xFFFF).saved(),
+            /// Steps of a move, signed.
+            MdMoveSteps = rw(0x11, "MD MOVE STEPS").i32().range(-0x7FFF_FFFF, 0x7FFF_FFFF).saved().only(M),
+            /// Software commands.
+            Command = wo(0x16, "COMMAND").u32(),
+        }
+    }
+}
+
+/// RS 434544: four spaces with gaps, pairs with the low word first, keys.
+mod rs434 {
+    standin_protocol::registers! {
+        /// RS 434544 manual, chapter 6.
+        pub enum Reg: LowFirst {
+            /// Contact IN1 closed.
+            In1 = discrete(0x1000, "6.1").live(),
+            /// Start.
+            Start = coil(0x2000, "6.2"),
+            /// Stop.
+            Stop = coil(0x2001, "6.2"),
+            /// 0 stop, 1 forward, 2 backward.
+            Status = input(0x3000, "6.3").range(0, 2).live(),
+            /// Edges counted.
+            CurrentPosition = input(0x3003, "6.3").i32().live(),
+            /// Address; 0 listens to broadcasts only.
+            SlaveAddressModbus = rw(0x5000, "6.4").range(0, 247).reset(1).saved(),
+            /// Framing, parity, stop bits.
+            TypeModbus = rw(0x5001, "6.4").one_of(&[1, 2, 3, 4, 5]).reset(3).saved(),
+            /// Way to go.
+            Offset = rw(0x5015, "6.5").i32().saved(),
+            /// Key that saves.
+            FlagSaveIni = rw(0x5024, "6.5").one_of(&[0, 0x37FA]),
+            /// Hardware.
+            HwMajor = input(0x8001, "6.8").reset(1_001),
+        }
+    }
+}
+
+/// MDROBOT MD: a PID is a whole value of one or more words; 243 has two and 244 exists.
+mod mdrobot {
+    standin_protocol::registers! {
+        /// Modbus Protocol on the MD Controller V1.1, 2.6.
+        pub enum Pid: ObjectsLowFirst {
+            /// Version.
+            Version = ro(1, "2.6").u8().reset(81),
+            /// Key that restores the defaults.
+            DefaultSet = wo(3, "2.6").one_of(&[0x55]),
+            /// A list of PIDs.
+            ReqPidData = known(4, "PID.h").not_modelled("only named in the header file"),
+            /// Turns references round.
+            InvSignCmd = rw(16, "2.6").range(0, 1).saved(),
+            /// Velocity reference in rpm.
+            VelCmd = rw(130, "2.6").i16(),
+            /// Current limit in 0.1 A.
+            MaxLoad = rw(211, "2.6").reset(200).saved(),
+            /// Speed, current, output, position, status.
+            Monitor = ro(196, "2.6").words(6).live(),
+            /// Limits of the speed input.
+            SpeedLimit = rw(222, "2.6").words(2).saved(),
+            /// Position to go to.
+            PosiCmd = wo(243, "2.6").i32(),
+            /// Way to go.
+            IncPosiCmd = wo(244, "2.6").i32(),
+        }
+    }
+}
+
+/// MDrive: reserved gaps, one-byte values in whole registers, high word first.
+mod mdrive {
+    standin_protocol::registers! {
+        /// MDrive Modbus/TCP manual, register table.
+        pub enum Reg: HighFirst {
+            /// Acceleration in steps/s².
+            Acceleration = rw(0x0000, "A").u32().range(91, 1_525_878_997).reset(1_000_000).saved(),
+            /// Counter 1.
+            Counter1 = rw(0x0005, "C1").i32().saved(),
+            /// Counter 2.
+            Counter2 = rw(0x0007, "C2").i32().saved(),
+            /// Software reset enable.
+            SoftwareResetEnable = rw(0x0009, "CE").u8().range(0, 1).reset(1).saved(),
+            /// Error flag.
+            ErrorFlag = ro(0x001F, "EF").u8().range(0, 1),
+            /// Microsteps of a full step.
+            MicrostepResolution = rw(0x0048, "MS").one_of(&[1, 2, 4, 8, 16, 32, 64, 128, 256]).reset(256).saved(),
+            /// Position.
+            PositionCounter = rw(0x0057, "P").i32().live().saved(),
+            /// Initial velocity.
+            InitialVelocity = rw(0x0089, "VI").u32().range(1, 4_999_999).reset(1_000).saved(),
+            /// Maximum velocity.
+            MaximumVelocity = rw(0x008B, "VM").u32().range(2, 5_000_000).reset(768_000).saved(),
+            /// Locked rotor timeout: a word in the second of two registers.
+            LockedRotorTimeout = rw(0x009C, "LT").u32().range(2, 65_535).reset(2_000).saved().only(2),
+        }
+    }
+}
+
+/// A drive that only keeps what is written.
+struct Keeper<R: Register, const WORDS: usize> {
+    bank: Bank<R, WORDS>,
+    refreshed: Vec<R>,
+    written: Vec<R>,
+}
+
+impl<R: Register, const WORDS: usize> Keeper<R, WORDS> {
+    fn new() -> Self {
+        Self { bank: Bank::factory(), refreshed: Vec::new(), written: Vec::new() }
+    }
+
+    /// The reply's PDU; empty for silence.
+    fn ask(&mut self, rules: &Rules, pdu: &[u8]) -> Vec<u8> {
+        let mut reply = Frame::new();
+        serve_rtu(&rtu::frame(1, pdu), 1, rules, self, &mut reply);
+        rtu::checked(&reply).map(|body| body[1..].to_vec()).unwrap_or_default()
+    }
+}
+
+impl<R: Register, const WORDS: usize> Map for Keeper<R, WORDS> {
+    type Register = R;
+
+    fn words(&self) -> &[u16] {
+        self.bank.words()
+    }
+
+    fn words_mut(&mut self) -> &mut [u16] {
+        self.bank.words_mut()
+    }
+
+    fn refresh(&mut self, register: R) {
+        self.refreshed.push(register);
+    }
+
+    fn written(&mut self, register: R) {
+        self.written.push(register);
+    }
+}
+
+/// All functions, and the codes of the specification.
+const RULES: Rules = Rules {
+    functions: &[1, 2, 3, 4, 5, 6, 15, 16],
+    broadcast: Some(0),
+    most_read: 125,
+    most_written: 123,
+    bad_quantity: Exception::IllegalDataValue,
+    bad_value: Exception::IllegalDataValue,
+    read_only: Exception::IllegalDataAddress,
+};
+
+#[test]
+fn md3_pairs_read_high_word_first() {
+    let mut md3 = Keeper::<md3::Reg, { md3::Reg::WORDS }>::new();
+    assert_eq!(md3.ask(&RULES, &[3, 0, 0x14, 0, 2]), [3, 4, 0x00, 0x00, 0x13, 0x88]);
+    assert_eq!(md3.ask(&RULES, &[3, 0, 0x15, 0, 1]), [3, 2, 0x13, 0x88]);
+    assert_eq!(md3.ask(&RULES, &[6, 0, 0x14, 0xFF, 0xFF]), [6, 0, 0x14, 0xFF, 0xFF]);
+    assert_eq!(md3.bank.get(md3::Reg::Speed), -60_536);
+    assert_eq!(md3.bank.limited(md3::Reg::Speed), -40_000);
+    assert_eq!(md3.written, [md3::Reg::Speed]);
+    assert_eq!(md3.ask(&RULES, &[3, 0, 0x0e, 0, 2]).len(), 6);
+    assert_eq!(md3.refreshed, [md3::Reg::EncoderIndexCount]);
+}
+
+#[test]
+fn md3_names_of_halves() {
+    let table = md3::Reg::TABLE;
+    let named = |name| table.find(name).map(|named| (table.rows[named.row].name, named.word));
+    assert_eq!(named("Speed"), Some(("Speed", None)));
+    assert_eq!(named("SpeedHigh"), Some(("Speed", Some(0))));
+    assert_eq!(named("SpeedLow"), Some(("Speed", Some(1))));
+    assert_eq!(named("StartupDelayHigh"), None);
+}
+
+#[test]
+fn md3_gaps_and_read_only_rows_refuse() {
+    let mut md3 = Keeper::<md3::Reg, { md3::Reg::WORDS }>::new();
+    assert_eq!(md3.ask(&RULES, &[3, 0, 0x00, 0, 3]), [0x83, 2]); // 0x02 is not among the ten
+    assert_eq!(md3.ask(&RULES, &[6, 0, 0x0b, 0, 0]), [0x86, 2]);
+    assert_eq!(md3.ask(&RULES, &[6, 0, 0x00, 0, 248]), [0x86, 3]);
+    assert_eq!(md3.ask(&RULES, &[16, 0, 0x0a, 0, 1, 2, 0, 0]), [0x90, 2]);
+    assert!(md3.written.is_empty());
+}
+
+#[test]
+fn qsb_values_are_whole_and_variants_share_numbers() {
+    let table = qsb::Reg::TABLE;
+    let row = |reg: qsb::Reg| &table.rows[reg.row()];
+    assert_eq!(row(qsb::Reg::Dtr).shape, Shape::U32);
+    assert_eq!(table.at(Space::Holding, 0x08), Some((qsb::Reg::Dtr.row(), 0)));
+    assert_eq!(table.at(Space::Holding, 0x09), Some((qsb::Reg::ClearReg.row(), 0)));
+    assert!(!row(qsb::Reg::Mdr1).accepts(0x200) && row(qsb::Reg::Mdr1).accepts(0x1FF));
+    assert!(row(qsb::Reg::Str).streams && !row(qsb::Reg::Mode).streams);
+    assert_eq!(row(qsb::Reg::MdMoveSteps).variants, qsb::M);
+    let mut bank = Bank::<qsb::Reg, { qsb::Reg::WORDS }>::factory();
+    assert_eq!(bank.get(qsb::Reg::Dtr), 499);
+    bank.set(qsb::Reg::MdMoveSteps, -5);
+    assert_eq!(bank.get(qsb::Reg::MdMoveSteps), -5);
+}
+
+#[test]
+fn rs_has_four_spaces_and_the_low_word_first() {
+    use rs434::Reg;
+    let mut rs = Keeper::<Reg, { Reg::WORDS }>::new();
+    rs.bank.set(Reg::In1, 1);
+    rs.bank.set(Reg::CurrentPosition, -2);
+    assert_eq!(rs.ask(&RULES, &[2, 0x10, 0x00, 0, 1]), [2, 1, 1]);
+    assert_eq!(rs.ask(&RULES, &[4, 0x30, 0x03, 0, 2]), [4, 4, 0xFF, 0xFE, 0xFF, 0xFF]);
+    assert_eq!(rs.refreshed, [Reg::In1, Reg::CurrentPosition]);
+    assert_eq!(rs.ask(&RULES, &[4, 0x10, 0x00, 0, 1]), [0x84, 2]);
+    assert_eq!(rs.ask(&RULES, &[5, 0x20, 0x01, 0xFF, 0x00]), [5, 0x20, 0x01, 0xFF, 0x00]);
+    assert_eq!(rs.ask(&RULES, &[5, 0x20, 0x01, 0x00, 0x01]), [0x85, 3]);
+    assert_eq!(rs.ask(&RULES, &[15, 0x20, 0x00, 0, 2, 1, 0b01]), [15, 0x20, 0x00, 0, 2]);
+    assert_eq!(rs.ask(&RULES, &[1, 0x20, 0x00, 0, 2]), [1, 1, 0b01]);
+    assert_eq!(rs.ask(&RULES, &[6, 0x50, 0x24, 0x12, 0x34]), [0x86, 3]);
+    assert_eq!(rs.ask(&RULES, &[6, 0x50, 0x00, 0, 0]), [6, 0x50, 0x00, 0, 0]);
+}
+
+#[test]
+fn a_write_of_several_is_all_or_nothing() {
+    use rs434::Reg;
+    let mut rs = Keeper::<Reg, { Reg::WORDS }>::new();
+    // The second value is out of range; then one past the last row; then a wrong byte count.
+    assert_eq!(rs.ask(&RULES, &[16, 0x50, 0x00, 0, 2, 4, 0, 5, 0, 9]), [0x90, 3]);
+    assert_eq!(rs.ask(&RULES, &[16, 0x50, 0x00, 0, 3, 6, 0, 5, 0, 1, 0, 0]), [0x90, 2]);
+    assert_eq!(rs.ask(&RULES, &[16, 0x50, 0x00, 0, 2, 2, 0, 5]), [0x90, 3]);
+    assert_eq!((rs.bank.get(Reg::SlaveAddressModbus), rs.written.len()), (1, 0));
+    assert_eq!(rs.ask(&RULES, &[16, 0x50, 0x00, 0, 2, 4, 0, 5, 0, 4]), [16, 0x50, 0x00, 0, 2]);
+    assert_eq!(rs.written, [Reg::SlaveAddressModbus, Reg::TypeModbus]);
+    assert_eq!(rs.bank.get(Reg::SlaveAddressModbus), 5);
+}
+
+#[test]
+fn a_pid_is_read_and_written_whole() {
+    use mdrobot::Pid;
+    let mut md = Keeper::<Pid, { Pid::WORDS }>::new();
+    assert_eq!(md.ask(&RULES, &[3, 0, 1, 0, 1]), [3, 2, 0, 81]);
+    assert_eq!(md.ask(&RULES, &[3, 0, 196, 0, 6]).len(), 14);
+    assert_eq!(md.ask(&RULES, &[3, 0, 196, 0, 2]), [0x83, 2]);
+    assert_eq!(md.ask(&RULES, &[3, 0, 3, 0, 1]), [0x83, 2], "write only");
+    assert_eq!(md.ask(&RULES, &[3, 0, 4, 0, 1]), [0x83, 2], "only named");
+    // Position 100,000 = 0x0001_86A0, low word first; the neighbour 244 is another PID.
+    assert_eq!(md.ask(&RULES, &[16, 0, 243, 0, 2, 4, 0x86, 0xA0, 0, 1]), [16, 0, 243, 0, 2]);
+    assert_eq!((md.bank.get(Pid::PosiCmd), md.bank.get(Pid::IncPosiCmd)), (100_000, 0));
+    assert_eq!(md.ask(&RULES, &[16, 0, 243, 0, 1, 2, 0, 1]), [0x90, 3]);
+    assert_eq!(md.ask(&RULES, &[6, 0, 243, 0, 1]), [0x86, 3]);
+    assert_eq!(md.ask(&RULES, &[6, 0, 130, 0xFF, 0x9C]), [6, 0, 130, 0xFF, 0x9C]);
+    assert_eq!(md.bank.get(Pid::VelCmd), -100);
+}
+
+#[test]
+fn mdrive_reserves_gaps_and_keeps_bytes_in_words() {
+    use mdrive::Reg;
+    let mut mdrive = Keeper::<Reg, { Reg::WORDS }>::new();
+    // The manual's example of function 3: VM is 768,000 = 0x000B_B800.
+    assert_eq!(mdrive.ask(&RULES, &[3, 0, 0x8B, 0, 2]), [3, 4, 0x00, 0x0B, 0xB8, 0x00]);
+    // Its example of function 16: VM becomes 600,000 = 0x0009_27C0.
+    let write = [16, 0, 0x8B, 0, 2, 4, 0x00, 0x09, 0x27, 0xC0];
+    assert_eq!(mdrive.ask(&RULES, &write), [16, 0, 0x8B, 0, 2]);
+    assert_eq!(mdrive.bank.get(Reg::MaximumVelocity), 600_000);
+    assert_eq!(mdrive.ask(&RULES, &[3, 0, 0x07, 0, 4]), [0x83, 2], "0x000A is reserved");
+    assert_eq!(mdrive.ask(&RULES, &[3, 0, 0x07, 0, 3]).len(), 8);
+    assert_eq!(mdrive.ask(&RULES, &[6, 0, 0x09, 0, 2]), [0x86, 3]);
+    assert_eq!(mdrive.ask(&RULES, &[16, 0, 0x9C, 0, 2, 4, 0, 1, 0, 0]), [0x90, 3]);
+    let ms = &Reg::TABLE.rows[Reg::MicrostepResolution.row()];
+    assert!(matches!(ms.legal, Legal::OneOf(codes) if codes.contains(&256)) && !ms.accepts(3));
+}
