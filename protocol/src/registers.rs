@@ -872,6 +872,7 @@ macro_rules! registers {
     ) => {
         $(#[$about])*
         #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
+        #[allow(clippy::enum_variant_names, reason = "the names are the manual's")]
         $vis enum $Reg {
             $( $(#[doc = $doc])+ $Name, )+
         }
