@@ -4,10 +4,12 @@
 //! |---|---|
 //! | [`bench`] | the bench: seats for drives, time, pins, power; what a test writes against |
 //! | [`bus`] | serial lines: whose turn it is, and when each character is where |
+//! | [`hal`] | a board that is not there: embedded-hal, embedded-io and embedded-storage on virtual time |
 //! | [`trace`] | what happened, as text that people read and write |
 //! | [`replay`] | a trace once more, and the first difference |
 
 pub mod bench;
 pub mod bus;
+pub mod hal;
 pub mod replay;
 pub mod trace;

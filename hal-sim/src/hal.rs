@@ -1,0 +1,392 @@
+//! The hardware of a board that is not there: a clock, UARTs, pins and a memory that implement
+//! embedded-hal, embedded-io and embedded-storage, so that the [shell](standin_firmware::shell) of a
+//! board runs on the host, on virtual time, with everything it does on record.
+//!
+//! A [`Board`] is a handle; clones of it, its UARTs, pins and memory share one state.
+
+use std::cell::{Ref, RefCell};
+use std::collections::VecDeque;
+use std::convert::Infallible;
+use std::rc::Rc;
+
+use embedded_hal::digital;
+use embedded_io::ErrorType;
+use embedded_storage::{ReadStorage, Storage};
+use standin_firmware::device::{Axis, Duration, Instant, Line, Pin, Plan, Port, Spec};
+use standin_firmware::shell::{Caught, Inputs, Outputs};
+
+/// Characters that a UART takes before the first of them has left.
+const FIFO: usize = 16;
+
+/// What a board did.
+#[derive(Clone, PartialEq, Debug)]
+pub enum Done {
+    /// Characters left back to back, from the stamp on.
+    Sent(Port, Vec<u8>),
+    /// A line changed.
+    Line(Port, Line),
+    /// A pin changed, to high or low.
+    Level(Pin, bool),
+    /// The memory took bytes at an offset.
+    Stored(u32, Vec<u8>),
+    /// An axis was given a plan.
+    Planned(Axis, Plan),
+    /// An axis was given a current, in mA.
+    Current(Axis, u32),
+}
+
+/// A board: what its interrupts caught, what it did, and what time it is.
+#[derive(Clone, Debug)]
+pub struct Board(Rc<RefCell<State>>);
+
+#[derive(Debug)]
+struct State {
+    now: Instant,
+    caught: VecDeque<(Instant, Caught)>,
+    done: Vec<(Instant, Done)>,
+    uarts: Vec<Line>,
+    /// When each UART will have sent all it took, and where that began.
+    busy: Vec<Option<(Instant, usize)>>,
+    levels: Vec<bool>,
+    memory: Vec<u8>,
+    /// Bytes that the memory still takes before the power fails.
+    cut: Option<usize>,
+}
+
+impl Board {
+    /// A board with the ports and pins of `spec`, and this memory.
+    #[must_use]
+    pub fn new(spec: &Spec, memory: Vec<u8>) -> Self {
+        let lines: Vec<Line> = spec.ports.iter().filter_map(|port| port.line).collect();
+        Self(Rc::new(RefCell::new(State {
+            now: Instant::ZERO,
+            caught: VecDeque::new(),
+            done: Vec::new(),
+            busy: vec![None; lines.len()],
+            uarts: lines,
+            levels: vec![false; spec.pins.len()],
+            memory,
+            cut: None,
+        })))
+    }
+
+    /// What a [`Shell`](standin_firmware::shell::Shell) is given to act with.
+    #[must_use]
+    pub fn outputs(&self) -> SimOutputs {
+        let state = self.0.borrow();
+        SimOutputs {
+            board: self.clone(),
+            uarts: (0..state.uarts.len()).map(|n| Uart(self.clone(), n)).collect(),
+            pins: (0..state.levels.len()).map(|n| WiredPin(self.clone(), n)).collect(),
+            memory: Memory(self.clone()),
+        }
+    }
+
+    /// An interrupt catches something at `at`, not before anything it caught.
+    pub fn catch(&self, at: Instant, caught: Caught) {
+        self.0.borrow_mut().caught.push_back((at, caught));
+    }
+
+    /// The clock goes on to `now`.
+    pub fn set_now(&self, now: Instant) {
+        let mut state = self.0.borrow_mut();
+        state.now = state.now.max(now);
+    }
+
+    /// When a UART that was full has room again; [`Instant::NEVER`] if none is.
+    #[must_use]
+    pub fn room_at(&self) -> Instant {
+        let state = self.0.borrow();
+        let ports = 0..state.uarts.len();
+        ports.map(|port| state.room_at(port)).filter(|&at| at > state.now).min().unwrap_or(Instant::NEVER)
+    }
+
+    /// What it did so far, with stamps that ascend.
+    pub fn done(&self) -> Ref<'_, [(Instant, Done)]> {
+        Ref::map(self.0.borrow(), |state| state.done.as_slice())
+    }
+
+    /// Its memory.
+    #[must_use]
+    pub fn memory(&self) -> Vec<u8> {
+        self.0.borrow().memory.clone()
+    }
+
+    /// The power will fail when the memory has taken `bytes` more: the rest of that write, and every
+    /// later one, is lost.
+    pub fn cut_after(&self, bytes: usize) {
+        self.0.borrow_mut().cut = Some(bytes);
+    }
+}
+
+impl State {
+    fn room_at(&self, port: usize) -> Instant {
+        let (Some(line), Some(Some((free, _)))) = (self.uarts.get(port), self.busy.get(port)) else {
+            return Instant::ZERO;
+        };
+        *free - line.character().times(FIFO as u64 - 1)
+    }
+
+    /// Takes what the UART has room for.
+    fn send(&mut self, port: usize, bytes: &[u8]) -> usize {
+        let (Some(line), Some(busy)) = (self.uarts.get(port), self.busy.get_mut(port)) else { return 0 };
+        let character = line.character();
+        let (free, place) = match *busy {
+            Some((free, place)) if free > self.now => (free, place),
+            _ => {
+                self.done.push((self.now, Done::Sent(Port(port as u8), Vec::new())));
+                (self.now, self.done.len() - 1)
+            }
+        };
+        let waiting = (free.since(self.now) + character - Duration::TICK) / character;
+        let taken = bytes.len().min(FIFO.saturating_sub(waiting as usize));
+        if let Some((_, Done::Sent(_, sent))) = self.done.get_mut(place) {
+            sent.extend_from_slice(&bytes[..taken]);
+        }
+        *busy = Some((free + character.times(taken as u64), place));
+        taken
+    }
+}
+
+impl Inputs for Board {
+    fn now(&self) -> Instant {
+        self.0.borrow().now
+    }
+
+    fn caught(&mut self, until: Instant) -> Option<(Instant, Caught)> {
+        let mut state = self.0.borrow_mut();
+        let due = state.caught.front().is_some_and(|(at, _)| *at <= until);
+        if due { state.caught.pop_front() } else { None }
+    }
+}
+
+/// The acting half of a [`Board`].
+#[derive(Debug)]
+pub struct SimOutputs {
+    board: Board,
+    uarts: Vec<Uart>,
+    pins: Vec<WiredPin>,
+    memory: Memory,
+}
+
+impl SimOutputs {
+    fn done(&self, done: Done) {
+        let mut state = self.board.0.borrow_mut();
+        let now = state.now;
+        state.done.push((now, done));
+    }
+}
+
+impl Outputs for SimOutputs {
+    type Serial = Uart;
+    type Pin = WiredPin;
+    type Memory = Memory;
+
+    fn serial(&mut self, port: Port) -> Option<&mut Uart> {
+        self.uarts.get_mut(usize::from(port.0))
+    }
+
+    fn set_line(&mut self, port: Port, line: Line) {
+        let mut state = self.board.0.borrow_mut();
+        let index = usize::from(port.0);
+        let left = state.busy.get(index).copied().flatten().map_or(state.now, |(free, _)| free);
+        let at = left.max(state.now);
+        if let Some(present) = state.uarts.get_mut(index) {
+            *present = line;
+        }
+        state.done.push((at, Done::Line(port, line)));
+    }
+
+    fn pin(&mut self, pin: Pin) -> Option<&mut WiredPin> {
+        self.pins.get_mut(usize::from(pin.0))
+    }
+
+    fn memory(&mut self) -> &mut Memory {
+        &mut self.memory
+    }
+
+    fn plan(&mut self, axis: Axis, plan: &Plan) {
+        self.done(Done::Planned(axis, *plan));
+    }
+
+    fn current(&mut self, axis: Axis, ma: u32) {
+        self.done(Done::Current(axis, ma));
+    }
+}
+
+/// A UART: what it takes leaves at the rate of its line.
+#[derive(Debug)]
+pub struct Uart(Board, usize);
+
+impl ErrorType for Uart {
+    type Error = Infallible;
+}
+
+impl embedded_io::Write for Uart {
+    fn write(&mut self, bytes: &[u8]) -> Result<usize, Infallible> {
+        Ok(self.0.0.borrow_mut().send(self.1, bytes))
+    }
+
+    fn flush(&mut self) -> Result<(), Infallible> {
+        Ok(())
+    }
+}
+
+impl embedded_io::WriteReady for Uart {
+    fn write_ready(&mut self) -> Result<bool, Infallible> {
+        let state = self.0.0.borrow();
+        Ok(state.room_at(self.1) <= state.now)
+    }
+}
+
+/// A pin on a wire.
+#[derive(Debug)]
+pub struct WiredPin(Board, usize);
+
+impl WiredPin {
+    fn set(&mut self, high: bool) {
+        let mut state = self.0.0.borrow_mut();
+        let now = state.now;
+        if let Some(level) = state.levels.get_mut(self.1)
+            && *level != high
+        {
+            *level = high;
+            state.done.push((now, Done::Level(Pin(self.1 as u8), high)));
+        }
+    }
+}
+
+impl digital::ErrorType for WiredPin {
+    type Error = Infallible;
+}
+
+impl digital::OutputPin for WiredPin {
+    fn set_low(&mut self) -> Result<(), Infallible> {
+        self.set(false);
+        Ok(())
+    }
+
+    fn set_high(&mut self) -> Result<(), Infallible> {
+        self.set(true);
+        Ok(())
+    }
+}
+
+impl digital::InputPin for WiredPin {
+    fn is_high(&mut self) -> Result<bool, Infallible> {
+        Ok(self.0.0.borrow().levels.get(self.1).copied().unwrap_or(false))
+    }
+
+    fn is_low(&mut self) -> Result<bool, Infallible> {
+        self.is_high().map(|high| !high)
+    }
+}
+
+/// A memory whose power may fail at any byte.
+#[derive(Debug)]
+pub struct Memory(Board);
+
+/// A place outside the memory.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct OutOfBounds;
+
+impl ReadStorage for Memory {
+    type Error = OutOfBounds;
+
+    fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), OutOfBounds> {
+        let state = self.0.0.borrow();
+        let source = state.memory.get(offset as usize..).and_then(|rest| rest.get(..bytes.len()));
+        bytes.copy_from_slice(source.ok_or(OutOfBounds)?);
+        Ok(())
+    }
+
+    fn capacity(&self) -> usize {
+        self.0.0.borrow().memory.len()
+    }
+}
+
+impl Storage for Memory {
+    fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), OutOfBounds> {
+        let mut state = self.0.0.borrow_mut();
+        let taken = state.cut.map_or(bytes.len(), |left| left.min(bytes.len()));
+        state.cut = state.cut.map(|left| left - taken);
+        let place = offset as usize;
+        let target = state.memory.get_mut(place..place + bytes.len()).ok_or(OutOfBounds)?;
+        target[..taken].copy_from_slice(&bytes[..taken]);
+        let now = state.now;
+        state.done.push((now, Done::Stored(offset, bytes[..taken].to_vec())));
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use embedded_io::{Write, WriteReady};
+    use standin_firmware::device::{Boot, Device};
+    use standin_firmware::md3::Md3;
+    use standin_firmware::shell::Shell;
+    use standin_protocol::modbus::rtu;
+
+    fn md3_board() -> Board {
+        let spec = Md3::new().spec();
+        Board::new(spec, vec![0xFF; usize::from(spec.memory)])
+    }
+
+    #[test]
+    fn a_uart_takes_what_fits_and_sends_it_back_to_back() {
+        let board = md3_board();
+        let mut outputs = board.outputs();
+        let uart = outputs.serial(Port(0)).expect("an MD3 has a port");
+        assert_eq!(uart.write(&[7; 20]), Ok(16));
+        assert_eq!(uart.write_ready(), Ok(false));
+        // A character of 9600 8E1 is 18,333 ticks.
+        board.set_now(Instant::from_ticks(18_333));
+        assert_eq!(uart.write_ready(), Ok(true));
+        assert_eq!(uart.write(&[8; 4]), Ok(1));
+        let expected: Vec<u8> = [[7; 16].as_slice(), &[8]].concat();
+        assert_eq!(*board.done(), [(Instant::ZERO, Done::Sent(Port(0), expected))]);
+    }
+
+    #[test]
+    fn a_cut_leaves_a_prefix() {
+        let board = md3_board();
+        board.cut_after(3);
+        let mut outputs = board.outputs();
+        assert_eq!(outputs.memory().write(1, &[1, 2, 3, 4]), Ok(()));
+        assert_eq!(outputs.memory().write(0, &[9]), Ok(()));
+        assert_eq!(board.memory()[..6], [0xFF, 1, 2, 3, 0xFF, 0xFF]);
+        assert_eq!(outputs.memory().write(1_000, &[9]), Err(OutOfBounds));
+    }
+
+    #[test]
+    fn the_shell_answers_through_the_simulated_hardware() {
+        const MEMORY: usize = 54;
+        let board = md3_board();
+        let boot = Boot { fast: true, ..Boot::default() };
+        let mut shell: Shell<_, _, _, MEMORY> = Shell::new(Md3::new(), board.clone(), board.outputs(), boot);
+        let character = Duration::from_ticks(18_333);
+        let mut at = Instant::ZERO;
+        for byte in rtu::read(1, 0x14, 10) {
+            at += character;
+            board.catch(at, Caught::Byte(Port(0), byte));
+        }
+        let reply = at + Duration::from_ticks(64_166 + 18_333);
+        board.set_now(reply - Duration::TICK);
+        while shell.turn().is_ok() {}
+        assert_eq!(shell.deadline(), reply);
+        assert!(!board.done().iter().any(|(_, done)| matches!(done, Done::Sent(..))));
+        // 25 characters do not fit the buffer at once.
+        board.set_now(reply);
+        while shell.turn().is_ok() {}
+        while board.room_at() != Instant::NEVER {
+            board.set_now(board.room_at());
+            while shell.turn().is_ok() {}
+        }
+        let done = board.done();
+        let sent: Vec<_> = done.iter().filter(|(_, done)| matches!(done, Done::Sent(..))).collect();
+        assert!(matches!(sent[..], [(at, Done::Sent(Port(0), bytes))]
+            if *at == reply && bytes.len() == 25 && rtu::checked(bytes).is_some()));
+        assert_eq!(shell.failures(), 0);
+    }
+}
