@@ -1,0 +1,93 @@
+//! A device that is nothing like a Modbus drive, so that the contract fits more than those: it sends
+//! the level of its input every 10 ms and obeys single characters.
+
+use standin_firmware::device::{
+    Boot, Device, Duration, Ends, Input, Instant, Level, Line, Output, Pin, PinSpec, Port, PortSpec, Refused,
+    Role, Sink, Spec,
+};
+use standin_protocol::line::Parity;
+use standin_protocol::registers::Register;
+
+standin_protocol::registers! {
+    /// The toy's only register.
+    pub enum Reg: HighFirst {
+        /// Level of the output.
+        Output = rw(0, "1").range(0, 1),
+    }
+}
+
+static SPEC: Spec = Spec {
+    kind: "toy",
+    product: "a toy",
+    manual: "tests/src/toy.rs",
+    ports: &[PortSpec {
+        name: "usb",
+        ends: Ends::Character,
+        line: Some(Line::new(115_200, 8, Parity::None, 1)),
+    }],
+    pins: &[
+        PinSpec { name: "IN", role: Role::Input, rest: Level::High },
+        PinSpec { name: "OUT", role: Role::Output, rest: Level::Low },
+    ],
+    axes: &[],
+    encoders: &[],
+    faults: &[],
+    memory: 0,
+    registers: Reg::TABLE,
+    address: None,
+    not_modelled: &[],
+};
+
+/// A stream and a pin.
+#[derive(Debug, Default)]
+pub struct Toy {
+    input: bool,
+    output: bool,
+    due: Option<Instant>,
+}
+
+const INTERVAL: Duration = Duration::millis(10);
+
+impl Device for Toy {
+    fn spec(&self) -> &'static Spec {
+        &SPEC
+    }
+
+    fn power_on(&mut self, at: Instant, _boot: Boot, _out: &mut dyn Sink) {
+        *self = Self { input: true, output: false, due: Some(at + INTERVAL) };
+    }
+
+    fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Sink) {
+        match input {
+            Input::Bytes { bytes, .. } => {
+                for level in bytes {
+                    self.output = *level == b'1';
+                    let level = if self.output { Level::High } else { Level::Low };
+                    out.put(at, Output::Level { pin: Pin(1), level });
+                }
+            }
+            Input::Edge { high, .. } => self.input = high,
+            _ => {}
+        }
+    }
+
+    fn deadline(&self) -> Instant {
+        self.due.unwrap_or(Instant::NEVER)
+    }
+
+    fn timeout(&mut self, at: Instant, out: &mut dyn Sink) {
+        if let Some(due) = self.due.filter(|due| *due <= at) {
+            out.put(due, Output::Bytes { port: Port(0), bytes: if self.input { b"1\n" } else { b"0\n" } });
+            self.due = Some(due + INTERVAL);
+        }
+    }
+
+    fn peek(&self, _at: Instant, _row: usize) -> i64 {
+        i64::from(self.output)
+    }
+
+    fn poke(&mut self, _at: Instant, _row: usize, value: i64, _out: &mut dyn Sink) -> Result<(), Refused> {
+        self.output = value == 1;
+        Ok(())
+    }
+}
