@@ -1,10 +1,9 @@
 //! What the MD3's registers mean: everything but its serial port.
 
-use standin_protocol::line::Line;
 use standin_protocol::registers::{Bank, Register};
 
 use super::boot::{self, Boot};
-use super::registers::{Reg, current_ma, eeprom_control, line, motion_control};
+use super::registers::{Reg, current_ma, eeprom_control, motion_control};
 use super::{AXIS, BUSY, GPIO, INPUTS, J3_8, MEMORY, OVER_TEMPERATURE};
 use crate::device::{self, Duration, Fault, Instant, Level, Output, Pin, Plan, Refused, Sink};
 use crate::memory::{self, Content};
@@ -154,9 +153,9 @@ impl Drive {
         (self.bank.word(Reg::DeviceAddress) & 0xFF) as u8
     }
 
-    /// The line that the registers ask for (7.22).
-    pub(super) fn line(&self) -> Line {
-        line(self.bank.word(Reg::SerialPortConfiguration))
+    /// SerialPortConfiguration (7.22).
+    pub(super) fn serial_port(&self) -> u16 {
+        self.bank.word(Reg::SerialPortConfiguration)
     }
 
     pub(super) fn words(&self) -> &[u16] {

@@ -22,7 +22,7 @@ use standin_protocol::registers::Register;
 use self::drive::Drive;
 pub use self::registers::{Reg, line, motion_control};
 use crate::device::{
-    Axis, AxisSpec, Boot, Device, EncoderSpec, Ends, Fault, Input, Instant, Level, Line, Note, Output, Pin,
+    Axis, AxisSpec, Boot, Device, EncoderSpec, Ends, Fault, Input, Instant, Level, Note, Output, Pin,
     PinSpec, Port, PortSpec, Refused, Role, Sink, Spec,
 };
 use crate::memory;
@@ -114,8 +114,9 @@ impl Md3 {
 
     /// The frame that has come is over.
     fn serve(&mut self, at: Instant, out: &mut dyn Sink) {
+        let character = self.receiver.timing().character;
         let Some(frame) = self.receiver.take() else { return };
-        let line = self.drive.line();
+        let setting = self.drive.serial_port();
         let unit = self.drive.address();
         let mut reply = Frame::new();
         let mut map = Bus { drive: &mut self.drive, at, out };
@@ -127,31 +128,31 @@ impl Md3 {
         if !reply.is_empty() {
             out.put(at, Output::Bytes { port: RS485, bytes: &reply });
         }
-        // "The new ones hold from the next frame": the reply leaves with the old line.
-        let sent = at + line.character().times(reply.len() as u64);
-        self.follow_line(line, sent, out);
+        if self.drive.serial_port() != setting {
+            // The reply leaves with the old line, the next frame comes with the new one.
+            self.follow_line(at + character.times(reply.len() as u64), out);
+        }
     }
 
-    /// Changes the line from `before` to what the registers ask for, if that is another one.
-    fn follow_line(&mut self, before: Line, from: Instant, out: &mut dyn Sink) {
-        let line = self.drive.line();
-        if line != before {
-            self.receiver.set_line(line);
-            out.put(from, Output::Line { port: RS485, line });
-        }
+    /// From `from` on the line is what the registers ask for (7.22).
+    fn follow_line(&mut self, from: Instant, out: &mut dyn Sink) {
+        let line = registers::line(self.drive.serial_port());
+        self.receiver.set_line(line);
+        out.put(from, Output::Line { port: RS485, line });
     }
 
     /// Characters; those that end before the drive listens are lost.
     fn hear(&mut self, at: Instant, bytes: &[u8], out: &mut dyn Sink) {
-        let character = self.receiver.timing().character;
         let from = self.drive.listens_from();
-        let deaf = if at > from { 0 } else { from.since(at) / character + 1 };
-        let deaf = usize::try_from(deaf).unwrap_or(usize::MAX);
-        let heard = bytes.get(deaf..).unwrap_or(&[]);
-        if deaf > 0 {
-            out.put(at, Output::Note(Note::Dropped { port: RS485, why: Why::Starting }));
+        if at > from {
+            self.receiver.bytes(at, bytes);
+            return;
         }
-        self.receiver.bytes(at + character.times(deaf as u64), heard);
+        let character = self.receiver.timing().character;
+        let lost = from.since(at) / character + 1;
+        let heard = usize::try_from(lost).ok().and_then(|lost| bytes.get(lost..)).unwrap_or(&[]);
+        self.receiver.bytes(at + character.times(lost), heard);
+        out.put(at, Output::Note(Note::Dropped { port: RS485, why: Why::Starting }));
     }
 }
 
@@ -162,9 +163,8 @@ impl Device for Md3 {
 
     fn power_on(&mut self, at: Instant, boot: Boot, out: &mut dyn Sink) {
         self.drive.power_on(at, boot, out);
-        let line = self.drive.line();
-        self.receiver = Receiver::new(line);
-        out.put(at, Output::Line { port: RS485, line });
+        self.receiver.clear();
+        self.follow_line(at, out);
     }
 
     fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Sink) {
@@ -212,10 +212,12 @@ impl Device for Md3 {
     }
 
     fn poke(&mut self, at: Instant, row: usize, value: i64, out: &mut dyn Sink) -> Result<(), Refused> {
-        let line = self.drive.line();
+        let setting = self.drive.serial_port();
         let reg = Reg::from_row(row).ok_or(Refused::NoSuchRegister)?;
         self.drive.poke(at, reg, value, out)?;
-        self.follow_line(line, at, out);
+        if self.drive.serial_port() != setting {
+            self.follow_line(at, out);
+        }
         Ok(())
     }
 }

@@ -1,0 +1,44 @@
+//! Queues between an interrupt and the loop.
+
+use core::cell::RefCell;
+
+use critical_section::Mutex;
+use heapless::Deque;
+
+/// A queue that interrupts and the loop share. `heapless::spsc` would do without critical sections,
+/// but divides by a length that it learns at run time, and that can panic.
+pub(crate) struct Queue<T, const N: usize>(Mutex<RefCell<Deque<T, N>>>);
+
+impl<T, const N: usize> Queue<T, N> {
+    pub(crate) const fn new() -> Self {
+        Self(Mutex::new(RefCell::new(Deque::new())))
+    }
+
+    /// Puts a thing at the end; `false` if there is no room.
+    pub(crate) fn push(&self, thing: T) -> bool {
+        self.with(|queue| queue.push_back(thing).ok()).is_some()
+    }
+
+    /// Takes the first thing.
+    pub(crate) fn pop(&self) -> Option<T> {
+        self.pop_if(|_| true)
+    }
+
+    /// Takes the first thing if it is one of those.
+    pub(crate) fn pop_if(&self, is: impl FnOnce(&T) -> bool) -> Option<T> {
+        self.with(|queue| if is(queue.front()?) { queue.pop_front() } else { None })
+    }
+
+    pub(crate) fn is_empty(&self) -> bool {
+        self.with(|queue| queue.front().map(|_| ())).is_none()
+    }
+
+    pub(crate) fn is_full(&self) -> bool {
+        self.with(|queue| queue.is_full().then_some(())).is_some()
+    }
+
+    /// Inside a critical section nobody else has borrowed it, so `None` comes from `act` alone.
+    fn with<R>(&self, act: impl FnOnce(&mut Deque<T, N>) -> Option<R>) -> Option<R> {
+        critical_section::with(|cs| act(&mut *self.0.borrow(cs).try_borrow_mut().ok()?))
+    }
+}
