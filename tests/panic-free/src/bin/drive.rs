@@ -1,0 +1,73 @@
+//! One drive, every method of it.
+#![no_std]
+#![no_main]
+
+use core::sync::atomic::AtomicU8;
+
+use panic_free::{opaque, perhaps_panic};
+use standin_firmware::device::{Boot, Device, Input, Instant, Output, Port, Sink, advance};
+
+/// Place of the drive in the list of all.
+const PLACE: usize = match usize::from_str_radix(env!("PLACE"), 10) {
+    Ok(place) => place,
+    Err(_) => panic!("the build script says a number"),
+};
+
+/// A world of which the compiler knows nothing.
+struct World;
+
+impl Sink for World {
+    fn put(&mut self, at: Instant, output: Output<'_>) {
+        opaque((at, output));
+    }
+
+    fn memory(&self) -> &[u8] {
+        opaque(&[])
+    }
+}
+
+/// Everything that can be done to a drive, in any order, with any arguments.
+fn exercise<D: Device>(make: fn() -> D) -> ! {
+    let mut device = make();
+    let device: &mut dyn Device = opaque(&mut device);
+    let mut world = World;
+    let out: &mut dyn Sink = opaque(&mut world);
+    loop {
+        let at: Instant = opaque(Instant::ZERO);
+        let input = opaque(Input::Bytes { port: Port(0), bytes: &[] });
+        opaque(device.spec());
+        device.power_on(at, opaque(Boot::default()), out);
+        device.input(at, input, out);
+        opaque(device.deadline());
+        device.timeout(at, out);
+        opaque(device.peek(at, opaque(0)));
+        let _ = opaque(device.poke(at, opaque(0), opaque(0), out));
+        opaque(advance(device, at, opaque(&[(at, input)]).iter().copied(), out));
+        perhaps_panic(opaque(&[]), opaque(0));
+    }
+}
+
+const fn size_of_made<D>(_: &fn() -> D) -> usize {
+    size_of::<D>()
+}
+
+macro_rules! define {
+    ($($make:expr),* $(,)?) => {
+        /// The bytes of RAM that the drive takes, so that the size of the program shows them.
+        #[used]
+        static STATE: [AtomicU8; [$(size_of_made(&($make as fn() -> _))),*][PLACE]] =
+            [const { AtomicU8::new(0) }; _];
+
+        /// Where the linker begins.
+        #[unsafe(no_mangle)]
+        extern "C" fn start() -> ! {
+            let mut place = 0..;
+            $(if place.next() == Some(PLACE) {
+                exercise($make);
+            })*
+            loop {}
+        }
+    };
+}
+
+standin_firmware::devices!(define);

@@ -1,0 +1,123 @@
+//! The protocol: every function that a drive may call, with a map of two registers.
+#![no_std]
+#![no_main]
+
+use panic_free::{opaque, perhaps_panic};
+use standin_protocol::line::Line;
+use standin_protocol::modbus::Frame;
+use standin_protocol::modbus::pdu::{Exception, Request};
+use standin_protocol::modbus::rtu::{self, Receiver, Timing};
+use standin_protocol::modbus::server::{Map, Rules, serve_rtu};
+use standin_protocol::registers::{Bank, Register, Space};
+use standin_protocol::time::{Duration, Instant};
+
+standin_protocol::registers! {
+    /// A map with a row of each kind of shape.
+    enum Reg: LowFirst {
+        /// A limited word.
+        Word = rw(0, "1").range(0, 9).saved(),
+        /// Two words.
+        Pair = rw(1, "2").i32().clamped(-5, 5).live(),
+        /// More words.
+        Words = rw(3, "3").words(3),
+        /// A bit.
+        Coil = coil(0, "4").one_of(&[0, 1]),
+    }
+}
+
+struct Slave(Bank<Reg, { Reg::WORDS }>);
+
+impl Map for Slave {
+    type Register = Reg;
+
+    fn words(&self) -> &[u16] {
+        self.0.words()
+    }
+
+    fn words_mut(&mut self) -> &mut [u16] {
+        self.0.words_mut()
+    }
+
+    fn refresh(&mut self, register: Reg) {
+        opaque(register);
+    }
+
+    fn written(&mut self, register: Reg) {
+        opaque(register);
+    }
+}
+
+/// Where the linker begins.
+#[unsafe(no_mangle)]
+extern "C" fn start() -> ! {
+    let mut slave = Slave(Bank::factory());
+    loop {
+        let slave = opaque(&mut slave);
+        let bytes: &[u8] = opaque(&[]);
+        let at: Instant = opaque(Instant::ZERO);
+        serve(slave, bytes);
+        map(slave, bytes);
+        receive(bytes, at);
+        time(at);
+        perhaps_panic(bytes, opaque(0));
+    }
+}
+
+fn serve(slave: &mut Slave, bytes: &[u8]) {
+    let rules = opaque(Rules {
+        functions: opaque(&[3]),
+        broadcast: opaque(None),
+        most_read: opaque(32),
+        most_written: opaque(32),
+        bad_quantity: opaque(Exception::IllegalDataValue),
+        bad_value: opaque(Exception::IllegalDataValue),
+        read_only: opaque(Exception::IllegalDataAddress),
+    });
+    let mut reply: Frame = opaque(Frame::new());
+    opaque(serve_rtu(bytes, opaque(1), &rules, slave, &mut reply));
+    opaque(Request::parse(bytes));
+    opaque(rtu::front(bytes));
+    opaque(rtu::frame(opaque(1), bytes));
+    opaque(rtu::read(opaque(1), opaque(0), opaque(1)));
+    opaque(rtu::write(opaque(1), opaque(0), opaque(1)));
+}
+
+fn map(slave: &mut Slave, bytes: &[u8]) {
+    let bank = &mut slave.0;
+    let register: Reg = opaque(Reg::Pair);
+    bank.set(register, opaque(0));
+    opaque((bank.get(register), bank.limited(register), bank.word(register)));
+    let table = opaque(Reg::TABLE);
+    opaque(table.readable(opaque(Space::Coil), opaque(0), opaque(1)));
+    opaque(table.at(opaque(Space::Coil), opaque(0)));
+    opaque(table.value(bank.words(), opaque(0)));
+    table.put(bank.words_mut(), opaque(0), opaque(0));
+    for row in table.live_rows_at(&opaque(0..1)) {
+        opaque(Reg::from_row(row));
+    }
+    if let Ok(name) = str::from_utf8(bytes) {
+        opaque(table.find(name));
+    }
+    if let Some(row) = table.rows.get(opaque(0)) {
+        opaque((row.accepts(opaque(0)), row.limited(opaque(0))));
+    }
+}
+
+fn receive(bytes: &[u8], at: Instant) {
+    let line: Line = opaque(Line::new(9_600, 8, standin_protocol::line::Parity::Even, 1));
+    opaque((line.character(), Timing::of(line)));
+    let mut receiver = opaque(Receiver::new(line));
+    receiver.bytes(at, bytes);
+    receiver.spoiled(at);
+    receiver.set_line(line);
+    opaque((receiver.deadline(), receiver.is_over(at)));
+    opaque(receiver.take());
+    receiver.clear();
+}
+
+fn time(at: Instant) {
+    let span: Duration = opaque(Duration::TICK);
+    opaque((at + span, at - span, at.since(at), span + span, span - span, span * opaque(2), span / span));
+    opaque((Duration::micros(opaque(1)), Duration::millis(opaque(1)), Duration::secs(opaque(1))));
+    opaque(Duration::of_bits(opaque(1), opaque(1)));
+}

@@ -1,0 +1,117 @@
+//! The image of the LM3S6965 board under QEMU: the very firmware, asked over its UART.
+//!
+//! `cargo xtask test` builds the image, names it in `STANDIN_BOARD`, and runs this. UARTs there pace
+//! no bytes, so nothing is said of gaps; a master that hears nothing asks again, as masters do.
+
+use std::io::{BufRead, BufReader, Read, Write};
+use std::process::{Child, ChildStdin, Command, Stdio};
+use std::sync::mpsc::{Receiver, channel};
+use std::thread;
+use std::time::Duration;
+
+use standin_protocol::modbus::rtu::{self, Burst};
+
+/// How long a master waits for an answer. The drive's start-up takes 2.5 s.
+const PATIENCE: Duration = Duration::from_secs(3);
+/// How often it asks.
+const TRIES: usize = 20;
+
+/// A board that runs; it ends with this, and with the thread that started it.
+struct Board {
+    qemu: Child,
+    bus: ChildStdin,
+    heard: Receiver<u8>,
+}
+
+impl Board {
+    /// Starts the image and waits until it says that the drive has power.
+    fn boot() -> Self {
+        let image = std::env::var("STANDIN_BOARD").expect("STANDIN_BOARD names the image");
+        let mut qemu = Command::new("setpriv")
+            .args(["--pdeathsig", "KILL", "qemu-system-arm", "-M", "lm3s6965evb", "-display", "none"])
+            .args(["-monitor", "none", "-serial", "stdio", "-serial", "file:/dev/stderr", "-kernel", &image])
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .expect("qemu-system-arm starts");
+        let bus = qemu.stdin.take().expect("it is piped");
+        let out = qemu.stdout.take().expect("it is piped");
+        let said = BufReader::new(qemu.stderr.take().expect("it is piped"));
+
+        let (hear, heard) = channel();
+        thread::spawn(move || out.bytes().map_while(Result::ok).try_for_each(|byte| hear.send(byte)));
+        let (say, lines) = channel();
+        thread::spawn(move || said.lines().map_while(Result::ok).try_for_each(|line| say.send(line)));
+
+        let board = Self { qemu, bus, heard };
+        while lines.recv_timeout(10 * PATIENCE).expect("the board boots") != "standin: md3 has power" {}
+        board
+    }
+
+    /// The answer to a request.
+    fn ask(&mut self, request: &[u8]) -> Vec<u8> {
+        for _ in 0..TRIES {
+            self.bus.write_all(request).expect("QEMU listens");
+            self.bus.flush().expect("QEMU listens");
+            let mut answer = Vec::new();
+            while let Ok(byte) = self.heard.recv_timeout(PATIENCE) {
+                answer.push(byte);
+                if rtu::front(&answer) == Burst::Frame(answer.len()) {
+                    return answer;
+                }
+            }
+        }
+        panic!("{request:02x?} was never answered");
+    }
+
+    /// Writes a register; the reply to that is its request (6.2).
+    fn write(&mut self, register: u16, value: u16) {
+        let request = rtu::write(1, register, value);
+        assert_eq!(self.ask(&request), request.as_slice());
+    }
+
+    /// Reads a register until it has that value.
+    fn wait_for(&mut self, register: u16, value: u16) {
+        let [high, low] = value.to_be_bytes();
+        // An answer takes t3.5 and a character at least: this is a minute of the board's time.
+        let came = (0..12_000).any(|_| self.ask(&rtu::read(1, register, 1)) == answer(&[3, 2, high, low]));
+        assert!(came, "{register:#04x} never was {value:#06x}");
+    }
+}
+
+impl Drop for Board {
+    fn drop(&mut self) {
+        let _ = self.qemu.kill();
+        let _ = self.qemu.wait();
+    }
+}
+
+/// A frame of the drive.
+fn answer(pdu: &[u8]) -> Vec<u8> {
+    rtu::frame(1, pdu).to_vec()
+}
+
+#[test]
+#[ignore = "needs QEMU and the image of the board: `cargo xtask test` brings both"]
+fn the_board_answers() {
+    let mut board = Board::boot();
+    // Chapter 7: SpeedHigh and SpeedLow of a new drive.
+    assert_eq!(board.ask(&rtu::read(1, 0x14, 2)), answer(&[3, 4, 0x00, 0x00, 0x13, 0x88]));
+    // 6.2, 7.23.
+    board.write(0x1d, 0x1234);
+    assert_eq!(board.ask(&rtu::read(1, 0x1d, 1)), answer(&[3, 2, 0x12, 0x34]));
+    // 6.1, 6.2: exceptions.
+    assert_eq!(board.ask(&rtu::frame(1, &[4, 0, 0, 0, 1])), answer(&[0x84, 1]));
+    assert_eq!(board.ask(&rtu::write(1, 0x1b, 0)), answer(&[0x86, 2]));
+    // 7.15: a move reads back as running, then done.
+    board.write(0x11, 1);
+    assert_eq!(board.ask(&rtu::read(1, 0x11, 1)), answer(&[3, 2, 0, 1]));
+    board.wait_for(0x11, 0);
+    // 7.20: a save, after which the status of the CRC is 0.
+    board.write(0x1a, 1);
+    board.wait_for(0x1a, 0);
+    // 7.22: the UART changes its rate behind the reply, and goes on.
+    board.write(0x1c, 0x25);
+    assert_eq!(board.ask(&rtu::read(1, 0x1c, 1)), answer(&[3, 2, 0, 0x25]));
+}

@@ -1,0 +1,71 @@
+//! Everything that must hold.
+
+use std::path::PathBuf;
+
+use anyhow::Result;
+use xshell::{Shell, cmd};
+
+use crate::report::Report;
+use crate::tools::{self, Tool};
+use crate::{board, docs, panic_free};
+
+/// The crates that only a board, or a linker, can build.
+const BARE: [&str; 2] = ["panic-free", "standin-lm3s6965"];
+
+/// Runs every check; whether none failed.
+pub(crate) fn all(sh: &Shell) -> Result<bool> {
+    let ci = std::env::var("CI").is_ok_and(|ci| ci == "true");
+    let mut report = Report::new(sh, tools::bring(sh), ci);
+
+    report.check("format", &[Tool::Rustfmt], |sh| Ok(cmd!(sh, "cargo fmt --all --check").run()?));
+    report.check("clippy", &[Tool::Clippy], |sh| {
+        let host = bare("--exclude");
+        Ok(cmd!(sh, "cargo clippy --workspace {host...} --all-targets -- -D warnings").run()?)
+    });
+    report.check("clippy for the board", &[Tool::Clippy, Tool::ThumbTargets], |sh| {
+        board::clippy(sh, &bare("--package"))
+    });
+    report.check("rustdoc", &[], |sh| {
+        let host = bare("--exclude");
+        let doc = cmd!(sh, "cargo doc --workspace {host...} --no-deps --document-private-items");
+        Ok(doc.env("RUSTDOCFLAGS", "-D warnings").run()?)
+    });
+    report.check("tests", &[], |sh| Ok(cmd!(sh, "cargo test").run()?));
+    report.check("build", &[], build);
+    report.check("generated documents", &[], docs::check);
+    report.check("foreign masters", &[Tool::Python], |sh| pytest(sh, &["--ignore", MBPOLL]));
+    report.check("mbpoll", &[Tool::Python, Tool::Mbpoll], |sh| pytest(sh, &[MBPOLL]));
+    report.check("no panics on Cortex-M", &[Tool::ThumbTargets], panic_free::check);
+    report.check("image of the board", &[Tool::ThumbTargets], board::build);
+    report.check("board under QEMU", &[Tool::ThumbTargets, Tool::Qemu], board::run);
+    Ok(report.finish())
+}
+
+/// `flag` before each crate that the host cannot build.
+fn bare(flag: &str) -> Vec<&str> {
+    BARE.iter().flat_map(|package| [flag, package]).collect()
+}
+
+/// Builds the binary as `cargo run --release` does.
+pub(crate) fn build(sh: &Shell) -> Result<()> {
+    Ok(cmd!(sh, "cargo build --release --bin standin").run()?)
+}
+
+const MBPOLL: &str = "tests/foreign/test_mbpoll.py";
+
+/// Lets masters that we did not write talk to the binary.
+fn pytest(sh: &Shell, more: &[&str]) -> Result<()> {
+    let python = tools::python(sh);
+    let pytest = cmd!(sh, "{python} -B -m pytest -q -p no:cacheprovider tests/foreign {more...}");
+    Ok(pytest.env("STANDIN", standin(sh)).run()?)
+}
+
+/// The binary as users get it.
+pub(crate) fn standin(sh: &Shell) -> PathBuf {
+    target_dir(sh).join("release/standin")
+}
+
+/// Where cargo builds.
+pub(crate) fn target_dir(sh: &Shell) -> PathBuf {
+    sh.current_dir().join(std::env::var_os("CARGO_TARGET_DIR").unwrap_or_else(|| "target".into()))
+}

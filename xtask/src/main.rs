@@ -1,0 +1,69 @@
+//! The front door of the repository.
+//!
+//! ```text
+//! cargo xtask test    everything that must hold, and first whatever the checks need
+//! cargo xtask docs    write the generated references in docs/
+//! cargo xtask sizes   link every drive without panics and print how large it is
+//! ```
+
+mod board;
+mod checks;
+mod docs;
+mod image;
+mod panic_free;
+mod report;
+mod tools;
+
+use std::path::Path;
+use std::process::ExitCode;
+
+use anyhow::{Context, Result};
+use xshell::Shell;
+
+const USAGE: &str = "\
+usage: cargo xtask <command>
+
+  test    run every check; installs what the checks need, or says what to install
+  docs    write the generated references in docs/
+  sizes   link every drive for Cortex-M without any panic and print how large it is
+";
+
+fn main() -> ExitCode {
+    let words: Vec<String> = std::env::args().skip(1).collect();
+    let words: Vec<&str> = words.iter().map(String::as_str).collect();
+    let done = match words.as_slice() {
+        ["test"] => shell().and_then(|sh| checks::all(&sh)),
+        ["docs"] => shell().and_then(|sh| docs::write(&sh)).map(|()| true),
+        ["sizes"] => shell().and_then(|sh| sizes(&sh)).map(|()| true),
+        [] | ["help" | "--help" | "-h"] => {
+            print!("{USAGE}");
+            Ok(true)
+        }
+        _ => {
+            eprint!("error: unknown command `{}`\n\n{USAGE}", words.join(" "));
+            return ExitCode::from(2);
+        }
+    };
+    match done {
+        Ok(true) => ExitCode::SUCCESS,
+        Ok(false) => ExitCode::FAILURE,
+        Err(error) => {
+            eprintln!("error: {error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+/// Links everything for Cortex-M; the names of the drives come from the built `standin`.
+fn sizes(sh: &Shell) -> Result<()> {
+    checks::build(sh)?;
+    panic_free::check(sh)
+}
+
+/// A shell in the root of the repository.
+fn shell() -> Result<Shell> {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().context("xtask lies in the repository")?;
+    let sh = Shell::new()?;
+    sh.change_dir(root);
+    Ok(sh)
+}

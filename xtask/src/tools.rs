@@ -1,0 +1,190 @@
+//! What the checks need beside Rust, and how it gets here.
+//!
+//! Rust's own parts come by rustup, Debian packages by apt-get where this process may install them,
+//! Python packages into an environment of their own under `target/`. What cannot be brought is
+//! reported in one line, with what to install.
+
+use std::path::PathBuf;
+
+use anyhow::{Context, Result, bail};
+use xshell::{Shell, cmd};
+
+use crate::checks::target_dir;
+
+/// The Cortex-M targets that every drive is built for.
+pub(crate) const THUMB_TARGETS: [&str; 2] = ["thumbv6m-none-eabi", "thumbv7m-none-eabi"];
+
+/// Something a check needs.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) enum Tool {
+    /// The formatter.
+    Rustfmt,
+    /// The linter.
+    Clippy,
+    /// The standard libraries of [`THUMB_TARGETS`].
+    ThumbTargets,
+    /// Emulates the LM3S6965 board.
+    Qemu,
+    /// A Modbus master.
+    Mbpoll,
+    /// Counts instructions for `cargo bench`.
+    Valgrind,
+    /// Python with `venv`, and in it the masters of `tests/foreign/requirements.txt`.
+    Python,
+}
+
+const ALL: [Tool; 7] =
+    [Tool::Rustfmt, Tool::Clippy, Tool::ThumbTargets, Tool::Qemu, Tool::Mbpoll, Tool::Valgrind, Tool::Python];
+
+/// The tools that could not be brought, each with what to install.
+pub(crate) struct Missing(Vec<(Tool, String)>);
+
+impl Missing {
+    /// What to install before a check that needs `tools` can run; `None` if they are all here.
+    pub(crate) fn of(&self, tools: &[Tool]) -> Option<String> {
+        let remedies: Vec<&str> = self
+            .0
+            .iter()
+            .filter(|(tool, _)| tools.contains(tool))
+            .map(|(_, remedy)| remedy.as_str())
+            .collect();
+        (!remedies.is_empty()).then(|| remedies.join("; "))
+    }
+}
+
+/// Brings every tool that is not here, as far as it may.
+pub(crate) fn bring(sh: &Shell) -> Missing {
+    let mut apt = Apt { updated: false };
+    let mut missing = Vec::new();
+    for tool in ALL {
+        if tool.is_here(sh) {
+            continue;
+        }
+        println!("bringing {}", tool.name());
+        if let Err(error) = tool.install(sh, &mut apt) {
+            println!("{error:#}");
+        }
+        if !tool.is_here(sh) {
+            let remedy = format!("{} is missing; install it with `{}`", tool.name(), tool.remedy());
+            println!("{remedy}");
+            missing.push((tool, remedy));
+        }
+    }
+    Missing(missing)
+}
+
+impl Tool {
+    fn name(self) -> &'static str {
+        match self {
+            Self::Rustfmt => "rustfmt",
+            Self::Clippy => "clippy",
+            Self::ThumbTargets => "Rust for Cortex-M",
+            Self::Qemu => "qemu-system-arm",
+            Self::Mbpoll => "mbpoll",
+            Self::Valgrind => "valgrind",
+            Self::Python => "a Python environment with pymodbus and minimalmodbus",
+        }
+    }
+
+    /// What a person types to get it.
+    fn remedy(self) -> &'static str {
+        match self {
+            Self::Rustfmt => "rustup component add rustfmt",
+            Self::Clippy => "rustup component add clippy",
+            Self::ThumbTargets => "rustup target add thumbv6m-none-eabi thumbv7m-none-eabi",
+            Self::Qemu => "apt-get install qemu-system-arm",
+            Self::Mbpoll => "apt-get install mbpoll",
+            Self::Valgrind => "apt-get install valgrind",
+            Self::Python => "apt-get install python3 python3-venv",
+        }
+    }
+
+    fn is_here(self, sh: &Shell) -> bool {
+        match self {
+            Self::Rustfmt => runs(sh, "cargo-fmt"),
+            Self::Clippy => runs(sh, "cargo-clippy"),
+            Self::ThumbTargets => THUMB_TARGETS.iter().all(|target| has_target(sh, target)),
+            Self::Qemu => runs(sh, "qemu-system-arm"),
+            Self::Mbpoll => cmd!(sh, "mbpoll -V").quiet().ignore_status().output().is_ok(),
+            Self::Valgrind => runs(sh, "valgrind"),
+            Self::Python => environment_is_current(sh),
+        }
+    }
+
+    fn install(self, sh: &Shell, apt: &mut Apt) -> Result<()> {
+        match self {
+            Self::Rustfmt => Ok(cmd!(sh, "rustup component add rustfmt").run()?),
+            Self::Clippy => Ok(cmd!(sh, "rustup component add clippy").run()?),
+            Self::ThumbTargets => Ok(cmd!(sh, "rustup target add {THUMB_TARGETS...}").run()?),
+            Self::Qemu => apt.install(sh, "qemu-system-arm"),
+            Self::Mbpoll => apt.install(sh, "mbpoll"),
+            Self::Valgrind => apt.install(sh, "valgrind"),
+            Self::Python => {
+                if cmd!(sh, "python3 -c").arg("import venv, ensurepip").quiet().ignore_stderr().run().is_err()
+                {
+                    apt.install(sh, "python3")?;
+                    apt.install(sh, "python3-venv")?;
+                }
+                make_environment(sh)
+            }
+        }
+    }
+}
+
+/// Whether a program starts and answers.
+fn runs(sh: &Shell, program: &str) -> bool {
+    cmd!(sh, "{program} --version").quiet().ignore_stdout().ignore_stderr().run().is_ok()
+}
+
+/// Whether the core library of a target is installed, with rustup or without.
+fn has_target(sh: &Shell, target: &str) -> bool {
+    let libraries = cmd!(sh, "rustc --print target-libdir --target {target}").quiet().read();
+    libraries.is_ok_and(|path| sh.path_exists(path))
+}
+
+/// Debian's packages, where this process may install them.
+struct Apt {
+    updated: bool,
+}
+
+impl Apt {
+    fn install(&mut self, sh: &Shell, package: &str) -> Result<()> {
+        let root = cmd!(sh, "id -u").quiet().read()? == "0";
+        if !root || !runs(sh, "apt-get") {
+            bail!("{package} cannot be installed from here");
+        }
+        if !self.updated {
+            cmd!(sh, "apt-get update -q").run()?;
+            self.updated = true;
+        }
+        let quiet = cmd!(sh, "apt-get install -q -y --no-install-recommends {package}");
+        Ok(quiet.env("DEBIAN_FRONTEND", "noninteractive").run()?)
+    }
+}
+
+const REQUIREMENTS: &str = "tests/foreign/requirements.txt";
+
+/// The interpreter of the environment for foreign masters.
+pub(crate) fn python(sh: &Shell) -> PathBuf {
+    environment(sh).join("bin/python")
+}
+
+fn environment(sh: &Shell) -> PathBuf {
+    target_dir(sh).join("foreign-masters")
+}
+
+/// Whether the environment was made from the requirements as they are.
+fn environment_is_current(sh: &Shell) -> bool {
+    let made_from = sh.read_file(environment(sh).join("requirements.txt"));
+    made_from.is_ok_and(|made_from| sh.read_file(REQUIREMENTS).is_ok_and(|wanted| wanted == made_from))
+}
+
+fn make_environment(sh: &Shell) -> Result<()> {
+    let environment = environment(sh);
+    cmd!(sh, "python3 -m venv --clear {environment}").run()?;
+    let python = python(sh);
+    cmd!(sh, "{python} -m pip install -q --disable-pip-version-check -r {REQUIREMENTS}").run()?;
+    // Last, so that an installation that broke off is begun again.
+    sh.copy_file(REQUIREMENTS, environment.join("requirements.txt"))
+        .with_context(|| format!("cannot finish {}", environment.display()))
+}
