@@ -10,6 +10,9 @@
 
 pub mod bench;
 pub mod bus;
+mod dice;
 pub mod hal;
 pub mod replay;
+mod schedule;
+mod seat;
 pub mod trace;

@@ -1,0 +1,676 @@
+//! A device on a bench: its memory, its power, and what it does to the world.
+
+use fixed::types::I48F16;
+use standin_firmware::device::{
+    Axis, Boot, Device, Duration, Ends, Fault, Instant, Level, Line, Note, Output, Pin, PinSpec, Plan, Port,
+    Refused, Role, Sink, Spec, Why,
+};
+
+use crate::bench::{Drive, Keep, Motion, Statistics};
+use crate::dice::Dice;
+use crate::schedule::Class;
+use crate::trace::{Cut, Fed, Power, Trace};
+
+/// A digital input is high above this: the middle of TTL's 0.8 V and 2.0 V.
+const HIGH_MV: i32 = 1_400;
+
+/// A device that is woken so often at one instant hangs.
+const MOST_AT_ONCE: u32 = 1_000_000;
+
+/// What an analogue input sees of a logic level.
+const LOGIC_HIGH_MV: i32 = 5_000;
+
+/// A device, and all that it has to do with.
+pub(crate) struct Seated {
+    pub(crate) name: String,
+    pub(crate) spec: &'static Spec,
+    device: Box<dyn Device>,
+    pub(crate) body: Body,
+    boot_fast: bool,
+    /// Rows that are set after every power-on, and their values.
+    pub(crate) presets: Vec<(usize, i64)>,
+    /// Seeds of its random choices, one for each power-on.
+    dice: Dice,
+    /// The last that happened to it: nothing can come before it any more.
+    last: (Instant, Class),
+    /// Wake-ups in a row after which it wanted to be woken again at once.
+    at_once: u32,
+}
+
+/// What a device leaves behind, in the world and in its memory.
+pub(crate) struct Body {
+    seat: u32,
+    pub(crate) memory: Vec<u8>,
+    keep: Option<Keep>,
+    pub(crate) powered: bool,
+    /// The next power cut, and whether it has come.
+    cut: Option<Place>,
+    dead: bool,
+    /// Where cuts fall.
+    dice: Dice,
+    pub(crate) pins: Vec<PinState>,
+    axes: Vec<AxisState>,
+    pub(crate) ports: Vec<PortState>,
+    /// Which causes of faults are there.
+    pub(crate) faults: Vec<bool>,
+}
+
+/// Where in a save power fails.
+#[derive(Clone, Copy, Debug)]
+struct Place {
+    /// Stores that still go through.
+    stores: u32,
+    part: Part,
+}
+
+/// How much of a store goes through.
+#[derive(Clone, Copy, Debug)]
+enum Part {
+    Bytes(usize),
+    /// What a random number picks; `whole`: all of it may.
+    Random {
+        number: u64,
+        whole: bool,
+    },
+}
+
+/// A pin and what both sides do to it.
+pub(crate) struct PinState {
+    spec: &'static PinSpec,
+    /// What is done to it from outside.
+    pub(crate) outside: Drive,
+    /// What the device was told last.
+    pub(crate) told: Signal,
+    /// The train of pulses that runs.
+    pub(crate) train: Option<Train>,
+    /// How many trains there have been.
+    pub(crate) trains: u32,
+    /// What the device does with it.
+    drives: Drives,
+}
+
+/// What a device sees at an input.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) enum Signal {
+    Digital(bool),
+    Millivolts(i32),
+}
+
+impl Signal {
+    /// What the device is told.
+    pub(crate) fn fed(self, pin: Pin) -> Fed {
+        match self {
+            Self::Digital(high) => Fed::Edge { pin, high },
+            Self::Millivolts(mv) => Fed::Millivolts { pin, mv },
+        }
+    }
+}
+
+/// What a device does with a pin.
+#[derive(Clone, Copy, Debug)]
+enum Drives {
+    Level(Level),
+    Wave { since: Instant, period: Duration, high: Duration },
+}
+
+/// Pulses on an input.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Train {
+    pub(crate) start: Instant,
+    /// Ticks between two edges.
+    pub(crate) ticks_per_edge: f64,
+    /// Edges made.
+    pub(crate) made: u64,
+    /// Edges to make in all.
+    pub(crate) edges: u64,
+    /// The level between pulses.
+    pub(crate) rest: bool,
+    /// What the pin goes back to.
+    pub(crate) before: Drive,
+}
+
+impl Train {
+    /// When the next edge is.
+    pub(crate) fn due(&self) -> Instant {
+        // Exact below 2^53; beyond the end of time the conversion saturates.
+        let ticks = (self.made as f64 * self.ticks_per_edge).round() as u64;
+        self.start + Duration::from_ticks(ticks)
+    }
+}
+
+/// What is known of an axis.
+struct AxisState {
+    plan: Plan,
+    /// Steps made without a plan since the last one.
+    steps: i32,
+    current_ma: u32,
+    duty: i32,
+}
+
+/// What is known of a port.
+pub(crate) struct PortState {
+    pub(crate) serial: Option<Serial>,
+    pub(crate) statistics: Statistics,
+}
+
+/// A serial port.
+pub(crate) struct Serial {
+    /// The line it is on.
+    bus: u32,
+    factory: Line,
+    line: Line,
+    /// Settings that hold later.
+    later: Vec<(Instant, Line)>,
+    /// Silence ends its messages: one pair of wires for both directions. Otherwise each character
+    /// has its time, and both directions run at once.
+    pub(crate) silence: bool,
+    /// When its last character has left.
+    pub(crate) sends_until: Instant,
+}
+
+impl Serial {
+    /// The settings of a character that begins at `at`.
+    pub(crate) fn line_at(&self, at: Instant) -> Line {
+        self.later.iter().rev().find(|(from, _)| *from <= at).map_or(self.line, |&(_, line)| line)
+    }
+
+    fn change(&mut self, at: Instant, line: Line) {
+        self.line = self.line_at(at);
+        self.later.retain(|(from, _)| *from > at);
+        self.later.push((at.max(self.sends_until), line));
+    }
+}
+
+/// Characters that leave a port.
+pub(crate) struct Sent {
+    pub(crate) seat: u32,
+    pub(crate) port: Port,
+    /// When the first one begins.
+    pub(crate) start: Instant,
+    pub(crate) line: Line,
+    pub(crate) bytes: Vec<u8>,
+}
+
+/// What the outputs of a device go to, beside its body.
+pub(crate) struct Tape<'a> {
+    pub(crate) trace: &'a mut Trace,
+    pub(crate) sent: &'a mut Vec<Sent>,
+    /// Whether characters take no time.
+    pub(crate) fast: bool,
+}
+
+/// The sink of one call of a device.
+struct Hand<'a, 'b> {
+    body: &'a mut Body,
+    tape: &'a mut Tape<'b>,
+}
+
+impl Sink for Hand<'_, '_> {
+    fn put(&mut self, at: Instant, output: Output<'_>) {
+        if self.body.dead {
+            return;
+        }
+        if let Output::Store { offset, bytes } = output {
+            let bytes = self.body.store(offset, bytes);
+            self.tape.trace.did(at, self.body.seat, Output::Store { offset, bytes });
+            return;
+        }
+        self.body.put(at, output, self.tape);
+        self.tape.trace.did(at, self.body.seat, output);
+    }
+
+    fn memory(&self) -> &[u8] {
+        &self.body.memory
+    }
+}
+
+impl Body {
+    /// Stores as much as power allows, and returns it.
+    fn store<'a>(&mut self, offset: u16, bytes: &'a [u8]) -> &'a [u8] {
+        let part = match &mut self.cut {
+            None => bytes.len(),
+            Some(place) if place.stores > 0 => {
+                place.stores -= 1;
+                bytes.len()
+            }
+            Some(Place { part, .. }) => {
+                let length = bytes.len();
+                let part = match *part {
+                    Part::Bytes(part) => part.min(length),
+                    Part::Random { number, whole } => {
+                        let choices = (length + usize::from(whole)).max(1);
+                        usize::try_from(number % choices as u64).unwrap_or(0)
+                    }
+                };
+                self.cut = None;
+                self.dead = true;
+                part
+            }
+        };
+        let bytes = &bytes[..part];
+        let from = usize::from(offset);
+        if let Some(place) = self.memory.get_mut(from..from + part) {
+            place.copy_from_slice(bytes);
+        }
+        if let Some(keep) = &mut self.keep {
+            keep(offset, bytes);
+        }
+        bytes
+    }
+
+    /// Does anything but a store.
+    fn put(&mut self, at: Instant, output: Output<'_>, tape: &mut Tape<'_>) {
+        match output {
+            Output::Bytes { port, bytes } => {
+                let Some(serial) = self.serial(port) else { return };
+                let start = at.max(serial.sends_until);
+                let line = serial.line_at(start);
+                let character = if tape.fast { Duration::ZERO } else { line.character() };
+                serial.sends_until = start + character * bytes.len() as u64;
+                tape.sent.push(Sent { seat: self.seat, port, start, line, bytes: bytes.to_vec() });
+            }
+            Output::Line { port, line } => {
+                if let Some(serial) = self.serial(port) {
+                    serial.change(at, line);
+                }
+            }
+            Output::Level { pin, level } => self.drive(pin, Drives::Level(level)),
+            Output::Wave { pin, period, high } => self.drive(pin, Drives::Wave { since: at, period, high }),
+            Output::Plan { axis, plan } => {
+                if let Some(axis) = self.axes.get_mut(usize::from(axis.0)) {
+                    (axis.plan, axis.steps) = (*plan, 0);
+                }
+            }
+            Output::Step { axis, steps } => {
+                if let Some(axis) = self.axes.get_mut(usize::from(axis.0)) {
+                    axis.steps = axis.steps.wrapping_add(steps);
+                }
+            }
+            Output::Current { axis, ma } => {
+                if let Some(axis) = self.axes.get_mut(usize::from(axis.0)) {
+                    axis.current_ma = ma;
+                }
+            }
+            Output::Duty { axis, duty } => {
+                if let Some(axis) = self.axes.get_mut(usize::from(axis.0)) {
+                    axis.duty = duty;
+                }
+            }
+            Output::Note(note) => self.count(note),
+            // A store has its own way; of connections only the trace tells so far.
+            Output::Store { .. } | Output::Message { .. } | Output::Close { .. } => {}
+        }
+    }
+
+    fn count(&mut self, note: Note) {
+        let (Note::Request { port, .. } | Note::Refused { port, .. } | Note::Dropped { port, .. }) = note;
+        let Some(port) = self.ports.get_mut(usize::from(port.0)) else { return };
+        let statistics = &mut port.statistics;
+        *match note {
+            Note::Request { .. } => &mut statistics.requests,
+            Note::Refused { .. } => &mut statistics.refused,
+            Note::Dropped { why, .. } => match why {
+                Why::Crc => &mut statistics.crc,
+                Why::Gap => &mut statistics.gap,
+                Why::Length => &mut statistics.length,
+                Why::Spoiled => &mut statistics.spoiled,
+                Why::Address => &mut statistics.foreign,
+                Why::Starting => &mut statistics.starting,
+            },
+        } += 1;
+    }
+
+    fn drive(&mut self, pin: Pin, drives: Drives) {
+        if let Some(pin) = self.pins.get_mut(usize::from(pin.0)) {
+            pin.drives = drives;
+        }
+    }
+
+    /// A serial port.
+    pub(crate) fn serial(&mut self, port: Port) -> Option<&mut Serial> {
+        self.ports.get_mut(usize::from(port.0))?.serial.as_mut()
+    }
+
+    fn power_on(&mut self, at: Instant) {
+        self.powered = true;
+        for axis in &mut self.axes {
+            *axis = AxisState::rest(at);
+        }
+        for serial in self.ports.iter_mut().filter_map(|port| port.serial.as_mut()) {
+            serial.line = serial.factory;
+            serial.later.clear();
+        }
+    }
+
+    fn power_off(&mut self, at: Instant) {
+        (self.powered, self.dead) = (false, false);
+        for pin in &mut self.pins {
+            pin.drives = Drives::Level(Level::Float);
+        }
+        for axis in &mut self.axes {
+            let standing = AxisState { plan: axis.plan.halt(at), steps: axis.steps, current_ma: 0, duty: 0 };
+            *axis = standing;
+        }
+    }
+
+    fn cut(&mut self, cut: Option<Cut>) {
+        self.cut = Some(match cut {
+            Some(Cut { stores, bytes }) => Place { stores, part: Part::Bytes(bytes) },
+            None => {
+                // A save is two stores. After the whole first one is in its middle, after the second
+                // is not.
+                let stores = u32::from(self.dice.next() % 2 == 1);
+                Place { stores, part: Part::Random { number: self.dice.next(), whole: stores == 0 } }
+            }
+        });
+    }
+}
+
+impl AxisState {
+    fn rest(at: Instant) -> Self {
+        Self { plan: Plan::rest(at, 0), steps: 0, current_ma: 0, duty: 0 }
+    }
+}
+
+impl PinState {
+    fn new(spec: &'static PinSpec) -> Self {
+        let mut pin = Self {
+            spec,
+            outside: Drive::Open,
+            told: Signal::Digital(false),
+            train: None,
+            trains: 0,
+            drives: Drives::Level(Level::Float),
+        };
+        pin.told = pin.signal(Drive::Open);
+        pin
+    }
+
+    /// What the device sees while that is done to the pin.
+    pub(crate) fn signal(&self, drive: Drive) -> Signal {
+        let rests_high = self.spec.rest == Level::High;
+        if self.spec.role == Role::Analogue {
+            return Signal::Millivolts(match drive {
+                Drive::Millivolts(mv) => mv,
+                Drive::High => LOGIC_HIGH_MV,
+                Drive::Open if rests_high => LOGIC_HIGH_MV,
+                Drive::Low | Drive::Open => 0,
+            });
+        }
+        Signal::Digital(match drive {
+            Drive::Low => false,
+            Drive::High => true,
+            Drive::Open => rests_high,
+            Drive::Millivolts(mv) => mv > HIGH_MV,
+        })
+    }
+
+    /// Whether the device would see a high level now.
+    pub(crate) fn is_high(&self) -> bool {
+        match self.signal(self.outside) {
+            Signal::Digital(high) => high,
+            Signal::Millivolts(mv) => mv > HIGH_MV,
+        }
+    }
+
+    /// Whether the device sees something else than at rest.
+    fn away(&self) -> bool {
+        self.told != self.signal(Drive::Open)
+    }
+
+    /// The pin as it is seen from outside.
+    fn level(&self, at: Instant) -> Level {
+        let of = |high| if high { Level::High } else { Level::Low };
+        match self.drives {
+            Drives::Level(level @ (Level::Low | Level::High)) => level,
+            Drives::Wave { since, period, high } => {
+                let cycle = period.ticks().max(1);
+                of(at.since(since).ticks() % cycle < high.ticks())
+            }
+            Drives::Level(Level::Float) if self.outside == Drive::Open => self.spec.rest,
+            Drives::Level(Level::Float) => of(self.is_high()),
+        }
+    }
+}
+
+impl Seated {
+    /// A device without power, in its seat.
+    pub(crate) fn new(
+        seat: u32,
+        name: &str,
+        device: Box<dyn Device>,
+        seed: u64,
+        boot_fast: bool,
+        memory: Option<Vec<u8>>,
+        keep: Option<Keep>,
+    ) -> Self {
+        let spec = device.spec();
+        let mut memory = memory.unwrap_or_default();
+        memory.resize(usize::from(spec.memory), 0xFF);
+        let serial = |line, silence| Serial {
+            bus: 0,
+            factory: line,
+            line,
+            later: Vec::new(),
+            silence,
+            sends_until: Instant::ZERO,
+        };
+        let ports = spec.ports.iter().map(|port| PortState {
+            serial: port.line.map(|line| serial(line, port.ends == Ends::Silence)),
+            statistics: Statistics::default(),
+        });
+        let body = Body {
+            seat,
+            memory,
+            keep,
+            powered: false,
+            cut: None,
+            dead: false,
+            dice: Dice::new(seed, &format!("power cuts of {name}")),
+            pins: spec.pins.iter().map(PinState::new).collect(),
+            axes: spec.axes.iter().map(|_| AxisState::rest(Instant::ZERO)).collect(),
+            ports: ports.collect(),
+            faults: vec![false; spec.faults.len()],
+        };
+        let dice = Dice::new(seed, name);
+        let last = (Instant::ZERO, Class::Power);
+        Self {
+            name: name.to_owned(),
+            spec,
+            device,
+            body,
+            boot_fast,
+            presets: Vec::new(),
+            dice,
+            last,
+            at_once: 0,
+        }
+    }
+
+    /// When it wants to be woken.
+    pub(crate) fn deadline(&self) -> Instant {
+        if self.body.powered { self.device.deadline() } else { Instant::NEVER }
+    }
+
+    /// Wakes it at its deadline; returns the next one.
+    ///
+    /// # Panics
+    /// If it wants to be woken at one instant for ever: time would stand still.
+    pub(crate) fn wake(&mut self, due: Instant, tape: &mut Tape<'_>) -> Instant {
+        self.device.timeout(due, &mut Hand { body: &mut self.body, tape });
+        let next = self.done(due, Class::Deadline);
+        if next > due {
+            self.at_once = 0;
+        } else {
+            self.at_once += 1;
+            assert!(self.at_once < MOST_AT_ONCE, "{}: deadline {due:?} comes again and again", self.name);
+        }
+        next
+    }
+
+    /// Sets what is preset after every power-on; returns what it refuses.
+    pub(crate) fn preset_again(&mut self, at: Instant, tape: &mut Tape<'_>) -> Result<(), (usize, Refused)> {
+        for n in 0..self.presets.len() {
+            let (row, value) = self.presets[n];
+            // A preset comes after the deadlines of its instant.
+            while self.deadline() <= at {
+                self.wake(self.deadline(), tape);
+            }
+            self.feed(at, &Fed::Poke { row, value }, tape).map_err(|why| (row, why))?;
+        }
+        Ok(())
+    }
+
+    /// Powers it on, untold by the trace: at the beginning that goes without saying.
+    pub(crate) fn power_on(&mut self, at: Instant, tape: &mut Tape<'_>) {
+        let boot = Boot { seed: self.dice.next(), fast: self.boot_fast };
+        self.body.power_on(at);
+        self.device.power_on(at, boot, &mut Hand { body: &mut self.body, tape });
+        self.done(at, Class::Power);
+    }
+
+    /// Notes what comes to it from outside, and says whether it hears it: not without power, and not
+    /// on a pair of wires on which it sends.
+    pub(crate) fn hears(&mut self, at: Instant, fed: &Fed) -> bool {
+        match *fed {
+            Fed::Edge { pin, high } => self.tell(pin, Signal::Digital(high)),
+            Fed::Millivolts { pin, mv } => self.tell(pin, Signal::Millivolts(mv)),
+            Fed::Fault { fault, on } => {
+                if let Some(cause) = self.body.faults.get_mut(usize::from(fault.0)) {
+                    *cause = on;
+                }
+            }
+            Fed::Bytes { port, .. } | Fed::Spoiled { port } | Fed::Idle { port } => {
+                if self.serial(port).is_some_and(|serial| serial.silence && serial.sends_until > at) {
+                    return false;
+                }
+            }
+            _ => {}
+        }
+        self.body.powered || matches!(fed, Fed::Power(_))
+    }
+
+    fn tell(&mut self, pin: Pin, signal: Signal) {
+        if let Some(pin) = self.pin_mut(pin) {
+            pin.told = signal;
+        }
+    }
+
+    /// Feeds it. Without power it hears nothing.
+    pub(crate) fn feed(&mut self, at: Instant, fed: &Fed, tape: &mut Tape<'_>) -> Result<(), Refused> {
+        let heard = match fed {
+            Fed::Power(Power::On) => !self.body.powered,
+            Fed::Power(Power::Cut(_)) => true,
+            _ => self.body.powered,
+        };
+        if !heard {
+            return Ok(());
+        }
+        let mark = tape.trace.mark();
+        tape.trace.fed(at, self.body.seat, fed);
+        match *fed {
+            Fed::Power(Power::On) => self.power_on(at, tape),
+            Fed::Power(Power::Off) => self.body.power_off(at),
+            Fed::Power(Power::Cut(cut)) => self.body.cut(cut),
+            Fed::Poke { row, value } => {
+                let hand = &mut Hand { body: &mut self.body, tape };
+                if let Err(why) = self.device.poke(at, row, value, hand) {
+                    tape.trace.rewind(mark);
+                    return Err(why);
+                }
+            }
+            _ => {
+                if let Some(input) = fed.input() {
+                    self.device.input(at, input, &mut Hand { body: &mut self.body, tape });
+                }
+            }
+        }
+        self.done(at, Class::of(fed));
+        Ok(())
+    }
+
+    /// Puts a value into its memory before its first power-on.
+    pub(crate) fn preset(
+        &mut self,
+        at: Instant,
+        row: usize,
+        value: i64,
+        tape: &mut Tape<'_>,
+    ) -> Result<(), Refused> {
+        self.device.poke(at, row, value, &mut Hand { body: &mut self.body, tape })
+    }
+
+    /// After a call of the device: whether that was its last, and its next deadline.
+    fn done(&mut self, at: Instant, class: Class) -> Instant {
+        self.last = (at, class);
+        if self.body.dead {
+            self.body.power_off(at);
+        }
+        self.deadline()
+    }
+
+    /// The first instant from `now` on at which something of that class can still come to it.
+    pub(crate) fn free(&self, now: Instant, class: Class) -> Instant {
+        if self.last > (now, class) { now + Duration::TICK } else { now }
+    }
+
+    /// All that differs from rest, and that it must be told when power comes: faults, then pins.
+    pub(crate) fn surroundings(&self) -> Vec<Fed> {
+        let faults = (0..).zip(&self.body.faults).filter(|(_, on)| **on);
+        let pins = (0..).zip(&self.body.pins).filter(|(_, pin)| pin.away());
+        faults
+            .map(|(place, _)| Fed::Fault { fault: Fault(place), on: true })
+            .chain(pins.map(|(place, pin)| pin.told.fed(Pin(place))))
+            .collect()
+    }
+
+    /// A pin.
+    pub(crate) fn pin_mut(&mut self, pin: Pin) -> Option<&mut PinState> {
+        self.body.pins.get_mut(usize::from(pin.0))
+    }
+
+    /// A serial port.
+    pub(crate) fn serial(&self, port: Port) -> Option<&Serial> {
+        self.body.ports.get(usize::from(port.0))?.serial.as_ref()
+    }
+
+    /// The settings of a character that begins at `at`; `None` if that is no serial port.
+    pub(crate) fn line_at(&self, port: Port, at: Instant) -> Option<Line> {
+        self.serial(port).map(|serial| serial.line_at(at))
+    }
+
+    /// The line that a serial port is on.
+    pub(crate) fn bus(&self, port: Port) -> Option<u32> {
+        self.serial(port).map(|serial| serial.bus)
+    }
+
+    /// Puts a serial port on a line.
+    pub(crate) fn set_bus(&mut self, port: Port, bus: usize) {
+        if let Some(serial) = self.body.serial(port) {
+            serial.bus = bus as u32;
+        }
+    }
+
+    /// A register as it reads at `at`.
+    pub(crate) fn peek(&self, at: Instant, row: usize) -> i64 {
+        self.device.peek(at, row)
+    }
+
+    /// A pin as it is seen from outside.
+    pub(crate) fn level(&self, at: Instant, pin: Pin) -> Level {
+        self.body.pins.get(usize::from(pin.0)).map_or(Level::Float, |pin| pin.level(at))
+    }
+
+    /// What an axis does.
+    pub(crate) fn motion(&self, at: Instant, axis: Axis) -> Motion {
+        let Some(axis) = self.body.axes.get(usize::from(axis.0)) else { return Motion::default() };
+        let speed: I48F16 = axis.plan.speed_at(at);
+        Motion {
+            position: axis.plan.position_at(at).wrapping_add(axis.steps),
+            speed,
+            moving: axis.plan.end() > at || axis.duty != 0,
+            current_ma: axis.current_ma,
+            duty: axis.duty,
+        }
+    }
+}

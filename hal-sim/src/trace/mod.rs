@@ -1,0 +1,421 @@
+//! What happened on a bench, as text that people read and write.
+//!
+//! ```text
+//! standin trace 1                     the format, before anything else
+//! seed 1                              of every random choice; 1 if not given
+//! drive md3 md3                       name and kind; `fast`: no start-up delay; `from 12.5`: seated then
+//! memory md3 0x0000 01 00 9A          what its memory held; 0xFF where nothing is said
+//! compare tx pins                     which outputs count: tx line pins motion stores; all if not given
+//!
+//! # A comment, here or behind a line.
+//! 2500.000000 > rx 01 03 00 00 00 01 84 0A
+//! 2513.176875 < tx 01 03 02 00 01 79 84
+//! 2600.000000 end
+//! ```
+//!
+//! A stamp is in milliseconds of the bench's time; it means the nearest tick of 62.5 ns. With several
+//! drives the name of one follows it. `>` is fed to the drive, `<` is what it did and is compared;
+//! `end` is how far time went. A drive has power when it is seated. Of the ports of a drive the first
+//! is meant unless the word says `rx:mcode`.
+//!
+//! | fed | |
+//! |---|---|
+//! | `rx 01 03` `rx "W15\r"` | characters, back to back; the stamp is the end of the first |
+//! | `spoiled` `idle` | a character nobody could read; the line says that the frame is over |
+//! | `attached on` | somebody opens the port, or leaves (`off`) |
+//! | `message 0 01 03` `closed 0` | on TCP connection 0 |
+//! | `pin J2.2 low` `millivolts ANALOG 2500` | an input changes |
+//! | `count 0 -4 high low` | encoder, quarter cycles, A, B |
+//! | `slipped motor 1` | steps made too many |
+//! | `fault stall on` | the cause of a fault comes or goes |
+//! | `poke Speed 8000` | a register is preset past the bus |
+//! | `power off` `power on` | `power cut`: fails in the next save; `power cut 1 0`: one store goes through, of the next 0 bytes do |
+//!
+//! | done | |
+//! |---|---|
+//! | `tx 01 03` `message 0 01` `close 0` | the stamp is the instant from which characters leave |
+//! | `line 19200 8E1` | the line from the next character on |
+//! | `pin J3.7 low` | or `high`, `float` |
+//! | `wave D6 500.000000 of 1500.000000` | high for that long at the beginning of each period |
+//! | `plan motor 0 500.000000@5000 500.000000@0 2500` | from a position, for so many ms (or `ever@`) to a speed in steps/s, …, to a position |
+//! | `step motor 1` `current motor 1500` `duty motor -32768` | steps, mA, 1/65536 |
+//! | `store 0x0010 01 02` | into the memory |
+
+mod text;
+
+use std::collections::VecDeque;
+
+use standin_firmware::device::{
+    Axis, Device, Encoder, Fault, Input, Instant, Level, Line, Link, Output, Pin, Plan, Port, Spec,
+};
+use standin_protocol::time::Duration;
+
+pub use text::ParseError;
+pub(crate) use text::{is_name, without_comment};
+
+/// Makes a device of a kind; `None` if there is no such kind.
+pub type Make<'a> = dyn Fn(&str) -> Option<Box<dyn Device>> + 'a;
+
+/// How much of what happens is kept.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum TraceKeep {
+    /// Nothing.
+    Off,
+    /// The last so many bytes, in memory.
+    Ring(usize),
+    /// Everything.
+    All,
+}
+
+/// What is kept by default: 64 MiB.
+impl Default for TraceKeep {
+    fn default() -> Self {
+        Self::Ring(64 << 20)
+    }
+}
+
+/// A recording, or a scenario.
+#[derive(Clone, Debug)]
+pub struct Trace {
+    /// Seed of every random choice.
+    pub seed: u64,
+    /// Who takes part.
+    pub drives: Vec<Drive>,
+    /// Which outputs count when it is replayed.
+    pub compare: Vec<Group>,
+    /// How many events a full ring has dropped; what has lost its beginning cannot be replayed.
+    pub lost: u64,
+    /// How far time went; of a text without `end` its last stamp.
+    pub end: Instant,
+    events: VecDeque<Entry>,
+    keep: TraceKeep,
+    /// Bytes that `events` holds on to.
+    bytes: usize,
+}
+
+/// A drive that takes part.
+#[derive(Clone, Debug)]
+pub struct Drive {
+    /// Its name.
+    pub name: String,
+    /// What it is.
+    pub spec: &'static Spec,
+    /// Whether it has no start-up delay.
+    pub boot_fast: bool,
+    /// When it was seated and powered on.
+    pub from: Instant,
+    /// What its memory held then, [`Spec::memory`] bytes.
+    pub memory: Vec<u8>,
+}
+
+/// A line of a trace.
+#[derive(Clone, PartialEq, Debug)]
+pub struct Entry {
+    /// When.
+    pub at: Instant,
+    /// Whose: place in [`Trace::drives`].
+    pub drive: usize,
+    /// What.
+    pub event: Event,
+    /// The line it was read from, from 1; 0 if it was recorded.
+    pub line: usize,
+}
+
+/// One thing that happened.
+#[derive(Clone, PartialEq, Debug)]
+pub enum Event {
+    /// Fed to a drive.
+    Fed(Fed),
+    /// Done by a drive.
+    Did(Did),
+}
+
+/// What is fed to a drive: an [`Input`] that owns its bytes, or what else is done to it.
+#[derive(Clone, PartialEq, Eq, Debug)]
+#[expect(missing_docs, reason = "the fields are those of `Input`")]
+pub enum Fed {
+    /// Its power comes or goes.
+    Power(Power),
+    /// [`Input::Fault`]
+    Fault { fault: Fault, on: bool },
+    /// [`Input::Edge`]
+    Edge { pin: Pin, high: bool },
+    /// [`Input::Millivolts`]
+    Millivolts { pin: Pin, mv: i32 },
+    /// [`Input::Count`]
+    Count { encoder: Encoder, steps: i32, a: bool, b: bool },
+    /// [`Input::Slipped`]
+    Slipped { axis: Axis, steps: i32 },
+    /// [`Input::Bytes`]; on a port where each character has its time, of several those after the
+    /// first follow back to back.
+    Bytes { port: Port, bytes: Vec<u8> },
+    /// [`Input::Spoiled`]
+    Spoiled { port: Port },
+    /// [`Input::Idle`]
+    Idle { port: Port },
+    /// [`Input::Attached`]
+    Attached { port: Port, here: bool },
+    /// [`Input::Message`]
+    Message { port: Port, link: Link, bytes: Vec<u8> },
+    /// [`Input::Closed`]
+    Closed { port: Port, link: Link },
+    /// [`Device::poke`]: after all else at its instant.
+    Poke { row: usize, value: i64 },
+}
+
+impl Fed {
+    /// What the drive is told; `None` for power and presets.
+    #[must_use]
+    pub fn input(&self) -> Option<Input<'_>> {
+        Some(match *self {
+            Self::Power(_) | Self::Poke { .. } => return None,
+            Self::Fault { fault, on } => Input::Fault { fault, on },
+            Self::Edge { pin, high } => Input::Edge { pin, high },
+            Self::Millivolts { pin, mv } => Input::Millivolts { pin, mv },
+            Self::Count { encoder, steps, a, b } => Input::Count { encoder, steps, a, b },
+            Self::Slipped { axis, steps } => Input::Slipped { axis, steps },
+            Self::Bytes { port, ref bytes } => Input::Bytes { port, bytes },
+            Self::Spoiled { port } => Input::Spoiled { port },
+            Self::Idle { port } => Input::Idle { port },
+            Self::Attached { port, here } => Input::Attached { port, here },
+            Self::Message { port, link, ref bytes } => Input::Message { port, link, bytes },
+            Self::Closed { port, link } => Input::Closed { port, link },
+        })
+    }
+}
+
+/// What happens to a drive's power.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Power {
+    /// It comes.
+    On,
+    /// It goes.
+    Off,
+    /// It fails in the next save; `None` leaves the place to the seed.
+    Cut(Option<Cut>),
+}
+
+/// Where power fails in a save.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Cut {
+    /// So many stores go through.
+    pub stores: u32,
+    /// Of the next one so many bytes do.
+    pub bytes: usize,
+}
+
+/// What a drive did: an [`Output`] that owns what it holds.
+#[derive(Clone, PartialEq, Debug)]
+#[expect(missing_docs, reason = "the fields are those of `Output`")]
+pub enum Did {
+    /// [`Output::Bytes`]
+    Bytes { port: Port, bytes: Vec<u8> },
+    /// [`Output::Message`]
+    Message { port: Port, link: Link, bytes: Vec<u8> },
+    /// [`Output::Close`]
+    Close { port: Port, link: Link },
+    /// [`Output::Line`]
+    Line { port: Port, line: Line },
+    /// [`Output::Level`]
+    Level { pin: Pin, level: Level },
+    /// [`Output::Wave`]
+    Wave { pin: Pin, period: Duration, high: Duration },
+    /// [`Output::Plan`]
+    Plan { axis: Axis, course: Box<Course> },
+    /// [`Output::Step`]
+    Step { axis: Axis, steps: i32 },
+    /// [`Output::Current`]
+    Current { axis: Axis, ma: u32 },
+    /// [`Output::Duty`]
+    Duty { axis: Axis, duty: i32 },
+    /// [`Output::Store`]
+    Store { offset: u16, bytes: Vec<u8> },
+}
+
+impl Did {
+    /// What `output` is in a trace; `None` for a note.
+    #[must_use]
+    pub fn of(output: Output<'_>) -> Option<Self> {
+        Some(match output {
+            Output::Bytes { port, bytes } => Self::Bytes { port, bytes: bytes.to_vec() },
+            Output::Message { port, link, bytes } => Self::Message { port, link, bytes: bytes.to_vec() },
+            Output::Close { port, link } => Self::Close { port, link },
+            Output::Line { port, line } => Self::Line { port, line },
+            Output::Level { pin, level } => Self::Level { pin, level },
+            Output::Wave { pin, period, high } => Self::Wave { pin, period, high },
+            Output::Plan { axis, plan } => Self::Plan { axis, course: Box::new(Course::of(plan)) },
+            Output::Step { axis, steps } => Self::Step { axis, steps },
+            Output::Current { axis, ma } => Self::Current { axis, ma },
+            Output::Duty { axis, duty } => Self::Duty { axis, duty },
+            Output::Store { offset, bytes } => Self::Store { offset, bytes: bytes.to_vec() },
+            Output::Note(_) => return None,
+        })
+    }
+
+    /// Its group.
+    #[must_use]
+    pub fn group(&self) -> Group {
+        match self {
+            Self::Bytes { .. } | Self::Message { .. } | Self::Close { .. } => Group::Tx,
+            Self::Line { .. } => Group::Line,
+            Self::Level { .. } | Self::Wave { .. } => Group::Pins,
+            Self::Plan { .. } | Self::Step { .. } | Self::Current { .. } | Self::Duty { .. } => Group::Motion,
+            Self::Store { .. } => Group::Stores,
+        }
+    }
+}
+
+/// Outputs that are compared, or not, together.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Group {
+    /// What is sent.
+    Tx,
+    /// Changes of the line's settings.
+    Line,
+    /// Levels and waves.
+    Pins,
+    /// Plans, steps, currents and duties.
+    Motion,
+    /// What goes into the memory.
+    Stores,
+}
+
+impl Group {
+    /// All of them.
+    pub const ALL: [Self; 5] = [Self::Tx, Self::Line, Self::Pins, Self::Motion, Self::Stores];
+
+    /// As a trace names it.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Tx => "tx",
+            Self::Line => "line",
+            Self::Pins => "pins",
+            Self::Motion => "motion",
+            Self::Stores => "stores",
+        }
+    }
+}
+
+/// A plan as a trace tells it.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct Course {
+    /// The position at its beginning.
+    pub from: i32,
+    /// Its stretches.
+    pub legs: Vec<Leg>,
+    /// Where it stands at last; `None` if it never does.
+    pub to: Option<i32>,
+}
+
+/// A stretch of constant acceleration.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Leg {
+    /// How long; [`Duration::FOREVER`] without end.
+    pub time: Duration,
+    /// The speed at its end, in thousandths of a step per second, signed.
+    pub speed: i64,
+}
+
+impl Course {
+    /// What a plan does.
+    #[must_use]
+    pub fn of(plan: &Plan) -> Self {
+        let mut at = plan.start();
+        let from = plan.position_at(at);
+        let mut legs = Vec::new();
+        for segment in plan.segments().iter().filter(|segment| segment.ticks > 0) {
+            let time = Duration::from_ticks(segment.ticks);
+            at += time;
+            let bits = i128::from(plan.speed_at(at).to_bits()) * 1_000;
+            // To the nearest thousandth.
+            let speed = i64::try_from((bits + (1 << 15)) >> 16).unwrap_or(i64::MAX);
+            legs.push(Leg { time, speed });
+        }
+        let to = (at < Instant::NEVER).then(|| plan.position_at(at));
+        Self { from, legs, to }
+    }
+}
+
+impl Entry {
+    /// Bytes that it holds on to.
+    fn size(&self) -> usize {
+        let owned = match &self.event {
+            Event::Fed(Fed::Bytes { bytes, .. } | Fed::Message { bytes, .. }) => bytes.len(),
+            Event::Did(Did::Bytes { bytes, .. } | Did::Message { bytes, .. } | Did::Store { bytes, .. }) => {
+                bytes.len()
+            }
+            Event::Did(Did::Plan { course, .. }) => {
+                size_of::<Course>() + course.legs.len() * size_of::<Leg>()
+            }
+            Event::Fed(_) | Event::Did(_) => 0,
+        };
+        size_of::<Self>() + owned
+    }
+}
+
+impl Trace {
+    /// A recording that has not begun.
+    pub(crate) fn new(seed: u64, keep: TraceKeep) -> Self {
+        Self {
+            seed,
+            drives: Vec::new(),
+            compare: Group::ALL.to_vec(),
+            lost: 0,
+            end: Instant::ZERO,
+            events: VecDeque::new(),
+            keep,
+            bytes: 0,
+        }
+    }
+
+    /// What happened: as it was read, or as it was recorded.
+    pub fn events(&self) -> impl ExactSizeIterator<Item = &Entry> {
+        self.events.iter()
+    }
+
+    /// Records what was fed to a drive.
+    pub(crate) fn fed(&mut self, at: Instant, drive: u32, fed: &Fed) {
+        if self.keep != TraceKeep::Off {
+            self.record(at, drive, Event::Fed(fed.clone()));
+        }
+    }
+
+    /// Records what a drive did.
+    pub(crate) fn did(&mut self, at: Instant, drive: u32, output: Output<'_>) {
+        if self.keep == TraceKeep::Off {
+            return;
+        }
+        if let Some(did) = Did::of(output) {
+            self.record(at, drive, Event::Did(did));
+        }
+    }
+
+    fn record(&mut self, at: Instant, drive: u32, event: Event) {
+        let entry = Entry { at, drive: drive as usize, event, line: 0 };
+        self.bytes += entry.size();
+        self.events.push_back(entry);
+        if let TraceKeep::Ring(most) = self.keep {
+            while self.bytes > most
+                && let Some(oldest) = self.events.pop_front()
+            {
+                self.bytes -= oldest.size();
+                self.lost += 1;
+            }
+        }
+    }
+
+    /// How much is recorded, for [`rewind`](Self::rewind).
+    pub(crate) fn mark(&self) -> u64 {
+        self.lost + self.events.len() as u64
+    }
+
+    /// Forgets what was recorded since.
+    pub(crate) fn rewind(&mut self, mark: u64) {
+        while self.mark() > mark
+            && let Some(newest) = self.events.pop_back()
+        {
+            self.bytes -= newest.size();
+        }
+    }
+}

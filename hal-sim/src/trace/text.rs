@@ -1,0 +1,735 @@
+//! Traces from text and to text.
+
+use std::fmt::{self, Write as _};
+use std::io;
+
+use standin_firmware::device::{
+    Axis, Encoder, Ends, Fault, Instant, Level, Line, Link, Pin, Port, PortSpec, Spec,
+};
+use standin_protocol::line::Parity;
+use standin_protocol::time::Duration;
+
+use super::{Course, Cut, Did, Drive, Entry, Event, Fed, Group, Leg, Make, Power, Trace, TraceKeep};
+
+/// The version of the format.
+const VERSION: &str = "1";
+
+/// Bytes in a line of memory.
+const MEMORY_ROW: usize = 16;
+
+/// What is wrong with the text of a trace.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct ParseError {
+    /// In which line, from 1.
+    pub line: usize,
+    /// One sentence.
+    pub what: String,
+}
+
+impl fmt::Display for ParseError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "line {}: {}", self.line, self.what)
+    }
+}
+
+impl std::error::Error for ParseError {}
+
+impl Trace {
+    /// Reads a trace. `make` says what the kinds in it are.
+    ///
+    /// # Errors
+    /// What is wrong, and in which line.
+    pub fn parse(text: &str, make: &Make<'_>) -> Result<Self, ParseError> {
+        let mut reader = Reader { trace: Self::new(1, TraceKeep::All), begun: false, fed: Instant::ZERO };
+        for (index, line) in text.lines().enumerate() {
+            let line_number = index + 1;
+            reader.line(line, line_number, make).map_err(|what| ParseError { line: line_number, what })?;
+        }
+        if !reader.begun {
+            return Err(ParseError {
+                line: 1,
+                what: format!("a trace begins with \"standin trace {VERSION}\""),
+            });
+        }
+        Ok(reader.trace)
+    }
+
+    /// The trace as text, header included: drives by name, lines by stamp.
+    #[must_use]
+    pub fn to_text(&self) -> String {
+        let mut text = format!("standin trace {VERSION}\nseed {}\n", self.seed);
+        let mut drives: Vec<usize> = (0..self.drives.len()).collect();
+        drives.sort_by(|&a, &b| self.drives[a].name.cmp(&self.drives[b].name));
+        let mut rank = vec![0; drives.len()];
+        for (place, &index) in drives.iter().enumerate() {
+            rank[index] = place;
+        }
+        for drive in drives.iter().map(|&index| &self.drives[index]) {
+            let fast = if drive.boot_fast { " fast" } else { "" };
+            let from = match drive.from {
+                Instant::ZERO => String::new(),
+                later => format!(" from {}", stamp(later)),
+            };
+            line(&mut text, format_args!("drive {} {}{fast}{from}", drive.name, drive.spec.kind));
+            for (row, bytes) in drive.memory.chunks(MEMORY_ROW).enumerate() {
+                if bytes.iter().any(|&byte| byte != 0xFF) {
+                    let offset = row * MEMORY_ROW;
+                    line(&mut text, format_args!("memory {} 0x{offset:04X}{}", drive.name, hex(bytes)));
+                }
+            }
+        }
+        if self.compare.len() < Group::ALL.len() {
+            let names: Vec<&str> = self.compare.iter().map(|group| group.name()).collect();
+            line(&mut text, format_args!("compare {}", names.join(" ")));
+        }
+        if self.lost > 0 {
+            line(&mut text, format_args!("lost {}", self.lost));
+        }
+        let mut events: Vec<&Entry> = self.events.iter().collect();
+        events.sort_by_key(|entry| (entry.at, rank.get(entry.drive)));
+        for entry in events {
+            line(&mut text, format_args!("{}", self.entry_text(entry)));
+        }
+        line(&mut text, format_args!("{} end", stamp(self.end)));
+        text
+    }
+
+    /// Writes the text.
+    ///
+    /// # Errors
+    /// Those of the writer.
+    pub fn write(&self, to: &mut dyn io::Write) -> io::Result<()> {
+        to.write_all(self.to_text().as_bytes())
+    }
+
+    /// A line of the text.
+    pub(crate) fn entry_text(&self, entry: &Entry) -> String {
+        let Some(drive) = self.drives.get(entry.drive) else { return String::new() };
+        let name = if self.drives.len() > 1 { format!(" {}", drive.name) } else { String::new() };
+        let (sign, words) = match &entry.event {
+            Event::Fed(fed) => ('>', fed_text(drive.spec, fed)),
+            Event::Did(did) => ('<', did_text(drive.spec, did)),
+        };
+        format!("{}{name} {sign} {words}", stamp(entry.at))
+    }
+}
+
+/// Appends a line.
+fn line(text: &mut String, content: fmt::Arguments<'_>) {
+    // A string takes everything.
+    let _ = writeln!(text, "{content}");
+}
+
+/// An instant in milliseconds.
+fn stamp(at: Instant) -> String {
+    millis(at.ticks())
+}
+
+/// Ticks in milliseconds, to the nanosecond.
+fn millis(ticks: u64) -> String {
+    // A tick is 62.5 ns.
+    let nanos = (u128::from(ticks) * 125).div_ceil(2);
+    format!("{}.{:06}", nanos / 1_000_000, nanos % 1_000_000)
+}
+
+/// Milliseconds in ticks, the nearest; `None` if that is no such number.
+fn ticks(text: &str) -> Option<u64> {
+    let (whole, part) = text.split_once('.').unwrap_or((text, "0"));
+    let digits = |text: &str| !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit());
+    if !digits(whole) || !digits(part) || part.len() > 6 {
+        return None;
+    }
+    let nanos: u128 =
+        whole.parse::<u64>().ok()? as u128 * 1_000_000 + format!("{part:0<6}").parse::<u128>().ok()?;
+    u64::try_from((nanos * 2 + 62) / 125).ok()
+}
+
+/// Bytes in hex, a space before each.
+fn hex(bytes: &[u8]) -> String {
+    bytes.iter().fold(String::new(), |mut text, byte| {
+        let _ = write!(text, " {byte:02X}");
+        text
+    })
+}
+
+/// Bytes as the port's language writes them: text between quotes where characters end a message.
+fn payload(port: Option<&PortSpec>, bytes: &[u8]) -> String {
+    let spoken = port.is_some_and(|port| matches!(port.ends, Ends::Character | Ends::Return));
+    let plain = |&byte: &u8| byte == b'\r' || byte == b'\n' || (b' '..=b'~').contains(&byte);
+    if !spoken || bytes.is_empty() || !bytes.iter().all(plain) {
+        return hex(bytes);
+    }
+    let mut text = String::from(" \"");
+    for &byte in bytes {
+        match byte {
+            b'\r' => text.push_str("\\r"),
+            b'\n' => text.push_str("\\n"),
+            b'"' | b'\\' => text.extend(['\\', char::from(byte)]),
+            _ => text.push(char::from(byte)),
+        }
+    }
+    text.push('"');
+    text
+}
+
+/// A word about a port: the first one is not named.
+fn at_port(spec: &Spec, word: &str, port: Port) -> String {
+    match spec.ports.get(usize::from(port.0)) {
+        Some(named) if port.0 > 0 => format!("{word}:{}", named.name),
+        _ => word.to_owned(),
+    }
+}
+
+fn port_of(spec: &'static Spec, port: Port) -> Option<&'static PortSpec> {
+    spec.ports.get(usize::from(port.0))
+}
+
+fn pin_name(spec: &Spec, pin: Pin) -> &'static str {
+    spec.pins.get(usize::from(pin.0)).map_or("?", |pin| pin.name)
+}
+
+fn axis_name(spec: &Spec, axis: Axis) -> &'static str {
+    spec.axes.get(usize::from(axis.0)).map_or("?", |axis| axis.name)
+}
+
+fn high_low(high: bool) -> &'static str {
+    if high { "high" } else { "low" }
+}
+
+fn on_off(on: bool) -> &'static str {
+    if on { "on" } else { "off" }
+}
+
+/// What was fed, in words.
+fn fed_text(spec: &'static Spec, fed: &Fed) -> String {
+    match fed {
+        Fed::Power(Power::On) => "power on".to_owned(),
+        Fed::Power(Power::Off) => "power off".to_owned(),
+        Fed::Power(Power::Cut(None)) => "power cut".to_owned(),
+        Fed::Power(Power::Cut(Some(cut))) => format!("power cut {} {}", cut.stores, cut.bytes),
+        Fed::Fault { fault, on } => {
+            let name = spec.faults.get(usize::from(fault.0)).copied().unwrap_or("?");
+            format!("fault {name} {}", on_off(*on))
+        }
+        Fed::Edge { pin, high } => format!("pin {} {}", pin_name(spec, *pin), high_low(*high)),
+        Fed::Millivolts { pin, mv } => format!("millivolts {} {mv}", pin_name(spec, *pin)),
+        Fed::Count { encoder, steps, a, b } => {
+            format!("count {} {steps} {} {}", encoder.0, high_low(*a), high_low(*b))
+        }
+        Fed::Slipped { axis, steps } => format!("slipped {} {steps}", axis_name(spec, *axis)),
+        Fed::Bytes { port, bytes } => {
+            format!("{}{}", at_port(spec, "rx", *port), payload(port_of(spec, *port), bytes))
+        }
+        Fed::Spoiled { port } => at_port(spec, "spoiled", *port),
+        Fed::Idle { port } => at_port(spec, "idle", *port),
+        Fed::Attached { port, here } => format!("{} {}", at_port(spec, "attached", *port), on_off(*here)),
+        Fed::Message { port, link, bytes } => {
+            let word = at_port(spec, "message", *port);
+            format!("{word} {}{}", link.0, payload(port_of(spec, *port), bytes))
+        }
+        Fed::Closed { port, link } => format!("{} {}", at_port(spec, "closed", *port), link.0),
+        Fed::Poke { row, value } => {
+            let name = spec.registers.rows.get(*row).map_or("?", |row| row.name);
+            format!("poke {name} {value}")
+        }
+    }
+}
+
+/// What a drive did, in words.
+fn did_text(spec: &'static Spec, did: &Did) -> String {
+    match did {
+        Did::Bytes { port, bytes } => {
+            format!("{}{}", at_port(spec, "tx", *port), payload(port_of(spec, *port), bytes))
+        }
+        Did::Message { port, link, bytes } => {
+            let word = at_port(spec, "message", *port);
+            format!("{word} {}{}", link.0, payload(port_of(spec, *port), bytes))
+        }
+        Did::Close { port, link } => format!("{} {}", at_port(spec, "close", *port), link.0),
+        Did::Line { port, line } => format!("{} {line}", at_port(spec, "line", *port)),
+        Did::Level { pin, level } => {
+            let level = match level {
+                Level::Low => "low",
+                Level::High => "high",
+                Level::Float => "float",
+            };
+            format!("pin {} {level}", pin_name(spec, *pin))
+        }
+        Did::Wave { pin, period, high } => {
+            format!("wave {} {} of {}", pin_name(spec, *pin), millis(high.ticks()), millis(period.ticks()))
+        }
+        Did::Plan { axis, course } => format!("plan {} {}", axis_name(spec, *axis), course_text(course)),
+        Did::Step { axis, steps } => format!("step {} {steps}", axis_name(spec, *axis)),
+        Did::Current { axis, ma } => format!("current {} {ma}", axis_name(spec, *axis)),
+        Did::Duty { axis, duty } => format!("duty {} {duty}", axis_name(spec, *axis)),
+        Did::Store { offset, bytes } => format!("store 0x{offset:04X}{}", hex(bytes)),
+    }
+}
+
+fn course_text(course: &Course) -> String {
+    let mut text = course.from.to_string();
+    for leg in &course.legs {
+        let time = if leg.time == Duration::FOREVER { "ever".to_owned() } else { millis(leg.time.ticks()) };
+        let _ = write!(text, " {time}@{}", thousandths(leg.speed));
+    }
+    if let (Some(to), false) = (course.to, course.legs.is_empty()) {
+        let _ = write!(text, " {to}");
+    }
+    text
+}
+
+/// Thousandths as a decimal number without needless zeros.
+fn thousandths(value: i64) -> String {
+    let (sign, size) = (if value < 0 { "-" } else { "" }, value.unsigned_abs());
+    let text = format!("{sign}{}.{:03}", size / 1_000, size % 1_000);
+    text.trim_end_matches('0').trim_end_matches('.').to_owned()
+}
+
+/// A text being read.
+struct Reader {
+    trace: Trace,
+    /// Whether the line with the version has come.
+    begun: bool,
+    /// The last stamp of what is fed.
+    fed: Instant,
+}
+
+impl Reader {
+    fn line(&mut self, text: &str, line: usize, make: &Make<'_>) -> Result<(), String> {
+        let mut words = Words { rest: without_comment(text).trim() };
+        if words.rest.is_empty() {
+            return Ok(());
+        }
+        if !self.begun {
+            self.begun = true;
+            return match (words.next(), words.next(), words.next()) {
+                ("standin", "trace", VERSION) => words.end(),
+                ("standin", "trace", other) => {
+                    Err(format!("version \"{other}\" of the format is not known, only {VERSION}"))
+                }
+                _ => Err(format!("a trace begins with \"standin trace {VERSION}\"")),
+            };
+        }
+        if words.rest.starts_with(|c: char| c.is_ascii_digit()) {
+            self.event(&mut words, line)
+        } else if self.trace.events.is_empty() {
+            self.header(&mut words, make)
+        } else {
+            Err(format!("\"{}\" is no stamp in milliseconds", words.next()))
+        }
+    }
+
+    fn header(&mut self, words: &mut Words<'_>, make: &Make<'_>) -> Result<(), String> {
+        match words.next() {
+            "seed" => self.trace.seed = words.number("a seed")?,
+            "lost" => self.trace.lost = words.number("a number of events")?,
+            "compare" => {
+                self.trace.compare.clear();
+                while let Some(name) = words.more() {
+                    let group = Group::ALL.into_iter().find(|group| group.name() == name);
+                    self.trace.compare.push(group.ok_or_else(|| {
+                        format!("\"{name}\" cannot be compared: {}", known(Group::ALL.map(Group::name)))
+                    })?);
+                }
+            }
+            "drive" => self.drive(words, make)?,
+            "memory" => {
+                let name = words.next();
+                let drives = &mut self.trace.drives;
+                let drive = drives.iter_mut().find(|drive| drive.name == name);
+                let drive = drive.ok_or_else(|| format!("there is no drive \"{name}\" above this line"))?;
+                let offset = words.address()?;
+                let bytes = words.bytes()?;
+                let place = drive.memory.get_mut(offset..offset + bytes.len());
+                let size = drive.spec.memory;
+                place
+                    .ok_or_else(|| format!("the memory of {name} has {size} bytes"))?
+                    .copy_from_slice(&bytes);
+            }
+            word => {
+                let words = ["seed", "drive", "memory", "compare", "lost"];
+                return Err(format!(
+                    "\"{word}\" is not known here: {}, or a stamp in milliseconds",
+                    known(words)
+                ));
+            }
+        }
+        words.end()
+    }
+
+    fn drive(&mut self, words: &mut Words<'_>, make: &Make<'_>) -> Result<(), String> {
+        let (name, kind) = (words.next().to_owned(), words.next());
+        if !is_name(&name) {
+            return Err(format!("\"{name}\" is no name for a drive"));
+        }
+        if self.trace.drives.iter().any(|drive| drive.name == name) {
+            return Err(format!("there are two drives called {name}"));
+        }
+        let spec = make(kind).ok_or_else(|| format!("there is no kind \"{kind}\""))?.spec();
+        let mut drive = Drive {
+            name,
+            spec,
+            boot_fast: false,
+            from: Instant::ZERO,
+            memory: vec![0xFF; usize::from(spec.memory)],
+        };
+        while let Some(word) = words.more() {
+            match word {
+                "fast" => drive.boot_fast = true,
+                "from" => drive.from = Instant::from_ticks(words.millis()?),
+                _ => return Err(format!("\"{word}\" is not known here: \"fast\" or \"from\"")),
+            }
+        }
+        self.trace.drives.push(drive);
+        Ok(())
+    }
+
+    fn event(&mut self, words: &mut Words<'_>, line: usize) -> Result<(), String> {
+        let at = Instant::from_ticks(words.millis()?);
+        let mut word = words.next();
+        let drives = &self.trace.drives;
+        let named = drives.iter().position(|drive| drive.name == word);
+        if named.is_some() {
+            word = words.next();
+        }
+        if word == "end" && named.is_none() {
+            if at < self.fed {
+                return Err("time ends before the last line".to_owned());
+            }
+            self.trace.end = self.trace.end.max(at);
+            return words.end();
+        }
+        let drive = match (named, drives.len()) {
+            (Some(drive), _) => drive,
+            (None, 1) => 0,
+            (None, 0) => return Err("no line above says which drive this is: \"drive NAME KIND\"".to_owned()),
+            (None, _) => return Err(format!("\"{word}\" is none of the drives")),
+        };
+        let spec = drives[drive].spec;
+        let event = match word {
+            ">" => {
+                if at < self.fed || at < drives[drive].from {
+                    return Err(
+                        "what is fed comes in the order of its stamps, to drives that are there".to_owned()
+                    );
+                }
+                self.fed = at;
+                Event::Fed(fed(spec, words)?)
+            }
+            "<" => Event::Did(did(spec, words)?),
+            _ => return Err(format!("after the stamp comes \">\", \"<\" or \"end\", not \"{word}\"")),
+        };
+        words.end()?;
+        self.trace.end = self.trace.end.max(at);
+        self.trace.events.push_back(Entry { at, drive, event, line });
+        Ok(())
+    }
+}
+
+/// Whether a drive may be called so.
+pub(crate) fn is_name(name: &str) -> bool {
+    let reserved = |first: char| first.is_ascii_digit() || "#<>\"".contains(first);
+    !name.is_empty() && !name.starts_with(reserved) && !name.contains(char::is_whitespace) && name != "end"
+}
+
+/// What was fed.
+fn fed(spec: &'static Spec, words: &mut Words<'_>) -> Result<Fed, String> {
+    let (word, port) = words.at_port(spec)?;
+    Ok(match word {
+        "rx" => Fed::Bytes { port, bytes: words.some_bytes()? },
+        "spoiled" => Fed::Spoiled { port },
+        "idle" => Fed::Idle { port },
+        "attached" => Fed::Attached { port, here: words.either("on", "off")? },
+        "message" => {
+            Fed::Message { port, link: Link(words.number("a connection")?), bytes: words.some_bytes()? }
+        }
+        "closed" => Fed::Closed { port, link: Link(words.number("a connection")?) },
+        "pin" => Fed::Edge { pin: words.pin(spec)?, high: words.either("high", "low")? },
+        "millivolts" => Fed::Millivolts { pin: words.pin(spec)?, mv: words.number("a voltage in mV")? },
+        "count" => Fed::Count {
+            encoder: Encoder(words.number("an encoder")?),
+            steps: words.number("quarter cycles")?,
+            a: words.either("high", "low")?,
+            b: words.either("high", "low")?,
+        },
+        "slipped" => Fed::Slipped { axis: words.axis(spec)?, steps: words.number("steps")? },
+        "fault" => {
+            let names = spec.faults.iter().copied();
+            Fed::Fault { fault: Fault(words.place("fault", names)?), on: words.either("on", "off")? }
+        }
+        "poke" => {
+            let name = words.next();
+            let row = spec.registers.rows.iter().position(|row| row.name == name);
+            Fed::Poke {
+                row: row.ok_or_else(|| format!("there is no register \"{name}\""))?,
+                value: words.number("a value")?,
+            }
+        }
+        "power" => Fed::Power(match words.next() {
+            "on" => Power::On,
+            "off" => Power::Off,
+            "cut" if words.rest.is_empty() => Power::Cut(None),
+            "cut" => Power::Cut(Some(Cut { stores: words.number("stores")?, bytes: words.number("bytes")? })),
+            other => return Err(format!("power goes \"on\", \"off\" or \"cut\", not \"{other}\"")),
+        }),
+        _ => {
+            let words = [
+                "rx",
+                "spoiled",
+                "idle",
+                "attached",
+                "message",
+                "closed",
+                "pin",
+                "millivolts",
+                "count",
+                "slipped",
+                "fault",
+                "poke",
+                "power",
+            ];
+            return Err(format!("\"{word}\" cannot be fed: {}", known(words)));
+        }
+    })
+}
+
+/// What a drive did.
+fn did(spec: &'static Spec, words: &mut Words<'_>) -> Result<Did, String> {
+    let (word, port) = words.at_port(spec)?;
+    Ok(match word {
+        "tx" => Did::Bytes { port, bytes: words.some_bytes()? },
+        "message" => {
+            Did::Message { port, link: Link(words.number("a connection")?), bytes: words.some_bytes()? }
+        }
+        "close" => Did::Close { port, link: Link(words.number("a connection")?) },
+        "line" => Did::Line { port, line: words.line()? },
+        "pin" => {
+            let pin = words.pin(spec)?;
+            let level = match words.next() {
+                "low" => Level::Low,
+                "high" => Level::High,
+                "float" => Level::Float,
+                other => return Err(format!("a pin is \"low\", \"high\" or \"float\", not \"{other}\"")),
+            };
+            Did::Level { pin, level }
+        }
+        "wave" => {
+            let pin = words.pin(spec)?;
+            let high = Duration::from_ticks(words.millis()?);
+            match words.next() {
+                "of" => Did::Wave { pin, high, period: Duration::from_ticks(words.millis()?) },
+                other => return Err(format!("\"of\" and a period are missing before \"{other}\"")),
+            }
+        }
+        "plan" => Did::Plan { axis: words.axis(spec)?, course: Box::new(words.course()?) },
+        "step" => Did::Step { axis: words.axis(spec)?, steps: words.number("steps")? },
+        "current" => Did::Current { axis: words.axis(spec)?, ma: words.number("a current in mA")? },
+        "duty" => Did::Duty { axis: words.axis(spec)?, duty: words.number("a duty in 1/65536")? },
+        "store" => {
+            let offset = words.address()?;
+            let offset = u16::try_from(offset).map_err(|_| "the memory ends before that".to_owned())?;
+            Did::Store { offset, bytes: words.bytes()? }
+        }
+        _ => {
+            let words =
+                ["tx", "message", "close", "line", "pin", "wave", "plan", "step", "current", "duty", "store"];
+            return Err(format!("no drive does \"{word}\": {}", known(words)));
+        }
+    })
+}
+
+/// A line without its comment; `#` between quotes begins none.
+pub(crate) fn without_comment(line: &str) -> &str {
+    let (mut quoted, mut escaped) = (false, false);
+    for (place, c) in line.char_indices() {
+        match c {
+            '#' if !quoted => return &line[..place],
+            '"' if !escaped => quoted = !quoted,
+            _ => {}
+        }
+        escaped = c == '\\' && !escaped;
+    }
+    line
+}
+
+/// Words to choose from.
+fn known<'a>(words: impl IntoIterator<Item = &'a str>) -> String {
+    words.into_iter().collect::<Vec<_>>().join(", ")
+}
+
+/// The words of a line that are still to be read.
+struct Words<'a> {
+    rest: &'a str,
+}
+
+impl<'a> Words<'a> {
+    /// The next word; `None` at the end of the line.
+    fn more(&mut self) -> Option<&'a str> {
+        let (word, rest) = self.rest.split_once(char::is_whitespace).unwrap_or((self.rest, ""));
+        self.rest = rest.trim_start();
+        (!word.is_empty()).then_some(word)
+    }
+
+    /// The next word; empty at the end of the line.
+    fn next(&mut self) -> &'a str {
+        self.more().unwrap_or("")
+    }
+
+    fn end(&self) -> Result<(), String> {
+        if self.rest.is_empty() { Ok(()) } else { Err(format!("\"{}\" is too much", self.rest)) }
+    }
+
+    fn number<N: std::str::FromStr>(&mut self, what: &str) -> Result<N, String> {
+        let word = self.next();
+        word.parse().map_err(|_| format!("\"{word}\" is not {what}"))
+    }
+
+    /// Milliseconds, in ticks.
+    fn millis(&mut self) -> Result<u64, String> {
+        let word = self.next();
+        ticks(word).ok_or_else(|| format!("\"{word}\" is no time in milliseconds with up to six decimals"))
+    }
+
+    fn either(&mut self, yes: &str, no: &str) -> Result<bool, String> {
+        match self.next() {
+            word if word == yes => Ok(true),
+            word if word == no => Ok(false),
+            word => Err(format!("\"{yes}\" or \"{no}\", not \"{word}\"")),
+        }
+    }
+
+    /// The place of a name in a list.
+    fn place(&mut self, what: &str, names: impl Iterator<Item = &'static str>) -> Result<u8, String> {
+        let word = self.next();
+        let names: Vec<&str> = names.collect();
+        let place = names.iter().position(|&name| name == word);
+        place
+            .and_then(|place| u8::try_from(place).ok())
+            .ok_or_else(|| format!("there is no {what} \"{word}\"; there are: {}", known(names)))
+    }
+
+    fn pin(&mut self, spec: &Spec) -> Result<Pin, String> {
+        self.place("pin", spec.pins.iter().map(|pin| pin.name)).map(Pin)
+    }
+
+    fn axis(&mut self, spec: &Spec) -> Result<Axis, String> {
+        self.place("axis", spec.axes.iter().map(|axis| axis.name)).map(Axis)
+    }
+
+    /// A word, and the port behind its colon: the first one if there is none.
+    fn at_port(&mut self, spec: &Spec) -> Result<(&'a str, Port), String> {
+        let word = self.next();
+        let Some((word, name)) = word.split_once(':') else { return Ok((word, Port(0))) };
+        let port = Words { rest: name }.place("port", spec.ports.iter().map(|port| port.name))?;
+        Ok((word, Port(port)))
+    }
+
+    /// A place in a memory: `0x0010`.
+    fn address(&mut self) -> Result<usize, String> {
+        let word = self.next();
+        let digits = word.strip_prefix("0x").filter(|digits| digits.len() <= 4);
+        digits
+            .and_then(|digits| usize::from_str_radix(digits, 16).ok())
+            .ok_or_else(|| format!("\"{word}\" is no place in a memory, like 0x0010"))
+    }
+
+    /// At least one byte.
+    fn some_bytes(&mut self) -> Result<Vec<u8>, String> {
+        let bytes = self.bytes()?;
+        if bytes.is_empty() { Err("no bytes follow".to_owned()) } else { Ok(bytes) }
+    }
+
+    /// Bytes to the end of the line: two hex digits each, or text between quotes.
+    fn bytes(&mut self) -> Result<Vec<u8>, String> {
+        let mut bytes = Vec::new();
+        while !self.rest.is_empty() {
+            if let Some(text) = self.rest.strip_prefix('"') {
+                self.rest = quoted(text, &mut bytes)?;
+                continue;
+            }
+            let word = self.next();
+            let digits = word.len() == 2 && word.bytes().all(|digit| digit.is_ascii_hexdigit());
+            let byte = u8::from_str_radix(word, 16).ok().filter(|_| digits);
+            bytes.push(byte.ok_or_else(|| format!("\"{word}\" is no byte of two hex digits"))?);
+        }
+        Ok(bytes)
+    }
+
+    /// `19200 8E1`
+    fn line(&mut self) -> Result<Line, String> {
+        let baud = self.number("a baud rate")?;
+        let format = self.next();
+        let parts = match *format.as_bytes() {
+            [data @ b'7'..=b'8', parity, stop @ b'1'..=b'2'] => Some((data - b'0', parity, stop - b'0')),
+            _ => None,
+        };
+        let line = parts.and_then(|(data, parity, stop)| {
+            let parity = match parity {
+                b'N' => Parity::None,
+                b'E' => Parity::Even,
+                b'O' => Parity::Odd,
+                _ => return None,
+            };
+            Some(Line::new(baud, data, parity, stop))
+        });
+        line.ok_or_else(|| format!("\"{format}\" is no format of characters, like 8E1"))
+    }
+
+    /// `0 500.000000@5000 500.000000@0 2500`
+    fn course(&mut self) -> Result<Course, String> {
+        let from = self.number("a position")?;
+        let mut legs = Vec::new();
+        let mut to = None;
+        while let Some(word) = self.more() {
+            let Some((time, speed)) = word.split_once('@') else {
+                to = Some(Words { rest: word }.number("a position")?);
+                break;
+            };
+            let time = match time {
+                "ever" => Duration::FOREVER,
+                time => Duration::from_ticks(Words { rest: time }.millis()?),
+            };
+            let speed = in_thousandths(speed).ok_or_else(|| format!("\"{speed}\" is no speed in steps/s"))?;
+            legs.push(Leg { time, speed });
+        }
+        if legs.is_empty() {
+            to = Some(from);
+        }
+        let ever = legs.last().is_some_and(|leg| leg.time == Duration::FOREVER);
+        if ever == to.is_some() {
+            return Err("a plan ends with a position, unless it goes on for ever".to_owned());
+        }
+        Ok(Course { from, legs, to })
+    }
+}
+
+/// A decimal number of up to three decimals in thousandths.
+fn in_thousandths(text: &str) -> Option<i64> {
+    let (sign, size) = text.strip_prefix('-').map_or((1, text), |size| (-1, size));
+    let (whole, part) = size.split_once('.').unwrap_or((size, "0"));
+    let digits = |text: &str| !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit());
+    if !digits(whole) || !digits(part) || part.len() > 3 {
+        return None;
+    }
+    let whole: i64 = whole.parse().ok()?;
+    Some(sign * whole.checked_mul(1_000)?.checked_add(format!("{part:0<3}").parse().ok()?)?)
+}
+
+/// Reads text up to its closing quote; returns what follows.
+fn quoted<'a>(text: &'a str, bytes: &mut Vec<u8>) -> Result<&'a str, String> {
+    let mut chars = text.char_indices();
+    while let Some((place, c)) = chars.next() {
+        let c = match c {
+            '"' => return Ok(text[place + 1..].trim_start()),
+            '\\' => match chars.next() {
+                Some((_, 'r')) => '\r',
+                Some((_, 'n')) => '\n',
+                Some((_, c @ ('"' | '\\'))) => c,
+                _ => return Err("after \\ comes r, n, \" or \\".to_owned()),
+            },
+            c => c,
+        };
+        bytes.push(u8::try_from(c).ok().filter(u8::is_ascii).ok_or_else(|| format!("\"{c}\" is not ASCII"))?);
+    }
+    Err("the closing quote is missing".to_owned())
+}
