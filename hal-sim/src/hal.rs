@@ -101,6 +101,12 @@ impl Board {
         ports.map(|port| state.room_at(port)).filter(|&at| at > state.now).min().unwrap_or(Instant::NEVER)
     }
 
+    /// When its oldest input was caught; [`Instant::NEVER`] if there is none.
+    #[must_use]
+    pub fn caught_at(&self) -> Instant {
+        self.0.borrow().caught.front().map_or(Instant::NEVER, |(at, _)| *at)
+    }
+
     /// What it did so far, with stamps that ascend.
     pub fn done(&self) -> Ref<'_, [(Instant, Done)]> {
         Ref::map(self.0.borrow(), |state| state.done.as_slice())

@@ -60,6 +60,8 @@ pub(super) struct Drive {
     latch: u16,
     /// Peak phase current, in mA.
     current: u32,
+    /// Whether BUSY is switched to ground.
+    busy: bool,
 }
 
 impl Drive {
@@ -76,6 +78,7 @@ impl Drive {
             levels: INPUTS.iter().fold(0, |levels, (_, bit)| levels | bit),
             latch: 0,
             current: 0,
+            busy: false,
         }
     }
 
@@ -86,7 +89,7 @@ impl Drive {
         self.latch = self.bank.word(Reg::IOPortData);
         out.put(at, Output::Plan { axis: AXIS, plan: &self.plan });
         out.put(at, Output::Current { axis: AXIS, ma: 0 });
-        self.show_busy(at, out);
+        out.put(at, Output::Level { pin: BUSY, level: open_drain(false) });
         self.show_port(at, out);
         self.show_registers();
         if boot.fast {
@@ -323,7 +326,6 @@ impl Drive {
             self.causes &= !bit;
         }
         if self.state == State::Ready && self.causes != 0 && !self.fault {
-            self.halt(at, out);
             self.set_fault(true, at, out);
         }
     }
@@ -339,6 +341,9 @@ impl Drive {
 
     fn set_fault(&mut self, fault: bool, at: Instant, out: &mut dyn Sink) {
         self.fault = fault;
+        if fault {
+            self.halt(at, out);
+        }
         boot::show(at, fault, out);
         self.show_current(at, out);
         self.show_busy(at, out);
@@ -418,9 +423,12 @@ impl Drive {
     }
 
     /// J3 pin 7 is switched to ground while the motor moves and in a fault (section 2).
-    fn show_busy(&self, at: Instant, out: &mut dyn Sink) {
+    fn show_busy(&mut self, at: Instant, out: &mut dyn Sink) {
         let busy = self.motion != Motion::None || self.fault;
-        out.put(at, Output::Level { pin: BUSY, level: open_drain(busy) });
+        if self.busy != busy {
+            self.busy = busy;
+            out.put(at, Output::Level { pin: BUSY, level: open_drain(busy) });
+        }
     }
 
     /// Drives the outputs of IOPortData, and shows it (7.9).

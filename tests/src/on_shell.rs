@@ -1,0 +1,169 @@
+//! A golden trace on the shell of a board, over the simulated hardware.
+
+use standin_firmware::device::{Boot, Device, Duration, Instant, Level, Line, Pin};
+use standin_firmware::shell::{Caught, Shell};
+use standin_sim::hal::{Board, Done, SimOutputs};
+use standin_sim::trace::{Course, Did, Event, Fed, Power, Trace};
+
+/// What a drive did, as a board shows it: pins as the levels they take, one after the other.
+#[derive(Clone, PartialEq, Debug)]
+pub enum Seen {
+    /// Anything but a pin.
+    Did(Did),
+    /// A pin changes, to high or low.
+    Pin(Pin, bool),
+}
+
+/// What a trace with one drive says that a board should show, by instant, then by what it is.
+#[must_use]
+pub fn expected(trace: &Trace) -> Vec<(Instant, Seen)> {
+    let mut seen = Vec::new();
+    let mut pins = vec![Vec::new(); trace.drives.first().map_or(0, |drive| drive.spec.pins.len())];
+    for entry in trace.events() {
+        match &entry.event {
+            Event::Fed(_) => {}
+            Event::Did(did @ (Did::Level { pin, .. } | Did::Wave { pin, .. })) => {
+                pins[usize::from(pin.0)].push((entry.at, did.clone()));
+            }
+            Event::Did(did) => seen.push((entry.at, Seen::Did(did.clone()))),
+        }
+    }
+    for (pin, orders) in (0..).map(Pin).zip(pins) {
+        seen.extend(levels(&orders, trace.end).into_iter().map(|(at, high)| (at, Seen::Pin(pin, high))));
+    }
+    sorted(seen)
+}
+
+/// The changes of a pin that begins low and obeys `orders` until `end`.
+fn levels(orders: &[(Instant, Did)], end: Instant) -> Vec<(Instant, bool)> {
+    let mut changes = Vec::new();
+    for (index, (at, order)) in orders.iter().enumerate() {
+        let until = orders.get(index + 1).map_or(end + Duration::TICK, |(next, _)| *next);
+        match *order {
+            Did::Level { level, .. } => changes.push((*at, level != Level::Low)),
+            Did::Wave { period, high, .. } => {
+                let mut rise = *at;
+                while rise < until {
+                    changes.push((rise, true));
+                    changes.extend(Some((rise + high, false)).filter(|(fall, _)| *fall < until));
+                    rise += period;
+                }
+            }
+            _ => {}
+        }
+    }
+    let mut level = false;
+    changes.retain(|(_, high)| std::mem::replace(&mut level, *high) != *high);
+    changes
+}
+
+/// Plays a trace with one drive, of which `device` is a new one with `MEMORY` bytes of memory, on a
+/// shell, and returns what its board showed.
+///
+/// # Panics
+/// If the trace does to the drive what cannot be done to a board.
+#[must_use]
+pub fn play<D: Device, const MEMORY: usize>(trace: &Trace, device: impl Fn() -> D) -> Vec<(Instant, Seen)> {
+    let [drive] = trace.drives.as_slice() else { panic!("a board has one drive") };
+    let board = Board::new(drive.spec, drive.memory.clone());
+    let boot = Boot { seed: trace.seed, fast: drive.boot_fast };
+    let mut player: Player<_, _, MEMORY> = Player { board, shell: None, boot, device };
+    player.go(drive.from);
+    player.power(true);
+    for entry in trace.events() {
+        let Event::Fed(fed) = &entry.event else { continue };
+        match fed {
+            Fed::Bytes { port, bytes } => {
+                player.go(entry.at - Duration::TICK);
+                let character = player.line().character();
+                for (n, byte) in (0..).zip(bytes) {
+                    player.catch(entry.at + character.times(n), Caught::Byte(*port, *byte));
+                }
+            }
+            Fed::Spoiled { port } => player.catch(entry.at, Caught::Spoiled(*port)),
+            Fed::Idle { port } => player.catch(entry.at, Caught::Idle(*port)),
+            Fed::Edge { pin, high } => player.catch(entry.at, Caught::Edge(*pin, *high)),
+            Fed::Fault { fault, on } => player.catch(entry.at, Caught::Fault(*fault, *on)),
+            Fed::Slipped { axis, steps } => player.catch(entry.at, Caught::Slipped(*axis, *steps)),
+            Fed::Power(power @ (Power::On | Power::Off)) => {
+                player.go(entry.at - Duration::TICK);
+                player.board.set_now(entry.at);
+                player.power(*power == Power::On);
+            }
+            other => panic!("nobody can do this to a board: {other:?}"),
+        }
+    }
+    player.go(trace.end);
+    assert_eq!(player.shell.map_or(0, |shell| shell.failures()), 0, "something on the board failed");
+    let seen = player.board.done().iter().map(|(at, done)| (*at, as_seen(done))).collect();
+    sorted(seen)
+}
+
+fn as_seen(done: &Done) -> Seen {
+    Seen::Did(match done {
+        Done::Level(pin, high) => return Seen::Pin(*pin, *high),
+        Done::Sent(port, bytes) => Did::Bytes { port: *port, bytes: bytes.clone() },
+        Done::Line(port, line) => Did::Line { port: *port, line: *line },
+        Done::Stored(offset, bytes) => Did::Store { offset: *offset as u16, bytes: bytes.clone() },
+        Done::Planned(axis, plan) => Did::Plan { axis: *axis, course: Box::new(Course::of(plan)) },
+        Done::Current(axis, ma) => Did::Current { axis: *axis, ma: *ma },
+    })
+}
+
+/// A board shows what it did in the order in which it did it; a trace has what comes with a stamp
+/// ahead earlier. By instant they agree.
+fn sorted(mut seen: Vec<(Instant, Seen)>) -> Vec<(Instant, Seen)> {
+    seen.sort_by_key(|(at, seen)| (*at, format!("{seen:?}")));
+    seen
+}
+
+/// A board, and the loop that its `main` would be.
+struct Player<D, M, const MEMORY: usize> {
+    board: Board,
+    shell: Option<Shell<D, Board, SimOutputs, MEMORY>>,
+    boot: Boot,
+    device: M,
+}
+
+impl<D: Device, M: Fn() -> D, const MEMORY: usize> Player<D, M, MEMORY> {
+    fn power(&mut self, on: bool) {
+        let shell = || Shell::new((self.device)(), self.board.clone(), self.board.outputs(), self.boot);
+        self.shell = on.then(shell);
+    }
+
+    /// The line in force when all that was caught so far has been judged.
+    fn line(&mut self) -> Line {
+        let changed = self.board.done().iter().rev().find_map(|(_, done)| match done {
+            Done::Line(_, line) => Some(*line),
+            _ => None,
+        });
+        changed.expect("a drive says which line it has when it gets power")
+    }
+
+    /// An interrupt catches something at `at`; the loop has slept until then.
+    fn catch(&mut self, at: Instant, caught: Caught) {
+        self.go(at - Duration::TICK);
+        self.board.catch(at, caught);
+    }
+
+    /// Sleeps and turns until `until`.
+    fn go(&mut self, until: Instant) {
+        loop {
+            self.turn();
+            let due = self.shell.as_ref().map_or(Instant::NEVER, Shell::deadline);
+            let next = due.min(self.board.room_at()).min(self.board.caught_at());
+            if next > until {
+                break;
+            }
+            self.board.set_now(next);
+        }
+        self.board.set_now(until);
+        self.turn();
+    }
+
+    fn turn(&mut self) {
+        if let Some(shell) = &mut self.shell {
+            while shell.turn().is_ok() {}
+        }
+    }
+}
