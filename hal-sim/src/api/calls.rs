@@ -1,0 +1,300 @@
+//! The calls of the control API.
+
+use axum::Json;
+use axum::extract::{Path, Query, State};
+use axum::http::{StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use serde::Deserialize;
+use standin_firmware::device::{Duration, Fault, Pin, Refused, Role};
+use standin_protocol::time::TICKS_PER_SECOND;
+use standin_sim::bench::{self, Drive as Driving, Seat};
+use tokio::sync::oneshot;
+
+use super::guard::Body;
+use super::model::{Advance, Bench, Drive, Driven, Mode, PinLevel, Power, Pulses, Time, Value};
+use super::problem::Problem;
+use super::{Api, stopping};
+use crate::nearest;
+use crate::preset::{self, Number, Preset};
+use crate::realtime::{Host, Pace};
+
+/// The longest way to go at once, in seconds.
+const MAX_ADVANCE: f64 = 86_400.0;
+
+/// The bench: drives, lines, motors, time.
+#[utoipa::path(get, path = "/api/bench", responses((status = 200, body = Bench)))]
+pub(super) async fn bench(State(api): State<Api>) -> Result<Json<Bench>, Problem> {
+    let places = api.places.clone();
+    Ok(Json(api.call(move |host| Bench::of(host, &places)).await?))
+}
+
+/// A drive: registers, pins, lights, motion, ports.
+#[utoipa::path(get, path = "/api/drives/{name}", responses(
+    (status = 200, body = Drive),
+    (status = 404, body = Problem, content_type = "application/problem+json"),
+))]
+pub(super) async fn drive(State(api): State<Api>, Path(name): Path<String>) -> Result<Json<Drive>, Problem> {
+    api.call(move |host| Ok(Json(Drive::of(&host.bench, seat(host, &name)?)))).await?
+}
+
+/// Drives an input pin from outside.
+#[utoipa::path(put, path = "/api/drives/{name}/pins/{pin}", request_body = PinLevel, responses(
+    (status = 204),
+    (status = 404, body = Problem, content_type = "application/problem+json"),
+    (status = 422, body = Problem, content_type = "application/problem+json"),
+))]
+pub(super) async fn drive_pin(
+    State(api): State<Api>,
+    Path((name, pin)): Path<(String, String)>,
+    Body(level): Body<PinLevel>,
+) -> Result<StatusCode, Problem> {
+    api.call(move |host| {
+        let seat = seat(host, &name)?;
+        let pin = input(host, seat, &pin)?;
+        let driving = driving(&level, is_analogue(host, seat, pin))?;
+        host.bench.set_pin(seat, pin, driving);
+        host.settle();
+        Ok(StatusCode::NO_CONTENT)
+    })
+    .await?
+}
+
+/// Sends a train of pulses into an input pin.
+#[utoipa::path(post, path = "/api/drives/{name}/pins/{pin}/pulses", request_body = Pulses, responses(
+    (status = 204, description = "The train has begun."),
+    (status = 404, body = Problem, content_type = "application/problem+json"),
+    (status = 409, description = "One runs there.", body = Problem, content_type = "application/problem+json"),
+    (status = 422, body = Problem, content_type = "application/problem+json"),
+))]
+pub(super) async fn pulse_pin(
+    State(api): State<Api>,
+    Path((name, pin)): Path<(String, String)>,
+    Body(pulses): Body<Pulses>,
+) -> Result<StatusCode, Problem> {
+    api.call(move |host| {
+        let seat = seat(host, &name)?;
+        let pin = input(host, seat, &pin)?;
+        if pulses.count == 0 || !(0.000_001..=8_000_000.0).contains(&pulses.hz) {
+            return Err(Problem::refused(
+                "a train has at least 1 pulse, and 0.000001 to 8000000 of them a second",
+            ));
+        }
+        if is_analogue(host, seat, pin) {
+            return Err(Problem::refused("an analogue input takes no pulses"));
+        }
+        let begun = host.bench.pulse(seat, pin, pulses.count, pulses.hz);
+        begun.map_err(|busy| Problem::conflict(busy.to_string()))?;
+        Ok(StatusCode::NO_CONTENT)
+    })
+    .await?
+}
+
+/// Presets a register, past the bus.
+#[utoipa::path(put, path = "/api/drives/{name}/registers/{register}", request_body = Value, responses(
+    (status = 204),
+    (status = 404, body = Problem, content_type = "application/problem+json"),
+    (status = 409, description = "The drive has no power.", body = Problem, content_type = "application/problem+json"),
+    (status = 422, description = "It does not take the value.", body = Problem, content_type = "application/problem+json"),
+))]
+pub(super) async fn preset(
+    State(api): State<Api>,
+    Path((name, register)): Path<(String, String)>,
+    Body(value): Body<Value>,
+) -> Result<StatusCode, Problem> {
+    api.call(move |host| {
+        let seat = seat(host, &name)?;
+        let spec = host.bench.spec(seat);
+        let known = spec.registers.find(&register).is_some();
+        let status = if known { StatusCode::UNPROCESSABLE_ENTITY } else { StatusCode::NOT_FOUND };
+        let preset = Preset::new(spec, &register, Number::Decimal(value.value))
+            .map_err(|sentence| Problem::new(status, sentence))?;
+        if !host.bench.powered(seat) {
+            return Err(Problem::conflict(format!("{name} has no power")));
+        }
+        let value = preset.onto(spec, host.bench.peek(seat, preset.row));
+        host.bench.poke(seat, preset.row, value).map_err(|refused: Refused| {
+            Problem::refused(format!("{register} cannot be preset: {}", preset::why(refused)))
+        })?;
+        host.settle();
+        Ok(StatusCode::NO_CONTENT)
+    })
+    .await?
+}
+
+/// Brings about the cause of a fault.
+#[utoipa::path(put, path = "/api/drives/{name}/faults/{fault}", responses(
+    (status = 204),
+    (status = 404, body = Problem, content_type = "application/problem+json"),
+))]
+pub(super) async fn fault(
+    State(api): State<Api>,
+    Path((name, fault)): Path<(String, String)>,
+) -> Result<StatusCode, Problem> {
+    set_fault(&api, name, fault, true).await
+}
+
+/// Takes the cause of a fault away.
+#[utoipa::path(delete, path = "/api/drives/{name}/faults/{fault}", responses(
+    (status = 204),
+    (status = 404, body = Problem, content_type = "application/problem+json"),
+))]
+pub(super) async fn heal(
+    State(api): State<Api>,
+    Path((name, fault)): Path<(String, String)>,
+) -> Result<StatusCode, Problem> {
+    set_fault(&api, name, fault, false).await
+}
+
+async fn set_fault(api: &Api, name: String, fault: String, on: bool) -> Result<StatusCode, Problem> {
+    api.call(move |host| {
+        let seat = seat(host, &name)?;
+        let faults = host.bench.spec(seat).faults;
+        let found = (0..).map(Fault).zip(faults).find(|(_, known)| **known == fault);
+        let (fault, _) = found
+            .ok_or_else(|| Problem::not_found(nearest::unknown("fault", &fault, faults.iter().copied())))?;
+        host.bench.fault(seat, fault, on);
+        host.settle();
+        Ok(StatusCode::NO_CONTENT)
+    })
+    .await?
+}
+
+/// Switches a drive's power.
+#[utoipa::path(post, path = "/api/drives/{name}/power", request_body = Power, responses(
+    (status = 204),
+    (status = 404, body = Problem, content_type = "application/problem+json"),
+))]
+pub(super) async fn power(
+    State(api): State<Api>,
+    Path(name): Path<String>,
+    Body(power): Body<Power>,
+) -> Result<StatusCode, Problem> {
+    api.call(move |host| {
+        let seat = seat(host, &name)?;
+        host.bench.power(seat, power.action.into());
+        host.settle();
+        Ok(StatusCode::NO_CONTENT)
+    })
+    .await?
+}
+
+/// Lets time run otherwise.
+#[utoipa::path(put, path = "/api/time", request_body = Mode, responses(
+    (status = 200, body = Time),
+    (status = 422, body = Problem, content_type = "application/problem+json"),
+))]
+pub(super) async fn pace(State(api): State<Api>, Body(mode): Body<Mode>) -> Result<Json<Time>, Problem> {
+    let pace: Pace = mode.mode.parse().map_err(|sentence| Problem::refused(format!("mode: {sentence}")))?;
+    api.call(move |host| {
+        host.set_pace(pace);
+        Json(Time::of(host))
+    })
+    .await
+}
+
+/// Moves the clock on in manual time; answers when the bench is there.
+#[utoipa::path(post, path = "/api/time/advance", request_body = Advance, responses(
+    (status = 200, body = Time),
+    (status = 409, description = "Somebody does so already, or time runs by itself.", body = Problem,
+        content_type = "application/problem+json"),
+    (status = 422, body = Problem, content_type = "application/problem+json"),
+))]
+pub(super) async fn advance(
+    State(api): State<Api>,
+    Body(advance): Body<Advance>,
+) -> Result<Json<Time>, Problem> {
+    if !(0.0..=MAX_ADVANCE).contains(&advance.seconds) {
+        return Err(Problem::refused("seconds are 0 to 86400"));
+    }
+    // Not negative, and far below what a tick counter holds.
+    let span = Duration::from_ticks((advance.seconds * TICKS_PER_SECOND as f64).round() as u64);
+    let Ok(_turn) = api.advancing.try_acquire() else {
+        return Err(Problem::conflict("somebody advances the clock already"));
+    };
+    let (done, there) = oneshot::channel();
+    let begun = api.call(move |host| {
+        if host.pace() != Pace::Manual {
+            return Err(Problem::conflict(
+                "time runs by itself; PUT {\"mode\":\"manual\"} to /api/time first",
+            ));
+        }
+        host.advance(span, done);
+        Ok(())
+    });
+    begun.await??;
+    there.await.map_err(|_| stopping())?;
+    Ok(Json(api.call(|host| Time::of(host)).await?))
+}
+
+/// Which form of the trace is wanted.
+#[derive(Deserialize)]
+pub(super) struct Wanted {
+    format: Option<String>,
+}
+
+/// What happened.
+#[utoipa::path(get, path = "/api/trace", params(("format" = Option<String>, Query, description = "`trace`")), responses(
+    (status = 200, body = String, content_type = "text/plain"),
+    (status = 422, body = Problem, content_type = "application/problem+json"),
+    (status = 501, body = Problem, content_type = "application/problem+json"),
+))]
+pub(super) async fn trace(State(api): State<Api>, Query(wanted): Query<Wanted>) -> Result<Response, Problem> {
+    match wanted.format.as_deref() {
+        None | Some("trace") => {}
+        Some("vcd" | "pcapng") => {
+            let detail = "waveforms and frames are not yet there; format=trace is";
+            return Err(Problem::new(StatusCode::NOT_IMPLEMENTED, detail));
+        }
+        Some(_) => return Err(Problem::refused("format is trace")),
+    }
+    let text = api.call(|host| host.bench.trace().to_text()).await?;
+    Ok(([(header::CONTENT_TYPE, "text/plain; charset=utf-8")], text).into_response())
+}
+
+/// The drive of that name.
+fn seat(host: &Host, name: &str) -> Result<Seat, Problem> {
+    let bench = &host.bench;
+    bench.seat_named(name).ok_or_else(|| {
+        Problem::not_found(nearest::unknown("drive", name, bench.seats().map(|seat| bench.name(seat))))
+    })
+}
+
+/// The pin of that name, which must be one that can be driven from outside.
+fn input(host: &Host, seat: Seat, name: &str) -> Result<Pin, Problem> {
+    let pins = host.bench.spec(seat).pins;
+    let found = (0..).map(Pin).zip(pins).find(|(_, pin)| pin.name == name);
+    let (pin, spec) = found
+        .ok_or_else(|| Problem::not_found(nearest::unknown("pin", name, pins.iter().map(|pin| pin.name))))?;
+    match spec.role {
+        Role::Input | Role::Both | Role::Analogue => Ok(pin),
+        Role::Output | Role::Led => Err(Problem::refused(format!("{name} is an output"))),
+    }
+}
+
+fn is_analogue(host: &Host, seat: Seat, pin: Pin) -> bool {
+    let spec = host.bench.spec(seat).pins.get(usize::from(pin.0));
+    spec.is_some_and(|pin| pin.role == Role::Analogue)
+}
+
+/// What is to be done to a pin.
+fn driving(wanted: &PinLevel, analogue: bool) -> Result<Driving, Problem> {
+    match *wanted {
+        PinLevel { level: Some(Driven::Open), volts: None, milliamps: None } => Ok(bench::Drive::Open),
+        PinLevel { level: Some(level), volts: None, milliamps: None } if !analogue => Ok(match level {
+            Driven::Low => Driving::Low,
+            Driven::High => Driving::High,
+            Driven::Open => Driving::Open,
+        }),
+        PinLevel { level: None, volts: Some(volts), milliamps: None } if analogue => {
+            if !(-1_000.0..=1_000.0).contains(&volts) {
+                return Err(Problem::refused("volts are -1000 to 1000"));
+            }
+            Ok(Driving::Millivolts((volts * 1_000.0).round() as i32))
+        }
+        PinLevel { level: None, volts: None, milliamps: Some(_) } => {
+            Err(Problem::refused("no pin of this drive takes a current"))
+        }
+        _ if analogue => Err(Problem::refused("an analogue input takes volts, or the level open")),
+        _ => Err(Problem::refused("a digital input takes a level: low, high or open")),
+    }
+}

@@ -1,0 +1,113 @@
+//! A web page must not be able to drive a bench.
+//!
+//! A page may send "simple" requests anywhere, and may rename its own host to a loopback address. So
+//! the `Host` of a request must be a loopback one, or the very address that the API was told to listen
+//! on; and what changes something has a media type that no page may send without asking first.
+
+use std::net::{IpAddr, SocketAddr};
+use std::time::Duration;
+
+use axum::body::Bytes;
+use axum::extract::{FromRequest, Request, State};
+use axum::http::{HeaderMap, Method, StatusCode, header};
+use axum::middleware::Next;
+use axum::response::{IntoResponse, Response};
+use serde::de::DeserializeOwned;
+
+use super::problem::Problem;
+
+/// The longest body of a request.
+pub(super) const BODY_BYTES: usize = 64 << 10;
+
+/// How long a body may take to come.
+const BODY_TIME: Duration = Duration::from_secs(10);
+
+/// Lets only requests through that a web page cannot make.
+pub(super) async fn check(State(here): State<SocketAddr>, request: Request, next: Next) -> Response {
+    let headers = request.headers();
+    let host = headers.get(header::HOST).and_then(|host| host.to_str().ok());
+    if !host.is_some_and(|host| is_local(host, here)) {
+        return Problem::forbidden("the Host of a request must be a loopback address").into_response();
+    }
+    let needs_type = has_body(headers) || request.method() == Method::POST;
+    if needs_type && !is_json(headers) {
+        return Problem::forbidden("the Content-Type of a request must be application/json").into_response();
+    }
+    next.run(request).await
+}
+
+/// Whether `host`, as the header has it, names this machine, or `here`.
+fn is_local(host: &str, here: SocketAddr) -> bool {
+    let name = match host.strip_prefix('[').and_then(|rest| rest.split_once(']')) {
+        Some((address, _)) => address,
+        None => host.rsplit_once(':').map_or(host, |(name, _)| name),
+    };
+    let is_ours = |address: IpAddr| address.is_loopback() || address == here.ip();
+    name.eq_ignore_ascii_case("localhost") || name.parse().is_ok_and(is_ours)
+}
+
+fn has_body(headers: &HeaderMap) -> bool {
+    let length = headers.get(header::CONTENT_LENGTH);
+    headers.contains_key(header::TRANSFER_ENCODING) || length.is_some_and(|length| length != "0")
+}
+
+fn is_json(headers: &HeaderMap) -> bool {
+    let media = headers.get(header::CONTENT_TYPE).and_then(|media| media.to_str().ok()).unwrap_or("");
+    media.split(';').next().unwrap_or("").trim().eq_ignore_ascii_case("application/json")
+}
+
+/// The body of a request, read from JSON.
+pub(super) struct Body<T>(pub(super) T);
+
+impl<T: DeserializeOwned, S: Send + Sync> FromRequest<S> for Body<T> {
+    type Rejection = Problem;
+
+    async fn from_request(request: Request, state: &S) -> Result<Self, Problem> {
+        let bytes = tokio::time::timeout(BODY_TIME, Bytes::from_request(request, state)).await;
+        let bytes = bytes.map_err(|_| Problem::new(StatusCode::REQUEST_TIMEOUT, "the body took too long"))?;
+        let bytes = bytes.map_err(|error| {
+            let detail = match error.status() {
+                StatusCode::PAYLOAD_TOO_LARGE => format!("a body has at most {BODY_BYTES} bytes"),
+                _ => "the body cannot be read".into(),
+            };
+            Problem::new(error.status(), detail)
+        })?;
+        serde_json::from_slice(&bytes).map(Self).map_err(|error| {
+            let status =
+                if error.is_data() { StatusCode::UNPROCESSABLE_ENTITY } else { StatusCode::BAD_REQUEST };
+            Problem::new(status, format!("the body is not what is wanted here: {error}"))
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn hosts() {
+        let here = "192.168.1.5:80".parse().unwrap();
+        for local in
+            ["localhost", "LOCALHOST:8080", "127.0.0.1", "127.1.2.3:1", "[::1]", "[::1]:8080", "192.168.1.5"]
+        {
+            assert!(is_local(local, here), "{local}");
+        }
+        for foreign in
+            ["", "example.com", "example.com:80", "localhost.example.com", "127.0.0.1.nip.io", "10.0.0.1"]
+        {
+            assert!(!is_local(foreign, here), "{foreign}");
+        }
+    }
+
+    #[test]
+    fn media_types() {
+        let json = |media: &'static str| {
+            is_json(&HeaderMap::from_iter([(header::CONTENT_TYPE, media.parse().unwrap())]))
+        };
+        assert!(json("application/json"));
+        assert!(json("Application/JSON; charset=utf-8"));
+        assert!(!json("text/plain"));
+        assert!(!json("application/jsonp"));
+        assert!(!is_json(&HeaderMap::new()));
+    }
+}

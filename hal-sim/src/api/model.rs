@@ -1,0 +1,339 @@
+//! What the control API says and takes, as JSON.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize, Serializer};
+use standin_firmware::device::{Axis, Instant, Level, Pin, Port, Role};
+use standin_protocol::time::TICKS_PER_SECOND;
+use standin_sim::bench::{self, PowerAction, Seat};
+use utoipa::ToSchema;
+
+use crate::realtime::Host;
+
+/// An object whose members stay in the order of the manual.
+pub(super) struct InOrder<V>(Vec<(&'static str, V)>);
+
+impl<V: Serialize> Serialize for InOrder<V> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_map(self.0.iter().map(|(name, value)| (name, value)))
+    }
+}
+
+/// A whole bench.
+#[derive(Serialize, ToSchema)]
+pub(super) struct Bench {
+    drives: Vec<Seated>,
+    buses: Vec<Bus>,
+    /// Simulated motors; none yet.
+    motors: Vec<String>,
+    time: Time,
+}
+
+/// A drive on the bench.
+#[derive(Serialize, ToSchema)]
+struct Seated {
+    name: String,
+    kind: &'static str,
+    powered: bool,
+}
+
+/// A serial line.
+#[derive(Serialize, ToSchema)]
+struct Bus {
+    name: String,
+    /// Its settings now.
+    #[schema(example = "9600 8E1")]
+    line: String,
+    /// Who is on it.
+    drives: Vec<String>,
+    /// Where it is reached.
+    #[schema(example = json!(["pty:/dev/pts/4", "tcp:127.0.0.1:5020"]))]
+    listen: Vec<String>,
+}
+
+/// The clock of the bench.
+#[derive(Serialize, ToSchema)]
+pub(super) struct Time {
+    /// `real`, `xN` or `manual`.
+    #[schema(example = "real")]
+    mode: String,
+    /// Since the beginning.
+    seconds: f64,
+}
+
+/// A drive's state at this instant.
+#[derive(Serialize, ToSchema)]
+pub(super) struct Drive {
+    name: String,
+    kind: &'static str,
+    powered: bool,
+    /// Values by the manual's names.
+    #[schema(value_type = BTreeMap<String, i64>)]
+    registers: InOrder<i64>,
+    /// `low`, `high` or `open`, by the manual's names.
+    #[schema(value_type = BTreeMap<String, Shown>)]
+    pins: InOrder<Shown>,
+    /// Which lights are on.
+    #[schema(value_type = BTreeMap<String, bool>)]
+    leds: InOrder<bool>,
+    /// Of its first axis; null if it has none.
+    motion: Option<Motion>,
+    /// Whether the cause of a fault is there.
+    #[schema(value_type = BTreeMap<String, bool>)]
+    faults: InOrder<bool>,
+    /// What its serial ports have seen.
+    #[schema(value_type = BTreeMap<String, Statistics>)]
+    ports: InOrder<Statistics>,
+}
+
+/// What a pin shows.
+#[derive(Serialize, ToSchema)]
+#[serde(rename_all = "lowercase")]
+enum Shown {
+    Low,
+    High,
+    Open,
+}
+
+/// What an axis does.
+#[derive(Serialize, ToSchema)]
+struct Motion {
+    /// Steps or counts.
+    position: i32,
+    /// Steps or counts per second, signed.
+    speed: f64,
+    moving: bool,
+    /// A.
+    current: f64,
+    /// −1 to 1.
+    duty: f64,
+}
+
+/// What a port has seen since its drive was seated.
+#[derive(Serialize, ToSchema)]
+struct Statistics {
+    /// Its line now.
+    #[schema(example = "9600 8E1")]
+    line: String,
+    /// Requests carried out.
+    requests: u64,
+    /// Requests refused with an exception.
+    refused: u64,
+    /// Frames ignored: the sum of the following.
+    dropped: u64,
+    /// The check sum did not hold.
+    crc: u64,
+    /// A silence inside.
+    gap: u64,
+    /// A wrong length.
+    length: u64,
+    /// A character that nobody could read.
+    spoiled: u64,
+    /// For somebody else.
+    foreign: u64,
+    /// While the drive was starting.
+    starting: u64,
+}
+
+/// What is done to an input pin: one of the three.
+#[derive(Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub(super) struct PinLevel {
+    /// Pulled low, driven high, or let go.
+    pub(super) level: Option<Driven>,
+    /// A voltage, on an analogue input.
+    pub(super) volts: Option<f64>,
+    /// A current, on a current input.
+    pub(super) milliamps: Option<f64>,
+}
+
+/// A level from outside.
+#[derive(Clone, Copy, Deserialize, ToSchema)]
+#[serde(rename_all = "lowercase")]
+pub(super) enum Driven {
+    Low,
+    High,
+    Open,
+}
+
+/// A train of pulses.
+#[derive(Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Pulses {
+    #[schema(minimum = 1)]
+    pub(super) count: u32,
+    /// Pulses per second of bench time.
+    #[schema(minimum = 0.000001, maximum = 8000000)]
+    pub(super) hz: f64,
+}
+
+/// A register's new value.
+#[derive(Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Value {
+    pub(super) value: i64,
+}
+
+/// What is done to a drive's power.
+#[derive(Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Power {
+    pub(super) action: Action,
+}
+
+/// An action on the power.
+#[derive(Clone, Copy, Deserialize, ToSchema)]
+#[serde(rename_all = "lowercase")]
+pub(super) enum Action {
+    Off,
+    On,
+    Cycle,
+    /// In the middle of the next save.
+    Cut,
+}
+
+impl From<Action> for PowerAction {
+    fn from(action: Action) -> Self {
+        match action {
+            Action::Off => Self::Off,
+            Action::On => Self::On,
+            Action::Cycle => Self::Cycle,
+            Action::Cut => Self::Cut,
+        }
+    }
+}
+
+/// How time shall run.
+#[derive(Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Mode {
+    /// `real`, `xN` or `manual`.
+    #[schema(example = "manual")]
+    pub(super) mode: String,
+}
+
+/// A way to go in manual time.
+#[derive(Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Advance {
+    /// At most a day.
+    #[schema(minimum = 0, maximum = 86400)]
+    pub(super) seconds: f64,
+}
+
+/// Where each line is reached, by the line's name.
+pub(crate) type Places = BTreeMap<String, Vec<String>>;
+
+impl Bench {
+    pub(super) fn of(host: &Host, places: &Places) -> Self {
+        let bench = &host.bench;
+        let name = |seat: Seat| bench.name(seat).to_owned();
+        let drives = bench.seats().map(|seat| Seated {
+            name: name(seat),
+            kind: bench.spec(seat).kind,
+            powered: bench.powered(seat),
+        });
+        let buses = bench.seats().flat_map(|seat| ports_of(bench, seat)).filter_map(|(seat, port)| {
+            let bus = bench.bus(seat, port)?;
+            // A line of several ports is told with its first one.
+            (bench.ports(bus).first() == Some(&(seat, port))).then(|| Bus {
+                name: bench.bus_name(bus).to_owned(),
+                line: bench.line(bus).to_string(),
+                drives: bench.ports(bus).iter().map(|&(seat, _)| name(seat)).collect(),
+                listen: places.get(bench.bus_name(bus)).cloned().unwrap_or_default(),
+            })
+        });
+        Self { drives: drives.collect(), buses: buses.collect(), motors: Vec::new(), time: Time::of(host) }
+    }
+}
+
+impl Time {
+    pub(super) fn of(host: &Host) -> Self {
+        Self { mode: host.pace().to_string(), seconds: seconds(host.bench.now()) }
+    }
+}
+
+impl Drive {
+    pub(super) fn of(bench: &bench::Bench, seat: Seat) -> Self {
+        let spec = bench.spec(seat);
+        let pins = || (0..).map(Pin).zip(spec.pins);
+        let registers = spec.registers.rows.iter().enumerate();
+        let faults = (0..).map(standin_firmware::device::Fault).zip(spec.faults);
+        let ports = ports_of(bench, seat).filter_map(|(seat, port)| {
+            let name = spec.ports.get(usize::from(port.0))?.name;
+            Some((name, Statistics::of(bench, seat, port)?))
+        });
+        Self {
+            name: bench.name(seat).to_owned(),
+            kind: spec.kind,
+            powered: bench.powered(seat),
+            registers: InOrder(registers.map(|(row, of)| (of.name, bench.peek(seat, row))).collect()),
+            pins: InOrder(
+                pins()
+                    .filter(|(_, of)| of.role != Role::Led)
+                    .map(|(pin, of)| (of.name, Shown::of(bench.level(seat, pin))))
+                    .collect(),
+            ),
+            leds: InOrder(
+                pins()
+                    .filter(|(_, of)| of.role == Role::Led)
+                    .map(|(pin, of)| (of.name, bench.level(seat, pin) == Level::High))
+                    .collect(),
+            ),
+            motion: spec.axes.first().map(|_| Motion::of(bench.motion(seat, Axis(0)))),
+            faults: InOrder(faults.map(|(fault, &name)| (name, bench.faulty(seat, fault))).collect()),
+            ports: InOrder(ports.collect()),
+        }
+    }
+}
+
+impl Shown {
+    fn of(level: Level) -> Self {
+        match level {
+            Level::Low => Self::Low,
+            Level::High => Self::High,
+            Level::Float => Self::Open,
+        }
+    }
+}
+
+impl Motion {
+    fn of(motion: bench::Motion) -> Self {
+        Self {
+            position: motion.position,
+            speed: motion.speed.to_num(),
+            moving: motion.moving,
+            current: f64::from(motion.current_ma) / 1_000.0,
+            duty: f64::from(motion.duty) / 65_536.0,
+        }
+    }
+}
+
+impl Statistics {
+    fn of(bench: &bench::Bench, seat: Seat, port: Port) -> Option<Self> {
+        let line = bench.line(bench.bus(seat, port)?).to_string();
+        let seen = bench.statistics(seat, port);
+        Some(Self {
+            line,
+            requests: seen.requests,
+            refused: seen.refused,
+            dropped: seen.dropped(),
+            crc: seen.crc,
+            gap: seen.gap,
+            length: seen.length,
+            spoiled: seen.spoiled,
+            foreign: seen.foreign,
+            starting: seen.starting,
+        })
+    }
+}
+
+/// All ports of a drive.
+fn ports_of(bench: &bench::Bench, seat: Seat) -> impl Iterator<Item = (Seat, Port)> + use<> {
+    (0..).map(Port).zip(bench.spec(seat).ports).map(move |(port, _)| (seat, port))
+}
+
+/// Seconds since the beginning.
+fn seconds(at: Instant) -> f64 {
+    at.ticks() as f64 / TICKS_PER_SECOND as f64
+}

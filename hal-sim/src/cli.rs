@@ -1,0 +1,275 @@
+//! The command line.
+
+use std::net::SocketAddr;
+use std::path::PathBuf;
+use std::str::FromStr;
+
+use clap::{ArgAction, Args, Parser, Subcommand, ValueEnum};
+
+use crate::ports::{Listen, Uri};
+use crate::preset::Number;
+use crate::realtime::Pace;
+
+/// Emulated motion drives: a drive on a pty or a TCP port, as its manual says, without the drive.
+#[derive(Parser)]
+#[command(name = "standin", version, disable_help_subcommand = true)]
+pub(crate) struct Cli {
+    #[command(subcommand)]
+    pub(crate) command: Command,
+    /// Log more; twice for everything
+    #[arg(short, long, global = true, action = ArgAction::Count)]
+    pub(crate) verbose: u8,
+    /// Log errors only
+    #[arg(short, long, global = true, conflicts_with = "verbose")]
+    pub(crate) quiet: bool,
+}
+
+#[derive(Subcommand)]
+pub(crate) enum Command {
+    /// Start a drive
+    Run(Box<Run>),
+    /// List the kinds of drive
+    List {
+        /// As JSON
+        #[arg(long)]
+        json: bool,
+    },
+    /// Show a kind's ports, pins, registers, and what is not modelled
+    Describe {
+        /// Which kind (see `standin list`)
+        kind: String,
+        /// As JSON
+        #[arg(long, conflicts_with = "markdown")]
+        json: bool,
+        /// As the reference in docs/
+        #[arg(long)]
+        markdown: bool,
+    },
+    /// Run a golden trace; exit code 1 and the first difference if there is one
+    Replay {
+        /// A recording (see `standin run --record`)
+        file: PathBuf,
+    },
+    #[command(hide = true)]
+    Asm(Anything),
+    #[command(hide = true)]
+    Disasm(Anything),
+}
+
+/// The arguments of a command that does not exist yet.
+#[derive(Args)]
+pub(crate) struct Anything {
+    #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
+    _arguments: Vec<String>,
+}
+
+#[derive(Args)]
+pub(crate) struct Run {
+    /// Which kind (see `standin list`)
+    pub(crate) kind: String,
+    /// Where a port of the drive is reached, [PORT=]URI: pty:, pty:LINK or tcp:HOST:PORT; may repeat
+    #[arg(long, value_name = "[PORT=]URI")]
+    pub(crate) listen: Vec<Listen>,
+    /// Where the control API listens: HOST:PORT or off
+    #[arg(long, value_name = "ADDR", default_value = "127.0.0.1:0")]
+    pub(crate) control: Control,
+    /// How time runs: real, xN (N times faster) or manual (it stands)
+    #[arg(long, default_value = "real", value_name = "real|xN|manual")]
+    pub(crate) time: Pace,
+    /// Whether characters take their time on the line
+    #[arg(long, value_enum, default_value_t = Line::Timed)]
+    pub(crate) line: Line,
+    /// The bus address to start with, as if saved before power-on
+    #[arg(long, value_name = "N", allow_hyphen_values = true, value_parser = number)]
+    pub(crate) address: Option<Number>,
+    /// Keep the non-volatile memory in FILE
+    #[arg(long, value_name = "FILE")]
+    pub(crate) nv: Option<PathBuf>,
+    /// Preset a register by its name; may repeat
+    #[arg(long, value_name = "REG=VALUE")]
+    pub(crate) set: Vec<Assignment>,
+    #[arg(long, hide = true)]
+    pub(crate) program: Option<PathBuf>,
+    /// No start-up delay
+    #[arg(long)]
+    pub(crate) fast_boot: bool,
+    /// Seed of every random choice
+    #[arg(long, default_value_t = 1, value_name = "N")]
+    pub(crate) seed: u64,
+    /// Keep what happens in FILE, to be replayed
+    #[arg(long, value_name = "FILE.trace")]
+    pub(crate) record: Option<PathBuf>,
+    #[arg(long, hide = true)]
+    pub(crate) vcd: Option<PathBuf>,
+    #[arg(long, hide = true)]
+    pub(crate) pcap: Option<PathBuf>,
+    /// One line of JSON on stdout when ready, and nothing else there
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+/// Where the control API listens.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) enum Control {
+    Off,
+    At(SocketAddr),
+}
+
+impl FromStr for Control {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        if text == "off" {
+            return Ok(Self::Off);
+        }
+        text.parse().map(Self::At).map_err(|_| "it takes an address like 127.0.0.1:8080, or off".into())
+    }
+}
+
+/// Whether characters take time.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, ValueEnum)]
+pub(crate) enum Line {
+    /// At the baud rate
+    #[value(alias = "wire")]
+    Timed,
+    /// None at all, for load tests
+    Fast,
+}
+
+/// A register and a number: `Speed=8000`.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Assignment {
+    pub(crate) register: String,
+    pub(crate) value: Number,
+}
+
+impl FromStr for Assignment {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let (register, value) = text.split_once('=').ok_or("it takes REG=VALUE, like Speed=8000")?;
+        Ok(Self { register: register.trim().into(), value: number(value.trim())? })
+    }
+}
+
+fn number(text: &str) -> Result<Number, String> {
+    Number::parse(text).ok_or_else(|| format!("'{text}' is not a number; 8000, -5 and 0x1F40 are"))
+}
+
+impl FromStr for Listen {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        // A port's name ends before the scheme of the URI; a link's name may hold anything.
+        let (port, uri) = match text.split_once('=') {
+            Some((port, uri)) if !port.contains(':') => (Some(port.to_owned()), uri),
+            _ => (None, text),
+        };
+        Ok(Self { port, uri: uri.parse()? })
+    }
+}
+
+impl FromStr for Uri {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let takes =
+            || "it takes pty:, pty:LINK or tcp:HOST:PORT, with PORT= of the drive before it".to_owned();
+        let (scheme, rest) = text.split_once(':').ok_or_else(takes)?;
+        match scheme {
+            "pty" => Ok(Self::Pty((!rest.is_empty()).then(|| rest.into()))),
+            "tcp" => match rest.rsplit_once(':') {
+                Some((host, port)) if !host.is_empty() && port.parse::<u16>().is_ok() => {
+                    Ok(Self::Tcp(rest.into()))
+                }
+                _ => Err("tcp: takes HOST:PORT, like tcp:127.0.0.1:5020 (port 0: any free one)".into()),
+            },
+            "serial" => Err("serial: ports are not yet there; pty: and tcp: are".into()),
+            "stdio" => Err("stdio: is not yet there; pty: and tcp: are".into()),
+            _ => Err(takes()),
+        }
+    }
+}
+
+/// What is wrong with a command line, in one sentence.
+pub(crate) fn sentence(error: &clap::Error) -> String {
+    let text = error.to_string();
+    let told = text.split("\nUsage:").next().unwrap_or(&text);
+    let told = told.split("\nFor more information").next().unwrap_or(told);
+    let told = told.trim().trim_start_matches("error: ");
+    let parts: Vec<&str> = told.split("\n\n").map(str::trim).filter(|part| !part.is_empty()).collect();
+    let words = parts.join("; ");
+    words.split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn run(arguments: &[&str]) -> Result<Run, String> {
+        let all = ["standin", "run", "md3"].iter().chain(arguments);
+        match Cli::try_parse_from(all).map_err(|error| sentence(&error))?.command {
+            Command::Run(run) => Ok(*run),
+            _ => unreachable!("the arguments begin with `run`"),
+        }
+    }
+
+    #[test]
+    fn the_command_line_is_consistent() {
+        use clap::CommandFactory as _;
+        Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn defaults() {
+        let run = run(&[]).unwrap();
+        assert_eq!(run.control, Control::At(([127, 0, 0, 1], 0).into()));
+        assert_eq!((run.time, run.line, run.seed), (Pace::Times(1), Line::Timed, 1));
+    }
+
+    #[test]
+    fn places_to_listen() {
+        let listen = |text: &str| text.parse::<Listen>();
+        let at = |port: Option<&str>, uri| Ok(Listen { port: port.map(Into::into), uri });
+        assert_eq!(listen("pty:"), at(None, Uri::Pty(None)));
+        assert_eq!(listen("pty:a=b.tty"), at(None, Uri::Pty(Some("a=b.tty".into()))));
+        assert_eq!(listen("rs485=tcp:[::1]:0"), at(Some("rs485"), Uri::Tcp("[::1]:0".into())));
+        for wrong in
+            ["", "tcp", "tcp:", "tcp:5020", "tcp::5020", "tcp:a:70000", "udp:1:2", "rs485=", "/dev/pts/4"]
+        {
+            assert!(listen(wrong).is_err(), "{wrong}");
+        }
+        assert!(listen("serial:/dev/ttyUSB0").unwrap_err().contains("not yet"));
+        assert!(listen("stdio:").unwrap_err().contains("not yet"));
+    }
+
+    #[test]
+    fn paces() {
+        assert_eq!(run(&["--time", "x10"]).unwrap().time, Pace::Times(10));
+        assert_eq!(run(&["--time", "manual"]).unwrap().time, Pace::Manual);
+        for wrong in ["x0", "x", "x-1", "x1.5", "fast", "x100000"] {
+            assert!(run(&["--time", wrong]).is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn assignments() {
+        let set = |text: &str| text.parse::<Assignment>();
+        let value = |value| Ok(Assignment { register: "Speed".into(), value });
+        assert_eq!(set("Speed=-5"), value(Number::Decimal(-5)));
+        assert_eq!(set("Speed = 0x10"), value(Number::Bits(16)));
+        assert!(set("Speed").is_err());
+        assert_eq!(set("Speed=fast").unwrap_err(), "'fast' is not a number; 8000, -5 and 0x1F40 are");
+    }
+
+    #[test]
+    fn errors_are_one_sentence() {
+        let wrong = run(&["--lisen", "pty:"]).err().unwrap();
+        assert_eq!(wrong, "unexpected argument '--lisen' found; tip: a similar argument exists: '--listen'");
+        let wrong = run(&["--time", "soon"]).err().unwrap();
+        assert_eq!(
+            wrong,
+            "invalid value 'soon' for '--time <real|xN|manual>': it takes real, xN (N from 1 to 1000) or manual"
+        );
+    }
+}

@@ -1,0 +1,356 @@
+//! What a kind of drive is: `standin describe`, for people, as the reference in docs/, as JSON.
+//!
+//! All of it comes from the drive's [`Spec`]; the same kind always gives the same text.
+
+use std::fmt::Write as _;
+
+use serde::Serialize;
+use standin_firmware::device::{Ends, Level, Pin, PinSpec, Role, Spec};
+use standin_protocol::registers::{Legal, Row, Space, Table};
+
+/// As JSON, on one line.
+pub(crate) fn json(spec: &Spec) -> String {
+    let pin = |pin: Pin| pin_name(spec, pin);
+    let kind = Kind {
+        kind: spec.kind,
+        product: spec.product,
+        manual: spec.manual,
+        ports: spec
+            .ports
+            .iter()
+            .map(|port| Port {
+                name: port.name,
+                message_ends: ends(port.ends),
+                line: port.line.map(|line| line.to_string()),
+            })
+            .collect(),
+        pins: spec
+            .pins
+            .iter()
+            .map(|pin| PinOf { name: pin.name, role: role(pin), rest: level(pin.rest) })
+            .collect(),
+        axes: spec
+            .axes
+            .iter()
+            .map(|axis| Axis {
+                name: axis.name,
+                step: axis.step_dir.map(|(step, _)| pin(step)),
+                direction: axis.step_dir.map(|(_, direction)| pin(direction)),
+            })
+            .collect(),
+        encoders: spec
+            .encoders
+            .iter()
+            .map(|encoder| Encoder { a: pin(encoder.a), b: pin(encoder.b), index: pin(encoder.index) })
+            .collect(),
+        faults: spec.faults,
+        memory_bytes: spec.memory,
+        address_register: spec.address.and_then(|row| spec.registers.rows.get(row)).map(|row| row.name),
+        registers: spec.registers.rows.iter().map(|row| Register::of(spec.registers, row)).collect(),
+        not_modelled: spec.not_modelled,
+    };
+    serde_json::to_string(&kind).expect("plain numbers and text")
+}
+
+#[derive(Serialize)]
+struct Kind {
+    kind: &'static str,
+    product: &'static str,
+    manual: &'static str,
+    ports: Vec<Port>,
+    pins: Vec<PinOf>,
+    axes: Vec<Axis>,
+    encoders: Vec<Encoder>,
+    faults: &'static [&'static str],
+    memory_bytes: u16,
+    address_register: Option<&'static str>,
+    registers: Vec<Register>,
+    not_modelled: &'static [&'static str],
+}
+
+#[derive(Serialize)]
+struct Port {
+    name: &'static str,
+    message_ends: &'static str,
+    line: Option<String>,
+}
+
+#[derive(Serialize)]
+struct PinOf {
+    name: &'static str,
+    role: &'static str,
+    rest: &'static str,
+}
+
+#[derive(Serialize)]
+struct Axis {
+    name: &'static str,
+    step: Option<&'static str>,
+    direction: Option<&'static str>,
+}
+
+#[derive(Serialize)]
+struct Encoder {
+    a: &'static str,
+    b: &'static str,
+    index: &'static str,
+}
+
+#[derive(Serialize)]
+struct Register {
+    name: &'static str,
+    section: &'static str,
+    space: &'static str,
+    address: u16,
+    addresses: u16,
+    #[serde(rename = "type")]
+    shape: String,
+    access: &'static str,
+    least: Option<i64>,
+    greatest: Option<i64>,
+    codes: Option<&'static [i64]>,
+    acts_within: Option<(i64, i64)>,
+    default: i64,
+    saved_bits: u16,
+    doc: String,
+    not_modelled: Option<&'static str>,
+}
+
+impl Register {
+    fn of(table: &Table, row: &Row) -> Self {
+        let (limits, codes) = match row.legal {
+            Legal::Any => (Some(row.shape.limits()), None),
+            Legal::Range(least, greatest) => (Some((least, greatest)), None),
+            Legal::OneOf(codes) => (None, Some(codes)),
+        };
+        Self {
+            name: row.name,
+            section: row.section,
+            space: space(row.space),
+            address: row.address,
+            addresses: addresses(table, row),
+            shape: shape(row),
+            access: row.access.as_str(),
+            least: limits.map(|(least, _)| least),
+            greatest: limits.map(|(_, greatest)| greatest),
+            codes,
+            acts_within: row.clamp,
+            default: row.reset,
+            saved_bits: row.saved,
+            doc: doc(row),
+            not_modelled: (!row.missing.is_empty()).then_some(row.missing),
+        }
+    }
+}
+
+/// For people: aligned columns.
+pub(crate) fn text(spec: &Spec) -> String {
+    let mut text = format!("{}: {}, after {}\n", spec.kind, spec.product, spec.manual);
+    for section in sections(spec) {
+        let _ = write!(text, "\n{}\n", section.title);
+        section.aligned(&mut text);
+    }
+    text
+}
+
+/// The reference in docs/.
+pub(crate) fn markdown(spec: &Spec) -> String {
+    let mut text = format!(
+        "<!-- Made by `standin describe {kind} --markdown`; not to be edited. -->\n\n# {product} (`{kind}`)\n\n\
+         After {manual}. Numbers in the column § are its sections.\n",
+        kind = spec.kind,
+        product = spec.product,
+        manual = spec.manual,
+    );
+    for section in sections(spec) {
+        let _ = write!(text, "\n## {}\n\n", section.title);
+        section.markdown(&mut text);
+    }
+    text
+}
+
+/// A table with a heading.
+struct Section {
+    title: &'static str,
+    /// Empty for a plain list.
+    columns: &'static [&'static str],
+    rows: Vec<Vec<String>>,
+}
+
+impl Section {
+    fn aligned(&self, text: &mut String) {
+        let heading: Vec<String> = self.columns.iter().map(ToString::to_string).collect();
+        let lines = || std::iter::once(&heading).filter(|line| !line.is_empty()).chain(&self.rows);
+        let width = |column: usize| {
+            lines().filter_map(|line| line.get(column)).map(|cell| cell.chars().count()).max().unwrap_or(0)
+        };
+        for line in lines() {
+            let mut row = String::from(" ");
+            for (column, cell) in line.iter().enumerate() {
+                let _ = write!(row, " {cell:<width$} ", width = width(column));
+            }
+            let _ = writeln!(text, "{}", row.trim_end());
+        }
+    }
+
+    fn markdown(&self, text: &mut String) {
+        if self.columns.is_empty() {
+            for row in &self.rows {
+                let _ = writeln!(text, "- {}", row.join(": "));
+            }
+            return;
+        }
+        let _ = writeln!(text, "| {} |\n|{}", self.columns.join(" | "), "---|".repeat(self.columns.len()));
+        for row in &self.rows {
+            let cells: Vec<String> = row.iter().map(|cell| cell.replace('|', "\\|")).collect();
+            let _ = writeln!(text, "| {} |", cells.join(" | "));
+        }
+    }
+}
+
+/// All that is worth a table, in the order of a manual.
+fn sections(spec: &Spec) -> Vec<Section> {
+    let pin = |pin: Pin| pin_name(spec, pin).to_owned();
+    let ports = spec.ports.iter().map(|port| {
+        let line = port.line.map_or("TCP".into(), |line| line.to_string());
+        vec![port.name.into(), line, ends(port.ends).into()]
+    });
+    let pins = spec.pins.iter().map(|pin| vec![pin.name.into(), role(pin).into(), level(pin.rest).into()]);
+    let axes = spec.axes.iter().map(|axis| {
+        let (step, direction) = axis.step_dir.map_or_else(Default::default, |(a, b)| (pin(a), pin(b)));
+        vec![axis.name.into(), step, direction]
+    });
+    let encoders =
+        spec.encoders.iter().map(|encoder| vec![pin(encoder.a), pin(encoder.b), pin(encoder.index)]);
+    let rows = spec.registers.rows;
+    let on_the_bus = rows.iter().filter(|row| row.space != Space::Setting).map(|row| {
+        let mut cells = vec![place(spec.registers, row)];
+        cells.extend(cells_of(row));
+        cells
+    });
+    let settings = rows.iter().filter(|row| row.space == Space::Setting).map(cells_of);
+    let missing_rows = rows.iter().filter(|row| !row.missing.is_empty());
+    let missing = missing_rows
+        .map(|row| vec![row.name.to_owned(), row.missing.to_owned()])
+        .chain(spec.not_modelled.iter().map(|what| vec![what.to_string()]));
+    let sections = [
+        Section { title: "Ports", columns: &["Port", "Line", "A message ends"], rows: ports.collect() },
+        Section { title: "Pins", columns: &["Pin", "Role", "At rest"], rows: pins.collect() },
+        Section { title: "Axes", columns: &["Axis", "Step", "Direction"], rows: axes.collect() },
+        Section { title: "Encoder inputs", columns: &["A", "B", "Index"], rows: encoders.collect() },
+        Section {
+            title: "Faults",
+            columns: &[],
+            rows: spec.faults.iter().map(|fault| vec![fault.to_string()]).collect(),
+        },
+        Section {
+            title: "Registers",
+            columns: &["Address", "Name", "§", "Type", "Access", "Values", "Default", "Saved", "What it is"],
+            rows: on_the_bus.collect(),
+        },
+        Section {
+            title: "Settings of the stand-in (by name only)",
+            columns: &["Name", "§", "Type", "Access", "Values", "Default", "Saved", "What it is"],
+            rows: settings.collect(),
+        },
+        Section { title: "Not modelled", columns: &[], rows: missing.collect() },
+    ];
+    sections.into_iter().filter(|section| !section.rows.is_empty()).collect()
+}
+
+/// A row's cells after its address.
+fn cells_of(row: &Row) -> Vec<String> {
+    let saved = match row.saved {
+        0 => "no".into(),
+        u16::MAX => "yes".into(),
+        bits => format!("bits {bits:#06x}"),
+    };
+    vec![
+        row.name.into(),
+        row.section.into(),
+        shape(row),
+        row.access.as_str().into(),
+        values(row),
+        row.reset.to_string(),
+        saved,
+        doc(row),
+    ]
+}
+
+/// What a row takes, and how it acts.
+fn values(row: &Row) -> String {
+    let mut values = match row.legal {
+        Legal::Any => "any".into(),
+        Legal::Range(least, greatest) => format!("{least}…{greatest}"),
+        Legal::OneOf(codes) => codes.iter().map(ToString::to_string).collect::<Vec<_>>().join(", "),
+    };
+    if let Some((least, greatest)) = row.clamp {
+        let _ = write!(values, ", acts as {least}…{greatest}");
+    }
+    values
+}
+
+/// Where a row is.
+fn place(table: &Table, row: &Row) -> String {
+    let first = row.address;
+    let last = first.saturating_add(addresses(table, row) - 1);
+    let place = if last == first { format!("{first:#04x}") } else { format!("{first:#04x}–{last:#04x}") };
+    match row.space {
+        Space::Holding | Space::Setting => place,
+        other => format!("{} {place}", space(other)),
+    }
+}
+
+fn addresses(table: &Table, row: &Row) -> u16 {
+    if table.layout.objects { 1 } else { row.shape.words() }
+}
+
+fn shape(row: &Row) -> String {
+    let words = row.shape.words();
+    if words > 2 { format!("{words} {}", row.shape.as_str()) } else { row.shape.as_str().into() }
+}
+
+fn doc(row: &Row) -> String {
+    row.doc.split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
+fn pin_name(spec: &Spec, pin: Pin) -> &'static str {
+    spec.pins.get(usize::from(pin.0)).map_or("-", |pin| pin.name)
+}
+
+fn ends(ends: Ends) -> &'static str {
+    match ends {
+        Ends::Silence => "with 3.5 characters of silence",
+        Ends::Character => "with a character that the drive knows",
+        Ends::Mbap => "with the length in its header",
+        Ends::Return => "with a carriage return",
+    }
+}
+
+fn role(pin: &PinSpec) -> &'static str {
+    match pin.role {
+        Role::Input => "input",
+        Role::Output => "output",
+        Role::Both => "input or output",
+        Role::Analogue => "analogue input",
+        Role::Led => "LED",
+    }
+}
+
+fn level(level: Level) -> &'static str {
+    match level {
+        Level::Low => "low",
+        Level::High => "high",
+        Level::Float => "open",
+    }
+}
+
+fn space(space: Space) -> &'static str {
+    match space {
+        Space::Coil => "coil",
+        Space::Discrete => "discrete",
+        Space::Input => "input",
+        Space::Holding => "holding",
+        Space::Setting => "setting",
+    }
+}

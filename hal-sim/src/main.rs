@@ -1,0 +1,141 @@
+//! `standin`: emulated motion drives on ptys and TCP ports.
+
+mod api;
+mod cli;
+mod describe;
+mod kinds;
+mod nearest;
+mod nv;
+mod ports;
+mod preset;
+mod ready;
+mod realtime;
+mod run;
+
+use std::io::{self, IsTerminal as _, Write as _};
+use std::path::Path;
+use std::process::ExitCode;
+
+use clap::Parser as _;
+use standin_sim::replay;
+use standin_sim::trace::Trace;
+use tracing_subscriber::EnvFilter;
+
+use crate::cli::{Cli, Command};
+
+/// A comparison failed.
+const DIFFERENT: u8 = 1;
+/// Bad usage or configuration.
+const BAD_USAGE: u8 = 2;
+
+fn main() -> ExitCode {
+    let cli = match Cli::try_parse() {
+        Ok(cli) => cli,
+        Err(error) if error.use_stderr() => return fail(&cli::sentence(&error)),
+        Err(help) => {
+            return print(&help.render().to_string())
+                .map_or_else(|error| fail(&error), |()| ExitCode::SUCCESS);
+        }
+    };
+    log(&cli);
+    match execute(cli.command) {
+        Ok(code) => code,
+        Err(sentence) => fail(&sentence),
+    }
+}
+
+fn execute(command: Command) -> Result<ExitCode, String> {
+    match command {
+        Command::Run(options) => run::run(&options)?,
+        Command::List { json } => print(&list(json))?,
+        Command::Describe { kind, json, markdown } => {
+            let device = kinds::make(&kind)?;
+            let spec = device.spec();
+            print(&match (json, markdown) {
+                (true, _) => describe::json(spec) + "\n",
+                (_, true) => describe::markdown(spec),
+                _ => describe::text(spec),
+            })?;
+        }
+        Command::Replay { file } => return replay(&file),
+        Command::Asm(_) => return Err(not_yet("asm")),
+        Command::Disasm(_) => return Err(not_yet("disasm")),
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// The kinds of drive.
+fn list(json: bool) -> String {
+    if json {
+        let kinds: Vec<_> = kinds::specs()
+            .map(
+                |spec| serde_json::json!({"kind": spec.kind, "product": spec.product, "manual": spec.manual}),
+            )
+            .collect();
+        return format!("{}\n", serde_json::Value::from(kinds));
+    }
+    let width = kinds::specs().map(|spec| spec.kind.len()).max().unwrap_or(0);
+    kinds::specs()
+        .map(|spec| format!("{:<width$}  {}, after {}\n", spec.kind, spec.product, spec.manual))
+        .collect()
+}
+
+fn replay(file: &Path) -> Result<ExitCode, String> {
+    let place = file.display();
+    let text = std::fs::read_to_string(file).map_err(|error| format!("{place}: {error}"))?;
+    let trace = Trace::parse(&text).map_err(|error| format!("{place}: {error}"))?;
+    let difference = replay::run(&trace, &|kind| kinds::make(kind).ok());
+    match difference.map_err(|error| format!("{place}: {}", error.0))? {
+        None => {
+            print(&format!("{place}: as expected\n"))?;
+            Ok(ExitCode::SUCCESS)
+        }
+        Some(difference) => {
+            let told = |line: Option<String>| line.unwrap_or_else(|| "nothing".into());
+            let (expected, got) = (told(difference.expected), told(difference.got));
+            print(&format!(
+                "{place}: line {}\n  expected  {expected}\n  came      {got}\n",
+                difference.line
+            ))?;
+            Ok(ExitCode::from(DIFFERENT))
+        }
+    }
+}
+
+/// One sentence about what a later version brings.
+fn not_yet(what: &str) -> String {
+    format!("{what}: not yet in this version; `standin --help` lists what is")
+}
+
+fn print(text: &str) -> Result<(), String> {
+    match io::stdout().write_all(text.as_bytes()) {
+        // Who has read enough, as in `standin list | head -1`, is content.
+        Err(error) if error.kind() != io::ErrorKind::BrokenPipe => {
+            Err(format!("stdout cannot be written: {error}"))
+        }
+        _ => Ok(()),
+    }
+}
+
+fn fail(sentence: &str) -> ExitCode {
+    // Nobody is left to tell where stderr is closed.
+    let _ = writeln!(io::stderr(), "standin: {sentence}");
+    ExitCode::from(BAD_USAGE)
+}
+
+/// Logs to stderr: warnings, or what `-v`, `-q` or `RUST_LOG` say.
+fn log(cli: &Cli) {
+    let level = match (cli.quiet, cli.verbose) {
+        (true, _) => "error",
+        (_, 0) => "warn",
+        (_, 1) => "info",
+        _ => "trace",
+    };
+    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(level));
+    tracing_subscriber::fmt()
+        .with_env_filter(filter)
+        .with_writer(io::stderr)
+        .with_ansi(io::stderr().is_terminal())
+        .with_target(false)
+        .init();
+}

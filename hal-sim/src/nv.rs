@@ -1,0 +1,154 @@
+//! Non-volatile memory kept in a file (`--nv`).
+//!
+//! Every byte is written when the drive stores it, so a killed process loses nothing; one `fsync` at
+//! exit guards against a power failure of the machine. The file is not touched before the drive's
+//! first store: a missing, empty or damaged file stays as it is until then.
+
+use std::fs::{File, OpenOptions};
+use std::io;
+use std::os::unix::fs::FileExt;
+use std::path::Path;
+
+use rustix::fs::FlockOperation;
+use rustix::io::Errno;
+
+/// The file behind a drive's memory.
+pub(crate) struct Nv {
+    file: File,
+    /// What the file must become before the first store can go into it: the memory as the drive has
+    /// seen it, where the file itself has another size.
+    first: Option<Vec<u8>>,
+}
+
+impl Nv {
+    /// Opens `path`, made empty if it is not there, as a memory of `size` bytes, and returns what the
+    /// drive finds in it.
+    ///
+    /// A file that is too short ends in erased bytes, so an empty one is a new drive. One that is too
+    /// long belongs to something else: the drive gets bytes whose check sum cannot hold.
+    ///
+    /// # Errors
+    /// The file cannot be made, read or written.
+    pub(crate) fn open(path: &Path, size: usize) -> io::Result<(Vec<u8>, Self)> {
+        let file = OpenOptions::new().read(true).write(true).create(true).truncate(false).open(path)?;
+        if !file.metadata()?.is_file() {
+            return Err(io::Error::new(io::ErrorKind::InvalidInput, "not a regular file"));
+        }
+        // Not every file system has locks; only a lock of somebody else matters.
+        if let Err(Errno::WOULDBLOCK) = rustix::fs::flock(&file, FlockOperation::NonBlockingLockExclusive) {
+            return Err(io::Error::new(io::ErrorKind::ResourceBusy, "another drive keeps its memory there"));
+        }
+        let length = file.metadata()?.len();
+        let mut memory = vec![0xFF; size];
+        let there = usize::try_from(length).unwrap_or(usize::MAX).min(size);
+        file.read_exact_at(&mut memory[..there], 0)?;
+        if length > size as u64 {
+            spoil(&mut memory);
+        }
+        let first = (length != size as u64).then(|| memory.clone());
+        Ok((memory, Self { file, first }))
+    }
+
+    /// Writes bytes as they are stored.
+    ///
+    /// # Errors
+    /// Of the file system.
+    pub(crate) fn store(&mut self, offset: u16, bytes: &[u8]) -> io::Result<()> {
+        if let Some(memory) = self.first.take() {
+            // Bad memory stays bad if the process is killed between the two.
+            self.file.write_all_at(&memory, 0)?;
+            self.file.set_len(memory.len() as u64)?;
+        }
+        self.file.write_all_at(bytes, u64::from(offset))
+    }
+
+    /// Waits until the disk has it all.
+    ///
+    /// # Errors
+    /// Of the file system.
+    pub(crate) fn sync(&self) -> io::Result<()> {
+        self.file.sync_all()
+    }
+}
+
+/// Changes every byte, and each by something else, so that no check sum that held does so still.
+fn spoil(memory: &mut [u8]) {
+    for (n, byte) in memory.iter_mut().enumerate() {
+        *byte ^= (n as u8).wrapping_mul(2) | 1;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::path::PathBuf;
+
+    /// A file that is gone when the test is over.
+    struct Scratch(PathBuf);
+
+    impl Scratch {
+        fn new(name: &str, content: Option<&[u8]>) -> Self {
+            let path = std::env::temp_dir().join(format!("standin-nv-{}-{name}", std::process::id()));
+            let _ = std::fs::remove_file(&path);
+            if let Some(content) = content {
+                std::fs::write(&path, content).unwrap();
+            }
+            Self(path)
+        }
+
+        fn content(&self) -> Vec<u8> {
+            std::fs::read(&self.0).unwrap()
+        }
+    }
+
+    impl Drop for Scratch {
+        fn drop(&mut self) {
+            let _ = std::fs::remove_file(&self.0);
+        }
+    }
+
+    #[test]
+    fn a_missing_file_is_a_new_drive_and_gets_content_with_the_first_store() {
+        let file = Scratch::new("missing", None);
+        let (memory, mut nv) = Nv::open(&file.0, 4).unwrap();
+        assert_eq!(memory, [0xFF; 4]);
+        assert!(file.content().is_empty());
+        nv.store(1, &[7]).unwrap();
+        assert_eq!(file.content(), [0xFF, 7, 0xFF, 0xFF]);
+    }
+
+    #[test]
+    fn a_short_file_ends_in_erased_bytes_and_stays_short_until_a_store() {
+        let file = Scratch::new("short", Some(&[1, 2]));
+        let (memory, mut nv) = Nv::open(&file.0, 4).unwrap();
+        assert_eq!(memory, [1, 2, 0xFF, 0xFF]);
+        assert_eq!(file.content(), [1, 2]);
+        nv.store(3, &[9]).unwrap();
+        assert_eq!(file.content(), [1, 2, 0xFF, 9]);
+    }
+
+    #[test]
+    fn a_long_file_is_spoiled_for_the_drive_and_stays_until_a_store() {
+        let file = Scratch::new("long", Some(&[1, 2, 3, 4, 5]));
+        let (memory, mut nv) = Nv::open(&file.0, 4).unwrap();
+        assert!(memory.iter().zip([1, 2, 3, 4]).all(|(&got, was)| got != was));
+        assert_eq!(file.content(), [1, 2, 3, 4, 5]);
+        nv.store(0, &[8]).unwrap();
+        assert_eq!(file.content(), [8, memory[1], memory[2], memory[3]]);
+    }
+
+    #[test]
+    fn a_file_of_the_right_size_is_read_and_written_in_place() {
+        let file = Scratch::new("right", Some(&[1, 2, 3, 4]));
+        let (memory, mut nv) = Nv::open(&file.0, 4).unwrap();
+        assert_eq!(memory, [1, 2, 3, 4]);
+        nv.store(2, &[8, 9]).unwrap();
+        nv.sync().unwrap();
+        assert_eq!(file.content(), [1, 2, 8, 9]);
+    }
+
+    #[test]
+    fn a_directory_is_an_error() {
+        assert!(Nv::open(&std::env::temp_dir(), 4).is_err());
+    }
+}

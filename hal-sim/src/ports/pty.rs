@@ -1,0 +1,270 @@
+//! A line reached by a pseudo terminal, which programs take for a serial port.
+//!
+//! A plain pty fails when it is opened again with parity: the C library's `tcsetattr` reports
+//! `EINVAL` when nothing that was asked for has changed, and a pty never has parity. So whenever
+//! nobody has it open, two flags wait there that every serial program clears (`ECHOE` and `IEXTEN`).
+
+use std::ffi::OsStr;
+use std::fmt;
+use std::io;
+use std::os::fd::{AsFd, OwnedFd};
+use std::os::unix::ffi::OsStrExt;
+use std::path::{Path, PathBuf};
+
+use rustix::event::{PollFd, PollFlags};
+use rustix::fs::{Access, OFlags, inotify};
+use rustix::pty::OpenptFlags;
+use rustix::termios::{
+    ControlModes, LocalModes, OptionalActions, OutputModes, QueueSelector, tcflush, tcgetattr, tcsetattr,
+};
+use standin_sim::bench::{Bench, Bus, Client};
+use standin_sim::bus::Sender;
+use tracing::{info, warn};
+
+use super::{Came, READ_BYTES, UNREAD_BYTES, may_read, over, read_some, write_some};
+
+/// A pty of a line.
+pub(super) struct Pty {
+    master: OwnedFd,
+    path: PathBuf,
+    link: Option<PathBuf>,
+    /// Its watch among the openings.
+    watch: i32,
+    bus: Bus,
+    /// Who talks there, while somebody has it open.
+    client: Option<Client>,
+    /// How many have it open, as far as is known.
+    openers: u32,
+    /// What the drives sent and nobody has taken.
+    unread: Vec<u8>,
+    /// The settings of the other end that were last warned of.
+    warned: Option<Sender>,
+}
+
+/// Why there is no pty.
+#[derive(Debug)]
+pub(crate) enum PtyError {
+    /// The system gives none.
+    None(io::Error),
+    /// Its link cannot be made.
+    Link(PathBuf, io::Error),
+}
+
+impl fmt::Display for PtyError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::None(error) => write!(f, "the system gives no pty: {error}"),
+            Self::Link(path, error) => write!(f, "pty: cannot be linked at {}: {error}", path.display()),
+        }
+    }
+}
+
+impl Pty {
+    /// A new pty of `bus`, linked at `link`, whose openings `openings` tells.
+    ///
+    /// # Errors
+    /// There is none to be had, or no link to be made.
+    pub(super) fn new(bus: Bus, link: Option<PathBuf>, openings: &OwnedFd) -> Result<Self, PtyError> {
+        let (master, path) = open().map_err(PtyError::None)?;
+        let watch = inotify::add_watch(
+            openings,
+            &path,
+            inotify::WatchFlags::OPEN | inotify::WatchFlags::CLOSE_WRITE | inotify::WatchFlags::CLOSE_NOWRITE,
+        );
+        let watch = watch.map_err(|error| PtyError::None(error.into()))?;
+        if let Some(link) = &link {
+            make_link(&path, link).map_err(|error| PtyError::Link(link.clone(), error))?;
+        }
+        let pty = Self {
+            master,
+            path,
+            link,
+            watch,
+            bus,
+            client: None,
+            openers: 0,
+            unread: Vec::new(),
+            warned: None,
+        };
+        pty.reset().map_err(PtyError::None)?;
+        Ok(pty)
+    }
+
+    /// The name of the other end.
+    pub(super) fn path(&self) -> &Path {
+        &self.path
+    }
+
+    pub(super) fn is_watched_by(&self, watch: i32) -> bool {
+        self.watch == watch
+    }
+
+    /// A pty that nobody has open is always "ready", so it is left to the openings then.
+    pub(super) fn watch<'a>(&'a self, bench: &Bench, fds: &mut Vec<PollFd<'a>>) {
+        if let Some(client) = self.client {
+            let mut interest = PollFlags::empty();
+            interest.set(PollFlags::IN, may_read(bench, client, &self.unread));
+            interest.set(PollFlags::OUT, !self.unread.is_empty());
+            fds.push(PollFd::new(&self.master, interest));
+        }
+    }
+
+    pub(super) fn take(
+        &mut self,
+        bench: &mut Bench,
+        ready: &mut impl Iterator<Item = PollFlags>,
+        manual: bool,
+    ) {
+        let Some(client) = self.client else { return };
+        let ready = ready.next().unwrap_or(PollFlags::empty());
+        if !ready.intersects(PollFlags::IN | PollFlags::HUP | PollFlags::ERR) {
+            return;
+        }
+        let mut buffer = [0; READ_BYTES];
+        match read_some(&self.master, &mut buffer) {
+            Came::Bytes(count) => {
+                let sender = self.sender(bench);
+                bench.send_from(client, &buffer[..count], sender);
+                over(bench, manual);
+            }
+            Came::End => {
+                self.leave(bench);
+                if let Err(error) = self.reset() {
+                    warn!("{} cannot be made ready again: {error}", self.path.display());
+                }
+            }
+            Came::Nothing => {}
+        }
+    }
+
+    pub(super) fn deliver(&mut self, bench: &mut Bench) {
+        let Some(client) = self.client else { return };
+        bench.receive(client, &mut self.unread);
+        // A failure here is the other end going away, which the next read tells.
+        let _ = write_some(&self.master, &mut self.unread);
+        // As on a real port, what is not read in time is lost.
+        self.unread.truncate(UNREAD_BYTES);
+    }
+
+    /// What the openings tell of this pty. Whether anybody is there at all the next read tells for
+    /// certain; what is seen here only is somebody who leaves and comes back between two looks.
+    pub(super) fn opened_or_closed(&mut self, bench: &mut Bench, events: inotify::ReadFlags) {
+        if events.contains(inotify::ReadFlags::OPEN) {
+            if self.client.is_some() && self.openers == 0 {
+                self.leave(bench);
+            }
+            if self.client.is_none() {
+                self.arrive(bench);
+            }
+            self.openers += 1;
+        } else if events.intersects(inotify::ReadFlags::CLOSE_WRITE | inotify::ReadFlags::CLOSE_NOWRITE) {
+            self.openers = self.openers.saturating_sub(1);
+        }
+    }
+
+    fn arrive(&mut self, bench: &mut Bench) {
+        info!("{} is opened", self.path.display());
+        self.client = Some(bench.connect(self.bus));
+        bench.attach(self.bus, true);
+    }
+
+    fn leave(&mut self, bench: &mut Bench) {
+        info!("{} is left", self.path.display());
+        if let Some(client) = self.client.take() {
+            bench.disconnect(client);
+            bench.attach(self.bus, false);
+        }
+        self.openers = 0;
+        self.unread.clear();
+        self.warned = None;
+    }
+
+    /// Empties both queues and puts the terminal into the state that the next opener needs.
+    fn reset(&self) -> io::Result<()> {
+        tcflush(&self.master, QueueSelector::IOFlush)?;
+        let mut settings = tcgetattr(&self.master)?;
+        settings.local_modes.remove(LocalModes::ECHO | LocalModes::ICANON);
+        settings.local_modes.insert(LocalModes::ECHOE | LocalModes::IEXTEN);
+        settings.output_modes.remove(OutputModes::OPOST);
+        settings.control_modes.remove(ControlModes::PARODD);
+        tcsetattr(&self.master, OptionalActions::Now, &settings)?;
+        Ok(())
+    }
+
+    /// The settings of the other end. Whether there is parity at all, and 7 data bits, a pty does
+    /// not tell.
+    fn sender(&mut self, bench: &Bench) -> Sender {
+        let Ok(settings) = tcgetattr(&self.master) else { return Sender::default() };
+        let control = settings.control_modes;
+        let sender = Sender {
+            baud: Some(settings.output_speed()),
+            stop: Some(if control.contains(ControlModes::CSTOPB) { 2 } else { 1 }),
+            odd: Some(control.contains(ControlModes::PARODD)),
+        };
+        let line = bench.line(self.bus);
+        if !sender.fits(line) && self.warned != Some(sender) {
+            self.warned = Some(sender);
+            warn!(
+                "{} is open with {} baud, {} stop bits, odd parity {}; the drive's line is {line}",
+                self.path.display(),
+                settings.output_speed(),
+                sender.stop.unwrap_or(1),
+                if sender.odd == Some(true) { "on" } else { "off" },
+            );
+        }
+        sender
+    }
+}
+
+/// Takes the link away, if it still leads here.
+impl Drop for Pty {
+    fn drop(&mut self) {
+        if let Some(link) = &self.link
+            && std::fs::read_link(link).is_ok_and(|target| target == self.path)
+        {
+            let _ = std::fs::remove_file(link);
+        }
+    }
+}
+
+/// A new pty: its master, and the name of the other end.
+fn open() -> io::Result<(OwnedFd, PathBuf)> {
+    let flags = OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC;
+    let master = rustix::pty::openpt(flags)?;
+    rustix::pty::grantpt(&master)?;
+    rustix::pty::unlockpt(&master)?;
+    set_nonblocking(&master)?;
+    let path = rustix::pty::ptsname(&master, Vec::new())?;
+    Ok((master, PathBuf::from(OsStr::from_bytes(path.as_bytes()))))
+}
+
+fn set_nonblocking(fd: impl AsFd) -> io::Result<()> {
+    let flags = rustix::fs::fcntl_getfl(&fd)?;
+    Ok(rustix::fs::fcntl_setfl(&fd, flags | OFlags::NONBLOCK)?)
+}
+
+/// Whether a link can be made at `link`: nothing is there, or an old link.
+///
+/// # Errors
+/// Something else is there, or nothing can be.
+pub(crate) fn check_link(link: &Path) -> io::Result<()> {
+    match link.symlink_metadata() {
+        Ok(there) if there.is_symlink() => Ok(()),
+        Ok(_) => Err(io::Error::new(io::ErrorKind::AlreadyExists, "something else than a link is there")),
+        Err(error) if error.kind() == io::ErrorKind::NotFound => {
+            let folder = link.parent().filter(|folder| !folder.as_os_str().is_empty());
+            rustix::fs::access(folder.unwrap_or(Path::new(".")), Access::WRITE_OK)?;
+            Ok(())
+        }
+        Err(error) => Err(error),
+    }
+}
+
+/// Links `path` at `link`, in place of an old link.
+fn make_link(path: &Path, link: &Path) -> io::Result<()> {
+    check_link(link)?;
+    if link.is_symlink() {
+        std::fs::remove_file(link)?;
+    }
+    std::os::unix::fs::symlink(path, link)
+}

@@ -1,0 +1,332 @@
+//! The thread that owns the bench, and the only file that reads the wall clock.
+//!
+//! It sleeps until the bench's next deadline or until something comes, brings the bench to that
+//! moment, and takes what has come: that is an input's stamp. Requests and calls of the control API
+//! are served one at a time.
+
+use std::fmt;
+use std::io;
+use std::num::NonZeroU64;
+use std::os::fd::OwnedFd;
+use std::os::unix::net::UnixStream;
+use std::str::FromStr;
+use std::sync::{Arc, mpsc};
+use std::time::{Duration as WallSpan, Instant as WallInstant};
+
+use rustix::event::{EventfdFlags, PollFd, PollFlags, Timespec};
+use standin_firmware::device::{Duration, Instant};
+use standin_protocol::time::TICKS_PER_SECOND;
+use standin_sim::bench::Bench;
+use tokio::sync::oneshot;
+use tracing::warn;
+
+use crate::ports::Ports;
+
+/// How far the bench may fall behind the wall clock before the rest is given up.
+const MAX_LAG: Duration = Duration::secs(1);
+
+/// How long half a message may wait for its rest, as the wall clock counts.
+const PATIENCE: Duration = Duration::millis(20);
+
+/// How long the bench may run before somebody looks whether something has come.
+const BUDGET: WallSpan = WallSpan::from_millis(20);
+
+/// Bench time between two looks at the wall clock.
+const SLICE: Duration = Duration::millis(10);
+
+/// The greatest factor of [`Pace::Times`].
+const FASTEST: u32 = 1000;
+
+/// How the time of the bench runs.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) enum Pace {
+    /// So many times as fast as the wall clock.
+    Times(u32),
+    /// It stands, but for what a request or a call needs.
+    Manual,
+}
+
+impl Pace {
+    /// How long half a message may wait, in time of the bench.
+    pub(crate) fn patience(self) -> Duration {
+        match self {
+            Self::Times(factor) => PATIENCE.times(factor.into()),
+            Self::Manual => PATIENCE,
+        }
+    }
+}
+
+impl FromStr for Pace {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let factor = text.strip_prefix('x').and_then(|factor| factor.parse().ok());
+        match (text, factor) {
+            ("real", _) => Ok(Self::Times(1)),
+            ("manual", _) => Ok(Self::Manual),
+            (_, Some(factor)) if (1..=FASTEST).contains(&factor) => Ok(Self::Times(factor)),
+            _ => Err(format!("it takes real, xN (N from 1 to {FASTEST}) or manual")),
+        }
+    }
+}
+
+impl fmt::Display for Pace {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Times(1) => f.write_str("real"),
+            Self::Times(factor) => write!(f, "x{factor}"),
+            Self::Manual => f.write_str("manual"),
+        }
+    }
+}
+
+/// Bench time as the wall clock paces it: at `wall` it was `bench`.
+struct Clock {
+    factor: u32,
+    wall: WallInstant,
+    bench: Instant,
+}
+
+impl Clock {
+    /// A clock that shows `bench` at `wall`.
+    fn new(factor: u32, wall: WallInstant, bench: Instant) -> Self {
+        Self { factor, wall, bench }
+    }
+
+    /// What it shows at `wall`.
+    fn at(&self, wall: WallInstant) -> Instant {
+        let passed = wall.saturating_duration_since(self.wall).as_nanos() * u128::from(self.factor);
+        let ticks = passed * u128::from(TICKS_PER_SECOND) / 1_000_000_000;
+        self.bench + Duration::from_ticks(u64::try_from(ticks).unwrap_or(u64::MAX))
+    }
+
+    /// How long after its beginning it shows `bench`, rounded up; `None` if that is never.
+    fn until(&self, bench: Instant) -> Option<WallSpan> {
+        if bench == Instant::NEVER {
+            return None;
+        }
+        let ticks = u128::from(bench.since(self.bench).ticks()) * 1_000_000_000;
+        let nanos = ticks.div_ceil(u128::from(TICKS_PER_SECOND) * u128::from(self.factor));
+        u64::try_from(nanos).ok().map(WallSpan::from_nanos)
+    }
+}
+
+/// A piece of work for the bench's thread.
+type Job = Box<dyn FnOnce(&mut Host) + Send>;
+
+/// Where other threads hand in work for the bench's thread.
+#[derive(Clone)]
+pub(crate) struct Door {
+    jobs: mpsc::Sender<Job>,
+    bell: Arc<OwnedFd>,
+}
+
+impl Door {
+    /// Hands in a piece of work and wakes the thread; without effect when that has ended.
+    pub(crate) fn hand_in(&self, job: impl FnOnce(&mut Host) + Send + 'static) {
+        if self.jobs.send(Box::new(job)).is_ok() {
+            ring(&self.bell);
+        }
+    }
+}
+
+/// A way to go in manual time.
+struct Advance {
+    until: Instant,
+    /// Who waits for it; gone if nobody does any more.
+    done: oneshot::Sender<Instant>,
+}
+
+/// The bench, its ports, and its clock.
+pub(crate) struct Host {
+    /// The bench.
+    pub(crate) bench: Bench,
+    ports: Ports,
+    /// The clock; `None` in manual time.
+    clock: Option<Clock>,
+    warned: bool,
+    advance: Option<Advance>,
+    jobs: mpsc::Receiver<Job>,
+    bell: Arc<OwnedFd>,
+}
+
+/// What woke the thread.
+struct Woken {
+    stop: bool,
+    ports: Vec<PollFlags>,
+}
+
+impl Host {
+    /// `bench` with `ports`, paced by `pace` from now on, and its door.
+    ///
+    /// # Errors
+    /// The system gives no event descriptor.
+    pub(crate) fn new(bench: Bench, ports: Ports, pace: Pace) -> io::Result<(Self, Door)> {
+        let bell = rustix::event::eventfd(0, EventfdFlags::CLOEXEC | EventfdFlags::NONBLOCK)?;
+        let bell = Arc::new(bell);
+        let (sender, jobs) = mpsc::channel();
+        let door = Door { jobs: sender, bell: Arc::clone(&bell) };
+        let mut host = Self { bench, ports, clock: None, warned: false, advance: None, jobs, bell };
+        host.set_pace(pace);
+        Ok((host, door))
+    }
+
+    /// How time runs.
+    pub(crate) fn pace(&self) -> Pace {
+        self.clock.as_ref().map_or(Pace::Manual, |clock| Pace::Times(clock.factor))
+    }
+
+    /// Lets time run otherwise from now on.
+    pub(crate) fn set_pace(&mut self, pace: Pace) {
+        self.bench.set_patience(pace.patience());
+        self.clock = match pace {
+            Pace::Times(factor) => Some(Clock::new(factor, wall(), self.bench.now())),
+            Pace::Manual => None,
+        };
+    }
+
+    /// Runs the bench for `span`; `done` is told when it is there. A caller that is gone stops it.
+    pub(crate) fn advance(&mut self, span: Duration, done: oneshot::Sender<Instant>) {
+        self.advance = Some(Advance { until: self.bench.now() + span, done });
+    }
+
+    /// In manual time, what was just done has its whole effect now.
+    pub(crate) fn settle(&mut self) {
+        if self.clock.is_none() {
+            self.bench.settle();
+        }
+    }
+
+    /// Serves until something can be read from `stop`.
+    ///
+    /// # Errors
+    /// The system does not let it wait.
+    pub(crate) fn run(&mut self, stop: &UnixStream) -> io::Result<()> {
+        // Else the kernel wakes us up to 50 µs late, half a character at 115,200 baud.
+        let _ = rustix::thread::set_current_timer_slack(NonZeroU64::new(1));
+        loop {
+            let woken = self.wait(stop)?;
+            if woken.stop {
+                return Ok(());
+            }
+            self.catch_up();
+            if self.advance.is_none() {
+                self.ports.take(&mut self.bench, &woken.ports, self.clock.is_none());
+                self.work();
+            }
+            self.catch_up();
+            self.ports.deliver(&mut self.bench);
+        }
+    }
+
+    /// Sleeps until something is to be done.
+    fn wait(&self, stop: &UnixStream) -> io::Result<Woken> {
+        let mut fds = vec![PollFd::new(stop, PollFlags::IN), PollFd::new(&*self.bell, PollFlags::IN)];
+        self.ports.watch(&self.bench, &mut fds);
+        let timeout = self.time_left().map(|left| Timespec {
+            tv_sec: left.as_secs().try_into().unwrap_or(i64::MAX),
+            tv_nsec: left.subsec_nanos().into(),
+        });
+        match rustix::event::poll(&mut fds, timeout.as_ref()) {
+            Ok(_) | Err(rustix::io::Errno::INTR) => {}
+            Err(error) => return Err(error.into()),
+        }
+        let mut events = fds.iter().map(PollFd::revents);
+        let stop = events.next().is_some_and(|event| !event.is_empty());
+        events.next();
+        Ok(Woken { stop, ports: events.collect() })
+    }
+
+    /// How long the thread may sleep; `None` for as long as nothing comes.
+    fn time_left(&self) -> Option<WallSpan> {
+        if self.advance.is_some() {
+            return Some(WallSpan::ZERO);
+        }
+        let clock = self.clock.as_ref()?;
+        let due = clock.until(self.bench.next().min(self.ports.deadline()))?;
+        Some(due.saturating_sub(wall().saturating_duration_since(clock.wall)))
+    }
+
+    /// Brings the bench to where it should be now, or as near as a slice of time gets it.
+    fn catch_up(&mut self) {
+        if let Some(advance) = self.advance.take() {
+            self.run_towards(advance.until);
+            if self.bench.now() < advance.until && !advance.done.is_closed() {
+                self.advance = Some(advance);
+                return;
+            }
+            let _ = advance.done.send(self.bench.now());
+            // What was handed in meanwhile waits.
+            ring(&self.bell);
+            return;
+        }
+        let Some(clock) = &mut self.clock else { return };
+        let wall = wall();
+        let lag = clock.at(wall).since(self.bench.next());
+        if lag > MAX_LAG.times(clock.factor.into()) {
+            *clock = Clock::new(clock.factor, wall, self.bench.next());
+            if !std::mem::replace(&mut self.warned, true) {
+                warn!(
+                    "the bench fell more than a second behind the wall clock; its time is late from now on"
+                );
+            }
+        }
+        let target = clock.at(wall);
+        self.run_towards(target);
+    }
+
+    /// Runs the bench to `target`, but no longer than is good for who waits.
+    fn run_towards(&mut self, target: Instant) {
+        let began = wall();
+        while self.bench.now() < target && began.elapsed() < BUDGET {
+            let slice = self.bench.next().max(self.bench.now()) + SLICE;
+            self.bench.run_until(slice.min(target));
+        }
+    }
+
+    /// Does what other threads handed in, each to its end.
+    fn work(&mut self) {
+        let _ = rustix::io::read(&*self.bell, &mut [0; 8]);
+        while self.advance.is_none()
+            && let Ok(job) = self.jobs.try_recv()
+        {
+            job(self);
+        }
+    }
+}
+
+fn ring(bell: &OwnedFd) {
+    // It fails only when the bell has rung 2⁶⁴ times unheard.
+    let _ = rustix::io::write(bell, &1_u64.to_ne_bytes());
+}
+
+#[expect(clippy::disallowed_methods, reason = "this file is the one that reads the wall clock")]
+fn wall() -> WallInstant {
+    WallInstant::now()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_clock_shows_bench_time_and_wakes_no_tick_early() {
+        let start = wall();
+        let clock = Clock::new(10, start, Instant::from_ticks(7));
+        assert_eq!(clock.at(start), Instant::from_ticks(7));
+        assert_eq!(clock.at(start + WallSpan::from_millis(1)), Instant::from_ticks(7 + 160_000));
+        assert_eq!(clock.until(Instant::NEVER), None);
+        for ticks in [1, 2, 15, 16, 17, 12_345_678] {
+            let due = Instant::from_ticks(7 + ticks);
+            let span = clock.until(due).unwrap();
+            assert!(clock.at(start + span) >= due);
+            assert!(clock.at(start + span - WallSpan::from_nanos(1)) < due);
+        }
+    }
+
+    #[test]
+    fn patience_is_wall_time() {
+        assert_eq!(Pace::Times(10).patience(), Duration::millis(200));
+        assert_eq!(Pace::Manual.patience(), Duration::millis(20));
+    }
+}
