@@ -1,4 +1,4 @@
-//! The link test: the protocol and each drive, for two Cortex-M, without any panic left.
+//! The link test: the protocol, the shell and each drive, for two Cortex-M, without any panic left.
 
 use anyhow::{Result, bail, ensure};
 use xshell::{Cmd, Shell, cmd};
@@ -16,8 +16,10 @@ pub(crate) fn check(sh: &Shell) -> Result<()> {
     let mut table = image::head();
     for target in THUMB_TARGETS {
         refuses_a_panic(sh, target)?;
-        link(sh, target, "protocol", None)?;
-        table += &image::row("protocol", target, Image::of(sh, target, "protocol")?.sizes()?);
+        for program in ["protocol", "shell"] {
+            link(sh, target, program, None)?;
+            table += &image::row(program, target, Image::of(sh, target, program)?.sizes()?);
+        }
         for kind in &kinds {
             link(sh, target, "drive", Some(kind))?;
             table += &image::row(kind, target, Image::of(sh, target, "drive")?.sizes()?);

@@ -1,0 +1,36 @@
+//! Events of a bench per second of wall time, with few seats and with many.
+//!
+//! An event is a device that wakes at its deadline and sends two characters on its line; here every
+//! 10 ms of bench time, the devices one after the other.
+
+#[path = "support/mod.rs"]
+mod support;
+
+use standin_protocol::time::Span;
+use standin_sim::bench::{Bench, Settings};
+use standin_sim::trace::TraceKeep;
+use standin_tests::toy::Toy;
+
+use support::{line, took};
+
+/// Events that are measured.
+const EVENTS: u64 = 1_000_000;
+/// Events of one device in a second of bench time.
+const RATE: u64 = 100;
+
+fn main() {
+    println!("a bench of many drives");
+    for seats in [1, 1_000, 10_000] {
+        let mut bench = Bench::with(Settings { trace: TraceKeep::Off, ..Settings::default() });
+        for seat in 0..seats {
+            bench.run_until((seat * 10_000 / seats).micros());
+            bench.add::<Toy>(&format!("toy{seat}"));
+        }
+        bench.run_until(1.secs());
+        let span = (EVENTS * 1_000_000 / (seats * RATE)).micros();
+        let end = bench.now() + span;
+        let seconds = took(|| bench.run_until(end)).as_secs_f64();
+        let ns = seconds * 1e9 / EVENTS as f64;
+        line(&format!("{seats} seats"), &format!("{:.2} million events/s, {ns:.0} ns each", 1e3 / ns));
+    }
+}

@@ -1,0 +1,206 @@
+//! One RTU request, function 3 for 10 registers, from its characters to its answer: an MD3 as users
+//! run it, through `dyn Device` and `dyn Sink`, beside the `rmodbus` crate on the same frame.
+//!
+//! Time is the least of many runs. Instructions are counted by valgrind, which runs this very
+//! program with two numbers of requests; the difference is theirs alone.
+
+#[path = "support/mod.rs"]
+mod support;
+
+use std::hint::black_box;
+use std::process::Command;
+
+use rmodbus::server::ModbusFrame;
+use rmodbus::server::context::ModbusContext;
+use rmodbus::server::storage::ModbusStorage;
+use rmodbus::{ModbusFrameBuf, ModbusProto};
+use standin_firmware::device::{Boot, Device, Duration, Input, Instant, Output, Port, Sink};
+use standin_firmware::md3::Md3;
+use standin_protocol::modbus::rtu;
+
+use support::{line, took};
+
+/// The first register and how many.
+const FIRST: u16 = 0x10;
+const COUNT: u16 = 10;
+/// What they hold in a new MD3 (chapter 7).
+const VALUES: [u16; COUNT as usize] = [0, 0, 0, 0x2710, 0, 0x1388, 0, 0x09c4, 0, 0x2710];
+
+/// What answers the request.
+trait Slave {
+    const NAME: &'static str;
+
+    fn new() -> Self;
+
+    /// Answers one request.
+    fn serve(&mut self);
+
+    /// The last answer.
+    fn answer(&self) -> Vec<u8>;
+}
+
+/// An MD3 of which the compiler knows nothing here.
+struct Standin {
+    md3: Box<dyn Device>,
+    world: World,
+    request: Vec<u8>,
+    at: Instant,
+}
+
+/// Keeps the last answer.
+#[derive(Default)]
+struct World {
+    answer: Vec<u8>,
+}
+
+impl Sink for World {
+    fn put(&mut self, _at: Instant, output: Output<'_>) {
+        if let Output::Bytes { bytes, .. } = output {
+            self.answer.clear();
+            self.answer.extend_from_slice(bytes);
+        }
+    }
+
+    fn memory(&self) -> &[u8] {
+        &[0xFF; 128]
+    }
+}
+
+impl Slave for Standin {
+    const NAME: &'static str = "standin, an MD3";
+
+    fn new() -> Self {
+        let mut md3: Box<dyn Device> = black_box(Box::new(Md3::new()));
+        let mut world = World::default();
+        md3.power_on(Instant::ZERO, Boot { seed: 1, fast: true }, &mut world);
+        let request = rtu::read(1, FIRST, COUNT).to_vec();
+        Self { md3, world, request, at: Instant::from(Duration::secs(1)) }
+    }
+
+    fn serve(&mut self) {
+        let out: &mut dyn Sink = black_box(&mut self.world);
+        self.md3.input(self.at, Input::Bytes { port: Port(0), bytes: black_box(&self.request) }, out);
+        let due = self.md3.deadline();
+        self.md3.timeout(due, out);
+        self.at = due + Duration::millis(100);
+    }
+
+    fn answer(&self) -> Vec<u8> {
+        self.world.answer.clone()
+    }
+}
+
+/// The crate `rmodbus`, used as its documentation shows.
+struct Rmodbus {
+    registers: ModbusStorage<0, 0, 0, 32>,
+    request: ModbusFrameBuf,
+    answer: Vec<u8>,
+}
+
+impl Slave for Rmodbus {
+    const NAME: &'static str = "rmodbus";
+
+    fn new() -> Self {
+        let mut registers = ModbusStorage::new();
+        registers.set_holdings_bulk(FIRST, &VALUES).expect("there are 32 registers");
+        let mut request = [0; 256];
+        let frame = rtu::read(1, FIRST, COUNT);
+        request[..frame.len()].copy_from_slice(&frame);
+        Self { registers, request, answer: Vec::with_capacity(256) }
+    }
+
+    fn serve(&mut self) {
+        self.answer.clear();
+        let request = black_box(&self.request);
+        let mut frame = ModbusFrame::new(1, request, ModbusProto::Rtu, &mut self.answer);
+        frame.parse().expect("the request is good");
+        frame.process_read(&self.registers).expect("the registers are there");
+        frame.finalize_response().expect("the answer fits");
+    }
+
+    fn answer(&self) -> Vec<u8> {
+        self.answer.clone()
+    }
+}
+
+/// Whoever is measured must answer this.
+fn expected() -> Vec<u8> {
+    let values = VALUES.iter().flat_map(|value| value.to_be_bytes());
+    rtu::frame(1, &[3, 2 * COUNT as u8].into_iter().chain(values).collect::<Vec<_>>()).to_vec()
+}
+
+/// Answers `requests` of them.
+fn serve<S: Slave>(requests: u64) {
+    let mut slave = S::new();
+    for _ in 0..requests {
+        slave.serve();
+    }
+    assert_eq!(slave.answer(), expected(), "{}", S::NAME);
+}
+
+fn serve_named(name: &str, requests: u64) {
+    match name {
+        Standin::NAME => serve::<Standin>(requests),
+        Rmodbus::NAME => serve::<Rmodbus>(requests),
+        _ => panic!("nobody is called {name}"),
+    }
+}
+
+/// Instructions of a request; `None` without valgrind.
+fn instructions(name: &str) -> Option<f64> {
+    let collected = |requests: u64| {
+        let this = std::env::current_exe().expect("this program has a path");
+        let run = Command::new("valgrind")
+            .args(["--tool=callgrind", "--callgrind-out-file=/dev/null"])
+            .arg(this)
+            .args(["count", name, &requests.to_string()])
+            .output()
+            .ok()?;
+        let said = String::from_utf8_lossy(&run.stderr);
+        assert!(run.status.success(), "valgrind failed:\n{said}");
+        let (_, number) = said.split_once("Collected : ").expect("callgrind says what it collected");
+        number.split_whitespace().next()?.parse::<u64>().ok()
+    };
+    const FEW: u64 = 1_000;
+    const MANY: u64 = 11_000;
+    Some((collected(MANY)? - collected(FEW)?) as f64 / (MANY - FEW) as f64)
+}
+
+/// The least time of one call of `act`, in ns, in `runs` runs of `calls` calls.
+fn least_ns(runs: u32, calls: u32, mut act: impl FnMut()) -> f64 {
+    let least = (0..runs).map(|_| took(|| (0..calls).for_each(|_| act()))).min();
+    least.unwrap_or_default().as_nanos() as f64 / f64::from(calls)
+}
+
+/// Measures one slave: ns and instructions of a request.
+fn measure<S: Slave>() -> (f64, Option<f64>) {
+    serve::<S>(1);
+    let mut slave = S::new();
+    let ns = least_ns(200, 10_000, || slave.serve());
+    assert_eq!(slave.answer(), expected(), "{}", S::NAME);
+    let instructions = instructions(S::NAME);
+    let counted = instructions.map_or("not counted".to_owned(), |n| format!("{n:.0} instructions"));
+    line(S::NAME, &format!("{ns:.1} ns, {counted}"));
+    (ns, instructions)
+}
+
+fn main() {
+    let words: Vec<String> = std::env::args().skip(1).collect();
+    if let [count, name, requests] = words.as_slice()
+        && count == "count"
+    {
+        serve_named(name, requests.parse().expect("a number of requests"));
+        return;
+    }
+    println!("one request: function 3, {COUNT} registers");
+    let (ours, our_instructions) = measure::<Standin>();
+    let (theirs, their_instructions) = measure::<Rmodbus>();
+    let ratio = match (our_instructions, their_instructions) {
+        (Some(ours), Some(theirs)) => format!(", {:.2} of its instructions", ours / theirs),
+        _ => String::new(),
+    };
+    line("standin : rmodbus", &format!("{:.2} of its time{ratio}", ours / theirs));
+    if our_instructions.is_none() {
+        println!("NO VALGRIND: instructions were not counted; install it with `apt-get install valgrind`");
+    }
+}

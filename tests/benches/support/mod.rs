@@ -1,0 +1,16 @@
+//! What the benchmarks share: a stopwatch and a line of output.
+
+use std::time::{Duration, Instant};
+
+/// How long `act` takes.
+#[expect(clippy::disallowed_methods, reason = "a benchmark measures the wall clock")]
+pub(crate) fn took(act: impl FnOnce()) -> Duration {
+    let start = Instant::now();
+    act();
+    start.elapsed()
+}
+
+/// Prints a result.
+pub(crate) fn line(name: &str, result: &str) {
+    println!("  {name:<20} {result}");
+}

@@ -1,0 +1,153 @@
+//! The shell of a board, around a drive and a board of which nothing is known.
+#![no_std]
+#![no_main]
+
+use core::convert::Infallible;
+
+use embedded_hal::digital::{self, OutputPin};
+use embedded_io::{Write, WriteReady};
+use embedded_storage::{ReadStorage, Storage};
+use panic_free::{opaque, perhaps_panic};
+use standin_firmware::device::{
+    Axis, Boot, Device, Input, Instant, Line, Output, Pin, Plan, Port, Refused, Sink, Spec,
+};
+use standin_firmware::shell::{Caught, Inputs, Outputs, Shell};
+
+/// Any drive on any board.
+struct Anything;
+
+/// Where the linker begins.
+#[unsafe(no_mangle)]
+extern "C" fn start() -> ! {
+    let mut shell = Shell::<_, _, _, 64>::new(Anything, Anything, Anything, opaque(Boot::default()));
+    loop {
+        let shell = opaque(&mut shell);
+        let _ = opaque(shell.turn());
+        opaque((shell.deadline(), shell.failures()));
+        opaque(shell.device());
+        perhaps_panic(opaque(&[]), opaque(0));
+    }
+}
+
+impl Device for Anything {
+    fn spec(&self) -> &'static Spec {
+        opaque(None).unwrap_or_else(|| loop {})
+    }
+
+    fn power_on(&mut self, at: Instant, boot: Boot, out: &mut dyn Sink) {
+        opaque(boot);
+        self.timeout(at, out);
+    }
+
+    fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Sink) {
+        opaque(input);
+        self.timeout(at, out);
+    }
+
+    fn deadline(&self) -> Instant {
+        opaque(Instant::NEVER)
+    }
+
+    fn timeout(&mut self, at: Instant, out: &mut dyn Sink) {
+        opaque(out.memory());
+        out.put(opaque(at), opaque(Output::Bytes { port: Port(0), bytes: &[] }));
+    }
+
+    fn peek(&self, _at: Instant, _row: usize) -> i64 {
+        opaque(0)
+    }
+
+    fn poke(&mut self, _at: Instant, _row: usize, _value: i64, _out: &mut dyn Sink) -> Result<(), Refused> {
+        opaque(Ok(()))
+    }
+}
+
+impl Inputs for Anything {
+    fn now(&self) -> Instant {
+        opaque(Instant::ZERO)
+    }
+
+    fn caught(&mut self, _until: Instant) -> Option<(Instant, Caught)> {
+        opaque(None)
+    }
+}
+
+impl Outputs for Anything {
+    type Serial = Self;
+    type Pin = Self;
+    type Memory = Self;
+
+    fn serial(&mut self, _port: Port) -> Option<&mut Self> {
+        opaque(Some(self))
+    }
+
+    fn set_line(&mut self, _port: Port, line: Line) {
+        opaque(line);
+    }
+
+    fn pin(&mut self, _pin: Pin) -> Option<&mut Self> {
+        opaque(Some(self))
+    }
+
+    fn memory(&mut self) -> &mut Self {
+        self
+    }
+
+    fn plan(&mut self, _axis: Axis, plan: &Plan) {
+        opaque(plan);
+    }
+}
+
+impl digital::ErrorType for Anything {
+    type Error = Infallible;
+}
+
+impl OutputPin for Anything {
+    fn set_low(&mut self) -> Result<(), Infallible> {
+        opaque(Ok(()))
+    }
+
+    fn set_high(&mut self) -> Result<(), Infallible> {
+        opaque(Ok(()))
+    }
+}
+
+impl embedded_io::ErrorType for Anything {
+    type Error = embedded_io::ErrorKind;
+}
+
+impl WriteReady for Anything {
+    fn write_ready(&mut self) -> Result<bool, embedded_io::ErrorKind> {
+        opaque(Ok(true))
+    }
+}
+
+impl Write for Anything {
+    fn write(&mut self, bytes: &[u8]) -> Result<usize, embedded_io::ErrorKind> {
+        opaque(Ok(bytes.len()))
+    }
+
+    fn flush(&mut self) -> Result<(), embedded_io::ErrorKind> {
+        opaque(Ok(()))
+    }
+}
+
+impl ReadStorage for Anything {
+    type Error = Infallible;
+
+    fn read(&mut self, _offset: u32, bytes: &mut [u8]) -> Result<(), Infallible> {
+        opaque(bytes);
+        opaque(Ok(()))
+    }
+
+    fn capacity(&self) -> usize {
+        opaque(0)
+    }
+}
+
+impl Storage for Anything {
+    fn write(&mut self, _offset: u32, bytes: &[u8]) -> Result<(), Infallible> {
+        opaque(bytes);
+        opaque(Ok(()))
+    }
+}
