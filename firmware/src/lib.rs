@@ -36,6 +36,8 @@ pub mod shell;
 #[macro_export]
 macro_rules! devices {
     ($then:ident) => {
-        $then! {}
+        $then! {
+            $crate::md3::Md3::new,
+        }
     };
 }

@@ -51,9 +51,11 @@ macro_rules! boxed {
 
 static DRIVES: &[Make] = standin_firmware::devices!(boxed);
 
-/// Requests, mostly good ones, and noise.
+/// Requests, mostly good ones, and noise. The line stays as it is (MD3 0x1c): a script has to know how
+/// long its characters last.
 fn bytes() -> impl Strategy<Value = Vec<u8>> {
-    let request = (0_u8..3, 0_u16..0x22, any::<u16>());
+    let address = (0_u16..0x22).prop_filter("changes the line", |address| *address != 0x1c);
+    let request = (0_u8..3, address, any::<u16>());
     prop_oneof![
         request.clone().prop_map(|(unit, address, value)| rtu::write(unit, address, value).to_vec()),
         request.prop_map(|(unit, address, count)| rtu::read(unit, address, count % 40).to_vec()),
@@ -177,6 +179,7 @@ proptest! {
 
 #[test]
 fn every_drive_names_what_its_spec_points_to() {
+    assert!(DRIVES.len() > 1, "the list of drives is empty");
     for make in DRIVES {
         let drive = make();
         let spec = drive.spec();
