@@ -2,11 +2,11 @@
 
 import threading
 
-import minimalmodbus
 import pytest
+from minimalmodbus import IllegalRequestError, Instrument, NoResponseError
 from pymodbus.pdu import ExceptionResponse
 
-from conftest import DEFAULTS, SERIAL_PORT, USER_REGISTER, ask, crc, frame, instrument, receive, write
+from conftest import DEFAULTS, SERIAL_PORT, USER_REGISTER, ask, crc, frame, receive, serial_port, write
 
 
 def test_pymodbus_over_tcp(run, tcp):
@@ -29,7 +29,7 @@ def test_the_drive_answers_after_its_start_up(run, tcp):
 def test_pymodbus_on_a_pty_opened_twice(run, serial):
     standin = run("--fast-boot")
     for value in (1, 2):
-        client = serial(standin, parity="E")
+        client = serial(standin)
         assert client.read_holding_registers(0, count=32).registers == [
             *DEFAULTS[:USER_REGISTER], value - 1, *DEFAULTS[USER_REGISTER + 1 :]
         ]  # fmt: skip
@@ -37,14 +37,20 @@ def test_pymodbus_on_a_pty_opened_twice(run, serial):
         client.close()
 
 
-def test_minimalmodbus_on_a_pty(run):
-    master = instrument(run("--fast-boot"))
-    assert master.read_registers(0, 32) == DEFAULTS
-    master.write_register(USER_REGISTER, 0xBEEF, functioncode=6)
-    assert master.read_register(USER_REGISTER) == 0xBEEF
-    assert master.read_long(0x14, signed=True) == 5_000
-    with pytest.raises(minimalmodbus.IllegalRequestError, match="illegal data address"):
-        master.read_register(0x20)
+def test_minimalmodbus_on_a_pty_opened_twice_with_parity(run):
+    standin = run("--fast-boot")
+    for value in (1, 2):
+        with serial_port(standin, parity="E", timeout=3) as port:
+            master = Instrument(port, 1)
+            assert master.read_registers(0, 32) == [
+                *DEFAULTS[:USER_REGISTER], value - 1, *DEFAULTS[USER_REGISTER + 1 :]
+            ]  # fmt: skip
+            master.write_register(USER_REGISTER, value, functioncode=6)
+            assert master.read_register(USER_REGISTER) == value
+            assert master.read_long(0x14, signed=True) == 5_000
+            # It waits for as many bytes as a good answer has, and then finds the exception.
+            with pytest.raises(IllegalRequestError, match="illegal data address"):
+                master.read_register(0x20)
 
 
 @pytest.mark.parametrize(
@@ -108,10 +114,12 @@ def test_a_change_of_address_holds_from_the_next_frame(run, tcp):
 def test_a_change_of_the_line_holds_from_the_next_frame(run, setting, line):
     """7.22, on the pty, whose speed, stop bits and odd parity a master sets."""
     standin = run("--fast-boot")
-    instrument(standin).write_register(SERIAL_PORT, setting, functioncode=6)
-    with pytest.raises(minimalmodbus.NoResponseError):
-        instrument(standin, timeout=1).read_register(SERIAL_PORT)
-    assert instrument(standin, **line).read_register(SERIAL_PORT) == setting
+    with serial_port(standin, timeout=3) as port:
+        Instrument(port, 1).write_register(SERIAL_PORT, setting, functioncode=6)
+        with pytest.raises(NoResponseError):
+            Instrument(port, 1).read_register(SERIAL_PORT)
+    with serial_port(standin, **line) as port:
+        assert Instrument(port, 1).read_register(SERIAL_PORT) == setting
 
 
 def test_several_clients_share_the_line(run):

@@ -17,7 +17,6 @@ def test_a_save_survives_sigkill(run, tcp, tmp_path):
     client = tcp(standin)
     client.write_register(USER_REGISTER, 0x1234)
     client.write_register(EEPROM_CONTROL, SAVE)
-    assert client.read_holding_registers(EEPROM_CONTROL).registers == [SAVE | PASSED]
     standin.advance(0.02)
     assert client.read_holding_registers(EEPROM_CONTROL).registers == [SAVED]
     standin.kill()
@@ -75,7 +74,7 @@ def test_sigkill_at_any_instant_of_a_loop_of_saves(run, tcp, tmp_path, seed):
     assert answered > 0, "it was killed before it saved anything"
 
 
-@pytest.mark.parametrize("content", [b"\x00", bytes(64), b"\xff" * 10, b"not an EEPROM" * 100])
+@pytest.mark.parametrize("content", [b"\x00", bytes(64), b"not an EEPROM" * 100])
 def test_a_corrupt_file_is_bad_memory(run, tcp, tmp_path, content):
     nv = tmp_path / "md3.nv"
     nv.write_bytes(content)
@@ -99,8 +98,10 @@ def test_bad_memory_delays_the_first_answer(run, tcp, tmp_path):
         assert receive(master, 9) == frame(1, 3, 4, 0, 1, 0x03, 0x0A)
 
 
-def test_an_empty_file_is_a_new_drive(run, tcp, tmp_path):
+@pytest.mark.parametrize("content", [b"", b"\xff" * 10])
+def test_an_empty_file_is_a_new_drive(run, tcp, tmp_path, content):
+    """So is one of erased bytes."""
     nv = tmp_path / "md3.nv"
-    nv.touch()
+    nv.write_bytes(content)
     client = tcp(run("--fast-boot", "--nv", nv))
     assert client.read_holding_registers(0, count=32).registers == DEFAULTS
