@@ -112,7 +112,8 @@ class Standin:
         return self.call("GET", "/api/drives/md3")
 
     def advance(self, seconds):
-        """Moves the standing clock."""
+        """Moves the standing clock, after what was sent so far."""
+        self.notice()
         self.call("POST", "/api/time/advance", {"seconds": seconds})
 
     def socket(self):
@@ -120,8 +121,8 @@ class Standin:
         return socket.create_connection(self.tcp, timeout=PATIENCE)
 
     def notice(self):
-        """Returns when it has seen what happened to its ports: a pty left just now is not ready to be
-        opened with parity before. The first call may be served ahead of the port, the second is not."""
+        """Returns when it has seen what was sent so far, and that a pty was left: before that, the pty
+        cannot be opened with parity. The first call may be served ahead of a port, the second is not."""
         self.seconds()
         self.seconds()
 
