@@ -122,9 +122,10 @@ class Standin:
 
     def notice(self):
         """Returns when it has seen what was sent so far, and that a pty was left: before that, the pty
-        cannot be opened with parity. The first call may be served ahead of a port, the second is not."""
-        self.seconds()
-        self.seconds()
+        cannot be opened with parity. Each call is served after all ports were looked at once; the
+        first may be served ahead of that, and a new connection takes a look of its own."""
+        for _ in range(3):
+            self.seconds()
 
     def stop(self):
         """Ends it as a person would, and returns its exit code."""
