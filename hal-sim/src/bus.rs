@@ -47,6 +47,8 @@ pub(crate) struct Wire {
     /// Who listens.
     pub(crate) clients: Vec<u32>,
     pub(crate) turn: Turn,
+    /// The client that was served last.
+    pub(crate) served: u32,
     /// When `turn`, or the patience with half a message, ends.
     pub(crate) until: Instant,
     /// From when a client's character may begin.
@@ -73,6 +75,7 @@ impl Wire {
             ports,
             clients: Vec::new(),
             turn: Turn::Free,
+            served: 0,
             until: Instant::NEVER,
             free: Instant::ZERO,
             sends_until: Instant::ZERO,
@@ -100,8 +103,8 @@ pub(crate) struct Outside {
 /// What a client has for the line.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum Offer {
-    /// So many bytes are to be sent.
-    Message(usize),
+    /// So many bytes are to be sent, as from then on.
+    Message(usize, Instant),
     /// Half a message, whose rest is waited for until then.
     Half(Instant),
 }
@@ -132,13 +135,14 @@ impl Outside {
     /// holds; a burst that cannot become one goes as it is.
     pub(crate) fn offer(&self, now: Instant, silence: bool, patience: Duration) -> Offer {
         if !silence {
-            return Offer::Message(self.bytes.len());
+            return Offer::Message(self.bytes.len(), self.last);
         }
         match rtu::front(&self.bytes) {
-            rtu::Burst::Frame(length) => Offer::Message(length),
-            rtu::Burst::Broken => Offer::Message(self.bytes.len()),
+            rtu::Burst::Frame(length) => Offer::Message(length, self.last),
+            rtu::Burst::Broken => Offer::Message(self.bytes.len(), self.last),
+            rtu::Burst::Partial if self.left => Offer::Half(Instant::NEVER),
             rtu::Burst::Partial => match self.last + patience {
-                until if until <= now => Offer::Message(self.bytes.len()),
+                until if until <= now => Offer::Message(self.bytes.len(), now),
                 until => Offer::Half(until),
             },
         }

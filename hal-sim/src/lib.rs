@@ -15,4 +15,6 @@ pub mod hal;
 pub mod replay;
 mod schedule;
 mod seat;
+#[cfg(test)]
+mod toy;
 pub mod trace;

@@ -187,9 +187,9 @@ pub fn rewrite(text: &str, make: &Make<'_>) -> Result<String, Unplayable> {
         if !words.starts_with(|c: char| c.is_ascii_digit()) {
             // A word of the header, or no word at all.
             if words.is_empty() {
-                comments.push(line)
+                comments.push(line);
             } else {
-                comments.drain(..).chain([line]).for_each(&mut put)
+                comments.drain(..).chain([line]).for_each(&mut put);
             }
             continue;
         }

@@ -540,10 +540,10 @@ impl Seated {
                     *cause = on;
                 }
             }
-            Fed::Bytes { port, .. } | Fed::Spoiled { port } | Fed::Idle { port } => {
-                if self.serial(port).is_some_and(|serial| serial.silence && serial.sends_until > at) {
-                    return false;
-                }
+            Fed::Bytes { port, .. } | Fed::Spoiled { port } | Fed::Idle { port }
+                if self.serial(port).is_some_and(|serial| serial.silence && serial.sends_until > at) =>
+            {
+                return false;
             }
             _ => {}
         }

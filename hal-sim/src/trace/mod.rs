@@ -419,3 +419,6 @@ impl Trace {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -733,3 +733,16 @@ fn quoted<'a>(text: &'a str, bytes: &mut Vec<u8>) -> Result<&'a str, String> {
     }
     Err("the closing quote is missing".to_owned())
 }
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn every_stamp_is_its_tick(ticks in any::<u64>()) {
+            let text = super::millis(ticks);
+            prop_assert_eq!(super::ticks(&text), Some(ticks), "{}", text);
+        }
+    }
+}

@@ -1,0 +1,331 @@
+//! Lines: clients, whose turn it is, and what is heard when.
+
+use standin_firmware::device::{Duration, Instant, Line, Port};
+use standin_protocol::line::Parity;
+use standin_protocol::modbus::rtu::Timing;
+
+use super::{Bench, Bus, Client, Seat};
+use crate::bus::{LineMode, Offer, Outside, Sender, Turn, Wire};
+use crate::schedule::{Class, What};
+use crate::seat::Sent;
+use crate::trace::Fed;
+
+/// When something said is heard.
+struct Said {
+    /// The end of its last character.
+    last: Instant,
+    /// When it is known that no more follows.
+    judged: Instant,
+}
+
+/// Lines.
+impl Bench {
+    /// Puts several serial ports on one line. Clients connect after it.
+    pub fn share(&mut self, name: &str, ports: &[(Seat, Port)]) -> Bus {
+        let bus = self.buses.len();
+        let mut shared: Vec<(Seat, Port)> = Vec::new();
+        for &(seat, port) in ports {
+            if let Some(Bus(old)) = self.bus(seat, port) {
+                self.buses[old as usize].ports.retain(|&other| other != (seat, port));
+                self.at_mut(seat).set_bus(port, bus);
+                shared.push((seat, port));
+            }
+        }
+        shared.sort_by(|a, b| (self.name(a.0), a.1).cmp(&(self.name(b.0), b.1)));
+        self.buses.push(Wire::new(name, shared));
+        Bus(bus as u32)
+    }
+
+    /// The line of a serial port; `None` for any other port.
+    #[must_use]
+    pub fn bus(&self, seat: Seat, port: Port) -> Option<Bus> {
+        self.at(seat).bus(port).map(Bus)
+    }
+
+    /// The name of a line: as given to [`share`](Self::share), or that of its port.
+    #[must_use]
+    pub fn bus_name(&self, bus: Bus) -> &str {
+        &self.buses[bus.0 as usize].name
+    }
+
+    /// The ports on a line, by the names of their seats.
+    #[must_use]
+    pub fn ports(&self, bus: Bus) -> &[(Seat, Port)] {
+        &self.buses[bus.0 as usize].ports
+    }
+
+    /// The settings of a line now: those of its first drive, by name.
+    #[must_use]
+    pub fn line(&self, bus: Bus) -> Line {
+        let first = self.ports(bus).first().and_then(|&(seat, port)| self.at(seat).line_at(port, self.now));
+        first.unwrap_or(Line::new(9_600, 8, Parity::None, 1))
+    }
+
+    /// How long half a message may wait for its rest from now on, in time of the bench.
+    pub fn set_patience(&mut self, patience: Duration) {
+        self.settings.patience = patience;
+    }
+
+    /// Somebody joins a line.
+    pub fn connect(&mut self, bus: Bus) -> Client {
+        self.connected += 1;
+        self.clients.insert(self.connected, Outside::new(bus.0));
+        self.buses[bus.0 as usize].clients.push(self.connected);
+        Client(self.connected)
+    }
+
+    /// A client leaves, and takes its half message along. What was complete is still sent.
+    pub fn disconnect(&mut self, client: Client) {
+        let Some(outside) = self.clients.get_mut(&client.0) else { return };
+        outside.left = true;
+        let bus = outside.bus;
+        if outside.backlog() == 0 {
+            self.forget(client.0);
+        }
+        self.serve(bus);
+    }
+
+    /// A client's bytes arrive now.
+    pub fn send(&mut self, client: Client, bytes: &[u8]) {
+        self.send_from(client, bytes, Sender::default());
+    }
+
+    /// A client's bytes arrive now, from a port with these settings. A drive whose line they do not
+    /// fit hears characters that nobody can read.
+    pub fn send_from(&mut self, client: Client, bytes: &[u8], sender: Sender) {
+        let Some(outside) = self.clients.get_mut(&client.0).filter(|outside| !outside.left) else { return };
+        if bytes.is_empty() {
+            return;
+        }
+        self.arrivals += 1;
+        outside.arrive(self.now, self.arrivals, bytes, sender);
+        let bus = outside.bus;
+        self.serve(bus);
+    }
+
+    /// Bytes of a client that are not on the line yet. A host that reads only while this is small
+    /// holds back who sends faster than the line.
+    #[must_use]
+    pub fn backlog(&self, client: Client) -> usize {
+        self.clients.get(&client.0).map_or(0, Outside::backlog)
+    }
+
+    /// Appends the characters that have reached a client by now; returns how many.
+    pub fn receive(&mut self, client: Client, into: &mut Vec<u8>) -> usize {
+        self.clients.get_mut(&client.0).map_or(0, |outside| outside.receive(self.now, into))
+    }
+
+    /// Somebody opens or leaves the port at the other end of a line (DTR, a pty).
+    pub fn attach(&mut self, bus: Bus, here: bool) {
+        for n in 0..self.ports(bus).len() {
+            let (seat, port) = self.ports(bus)[n];
+            let at = self.at(seat).free(self.now, Class::Line);
+            self.send_to(at, seat.0, Fed::Attached { port, here });
+        }
+    }
+
+    /// Sends a frame to the first port of a device, [settles](Self::settle), and returns what came.
+    pub fn ask(&mut self, seat: Seat, frame: &[u8]) -> Vec<u8> {
+        let mut reply = Vec::new();
+        if let Some(bus) = self.bus(seat, Port(0)) {
+            let client = self.connect(bus);
+            self.send(client, frame);
+            self.settle();
+            self.receive(client, &mut reply);
+            self.disconnect(client);
+        }
+        reply
+    }
+
+    fn fast(&self) -> bool {
+        self.settings.line == LineMode::Fast
+    }
+
+    /// Whether silence ends the messages on a line.
+    fn silence(&self, bus: u32) -> bool {
+        let first = self.ports(Bus(bus)).first();
+        first.is_some_and(|&(seat, port)| self.at(seat).serial(port).is_some_and(|serial| serial.silence))
+    }
+
+    /// The longest character, and the longest silence between frames, that a drive on a line knows.
+    fn timing(&self, bus: u32) -> (Duration, Duration) {
+        let lines =
+            self.ports(Bus(bus)).iter().filter_map(|&(seat, port)| self.at(seat).line_at(port, self.now));
+        lines.map(Timing::of).fold((Duration::ZERO, Duration::ZERO), |(character, silence), timing| {
+            (character.max(timing.character), silence.max(timing.t3_5))
+        })
+    }
+
+    /// Gives a free line to whose bytes came first.
+    fn serve(&mut self, bus: u32) {
+        let silence = self.silence(bus);
+        loop {
+            let wire = &mut self.buses[bus as usize];
+            let waiting = wire.clients.iter().filter_map(|&id| Some((self.clients.get(&id)?.order()?, id)));
+            let first = waiting.min().map(|(_, id)| id);
+            // Where each character has its time a client goes on while it has the line.
+            let goes_on = !silence && first == Some(wire.served);
+            if wire.turn != Turn::Free && !goes_on {
+                return;
+            }
+            let Some((id, outside)) = first.and_then(|id| Some((id, self.clients.get_mut(&id)?))) else {
+                if wire.turn == Turn::Free {
+                    wire.until = Instant::NEVER;
+                }
+                return;
+            };
+            match outside.offer(self.now, silence, self.settings.patience) {
+                Offer::Message(length, came) => {
+                    let (bytes, sender) = (outside.take(length), outside.sender);
+                    if outside.left && outside.backlog() == 0 {
+                        self.forget(id);
+                    }
+                    self.transmit(bus, id, &bytes, came, sender);
+                }
+                Offer::Half(_) if outside.left => {
+                    // The line was its own until it left.
+                    wire.free = wire.free.max(self.now);
+                    self.forget(id);
+                }
+                Offer::Half(until) => return self.turn_until(bus, until),
+            }
+        }
+    }
+
+    /// A client is gone for good.
+    fn forget(&mut self, id: u32) {
+        if let Some(outside) = self.clients.remove(&id) {
+            self.buses[outside.bus as usize].clients.retain(|&other| other != id);
+        }
+    }
+
+    /// Puts a client's message on a line, as if sent without gaps from when it came, or from when the
+    /// line is free.
+    fn transmit(&mut self, bus: u32, client: u32, bytes: &[u8], came: Instant, sender: Sender) {
+        let start = came.max(self.buses[bus as usize].free);
+        let (mut last, mut judged) = (start, start);
+        for n in 0..self.ports(Bus(bus)).len() {
+            let (seat, port) = self.ports(Bus(bus))[n];
+            let Some(line) = self.at(seat).line_at(port, start) else { continue };
+            let spoken = Line { baud: sender.baud.unwrap_or(line.baud), ..line };
+            let said = self.say(seat, port, start, bytes, spoken, sender.fits(line));
+            (last, judged) = (last.max(said.last), judged.max(said.judged));
+        }
+        let wire = &mut self.buses[bus as usize];
+        self.busy += usize::from(wire.turn == Turn::Free);
+        (wire.turn, wire.served, wire.free) = (Turn::Asked, client, last);
+        self.turn_until(bus, judged);
+    }
+
+    /// Says something to a port from `start` on, in the settings `spoken`, which its own `fit`.
+    fn say(&mut self, seat: Seat, port: Port, start: Instant, bytes: &[u8], spoken: Line, fit: bool) -> Said {
+        let Some(serial) = self.at(seat).serial(port) else { return Said { last: start, judged: start } };
+        let (silence, own) = (serial.silence, Timing::of(serial.line_at(start)));
+        // Characters that nobody can read come one by one, as do those that have their time.
+        let size = if silence && fit { bytes.len() } else { 1 };
+        let messages = bytes.chunks(size.max(1)).map(|bytes| {
+            if fit { Fed::Bytes { port, bytes: bytes.to_vec() } } else { Fed::Spoiled { port } }
+        });
+        if self.fast() {
+            let at = self.at(seat).free(start, Class::Line);
+            for message in messages {
+                self.send_to(at, seat.0, message);
+            }
+            if silence {
+                self.send_to(at, seat.0, Fed::Idle { port });
+            }
+            return Said { last: at, judged: at };
+        }
+        let character = spoken.character();
+        // A line may have been free for a part of a character by now.
+        let first = (start + character).max(self.now + Duration::TICK);
+        for (n, message) in (0..).zip(messages) {
+            self.send_to(first + character * n, seat.0, message);
+        }
+        let last = first + character * bytes.len().saturating_sub(1) as u64;
+        Said { last, judged: last + own.t3_5 + own.character }
+    }
+
+    /// Carries what a drive sends to all who listen; nobody hears himself.
+    pub(super) fn carry(&mut self, sent: &Sent) {
+        let Some(Bus(bus)) = self.bus(Seat(sent.seat), sent.port) else { return };
+        let fast = self.fast();
+        let character = if fast { Duration::ZERO } else { sent.line.character() };
+        let wire = &mut self.buses[bus as usize];
+        wire.sends_until = wire.sends_until.max(sent.start + character * sent.bytes.len() as u64);
+        for id in &wire.clients {
+            if let Some(outside) = self.clients.get_mut(id).filter(|outside| !outside.left) {
+                for (n, &byte) in (1..).zip(&sent.bytes) {
+                    outside.hear(sent.start + character * n, byte);
+                }
+            }
+        }
+        let start = if fast { sent.start + Duration::TICK } else { sent.start };
+        for n in 0..self.ports(Bus(bus)).len() {
+            let (seat, port) = self.ports(Bus(bus))[n];
+            if (seat.0, port) != (sent.seat, sent.port) {
+                let fit = self.at(seat).line_at(port, start) == Some(sent.line);
+                self.say(seat, port, start, &sent.bytes, sent.line, fit);
+            }
+        }
+    }
+
+    /// Power is gone: what a device was still sending was never sent.
+    pub(super) fn hush(&mut self, place: u32) {
+        let now = self.now;
+        for port in (0..self.spec(Seat(place)).ports.len() as u8).map(Port) {
+            let Some(serial) = self.at_mut(Seat(place)).body.serial(port) else { continue };
+            if serial.sends_until <= now {
+                continue;
+            }
+            serial.sends_until = now;
+            let Some(Bus(bus)) = self.bus(Seat(place), port) else { continue };
+            for id in &self.buses[bus as usize].clients {
+                if let Some(outside) = self.clients.get_mut(id) {
+                    outside.hush(now);
+                }
+            }
+        }
+    }
+
+    /// The present turn, or the patience with half a message, ends at `at`.
+    fn turn_until(&mut self, bus: u32, at: Instant) {
+        self.buses[bus as usize].until = at;
+        if let Some(&(seat, _)) = self.ports(Bus(bus)).first() {
+            self.schedule(at, Class::Turn, seat.0, What::Turn { bus });
+        }
+    }
+
+    /// A turn may be over: then the line is free, and goes to whoever waits.
+    pub(super) fn turn_ends(&mut self, bus: u32, at: Instant) {
+        let (silence, fast, (character, t3_5)) = (self.silence(bus), self.fast(), self.timing(bus));
+        let wire = &mut self.buses[bus as usize];
+        if wire.until != at {
+            return;
+        }
+        wire.until = Instant::NEVER;
+        let answers = match wire.turn {
+            Turn::Free => return self.serve(bus),
+            Turn::Asked => true,
+            // Streams never end, and both directions of their lines run at once.
+            Turn::Answering => silence,
+        };
+        if answers && wire.sends_until > at {
+            wire.turn = Turn::Answering;
+            let until = wire.sends_until;
+            return self.turn_until(bus, until);
+        }
+        wire.turn = Turn::Free;
+        wire.free = if fast && wire.ports.len() > 1 {
+            // The other drives hear the answer then.
+            at + Duration::TICK
+        } else if fast || !silence {
+            at
+        } else {
+            // A tick after the drives have judged the silence the next character may end.
+            (at + Duration::TICK - character).max(wire.sends_until + t3_5)
+        };
+        self.busy -= 1;
+        self.serve(bus);
+    }
+}

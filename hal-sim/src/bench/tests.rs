@@ -1,0 +1,754 @@
+//! Scripts with times, and the properties that make a bench the same everywhere.
+
+use std::cell::RefCell;
+use std::rc::Rc;
+
+use proptest::prelude::*;
+use standin_firmware::device::{Fault, Level, Line, Pin};
+use standin_firmware::md3::{Md3, Reg};
+use standin_protocol::line::Parity;
+use standin_protocol::modbus::rtu::{self, Timing};
+use standin_protocol::time::Span;
+
+use super::*;
+use crate::bus::Sender;
+use crate::replay;
+use crate::toy::{self, Toy};
+
+/// A character of 9,600 8E1.
+const CHARACTER: Duration = Duration::from_ticks(18_333);
+const T3_5: Duration = Duration::from_ticks(64_166);
+/// A request or reply of eight characters.
+const EIGHT: Duration = Duration::from_ticks(8 * 18_333);
+const RS485: Port = Port(0);
+
+fn make(kind: &str) -> Option<Box<dyn Device>> {
+    match kind {
+        "md3" => Some(Box::new(Md3::new())),
+        "toy" => Some(Box::new(Toy::default())),
+        _ => None,
+    }
+}
+
+/// An MD3 that listens at once, at an address.
+fn md3(bench: &mut Bench, name: &str, address: i64) -> Seat {
+    let presets = vec![(Reg::DeviceAddress as usize, address)];
+    let setup = Setup { boot_fast: true, presets, ..Setup::default() };
+    let seat = bench.seat(name, Box::new(Md3::new()), setup).unwrap();
+    // It has no ears at the very instant of power-on.
+    bench.run_until(1.millis());
+    seat
+}
+
+/// A bench with one MD3, at address 1, and a client on its line, at 1 ms.
+fn alone(line: LineMode) -> (Bench, Seat, Client) {
+    let mut bench = Bench::with(Settings { line, ..Settings::default() });
+    let seat = md3(&mut bench, "x", 1);
+    let client = bench.connect(bench.bus(seat, RS485).unwrap());
+    (bench, seat, client)
+}
+
+/// Two MD3s on one line, at addresses 1 and 2, at 1 ms.
+fn pair(line: LineMode) -> (Bench, [Seat; 2], Bus) {
+    let mut bench = Bench::with(Settings { line, ..Settings::default() });
+    let seats = [md3(&mut bench, "x", 1), md3(&mut bench, "y", 2)];
+    let bus = bench.share("line1", &seats.map(|seat| (seat, RS485)));
+    (bench, seats, bus)
+}
+
+fn received(bench: &mut Bench, client: Client) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    bench.receive(client, &mut bytes);
+    bytes
+}
+
+fn start() -> Instant {
+    Instant::from(1.millis())
+}
+
+/// The stamps of the lines of a trace with those words.
+fn stamps(bench: &Bench, words: &str) -> Vec<String> {
+    let text = bench.trace().to_text();
+    text.lines()
+        .filter(|line| line.contains(words))
+        .map(|line| line.split(' ').next().unwrap().to_owned())
+        .collect()
+}
+
+#[test]
+fn the_first_character_of_a_reply_ends_t3_5_and_two_characters_after_the_request() {
+    let (mut bench, _, client) = alone(LineMode::Timed);
+    bench.send(client, &rtu::read(1, 0, 1));
+    let leaves = start() + EIGHT + T3_5 + CHARACTER;
+    assert_eq!(bench.now(), start());
+    bench.run_until(leaves + CHARACTER - Duration::TICK);
+    assert_eq!(received(&mut bench, client), [0; 0]);
+    assert_eq!(bench.next(), leaves + CHARACTER);
+    bench.run_until(leaves + CHARACTER);
+    assert_eq!(received(&mut bench, client), [1]);
+    bench.run_until(leaves + CHARACTER * 7 - Duration::TICK);
+    assert_eq!(received(&mut bench, client), [3, 2, 0, 1, 0x79]);
+    bench.run_until(leaves + CHARACTER * 7);
+    assert_eq!(received(&mut bench, client), [0x84]);
+}
+
+#[test]
+fn the_trace_tells_when_a_request_came_and_its_reply_left() {
+    // Architecture, "Tests": `1.000000 > rx 01 03 …`, `14.177083 < tx …`; a whole number of ticks in
+    // a character makes it 14.176875.
+    let text = "standin trace 1
+drive md3 md3 fast
+compare tx
+\
+                1.000000 > rx 01 03 00 00 00 01 84 0A
+14.176875 < tx 01 03 02 00 01 79 84
+";
+    let trace = Trace::parse(text, &make).unwrap();
+    assert_eq!(replay::run(&trace, &make), Ok(None));
+}
+
+#[test]
+fn manual_time_goes_to_the_end_of_the_reply() {
+    let (mut bench, seat, client) = alone(LineMode::Timed);
+    let reply = bench.ask(seat, &rtu::read(1, 0, 1));
+    assert_eq!(reply, [1, 3, 2, 0, 1, 0x79, 0x84]);
+    assert_eq!(bench.now(), start() + EIGHT + T3_5 + CHARACTER + CHARACTER * 7);
+    // Another client hears it, too.
+    assert_eq!(received(&mut bench, client), reply);
+}
+
+#[test]
+fn manual_time_goes_on_until_a_request_without_a_reply_is_judged() {
+    let (mut bench, seat, _) = alone(LineMode::Timed);
+    assert_eq!(bench.ask(seat, &rtu::read(9, 0, 1)), [0; 0]);
+    assert_eq!(bench.now(), start() + EIGHT + T3_5 + CHARACTER);
+    assert_eq!(bench.statistics(seat, RS485).foreign, 1);
+}
+
+#[test]
+fn a_full_length_with_a_bad_crc_is_over_at_once() {
+    let (mut bench, seat, client) = alone(LineMode::Timed);
+    bench.send(client, &[1, 3, 0, 0, 0, 1, 0, 0]);
+    bench.settle();
+    assert_eq!(bench.now(), start() + EIGHT + T3_5 + CHARACTER);
+    assert_eq!(bench.statistics(seat, RS485).crc, 1);
+    assert_eq!(bench.ask(seat, &rtu::read(1, 0, 1)).len(), 7);
+}
+
+#[test]
+fn half_a_message_waits_in_manual_time() {
+    let (mut bench, seat, client) = alone(LineMode::Timed);
+    let frame = rtu::read(1, 0, 1);
+    bench.send(client, &frame[..3]);
+    bench.settle();
+    assert_eq!(bench.now(), start());
+    bench.send(client, &frame[3..]);
+    bench.settle();
+    assert_eq!(received(&mut bench, client).len(), 7);
+    assert_eq!(bench.statistics(seat, RS485).dropped(), 0);
+}
+
+#[test]
+fn patience_ends_20_ms_after_the_last_byte() {
+    let (mut bench, seat, client) = alone(LineMode::Timed);
+    let frame = rtu::read(1, 0, 1);
+    bench.send(client, &frame[..3]);
+    bench.run_until(start() + 15.millis());
+    bench.send(client, &frame[3..5]);
+    bench.run_until(start() + 35.millis() - Duration::TICK);
+    assert_eq!(stamps(&bench, "> rx"), [""; 0]);
+    // Then it goes to the drive as it is, which drops it.
+    bench.run_until(start() + 35.millis() + CHARACTER * 5 + T3_5 + CHARACTER);
+    assert_eq!(stamps(&bench, "> rx"), ["37.145813"]);
+    assert_eq!(bench.statistics(seat, RS485).crc, 1);
+    bench.send(client, &frame[5..]);
+    bench.run_until(200.millis());
+    assert_eq!(received(&mut bench, client), [0; 0]);
+    assert_eq!(bench.ask(seat, &frame).len(), 7);
+}
+
+#[test]
+fn bytes_just_before_patience_ends_complete_a_message() {
+    let (mut bench, _, client) = alone(LineMode::Timed);
+    let frame = rtu::read(1, 0, 1);
+    bench.send(client, &frame[..7]);
+    bench.run_until(start() + 20.millis() - Duration::TICK);
+    bench.send(client, &frame[7..]);
+    bench.run_until(100.millis());
+    assert_eq!(received(&mut bench, client).len(), 7);
+}
+
+#[test]
+fn two_frames_written_at_once_are_two() {
+    let (mut bench, seat, client) = alone(LineMode::Timed);
+    let both = [rtu::read(1, 0, 1).as_slice(), rtu::read(1, 1, 1).as_slice()].concat();
+    bench.send(client, &both);
+    bench.settle();
+    assert_eq!(received(&mut bench, client).len(), 14);
+    assert_eq!(bench.statistics(seat, RS485).requests, 2);
+    let reply_ends = start() + EIGHT + T3_5 + CHARACTER + CHARACTER * 7;
+    let second = bench.trace().events().filter(|entry| matches!(entry.event, trace::Event::Fed(_))).nth(1);
+    assert_eq!(second.unwrap().at, reply_ends + T3_5 + CHARACTER);
+}
+
+#[test]
+fn after_a_broadcast_the_line_is_free_a_tick_later_than_t3_5() {
+    let (mut bench, seat, client) = alone(LineMode::Timed);
+    let both = [rtu::write(0, 0x14, 1).as_slice(), rtu::read(1, 1, 1).as_slice()].concat();
+    bench.send(client, &both);
+    bench.settle();
+    assert_eq!(bench.statistics(seat, RS485).requests, 2);
+    let second = bench.trace().events().filter(|entry| matches!(entry.event, trace::Event::Fed(_))).nth(1);
+    assert_eq!(second.unwrap().at, start() + EIGHT + T3_5 + CHARACTER + Duration::TICK);
+}
+
+#[test]
+fn a_client_that_leaves_takes_its_half_message_along() {
+    let (mut bench, seat, client) = alone(LineMode::Timed);
+    let other = bench.connect(bench.bus(seat, RS485).unwrap());
+    bench.send(client, &rtu::read(1, 0, 1)[..3]);
+    bench.send(other, &rtu::read(1, 0, 1));
+    bench.settle();
+    assert_eq!(received(&mut bench, other), [0; 0]);
+    bench.disconnect(client);
+    bench.settle();
+    assert_eq!(bench.now(), start() + EIGHT + T3_5 + CHARACTER + CHARACTER * 7);
+    assert_eq!(received(&mut bench, other).len(), 7);
+    assert_eq!(bench.statistics(seat, RS485).dropped(), 0);
+}
+
+#[test]
+fn what_a_client_wrote_whole_is_sent_when_it_has_left() {
+    let (mut bench, seat, client) = alone(LineMode::Timed);
+    let two = [rtu::write(1, 0x15, 3).as_slice(), rtu::write(1, 0x15, 4).as_slice(), &[1, 6]].concat();
+    bench.send(client, &two);
+    bench.disconnect(client);
+    bench.run_until(200.millis());
+    assert_eq!(bench.peek(seat, Reg::Speed as usize), 4);
+    assert_eq!(bench.statistics(seat, RS485), Statistics { requests: 2, ..Statistics::default() });
+    assert_eq!(bench.backlog(client), 0);
+}
+
+#[test]
+fn a_line_belongs_to_a_client_until_its_reply_is_out() {
+    let (mut bench, seat, first) = alone(LineMode::Timed);
+    let bus = bench.bus(seat, RS485).unwrap();
+    let (second, third) = (bench.connect(bus), bench.connect(bus));
+    bench.send(first, &rtu::read(1, 0, 1)[..4]);
+    bench.send(second, &rtu::read(1, 0, 2));
+    bench.run_until(start() + 1.millis());
+    bench.send(third, &rtu::read(1, 0, 3));
+    bench.send(first, &rtu::read(1, 0, 1)[4..]);
+    bench.settle();
+    let heard = received(&mut bench, first);
+    let lengths = [7, 9, 11];
+    assert_eq!(heard.len(), lengths.iter().sum::<usize>());
+    // In the order of their first bytes: nobody hears a request, everybody hears all replies.
+    assert_eq!([heard[2], heard[9], heard[18]], [2, 4, 6]);
+    assert_eq!(received(&mut bench, second), heard);
+    assert_eq!(received(&mut bench, third), heard);
+    assert_eq!(bench.statistics(seat, RS485).dropped(), 0);
+}
+
+#[test]
+fn replies_are_lost_while_nobody_is_connected() {
+    let (mut bench, seat, client) = alone(LineMode::Timed);
+    bench.send(client, &rtu::read(1, 0, 1));
+    bench.disconnect(client);
+    bench.run_until(start() + EIGHT + T3_5 + CHARACTER);
+    let late = bench.connect(bench.bus(seat, RS485).unwrap());
+    bench.run_until(100.millis());
+    assert_eq!(bench.statistics(seat, RS485).requests, 1);
+    assert_eq!(received(&mut bench, late), [0; 0]);
+}
+
+#[test]
+fn drives_on_a_line_hear_each_other_and_are_not_confused() {
+    let (mut bench, [x, y], bus) = pair(LineMode::Timed);
+    let client = bench.connect(bus);
+    for address in [1, 2, 1] {
+        bench.send(client, &rtu::read(address, 0, 1));
+        bench.settle();
+        assert_eq!(received(&mut bench, client)[0], address);
+    }
+    // A request and a reply for the other one are both foreign.
+    assert_eq!(bench.statistics(x, RS485), Statistics { requests: 2, foreign: 2, ..Statistics::default() });
+    assert_eq!(bench.statistics(y, RS485), Statistics { requests: 1, foreign: 3, ..Statistics::default() });
+    bench.run_until(bench.now() + 20.millis());
+    assert_eq!(bench.statistics(y, RS485), Statistics { requests: 1, foreign: 4, ..Statistics::default() });
+}
+
+#[test]
+fn fast_takes_no_time() {
+    let (mut bench, seat, _) = alone(LineMode::Fast);
+    for _ in 0..3 {
+        assert_eq!(bench.ask(seat, &rtu::read(1, 0, 1)), [1, 3, 2, 0, 1, 0x79, 0x84]);
+    }
+    assert_eq!(bench.now(), start());
+    let text = bench.trace().to_text();
+    let script: Vec<&str> = text.lines().skip_while(|line| !line.contains("rx")).take(3).collect();
+    assert_eq!(
+        script,
+        ["1.000000 > rx 01 03 00 00 00 01 84 0A", "1.000000 > idle", "1.000000 < tx 01 03 02 00 01 79 84"]
+    );
+    let trace = Trace::parse(&text, &make).unwrap();
+    assert_eq!(replay::run(&trace, &make), Ok(None));
+}
+
+#[test]
+fn fast_lets_other_drives_hear_a_tick_later() {
+    let (mut bench, [x, y], bus) = pair(LineMode::Fast);
+    let client = bench.connect(bus);
+    bench.send(client, &[rtu::read(1, 0, 1).as_slice(), &rtu::read(2, 0, 1)].concat());
+    bench.settle();
+    assert_eq!(received(&mut bench, client).len(), 14);
+    assert_eq!(bench.statistics(x, RS485), Statistics { requests: 1, foreign: 2, ..Statistics::default() });
+    assert_eq!(bench.statistics(y, RS485), Statistics { requests: 1, foreign: 2, ..Statistics::default() });
+    assert_eq!(bench.now(), start() + Duration::TICK * 2);
+}
+
+#[test]
+fn a_sender_with_other_settings_is_noise() {
+    let (mut bench, seat, client) = alone(LineMode::Timed);
+    for sender in [
+        Sender { baud: Some(19_200), ..Sender::default() },
+        Sender { stop: Some(2), ..Sender::default() },
+        Sender { odd: Some(true), ..Sender::default() },
+    ] {
+        bench.send_from(client, &rtu::read(1, 0, 1), sender);
+        bench.settle();
+    }
+    assert_eq!(bench.statistics(seat, RS485), Statistics { spoiled: 3, ..Statistics::default() });
+    let right = Sender { baud: Some(9_600), stop: Some(1), odd: Some(false) };
+    bench.send_from(client, &rtu::read(1, 0, 1), right);
+    bench.settle();
+    assert_eq!(received(&mut bench, client).len(), 7);
+}
+
+#[test]
+fn a_new_rate_holds_when_the_reply_has_left() {
+    let (mut bench, seat, client) = alone(LineMode::Timed);
+    let bus = bench.bus(seat, RS485).unwrap();
+    let old = bench.line(bus);
+    assert_eq!(old, Line::new(9_600, 8, Parity::Even, 1));
+    let request = rtu::write(1, 0x1c, 0b0000_0011);
+    bench.send(client, &request);
+    let reply_ends = start() + EIGHT + T3_5 + CHARACTER + EIGHT;
+    bench.run_until(reply_ends - Duration::TICK);
+    assert_eq!(bench.line(bus), old);
+    bench.run_until(reply_ends);
+    assert_eq!(received(&mut bench, client), request.as_slice());
+    let new = bench.line(bus);
+    assert_ne!(new.baud, 9_600);
+    // The next request and its reply come at the new rate.
+    let asked = bench.now();
+    assert_eq!(bench.ask(seat, &rtu::read(1, 0, 1)).len(), 7);
+    let Timing { character, t3_5, .. } = Timing::of(new);
+    assert_eq!(bench.now(), asked + t3_5 + character * 8 + t3_5 + character + character * 7);
+}
+
+#[test]
+fn without_power_nothing_is_heard_or_said() {
+    let (mut bench, seat, client) = alone(LineMode::Timed);
+    bench.send(client, &rtu::read(1, 0, 1));
+    let leaves = start() + EIGHT + T3_5 + CHARACTER;
+    bench.run_until(leaves + CHARACTER * 2);
+    bench.power(seat, PowerAction::Off);
+    bench.settle();
+    assert!(!bench.powered(seat));
+    bench.run_until(100.millis());
+    // What had ended by then.
+    assert_eq!(received(&mut bench, client), [1, 3]);
+    assert_eq!(bench.ask(seat, &rtu::read(1, 0, 1)), [0; 0]);
+    assert_eq!(bench.poke(seat, 0, 1), Err(Refused::ReadOnly));
+    bench.power(seat, PowerAction::On);
+    bench.run_until(bench.now() + 1.millis());
+    assert_eq!(bench.ask(seat, &rtu::read(1, 0, 1)).len(), 7);
+}
+
+#[test]
+fn a_cycle_is_off_for_a_tick() {
+    let mut bench = Bench::new();
+    let toy = bench.add::<Toy>("toy");
+    bench.run_until(5.millis());
+    bench.power(toy, PowerAction::Cycle);
+    bench.settle();
+    assert!(bench.powered(toy));
+    assert_eq!(stamps(&bench, "> power off"), ["5.000000"]);
+    assert_eq!(stamps(&bench, "> power on"), ["5.000063"]);
+    // The light starts again.
+    assert_eq!(bench.level(toy, toy::LED), Level::High);
+}
+
+#[test]
+fn what_is_not_at_rest_is_told_when_power_comes() {
+    let mut bench = Bench::new();
+    let toy = bench.add::<Toy>("toy");
+    bench.power(toy, PowerAction::Off);
+    bench.settle();
+    bench.set_pin(toy, toy::IN, Drive::Low);
+    bench.set_pin(toy, toy::LEVEL, Drive::Millivolts(2_500));
+    bench.fault(toy, toy::STALL, true);
+    bench.run_until(1.millis());
+    assert_eq!(bench.motion(toy, toy::MOTOR), Motion::default());
+    bench.power(toy, PowerAction::On);
+    bench.run_until(1.millis());
+    let motion = bench.motion(toy, toy::MOTOR);
+    assert_eq!((motion.position, motion.duty, motion.current_ma), (2, 2_500, 1));
+    let text = bench.trace().to_text();
+    let script: Vec<&str> = text.lines().skip_while(|line| !line.contains("power on")).collect();
+    assert_eq!(
+        script,
+        [
+            "1.000000 > power on",
+            "1.000000 < wave LED 1.000000 of 4.000000",
+            "1.000000 < pin OUT high",
+            "1.000000 > fault stall on",
+            "1.000000 < current motor 1",
+            "1.000000 > pin IN low",
+            "1.000000 < step motor 2",
+            "1.000000 > millivolts LEVEL 2500",
+            "1.000000 < duty motor 2500",
+            "1.000000 end",
+        ]
+    );
+}
+
+#[test]
+fn a_pin_arrives_a_tick_later() {
+    let mut bench = Bench::new();
+    let toy = bench.add::<Toy>("toy");
+    bench.set_pin(toy, toy::IN, Drive::Low);
+    assert_eq!(bench.level(toy, toy::IN), Level::Low);
+    bench.run_until(Instant::ZERO);
+    assert_eq!(bench.motion(toy, toy::MOTOR).position, 0);
+    bench.run_until(Instant::from_ticks(1));
+    assert_eq!(bench.motion(toy, toy::MOTOR).position, 2);
+    // No edge where the level stays.
+    bench.set_pin(toy, toy::IN, Drive::Millivolts(1_400));
+    bench.run_until(1.millis());
+    assert_eq!(bench.motion(toy, toy::MOTOR).position, 2);
+    bench.set_pin(toy, toy::IN, Drive::Open);
+    bench.run_until(2.millis());
+    assert_eq!(bench.motion(toy, toy::MOTOR).position, 3);
+}
+
+#[test]
+fn pulses_are_made_edge_by_edge() {
+    let mut bench = Bench::new();
+    let toy = bench.add::<Toy>("toy");
+    bench.pulse(toy, toy::IN, 3, 1_000.0).unwrap();
+    assert_eq!(bench.pulse(toy, toy::IN, 1, 1.0), Err(Busy));
+    // Low at 0, 1 and 2 ms and a tick, high again half a millisecond later.
+    bench.run_until(Instant::from(2.millis()));
+    assert_eq!(bench.motion(toy, toy::MOTOR).position, 2 * 3);
+    bench.run_until(Instant::from(2.millis()) + Duration::TICK);
+    assert_eq!(bench.motion(toy, toy::MOTOR).position, 2 * 3 + 2);
+    assert_eq!(bench.level(toy, toy::IN), Level::Low);
+    bench.run_until(Instant::from(2_500.micros()) + Duration::TICK);
+    assert_eq!(bench.motion(toy, toy::MOTOR).position, 3 * 3);
+    assert_eq!(bench.level(toy, toy::IN), Level::High);
+    assert_eq!(bench.next(), Instant::NEVER);
+    bench.pulse(toy, toy::IN, 1, f64::NAN).unwrap();
+    bench.set_pin(toy, toy::IN, Drive::High);
+    bench.pulse(toy, toy::IN, 250_000, 250_000.0).unwrap();
+    bench.run_until(bench.now() + 1.secs() + Duration::TICK);
+    assert_eq!(bench.motion(toy, toy::MOTOR).position, 3 * 250_003);
+}
+
+#[test]
+fn a_wave_is_seen_without_events() {
+    let mut bench = Bench::new();
+    let toy = bench.add::<Toy>("toy");
+    assert_eq!(bench.next(), Instant::NEVER);
+    for (ticks, level) in
+        [(0, Level::High), (15_999, Level::High), (16_000, Level::Low), (64_000, Level::High)]
+    {
+        bench.run_until(Instant::from_ticks(ticks));
+        assert_eq!(bench.level(toy, toy::LED), level, "{ticks}");
+    }
+}
+
+#[test]
+fn characters_have_their_time() {
+    let mut bench = Bench::new();
+    let toy = bench.add::<Toy>("toy");
+    bench.poke(toy, toy::Reg::Volume as usize, b'v'.into()).unwrap();
+    assert_eq!(bench.poke(toy, toy::Reg::Volume as usize, 7), Err(Refused::OutOfRange));
+    let client = bench.connect(bench.bus(toy, toy::USB).unwrap());
+    bench.send(client, b"1r");
+    let character = Duration::from_ticks(1_389);
+    bench.run_until(Instant::ZERO + character * 5 - Duration::TICK);
+    assert_eq!(received(&mut bench, client)[1..], [b'v']);
+    bench.run_until(Instant::ZERO + character * 5);
+    assert_eq!(received(&mut bench, client), [b'\n']);
+    // Both directions run at once: a stream does not stop a command.
+    bench.send(client, b"s");
+    bench.run_until(bench.now() + 10.millis());
+    bench.send(client, b"s");
+    bench.settle();
+    assert_eq!(received(&mut bench, client), b"...");
+}
+
+#[test]
+fn presets_are_in_the_memory_or_set_after_every_power_on() {
+    let mut bench = Bench::new();
+    let presets = vec![(toy::Reg::Volume as usize, 5), (toy::Reg::Number as usize, 9)];
+    let toy = bench.seat("toy", Box::new(Toy::default()), Setup { presets, ..Setup::default() }).unwrap();
+    assert_eq!(bench.memory(toy), [9, 255, 255, 255, 255, 255, 255, 255, 255, 255]);
+    assert_eq!(bench.peek(toy, toy::Reg::Volume as usize), 5);
+    bench.power(toy, PowerAction::Cycle);
+    bench.settle();
+    assert_eq!(bench.peek(toy, toy::Reg::Volume as usize), 5);
+    let text = bench.trace().to_text();
+    assert!(text.contains("memory toy 0x0000 09 FF FF"), "{text}");
+    assert_eq!(text.matches("> poke Volume 5").count(), 2);
+}
+
+#[test]
+fn a_bench_stays_as_it_was_when_a_seat_is_refused() {
+    let mut bench = Bench::new();
+    bench.add::<Toy>("toy");
+    let before = bench.trace().to_text();
+    let presets = vec![(toy::Reg::Number as usize, 9), (toy::Reg::Volume as usize, 7)];
+    let refused = bench.seat("other", Box::new(Toy::default()), Setup { presets, ..Setup::default() });
+    assert_eq!(refused, Err(SeatError::Preset { row: 0, why: Refused::OutOfRange }));
+    let again = bench.seat("toy", Box::new(Toy::default()), Setup::default());
+    assert_eq!(again, Err(SeatError::Taken("toy".to_owned())));
+    for name in ["", "two words", "#1", ">", "end", "1st"] {
+        let refused = bench.seat(name, Box::new(Toy::default()), Setup::default());
+        assert_eq!(refused, Err(SeatError::Name(name.to_owned())));
+    }
+    assert_eq!(bench.trace().to_text(), before);
+    assert_eq!(bench.seats().len(), 1);
+}
+
+/// A toy with the power cut armed that begins to save at once: what its memory is when the power
+/// is gone, what its keeper was told, and when it went.
+fn cut(seed: u64) -> (Vec<u8>, Vec<u8>, String) {
+    let mut bench = Bench::with(Settings { seed, ..Settings::default() });
+    let kept = Rc::new(RefCell::new(vec![0xFF; 10]));
+    let keeper = Rc::clone(&kept);
+    let keep: Keep = Box::new(move |offset, bytes| {
+        let from = usize::from(offset);
+        keeper.borrow_mut()[from..from + bytes.len()].copy_from_slice(bytes);
+    });
+    let toy =
+        bench.seat("toy", Box::new(Toy::default()), Setup { keep: Some(keep), ..Setup::default() }).unwrap();
+    bench.power(toy, PowerAction::Cut);
+    let client = bench.connect(bench.bus(toy, toy::USB).unwrap());
+    bench.send(client, b"ww");
+    bench.run_until(1.secs());
+    assert!(!bench.powered(toy));
+    let trace = Trace::parse(&bench.trace().to_text(), &make).unwrap();
+    assert_eq!(replay::run(&trace, &make), Ok(None));
+    let kept = kept.borrow().clone();
+    (bench.memory(toy).to_vec(), kept, stamps(&bench, "< store").last().cloned().unwrap())
+}
+
+#[test]
+fn power_fails_anywhere_in_a_save() {
+    let whole = [0, 1, 2, 3, 4, 5, 6, 7, 0xC0, 0];
+    let mut lengths = [0_u32; 10];
+    for seed in 0..400 {
+        let (memory, kept, when) = cut(seed);
+        assert_eq!(memory, kept);
+        let length = memory.iter().take_while(|&&byte| byte != 0xFF).count();
+        assert_eq!(memory[..length], whole[..length]);
+        assert!(memory[length..].iter().all(|&byte| byte == 0xFF));
+        // Either in the first store, or 20 ms later in the second.
+        let late = when.starts_with("20.");
+        assert!(if late { length >= 8 } else { length <= 8 }, "{length} bytes at {when}");
+        lengths[length] += 1;
+        assert_eq!(cut(seed).0, memory);
+    }
+    assert!(lengths.iter().all(|&times| times > 0), "{lengths:?}");
+}
+
+#[test]
+fn power_cut_inside_a_save_of_an_md3() {
+    let mut bad = 0;
+    for seed in 0..40 {
+        let mut bench = Bench::with(Settings { seed, line: LineMode::Fast, ..Settings::default() });
+        let seat = md3(&mut bench, "x", 1);
+        bench.ask(seat, &rtu::write(1, 0x15, 1_234));
+        bench.power(seat, PowerAction::Cut);
+        bench.settle();
+        bench.ask(seat, &rtu::write(1, 0x1a, 1));
+        bench.run_until(bench.now() + 1.secs());
+        assert!(!bench.powered(seat));
+        bench.power(seat, PowerAction::On);
+        bench.run_until(bench.now() + 10.secs());
+        let speed = bench.ask(seat, &rtu::read(1, 0x15, 1));
+        let old = speed[3..5] == 5_000_u16.to_be_bytes();
+        assert!(old || speed[3..5] == 1_234_u16.to_be_bytes(), "{speed:?}");
+        bad += u32::from(bench.ask(seat, &rtu::read(1, 0x1a, 1))[3..5] == [0xF1, 0x00]);
+    }
+    assert!(bad > 0);
+}
+
+/// What may be done to a bench of `drives()`.
+#[derive(Clone, Debug)]
+enum Act {
+    Send(usize, Vec<u8>),
+    Connect(usize),
+    Disconnect(usize),
+    Pin(usize, Drive),
+    Pulse(usize, u32, u32),
+    Power(usize, PowerAction),
+    Fault(usize, bool),
+    Poke(usize, i64),
+}
+
+const NAMES: [&str; 5] = ["b", "x", "a", "y", "z"];
+
+/// A bench of three MD3s, two of them on one line, and two toys, added in that order.
+fn drives(order: &[usize], line: LineMode) -> (Bench, [Seat; 5], Vec<Bus>) {
+    let mut bench = Bench::with(Settings { seed: 7, line, ..Settings::default() });
+    let mut seats = [Seat(0); 5];
+    for &place in order {
+        seats[place] = if NAMES[place] < "x" {
+            bench.add::<Toy>(NAMES[place])
+        } else {
+            let presets = vec![(Reg::DeviceAddress as usize, place as i64)];
+            let setup = Setup { boot_fast: true, presets, ..Setup::default() };
+            bench.seat(NAMES[place], Box::new(Md3::new()), setup).unwrap()
+        };
+    }
+    // Which port is named first does not matter, either.
+    let shared: Vec<(Seat, Port)> =
+        order.iter().filter(|&&place| place == 1 || place == 3).map(|&place| (seats[place], RS485)).collect();
+    let line = bench.share("line1", &shared);
+    let own = |place: usize| bench.bus(seats[place], Port(0)).unwrap();
+    let buses = vec![line, own(4), own(0), own(2)];
+    (bench, seats, buses)
+}
+
+/// Does `acts` to such a bench, each so many ticks after the one before, and returns its trace.
+/// `chunk`: how often it is polled in between.
+fn perform(acts: &[(u64, Act)], order: &[usize], chunk: Option<u64>, line: LineMode) -> String {
+    let (mut bench, seats, buses) = drives(order, line);
+    let mut clients: Vec<Client> = buses.iter().map(|&bus| bench.connect(bus)).collect();
+    let mut heard = Vec::new();
+    let mut at = Instant::ZERO;
+    for (wait, act) in acts {
+        at += Duration::from_ticks(*wait);
+        if let Some(chunk) = chunk {
+            while bench.now() + Duration::from_ticks(chunk) < at {
+                bench.run_until(bench.now() + Duration::from_ticks(chunk));
+            }
+        }
+        bench.run_until(at);
+        match act {
+            Act::Send(n, bytes) => bench.send(clients[n % clients.len()], bytes),
+            Act::Connect(n) => clients.push(bench.connect(buses[n % buses.len()])),
+            Act::Disconnect(n) => bench.disconnect(clients[n % clients.len()]),
+            Act::Pin(n, drive) => bench.set_pin(seats[*n], Pin(0), *drive),
+            Act::Pulse(n, count, hz) => drop(bench.pulse(seats[*n], Pin(0), *count, f64::from(*hz))),
+            Act::Power(n, action) => bench.power(seats[*n], *action),
+            Act::Fault(n, on) => bench.fault(seats[*n], Fault(0), *on),
+            Act::Poke(n, value) => drop(bench.poke(seats[*n], 0, *value)),
+        }
+        for client in &clients {
+            heard.push(received(&mut bench, *client));
+        }
+    }
+    bench.run_until(at + 3.secs());
+    format!("{}# {heard:?}\n", bench.trace().to_text())
+}
+
+fn act() -> impl Strategy<Value = Act> {
+    let seat = 0..NAMES.len();
+    let drive = prop_oneof![
+        Just(Drive::Low),
+        Just(Drive::High),
+        Just(Drive::Open),
+        (0..5_000).prop_map(Drive::Millivolts)
+    ];
+    let power = prop_oneof![
+        Just(PowerAction::Off),
+        Just(PowerAction::On),
+        Just(PowerAction::Cycle),
+        Just(PowerAction::Cut)
+    ];
+    let frame = (0_u8..6, prop_oneof![Just(3_u8), Just(6)], 0_u16..0x24, 0_u16..40).prop_map(
+        |(unit, function, a, b)| {
+            if function == 3 { rtu::read(unit, a, b).to_vec() } else { rtu::write(unit, a, b).to_vec() }
+        },
+    );
+    let toys = "[rsw01]{1,4}".prop_map(String::into_bytes);
+    let noise = proptest::collection::vec(any::<u8>(), 0..12);
+    let half = frame.clone().prop_map(|frame| frame[..3].to_vec());
+    let bytes = prop_oneof![4 => frame, 3 => toys, 1 => noise, 1 => half];
+    prop_oneof![
+        8 => (0..8_usize, bytes).prop_map(|(n, bytes)| Act::Send(n, bytes)),
+        1 => (0..8_usize).prop_map(Act::Connect),
+        1 => (0..8_usize).prop_map(Act::Disconnect),
+        2 => (seat.clone(), drive).prop_map(|(n, drive)| Act::Pin(n, drive)),
+        1 => (seat.clone(), 0_u32..5, 1_u32..10_000_000).prop_map(|(n, count, hz)| Act::Pulse(n, count, hz)),
+        2 => (seat.clone(), power).prop_map(|(n, power)| Act::Power(n, power)),
+        1 => (seat.clone(), any::<bool>()).prop_map(|(n, on)| Act::Fault(n, on)),
+        2 => (seat, 0_i64..300).prop_map(|(n, value)| Act::Poke(n, value)),
+    ]
+}
+
+/// Often at one instant, so that order matters.
+fn acts() -> impl Strategy<Value = Vec<(u64, Act)>> {
+    let wait = prop_oneof![3 => Just(0_u64), 2 => 0..3_u64, 2 => 0..100_000_u64, 1 => 0..5_000_000_u64];
+    proptest::collection::vec((wait, act()), 1..40)
+}
+
+fn modes() -> impl Strategy<Value = LineMode> {
+    prop_oneof![Just(LineMode::Timed), Just(LineMode::Fast)]
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 96, ..ProptestConfig::default() })]
+
+    #[test]
+    fn the_order_of_seats_changes_nothing(
+        acts in acts(), order in Just([0, 1, 2, 3, 4]).prop_shuffle(), mode in modes(),
+    ) {
+        prop_assert_eq!(perform(&acts, &order, None, mode), perform(&acts, &[0, 1, 2, 3, 4], None, mode));
+    }
+
+    #[test]
+    fn polling_more_often_changes_nothing(acts in acts(), chunk in 200_u64..200_000, mode in modes()) {
+        let order = [0, 1, 2, 3, 4];
+        prop_assert_eq!(perform(&acts, &order, Some(chunk), mode), perform(&acts, &order, None, mode));
+    }
+
+    #[test]
+    fn a_replay_is_exact(acts in acts(), mode in modes()) {
+        let text = perform(&acts, &[0, 1, 2, 3, 4], None, mode);
+        let trace = Trace::parse(&text, &make).unwrap();
+        prop_assert_eq!(replay::run(&trace, &make), Ok(None));
+        let again = replay::rewrite(&text, &make).unwrap();
+        let trace = Trace::parse(&again, &make).unwrap();
+        prop_assert_eq!(replay::run(&trace, &make), Ok(None));
+        // Reading and writing are inverse.
+        let (text, _) = text.split_once("# ").unwrap();
+        let trace = Trace::parse(text, &make).unwrap();
+        prop_assert_eq!(trace.to_text(), text);
+    }
+
+    #[test]
+    fn bytes_split_anywhere_are_the_same(
+        cuts in proptest::collection::vec(0_usize..24, 0..6), mode in modes(),
+    ) {
+        let bytes: Vec<u8> = [rtu::read(1, 0, 2), rtu::write(1, 0x15, 7), rtu::read(2, 0, 1)].concat();
+        let mut whole = alone(mode);
+        whole.0.send(whole.2, &bytes);
+        whole.0.run_until(1.secs());
+        let mut cuts = cuts;
+        cuts.extend([0, bytes.len()]);
+        cuts.sort_unstable();
+        let mut split = alone(mode);
+        for part in cuts.windows(2) {
+            split.0.send(split.2, &bytes[part[0]..part[1]]);
+        }
+        split.0.run_until(1.secs());
+        prop_assert_eq!(whole.0.trace().to_text(), split.0.trace().to_text());
+        prop_assert_eq!(received(&mut whole.0, whole.2), received(&mut split.0, split.2));
+    }
+}

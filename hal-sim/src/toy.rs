@@ -1,0 +1,139 @@
+//! A device for tests that does a little of everything an MD3 does not: characters that each have
+//! their time, a stream, a save of two stores, waves, steps, analogue inputs.
+
+use standin_firmware::device::{
+    Axis, AxisSpec, Boot, Device, Duration, Ends, Fault, Input, Instant, Level, Line, Output, Pin, PinSpec,
+    Port, PortSpec, Refused, Role, Sink, Spec,
+};
+use standin_protocol::line::Parity;
+use standin_protocol::registers::Register;
+
+standin_protocol::registers! {
+    /// What a toy remembers.
+    pub(crate) enum Reg: HighFirst {
+        /// Sent as the answer to `r`; 7 is refused.
+        Volume = rw(0, "1").range(0, 250),
+        /// The first byte of the memory.
+        Number = rw(1, "2").range(0, 250).saved(),
+    }
+}
+
+static SPEC: Spec = Spec {
+    kind: "toy",
+    product: "a toy",
+    manual: "this file",
+    ports: &[
+        PortSpec { name: "usb", ends: Ends::Character, line: Some(Line::new(115_200, 8, Parity::None, 1)) },
+        PortSpec { name: "net", ends: Ends::Return, line: None },
+    ],
+    pins: &[
+        PinSpec { name: "IN", role: Role::Input, rest: Level::High },
+        PinSpec { name: "LEVEL", role: Role::Analogue, rest: Level::Low },
+        PinSpec { name: "OUT", role: Role::Output, rest: Level::Low },
+        PinSpec { name: "LED", role: Role::Led, rest: Level::Low },
+    ],
+    axes: &[AxisSpec { name: "motor", step_dir: None }],
+    encoders: &[],
+    faults: &["stall"],
+    memory: 10,
+    registers: Reg::TABLE,
+    address: None,
+    not_modelled: &[],
+};
+
+pub(crate) const IN: Pin = Pin(0);
+pub(crate) const LEVEL: Pin = Pin(1);
+pub(crate) const OUT: Pin = Pin(2);
+pub(crate) const LED: Pin = Pin(3);
+pub(crate) const MOTOR: Axis = Axis(0);
+pub(crate) const STALL: Fault = Fault(0);
+pub(crate) const USB: Port = Port(0);
+
+/// Between two values of the stream.
+pub(crate) const INTERVAL: Duration = Duration::millis(3);
+/// Between the two stores of a save.
+pub(crate) const SAVE: Duration = Duration::millis(20);
+
+/// `r` sends a random letter and the volume, `s` starts and stops the stream, `w` saves, `1` and `0`
+/// set the output.
+#[derive(Debug, Default)]
+pub(crate) struct Toy {
+    letter: u8,
+    volume: u8,
+    next: Option<Instant>,
+    saved: Option<Instant>,
+    /// What it was told, for tests to see in its outputs.
+    stalled: bool,
+}
+
+fn level(high: bool) -> Level {
+    if high { Level::High } else { Level::Low }
+}
+
+impl Device for Toy {
+    fn spec(&self) -> &'static Spec {
+        &SPEC
+    }
+
+    fn power_on(&mut self, at: Instant, boot: Boot, out: &mut dyn Sink) {
+        *self = Self { letter: b'a' + (boot.seed % 26) as u8, ..Self::default() };
+        out.put(at, Output::Wave { pin: LED, period: Duration::millis(4), high: Duration::millis(1) });
+        out.put(at, Output::Level { pin: OUT, level: Level::High });
+    }
+
+    fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Sink) {
+        match input {
+            Input::Bytes { bytes: &[byte], .. } => match byte {
+                b'r' => out.put(at, Output::Bytes { port: USB, bytes: &[self.letter, self.volume, b'\n'] }),
+                b's' => self.next = if self.next.is_some() { None } else { Some(at + INTERVAL) },
+                b'w' if self.saved.is_none() => {
+                    out.put(at, Output::Store { offset: 0, bytes: &[self.volume, 1, 2, 3, 4, 5, 6, 7] });
+                    self.saved = Some(at + SAVE);
+                }
+                b'0' | b'1' => out.put(at, Output::Level { pin: OUT, level: level(byte == b'1') }),
+                _ => {}
+            },
+            Input::Bytes { bytes, .. } => panic!("{bytes:?} at once where each has its time"),
+            Input::Edge { pin: IN, high } => {
+                out.put(at, Output::Step { axis: MOTOR, steps: if high { 1 } else { 2 } });
+            }
+            Input::Millivolts { mv, .. } => out.put(at, Output::Duty { axis: MOTOR, duty: mv }),
+            Input::Fault { on, .. } => {
+                self.stalled = on;
+                out.put(at, Output::Current { axis: MOTOR, ma: u32::from(on) });
+            }
+            _ => {}
+        }
+    }
+
+    fn deadline(&self) -> Instant {
+        let never = Instant::NEVER;
+        self.next.unwrap_or(never).min(self.saved.unwrap_or(never))
+    }
+
+    fn timeout(&mut self, at: Instant, out: &mut dyn Sink) {
+        if self.saved.is_some_and(|due| due <= at) {
+            self.saved = None;
+            out.put(at, Output::Store { offset: 8, bytes: &[0xC0, self.volume] });
+        }
+        if let Some(due) = self.next.filter(|due| *due <= at) {
+            self.next = Some(due + INTERVAL);
+            out.put(at, Output::Bytes { port: USB, bytes: b"." });
+        }
+    }
+
+    fn peek(&self, _at: Instant, row: usize) -> i64 {
+        if row == Reg::Volume as usize { i64::from(self.volume) } else { 0 }
+    }
+
+    fn poke(&mut self, at: Instant, row: usize, value: i64, out: &mut dyn Sink) -> Result<(), Refused> {
+        let value = u8::try_from(value).map_err(|_| Refused::OutOfRange)?;
+        match Reg::from_row(row) {
+            Some(Reg::Volume) if value == 7 => return Err(Refused::OutOfRange),
+            Some(Reg::Volume) => self.volume = value,
+            Some(Reg::Number) => out.put(at, Output::Store { offset: 0, bytes: &[value] }),
+            None => return Err(Refused::NoSuchRegister),
+        }
+        Ok(())
+    }
+}
