@@ -179,8 +179,14 @@ struct Section {
 
 impl Section {
     fn aligned(&self, text: &mut String) {
+        if self.columns.is_empty() {
+            for row in &self.rows {
+                let _ = writeln!(text, "  {}", row.join(": "));
+            }
+            return;
+        }
         let heading: Vec<String> = self.columns.iter().map(ToString::to_string).collect();
-        let lines = || std::iter::once(&heading).filter(|line| !line.is_empty()).chain(&self.rows);
+        let lines = || std::iter::once(&heading).chain(&self.rows);
         let width = |column: usize| {
             lines().filter_map(|line| line.get(column)).map(|cell| cell.chars().count()).max().unwrap_or(0)
         };

@@ -83,20 +83,15 @@ fn list(json: bool) -> String {
 fn replay(file: &Path) -> Result<ExitCode, String> {
     let place = file.display();
     let text = std::fs::read_to_string(file).map_err(|error| format!("{place}: {error}"))?;
-    let trace = Trace::parse(&text).map_err(|error| format!("{place}: {error}"))?;
-    let difference = replay::run(&trace, &|kind| kinds::make(kind).ok());
-    match difference.map_err(|error| format!("{place}: {}", error.0))? {
+    let make = |kind: &str| kinds::make(kind).ok();
+    let trace = Trace::parse(&text, &make).map_err(|error| format!("{place}: {error}"))?;
+    match replay::run(&trace, &make).map_err(|error| format!("{place}: {error}"))? {
         None => {
             print(&format!("{place}: as expected\n"))?;
             Ok(ExitCode::SUCCESS)
         }
         Some(difference) => {
-            let told = |line: Option<String>| line.unwrap_or_else(|| "nothing".into());
-            let (expected, got) = (told(difference.expected), told(difference.got));
-            print(&format!(
-                "{place}: line {}\n  expected  {expected}\n  came      {got}\n",
-                difference.line
-            ))?;
+            print(&format!("{place}: {difference}\n"))?;
             Ok(ExitCode::from(DIFFERENT))
         }
     }

@@ -242,9 +242,11 @@ impl Host {
         if self.advance.is_some() {
             return Some(WallSpan::ZERO);
         }
-        let clock = self.clock.as_ref()?;
-        let due = clock.until(self.bench.next().min(self.ports.deadline()))?;
-        Some(due.saturating_sub(wall().saturating_duration_since(clock.wall)))
+        let due = self.clock.as_ref().and_then(|clock| {
+            let due = clock.until(self.bench.next().min(self.ports.deadline()))?;
+            Some(due.saturating_sub(wall().saturating_duration_since(clock.wall)))
+        });
+        due.into_iter().chain(self.ports.next_look()).min()
     }
 
     /// Brings the bench to where it should be now, or as near as a slice of time gets it.

@@ -11,6 +11,7 @@ mod tcp;
 use std::io;
 use std::os::fd::OwnedFd;
 use std::path::PathBuf;
+use std::time::Duration;
 
 use rustix::event::{PollFd, PollFlags};
 use rustix::fs::inotify;
@@ -100,6 +101,11 @@ impl Ports {
     /// When a port wants to be looked at though nothing comes.
     pub(crate) fn deadline(&self) -> Instant {
         self.tcp.iter().map(tcp::Listener::deadline).min().unwrap_or(Instant::NEVER)
+    }
+
+    /// How soon a port wants to be looked at in any case, as the wall clock counts.
+    pub(crate) fn next_look(&self) -> Option<Duration> {
+        self.ptys.iter().filter_map(pty::Pty::next_look).min()
     }
 
     /// Takes what has come. In manual time one request is over before the next one is looked at.

@@ -1,8 +1,10 @@
 //! A line reached by a pseudo terminal, which programs take for a serial port.
 //!
-//! A plain pty fails when it is opened again with parity: the C library's `tcsetattr` reports
-//! `EINVAL` when nothing that was asked for has changed, and a pty never has parity. So whenever
-//! nobody has it open, two flags wait there that every serial program clears (`ECHOE` and `IEXTEN`).
+//! A pty never has parity. Some C libraries (Debian's is one) report `EINVAL` when parity was asked
+//! for and nothing else has changed, as when a plain pty is opened for the second time. So two flags
+//! without any effect on raw characters, which serial programs clear, wait there to be changed:
+//! `ECHOE` and `IEXTEN`. They are set when nobody has the pty open, and again a moment after a program
+//! has cleared them. One that sets the open port twice in less than that moment still gets `EINVAL`.
 
 use std::ffi::OsStr;
 use std::fmt;
@@ -10,6 +12,7 @@ use std::io;
 use std::os::fd::{AsFd, OwnedFd};
 use std::os::unix::ffi::OsStrExt;
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use rustix::event::{PollFd, PollFlags};
 use rustix::fs::{Access, OFlags, inotify};
@@ -40,6 +43,12 @@ pub(super) struct Pty {
     /// The settings of the other end that were last warned of.
     warned: Option<Sender>,
 }
+
+/// The flags that wait to be changed.
+const WAITING: LocalModes = LocalModes::ECHOE.union(LocalModes::IEXTEN);
+
+/// Time between two looks at the settings of an open pty, which does not tell of a change.
+const LOOK: Duration = Duration::from_millis(10);
 
 /// Why there is no pty.
 #[derive(Debug)]
@@ -116,6 +125,9 @@ impl Pty {
         manual: bool,
     ) {
         let Some(client) = self.client else { return };
+        if let Err(error) = self.look() {
+            warn!("the settings of {} cannot be kept: {error}", self.path.display());
+        }
         let ready = ready.next().unwrap_or(PollFlags::empty());
         if !ready.intersects(PollFlags::IN | PollFlags::HUP | PollFlags::ERR) {
             return;
@@ -179,12 +191,27 @@ impl Pty {
         self.warned = None;
     }
 
+    /// When to look at its settings again; `None` while nobody is there to change them.
+    pub(super) fn next_look(&self) -> Option<Duration> {
+        self.client.map(|_| LOOK)
+    }
+
+    /// Sets the flags that wait to be changed, if somebody has cleared them.
+    fn look(&self) -> io::Result<()> {
+        let mut settings = tcgetattr(&self.master)?;
+        if !settings.local_modes.contains(WAITING) {
+            settings.local_modes.insert(WAITING);
+            tcsetattr(&self.master, OptionalActions::Now, &settings)?;
+        }
+        Ok(())
+    }
+
     /// Empties both queues and puts the terminal into the state that the next opener needs.
     fn reset(&self) -> io::Result<()> {
         tcflush(&self.master, QueueSelector::IOFlush)?;
         let mut settings = tcgetattr(&self.master)?;
         settings.local_modes.remove(LocalModes::ECHO | LocalModes::ICANON);
-        settings.local_modes.insert(LocalModes::ECHOE | LocalModes::IEXTEN);
+        settings.local_modes.insert(WAITING);
         settings.output_modes.remove(OutputModes::OPOST);
         settings.control_modes.remove(ControlModes::PARODD);
         tcsetattr(&self.master, OptionalActions::Now, &settings)?;
