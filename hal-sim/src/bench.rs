@@ -22,7 +22,7 @@ use standin_firmware::device::{Device, Duration, Instant, Port, Refused, Spec};
 
 use crate::bus::{LineMode, Outside, Wire};
 use crate::schedule::{Class, Event, Heap, Tournament, What};
-use crate::seat::{Seated, Sent, Tape};
+use crate::seat::{Outbox, Seated, Tape};
 use crate::trace::{self, Fed, Power, Trace, TraceKeep};
 
 /// A device on the bench.
@@ -204,7 +204,7 @@ pub struct Bench {
     /// Bytes that have arrived from clients, in the order of arrival.
     arrivals: u64,
     /// What the device called last has sent.
-    sent: Vec<Sent>,
+    outbox: Outbox,
     trace: Trace,
 }
 
@@ -239,7 +239,7 @@ impl Bench {
             clients: BTreeMap::new(),
             connected: 0,
             arrivals: 0,
-            sent: Vec::new(),
+            outbox: Outbox::default(),
             trace: Trace::new(settings.seed, settings.trace),
         }
     }
@@ -272,7 +272,7 @@ impl Bench {
         let saved = |row: usize| spec.registers.rows.get(row).is_some_and(|row| row.saved != 0);
         let (now, mark) = (self.now, self.trace.mark());
         let mut seated = Seated::new(place, name, device, self.settings.seed, boot_fast, memory, keep);
-        let mut tape = tape(&mut self.trace, &mut self.sent, self.settings);
+        let mut tape = tape(&mut self.trace, &mut self.outbox, self.settings);
         let mut result = Ok(());
         for &(row, value) in presets.iter().filter(|(row, _)| saved(*row)) {
             result = result.and_then(|()| {
@@ -289,7 +289,7 @@ impl Bench {
         }
         if let Err(error) = result {
             tape.trace.rewind(mark);
-            self.sent.clear();
+            self.outbox.clear();
             return Err(error);
         }
         self.trace.drives.push(trace::Drive { name: name.to_owned(), spec, boot_fast, from: now, memory });
@@ -418,25 +418,24 @@ impl Bench {
     fn wake(&mut self, rank: u32, due: Instant) {
         let place = self.order[rank as usize];
         let seated = &mut self.seats[place as usize];
-        let next = seated.wake(due, &mut tape(&mut self.trace, &mut self.sent, self.settings));
+        let next = seated.wake(due, &mut tape(&mut self.trace, &mut self.outbox, self.settings));
+        let off = !seated.body.powered;
         self.deadlines.set(rank, next);
-        if !self.sent.is_empty() || !seated.body.powered {
-            self.after(place);
+        self.carry_all();
+        if off {
+            self.hush(place);
         }
     }
 
-    /// After a device has been called: its deadline, what it has sent, what an end of power cuts.
+    /// After a device has been called otherwise: its deadline, what it has sent, what an end of power
+    /// cuts.
     fn after(&mut self, place: u32) {
         let seated = &self.seats[place as usize];
+        let off = !seated.body.powered;
         if self.indexed {
             self.deadlines.set(self.ranks[place as usize], seated.deadline());
         }
-        let off = !seated.body.powered;
-        let mut sent = std::mem::take(&mut self.sent);
-        for sent in sent.drain(..) {
-            self.carry(&sent);
-        }
-        self.sent = sent;
+        self.carry_all();
         if off {
             self.hush(place);
         }
@@ -491,7 +490,7 @@ impl Bench {
             return;
         }
         let comes = matches!(fed, Fed::Power(Power::On)) && !seated.body.powered;
-        let mut tape = tape(&mut self.trace, &mut self.sent, self.settings);
+        let mut tape = tape(&mut self.trace, &mut self.outbox, self.settings);
         // Only a preset can be refused, and it does not come this way.
         let _ = seated.feed(now, fed, &mut tape);
         if comes {
@@ -524,7 +523,7 @@ impl Bench {
             }
             return;
         }
-        let mut tape = tape(&mut self.trace, &mut self.sent, self.settings);
+        let mut tape = tape(&mut self.trace, &mut self.outbox, self.settings);
         // A preset that is refused does nothing, and is not recorded.
         let _ = self.seats[seat.0 as usize].feed(at, fed, &mut tape);
         self.after(seat.0);
@@ -532,6 +531,6 @@ impl Bench {
 }
 
 /// What the outputs of a device go to.
-fn tape<'a>(trace: &'a mut Trace, sent: &'a mut Vec<Sent>, settings: Settings) -> Tape<'a> {
-    Tape { trace, sent, fast: settings.line == LineMode::Fast }
+fn tape<'a>(trace: &'a mut Trace, outbox: &'a mut Outbox, settings: Settings) -> Tape<'a> {
+    Tape { trace, outbox, fast: settings.line == LineMode::Fast }
 }

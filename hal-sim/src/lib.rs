@@ -2,7 +2,7 @@
 //!
 //! | module | what it holds |
 //! |---|---|
-//! | [`bench`] | the bench: seats for drives, time, pins, power; what a test writes against |
+//! | [`mod@bench`] | the bench: seats for drives, time, pins, power; what a test writes against |
 //! | [`bus`] | serial lines: whose turn it is, and when each character is where |
 //! | [`hal`] | a board that is not there: embedded-hal, embedded-io and embedded-storage on virtual time |
 //! | [`trace`] | what happened, as text that people read and write |

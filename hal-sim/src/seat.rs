@@ -188,13 +188,30 @@ pub(crate) struct Sent {
     /// When the first one begins.
     pub(crate) start: Instant,
     pub(crate) line: Line,
+    /// How many; they are in [`Outbox::bytes`].
+    pub(crate) count: usize,
+}
+
+/// What a device has sent in one call.
+#[derive(Default)]
+pub(crate) struct Outbox {
+    pub(crate) sent: Vec<Sent>,
+    /// All characters, one message behind the other.
     pub(crate) bytes: Vec<u8>,
+}
+
+impl Outbox {
+    /// Empties it, and keeps its room.
+    pub(crate) fn clear(&mut self) {
+        self.sent.clear();
+        self.bytes.clear();
+    }
 }
 
 /// What the outputs of a device go to, beside its body.
 pub(crate) struct Tape<'a> {
     pub(crate) trace: &'a mut Trace,
-    pub(crate) sent: &'a mut Vec<Sent>,
+    pub(crate) outbox: &'a mut Outbox,
     /// Whether characters take no time.
     pub(crate) fast: bool,
 }
@@ -267,7 +284,8 @@ impl Body {
                 let line = serial.line_at(start);
                 let character = if tape.fast { Duration::ZERO } else { line.character() };
                 serial.sends_until = start + character * bytes.len() as u64;
-                tape.sent.push(Sent { seat: self.seat, port, start, line, bytes: bytes.to_vec() });
+                tape.outbox.sent.push(Sent { seat: self.seat, port, start, line, count: bytes.len() });
+                tape.outbox.bytes.extend_from_slice(bytes);
             }
             Output::Line { port, line } => {
                 if let Some(serial) = self.serial(port) {

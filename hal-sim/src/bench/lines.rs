@@ -246,16 +246,32 @@ impl Bench {
         Said { last, judged: last + own.t3_5 + own.character }
     }
 
+    /// Carries what the device called last has sent.
+    pub(super) fn carry_all(&mut self) {
+        if self.outbox.sent.is_empty() {
+            return;
+        }
+        let mut outbox = std::mem::take(&mut self.outbox);
+        let mut bytes = outbox.bytes.as_slice();
+        for sent in &outbox.sent {
+            let (message, rest) = bytes.split_at(sent.count);
+            self.carry(sent, message);
+            bytes = rest;
+        }
+        outbox.clear();
+        self.outbox = outbox;
+    }
+
     /// Carries what a drive sends to all who listen; nobody hears himself.
-    pub(super) fn carry(&mut self, sent: &Sent) {
+    fn carry(&mut self, sent: &Sent, bytes: &[u8]) {
         let Some(Bus(bus)) = self.bus(Seat(sent.seat), sent.port) else { return };
         let fast = self.fast();
         let character = if fast { Duration::ZERO } else { sent.line.character() };
         let wire = &mut self.buses[bus as usize];
-        wire.sends_until = wire.sends_until.max(sent.start + character * sent.bytes.len() as u64);
+        wire.sends_until = wire.sends_until.max(sent.start + character * bytes.len() as u64);
         for id in &wire.clients {
             if let Some(outside) = self.clients.get_mut(id).filter(|outside| !outside.left) {
-                for (n, &byte) in (1..).zip(&sent.bytes) {
+                for (n, &byte) in (1..).zip(bytes) {
                     outside.hear(sent.start + character * n, byte);
                 }
             }
@@ -265,7 +281,7 @@ impl Bench {
             let (seat, port) = self.ports(Bus(bus))[n];
             if (seat.0, port) != (sent.seat, sent.port) {
                 let fit = self.at(seat).line_at(port, start) == Some(sent.line);
-                self.say(seat, port, start, &sent.bytes, sent.line, fit);
+                self.say(seat, port, start, bytes, sent.line, fit);
             }
         }
     }
