@@ -33,7 +33,7 @@ pub(crate) fn all(sh: &Shell) -> Result<bool> {
     report.check("tests", &[], |sh| Ok(cmd!(sh, "cargo test").run()?));
     report.check("build", &[], build);
     report.check("generated documents", &[], docs::check);
-    report.check("foreign masters", &[Tool::Python], |sh| pytest(sh, &["--ignore", MBPOLL]));
+    report.check("foreign masters", &[Tool::Python], |sh| pytest(sh, &["tests/foreign", "--ignore", MBPOLL]));
     report.check("mbpoll", &[Tool::Python, Tool::Mbpoll], |sh| pytest(sh, &[MBPOLL]));
     report.check("no panics on Cortex-M", &[Tool::ThumbTargets], panic_free::check);
     report.check("image of the board", &[Tool::ThumbTargets], board::build);
@@ -54,9 +54,9 @@ pub(crate) fn build(sh: &Shell) -> Result<()> {
 const MBPOLL: &str = "tests/foreign/test_mbpoll.py";
 
 /// Lets masters that we did not write talk to the binary.
-fn pytest(sh: &Shell, more: &[&str]) -> Result<()> {
+fn pytest(sh: &Shell, which: &[&str]) -> Result<()> {
     let python = tools::python(sh);
-    let pytest = cmd!(sh, "{python} -B -m pytest -q -p no:cacheprovider tests/foreign {more...}");
+    let pytest = cmd!(sh, "{python} -B -m pytest -q -p no:cacheprovider {which...}");
     Ok(pytest.env("STANDIN", standin(sh)).run()?)
 }
 

@@ -117,7 +117,8 @@ fn receive(bytes: &[u8], at: Instant) {
 
 fn time(at: Instant) {
     let span: Duration = opaque(Duration::TICK);
-    opaque((at + span, at - span, at.since(at), span + span, span - span, span * opaque(2), span / span));
+    let other: Duration = opaque(Duration::TICK);
+    opaque((at + span, at - span, at.since(at), span + other, span - other, span * opaque(2), span / other));
     opaque((Duration::micros(opaque(1)), Duration::millis(opaque(1)), Duration::secs(opaque(1))));
     opaque(Duration::of_bits(opaque(1), opaque(1)));
 }

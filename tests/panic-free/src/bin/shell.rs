@@ -11,7 +11,9 @@ use panic_free::{opaque, perhaps_panic};
 use standin_firmware::device::{
     Axis, Boot, Device, Input, Instant, Line, Output, Pin, Plan, Port, Refused, Sink, Spec,
 };
+use standin_firmware::md3::Reg;
 use standin_firmware::shell::{Caught, Inputs, Outputs, Shell};
+use standin_protocol::registers::Register;
 
 /// Any drive on any board.
 struct Anything;
@@ -29,9 +31,24 @@ extern "C" fn start() -> ! {
     }
 }
 
+static SPEC: Spec = Spec {
+    kind: "",
+    product: "",
+    manual: "",
+    ports: &[],
+    pins: &[],
+    axes: &[],
+    encoders: &[],
+    faults: &[],
+    memory: 0,
+    registers: Reg::TABLE,
+    address: None,
+    not_modelled: &[],
+};
+
 impl Device for Anything {
     fn spec(&self) -> &'static Spec {
-        opaque(None).unwrap_or_else(|| loop {})
+        opaque(&SPEC)
     }
 
     fn power_on(&mut self, at: Instant, boot: Boot, out: &mut dyn Sink) {
