@@ -12,7 +12,7 @@ use crate::realtime::Pace;
 
 /// Emulated motion drives: a drive on a pty or a TCP port, as its manual says, without the drive.
 #[derive(Parser)]
-#[command(name = "standin", version, disable_help_subcommand = true)]
+#[command(name = "standin", version, disable_help_subcommand = true, arg_required_else_help = false)]
 pub(crate) struct Cli {
     #[command(subcommand)]
     pub(crate) command: Command,
@@ -70,7 +70,7 @@ pub(crate) struct Run {
     /// Where a port of the drive is reached, [PORT=]URI: pty:, pty:LINK or tcp:HOST:PORT; may repeat
     #[arg(long, value_name = "[PORT=]URI")]
     pub(crate) listen: Vec<Listen>,
-    /// Where the control API listens: HOST:PORT or off
+    /// Where the control API listens: IP:PORT or off
     #[arg(long, value_name = "ADDR", default_value = "127.0.0.1:0")]
     pub(crate) control: Control,
     /// How time runs: real, xN (N times faster) or manual (it stands)

@@ -1,0 +1,227 @@
+//! The control API: what it does, and whom it refuses.
+
+use std::io::{Read as _, Write as _};
+
+use crate::running::{Answer, Running, ask};
+use standin_protocol::modbus::rtu;
+
+/// An MD3 in manual time whose start-up is over.
+fn md3() -> Running {
+    Running::md3(&["--time", "manual", "--fast-boot"])
+}
+
+#[test]
+fn a_move_is_seen_through_the_api() {
+    let md3 = md3();
+    let mut line = md3.connect();
+    ask(&mut line, &rtu::write(1, 0x11, 1), 8);
+    let drive = md3.drive();
+    assert_eq!((&drive["motion"]["moving"], &drive["registers"]["MotionControl"]), (&true.into(), &1.into()));
+    let time = md3.advance(2.5);
+    assert_eq!(time["mode"], "manual");
+    let drive = md3.drive();
+    assert_eq!((&drive["motion"]["position"], &drive["motion"]["moving"]), (&10_000.into(), &false.into()));
+    assert_eq!(drive["motion"]["speed"], 0.0);
+    assert_eq!(drive["ports"]["rs485"]["requests"], 1);
+    assert_eq!(md3.call("GET", "/api/bench", "").ok()["time"], time);
+}
+
+#[test]
+fn the_bench_tells_its_drives_and_lines() {
+    let md3 = md3();
+    let bench = md3.call("GET", "/api/bench", "").ok();
+    assert_eq!(bench["drives"][0]["name"], "md3");
+    assert_eq!(bench["buses"][0]["name"], "rs485");
+    assert_eq!(bench["buses"][0]["listen"], md3.ready["devices"][0]["ports"]["rs485"]);
+    assert_eq!(bench["time"]["seconds"], 0.0);
+}
+
+#[test]
+fn registers_are_preset_by_name() {
+    let md3 = md3();
+    let put = |name: &str, value: &str| {
+        md3.call("PUT", &format!("/api/drives/md3/registers/{name}"), &format!("{{\"value\":{value}}}"))
+    };
+    assert_eq!(put("Speed", "-2").status, 204);
+    assert_eq!(put("SpeedLow", "7").status, 204);
+    assert_eq!(md3.drive()["registers"]["Speed"], -65_536 + 7);
+    assert_eq!(put("DeviceAddress", "0").problem(422), "DeviceAddress takes 1 to 247, not 0");
+    assert!(put("Speeed", "1").problem(404).contains("the nearest is 'Speed'"));
+    put("Speed", "\"fast\"").problem(422);
+    put("Speed", "").problem(400);
+    md3.call("POST", "/api/drives/md3/power", "{\"action\":\"off\"}");
+    assert_eq!(put("Speed", "1").problem(409), "md3 has no power");
+}
+
+#[test]
+fn pins_are_driven_and_pulsed() {
+    let md3 = md3();
+    let level = |pin: &str, body: &str| md3.call("PUT", &format!("/api/drives/md3/pins/{pin}"), body);
+    assert_eq!(level("J2.2", "{\"level\":\"low\"}").status, 204);
+    assert_eq!(md3.drive()["pins"]["J2.2"], "low");
+    assert_eq!(level("J2.2", "{\"level\":\"open\"}").status, 204);
+    assert_eq!(md3.drive()["pins"]["J2.2"], "high", "it is pulled up");
+    level("J2.2", "{\"level\":\"up\"}").problem(422);
+    level("J2.2", "{\"volts\":2.5}").problem(422);
+    level("J2.2", "{\"level\":\"low\",\"volts\":2.5}").problem(422);
+    level("J2.2", "{}").problem(422);
+    assert_eq!(level("D5", "{\"level\":\"low\"}").problem(422), "D5 is an output");
+    assert!(level("J2.22", "{\"level\":\"low\"}").problem(404).contains("nearest is 'J2.2'"));
+
+    let pulses = |body: &str| md3.call("POST", "/api/drives/md3/pins/J2.5/pulses", body);
+    assert_eq!(pulses("{\"count\":1000,\"hz\":1000}").status, 204);
+    pulses("{\"count\":1,\"hz\":1000}").problem(409);
+    md3.advance(1.0);
+    assert_eq!(pulses("{\"count\":1,\"hz\":1000}").status, 204);
+    for wrong in [
+        "{\"count\":0,\"hz\":1}",
+        "{\"count\":1,\"hz\":0}",
+        "{\"count\":1,\"hz\":1e9}",
+        "{\"count\":-1,\"hz\":1}",
+    ] {
+        pulses(wrong).problem(422);
+    }
+}
+
+#[test]
+fn faults_and_power() {
+    let md3 = md3();
+    let fault = "/api/drives/md3/faults/over_current";
+    assert_eq!(md3.call("PUT", fault, "").status, 204);
+    assert_eq!(md3.drive()["faults"]["over_current"], true);
+    assert_eq!(md3.call("DELETE", fault, "").status, 204);
+    assert_eq!(md3.drive()["faults"]["over_current"], false);
+    assert!(
+        md3.call("PUT", "/api/drives/md3/faults/overcurrent", "").problem(404).contains("'over_current'")
+    );
+
+    let power =
+        |action: &str| md3.call("POST", "/api/drives/md3/power", &format!("{{\"action\":\"{action}\"}}"));
+    for (action, powered) in [("off", false), ("on", true), ("cycle", true)] {
+        assert_eq!(power(action).status, 204);
+        assert_eq!(md3.drive()["powered"], powered, "{action}");
+    }
+    power("cut");
+    assert_eq!(md3.drive()["powered"], true, "until a save");
+    let mut line = md3.connect();
+    line.write_all(&rtu::write(1, 0x1A, 1)).unwrap();
+    md3.notice();
+    md3.advance(0.1);
+    assert_eq!(md3.drive()["powered"], false);
+    power("maybe").problem(422);
+}
+
+#[test]
+fn time_runs_as_it_is_told() {
+    let md3 = md3();
+    let pace = |mode: &str| md3.call("PUT", "/api/time", &format!("{{\"mode\":\"{mode}\"}}"));
+    let advance =
+        |seconds: &str| md3.call("POST", "/api/time/advance", &format!("{{\"seconds\":{seconds}}}"));
+    assert_eq!(md3.advance(1.25)["seconds"], 1.25);
+    for wrong in ["-1", "86401", "1e300"] {
+        assert_eq!(advance(wrong).problem(422), "seconds are 0 to 86400", "{wrong}");
+    }
+    assert_eq!(pace("x100").ok()["mode"], "x100");
+    assert!(advance("1").problem(409).contains("time runs by itself"));
+    assert_eq!(pace("manual").ok()["mode"], "manual");
+    let there = md3.advance(0.0);
+    assert_eq!(md3.advance(0.0), there, "it stands");
+    pace("soon").problem(422);
+}
+
+/// A day with a train of pulses takes long enough to be looked at while it goes on.
+#[test]
+fn an_advance_can_be_given_up_and_is_the_only_one() {
+    let md3 = md3();
+    let train = "{\"count\":4000000000,\"hz\":50000}";
+    assert_eq!(md3.call("POST", "/api/drives/md3/pins/J2.5/pulses", train).status, 204);
+    let body = "{\"seconds\":86400}";
+    let request = format!(
+        "POST /api/time/advance HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\nContent-Length: {}\r\n\r\n{body}",
+        body.len()
+    );
+    let mut first = md3.control();
+    first.write_all(request.as_bytes()).unwrap();
+    // Whichever of the two comes first goes on; the other is refused at once.
+    let mut second = md3.control();
+    second.write_all(request.as_bytes()).unwrap();
+    first.set_nonblocking(true).unwrap();
+    second.set_nonblocking(true).unwrap();
+    let mut answer = [0; 1024];
+    let refused = loop {
+        let read = [&mut first, &mut second].into_iter().find_map(|stream| stream.read(&mut answer).ok());
+        if let Some(length) = read {
+            break String::from_utf8_lossy(&answer[..length]).into_owned();
+        }
+        std::thread::yield_now();
+    };
+    assert!(refused.starts_with("HTTP/1.1 409"), "{refused}");
+    assert!(refused.contains("somebody advances the clock already"), "{refused}");
+    drop((first, second));
+    // Served only when the advance has been given up.
+    let seconds = md3.call("GET", "/api/bench", "").ok()["time"]["seconds"].as_f64().unwrap();
+    assert!((0.0..86_400.0).contains(&seconds), "{seconds}");
+    assert_eq!(md3.stop(), Some(0));
+}
+
+#[test]
+fn a_web_page_is_refused() {
+    let md3 = md3();
+    let request = |head: &str, body: &str| -> Answer {
+        let length =
+            if body.is_empty() { String::new() } else { format!("Content-Length: {}\r\n", body.len()) };
+        md3.request(&format!("{head}\r\n{length}Connection: close\r\n\r\n{body}"))
+    };
+    let get = "GET /api/bench HTTP/1.1\r\n";
+    assert_eq!(request(&format!("{get}Host: 127.0.0.1:80"), "").status, 200);
+    assert_eq!(request(&format!("{get}Host: [::1]"), "").status, 200);
+    assert!(request(&format!("{get}Host: evil.example"), "").problem(403).contains("Host"));
+    assert!(request(&format!("{get}Host: 127.0.0.1.evil.example:80"), "").problem(403).contains("Host"));
+    let post = "POST /api/drives/md3/power HTTP/1.1\r\nHost: localhost";
+    let off = "{\"action\":\"off\"}";
+    assert!(request(post, off).problem(403).contains("Content-Type"));
+    assert!(
+        request(&format!("{post}\r\nContent-Type: text/plain"), off).problem(403).contains("Content-Type")
+    );
+    assert_eq!(md3.drive()["powered"], true);
+    assert_eq!(request(&format!("{post}\r\nContent-Type: application/json; charset=utf-8"), off).status, 204);
+}
+
+#[test]
+fn every_error_is_a_problem_document() {
+    let md3 = md3();
+    md3.call("GET", "/", "").problem(404);
+    md3.call("GET", "/api/drives", "").problem(404);
+    md3.call("GET", "/api/drives/md4", "").problem(404);
+    md3.call("GET", "/api/drives/%FF", "").problem(400);
+    let wrong_method = md3.call("DELETE", "/api/bench", "");
+    wrong_method.problem(405);
+    assert!(wrong_method.head.contains("allow: get"), "{wrong_method:?}");
+    md3.call("PUT", "/api/time", "{").problem(400);
+    md3.call("PUT", "/api/time", "{\"mode\":5}").problem(422);
+    md3.call("PUT", "/api/time", "{\"mode\":\"real\",\"more\":1}").problem(422);
+    md3.call("PUT", "/api/time", &" ".repeat(70_000)).problem(413);
+    md3.call("GET", "/api/trace?format=vcd", "").problem(501);
+    md3.call("GET", "/api/trace?format=text", "").problem(422);
+}
+
+#[test]
+fn it_describes_itself() {
+    let md3 = md3();
+    let description = md3.call("GET", "/openapi.json", "").ok();
+    let paths = description["paths"].as_object().unwrap();
+    for path in [
+        "/api/bench",
+        "/api/drives/{name}",
+        "/api/drives/{name}/pins/{pin}",
+        "/api/drives/{name}/pins/{pin}/pulses",
+        "/api/drives/{name}/registers/{register}",
+        "/api/drives/{name}/faults/{fault}",
+        "/api/drives/{name}/power",
+        "/api/time",
+        "/api/time/advance",
+        "/api/trace",
+    ] {
+        assert!(paths.contains_key(path), "{path}");
+    }
+}

@@ -1,0 +1,203 @@
+//! Starting `standin`, talking to it, and ending it.
+
+use std::io::{BufRead as _, BufReader, Read as _, Write as _};
+use std::net::TcpStream;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output, Stdio};
+use std::time::Duration;
+
+use rustix::process::{Pid, Signal, kill_process};
+use serde_json::Value;
+
+/// Runs `standin` to its end.
+pub(crate) fn standin(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_standin")).args(arguments).output().unwrap()
+}
+
+/// Runs `standin`, which refuses its arguments: what it says, in one sentence.
+pub(crate) fn refused(arguments: &[&str]) -> String {
+    let output = standin(arguments);
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(2), "{arguments:?}: {said}");
+    assert!(output.stdout.is_empty(), "{arguments:?}: {:?}", output.stdout);
+    let sentence = said.strip_prefix("standin: ").and_then(|said| said.strip_suffix('\n')).unwrap();
+    assert!(!sentence.contains('\n'), "{arguments:?}: {sentence}");
+    sentence.to_owned()
+}
+
+/// A drive that runs, and is killed with the test.
+pub(crate) struct Running {
+    child: Child,
+    /// The line that says where everything is.
+    pub(crate) ready: Value,
+}
+
+impl Running {
+    /// Starts an MD3 and waits until it is ready.
+    pub(crate) fn md3(options: &[&str]) -> Self {
+        let mut child = Command::new(env!("CARGO_BIN_EXE_standin"))
+            .args(["run", "md3", "--json"])
+            .args(options)
+            .stdout(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let mut line = String::new();
+        BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();
+        let ready = serde_json::from_str(&line).unwrap();
+        Self { child, ready }
+    }
+
+    fn address(&self, scheme: &str) -> String {
+        let uris = self.ready["devices"][0]["ports"]["rs485"].as_array().unwrap();
+        let uri = uris.iter().find_map(|uri| uri.as_str()?.strip_prefix(scheme));
+        uri.unwrap().to_owned()
+    }
+
+    /// Its pty.
+    pub(crate) fn pty(&self) -> PathBuf {
+        self.address("pty:").into()
+    }
+
+    /// A new connection to its line.
+    pub(crate) fn connect(&self) -> TcpStream {
+        patient(TcpStream::connect(self.address("tcp:")).unwrap())
+    }
+
+    /// A new connection to its control API.
+    pub(crate) fn control(&self) -> TcpStream {
+        let address = self.ready["control"].as_str().unwrap().strip_prefix("http://").unwrap();
+        patient(TcpStream::connect(address).unwrap())
+    }
+
+    /// A call of its control API, as a well-behaved program makes it.
+    pub(crate) fn call(&self, method: &str, path: &str, body: &str) -> Answer {
+        let length = body.len();
+        let headers = format!(
+            "Host: localhost\r\nContent-Type: application/json\r\nContent-Length: {length}\r\nConnection: close\r\n"
+        );
+        self.request(&format!("{method} {path} HTTP/1.1\r\n{headers}\r\n{body}"))
+    }
+
+    /// Any request, which must make the API close the connection.
+    pub(crate) fn request(&self, request: &str) -> Answer {
+        let mut connection = self.control();
+        connection.write_all(request.as_bytes()).unwrap();
+        let mut answer = String::new();
+        connection.read_to_string(&mut answer).unwrap();
+        Answer::read(&answer)
+    }
+
+    /// Returns when it has taken what was sent to its ports: the first call may be served together
+    /// with a new connection, the second one after what came on it.
+    pub(crate) fn notice(&self) {
+        self.drive();
+        self.drive();
+    }
+
+    /// The state of the drive.
+    pub(crate) fn drive(&self) -> Value {
+        self.call("GET", "/api/drives/md3", "").ok()
+    }
+
+    /// Moves the standing clock on.
+    pub(crate) fn advance(&self, seconds: f64) -> Value {
+        self.call("POST", "/api/time/advance", &format!("{{\"seconds\":{seconds}}}")).ok()
+    }
+
+    /// Ends it as a person would; its exit code.
+    pub(crate) fn stop(mut self) -> Option<i32> {
+        self.signal(Signal::TERM);
+        self.child.wait().unwrap().code()
+    }
+
+    /// Ends it at once, whatever it does.
+    pub(crate) fn kill(mut self) {
+        self.signal(Signal::KILL);
+        self.child.wait().unwrap();
+    }
+
+    fn signal(&self, signal: Signal) {
+        kill_process(Pid::from_child(&self.child), signal).unwrap();
+    }
+}
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// A connection that ends a test which hangs.
+fn patient(connection: TcpStream) -> TcpStream {
+    connection.set_read_timeout(Some(Duration::from_secs(60))).unwrap();
+    connection
+}
+
+/// What the control API answers.
+#[derive(Debug)]
+pub(crate) struct Answer {
+    pub(crate) status: u16,
+    pub(crate) head: String,
+    pub(crate) body: String,
+}
+
+impl Answer {
+    fn read(text: &str) -> Self {
+        let (head, body) = text.split_once("\r\n\r\n").unwrap();
+        let status = head.split(' ').nth(1).unwrap().parse().unwrap();
+        Self { status, head: head.to_lowercase(), body: body.to_owned() }
+    }
+
+    /// The body of a success.
+    pub(crate) fn ok(&self) -> Value {
+        assert_eq!(self.status, 200, "{self:?}");
+        serde_json::from_str(&self.body).unwrap()
+    }
+
+    /// The detail of a problem document with that status.
+    pub(crate) fn problem(&self, status: u16) -> String {
+        assert_eq!(self.status, status, "{self:?}");
+        assert!(self.head.contains("content-type: application/problem+json"), "{self:?}");
+        let problem: Value = serde_json::from_str(&self.body).unwrap();
+        assert_eq!(problem["status"], status);
+        assert_eq!(problem["type"], "about:blank");
+        assert!(problem["title"].is_string());
+        problem["detail"].as_str().unwrap().to_owned()
+    }
+}
+
+/// Sends a request on a line and reads as many bytes as its reply has.
+pub(crate) fn ask(line: &mut TcpStream, request: &[u8], reply: usize) -> Vec<u8> {
+    line.write_all(request).unwrap();
+    let mut bytes = vec![0; reply];
+    line.read_exact(&mut bytes).unwrap();
+    bytes
+}
+
+/// A directory that is gone when the test is over.
+pub(crate) struct Scratch(PathBuf);
+
+impl Scratch {
+    pub(crate) fn new(name: &str) -> Self {
+        let path = std::env::temp_dir().join(format!("standin-{}-{name}", std::process::id()));
+        let _ = std::fs::remove_dir_all(&path);
+        std::fs::create_dir(&path).unwrap();
+        Self(path)
+    }
+
+    /// The path of a file in it.
+    pub(crate) fn file(&self, name: &str) -> String {
+        self.path().join(name).to_str().unwrap().to_owned()
+    }
+
+    fn path(&self) -> &Path {
+        &self.0
+    }
+}
+
+impl Drop for Scratch {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(&self.0);
+    }
+}

@@ -1,0 +1,228 @@
+//! Options, exit codes, files, ports.
+
+use std::net::TcpListener;
+use std::os::fd::OwnedFd;
+use std::path::Path;
+
+use crate::running::{Running, Scratch, ask, refused, standin};
+use rustix::fs::{Mode, OFlags};
+use rustix::termios::{LocalModes, OptionalActions, tcgetattr, tcsetattr};
+use serde_json::Value;
+use standin_protocol::modbus::rtu;
+
+const USER_REGISTER: u16 = 0x1D;
+const EEPROM_CONTROL: u16 = 0x1A;
+
+#[test]
+fn what_is_wrong_with_options_is_told_in_one_sentence() {
+    let in_a_file = Scratch::new("options");
+    let file = in_a_file.file("something");
+    std::fs::write(&file, "something").unwrap();
+    let linked = format!("pty:{file}");
+    for (arguments, told) in [
+        (vec![], "requires a subcommand"),
+        (vec!["walk"], "unrecognized subcommand 'walk'"),
+        (vec!["run"], "<KIND>"),
+        (vec!["run", "md4"], "there is no kind 'md4'; the nearest is 'md3'"),
+        (vec!["run", "bench.toml"], "bench files: not yet"),
+        (vec!["run", "md3", "--program", "x"], "--program: not yet"),
+        (vec!["run", "md3", "--vcd", "x"], "--vcd: not yet"),
+        (vec!["run", "md3", "--pcap", "x"], "--pcap: not yet"),
+        (vec!["asm"], "asm: not yet"),
+        (vec!["disasm", "--x", "y"], "disasm: not yet"),
+        (vec!["run", "md3", "--listen", "serial:/dev/ttyUSB0"], "serial: ports are not yet there"),
+        (vec!["run", "md3", "--listen", "stdio:"], "stdio: is not yet there"),
+        (
+            vec!["run", "md3", "--listen", "rs422=pty:"],
+            "there is no port of md3 'rs422'; the nearest is 'rs485'",
+        ),
+        (vec!["run", "md3", "--listen", &linked], "something else than a link is there"),
+        (vec!["run", "md3", "--listen", "tcp:203.0.113.1:0"], "tcp:203.0.113.1:0 cannot be listened on"),
+        (vec!["run", "md3", "--control", "loopback"], "--control"),
+        (vec!["run", "md3", "--time", "x0"], "--time"),
+        (vec!["run", "md3", "--address", "248"], "--address: DeviceAddress takes 1 to 247, not 248"),
+        (vec!["run", "md3", "--address", "one"], "'one' is not a number"),
+        (
+            vec!["run", "md3", "--set", "Speeed=1"],
+            "there is no register of md3 'Speeed'; the nearest is 'Speed'",
+        ),
+        (vec!["run", "md3", "--set", "SpeedHigh=65536"], "SpeedHigh takes 0 to 65535, not 65536"),
+        (vec!["run", "md3", "--set", "Speed"], "REG=VALUE"),
+        (vec!["run", "md3", "--nv", "/"], "--nv /: "),
+        (vec!["run", "md3", "--nv", "/nowhere/md3.nv"], "--nv /nowhere/md3.nv: "),
+        (vec!["run", "md3", "--record", "/nowhere/md3.trace"], "--record /nowhere/md3.trace: "),
+        (vec!["describe", "md3", "--json", "--markdown"], "cannot be used with"),
+        (vec!["replay", "/nowhere/md3.trace"], "/nowhere/md3.trace: "),
+    ] {
+        let said = refused(&arguments);
+        assert!(said.contains(told), "{arguments:?}: {said}");
+    }
+}
+
+#[test]
+fn a_port_in_use_is_told_before_anything_is_touched() {
+    let scratch = Scratch::new("in-use");
+    let memory = scratch.file("md3.nv");
+    let taken = TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = taken.local_addr().unwrap().to_string();
+    let listen = format!("tcp:{address}");
+    let options = ["run", "md3", "--nv", &memory, "--set", "UserRegister=7"];
+    let said = refused(&[&options[..], &["--listen", &listen]].concat());
+    assert_eq!(said, format!("{listen} is in use; another port, or port 0, is free"));
+    let said = refused(&[&options[..], &["--control", &address]].concat());
+    assert!(said.starts_with(&format!("--control {address} is in use")), "{said}");
+    assert!(std::fs::read(&memory).unwrap().is_empty(), "nothing was stored");
+}
+
+#[test]
+fn kinds_are_listed_and_described() {
+    let text = |arguments: &[&str]| {
+        let output = standin(arguments);
+        assert!(output.status.success(), "{output:?}");
+        String::from_utf8(output.stdout).unwrap()
+    };
+    let json = |arguments: &[&str]| serde_json::from_str::<Value>(&text(arguments)).unwrap();
+    let kinds = json(&["list", "--json"]);
+    assert!(kinds.as_array().unwrap().iter().any(|kind| kind["kind"] == "md3"));
+    assert!(text(&["list"]).contains("md3"));
+
+    let md3 = json(&["describe", "md3", "--json"]);
+    assert_eq!(md3["ports"][0]["line"], "9600 8E1");
+    assert_eq!(md3["address_register"], "DeviceAddress");
+    let speed = md3["registers"].as_array().unwrap().iter().find(|row| row["name"] == "Speed").unwrap();
+    assert_eq!(
+        (&speed["address"], &speed["default"], &speed["section"]),
+        (&0x14.into(), &5_000.into(), &"7.17".into())
+    );
+    for form in ["--json", "--markdown"] {
+        assert_eq!(text(&["describe", "md3", form]), text(&["describe", "md3", form]));
+    }
+    let reference = text(&["describe", "md3", "--markdown"]);
+    assert!(reference.contains("| 0x14–0x15 | Speed | 7.17 | i32 | R/W |"), "{reference}");
+    assert!(text(&["describe", "md3"]).contains("7.17"));
+}
+
+#[test]
+fn a_recording_survives_sigterm_and_replays() {
+    let scratch = Scratch::new("record");
+    let file = scratch.file("md3.trace");
+    let md3 = Running::md3(&["--time", "manual", "--fast-boot", "--record", &file]);
+    let reply = ask(&mut md3.connect(), &rtu::write(1, USER_REGISTER, 7), 8);
+    assert_eq!(reply, *rtu::write(1, USER_REGISTER, 7));
+    assert_eq!(md3.call("GET", "/api/trace?format=trace", "").body.lines().next(), Some("standin trace 1"));
+    assert_eq!(md3.stop(), Some(0));
+
+    let replayed = standin(&["replay", &file]);
+    assert_eq!(replayed.status.code(), Some(0), "{replayed:?}");
+    let trace = std::fs::read_to_string(&file).unwrap();
+    let changed = trace.replace("< tx 01 06 00 1D 00 07", "< tx 01 06 00 1D 00 08");
+    assert_ne!(changed, trace);
+    std::fs::write(&file, changed).unwrap();
+    let replayed = standin(&["replay", &file]);
+    assert_eq!(replayed.status.code(), Some(1), "{replayed:?}");
+    assert!(String::from_utf8(replayed.stdout).unwrap().contains("< tx 01 06 00 1D 00 07"));
+    std::fs::write(&file, "standin trace 1\nnonsense\n").unwrap();
+    assert!(refused(&["replay", &file]).contains("line 2"));
+}
+
+/// Runs an MD3 in manual time until its start-up is over, with its memory in a file.
+fn started(memory: &str, options: &[&str]) -> Running {
+    let md3 = Running::md3(&[&["--time", "manual", "--nv", memory], options].concat());
+    md3.advance(2.5);
+    md3
+}
+
+fn register(md3: &Running, name: &str) -> i64 {
+    md3.drive()["registers"][name].as_i64().unwrap()
+}
+
+#[test]
+fn what_is_saved_survives_sigkill_and_presets_are_saved() {
+    let scratch = Scratch::new("memory");
+    let memory = scratch.file("md3.nv");
+    let md3 = started(&memory, &["--address", "17", "--set", "SpeedLow=0x10", "--set", "IOPortData=1"]);
+    assert_eq!((register(&md3, "DeviceAddress"), register(&md3, "Speed")), (17, 16));
+    let mut line = md3.connect();
+    ask(&mut line, &rtu::write(17, USER_REGISTER, 7), 8);
+    ask(&mut line, &rtu::write(17, EEPROM_CONTROL, 1), 8);
+    md3.advance(0.02);
+    md3.kill();
+
+    let md3 = started(&memory, &["--set", "SpeedHigh=1"]);
+    assert_eq!((register(&md3, "DeviceAddress"), register(&md3, "UserRegister")), (17, 7));
+    assert_eq!(register(&md3, "Speed"), 0x1_0010, "the other half is the one that was saved");
+    assert_eq!(register(&md3, "EEPROMControl") >> 8, 0x9A);
+}
+
+#[test]
+fn a_memory_is_kept_by_one_drive_at_a_time() {
+    let scratch = Scratch::new("locked");
+    let memory = scratch.file("md3.nv");
+    let _md3 = Running::md3(&["--nv", &memory]);
+    assert!(refused(&["run", "md3", "--nv", &memory]).contains("another drive keeps its memory there"));
+}
+
+#[test]
+fn a_bad_memory_is_what_the_manual_says_and_stays_as_it_is_until_a_save() {
+    let scratch = Scratch::new("bad");
+    let memory = scratch.file("md3.nv");
+    for bad in [vec![0; 54], vec![0x55; 54], vec![0xFF; 1_000], vec![0; 1_000], vec![7; 10]] {
+        std::fs::write(&memory, &bad).unwrap();
+        let said = refused(&["run", "md3", "--nv", &memory, "--address", "2"]);
+        assert!(said.contains("memory is bad"), "{said}");
+        let md3 = started(&memory, &[]);
+        // 5 s of red flashes come first (decision 12).
+        md3.advance(5.0);
+        assert_eq!(register(&md3, "EEPROMControl") >> 8, 0xF1, "{bad:?}");
+        assert_eq!(std::fs::read(&memory).unwrap(), bad);
+        ask(&mut md3.connect(), &rtu::write(1, EEPROM_CONTROL, 1), 8);
+        md3.advance(0.02);
+        md3.kill();
+        let md3 = started(&memory, &[]);
+        assert_eq!(register(&md3, "EEPROMControl") >> 8, 0x9A, "{bad:?}");
+        drop(md3);
+    }
+}
+
+fn open(path: &Path) -> OwnedFd {
+    rustix::fs::open(path, OFlags::RDWR | OFlags::NOCTTY, Mode::empty()).unwrap()
+}
+
+#[test]
+fn a_pty_is_linked_answers_and_is_ready_for_the_next_opener() {
+    let scratch = Scratch::new("pty");
+    let link = scratch.file("md3.tty");
+    // A link left behind by somebody who was killed.
+    std::os::unix::fs::symlink("/nowhere", &link).unwrap();
+    let listen = format!("pty:{link}");
+    let md3 = Running::md3(&["--time", "manual", "--fast-boot", "--listen", &listen]);
+    assert_eq!(std::fs::read_link(&link).unwrap(), md3.pty());
+    let waiting = LocalModes::ECHOE | LocalModes::IEXTEN;
+    for value in [1, 2, 3] {
+        let port = open(Path::new(&link));
+        let mut settings = tcgetattr(&port).unwrap();
+        assert!(settings.local_modes.contains(waiting));
+        assert!(!settings.local_modes.intersects(LocalModes::ECHO | LocalModes::ICANON));
+        settings.make_raw();
+        settings.local_modes.remove(waiting);
+        // The second one speaks at the wrong rate and is not understood.
+        settings.set_speed(if value == 2 { 19_200 } else { 9_600 }).unwrap();
+        tcsetattr(&port, OptionalActions::Now, &settings).unwrap();
+        rustix::io::write(&port, &rtu::write(1, USER_REGISTER, value)).unwrap();
+        if value != 2 {
+            let mut reply = Vec::new();
+            while reply.len() < 8 {
+                let mut bytes = [0; 8];
+                let count = rustix::io::read(&port, &mut bytes).unwrap();
+                reply.extend_from_slice(&bytes[..count]);
+            }
+            assert_eq!(reply, *rtu::write(1, USER_REGISTER, value));
+        }
+        drop(port);
+        md3.notice();
+        assert_eq!(register(&md3, "UserRegister"), if value == 2 { 1 } else { value.into() });
+    }
+    assert_eq!(md3.drive()["ports"]["rs485"]["spoiled"], 1);
+    assert_eq!(md3.stop(), Some(0));
+    assert!(!Path::new(&link).is_symlink());
+}
