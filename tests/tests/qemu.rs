@@ -36,7 +36,7 @@ impl Board {
             .spawn()
             .expect("qemu-system-arm starts");
         let bus = qemu.stdin.take().expect("it is piped");
-        let out = qemu.stdout.take().expect("it is piped");
+        let out = BufReader::new(qemu.stdout.take().expect("it is piped"));
         let said = BufReader::new(qemu.stderr.take().expect("it is piped"));
 
         let (hear, heard) = channel();
