@@ -477,6 +477,12 @@ impl Bench {
     fn happen(&mut self, event: Event) {
         match event.what {
             What::Fed(fed) => self.deliver(event.seat, &fed),
+            What::Overheard { fed, began } => {
+                // Where characters take no time, who begins at the same instant sends meanwhile.
+                if !(self.fast() && self.seats[event.seat as usize].began(&fed) == Some(began)) {
+                    self.deliver(event.seat, &fed);
+                }
+            }
             What::Pulse { pin, train } => self.edge(event.seat, pin, train),
             What::Turn { bus } => self.turn_ends(bus, event.key.at),
         }

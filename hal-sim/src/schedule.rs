@@ -63,6 +63,8 @@ pub(crate) struct Event {
 pub(crate) enum What {
     /// To be fed to a device.
     Fed(Fed),
+    /// To be fed to a device that shares a line with the one that began to say it then.
+    Overheard { fed: Fed, began: Instant },
     /// The next edge of a train of pulses; `train` tells it from earlier trains on the pin.
     Pulse { pin: Pin, train: u32 },
     /// Somebody's turn on a line may end.

@@ -164,6 +164,8 @@ pub(crate) struct Serial {
     /// Silence ends its messages: one pair of wires for both directions. Otherwise each character
     /// has its time, and both directions run at once.
     pub(crate) silence: bool,
+    /// When its last message began to leave.
+    began: Option<Instant>,
     /// When its last character has left.
     pub(crate) sends_until: Instant,
 }
@@ -283,6 +285,7 @@ impl Body {
                 let start = at.max(serial.sends_until);
                 let line = serial.line_at(start);
                 let character = if tape.fast { Duration::ZERO } else { line.character() };
+                serial.began = Some(start);
                 serial.sends_until = start + character * bytes.len() as u64;
                 tape.outbox.sent.push(Sent { seat: self.seat, port, start, line, count: bytes.len() });
                 tape.outbox.bytes.extend_from_slice(bytes);
@@ -471,6 +474,7 @@ impl Seated {
             line,
             later: Vec::new(),
             silence,
+            began: None,
             sends_until: Instant::ZERO,
         };
         let ports = spec.ports.iter().map(|port| PortState {
@@ -650,6 +654,14 @@ impl Seated {
     /// A serial port.
     pub(crate) fn serial(&self, port: Port) -> Option<&Serial> {
         self.body.ports.get(usize::from(port.0))?.serial.as_ref()
+    }
+
+    /// When it began to send its last message on the port that `fed` comes to.
+    pub(crate) fn began(&self, fed: &Fed) -> Option<Instant> {
+        match *fed {
+            Fed::Bytes { port, .. } | Fed::Spoiled { port } | Fed::Idle { port } => self.serial(port)?.began,
+            _ => None,
+        }
     }
 
     /// The settings of a character that begins at `at`; `None` if that is no serial port.

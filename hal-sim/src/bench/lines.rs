@@ -10,6 +10,40 @@ use crate::schedule::{Class, What};
 use crate::seat::Sent;
 use crate::trace::Fed;
 
+/// Who says something.
+#[derive(Clone, Copy)]
+enum Voice {
+    Client(Sender),
+    /// A drive, on its line, beginning then.
+    Drive(Line, Instant),
+}
+
+impl Voice {
+    /// The settings in which it reaches a port that is on `line`.
+    fn spoken(self, line: Line) -> Line {
+        match self {
+            Self::Client(sender) => Line { baud: sender.baud.unwrap_or(line.baud), ..line },
+            Self::Drive(own, _) => own,
+        }
+    }
+
+    /// Whether a port on `line` can read it.
+    fn fits(self, line: Line) -> bool {
+        match self {
+            Self::Client(sender) => sender.fits(line),
+            Self::Drive(own, _) => own == line,
+        }
+    }
+
+    /// On its way to a device.
+    fn carries(self, fed: Fed) -> What {
+        match self {
+            Self::Client(_) => What::Fed(fed),
+            Self::Drive(_, began) => What::Overheard { fed, began },
+        }
+    }
+}
+
 /// When something said is heard.
 struct Said {
     /// The end of its last character.
@@ -137,7 +171,7 @@ impl Bench {
         reply
     }
 
-    fn fast(&self) -> bool {
+    pub(super) fn fast(&self) -> bool {
         self.settings.line == LineMode::Fast
     }
 
@@ -206,9 +240,7 @@ impl Bench {
         let (mut last, mut judged) = (start, start);
         for n in 0..self.ports(Bus(bus)).len() {
             let (seat, port) = self.ports(Bus(bus))[n];
-            let Some(line) = self.at(seat).line_at(port, start) else { continue };
-            let spoken = Line { baud: sender.baud.unwrap_or(line.baud), ..line };
-            let said = self.say(seat, port, start, bytes, spoken, sender.fits(line));
+            let said = self.say(seat, port, start, bytes, Voice::Client(sender));
             (last, judged) = (last.max(said.last), judged.max(said.judged));
         }
         let wire = &mut self.buses[bus as usize];
@@ -217,10 +249,11 @@ impl Bench {
         self.turn_until(bus, judged);
     }
 
-    /// Says something to a port from `start` on, in the settings `spoken`, which its own `fit`.
-    fn say(&mut self, seat: Seat, port: Port, start: Instant, bytes: &[u8], spoken: Line, fit: bool) -> Said {
+    /// Says something to a port from `start` on.
+    fn say(&mut self, seat: Seat, port: Port, start: Instant, bytes: &[u8], voice: Voice) -> Said {
         let Some(serial) = self.at(seat).serial(port) else { return Said { last: start, judged: start } };
-        let (silence, own) = (serial.silence, Timing::of(serial.line_at(start)));
+        let line = serial.line_at(start);
+        let (silence, fit, timing) = (serial.silence, voice.fits(line), Timing::of(line));
         // Characters that nobody can read come one by one, as do those that have their time.
         let size = if silence && fit { bytes.len() } else { 1 };
         let messages = bytes.chunks(size.max(1)).map(|bytes| {
@@ -228,22 +261,19 @@ impl Bench {
         });
         if self.fast() {
             let at = self.at(seat).free(start, Class::Line);
-            for message in messages {
-                self.send_to(at, seat.0, message);
-            }
-            if silence {
-                self.send_to(at, seat.0, Fed::Idle { port });
+            for message in messages.chain(silence.then_some(Fed::Idle { port })) {
+                self.schedule(at, Class::Line, seat.0, voice.carries(message));
             }
             return Said { last: at, judged: at };
         }
-        let character = spoken.character();
+        let character = voice.spoken(line).character();
         // A line may have been free for a part of a character by now.
         let first = (start + character).max(self.now + Duration::TICK);
         for (n, message) in (0..).zip(messages) {
-            self.send_to(first + character * n, seat.0, message);
+            self.schedule(first + character * n, Class::Line, seat.0, voice.carries(message));
         }
         let last = first + character * bytes.len().saturating_sub(1) as u64;
-        Said { last, judged: last + own.t3_5 + own.character }
+        Said { last, judged: last + timing.t3_5 + timing.character }
     }
 
     /// Carries what the device called last has sent.
@@ -266,9 +296,11 @@ impl Bench {
     fn carry(&mut self, sent: &Sent, bytes: &[u8]) {
         let Some(Bus(bus)) = self.bus(Seat(sent.seat), sent.port) else { return };
         let fast = self.fast();
-        let character = if fast { Duration::ZERO } else { sent.line.character() };
+        let took = sent.line.character() * bytes.len() as u64;
+        let (character, lasts) =
+            if fast { (Duration::ZERO, Duration::ZERO) } else { (sent.line.character(), took) };
         let wire = &mut self.buses[bus as usize];
-        wire.sends_until = wire.sends_until.max(sent.start + character * bytes.len() as u64);
+        wire.sends_until = wire.sends_until.max(sent.start + lasts);
         for id in &wire.clients {
             if let Some(outside) = self.clients.get_mut(id).filter(|outside| !outside.left) {
                 for (n, &byte) in (1..).zip(bytes) {
@@ -276,12 +308,18 @@ impl Bench {
                 }
             }
         }
-        let start = if fast { sent.start + Duration::TICK } else { sent.start };
+        let start = match (fast, wire.turn) {
+            (false, _) => sent.start,
+            // What nobody asked for takes its time: two drives with one address may answer each
+            // other's answers for ever, and must not do so every tick.
+            (true, Turn::Free) => sent.start + took,
+            (true, _) => sent.start + Duration::TICK,
+        };
+        let voice = Voice::Drive(sent.line, sent.start);
         for n in 0..self.ports(Bus(bus)).len() {
             let (seat, port) = self.ports(Bus(bus))[n];
             if (seat.0, port) != (sent.seat, sent.port) {
-                let fit = self.at(seat).line_at(port, start) == Some(sent.line);
-                self.say(seat, port, start, bytes, sent.line, fit);
+                self.say(seat, port, start, bytes, voice);
             }
         }
     }

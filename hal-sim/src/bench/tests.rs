@@ -279,6 +279,71 @@ fn drives_on_a_line_hear_each_other_and_are_not_confused() {
 }
 
 #[test]
+fn drives_that_answer_at_once_do_not_hear_each_other() {
+    for line in [LineMode::Timed, LineMode::Fast] {
+        let mut bench = Bench::with(Settings { line, ..Settings::default() });
+        let seats = [md3(&mut bench, "x", 1), md3(&mut bench, "y", 1)];
+        let bus = bench.share("line1", &seats.map(|seat| (seat, RS485)));
+        let client = bench.connect(bus);
+        // The answer to a write looks like the write.
+        bench.send(client, &rtu::write(1, 0x15, 7));
+        bench.run_until(bench.now() + 1.secs());
+        for seat in seats {
+            assert_eq!(bench.statistics(seat, RS485), Statistics { requests: 1, ..Statistics::default() });
+        }
+        // A client hears both, and nothing else.
+        assert_eq!(received(&mut bench, client).len(), 16);
+    }
+}
+
+#[test]
+fn drives_that_answer_each_other_for_ever_take_their_time() {
+    for line in [LineMode::Timed, LineMode::Fast] {
+        let mut bench = Bench::with(Settings { line, ..Settings::default() });
+        let seats = [md3(&mut bench, "x", 1), md3(&mut bench, "y", 1)];
+        let bus = bench.share("line1", &seats.map(|seat| (seat, RS485)));
+        let client = bench.connect(bus);
+        bench.power(seats[1], PowerAction::Off);
+        bench.send(client, &rtu::write(1, 0x15, 7));
+        // It comes back when the request is over, and takes the answer for a request.
+        let over = if line == LineMode::Fast { Duration::ZERO } else { 10.millis() };
+        bench.run_until(bench.now() + over);
+        bench.power(seats[1], PowerAction::On);
+        bench.run_until(bench.now() + 1.secs());
+        let requests = bench.statistics(seats[0], RS485).requests;
+        assert!((20..200).contains(&requests), "{requests} in a second");
+    }
+}
+
+#[test]
+fn an_input_comes_before_a_deadline_of_its_instant() {
+    let mut bench = Bench::new();
+    let toy = bench.add::<Toy>("toy");
+    let client = bench.connect(bench.bus(toy, toy::USB).unwrap());
+    bench.send(client, b"s");
+    let first = Instant::ZERO + Duration::from_ticks(1_389) + toy::INTERVAL;
+    bench.run_until(first - Duration::TICK);
+    bench.set_pin(toy, toy::IN, Drive::Low);
+    bench.run_until(first);
+    // What hands do when the deadline has passed comes after it.
+    bench.fault(toy, toy::STALL, true);
+    bench.run_until(first + Duration::TICK);
+    let text = bench.trace().to_text();
+    let script: Vec<&str> = text.lines().skip_while(|line| !line.contains("pin IN")).collect();
+    assert_eq!(
+        script,
+        [
+            "3.086813 > pin IN low",
+            "3.086813 < step motor 2",
+            "3.086813 < tx \".\"",
+            "3.086875 > fault stall on",
+            "3.086875 < current motor 1",
+            "3.086875 end",
+        ]
+    );
+}
+
+#[test]
 fn fast_takes_no_time() {
     let (mut bench, seat, _) = alone(LineMode::Fast);
     for _ in 0..3 {
@@ -603,14 +668,17 @@ enum Act {
 const NAMES: [&str; 5] = ["b", "x", "a", "y", "z"];
 
 /// A bench of three MD3s, two of them on one line, and two toys, added in that order.
-fn drives(order: &[usize], line: LineMode) -> (Bench, [Seat; 5], Vec<Bus>) {
+///
+/// `twins`: the two answer to one address.
+fn drives(order: &[usize], line: LineMode, twins: bool) -> (Bench, [Seat; 5], Vec<Bus>) {
     let mut bench = Bench::with(Settings { seed: 7, line, ..Settings::default() });
     let mut seats = [Seat(0); 5];
     for &place in order {
         seats[place] = if NAMES[place] < "x" {
             bench.add::<Toy>(NAMES[place])
         } else {
-            let presets = vec![(Reg::DeviceAddress as usize, place as i64)];
+            let address = if twins && place == 3 { 1 } else { place as i64 };
+            let presets = vec![(Reg::DeviceAddress as usize, address)];
             let setup = Setup { boot_fast: true, presets, ..Setup::default() };
             bench.seat(NAMES[place], Box::new(Md3::new()), setup).unwrap()
         };
@@ -626,8 +694,13 @@ fn drives(order: &[usize], line: LineMode) -> (Bench, [Seat; 5], Vec<Bus>) {
 
 /// Does `acts` to such a bench, each so many ticks after the one before, and returns its trace.
 /// `chunk`: how often it is polled in between.
-fn perform(acts: &[(u64, Act)], order: &[usize], chunk: Option<u64>, line: LineMode) -> String {
-    let (mut bench, seats, buses) = drives(order, line);
+fn perform(
+    acts: &[(u64, Act)],
+    order: &[usize],
+    chunk: Option<u64>,
+    (line, twins): (LineMode, bool),
+) -> String {
+    let (mut bench, seats, buses) = drives(order, line, twins);
     let mut clients: Vec<Client> = buses.iter().map(|&bus| bench.connect(bus)).collect();
     let mut heard = Vec::new();
     let mut at = Instant::ZERO;
@@ -698,8 +771,8 @@ fn acts() -> impl Strategy<Value = Vec<(u64, Act)>> {
     proptest::collection::vec((wait, act()), 1..40)
 }
 
-fn modes() -> impl Strategy<Value = LineMode> {
-    prop_oneof![Just(LineMode::Timed), Just(LineMode::Fast)]
+fn modes() -> impl Strategy<Value = (LineMode, bool)> {
+    (prop_oneof![Just(LineMode::Timed), Just(LineMode::Fast)], any::<bool>())
 }
 
 proptest! {
@@ -734,7 +807,7 @@ proptest! {
 
     #[test]
     fn bytes_split_anywhere_are_the_same(
-        cuts in proptest::collection::vec(0_usize..24, 0..6), mode in modes(),
+        cuts in proptest::collection::vec(0_usize..24, 0..6), (mode, _) in modes(),
     ) {
         let bytes: Vec<u8> = [rtu::read(1, 0, 2), rtu::write(1, 0x15, 7), rtu::read(2, 0, 1)].concat();
         let mut whole = alone(mode);
