@@ -235,10 +235,7 @@ fn sections(spec: &Spec) -> Vec<Section> {
         cells
     });
     let settings = rows.iter().filter(|row| row.space == Space::Setting).map(cells_of);
-    let missing_rows = rows.iter().filter(|row| !row.missing.is_empty());
-    let missing = missing_rows
-        .map(|row| vec![row.name.to_owned(), row.missing.to_owned()])
-        .chain(spec.not_modelled.iter().map(|what| vec![what.to_string()]));
+    let missing = spec.not_modelled.iter().map(|what| vec![what.to_string()]);
     let sections = [
         Section { title: "Ports", columns: &["Port", "Line", "A message ends"], rows: ports.collect() },
         Section { title: "Pins", columns: &["Pin", "Role", "At rest"], rows: pins.collect() },
@@ -259,7 +256,7 @@ fn sections(spec: &Spec) -> Vec<Section> {
             columns: &["Name", "§", "Type", "Access", "Values", "Default", "Saved", "What it is"],
             rows: settings.collect(),
         },
-        Section { title: "Not modelled", columns: &[], rows: missing.collect() },
+        Section { title: "Beside the rows that say so, not modelled", columns: &[], rows: missing.collect() },
     ];
     sections.into_iter().filter(|section| !section.rows.is_empty()).collect()
 }
@@ -279,7 +276,11 @@ fn cells_of(row: &Row) -> Vec<String> {
         values(row),
         row.reset.to_string(),
         saved,
-        doc(row),
+        if row.missing.is_empty() {
+            doc(row)
+        } else {
+            format!("{} Not modelled: {}.", doc(row), row.missing)
+        },
     ]
 }
 

@@ -131,7 +131,7 @@ fn places(spec: &Spec, listen: &[Listen]) -> Result<Vec<(Port, Uri)>, String> {
     }
     if listen.is_empty() {
         for (port, _) in ports() {
-            places.extend([(port, Uri::Pty(None)), (port, Uri::Tcp("127.0.0.1:0".into()))]);
+            places.extend([(port, Uri::Tcp("127.0.0.1:0".into())), (port, Uri::Pty(None))]);
         }
     }
     match places
@@ -308,7 +308,7 @@ mod tests {
     fn a_serial_port_is_reached_by_a_pty_and_a_loopback_port_unless_told_otherwise() {
         let spec = spec(&PORTS[..1]);
         let default = places(&spec, &[]).unwrap();
-        assert_eq!(default, [(Port(0), Uri::Pty(None)), (Port(0), Uri::Tcp("127.0.0.1:0".into()))]);
+        assert_eq!(default, [(Port(0), Uri::Tcp("127.0.0.1:0".into())), (Port(0), Uri::Pty(None))]);
         let told = places(&spec, &["rs485=pty:".parse().unwrap()]).unwrap();
         assert_eq!(told, [(Port(0), Uri::Pty(None))]);
     }

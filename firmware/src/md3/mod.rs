@@ -76,8 +76,8 @@ static SPEC: Spec = Spec {
     registers: Reg::TABLE,
     address: Some(Reg::DeviceAddress as usize),
     not_modelled: &[
-        "step pulses on STEP and DIR: not modelled yet",
-        "\"Reset Device\", firmware and serial-number updates: not published (3.2, 7.20)",
+        "not modelled yet: step pulses on STEP and DIR",
+        "not published (3.2, 7.20): \"Reset Device\", firmware and serial-number updates",
     ],
 };
 
