@@ -55,13 +55,15 @@ pub(crate) const INTERVAL: Duration = Duration::millis(3);
 pub(crate) const SAVE: Duration = Duration::millis(20);
 
 /// `r` sends a random letter and the volume, `s` starts and stops the stream, `w` saves, `1` and `0`
-/// set the output.
+/// set the output; a preset volume pulls it down.
 #[derive(Debug, Default)]
 pub(crate) struct Toy {
     letter: u8,
     volume: u8,
     next: Option<Instant>,
     saved: Option<Instant>,
+    /// Its first deadline is the very instant of power-on; then the output goes high.
+    started: Option<Instant>,
     /// What it was told, for tests to see in its outputs.
     stalled: bool,
 }
@@ -76,9 +78,8 @@ impl Device for Toy {
     }
 
     fn power_on(&mut self, at: Instant, boot: Boot, out: &mut dyn Sink) {
-        *self = Self { letter: b'a' + (boot.seed % 26) as u8, ..Self::default() };
+        *self = Self { letter: b'a' + (boot.seed % 26) as u8, started: Some(at), ..Self::default() };
         out.put(at, Output::Wave { pin: LED, period: Duration::millis(4), high: Duration::millis(1) });
-        out.put(at, Output::Level { pin: OUT, level: Level::High });
     }
 
     fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Sink) {
@@ -107,11 +108,14 @@ impl Device for Toy {
     }
 
     fn deadline(&self) -> Instant {
-        let never = Instant::NEVER;
-        self.next.unwrap_or(never).min(self.saved.unwrap_or(never))
+        let deadlines = [self.next, self.saved, self.started];
+        deadlines.into_iter().flatten().min().unwrap_or(Instant::NEVER)
     }
 
     fn timeout(&mut self, at: Instant, out: &mut dyn Sink) {
+        if self.started.take_if(|due| *due <= at).is_some() {
+            out.put(at, Output::Level { pin: OUT, level: Level::High });
+        }
         if self.saved.is_some_and(|due| due <= at) {
             self.saved = None;
             out.put(at, Output::Store { offset: 8, bytes: &[0xC0, self.volume] });
@@ -130,7 +134,10 @@ impl Device for Toy {
         let value = u8::try_from(value).map_err(|_| Refused::OutOfRange)?;
         match Reg::from_row(row) {
             Some(Reg::Volume) if value == 7 => return Err(Refused::OutOfRange),
-            Some(Reg::Volume) => self.volume = value,
+            Some(Reg::Volume) => {
+                self.volume = value;
+                out.put(at, Output::Level { pin: OUT, level: Level::Low });
+            }
             Some(Reg::Number) => out.put(at, Output::Store { offset: 0, bytes: &[value] }),
             None => return Err(Refused::NoSuchRegister),
         }
