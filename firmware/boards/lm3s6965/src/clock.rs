@@ -81,7 +81,8 @@ pub(crate) fn now() -> Instant {
         // A millisecond that is over and not yet counted.
         if SCB::is_pendst_pending() { (milliseconds + 1, SYST::get_current()) } else { (milliseconds, left) }
     });
-    let cycles = (CYCLES_PER_MS - 1).saturating_sub(left);
+    // SysTick counts down, and its interrupt comes when it reaches 0.
+    let cycles = if left == 0 { 0 } else { CYCLES_PER_MS.saturating_sub(left) };
     // 16 ticks in a microsecond, 50 cycles.
     Instant::from(Duration::millis(milliseconds)) + Duration::from_ticks(u64::from(cycles * 8 / 25))
 }
