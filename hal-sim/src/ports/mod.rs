@@ -5,6 +5,7 @@
 //! Nobody is waited for: a client that does not read loses its connection (TCP) or its characters
 //! (pty), and one that sends faster than its line is read only as fast as the line.
 
+mod link;
 mod pty;
 mod tcp;
 
@@ -18,7 +19,8 @@ use rustix::fs::inotify;
 use standin_firmware::device::Instant;
 use standin_sim::bench::{Bench, Bus, Client};
 
-pub(crate) use pty::{PtyError, check_link};
+pub(crate) use link::check_link;
+pub(crate) use pty::PtyError;
 pub(crate) use tcp::{Bound, bind};
 
 /// Where a port of a drive is to be reached (`--listen`).

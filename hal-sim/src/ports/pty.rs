@@ -1,10 +1,12 @@
 //! A line reached by a pseudo terminal, which programs take for a serial port.
 //!
 //! A pty never has parity. Some C libraries (Debian's is one) report `EINVAL` when parity was asked
-//! for and nothing else has changed, as when a plain pty is opened for the second time. So two flags
-//! without any effect on raw characters, which serial programs clear, wait there to be changed:
-//! `ECHOE` and `IEXTEN`. They are set when nobody has the pty open, and again a moment after a program
-//! has cleared them. One that sets the open port twice in less than that moment still gets `EINVAL`.
+//! for and nothing else has changed: when a plain pty is opened for the second time, or when a program
+//! sets its port in two steps. So two flags without any effect on raw characters, which serial programs
+//! clear, wait there to be changed: `ECHOE` and `IEXTEN`. They are set when nobody has the pty open,
+//! and again a moment after somebody has cleared them, together with the other value of a third one
+//! (`ECHOK`), because the C library compares what was before with what it finds after that. A program
+//! that takes its second step within that moment still gets `EINVAL`.
 
 use std::ffi::OsStr;
 use std::fmt;
@@ -15,7 +17,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use rustix::event::{PollFd, PollFlags};
-use rustix::fs::{Access, OFlags, inotify};
+use rustix::fs::{OFlags, inotify};
 use rustix::pty::OpenptFlags;
 use rustix::termios::{
     ControlModes, LocalModes, OptionalActions, OutputModes, QueueSelector, tcflush, tcgetattr, tcsetattr,
@@ -24,13 +26,14 @@ use standin_sim::bench::{Bench, Bus, Client};
 use standin_sim::bus::Sender;
 use tracing::{info, warn};
 
+use super::link::Link;
 use super::{Came, READ_BYTES, UNREAD_BYTES, may_read, over, read_some, write_some};
 
 /// A pty of a line.
 pub(super) struct Pty {
     master: OwnedFd,
     path: PathBuf,
-    link: Option<PathBuf>,
+    _link: Option<Link>,
     /// Its watch among the openings.
     watch: i32,
     bus: Bus,
@@ -38,6 +41,8 @@ pub(super) struct Pty {
     client: Option<Client>,
     /// How many have it open, as far as is known.
     openers: u32,
+    /// The present value of [`OTHER`].
+    other: bool,
     /// What the drives sent and nobody has taken.
     unread: Vec<u8>,
     /// The settings of the other end that were last warned of.
@@ -47,7 +52,10 @@ pub(super) struct Pty {
 /// The flags that wait to be changed.
 const WAITING: LocalModes = LocalModes::ECHOE.union(LocalModes::IEXTEN);
 
-/// Time between two looks at the settings of an open pty, which does not tell of a change.
+/// The flag that makes them different each time.
+const OTHER: LocalModes = LocalModes::ECHOK;
+
+/// Time between two looks at the settings of an open pty, which does not tell when they change.
 const LOOK: Duration = Duration::from_millis(10);
 
 /// Why there is no pty.
@@ -81,17 +89,18 @@ impl Pty {
             inotify::WatchFlags::OPEN | inotify::WatchFlags::CLOSE_WRITE | inotify::WatchFlags::CLOSE_NOWRITE,
         );
         let watch = watch.map_err(|error| PtyError::None(error.into()))?;
-        if let Some(link) = &link {
-            make_link(&path, link).map_err(|error| PtyError::Link(link.clone(), error))?;
-        }
+        let link =
+            link.map(|link| Link::new(link.clone(), &path).map_err(|error| PtyError::Link(link, error)));
+        let link = link.transpose()?;
         let pty = Self {
             master,
             path,
-            link,
+            _link: link,
             watch,
             bus,
             client: None,
             openers: 0,
+            other: false,
             unread: Vec::new(),
             warned: None,
         };
@@ -197,10 +206,12 @@ impl Pty {
     }
 
     /// Sets the flags that wait to be changed, if somebody has cleared them.
-    fn look(&self) -> io::Result<()> {
+    fn look(&mut self) -> io::Result<()> {
         let mut settings = tcgetattr(&self.master)?;
         if !settings.local_modes.contains(WAITING) {
+            self.other = !self.other;
             settings.local_modes.insert(WAITING);
+            settings.local_modes.set(OTHER, self.other);
             tcsetattr(&self.master, OptionalActions::Now, &settings)?;
         }
         Ok(())
@@ -212,6 +223,7 @@ impl Pty {
         let mut settings = tcgetattr(&self.master)?;
         settings.local_modes.remove(LocalModes::ECHO | LocalModes::ICANON);
         settings.local_modes.insert(WAITING);
+        settings.local_modes.set(OTHER, self.other);
         settings.output_modes.remove(OutputModes::OPOST);
         settings.control_modes.remove(ControlModes::PARODD);
         tcsetattr(&self.master, OptionalActions::Now, &settings)?;
@@ -243,17 +255,6 @@ impl Pty {
     }
 }
 
-/// Takes the link away, if it still leads here.
-impl Drop for Pty {
-    fn drop(&mut self) {
-        if let Some(link) = &self.link
-            && std::fs::read_link(link).is_ok_and(|target| target == self.path)
-        {
-            let _ = std::fs::remove_file(link);
-        }
-    }
-}
-
 /// A new pty: its master, and the name of the other end.
 fn open() -> io::Result<(OwnedFd, PathBuf)> {
     let flags = OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC;
@@ -268,30 +269,4 @@ fn open() -> io::Result<(OwnedFd, PathBuf)> {
 fn set_nonblocking(fd: impl AsFd) -> io::Result<()> {
     let flags = rustix::fs::fcntl_getfl(&fd)?;
     Ok(rustix::fs::fcntl_setfl(&fd, flags | OFlags::NONBLOCK)?)
-}
-
-/// Whether a link can be made at `link`: nothing is there, or an old link.
-///
-/// # Errors
-/// Something else is there, or nothing can be.
-pub(crate) fn check_link(link: &Path) -> io::Result<()> {
-    match link.symlink_metadata() {
-        Ok(there) if there.is_symlink() => Ok(()),
-        Ok(_) => Err(io::Error::new(io::ErrorKind::AlreadyExists, "something else than a link is there")),
-        Err(error) if error.kind() == io::ErrorKind::NotFound => {
-            let folder = link.parent().filter(|folder| !folder.as_os_str().is_empty());
-            rustix::fs::access(folder.unwrap_or(Path::new(".")), Access::WRITE_OK)?;
-            Ok(())
-        }
-        Err(error) => Err(error),
-    }
-}
-
-/// Links `path` at `link`, in place of an old link.
-fn make_link(path: &Path, link: &Path) -> io::Result<()> {
-    check_link(link)?;
-    if link.is_symlink() {
-        std::fs::remove_file(link)?;
-    }
-    std::os::unix::fs::symlink(path, link)
 }
