@@ -286,10 +286,8 @@ impl<O: Outputs, const MEMORY: usize> Sink for Hands<O, MEMORY> {
                 self.count(result);
             }
             Output::Store { offset, bytes } => {
-                let place = usize::from(offset);
-                let target = self.memory.get_mut(place..place.saturating_add(bytes.len()));
-                if let Some(target) = target {
-                    target.copy_from_slice(bytes);
+                for (kept, byte) in self.memory.iter_mut().skip(usize::from(offset)).zip(bytes) {
+                    *kept = *byte;
                 }
                 let result = self.outputs.memory().write(u32::from(offset), bytes);
                 self.count(result);

@@ -3,8 +3,8 @@
 //! | module | what it holds |
 //! |---|---|
 //! | [`time`] | [`time::Instant`] and [`time::Duration`], ticks of 1/16 µs |
-//! | [`line`] | baud, parity, stop bits, and how long a character takes |
-//! | [`registers`] | a register map declared once, as a table |
+//! | [`mod@line`] | baud, parity, stop bits, and how long a character takes |
+//! | [`mod@registers`] | a register map declared once, as a table |
 //! | [`modbus`] | requests, replies, RTU framing, and a server for a map and its rules |
 //!
 //! No `std`, no heap, no `unsafe`, no float, and no input makes anything here panic; `cargo xtask
