@@ -92,12 +92,28 @@ pub(crate) struct Outside {
     pub(crate) sender: Sender,
     /// Bytes that are not on the line yet.
     bytes: Vec<u8>,
-    /// How many of them came together, and their place in the order of arrival.
-    arrivals: VecDeque<(u64, usize)>,
-    /// When the last of them came.
-    last: Instant,
+    /// How they came.
+    arrivals: VecDeque<Arrival>,
     /// Characters for it, and when they end.
     inbox: VecDeque<(Instant, u8)>,
+}
+
+/// Bytes that came together.
+#[derive(Clone, Copy)]
+struct Arrival {
+    /// Their place in the order of arrival.
+    order: u64,
+    at: Instant,
+    count: usize,
+}
+
+/// Bytes of a client that came without a silence beyond patience.
+struct Spoken<'a> {
+    bytes: &'a [u8],
+    /// When the last of them came.
+    last: Instant,
+    /// Whether more came after such a silence.
+    over: bool,
 }
 
 /// What a client has for the line.
@@ -117,13 +133,13 @@ impl Outside {
     /// Bytes arrive.
     pub(crate) fn arrive(&mut self, at: Instant, order: u64, bytes: &[u8], sender: Sender) {
         self.bytes.extend_from_slice(bytes);
-        self.arrivals.push_back((order, bytes.len()));
-        (self.last, self.sender) = (at, sender);
+        self.arrivals.push_back(Arrival { order, at, count: bytes.len() });
+        self.sender = sender;
     }
 
     /// The place of its first waiting byte in the order of arrival.
     pub(crate) fn order(&self) -> Option<u64> {
-        self.arrivals.front().map(|&(order, _)| order)
+        self.arrivals.front().map(|arrival| arrival.order)
     }
 
     /// How many bytes wait.
@@ -134,29 +150,44 @@ impl Outside {
     /// What it has for a line at `now`. Where silence ends a message it is cut where its check sum
     /// holds; a burst that cannot become one goes as it is.
     pub(crate) fn offer(&self, now: Instant, silence: bool, patience: Duration) -> Offer {
+        let Spoken { bytes, last, over } = self.first_burst(patience);
         if !silence {
-            return Offer::Message(self.bytes.len(), self.last);
+            return Offer::Message(self.bytes.len(), last);
         }
-        match rtu::front(&self.bytes) {
-            rtu::Burst::Frame(length) => Offer::Message(length, self.last),
-            rtu::Burst::Broken => Offer::Message(self.bytes.len(), self.last),
-            rtu::Burst::Partial if self.left => Offer::Half(Instant::NEVER),
-            rtu::Burst::Partial => match self.last + patience {
-                until if until <= now => Offer::Message(self.bytes.len(), now),
+        match rtu::front(bytes) {
+            rtu::Burst::Frame(length) => Offer::Message(length, last),
+            rtu::Burst::Broken | rtu::Burst::Partial if self.left && !over => Offer::Half(Instant::NEVER),
+            rtu::Burst::Broken => Offer::Message(bytes.len(), last),
+            rtu::Burst::Partial => match last + patience {
+                until if over || until <= now => Offer::Message(bytes.len(), until.min(now)),
                 until => Offer::Half(until),
             },
         }
     }
 
+    /// What came first, up to a silence beyond `patience`.
+    fn first_burst(&self, patience: Duration) -> Spoken<'_> {
+        let mut count = 0;
+        let mut last = self.arrivals.front().map_or(Instant::ZERO, |arrival| arrival.at);
+        for arrival in &self.arrivals {
+            if arrival.at.since(last) >= patience {
+                return Spoken { bytes: &self.bytes[..count], last, over: true };
+            }
+            count += arrival.count;
+            last = arrival.at;
+        }
+        Spoken { bytes: &self.bytes, last, over: false }
+    }
+
     /// Takes the first bytes that wait.
     pub(crate) fn take(&mut self, length: usize) -> Vec<u8> {
         let mut left = length;
-        while let Some((_, waiting)) = self.arrivals.front_mut()
+        while let Some(arrival) = self.arrivals.front_mut()
             && left > 0
         {
-            let part = left.min(*waiting);
-            (left, *waiting) = (left - part, *waiting - part);
-            if *waiting == 0 {
+            let part = left.min(arrival.count);
+            (left, arrival.count) = (left - part, arrival.count - part);
+            if arrival.count == 0 {
                 self.arrivals.pop_front();
             }
         }

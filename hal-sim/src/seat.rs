@@ -257,8 +257,12 @@ impl Body {
                 let part = match *part {
                     Part::Bytes(part) => part.min(length),
                     Part::Random { number, whole } => {
-                        let choices = (length + usize::from(whole)).max(1);
-                        usize::try_from(number % choices as u64).unwrap_or(0)
+                        // A cut that leaves the memory as it was is in no save's middle.
+                        let old = self.memory.get(usize::from(offset)..).unwrap_or(&[]);
+                        let same = old.iter().zip(bytes).take_while(|(old, new)| old == new).count();
+                        let least = if whole { (same + 1).min(length) } else { 0 };
+                        let choices = (length + usize::from(whole)).saturating_sub(least).max(1);
+                        least + usize::try_from(number % choices as u64).unwrap_or(0)
                     }
                 };
                 self.cut = None;

@@ -14,6 +14,13 @@ const SAVE: Duration = Duration::millis(20);
 /// Bit of PinFunctionAndPolarity that makes J2 pins 9, 10 and 12 outputs (7.8).
 const GPIO_OUTPUTS: u16 = 1 << 12;
 
+/// Bit of IOPortData that switches J3 pin 8 to ground (7.9).
+const J3_8_ON: u16 = 1 << 7;
+/// Bits of IOPortData that show J2 pins 2, 3, 4, 5.
+const INPUT_BITS: u16 = 0x000f;
+/// Bits that show J2 pins 9, 10, 12 while they are inputs.
+const GPIO_BITS: u16 = 0x0070;
+
 /// Whether the drive listens and moves.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum State {
@@ -75,7 +82,7 @@ impl Drive {
             plan: Plan::rest(Instant::ZERO, 0),
             causes: 0,
             fault: false,
-            levels: INPUTS.iter().fold(0, |levels, (_, bit)| levels | bit),
+            levels: INPUT_BITS,
             latch: 0,
             current: 0,
             busy: false,
@@ -142,12 +149,12 @@ impl Drive {
         }
     }
 
-    /// When the drive begins to listen; in the past once it does, [`Instant::NEVER`] without power.
-    pub(super) fn listens_from(&self) -> Instant {
+    /// The last instant at which the drive hears nothing; `None` once it listens.
+    pub(super) fn deaf_until(&self) -> Option<Instant> {
         match self.state {
-            State::Off => Instant::NEVER,
-            State::Starting(boot) => boot.ready,
-            State::Ready => Instant::ZERO,
+            State::Off => Some(Instant::NEVER),
+            State::Starting(boot) => Some(boot.ready),
+            State::Ready => None,
         }
     }
 
@@ -212,10 +219,7 @@ impl Drive {
             }
             Reg::MotionControl => self.command(at, self.bank.word(reg), out),
             // Speed counts at once in a jog and not at all in a profile move (7.17).
-            Reg::Speed if self.motion == Motion::Jog => {
-                let plan = self.plan.towards(at, self.jog_speed(), self.rates().acceleration);
-                self.go(Motion::Jog, plan, at, out);
-            }
+            Reg::Speed if self.motion == Motion::Jog => self.jog(at, out),
             // "Changing the acceleration while the motor is moving will cause the motor to stop" (7.17).
             Reg::AccelDecel if self.motion == Motion::Profile => self.halt(at, out),
             Reg::EEPROMControl => self.eeprom(at, self.bank.word(reg), out),
@@ -257,11 +261,12 @@ impl Drive {
         }
     }
 
-    /// Jog from standstill, or at a new speed; nothing while something else moves.
+    /// Jog from standstill, or at a new speed; nothing while something else moves, and nothing without
+    /// an acceleration, which would take for ever.
     fn jog(&mut self, at: Instant, out: &mut dyn Sink) {
         let Rates { speed, acceleration } = self.rates();
-        let starts = self.may_move() && self.motion == Motion::None && speed > 0 && acceleration > 0;
-        if starts || self.motion == Motion::Jog {
+        let starts = self.may_move() && self.motion == Motion::None && speed > 0;
+        if (starts || self.motion == Motion::Jog) && acceleration > 0 {
             let plan = self.plan.towards(at, self.jog_speed(), acceleration);
             self.go(Motion::Jog, plan, at, out);
         }
@@ -410,9 +415,7 @@ impl Drive {
         self.bank.set(Reg::MotionControl, i64::from(fault | disable | moving));
 
         // Inputs show their pins, outputs what was written.
-        let inputs = INPUTS.iter().fold(0, |mask, (_, bit)| mask | bit);
-        let gpio = GPIO.iter().fold(0, |mask, (_, bit)| mask | bit);
-        let pins = if self.gpio_outputs() { inputs } else { inputs | gpio };
+        let pins = if self.gpio_outputs() { INPUT_BITS } else { INPUT_BITS | GPIO_BITS };
         let port = self.latch & !pins | self.levels & pins;
         self.bank.set(Reg::IOPortData, i64::from(port));
     }
@@ -433,7 +436,7 @@ impl Drive {
 
     /// Drives the outputs of IOPortData, and shows it (7.9).
     fn show_port(&mut self, at: Instant, out: &mut dyn Sink) {
-        out.put(at, Output::Level { pin: J3_8, level: open_drain(self.latch & 1 << 7 != 0) });
+        out.put(at, Output::Level { pin: J3_8, level: open_drain(self.latch & J3_8_ON != 0) });
         for (pin, bit) in GPIO {
             let level = match (self.gpio_outputs(), self.latch & bit != 0) {
                 (false, _) => Level::Float,

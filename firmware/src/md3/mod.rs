@@ -72,7 +72,7 @@ static SPEC: Spec = Spec {
     axes: &[AxisSpec { name: "motor", step_dir: Some((STEP, DIR)) }],
     encoders: &[EncoderSpec { a: Pin(5), b: Pin(6), index: Pin(4) }],
     faults: &["over_temperature", "over_current"],
-    memory: memory::bytes(Reg::SAVED_WORDS),
+    memory: MEMORY as u16,
     registers: Reg::TABLE,
     address: Some(Reg::DeviceAddress as usize),
     not_modelled: &[
@@ -143,13 +143,12 @@ impl Md3 {
 
     /// Characters; those that end before the drive listens are lost.
     fn hear(&mut self, at: Instant, bytes: &[u8], out: &mut dyn Sink) {
-        let from = self.drive.listens_from();
-        if at > from {
+        let Some(deaf_until) = self.drive.deaf_until().filter(|deaf_until| at <= *deaf_until) else {
             self.receiver.bytes(at, bytes);
             return;
-        }
+        };
         let character = self.receiver.timing().character;
-        let lost = from.since(at) / character + 1;
+        let lost = deaf_until.since(at) / character + 1;
         let heard = usize::try_from(lost).ok().and_then(|lost| bytes.get(lost..)).unwrap_or(&[]);
         self.receiver.bytes(at + character.times(lost), heard);
         out.put(at, Output::Note(Note::Dropped { port: RS485, why: Why::Starting }));
@@ -168,26 +167,21 @@ impl Device for Md3 {
     }
 
     fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Sink) {
+        let character = matches!(input, Input::Bytes { .. } | Input::Spoiled { .. });
+        if character && self.receiver.is_over(at) {
+            self.serve(at, out);
+        }
         match input {
-            Input::Bytes { bytes, .. } => {
-                if self.receiver.is_over(at) {
-                    self.serve(at, out);
-                }
-                self.hear(at, bytes, out);
-            }
-            Input::Spoiled { .. } => {
-                if self.receiver.is_over(at) {
-                    self.serve(at, out);
-                }
-                if at > self.drive.listens_from() {
-                    self.receiver.spoiled(at);
-                }
+            Input::Bytes { bytes, .. } => self.hear(at, bytes, out),
+            Input::Spoiled { .. } if self.drive.deaf_until().is_none_or(|deaf_until| at > deaf_until) => {
+                self.receiver.spoiled(at);
             }
             Input::Idle { .. } => self.serve(at, out),
             Input::Edge { pin, high } => self.drive.edge(pin, high),
             Input::Fault { fault, on } => self.drive.fault(at, fault, on, out),
             // It has no such ports, and its axis does not slip on a bench.
-            Input::Attached { .. }
+            Input::Spoiled { .. }
+            | Input::Attached { .. }
             | Input::Message { .. }
             | Input::Closed { .. }
             | Input::Millivolts { .. }

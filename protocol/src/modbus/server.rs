@@ -23,7 +23,8 @@ pub struct Rules {
     pub most_read: u16,
     /// Addresses that one write may cover.
     pub most_written: u16,
-    /// For a quantity of 0 or beyond the most, and a byte count that does not match.
+    /// For a quantity of 0 or beyond the most, a byte count that does not match, and a coil's value that
+    /// is neither on nor off.
     pub bad_quantity: Exception,
     /// For a value outside the range of its row.
     pub bad_value: Exception,
