@@ -80,7 +80,7 @@ pub trait Outputs {
     fn duty(&mut self, _axis: Axis, _duty: i32) {}
 }
 
-/// A drive on a board. `MEMORY` is [`Spec::memory`](crate::device::Spec::memory).
+/// A drive on a board. `MEMORY` is at least [`Spec::memory`](crate::device::Spec::memory).
 #[derive(Debug)]
 pub struct Shell<D, I, O, const MEMORY: usize> {
     device: D,
@@ -127,7 +127,8 @@ impl<D: Device, I: Inputs, O: Outputs, const MEMORY: usize> Shell<D, I, O, MEMOR
     /// Gives `device` power.
     pub fn new(device: D, inputs: I, mut outputs: O, boot: Boot) -> Self {
         let mut memory = [0xFF; MEMORY];
-        let readable = outputs.memory().read(0, &mut memory).is_ok();
+        let stored = outputs.memory().capacity().min(MEMORY);
+        let readable = memory.get_mut(..stored).is_some_and(|bytes| outputs.memory().read(0, bytes).is_ok());
         let hands = Hands {
             outputs,
             memory,

@@ -6,7 +6,7 @@ use std::fmt::Write as _;
 
 use serde::Serialize;
 use standin_firmware::device::{Ends, Level, Pin, PinSpec, Role, Spec};
-use standin_protocol::registers::{Legal, Row, Space, Table};
+use standin_protocol::registers::{Legal, Row, Shape, Space, Table};
 
 /// As JSON, on one line.
 pub(crate) fn json(spec: &Spec) -> String {
@@ -274,14 +274,19 @@ fn cells_of(row: &Row) -> Vec<String> {
         shape(row),
         row.access.as_str().into(),
         values(row),
-        row.reset.to_string(),
+        default(row),
         saved,
-        if row.missing.is_empty() {
-            doc(row)
-        } else {
-            format!("{} Not modelled: {}.", doc(row), row.missing)
-        },
+        if row.missing.is_empty() { doc(row) } else { format!("{} ({})", doc(row), row.missing) },
     ]
+}
+
+/// The factory value: words in hexadecimal, as manuals print them, longer and signed ones as numbers.
+fn default(row: &Row) -> String {
+    match row.shape {
+        Shape::U8 => format!("{:#04x}", row.reset),
+        Shape::U16 => format!("{:#06x}", row.reset),
+        _ => row.reset.to_string(),
+    }
 }
 
 /// What a row takes, and how it acts.

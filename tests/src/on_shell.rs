@@ -57,7 +57,7 @@ fn levels(orders: &[(Instant, Did)], end: Instant) -> Vec<(Instant, bool)> {
     changes
 }
 
-/// Plays a trace with one drive, of which `device` is a new one with `MEMORY` bytes of memory, on a
+/// Plays a trace with one drive, of which `device` is a new one with at most `MEMORY` bytes of memory, on a
 /// shell, and returns what its board showed.
 ///
 /// # Panics

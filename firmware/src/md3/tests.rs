@@ -514,15 +514,28 @@ fn a_negative_move_goes_back() {
 }
 
 #[test]
-fn a_profile_ignores_speed_and_stops_at_a_new_acceleration() {
+fn a_profile_ignores_speeds_and_other_moves() {
     let mut bed = Bed::ready();
     let begun = bed.hear(&rtu::write(1, 0x11, 1)) + JUDGEMENT;
     bed.run_until(begun + 1.secs());
     bed.write(0x15, 100);
-    bed.write(0x11, 1); // a Move while moving is ignored
-    assert_eq!(bed.read(0x11), 1);
-    let end = bed.hear(&rtu::write(1, 0x19, 20_000));
-    bed.run_until(end + JUDGEMENT - Duration::TICK);
+    for command in [1, 2, 0] {
+        bed.write(0x11, command);
+        assert_eq!(bed.read(0x11), 1);
+    }
+    bed.run_until(begun + 2_500.millis() - Duration::TICK);
+    assert_eq!((bed.position(), bed.level("J3.7")), (9_999, Level::Low));
+    bed.run_until(begun + 2_500.millis());
+    assert_eq!((bed.position(), bed.level("J3.7")), (10_000, Level::Float));
+}
+
+#[test]
+fn a_new_acceleration_stops_a_profile_at_once() {
+    let mut bed = Bed::ready();
+    let begun = bed.hear(&rtu::write(1, 0x11, 1)) + JUDGEMENT;
+    bed.run_until(begun + 1.secs());
+    let written = bed.hear(&rtu::write(1, 0x19, 20_000)) + JUDGEMENT;
+    bed.run_until(written - Duration::TICK);
     let position = bed.position();
     bed.run_until(10.secs());
     assert!(bed.position() - position <= 1);
@@ -544,6 +557,32 @@ fn a_jog_follows_the_speed_and_stops_with_a_ramp() {
     bed.run_until(3.secs());
     assert_eq!((bed.read(0x11), bed.level("J3.7")), (0, Level::Float));
     assert_eq!(bed.world.plan.unwrap().speed_at(bed.now), 0);
+}
+
+#[test]
+fn without_acceleration_a_jog_goes_on_and_stops_at_once() {
+    let mut bed = Bed::ready();
+    bed.write(0x11, 2);
+    bed.run_until(1.secs());
+    bed.write(0x19, 0);
+    bed.write(0x15, 2_000);
+    assert_eq!(bed.world.plan.unwrap().speed_at(bed.now), 5_000);
+    bed.write(0x19, 10_000);
+    bed.write(0x11, 2); // now it takes the speed
+    bed.run_until(2.secs());
+    assert_eq!(bed.world.plan.unwrap().speed_at(bed.now), 2_000);
+    bed.write(0x19, 0);
+    bed.write(0x11, 0x10);
+    assert_eq!(bed.read(0x11), 0);
+    assert_eq!(bed.world.plan.unwrap().speed_at(bed.now), 0);
+}
+
+#[test]
+fn a_drive_that_is_ready_at_0_listens_at_0() {
+    let mut bed = Bed::ready();
+    bed.input(Instant::ZERO, Input::Bytes { port: Port(0), bytes: &rtu::read(1, 0, 1) });
+    bed.input(Instant::ZERO, Input::Idle { port: Port(0) });
+    assert_eq!(bed.world.sent, [(Instant::ZERO, rtu::frame(1, &[3, 2, 0, 1]))]);
 }
 
 #[test]
