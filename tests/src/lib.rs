@@ -1,4 +1,9 @@
 //! What the tests of several crates share.
 
+/// The README's examples are tests, too.
+#[cfg(doctest)]
+#[doc = include_str!("../../README.md")]
+pub struct Readme;
+
 pub mod on_shell;
 pub mod toy;
