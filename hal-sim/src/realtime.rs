@@ -176,13 +176,15 @@ impl Host {
         self.clock.as_ref().map_or(Pace::Manual, |clock| Pace::Times(clock.factor))
     }
 
-    /// Lets time run otherwise from now on.
+    /// Lets time run otherwise from now on. Where it stands, what was under way has its whole effect
+    /// first.
     pub(crate) fn set_pace(&mut self, pace: Pace) {
         self.bench.set_patience(pace.patience());
         self.clock = match pace {
             Pace::Times(factor) => Some(Clock::new(factor, wall(), self.bench.now())),
             Pace::Manual => None,
         };
+        self.settle();
     }
 
     /// Runs the bench for `span`; `done` is told when it is there. A caller that is gone stops it.
@@ -190,7 +192,7 @@ impl Host {
         self.advance = Some(Advance { until: self.bench.now() + span, done });
     }
 
-    /// In manual time, what was just done has its whole effect now.
+    /// In manual time, what was just done, or is due now, has its whole effect now.
     pub(crate) fn settle(&mut self) {
         if self.clock.is_none() {
             self.bench.settle();
@@ -257,6 +259,7 @@ impl Host {
                 self.advance = Some(advance);
                 return;
             }
+            self.settle();
             let _ = advance.done.send(self.bench.now());
             // What was handed in meanwhile waits.
             ring(&self.bell);

@@ -129,6 +129,30 @@ fn time_runs_as_it_is_told() {
     pace("soon").problem(422);
 }
 
+#[test]
+fn where_time_stands_no_request_waits() {
+    // Half a message holds the line until patience ends, and ends it for the whole one that waits.
+    let md3 = md3();
+    let (mut half, mut whole) = (md3.connect(), md3.connect());
+    half.write_all(&[1, 6, 0]).unwrap();
+    md3.notice();
+    whole.write_all(&rtu::write(1, 0x1D, 7)).unwrap();
+    md3.notice();
+    md3.advance(0.021);
+    let mut reply = [0; 8];
+    whole.read_exact(&mut reply).unwrap();
+    assert_eq!(reply, *rtu::write(1, 0x1D, 7));
+
+    // What is under way when time comes to a stand is over then.
+    let md3 = Running::md3(&["--fast-boot"]);
+    let mut line = md3.connect();
+    line.write_all(&rtu::write(1, 0x1D, 8)).unwrap();
+    md3.notice();
+    md3.call("PUT", "/api/time", "{\"mode\":\"manual\"}").ok();
+    line.read_exact(&mut reply).unwrap();
+    assert_eq!(reply, *rtu::write(1, 0x1D, 8));
+}
+
 /// A day with a train of pulses takes long enough to be looked at while it goes on.
 #[test]
 fn an_advance_can_be_given_up_and_is_the_only_one() {
