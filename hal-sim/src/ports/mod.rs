@@ -114,14 +114,17 @@ impl Ports {
     pub(crate) fn take(&mut self, bench: &mut Bench, ready: &[PollFlags], manual: bool) {
         let mut ready = ready.iter().copied();
         let opened = ready.next().is_some_and(|ready| !ready.is_empty());
-        for pty in &mut self.ptys {
-            pty.take(bench, &mut ready, manual);
+        let mut of_pty = |pty: &pty::Pty| if pty.is_open() { ready.next() } else { None };
+        let of_ptys: Vec<_> = self.ptys.iter().map(|pty| of_pty(pty).unwrap_or(PollFlags::empty())).collect();
+        // What somebody sent who came a moment ago is his, not his predecessor's.
+        if opened {
+            self.note_openings(bench);
+        }
+        for (pty, ready) in self.ptys.iter_mut().zip(of_ptys) {
+            pty.take(bench, ready, manual);
         }
         for listener in &mut self.tcp {
             listener.take(bench, &mut ready, manual);
-        }
-        if opened {
-            self.note_openings(bench);
         }
     }
 

@@ -45,7 +45,7 @@ pub(super) struct Pty {
     other: bool,
     /// What the drives sent and nobody has taken.
     unread: Vec<u8>,
-    /// The settings of the other end that were last warned of.
+    /// The settings that were last warned of; many programs open a port for each request.
     warned: Option<Sender>,
 }
 
@@ -127,19 +127,22 @@ impl Pty {
         }
     }
 
-    pub(super) fn take(
-        &mut self,
-        bench: &mut Bench,
-        ready: &mut impl Iterator<Item = PollFlags>,
-        manual: bool,
-    ) {
+    /// Whether somebody has it open, as far as is known; only then it is watched.
+    pub(super) fn is_open(&self) -> bool {
+        self.client.is_some()
+    }
+
+    pub(super) fn take(&mut self, bench: &mut Bench, ready: PollFlags, manual: bool) {
         let Some(client) = self.client else { return };
         if let Err(error) = self.look() {
             warn!("the settings of {} cannot be kept: {error}", self.path.display());
         }
-        let ready = ready.next().unwrap_or(PollFlags::empty());
         if !ready.intersects(PollFlags::IN | PollFlags::HUP | PollFlags::ERR) {
             return;
+        }
+        if self.is_full(bench) {
+            // He is gone (`HUP` is told unasked), and sent more than the line can take.
+            return self.clear(bench);
         }
         let mut buffer = [0; READ_BYTES];
         match read_some(&self.master, &mut buffer) {
@@ -148,12 +151,7 @@ impl Pty {
                 bench.send_from(client, &buffer[..count], sender);
                 over(bench, manual);
             }
-            Came::End => {
-                self.leave(bench);
-                if let Err(error) = self.reset() {
-                    warn!("{} cannot be made ready again: {error}", self.path.display());
-                }
-            }
+            Came::End => self.clear(bench),
             Came::Nothing => {}
         }
     }
@@ -171,7 +169,10 @@ impl Pty {
     /// certain; what is seen here only is somebody who leaves and comes back between two looks.
     pub(super) fn opened_or_closed(&mut self, bench: &mut Bench, events: inotify::ReadFlags) {
         if events.contains(inotify::ReadFlags::OPEN) {
-            if self.client.is_some() && self.openers == 0 {
+            if self.openers == 0 {
+                if self.is_full(bench) {
+                    self.clear(bench);
+                }
                 self.leave(bench);
             }
             if self.client.is_none() {
@@ -183,6 +184,19 @@ impl Pty {
         }
     }
 
+    /// Whether somebody is there of whom no more is read.
+    fn is_full(&self, bench: &Bench) -> bool {
+        self.client.is_some_and(|client| !may_read(bench, client, &self.unread))
+    }
+
+    /// The last one has left, and nobody inherits what he left behind.
+    fn clear(&mut self, bench: &mut Bench) {
+        self.leave(bench);
+        if let Err(error) = self.reset() {
+            warn!("{} cannot be made ready again: {error}", self.path.display());
+        }
+    }
+
     fn arrive(&mut self, bench: &mut Bench) {
         info!("{} is opened", self.path.display());
         self.client = Some(bench.connect(self.bus));
@@ -190,14 +204,13 @@ impl Pty {
     }
 
     fn leave(&mut self, bench: &mut Bench) {
-        info!("{} is left", self.path.display());
         if let Some(client) = self.client.take() {
+            info!("{} is left", self.path.display());
             bench.disconnect(client);
             bench.attach(self.bus, false);
         }
         self.openers = 0;
         self.unread.clear();
-        self.warned = None;
     }
 
     /// When to look at its settings again; `None` while nobody is there to change them.
@@ -217,7 +230,8 @@ impl Pty {
         Ok(())
     }
 
-    /// Empties both queues and puts the terminal into the state that the next opener needs.
+    /// Empties both queues and puts the flags that no opener is to care for into the state that the
+    /// next one needs. All others are his, and he may be there already.
     fn reset(&self) -> io::Result<()> {
         tcflush(&self.master, QueueSelector::IOFlush)?;
         let mut settings = tcgetattr(&self.master)?;
@@ -225,8 +239,8 @@ impl Pty {
         settings.local_modes.insert(WAITING);
         settings.local_modes.set(OTHER, self.other);
         settings.output_modes.remove(OutputModes::OPOST);
-        settings.control_modes.remove(ControlModes::PARODD);
-        tcsetattr(&self.master, OptionalActions::Now, &settings)?;
+        // Only so the replies go that have reached the other end.
+        tcsetattr(&self.master, OptionalActions::Flush, &settings)?;
         Ok(())
     }
 

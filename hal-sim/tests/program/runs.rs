@@ -6,7 +6,7 @@ use std::path::Path;
 
 use crate::running::{Running, Scratch, ask, refused, standin};
 use rustix::fs::{Mode, OFlags};
-use rustix::termios::{LocalModes, OptionalActions, tcgetattr, tcsetattr};
+use rustix::termios::{ControlModes, LocalModes, OptionalActions, tcgetattr, tcsetattr};
 use serde_json::Value;
 use standin_protocol::modbus::rtu;
 
@@ -225,4 +225,47 @@ fn a_pty_is_linked_answers_and_is_ready_for_the_next_opener() {
     assert_eq!(md3.drive()["ports"]["rs485"]["spoiled"], 1);
     assert_eq!(md3.stop(), Some(0));
     assert!(!Path::new(&link).is_symlink());
+}
+
+fn read(port: &OwnedFd, count: usize) -> Vec<u8> {
+    let mut bytes = vec![0; count];
+    let mut there = 0;
+    while there < count {
+        there += rustix::io::read(port, &mut bytes[there..]).unwrap();
+    }
+    bytes
+}
+
+#[test]
+fn nobody_inherits_what_the_last_one_left_on_a_pty() {
+    let md3 = Running::md3(&["--fast-boot"]);
+    let port = open(&md3.pty());
+    let mut settings = tcgetattr(&port).unwrap();
+    settings.make_raw();
+    settings.set_speed(9_600).unwrap();
+    settings.control_modes.insert(ControlModes::PARODD);
+    tcsetattr(&port, OptionalActions::Now, &settings).unwrap();
+    // As much as there is room for, at the wrong parity: a quarter of a minute on the line.
+    rustix::fs::fcntl_setfl(&port, OFlags::NONBLOCK).unwrap();
+    let much = rtu::write(1, USER_REGISTER, 1).repeat(500);
+    let mut sent = 0;
+    while let Ok(count) = rustix::io::write(&port, &much) {
+        sent += count;
+    }
+    assert!(sent / 8 > 1_400, "{sent}");
+    drop(port);
+    md3.notice();
+
+    let port = open(&md3.pty());
+    assert!(tcgetattr(&port).unwrap().control_modes.contains(ControlModes::PARODD), "it is the opener's");
+    settings.control_modes.remove(ControlModes::PARODD);
+    tcsetattr(&port, OptionalActions::Now, &settings).unwrap();
+    rustix::io::write(&port, &rtu::write(1, USER_REGISTER, 2)).unwrap();
+    md3.notice();
+    // What the line still owes the first one is carried out at once.
+    md3.call("PUT", "/api/time", "{\"mode\":\"manual\"}").ok();
+    assert_eq!(read(&port, 8), *rtu::write(1, USER_REGISTER, 2));
+    let seen = &md3.drive()["ports"]["rs485"];
+    assert_eq!((&seen["requests"], &seen["refused"]), (&1.into(), &0.into()), "{seen}");
+    assert!(seen["spoiled"].as_u64().unwrap() < 1_300, "{seen}");
 }
