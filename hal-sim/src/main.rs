@@ -4,6 +4,7 @@ mod api;
 mod cli;
 mod describe;
 mod kinds;
+mod log;
 mod nearest;
 mod nv;
 mod ports;
@@ -12,14 +13,13 @@ mod ready;
 mod realtime;
 mod run;
 
-use std::io::{self, IsTerminal as _, Write as _};
+use std::io::{self, Write as _};
 use std::path::Path;
 use std::process::ExitCode;
 
 use clap::Parser as _;
 use standin_sim::replay;
 use standin_sim::trace::Trace;
-use tracing_subscriber::EnvFilter;
 
 use crate::cli::{Cli, Command};
 
@@ -29,6 +29,12 @@ const DIFFERENT: u8 = 1;
 const BAD_USAGE: u8 = 2;
 
 fn main() -> ExitCode {
+    let code = standin();
+    log::finish();
+    code
+}
+
+fn standin() -> ExitCode {
     let cli = match Cli::try_parse() {
         Ok(cli) => cli,
         Err(error) if error.use_stderr() => return fail(&cli::sentence(&error)),
@@ -37,7 +43,7 @@ fn main() -> ExitCode {
                 .map_or_else(|error| fail(&error), |()| ExitCode::SUCCESS);
         }
     };
-    log(&cli);
+    log::start(&cli);
     match execute(cli.command) {
         Ok(code) => code,
         Err(sentence) => fail(&sentence),
@@ -113,24 +119,6 @@ fn print(text: &str) -> Result<(), String> {
 }
 
 fn fail(sentence: &str) -> ExitCode {
-    // Nobody is left to tell where stderr is closed.
-    let _ = writeln!(io::stderr(), "standin: {sentence}");
+    log::say(format!("standin: {sentence}\n").as_bytes());
     ExitCode::from(BAD_USAGE)
-}
-
-/// Logs to stderr: warnings, or what `-v`, `-q` or `RUST_LOG` say.
-fn log(cli: &Cli) {
-    let level = match (cli.quiet, cli.verbose) {
-        (true, _) => "error",
-        (_, 0) => "warn",
-        (_, 1) => "info",
-        _ => "trace",
-    };
-    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(level));
-    tracing_subscriber::fmt()
-        .with_env_filter(filter)
-        .with_writer(io::stderr)
-        .with_ansi(io::stderr().is_terminal())
-        .with_target(false)
-        .init();
 }

@@ -35,10 +35,16 @@ pub(crate) struct Running {
 impl Running {
     /// Starts an MD3 and waits until it is ready.
     pub(crate) fn md3(options: &[&str]) -> Self {
+        Self::start(options, Stdio::inherit())
+    }
+
+    /// Starts an MD3 that says what it has to say there.
+    pub(crate) fn start(options: &[&str], stderr: Stdio) -> Self {
         let mut child = Command::new(env!("CARGO_BIN_EXE_standin"))
             .args(["run", "md3", "--json"])
             .args(options)
             .stdout(Stdio::piped())
+            .stderr(stderr)
             .spawn()
             .unwrap();
         let mut line = String::new();

@@ -269,3 +269,17 @@ fn nobody_inherits_what_the_last_one_left_on_a_pty() {
     assert_eq!((&seen["requests"], &seen["refused"]), (&1.into(), &0.into()), "{seen}");
     assert!(seen["spoiled"].as_u64().unwrap() < 1_300, "{seen}");
 }
+
+#[test]
+fn a_log_that_nobody_reads_stops_nothing() {
+    let (_unread, full) = std::io::pipe().unwrap();
+    rustix::fs::fcntl_setfl(&full, OFlags::NONBLOCK).unwrap();
+    while rustix::io::write(&full, &[b'.'; 4_096]).is_ok() {}
+    rustix::fs::fcntl_setfl(&full, OFlags::empty()).unwrap();
+    let md3 = Running::start(&["--fast-boot", "--time", "manual", "-vv"], full.into());
+    for value in 1..=20 {
+        let reply = ask(&mut md3.connect(), &rtu::write(1, USER_REGISTER, value), 8);
+        assert_eq!(reply, *rtu::write(1, USER_REGISTER, value));
+    }
+    assert_eq!(md3.stop(), Some(0));
+}
