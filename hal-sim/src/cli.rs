@@ -1,10 +1,10 @@
 //! The command line.
 
-use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::str::FromStr;
 
-use clap::{ArgAction, Args, Parser, Subcommand, ValueEnum};
+use clap::error::ErrorKind;
+use clap::{ArgAction, Args, CommandFactory as _, Parser, Subcommand, ValueEnum};
 
 use crate::ports::{Listen, Uri};
 use crate::preset::Number;
@@ -70,7 +70,7 @@ pub(crate) struct Run {
     /// Where a port of the drive is reached, [PORT=]URI: pty:, pty:LINK or tcp:HOST:PORT; may repeat
     #[arg(long, value_name = "[PORT=]URI")]
     pub(crate) listen: Vec<Listen>,
-    /// Where the control API listens: IP:PORT or off
+    /// Where the control API listens: HOST:PORT or off
     #[arg(long, value_name = "ADDR", default_value = "127.0.0.1:0")]
     pub(crate) control: Control,
     /// How time runs: real, xN (N times faster) or manual (it stands)
@@ -94,7 +94,7 @@ pub(crate) struct Run {
     #[arg(long)]
     pub(crate) fast_boot: bool,
     /// Seed of every random choice
-    #[arg(long, default_value_t = 1, value_name = "N")]
+    #[arg(long, default_value_t = 1, value_name = "N", allow_hyphen_values = true, value_parser = seed)]
     pub(crate) seed: u64,
     /// Keep what happens in FILE, to be replayed
     #[arg(long, value_name = "FILE.trace")]
@@ -109,20 +109,22 @@ pub(crate) struct Run {
 }
 
 /// Where the control API listens.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+#[derive(Clone, PartialEq, Eq, Debug)]
 pub(crate) enum Control {
     Off,
-    At(SocketAddr),
+    /// `HOST:PORT`.
+    At(String),
 }
 
 impl FromStr for Control {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        if text == "off" {
-            return Ok(Self::Off);
+        match text {
+            "off" => Ok(Self::Off),
+            _ if is_host_and_port(text) => Ok(Self::At(text.into())),
+            _ => Err("it takes HOST:PORT, like 127.0.0.1:8080 (port 0: any free one), or off".into()),
         }
-        text.parse().map(Self::At).map_err(|_| "it takes an address like 127.0.0.1:8080, or off".into())
     }
 }
 
@@ -156,6 +158,14 @@ fn number(text: &str) -> Result<Number, String> {
     Number::parse(text).ok_or_else(|| format!("'{text}' is not a number; 8000, -5 and 0x1F40 are"))
 }
 
+fn seed(text: &str) -> Result<u64, String> {
+    text.parse().map_err(|_| format!("it takes a whole number from 0 to {}", u64::MAX))
+}
+
+fn is_host_and_port(text: &str) -> bool {
+    text.rsplit_once(':').is_some_and(|(host, port)| !host.is_empty() && port.parse::<u16>().is_ok())
+}
+
 impl FromStr for Listen {
     type Err = String;
 
@@ -178,12 +188,8 @@ impl FromStr for Uri {
         let (scheme, rest) = text.split_once(':').ok_or_else(takes)?;
         match scheme {
             "pty" => Ok(Self::Pty((!rest.is_empty()).then(|| rest.into()))),
-            "tcp" => match rest.rsplit_once(':') {
-                Some((host, port)) if !host.is_empty() && port.parse::<u16>().is_ok() => {
-                    Ok(Self::Tcp(rest.into()))
-                }
-                _ => Err("tcp: takes HOST:PORT, like tcp:127.0.0.1:5020 (port 0: any free one)".into()),
-            },
+            "tcp" if is_host_and_port(rest) => Ok(Self::Tcp(rest.into())),
+            "tcp" => Err("tcp: takes HOST:PORT, like tcp:127.0.0.1:5020 (port 0: any free one)".into()),
             "serial" => Err("serial: ports are not yet there; pty: and tcp: are".into()),
             "stdio" => Err("stdio: is not yet there; pty: and tcp: are".into()),
             _ => Err(takes()),
@@ -193,6 +199,12 @@ impl FromStr for Uri {
 
 /// What is wrong with a command line, in one sentence.
 pub(crate) fn sentence(error: &clap::Error) -> String {
+    if error.kind() == ErrorKind::MissingSubcommand {
+        let cli = Cli::command();
+        let commands = cli.get_subcommands().filter(|command| !command.is_hide_set());
+        let names: Vec<&str> = commands.map(clap::Command::get_name).collect();
+        return format!("a command is missing: {}; `standin --help` tells more", names.join(", "));
+    }
     let text = error.to_string();
     let told = text.split("\nUsage:").next().unwrap_or(&text);
     let told = told.split("\nFor more information").next().unwrap_or(told);
@@ -216,14 +228,13 @@ mod tests {
 
     #[test]
     fn the_command_line_is_consistent() {
-        use clap::CommandFactory as _;
         Cli::command().debug_assert();
     }
 
     #[test]
     fn defaults() {
         let run = run(&[]).unwrap();
-        assert_eq!(run.control, Control::At(([127, 0, 0, 1], 0).into()));
+        assert_eq!(run.control, Control::At("127.0.0.1:0".into()));
         assert_eq!((run.time, run.line, run.seed), (Pace::Times(1), Line::Timed, 1));
     }
 

@@ -2,13 +2,23 @@
 
 use std::fmt::Write as _;
 
-/// One sentence: there is no `what` of that `name`, and which one comes next to it.
+/// So many names can be listed in a sentence.
+const FEW: usize = 16;
+
+/// One sentence: there is no `what` of that `name`, and which one comes next to it, or which there are
+/// if none comes near.
 pub(crate) fn unknown<'a>(what: &str, name: &str, names: impl Iterator<Item = &'a str>) -> String {
     let mut sentence = format!("there is no {what} '{name}'");
+    let names: Vec<&str> = names.collect();
     let lower = name.to_lowercase();
-    let nearest = names.min_by_key(|other| strsim::damerau_levenshtein(&lower, &other.to_lowercase()));
+    let distance = |other: &&str| strsim::damerau_levenshtein(&lower, &other.to_lowercase());
+    // Half of the letters is still a slip, as in rs422 for rs485.
+    let near = (lower.chars().count() / 2).max(1);
+    let nearest = names.iter().copied().min_by_key(distance).filter(|nearest| distance(nearest) <= near);
     if let Some(nearest) = nearest {
         let _ = write!(sentence, "; the nearest is '{nearest}'");
+    } else if (1..=FEW).contains(&names.len()) {
+        let _ = write!(sentence, "; what there is: {}", names.join(", "));
     }
     sentence
 }
@@ -25,5 +35,13 @@ mod tests {
             "there is no register 'sped'; the nearest is 'Speed'"
         );
         assert_eq!(unknown("fault", "stall", [].into_iter()), "there is no fault 'stall'");
+    }
+
+    #[test]
+    fn where_no_name_is_near_those_that_there_are_are_listed() {
+        let kinds = ["md3", "md1"];
+        let sentence = "there is no kind 'qsb-d'; what there is: md3, md1";
+        assert_eq!(unknown("kind", "qsb-d", kinds.into_iter()), sentence);
+        assert_eq!(unknown("pin", "D5", ["J2.2"; FEW + 1].into_iter()), "there is no pin 'D5'");
     }
 }

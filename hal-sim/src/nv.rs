@@ -4,7 +4,7 @@
 //! exit guards against a power failure of the machine. The file is not touched before the drive's
 //! first store: a missing, empty or damaged file stays as it is until then.
 
-use std::fs::{File, OpenOptions};
+use std::fs::{File, Metadata, OpenOptions};
 use std::io;
 use std::os::unix::fs::FileExt;
 use std::path::Path;
@@ -47,6 +47,14 @@ impl Nv {
         }
         let first = (length != size as u64).then(|| memory.clone());
         Ok((memory, Self { file, first }))
+    }
+
+    /// Of the file.
+    ///
+    /// # Errors
+    /// Of the file system.
+    pub(crate) fn metadata(&self) -> io::Result<Metadata> {
+        self.file.metadata()
     }
 
     /// Writes bytes as they are stored.

@@ -54,6 +54,24 @@ impl Preset {
         self.half.is_some()
     }
 
+    /// Whether a save keeps all that is set; of some registers it keeps some bits, and the others
+    /// are forgotten until the drive has started.
+    ///
+    /// # Errors
+    /// One sentence: which bits can be preset.
+    pub(crate) fn check_saved(&self, spec: &Spec) -> Result<(), String> {
+        let Some(row) = spec.registers.rows.get(self.row) else { return Ok(()) };
+        let word = i64::from(row.saved);
+        let both = word << 16 | word;
+        if row.saved == 0 || row.saved == u16::MAX || self.value & 0xFFFF_FFFF & !both == 0 {
+            return Ok(());
+        }
+        let bits = (0..16).filter(|bit| row.saved >> bit & 1 == 1).map(|bit: u32| bit.to_string());
+        let bits: Vec<String> = bits.collect();
+        let bits = format!("bit{} {}", if bits.len() == 1 { "" } else { "s" }, bits.join(", "));
+        Err(format!("of {} only {bits} can be preset, so it cannot be {}", row.name, self.value))
+    }
+
     /// The register's new value, where `old` is its present one.
     pub(crate) fn onto(&self, spec: &Spec, old: i64) -> i64 {
         let pair = match self.half {
@@ -142,12 +160,14 @@ mod tests {
             Speed = rw(0x14, "2").i32().reset(5_000).saved(),
             /// A code.
             Mode = rw(0x20, "3").one_of(&[0, 3]),
+            /// Some of it is saved.
+            Control = rw(0x21, "4").saved_bits(0x0020),
         }
     }
 
     fn spec() -> Spec {
         use standin_protocol::registers::Register;
-        let _ = (Reg::WORDS, Reg::DeviceAddress, Reg::Speed, Reg::Mode);
+        let _ = (Reg::WORDS, Reg::DeviceAddress, Reg::Speed, Reg::Mode, Reg::Control);
         Spec {
             kind: "toy",
             product: "",
@@ -184,6 +204,18 @@ mod tests {
         assert_eq!(preset("Speed", "0xFFFFFFFF").unwrap().onto(&spec, 5_000), -1);
         assert_eq!(preset("SpeedHigh", "0xFFFF").unwrap().onto(&spec, 5_000), -0x1_0000 + 5_000);
         assert_eq!(preset("SpeedLow", "2").unwrap().onto(&spec, -1), -0x1_0000 + 2);
+    }
+
+    #[test]
+    fn bits_that_are_not_saved_cannot_be_preset() {
+        let check = |name: &str, value: &str| preset(name, value).unwrap().check_saved(&spec());
+        assert_eq!(check("Control", "0x20"), Ok(()));
+        assert_eq!(
+            check("Control", "1").unwrap_err(),
+            "of Control only bit 5 can be preset, so it cannot be 1"
+        );
+        assert_eq!(check("Speed", "-1"), Ok(()));
+        assert_eq!(check("Mode", "3"), Ok(()), "it is set after every power-on");
     }
 
     #[test]

@@ -1,10 +1,12 @@
 //! `standin run`: everything that is checked and made before the first byte moves.
 //!
-//! What can be wrong is found before anything listens: names and values, files, addresses in use.
+//! What can be wrong is found before anything listens: names and values, addresses in use, files. An
+//! old recording is overwritten last of all.
 
 use std::cell::RefCell;
-use std::fs::File;
+use std::fs::{File, Metadata};
 use std::io::{self, BufWriter};
+use std::os::unix::fs::MetadataExt as _;
 use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
@@ -36,13 +38,13 @@ pub(crate) fn run(options: &cli::Run) -> Result<(), String> {
     let spec = device.spec();
     let listen = places(spec, &options.listen)?;
     let presets = presets(spec, options)?;
-    let memory = Memory::open(options.nv.as_deref(), spec)?;
-    let record = options.record.as_deref().map(create).transpose()?;
     let listen = reserve(listen)?;
-    let control = match options.control {
+    let control = match &options.control {
         Control::Off => None,
-        Control::At(address) => Some(reserve_tcp("--control ", &address.to_string())?),
+        Control::At(address) => Some(reserve_tcp("--control ", address)?),
     };
+    let memory = Memory::open(options.nv.as_deref(), spec)?;
+    let record = options.record.as_deref().map(|path| Record::open(path, &memory)).transpose()?;
 
     let mut bench = Bench::with(Settings {
         seed: options.seed,
@@ -86,13 +88,14 @@ pub(crate) fn run(options: &cli::Run) -> Result<(), String> {
         });
         ready.controlled_at(api.map_err(|error| format!("--control cannot listen: {error}"))?);
     }
+    record.as_ref().map_or(Ok(()), Record::begin)?;
     ready.print(options.json, unit).map_err(|error| format!("stdout cannot be written: {error}"))?;
 
     let ended = host.run(&stop);
     info!("stopping");
     memory.sync();
-    if let Some((path, file)) = record {
-        write_trace(&host.bench, file).map_err(|error| format!("--record {}: {error}", path.display()))?;
+    if let Some(record) = record {
+        record.write(&host.bench)?;
     }
     ended.map_err(|error| format!("the bench cannot go on: {error}"))
 }
@@ -127,6 +130,9 @@ fn places(spec: &Spec, listen: &[Listen]) -> Result<Vec<(Port, Uri)>, String> {
         if of.line.is_none() && matches!(uri, Uri::Pty(_)) {
             return Err(format!("--listen: {} of {} is a TCP port and has no pty", of.name, spec.kind));
         }
+        if matches!(uri, Uri::Pty(Some(_))) && places.iter().any(|(_, other)| other == uri) {
+            return Err(format!("--listen: {uri} is there twice; a link leads to one pty"));
+        }
         places.push((port, uri.clone()));
     }
     if listen.is_empty() {
@@ -153,7 +159,8 @@ fn presets(spec: &Spec, options: &cli::Run) -> Result<Vec<Preset>, String> {
             .push(Preset::new(spec, row.name, address).map_err(|sentence| format!("--address: {sentence}"))?);
     }
     for set in &options.set {
-        let preset = Preset::new(spec, &set.register, set.value);
+        let preset = Preset::new(spec, &set.register, set.value)
+            .and_then(|preset| preset.check_saved(spec).map(|()| preset));
         presets.push(preset.map_err(|sentence| format!("--set: {sentence}"))?);
     }
     Ok(presets)
@@ -239,6 +246,13 @@ impl Memory {
         }))
     }
 
+    /// Whether it is in that file.
+    fn is_in(&self, file: &Metadata) -> io::Result<bool> {
+        let Some((_, nv)) = &self.file else { return Ok(false) };
+        let own = nv.borrow().metadata()?;
+        Ok((own.dev(), own.ino()) == (file.dev(), file.ino()))
+    }
+
     fn sync(&self) {
         if let Some((path, nv)) = &self.file
             && let Err(error) = nv.borrow().sync()
@@ -248,9 +262,40 @@ impl Memory {
     }
 }
 
-fn create(path: &Path) -> Result<(PathBuf, File), String> {
-    let file = File::create(path).map_err(|error| format!("--record {}: {error}", path.display()))?;
-    Ok((path.into(), file))
+/// Where what happens is kept.
+struct Record {
+    path: PathBuf,
+    file: File,
+}
+
+impl Record {
+    /// Opens the file, and leaves an old recording in it until the drive is ready.
+    fn open(path: &Path, memory: &Memory) -> Result<Self, String> {
+        let file = File::options().write(true).create(true).truncate(false).open(path);
+        let record = Self { path: path.into(), file: file.map_err(|error| at(path, &error))? };
+        let same = record.file.metadata().and_then(|there| memory.is_in(&there));
+        if same.map_err(|error| at(path, &error))? {
+            return Err(format!("--record and --nv are the same file, {}; use two", path.display()));
+        }
+        Ok(record)
+    }
+
+    /// An old recording is over.
+    fn begin(&self) -> Result<(), String> {
+        let empty = self.file.metadata().and_then(|there| {
+            // A device or a pipe has nothing to be removed.
+            if there.is_file() { self.file.set_len(0) } else { Ok(()) }
+        });
+        empty.map_err(|error| at(&self.path, &error))
+    }
+
+    fn write(self, bench: &Bench) -> Result<(), String> {
+        write_trace(bench, self.file).map_err(|error| at(&self.path, &error))
+    }
+}
+
+fn at(record: &Path, error: &io::Error) -> String {
+    format!("--record {}: {error}", record.display())
 }
 
 fn write_trace(bench: &Bench, file: File) -> io::Result<()> {
@@ -319,5 +364,8 @@ mod tests {
         let wrong = |text: &str| places(&spec, &[text.parse().unwrap()]).unwrap_err();
         assert_eq!(wrong("rs458=pty:"), "--listen: there is no port of toy 'rs458'; the nearest is 'rs485'");
         assert_eq!(wrong("modbus=pty:"), "--listen: modbus of toy is a TCP port and has no pty");
+        let twice = ["pty:a".parse().unwrap(), "rs485=pty:a".parse().unwrap()];
+        let sentence = "--listen: pty:a is there twice; a link leads to one pty";
+        assert_eq!(places(&spec, &twice).unwrap_err(), sentence);
     }
 }

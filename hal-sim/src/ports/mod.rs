@@ -9,6 +9,7 @@ mod link;
 mod pty;
 mod tcp;
 
+use std::fmt;
 use std::io;
 use std::os::fd::OwnedFd;
 use std::path::PathBuf;
@@ -38,6 +39,16 @@ pub(crate) enum Uri {
     Pty(Option<PathBuf>),
     /// `HOST:PORT`.
     Tcp(String),
+}
+
+impl fmt::Display for Uri {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Pty(None) => f.write_str("pty:"),
+            Self::Pty(Some(link)) => write!(f, "pty:{}", link.display()),
+            Self::Tcp(address) => write!(f, "tcp:{address}"),
+        }
+    }
 }
 
 /// Bytes read from a client at once.

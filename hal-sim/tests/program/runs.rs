@@ -19,11 +19,13 @@ fn what_is_wrong_with_options_is_told_in_one_sentence() {
     let file = in_a_file.file("something");
     std::fs::write(&file, "something").unwrap();
     let linked = format!("pty:{file}");
+    let both = in_a_file.file("both");
     for (arguments, told) in [
-        (vec![], "requires a subcommand"),
+        (vec![], "a command is missing: run, list, describe, replay; `standin --help` tells more"),
         (vec!["walk"], "unrecognized subcommand 'walk'"),
         (vec!["run"], "<KIND>"),
         (vec!["run", "md4"], "there is no kind 'md4'; the nearest is 'md3'"),
+        (vec!["run", "qsb-d"], "there is no kind 'qsb-d'; what there is: md3"),
         (vec!["run", "bench.toml"], "bench files: not yet"),
         (vec!["run", "md3", "--program", "x"], "--program: not yet"),
         (vec!["run", "md3", "--vcd", "x"], "--vcd: not yet"),
@@ -39,6 +41,10 @@ fn what_is_wrong_with_options_is_told_in_one_sentence() {
         (vec!["run", "md3", "--listen", &linked], "something else than a link is there"),
         (vec!["run", "md3", "--listen", "tcp:203.0.113.1:0"], "tcp:203.0.113.1:0 cannot be listened on"),
         (vec!["run", "md3", "--control", "loopback"], "--control"),
+        (vec!["run", "md3", "--seed", "abc"], "it takes a whole number from 0"),
+        (vec!["run", "md3", "--set", "MotionControl=1"], "of MotionControl only bit 5 can be preset"),
+        (vec!["run", "md3", "--listen", "pty:a", "--listen", "pty:a"], "pty:a is there twice"),
+        (vec!["run", "md3", "--nv", &both, "--record", &both], "--record and --nv are the same file"),
         (vec!["run", "md3", "--time", "x0"], "--time"),
         (vec!["run", "md3", "--address", "248"], "--address: DeviceAddress takes 1 to 247, not 248"),
         (vec!["run", "md3", "--address", "one"], "'one' is not a number"),
@@ -62,16 +68,20 @@ fn what_is_wrong_with_options_is_told_in_one_sentence() {
 #[test]
 fn a_port_in_use_is_told_before_anything_is_touched() {
     let scratch = Scratch::new("in-use");
-    let memory = scratch.file("md3.nv");
+    let (memory, trace) = (scratch.file("md3.nv"), scratch.file("md3.trace"));
+    std::fs::write(&trace, "an old recording").unwrap();
     let taken = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = taken.local_addr().unwrap().to_string();
     let listen = format!("tcp:{address}");
-    let options = ["run", "md3", "--nv", &memory, "--set", "UserRegister=7"];
+    let options = ["run", "md3", "--nv", &memory, "--record", &trace, "--set", "UserRegister=7"];
     let said = refused(&[&options[..], &["--listen", &listen]].concat());
     assert_eq!(said, format!("{listen} is in use; another port, or port 0, is free"));
     let said = refused(&[&options[..], &["--control", &address]].concat());
     assert!(said.starts_with(&format!("--control {address} is in use")), "{said}");
-    assert!(std::fs::read(&memory).unwrap().is_empty(), "nothing was stored");
+    assert!(!Path::new(&memory).exists());
+    std::fs::create_dir(&memory).unwrap();
+    refused(&options);
+    assert_eq!(std::fs::read_to_string(&trace).unwrap(), "an old recording");
 }
 
 #[test]
@@ -106,7 +116,10 @@ fn kinds_are_listed_and_described() {
 fn a_recording_survives_sigterm_and_replays() {
     let scratch = Scratch::new("record");
     let file = scratch.file("md3.trace");
-    let md3 = Running::md3(&["--time", "manual", "--fast-boot", "--record", &file]);
+    std::fs::write(&file, "an old recording, which ends").unwrap();
+    let md3 =
+        Running::md3(&["--time", "manual", "--fast-boot", "--record", &file, "--control", "localhost:0"]);
+    assert!(std::fs::read(&file).unwrap().is_empty());
     let reply = ask(&mut md3.connect(), &rtu::write(1, USER_REGISTER, 7), 8);
     assert_eq!(reply, *rtu::write(1, USER_REGISTER, 7));
     assert_eq!(md3.call("GET", "/api/trace?format=trace", "").body.lines().next(), Some("standin trace 1"));
