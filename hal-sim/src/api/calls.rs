@@ -294,6 +294,14 @@ fn driving(wanted: &PinLevel, analogue: bool) -> Result<Driving, Problem> {
         PinLevel { level: None, volts: None, milliamps: Some(_) } => {
             Err(Problem::refused("no pin of this drive takes a current"))
         }
+        PinLevel { level: None, volts: None, milliamps: None } => Err(Problem::refused(format!(
+            "the body says nothing; it takes one of {}",
+            if analogue {
+                "{\"volts\":2.5} and {\"level\":\"open\"}"
+            } else {
+                "{\"level\":\"low\"}, {\"level\":\"high\"} and {\"level\":\"open\"}"
+            }
+        ))),
         _ if analogue => Err(Problem::refused("an analogue input takes volts, or the level open")),
         _ => Err(Problem::refused("a digital input takes a level: low, high or open")),
     }

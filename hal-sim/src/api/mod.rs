@@ -10,7 +10,9 @@ mod problem;
 
 use std::io;
 use std::net::{SocketAddr, TcpListener};
+use std::pin::pin;
 use std::sync::Arc;
+use std::time::Duration;
 
 use axum::Router;
 use axum::extract::DefaultBodyLimit;
@@ -19,7 +21,7 @@ use axum::middleware::{from_fn_with_state, map_response};
 use axum::routing::get;
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
-use tokio::sync::{Semaphore, oneshot};
+use tokio::sync::{Notify, Semaphore, oneshot};
 use tracing::{debug, warn};
 use utoipa::OpenApi;
 use utoipa_axum::router::OpenApiRouter;
@@ -29,8 +31,11 @@ use crate::realtime::{Door, Host};
 pub(crate) use model::Places;
 use problem::Problem;
 
-/// Connections served at once; the next one waits.
+/// Connections served at once; for the next one all that idle are closed.
 const MAX_CONNECTIONS: usize = 64;
+
+/// How long the head of a request may take to come, and a connection may idle.
+const HEAD_TIME: Duration = Duration::from_secs(5);
 
 /// What every call needs.
 #[derive(Clone)]
@@ -109,25 +114,41 @@ fn router(api: Api, here: SocketAddr) -> Router {
         .with_state(api)
 }
 
-/// Takes connections as long as there is room for one more.
+/// Takes connections. Where there is no room for one more, each present one ends: at once if it idles,
+/// else with the answer that is under way.
 async fn accept(listener: tokio::net::TcpListener, router: Router) {
     let room = Arc::new(Semaphore::new(MAX_CONNECTIONS));
-    while let Ok(place) = Arc::clone(&room).acquire_owned().await {
+    let crowded = Arc::new(Notify::new());
+    loop {
         let (stream, peer) = match listener.accept().await {
             Ok(accepted) => accepted,
             Err(error) => {
                 warn!("the control API cannot take a connection: {error}");
                 // There may be no descriptor left for it; wait until somebody leaves.
-                tokio::time::sleep(std::time::Duration::from_secs(1)).await;
+                crowded.notify_waiters();
+                tokio::time::sleep(Duration::from_secs(1)).await;
                 continue;
             }
         };
+        if room.available_permits() == 0 {
+            crowded.notify_waiters();
+        }
+        let Ok(place) = Arc::clone(&room).acquire_owned().await else { return };
         let service = TowerToHyperService::new(router.clone());
+        // Counts from now on, not from when the task first runs.
+        let leave = Arc::clone(&crowded).notified_owned();
         tokio::spawn(async move {
-            // With a timer, a connection that sends no request is closed in 30 s.
             let mut server = hyper::server::conn::http1::Builder::new();
-            server.timer(TokioTimer::new());
-            if let Err(error) = server.serve_connection(TokioIo::new(stream), service).await {
+            server.timer(TokioTimer::new()).header_read_timeout(HEAD_TIME);
+            let mut connection = pin!(server.serve_connection(TokioIo::new(stream), service));
+            let ended = tokio::select! {
+                ended = connection.as_mut() => ended,
+                () = leave => {
+                    connection.as_mut().graceful_shutdown();
+                    connection.await
+                }
+            };
+            if let Err(error) = ended {
                 debug!("control API, {peer}: {error}");
             }
             drop(place);
