@@ -130,7 +130,7 @@ impl State {
         let (Some(line), Some(Some((free, _)))) = (self.uarts.get(port), self.busy.get(port)) else {
             return Instant::ZERO;
         };
-        *free - line.character().times(FIFO as u64 - 1)
+        *free - line.character() * (FIFO as u64 - 1)
     }
 
     /// Takes what the UART has room for.
@@ -149,7 +149,7 @@ impl State {
         if let Some((_, Done::Sent(_, sent))) = self.done.get_mut(place) {
             sent.extend_from_slice(&bytes[..taken]);
         }
-        *busy = Some((free + character.times(taken as u64), place));
+        *busy = Some((free + character * taken as u64, place));
         taken
     }
 }

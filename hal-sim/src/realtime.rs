@@ -50,7 +50,7 @@ impl Pace {
     /// How long half a message may wait, in time of the bench.
     pub(crate) fn patience(self) -> Duration {
         match self {
-            Self::Times(factor) => PATIENCE.times(factor.into()),
+            Self::Times(factor) => PATIENCE * u64::from(factor),
             Self::Manual => PATIENCE,
         }
     }
@@ -268,7 +268,7 @@ impl Host {
         let Some(clock) = &mut self.clock else { return };
         let wall = wall();
         let lag = clock.at(wall).since(self.bench.next());
-        if lag > MAX_LAG.times(clock.factor.into()) {
+        if lag > MAX_LAG * u64::from(clock.factor) {
             *clock = Clock::new(clock.factor, wall, self.bench.next());
             if !std::mem::replace(&mut self.warned, true) {
                 warn!(

@@ -89,12 +89,6 @@ impl Duration {
         let baud = if baud == 0 { 1 } else { baud as u64 };
         Self((bits as u64 * TICKS_PER_SECOND + baud / 2) / baud)
     }
-
-    /// This many times as long.
-    #[must_use]
-    pub const fn times(self, n: u64) -> Self {
-        Self(self.0.saturating_mul(n))
-    }
 }
 
 /// The instant that long after the beginning.
@@ -142,7 +136,7 @@ impl Sub for Duration {
 impl Mul<u64> for Duration {
     type Output = Self;
     fn mul(self, n: u64) -> Self {
-        self.times(n)
+        Self(self.0.saturating_mul(n))
     }
 }
 

@@ -77,7 +77,7 @@ pub fn play<D: Device, const MEMORY: usize>(trace: &Trace, device: impl Fn() -> 
                 player.go(entry.at - Duration::TICK);
                 let character = player.line().character();
                 for (n, byte) in (0..).zip(bytes) {
-                    player.catch(entry.at + character.times(n), Caught::Byte(*port, *byte));
+                    player.catch(entry.at + character * n, Caught::Byte(*port, *byte));
                 }
             }
             Fed::Spoiled { port } => player.catch(entry.at, Caught::Spoiled(*port)),

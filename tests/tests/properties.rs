@@ -104,7 +104,7 @@ fn run(make: Make, script: &[(u64, Event)], fast: bool, eager: &[bool], piece: u
             Event::Bytes(bytes) => {
                 for bytes in bytes.chunks(piece) {
                     inputs.push((at, Event::Bytes(bytes.to_vec())));
-                    at += line.character().times(bytes.len() as u64);
+                    at += line.character() * bytes.len() as u64;
                 }
             }
             event => inputs.push((at, event.clone())),

@@ -52,7 +52,7 @@ impl Boot {
             out.put(at, Output::Level { pin: GREEN, level: Level::Low });
             (BAD_FLASHES, BAD_FLASHES)
         };
-        let ready = at + delayed + STARTUP + STARTUP_UNIT.times(delay);
+        let ready = at + delayed + STARTUP + STARTUP_UNIT * delay;
         Self { phase: Phase::Flashes, due: at + flashing, ready }
     }
 
@@ -61,7 +61,7 @@ impl Boot {
         if at >= self.ready {
             return None;
         }
-        let turns = |pin| Output::Wave { pin, period: TURN.times(2), high: TURN };
+        let turns = |pin| Output::Wave { pin, period: TURN * 2, high: TURN };
         Some(match self.phase {
             Phase::Flashes => {
                 out.put(at, turns(GREEN));

@@ -30,6 +30,9 @@ use crate::memory;
 const RS485: Port = Port(0);
 const AXIS: Axis = Axis(0);
 const OVER_TEMPERATURE: Fault = Fault(0);
+const J2_9: Pin = Pin(4);
+const J2_10: Pin = Pin(5);
+const J2_12: Pin = Pin(6);
 const BUSY: Pin = Pin(7);
 const J3_8: Pin = Pin(8);
 const STEP: Pin = Pin(9);
@@ -40,7 +43,7 @@ const GREEN: Pin = Pin(12);
 /// J2 pins 2, 3, 4, 5 with their bits in IOPortData (7.9).
 const INPUTS: [(Pin, u16); 4] = [(Pin(0), 1 << 3), (Pin(1), 1 << 2), (Pin(2), 1 << 1), (Pin(3), 1 << 0)];
 /// J2 pins 9, 10, 12 with theirs.
-const GPIO: [(Pin, u16); 3] = [(Pin(4), 1 << 6), (Pin(5), 1 << 5), (Pin(6), 1 << 4)];
+const GPIO: [(Pin, u16); 3] = [(J2_9, 1 << 6), (J2_10, 1 << 5), (J2_12, 1 << 4)];
 /// Bytes of the EEPROM that hold the registers.
 const MEMORY: usize = memory::bytes(Reg::SAVED_WORDS) as usize;
 
@@ -70,7 +73,7 @@ static SPEC: Spec = Spec {
         pin("D6", Role::Led, Level::Low),
     ],
     axes: &[AxisSpec { name: "motor", step_dir: Some((STEP, DIR)) }],
-    encoders: &[EncoderSpec { a: Pin(5), b: Pin(6), index: Pin(4) }],
+    encoders: &[EncoderSpec { a: J2_10, b: J2_12, index: J2_9 }],
     faults: &["over_temperature", "over_current"],
     memory: MEMORY as u16,
     registers: Reg::TABLE,
@@ -130,7 +133,7 @@ impl Md3 {
         }
         if self.drive.serial_port() != setting {
             // The reply leaves with the old line, the next frame comes with the new one.
-            self.follow_line(at + character.times(reply.len() as u64), out);
+            self.follow_line(at + character * reply.len() as u64, out);
         }
     }
 
@@ -150,7 +153,7 @@ impl Md3 {
         let character = self.receiver.timing().character;
         let lost = deaf_until.since(at) / character + 1;
         let heard = usize::try_from(lost).ok().and_then(|lost| bytes.get(lost..)).unwrap_or(&[]);
-        self.receiver.bytes(at + character.times(lost), heard);
+        self.receiver.bytes(at + character * lost, heard);
         out.put(at, Output::Note(Note::Dropped { port: RS485, why: Why::Starting }));
     }
 }

@@ -104,7 +104,7 @@ impl Bed {
     fn hear(&mut self, frame: &[u8]) -> Instant {
         let first = self.now + CHARACTER;
         self.input(first, Input::Bytes { port: Port(0), bytes: frame });
-        first + CHARACTER.times(frame.len() as u64 - 1)
+        first + CHARACTER * (frame.len() as u64 - 1)
     }
 
     /// A frame, and the reply that leaves for it; time goes on to the end of the reply.
@@ -113,7 +113,7 @@ impl Bed {
         let end = self.hear(frame);
         self.run_until(end + JUDGEMENT);
         let reply = self.world.sent.get(before).map(|(_, reply)| reply.clone()).unwrap_or_default();
-        self.now += CHARACTER.times(reply.len() as u64);
+        self.now += CHARACTER * reply.len() as u64;
         self.run_until(self.now);
         reply
     }
@@ -290,7 +290,7 @@ fn a_new_line_holds_after_the_reply_has_left_with_the_old_one() {
     bed.write(0x1c, 0x0000); // 4800 8N1
     let (left, reply) = bed.world.sent[0].clone();
     let line = Line::new(4_800, 8, standin_protocol::line::Parity::None, 1);
-    assert_eq!(bed.world.lines, [(left + CHARACTER.times(reply.len() as u64), line)]);
+    assert_eq!(bed.world.lines, [(left + CHARACTER * reply.len() as u64, line)]);
 }
 
 #[test]
@@ -347,7 +347,7 @@ fn lights_of_a_drive_that_starts() {
     bed.run_until(10.secs());
     let (red, green) = (super::RED, super::GREEN);
     let second = |n: u64| Instant::from(n.millis());
-    let (turn, beat) = ((HALF.times(2), HALF), (Duration::millis(1_500), Duration::millis(250)));
+    let (turn, beat) = ((HALF * 2, HALF), (Duration::millis(1_500), Duration::millis(250)));
     assert_eq!(
         bed.world.waves,
         [
@@ -683,6 +683,21 @@ fn the_port_shows_pins_and_drives_outputs() {
         (bed.level("J2.9"), bed.level("J2.10"), bed.level("J2.12")),
         (Level::High, Level::Low, Level::High)
     );
+}
+
+#[test]
+fn pins_are_where_their_names_say() {
+    let names = |pins: &[Pin]| -> Vec<_> {
+        pins.iter().map(|pin| super::SPEC.pins[usize::from(pin.0)].name).collect()
+    };
+    assert_eq!(names(&super::INPUTS.map(|(pin, _)| pin)), ["J2.2", "J2.3", "J2.4", "J2.5"]);
+    assert_eq!(names(&super::GPIO.map(|(pin, _)| pin)), ["J2.9", "J2.10", "J2.12"]);
+    assert_eq!(names(&[super::BUSY, super::J3_8, super::STEP, super::DIR]), ["J3.7", "J3.8", "STEP", "DIR"]);
+    // Section 2: the heartbeat is green, D6; the cutback light red, D5.
+    assert_eq!(names(&[super::RED, super::GREEN]), ["D5", "D6"]);
+    // Section 2: J2 pins 9, 10, 12 are index, A, B.
+    let encoder = &super::SPEC.encoders[0];
+    assert_eq!(names(&[encoder.index, encoder.a, encoder.b]), ["J2.9", "J2.10", "J2.12"]);
 }
 
 #[test]

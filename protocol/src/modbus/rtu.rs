@@ -141,7 +141,7 @@ impl Receiver {
         if self.state == State::Receiving && self.frame.extend_from_slice(bytes).is_err() {
             self.state = State::Bad(Why::Length);
         }
-        self.last = at + self.timing.character.times(others as u64);
+        self.last = at + self.timing.character * others as u64;
     }
 
     /// A character that nobody could read ended at `at`.
@@ -333,7 +333,7 @@ mod tests {
             whole.bytes(first, &bytes);
             let mut parts = Receiver::new(LINE);
             parts.bytes(first, &bytes[..cut]);
-            parts.bytes(first + LINE.character().times(cut as u64), &bytes[cut..]);
+            parts.bytes(first + LINE.character() * cut as u64, &bytes[cut..]);
             prop_assert_eq!(whole.deadline(), parts.deadline());
             prop_assert_eq!(whole.take(), parts.take());
         }
