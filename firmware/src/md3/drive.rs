@@ -1,5 +1,6 @@
 //! What the MD3's registers mean: everything but its serial port.
 
+use fixed::types::{I24F8, U24F8};
 use standin_protocol::registers::{Bank, Register};
 
 use super::boot::{self, Boot};
@@ -264,20 +265,18 @@ impl Drive {
     /// Jog from standstill, or at a new speed; nothing while something else moves, and nothing without
     /// an acceleration, which would take for ever.
     fn jog(&mut self, at: Instant, out: &mut dyn Sink) {
-        let Rates { speed, acceleration } = self.rates();
+        let Rates { speed, up: acceleration, .. } = self.rates();
         let starts = self.may_move() && self.motion == Motion::None && speed > 0;
         if (starts || self.motion == Motion::Jog) && acceleration > 0 {
-            let plan = self.plan.towards(at, self.jog_speed(), acceleration);
+            let plan = self.plan.towards(at, I24F8::from_num(self.jog_speed()), acceleration);
             self.go(Motion::Jog, plan, at, out);
         }
     }
 
     /// Speed and acceleration as they act, the speed without its sign (7.17).
     fn rates(&self) -> Rates {
-        Rates {
-            speed: self.jog_speed().unsigned_abs(),
-            acceleration: self.bank.limited(Reg::AccelDecel) as u32,
-        }
+        let speed = U24F8::from_num(self.jog_speed().unsigned_abs());
+        Rates::even(speed, self.bank.limited(Reg::AccelDecel) as u32)
     }
 
     /// Speed of a jog, in steps/s, with its direction.
@@ -293,7 +292,7 @@ impl Drive {
     /// Ends any motion with a ramp.
     fn decelerate(&mut self, at: Instant, out: &mut dyn Sink) {
         if self.motion != Motion::None {
-            let plan = self.plan.towards(at, 0, self.rates().acceleration);
+            let plan = self.plan.towards(at, I24F8::ZERO, self.rates().down);
             self.go(Motion::DecelStop, plan, at, out);
         }
     }

@@ -18,7 +18,7 @@
 //! end: it is the acceleration run backwards from the last step, so it lands there with speed 0
 //! whatever was rounded before.
 
-use fixed::types::I48F16;
+use fixed::types::{I24F8, I48F16, U24F8};
 use standin_protocol::time::{Duration, Instant, TICKS_PER_SECOND};
 
 /// Units of phase in a step: 2·f².
@@ -27,14 +27,25 @@ const STEP: i128 = 2 * (TICKS_PER_SECOND as i128) * (TICKS_PER_SECOND as i128);
 /// The greatest acceleration a plan takes, in steps/s².
 const MAX_ACCELERATION: u32 = i32::MAX as u32;
 
-/// How fast a motion may be.
+/// How fast a profile move may be.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Rates {
+    /// Steps per second at its beginning and at its end; above `speed` it acts as that.
+    pub start: U24F8,
     /// Steps per second.
-    pub speed: u32,
-    /// Steps per second², for speeding up and slowing down; more than 2³¹ − 1 acts as that.
-    pub acceleration: u32,
+    pub speed: U24F8,
+    /// Steps per second² while it speeds up; more than 2³¹ − 1 acts as that.
+    pub up: u32,
+    /// Steps per second² while it slows down; more than 2³¹ − 1 acts as that.
+    pub down: u32,
+}
+
+impl Rates {
+    /// From standstill and to standstill, with one acceleration.
+    #[must_use]
+    pub const fn even(speed: U24F8, acceleration: u32) -> Self {
+        Self { start: U24F8::ZERO, speed, up: acceleration, down: acceleration }
+    }
 }
 
 /// A stretch of constant acceleration, in one direction.
@@ -121,7 +132,7 @@ impl Plan {
     /// motion.
     #[must_use]
     pub fn profile(at: Instant, from: i32, steps: i32, rates: Rates) -> Self {
-        let acceleration = rates.acceleration.min(MAX_ACCELERATION);
+        let acceleration = rates.up.min(MAX_ACCELERATION);
         if steps == 0 || rates.speed == 0 || acceleration == 0 {
             return Self::rest(at, from);
         }
@@ -153,7 +164,7 @@ impl Plan {
     /// without end; to 0 it ends there. Against the present direction by way of standstill. No
     /// acceleration is a halt.
     #[must_use]
-    pub fn towards(&self, at: Instant, speed: i32, acceleration: u32) -> Self {
+    pub fn towards(&self, at: Instant, speed: I24F8, acceleration: u32) -> Self {
         let (now, d) = self.segment_at(at);
         let (a, h) = (i128::from(acceleration.min(MAX_ACCELERATION)), now.speed(d));
         let position = now.position(d);
@@ -197,6 +208,32 @@ impl Plan {
     #[must_use]
     pub fn halt(&self, at: Instant) -> Self {
         Self::rest(at, self.position_at(at))
+    }
+
+    /// The rest of this plan: what it does from `at` on, beginning at `position`. A motor that went
+    /// without current while its plan ran on takes it up again so.
+    #[must_use]
+    pub fn resumed(&self, at: Instant, position: i32) -> Self {
+        let lost = position.wrapping_sub(self.position_at(at));
+        let mut ticks = at.since(self.start).ticks();
+        let mut rest = Self { start: at, segments: [Segment::default(); 3], count: 0 };
+        for segment in self.segments() {
+            let passed = ticks.min(segment.ticks);
+            ticks -= passed;
+            if passed < segment.ticks || passed == 0 {
+                let from = Segment { from: segment.from.wrapping_add(lost), ..*segment };
+                let place = rest.segments.get_mut(usize::from(rest.count));
+                if let Some(place) = place {
+                    *place = Segment {
+                        ticks: segment.ticks - passed,
+                        h: from.speed(passed) as i64,
+                        ..from.at_phase(from.phase(passed))
+                    };
+                    rest.count += 1;
+                }
+            }
+        }
+        if rest.count == 0 { Self::rest(at, position) } else { rest }
     }
 
     /// When it began.
@@ -251,8 +288,10 @@ impl Plan {
 }
 
 /// `speed` in steps/s in the unit of [`Segment::h`].
-fn top(speed: u32) -> i128 {
-    i128::from(speed) * i128::from(TICKS_PER_SECOND)
+fn top(speed: U24F8) -> i128 {
+    /// f / 2⁸: a whole number, so that a speed in 1/256 step/s is, too.
+    const UNIT: i128 = TICKS_PER_SECOND as i128 / 256;
+    i128::from(speed.to_bits()) * UNIT
 }
 
 #[cfg(test)]
@@ -262,7 +301,7 @@ mod tests {
     use standin_protocol::time::Span;
     use std::vec::Vec;
 
-    const FACTORY: Rates = Rates { speed: 5_000, acceleration: 10_000 };
+    const FACTORY: Rates = Rates::even(U24F8::const_from_int(5_000), 10_000);
 
     fn at(ticks: u64) -> Instant {
         Instant::from_ticks(ticks)
@@ -295,8 +334,8 @@ mod tests {
     fn nothing_to_do_is_done_at_once() {
         for plan in [
             Plan::profile(at(5), 3, 0, FACTORY),
-            Plan::profile(at(5), 3, 9, Rates { speed: 0, ..FACTORY }),
-            Plan::profile(at(5), 3, 9, Rates { acceleration: 0, ..FACTORY }),
+            Plan::profile(at(5), 3, 9, Rates { speed: U24F8::ZERO, ..FACTORY }),
+            Plan::profile(at(5), 3, 9, Rates { up: 0, ..FACTORY }),
         ] {
             assert_eq!((plan.end(), plan.position_at(at(9))), (at(5), 3));
         }
@@ -304,18 +343,18 @@ mod tests {
 
     #[test]
     fn a_jog_goes_on_until_it_is_told_to_stop() {
-        let jog = Plan::rest(at(0), 0).towards(at(0), 5_000, 10_000);
+        let jog = Plan::rest(at(0), 0).towards(at(0), I24F8::from_num(5_000), 10_000);
         assert_eq!(jog.end(), Instant::NEVER);
         assert_eq!(jog.position_at(Instant::from(1_500.millis())), 1_250 + 5_000);
-        let stop = jog.towards(Instant::from(1_500.millis()), 0, 10_000);
+        let stop = jog.towards(Instant::from(1_500.millis()), I24F8::ZERO, 10_000);
         assert_eq!(stop.end(), Instant::from(2_000.millis()));
         assert_eq!(stop.position_at(Instant::NEVER), 1_250 + 5_000 + 1_250);
     }
 
     #[test]
     fn a_reversal_goes_by_way_of_standstill() {
-        let jog = Plan::rest(at(0), 0).towards(at(0), 5_000, 10_000);
-        let back = jog.towards(Instant::from(1_000.millis()), -5_000, 10_000);
+        let jog = Plan::rest(at(0), 0).towards(at(0), I24F8::from_num(5_000), 10_000);
+        let back = jog.towards(Instant::from(1_000.millis()), I24F8::from_num(-5_000), 10_000);
         // 1250 + 2500 forward, 1250 more to stop, then back: 1250 in the ramp, 5000 a second.
         assert_eq!(back.position_at(Instant::from(1_500.millis())), 5_000);
         assert_eq!(back.speed_at(Instant::from(1_500.millis())), 0);
@@ -339,7 +378,7 @@ mod tests {
     proptest! {
         #[test]
         fn every_step_of_a_ramp_is_at_the_nearest_tick(a in 16_u32..2_000_000, n in 1_u32..5_000) {
-            let plan = Plan::rest(at(0), 0).towards(at(0), i32::MAX / 4, a);
+            let plan = Plan::rest(at(0), 0).towards(at(0), I24F8::MAX, a);
             let due = nearest_root(u128::from(n), u128::from(a));
             prop_assert_eq!(plan.position_at(at(due)), n.cast_signed());
             prop_assert_eq!(plan.position_at(at(due - 1)), n.cast_signed() - 1);
@@ -350,7 +389,7 @@ mod tests {
             steps in any::<i32>(), speed in 1_u32..5_000_000, acceleration in 1_u32..,
             samples in proptest::collection::vec(any::<u64>(), 2..40),
         ) {
-            let plan = Plan::profile(at(0), 0, steps, Rates { speed, acceleration });
+            let plan = Plan::profile(at(0), 0, steps, Rates::even(U24F8::from_num(speed), acceleration));
             let end = plan.end().ticks();
             prop_assert_eq!(plan.position_at(plan.end()), steps);
             let mut instants: Vec<u64> = samples.iter().map(|n| n % (end + 1)).collect();
@@ -383,7 +422,7 @@ mod tests {
             let mut now = 0;
             for (wait, speed) in turns {
                 now += wait;
-                let next = plan.towards(at(now), speed, acceleration);
+                let next = plan.towards(at(now), I24F8::from_num(speed), acceleration);
                 prop_assert_eq!(next.position_at(at(now)), plan.position_at(at(now)));
                 prop_assert_eq!(next.speed_at(at(now)), plan.speed_at(at(now)));
                 // At 40,000 steps/s two ticks never hold two steps.

@@ -1,3 +1,4 @@
+use fixed::types::{I24F8, U24F8};
 use proptest::prelude::*;
 use standin_firmware::md3::Md3;
 use standin_firmware::motion::Rates;
@@ -220,11 +221,11 @@ fn a_full_ring_drops_the_oldest() {
 #[test]
 fn a_plan_is_told_by_its_stretches() {
     let start = Instant::from_ticks(5);
-    let plan = Plan::profile(start, 100, -10_000, Rates { speed: 5_000, acceleration: 10_000 });
+    let plan = Plan::profile(start, 100, -10_000, Rates::even(U24F8::from_num(5_000), 10_000));
     let leg = |ms, speed| Leg { time: Duration::millis(ms), speed };
     let legs = vec![leg(500, -5_000_000), leg(1_500, -5_000_000), leg(500, 0)];
     assert_eq!(Course::of(&plan), Course { from: 100, legs, to: Some(-9_900) });
-    let jog = Plan::rest(start, 3).towards(start, 5_000, 10_000);
+    let jog = Plan::rest(start, 3).towards(start, I24F8::from_num(5_000), 10_000);
     let legs = vec![leg(500, 5_000_000), Leg { time: Duration::FOREVER, speed: 5_000_000 }];
     assert_eq!(Course::of(&jog), Course { from: 3, legs, to: None });
     assert_eq!(Course::of(&Plan::rest(start, -7)), Course { from: -7, legs: vec![], to: Some(-7) });
