@@ -5,7 +5,7 @@
 //! | [`device`] | the contract between a drive and the world: read this first |
 //! | [`md3`] | US Digital MD3, stepper drive |
 //! | [`memory`] | saved registers and their CRC |
-//! | [`motion`] | plans: position and speed at any instant |
+//! | [`motion`] | plans: position and speed at any instant, and every step |
 //! | [`shell`] | the main loop of a board, over embedded-hal, embedded-io and nb |
 //!
 //! No `std`, no clock, no socket, no board, no float, no heap, no `unsafe`, no panic.
@@ -38,6 +38,7 @@ macro_rules! devices {
     ($then:ident) => {
         $then! {
             $crate::md3::Md3::new,
+            $crate::md3::Md3::low,
         }
     };
 }

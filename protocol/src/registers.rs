@@ -478,6 +478,13 @@ impl Table {
         Self { rows, layout, places, runs, live }
     }
 
+    /// The same map with other rows of the same shapes at the same addresses: of a product's variant
+    /// with other factory values.
+    #[must_use]
+    pub const fn with_rows(&self, rows: &'static [Row]) -> Self {
+        Self { rows, ..*self }
+    }
+
     /// Place of a row's first word in the bank.
     #[must_use]
     pub fn place(&self, row: usize) -> usize {

@@ -76,9 +76,40 @@ impl Boot {
     }
 }
 
-/// The lights of a drive that is ready: green beats, or red flashes in a fault.
-pub(super) fn show(at: Instant, fault: bool, out: &mut dyn Sink) {
-    let (beating, dark) = if fault { (RED, GREEN) } else { (GREEN, RED) };
-    out.put(at, Output::Wave { pin: beating, period: HEARTBEAT, high: BRIGHT });
-    out.put(at, Output::Level { pin: dark, level: Level::Low });
+/// What the lights say (section 2).
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) enum Lights {
+    /// As [`Boot`] says.
+    Starting,
+    /// Green beats.
+    Normal,
+    /// Green beats, red is on.
+    Cutback,
+    /// Red flashes.
+    Fault,
+}
+
+impl Lights {
+    /// Shows `next` instead, without a break in a heartbeat that goes on.
+    pub(super) fn change(&mut self, next: Self, at: Instant, out: &mut dyn Sink) {
+        let beats = |lights| matches!(lights, Self::Normal | Self::Cutback);
+        let wave = |pin| Output::Wave { pin, period: HEARTBEAT, high: BRIGHT };
+        let level = |pin, level| Output::Level { pin, level };
+        if *self == next {
+            return;
+        }
+        if beats(next) && !beats(*self) {
+            out.put(at, wave(GREEN));
+        }
+        match next {
+            Self::Starting => {}
+            Self::Normal => out.put(at, level(RED, Level::Low)),
+            Self::Cutback => out.put(at, level(RED, Level::High)),
+            Self::Fault => {
+                out.put(at, wave(RED));
+                out.put(at, level(GREEN, Level::Low));
+            }
+        }
+        *self = next;
+    }
 }

@@ -1,14 +1,19 @@
 //! US Digital MD3: a stepper drive with a motion controller, on RS-485 with Modbus RTU.
 //!
-//! Follows the *MD3 User Guide V1.7*; numbers like 7.15 are its sections. Modelled: every register
-//! with default, access, range and persistence, functions 3 and 6, start-up, lights, EEPROM, live
-//! changes of address and line, profile and jog moves, stops, Disable, faults, I/O port. Not yet:
-//! homing, the functions of J2 pins 2 to 5, current cutback, the encoder, DC motors; each such row
-//! says so. Never: "Reset Device", firmware and serial-number updates, which the guide does not
+//! Follows the *MD3 User Guide V1.7*; numbers like 7.15 are its sections. Two products: the high
+//! current version, and the low current version of 1.8 A (7.2, 7.21). All of the guide is modelled
+//! but what no master sees: "Reset Device", firmware and serial-number updates, which it does not
 //! publish (3.2, 7.20).
 
 mod boot;
+mod current;
 mod drive;
+mod eeprom;
+mod encoder;
+mod inputs;
+mod motion;
+mod motor;
+mod pins;
 mod registers;
 #[cfg(test)]
 mod tests;
@@ -17,9 +22,11 @@ use standin_protocol::modbus::pdu::{Exception, READ_HOLDING_REGISTERS, WRITE_SIN
 use standin_protocol::modbus::rtu::Receiver;
 use standin_protocol::modbus::server::{Map, Outcome, Rules, serve_rtu};
 use standin_protocol::modbus::{Frame, Why};
-use standin_protocol::registers::Register;
+use standin_protocol::registers::{Register, Table};
 
 use self::drive::Drive;
+use self::inputs::{J2_9_BIT, J2_10_BIT, J2_12_BIT};
+use self::registers::Version;
 pub use self::registers::{Reg, line, motion_control};
 use crate::device::{
     Axis, AxisSpec, Boot, Device, EncoderSpec, Ends, Fault, Input, Instant, Level, Note, Output, Pin,
@@ -40,10 +47,8 @@ const DIR: Pin = Pin(10);
 const RED: Pin = Pin(11);
 const GREEN: Pin = Pin(12);
 
-/// J2 pins 2, 3, 4, 5 with their bits in IOPortData (7.9).
-const INPUTS: [(Pin, u16); 4] = [(Pin(0), 1 << 3), (Pin(1), 1 << 2), (Pin(2), 1 << 1), (Pin(3), 1 << 0)];
-/// J2 pins 9, 10, 12 with theirs.
-const GPIO: [(Pin, u16); 3] = [(J2_9, 1 << 6), (J2_10, 1 << 5), (J2_12, 1 << 4)];
+/// J2 pins 9, 10, 12 with their bits in IOPortData (7.9).
+const GPIO: [(Pin, u16); 3] = [(J2_9, J2_9_BIT), (J2_10, J2_10_BIT), (J2_12, J2_12_BIT)];
 /// Bytes of the EEPROM that hold the registers.
 const MEMORY: usize = memory::bytes(Reg::SAVED_WORDS) as usize;
 
@@ -51,38 +56,43 @@ const fn pin(name: &'static str, role: Role, rest: Level) -> PinSpec {
     PinSpec { name, role, rest }
 }
 
-static SPEC: Spec = Spec {
-    kind: "md3",
-    product: "US Digital MD3 stepper drive, 7 A",
-    manual: "MD3 User Guide V1.7",
-    ports: &[PortSpec { name: "rs485", ends: Ends::Silence, line: Some(registers::FACTORY_LINE) }],
-    #[rustfmt::skip]
-    pins: &[
-        pin("J2.2", Role::Input, Level::High),
-        pin("J2.3", Role::Input, Level::High),
-        pin("J2.4", Role::Input, Level::High),
-        pin("J2.5", Role::Input, Level::High),
-        pin("J2.9", Role::Both, Level::Low),
-        pin("J2.10", Role::Both, Level::Low),
-        pin("J2.12", Role::Both, Level::Low),
-        pin("J3.7", Role::Output, Level::Float),
-        pin("J3.8", Role::Output, Level::Float),
-        pin("STEP", Role::Output, Level::Low),
-        pin("DIR", Role::Output, Level::Low),
-        pin("D5", Role::Led, Level::Low),
-        pin("D6", Role::Led, Level::Low),
-    ],
-    axes: &[AxisSpec { name: "motor", step_dir: Some((STEP, DIR)) }],
-    encoders: &[EncoderSpec { a: J2_10, b: J2_12, index: J2_9 }],
-    faults: &["over_temperature", "over_current"],
-    memory: MEMORY as u16,
-    registers: Reg::TABLE,
-    address: Some(Reg::DeviceAddress as usize),
-    not_modelled: &[
-        "not modelled yet: step pulses on STEP and DIR",
-        "not published (3.2, 7.20): \"Reset Device\", firmware and serial-number updates",
-    ],
-};
+#[rustfmt::skip]
+static PINS: [PinSpec; 13] = [
+    pin("J2.2", Role::Input, Level::High),
+    pin("J2.3", Role::Input, Level::High),
+    pin("J2.4", Role::Input, Level::High),
+    pin("J2.5", Role::Input, Level::High),
+    pin("J2.9", Role::Both, Level::Low),
+    pin("J2.10", Role::Both, Level::Low),
+    pin("J2.12", Role::Both, Level::Low),
+    pin("J3.7", Role::Output, Level::Float),
+    pin("J3.8", Role::Output, Level::Float),
+    pin("STEP", Role::Output, Level::Low),
+    pin("DIR", Role::Output, Level::Low),
+    pin("D5", Role::Led, Level::Low),
+    pin("D6", Role::Led, Level::Low),
+];
+
+static HIGH_CURRENT: Spec = spec("md3", "US Digital MD3 stepper drive, 7 A", Reg::TABLE);
+static LOW_CURRENT: Spec = spec("md3-low", "US Digital MD3 stepper drive, 1.8 A", &registers::LOW_TABLE);
+
+/// What both versions have in common.
+const fn spec(kind: &'static str, product: &'static str, registers: &'static Table) -> Spec {
+    Spec {
+        kind,
+        product,
+        manual: "MD3 User Guide V1.7",
+        ports: &[PortSpec { name: "rs485", ends: Ends::Silence, line: Some(registers::FACTORY_LINE) }],
+        pins: &PINS,
+        axes: &[AxisSpec { name: "motor", step_dir: Some((STEP, DIR)) }],
+        encoders: &[EncoderSpec { a: J2_10, b: J2_12, index: J2_9 }],
+        faults: &["over_temperature", "over_current"],
+        memory: MEMORY as u16,
+        registers,
+        address: Some(Reg::DeviceAddress as usize),
+        not_modelled: &["not published (3.2, 7.20): \"Reset Device\", firmware and serial-number updates"],
+    }
+}
 
 /// Exceptions are 01 and 02 only (6.1, 6.2).
 static RULES: Rules = Rules {
@@ -109,16 +119,27 @@ impl Default for Md3 {
 }
 
 impl Md3 {
-    /// An MD3 without power.
+    /// An MD3 of the high current version, without power.
     #[must_use]
     pub fn new() -> Self {
-        Self { receiver: Receiver::new(registers::FACTORY_LINE), drive: Drive::new() }
+        Self::of(Version::HighCurrent)
+    }
+
+    /// An MD3 of the low current version, without power.
+    #[must_use]
+    pub fn low() -> Self {
+        Self::of(Version::LowCurrent)
+    }
+
+    fn of(version: Version) -> Self {
+        Self { receiver: Receiver::new(registers::FACTORY_LINE), drive: Drive::new(version) }
     }
 
     /// The frame that has come is over.
     fn serve(&mut self, at: Instant, out: &mut dyn Sink) {
         let character = self.receiver.timing().character;
         let Some(frame) = self.receiver.take() else { return };
+        self.drive.refresh();
         let setting = self.drive.serial_port();
         let unit = self.drive.address();
         let mut reply = Frame::new();
@@ -160,7 +181,10 @@ impl Md3 {
 
 impl Device for Md3 {
     fn spec(&self) -> &'static Spec {
-        &SPEC
+        match self.drive.version {
+            Version::HighCurrent => &HIGH_CURRENT,
+            Version::LowCurrent => &LOW_CURRENT,
+        }
     }
 
     fn power_on(&mut self, at: Instant, boot: Boot, out: &mut dyn Sink) {
@@ -180,16 +204,16 @@ impl Device for Md3 {
                 self.receiver.spoiled(at);
             }
             Input::Idle { .. } => self.serve(at, out),
-            Input::Edge { pin, high } => self.drive.edge(pin, high),
-            Input::Fault { fault, on } => self.drive.fault(at, fault, on, out),
-            // It has no such ports, and its axis does not slip on a bench.
+            Input::Edge { pin, high } => self.drive.edge(at, pin, high, out),
+            Input::Fault { fault, on } => self.drive.set_cause(at, fault, on, out),
+            Input::Count { steps, a, b, .. } => self.drive.counted(steps, a, b),
+            Input::Slipped { steps, .. } => self.drive.motor.slipped(steps),
+            // It has no such ports.
             Input::Spoiled { .. }
             | Input::Attached { .. }
             | Input::Message { .. }
             | Input::Closed { .. }
-            | Input::Millivolts { .. }
-            | Input::Count { .. }
-            | Input::Slipped { .. } => {}
+            | Input::Millivolts { .. } => {}
         }
     }
 
@@ -238,7 +262,7 @@ impl Map for Bus<'_> {
     }
 
     fn refresh(&mut self, _register: Reg) {
-        // Everything in the bank is up to date at every instant.
+        // Everything in the bank is brought up to date before a request.
     }
 
     fn written(&mut self, register: Reg) {

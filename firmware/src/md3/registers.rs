@@ -1,6 +1,12 @@
 //! The register map of the MD3 (chapter 7), in its order and with its names.
 
+use core::num::NonZeroU32;
+
 use standin_protocol::line::{Line, Parity};
+use standin_protocol::registers::{Register, Row, Table};
+use standin_protocol::time::TICKS_PER_SECOND;
+
+use crate::device::Duration;
 
 /// The factory value of [`Reg::SerialPortConfiguration`]: 9600 8E1.
 const FACTORY_SERIAL_PORT: u16 = 0x0021;
@@ -13,57 +19,46 @@ standin_protocol::registers! {
         /// Address on the bus; others are refused.
         DeviceAddress = rw(0x00, "7.1").reset(1).range(1, 247).saved(),
         /// Motor mode (bit 13), microstepping or PWM frequency (12:8), phase current code (7:0).
-        MotorCurrentAndMicrostepping = rw(0x01, "7.2").reset(0x030a).saved()
-            .not_modelled("not modelled yet: DC motor mode (bit 13)"),
+        MotorCurrentAndMicrostepping = rw(0x01, "7.2").reset(0x030a).saved(),
         /// Cutback timeout in 0.1 s (15:8), cutback current code (7:0).
-        CurrentCutbackSettings = rw(0x02, "7.3").saved()
-            .not_modelled("not modelled yet: current cutback"),
+        CurrentCutbackSettings = rw(0x02, "7.3").saved(),
         /// Delay after power-up beyond 2.5 s, in 10 ms.
         StartupDelay = rw(0x03, "7.4").clamped(0, 65_435).saved(),
         /// Speed divisor (7:5), direction (4), mode (3:1), home on startup (0).
-        HomingConfiguration = rw(0x04, "7.5").saved()
-            .not_modelled("not modelled yet: homing"),
+        HomingConfiguration = rw(0x04, "7.5").saved(),
         /// Steps before the search for the home flag.
-        PreHomeOffset = rw(0x05, "7.6").i32().saved()
-            .not_modelled("not modelled yet: homing"),
+        PreHomeOffset = rw(0x05, "7.6").i32().saved(),
         /// Steps after the home flag was found.
-        HomeOffset = rw(0x07, "7.7").i32().saved()
-            .not_modelled("not modelled yet: homing"),
+        HomeOffset = rw(0x07, "7.7").i32().saved(),
         /// Encoder enable (12), functions of J2 pin 2 (11:10), 3 (9:8), 4/5 (7:4), polarities (3:0).
-        PinFunctionAndPolarity = rw(0x09, "7.8").saved()
-            .not_modelled("not modelled yet: functions and polarity of J2 pins 2 to 5"),
+        PinFunctionAndPolarity = rw(0x09, "7.8").saved(),
         /// Outputs J3 pin 8 (7), J2 pins 9, 10, 12 (6:4); inputs J2 pins 2, 3, 4, 5 (3:0).
         IOPortData = rw(0x0a, "7.9").reset(0x000f).saved(),
         /// Do not use.
         Reserved = ro(0x0b, "7.10"),
         /// Noise filter (9, 8:6), index gating (5:4), swap (3), mode (2:1), index enable (0).
         QuadratureEncoderConfiguration = rw(0x0c, "7.11").reset(0x0005).saved()
-            .not_modelled("not modelled yet: encoder input"),
+            .not_modelled("filter clocks of 20 and 40 MHz and edges closer than 62.5 ns: time is in ticks of 1/16 µs"),
         /// Count at which the encoder counter starts again.
-        QuadratureEncoderMaxCount = rw(0x0d, "7.12").reset(0x0f9f).saved()
-            .not_modelled("not modelled yet: encoder input"),
+        QuadratureEncoderMaxCount = rw(0x0d, "7.12").reset(0x0f9f).saved(),
         /// Index pulses counted.
-        EncoderIndexCount = rw(0x0e, "7.13").i32()
-            .not_modelled("not modelled yet: encoder input"),
+        EncoderIndexCount = rw(0x0e, "7.13").i32(),
         /// Encoder edges counted.
-        QuadratureEncoderCount = rw(0x10, "7.14")
-            .not_modelled("not modelled yet: encoder input"),
+        QuadratureEncoderCount = rw(0x10, "7.14"),
         /// Fault (15), Disable (5), Decel-stop (4), Stop (3), Home (2), Jog (1), Move (0).
-        MotionControl = rw(0x11, "7.15").saved_bits(0x0020)
-            .not_modelled("not modelled yet: Home (bit 2) completes at once"),
+        MotionControl = rw(0x11, "7.15").saved_bits(0x0020),
         /// Microsteps of a profile move.
         MoveSteps = rw(0x12, "7.16").i32().reset(10_000).saved(),
         /// Microsteps per second; the sign is the direction of a jog.
         Speed = rw(0x14, "7.17").i32().clamped(-40_000, 40_000).reset(5_000).saved(),
         /// Microsteps per second while J2 pin 2 selects it.
-        AlternateSpeed = rw(0x16, "7.18").u32().clamped(0, 40_000).reset(2_500).saved()
-            .not_modelled("not modelled yet: SPEEDSEL"),
+        AlternateSpeed = rw(0x16, "7.18").u32().clamped(0, 40_000).reset(2_500).saved(),
         /// Microsteps per second²; more than 2³¹ − 1 acts as that.
         AccelDecel = rw(0x18, "7.19").u32().clamped(0, 0x7FFF_FFFF).reset(10_000).saved(),
         /// CRC status (15:8), read from EEPROM (1), write to EEPROM (0).
         EEPROMControl = rw(0x1a, "7.20").reset(0x9a00),
         /// Current type (15), product (14:8), version (7:0).
-        ProductInformation = ro(0x1b, "7.21").reset(0xbd01),
+        ProductInformation = ro(0x1b, "7.21").reset(Version::HighCurrent.product()),
         /// Parity (5:4), stop bit (3), baud rate (2:0).
         SerialPortConfiguration = rw(0x1c, "7.22").reset(FACTORY_SERIAL_PORT as i64).saved(),
         /// For the user.
@@ -71,8 +66,7 @@ standin_protocol::registers! {
         /// Serial number.
         SerialNumber = ro(0x1e, "7.24").u32().reset(1).saved(),
         /// 1: SPEEDSEL turns a running profile move into a jog, as 7.18 says; 0: it is ignored, as 7.8 says.
-        SpeedselJogsProfile = setting(0, "7.8").range(0, 1)
-            .not_modelled("not modelled yet: SPEEDSEL"),
+        SpeedselJogsProfile = setting(0, "7.8").range(0, 1),
     }
 }
 
@@ -129,16 +123,120 @@ pub const fn line(configuration: u16) -> Line {
     Line::new(baud, 8, parity, stop)
 }
 
-/// Peak phase current in mA of a value of [`Reg::MotorCurrentAndMicrostepping`] (7.2): the column of
-/// the high current version, whose steps change at 2 A. Codes beyond the table act as its last row;
-/// full step gives 71 %.
-#[must_use]
-pub(super) fn current_ma(setting: u16) -> u32 {
-    let peak = match u32::from(setting & 0xFF) {
-        code @ 0..=0x14 => 100 * code,
-        code @ 0x15..=0x1e => 2_000 + 500 * (code - 0x14),
-        _ => 7_000,
-    };
-    let full_step = setting >> 8 & 0x1F == 0;
-    if full_step { peak * 71 / 100 } else { peak }
+/// Fields of [`Reg::MotorCurrentAndMicrostepping`] (7.2).
+pub(super) mod motor {
+    /// A DC motor on phase B.
+    pub(in super::super) const DC: u16 = 1 << 13;
+    /// Place of the motor control parameter: microstepping, or frequency of the PWM.
+    pub(in super::super) const PARAMETER: u16 = 8;
 }
+
+/// Fields of [`Reg::HomingConfiguration`] (7.5).
+pub(super) mod homing {
+    /// A home cycle when the drive has started.
+    pub(in super::super) const ON_STARTUP: u16 = 1 << 0;
+    /// The search goes backward.
+    pub(in super::super) const BACKWARD: u16 = 1 << 4;
+
+    /// What is searched for: the flag (0, 1) or the index (2, 3), with a stop at once or a ramp.
+    pub(in super::super) const fn mode(configuration: u16) -> u16 {
+        configuration >> 1 & 7
+    }
+
+    /// The search is so many times halved in speed.
+    pub(in super::super) const fn divisor(configuration: u16) -> u16 {
+        configuration >> 5 & 7
+    }
+}
+
+/// Fields of [`Reg::PinFunctionAndPolarity`] (7.8).
+pub(super) mod pin_function {
+    /// J2 pins 9, 10 and 12 are outputs, not the encoder. The name of the bit says the opposite.
+    pub(in super::super) const OUTPUTS: u16 = 1 << 12;
+    /// Place of the function of pin 2.
+    pub(in super::super) const PIN_2: u16 = 10;
+    /// Place of the function of pin 3.
+    pub(in super::super) const PIN_3: u16 = 8;
+    /// Place of the function of pins 4 and 5.
+    pub(in super::super) const PINS_4_5: u16 = 4;
+}
+
+/// Which of the two current types a drive is (7.2, 7.21).
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) enum Version {
+    /// Up to 7 A.
+    HighCurrent,
+    /// Up to 1.8 A.
+    LowCurrent,
+}
+
+impl Version {
+    /// The factory value of ProductInformation.
+    pub(super) const fn product(self) -> i64 {
+        match self {
+            Self::HighCurrent => 0xbd01,
+            Self::LowCurrent => 0x3d01,
+        }
+    }
+}
+
+/// Peak phase current in mA of a current code (7.2). The steps of the high current version change at
+/// 2 A. Codes beyond the table act as its last row.
+pub(super) fn current_ma(version: Version, code: u16) -> u32 {
+    let code = u32::from(code & 0xFF);
+    match (version, code) {
+        (Version::HighCurrent, 0..=0x14) => 100 * code,
+        (Version::HighCurrent, 0x15..=0x1e) => 2_000 + 500 * (code - 0x14),
+        (Version::HighCurrent, _) => 7_000,
+        (Version::LowCurrent, _) => 50 * code.min(0x24),
+    }
+}
+
+/// The share of the peak current that a stepper's phases get, in percent: full step has 71 (7.2).
+pub(super) fn microstepping_percent(setting: u16) -> u32 {
+    if setting & motor::DC == 0 && setting >> motor::PARAMETER & 0x1F == 0 { 71 } else { 100 }
+}
+
+/// How a DC motor is driven (7.2).
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) struct Pwm {
+    /// A cycle.
+    pub(super) period: Duration,
+    /// Counts of the on time that are the whole cycle.
+    pub(super) range: NonZeroU32,
+}
+
+/// The frequencies in Hz of the motor control parameter and their duty cycle steps (7.2).
+const PWM: [(u64, u32); 9] = [
+    (500, 40_000),
+    (1_000, 20_000),
+    (2_000, 40_000),
+    (5_000, 16_000),
+    (10_000, 8_000),
+    (16_000, 5_000),
+    (20_000, 4_000),
+    (25_000, 3_200),
+    (40_000, 2_000),
+];
+
+/// How `setting` of [`Reg::MotorCurrentAndMicrostepping`] drives a DC motor; `None` for a stepper.
+/// Codes beyond the table act as its last row.
+pub(super) fn pwm(setting: u16) -> Option<Pwm> {
+    if setting & motor::DC == 0 {
+        return None;
+    }
+    let (hz, range) = PWM.get(usize::from(setting >> motor::PARAMETER & 0x1F)).or(PWM.last())?;
+    let period = Duration::from_ticks(TICKS_PER_SECOND.checked_div(*hz)?);
+    Some(Pwm { period, range: NonZeroU32::new(*range)? })
+}
+
+/// The rows of the low current version: it is another product (7.21).
+#[expect(clippy::indexing_slicing, reason = "only ever evaluated by the compiler")]
+static LOW_ROWS: [Row; Reg::ROWS.len()] = {
+    let mut rows = Reg::ROWS;
+    let product = Reg::ProductInformation as usize;
+    rows[product] = rows[product].reset(Version::LowCurrent.product());
+    rows
+};
+/// The map of the low current version.
+pub(super) static LOW_TABLE: Table = Reg::TABLE.with_rows(&LOW_ROWS);

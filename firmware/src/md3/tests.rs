@@ -688,36 +688,14 @@ fn the_port_shows_pins_and_drives_outputs() {
 #[test]
 fn pins_are_where_their_names_say() {
     let names = |pins: &[Pin]| -> Vec<_> {
-        pins.iter().map(|pin| super::SPEC.pins[usize::from(pin.0)].name).collect()
+        pins.iter().map(|pin| super::PINS[usize::from(pin.0)].name).collect()
     };
-    assert_eq!(names(&super::INPUTS.map(|(pin, _)| pin)), ["J2.2", "J2.3", "J2.4", "J2.5"]);
+    assert_eq!(names(&[0, 1, 2, 3].map(Pin)), ["J2.2", "J2.3", "J2.4", "J2.5"]);
     assert_eq!(names(&super::GPIO.map(|(pin, _)| pin)), ["J2.9", "J2.10", "J2.12"]);
     assert_eq!(names(&[super::BUSY, super::J3_8, super::STEP, super::DIR]), ["J3.7", "J3.8", "STEP", "DIR"]);
     // Section 2: the heartbeat is green, D6; the cutback light red, D5.
     assert_eq!(names(&[super::RED, super::GREEN]), ["D5", "D6"]);
     // Section 2: J2 pins 9, 10, 12 are index, A, B.
-    let encoder = &super::SPEC.encoders[0];
+    let encoder = &super::HIGH_CURRENT.encoders[0];
     assert_eq!(names(&[encoder.index, encoder.a, encoder.b]), ["J2.9", "J2.10", "J2.12"]);
-}
-
-#[test]
-fn the_manuals_currents() {
-    // 7.2, high current version, in A · 1000.
-    for (code, ma) in [
-        (0x00, 0),
-        (0x01, 100),
-        (0x09, 900),
-        (0x0a, 1_000),
-        (0x14, 2_000),
-        (0x15, 2_500),
-        (0x16, 3_000),
-        (0x1a, 5_000),
-        (0x1d, 6_500),
-        (0x1e, 7_000),
-        (0x1f, 7_000),
-        (0xFF, 7_000),
-    ] {
-        assert_eq!(super::registers::current_ma(0x0300 | code), ma, "code {code:#04x}");
-    }
-    assert_eq!(super::registers::current_ma(0x0014), 1_420, "full step, 71 % current");
 }

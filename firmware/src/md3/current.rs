@@ -1,0 +1,82 @@
+//! Faults, and the current that the motor gets (7.2, 7.3, 7.15).
+
+use super::boot::Lights;
+use super::drive::{Drive, State};
+use super::motion::Motion;
+use super::pins::{PIN_2, Pin2};
+use super::registers::{Reg, current_ma, microstepping_percent};
+use super::{AXIS, OVER_TEMPERATURE};
+use crate::device::{Duration, Fault, Instant, Output, Sink};
+
+/// A unit of the cutback timeout (7.3).
+const TIMEOUT_UNIT: Duration = Duration::millis(100);
+
+impl Drive {
+    /// The cause of a fault comes or goes. A fault stays when its cause has gone (7.15).
+    pub(super) fn set_cause(&mut self, at: Instant, fault: Fault, on: bool, out: &mut dyn Sink) {
+        let bit = 1_u8.checked_shl(u32::from(fault.0)).unwrap_or(0);
+        if on {
+            self.causes |= bit;
+        } else {
+            self.causes &= !bit;
+        }
+        if self.state == State::Ready && self.causes != 0 && !self.fault {
+            self.fault = true;
+            self.halt(at, out);
+            self.show(at, out);
+        }
+    }
+
+    /// Clears a fault, unless the drive is still too hot (7.15). Any other cause went with the
+    /// current. What pins ask for acts again.
+    pub(super) fn clear_fault(&mut self) {
+        self.causes &= 1 << OVER_TEMPERATURE.0;
+        if self.fault && self.causes == 0 {
+            self.fault = false;
+            self.armed = true;
+        }
+    }
+
+    /// A command, an input change, or a motion that begins or ends: the cutback waits anew (7.3).
+    pub(super) fn touch(&mut self, at: Instant) {
+        self.quiet_since = at;
+        self.cut = false;
+    }
+
+    /// When the cutback begins.
+    pub(super) fn cutback_due(&self) -> Instant {
+        let timeout = self.bank.word(Reg::CurrentCutbackSettings) >> 8;
+        let waits = self.state == State::Ready && !self.cut && !self.fault && self.motion == Motion::None;
+        if waits && timeout > 0 {
+            self.quiet_since + TIMEOUT_UNIT * u64::from(timeout)
+        } else {
+            Instant::NEVER
+        }
+    }
+
+    /// Gives the motor its current, and shows it on the lights.
+    pub(super) fn show_current(&mut self, at: Instant, out: &mut dyn Sink) {
+        if self.state != State::Ready {
+            return;
+        }
+        // LOWCURRENT lowers it whatever the timeout.
+        let lowered = self.cut || self.pins.pin_2 == Pin2::LowCurrent && self.active & PIN_2 != 0;
+        let setting = self.bank.word(Reg::MotorCurrentAndMicrostepping);
+        let code = if lowered { self.bank.word(Reg::CurrentCutbackSettings) } else { setting };
+        let ma = if self.may_move() && !self.inhibited {
+            current_ma(self.version, code) * microstepping_percent(setting) / 100
+        } else {
+            0
+        };
+        if self.current != ma {
+            self.current = ma;
+            out.put(at, Output::Current { axis: AXIS, ma });
+        }
+        let lights = match (self.fault, lowered) {
+            (true, _) => Lights::Fault,
+            (false, true) => Lights::Cutback,
+            (false, false) => Lights::Normal,
+        };
+        self.lights.change(lights, at, out);
+    }
+}

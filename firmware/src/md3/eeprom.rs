@@ -1,0 +1,73 @@
+//! The EEPROM that holds the registers (7.20).
+
+use standin_protocol::registers::Register;
+
+use super::MEMORY;
+use super::registers::{Reg, eeprom_control};
+use crate::device::{Duration, Instant, Sink};
+use crate::memory::{self, Content};
+
+/// How long a save takes (7.20 does not say).
+const SAVE: Duration = Duration::millis(20);
+
+/// A save that has begun.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+struct Save {
+    crc: [u8; 2],
+    due: Instant,
+}
+
+/// What the drive knows of its EEPROM.
+#[derive(Clone, Debug)]
+pub(super) struct Eeprom {
+    /// CRC status, in the high byte of EEPROMControl.
+    status: u16,
+    save: Option<Save>,
+}
+
+impl Eeprom {
+    pub(super) fn new() -> Self {
+        Self { status: eeprom_control::PASS, save: None }
+    }
+
+    /// EEPROMControl as it reads.
+    pub(super) fn control(&self) -> u16 {
+        self.status | if self.save.is_some() { eeprom_control::WRITE } else { 0 }
+    }
+
+    /// Loads the saved registers, those of a new drive from the factory; leaves them alone if the
+    /// memory is bad. Returns whether it passed.
+    pub(super) fn load(&mut self, words: &mut [u16], out: &dyn Sink) -> bool {
+        let content = memory::content(out.memory(), Reg::SAVED_WORDS);
+        match content {
+            Content::New => memory::reset(Reg::TABLE, words),
+            Content::Good => memory::load(Reg::TABLE, out.memory(), words),
+            Content::Bad => {}
+        }
+        let passed = content != Content::Bad;
+        self.status = if passed { eeprom_control::PASS } else { eeprom_control::FAIL };
+        passed
+    }
+
+    /// Begins to save the registers; nothing while a save runs.
+    pub(super) fn save(&mut self, at: Instant, words: &[u16], out: &mut dyn Sink) {
+        if self.save.is_none() {
+            let crc = memory::begin::<MEMORY>(Reg::TABLE, words, at, out);
+            self.save = Some(Save { crc, due: at + SAVE });
+        }
+    }
+
+    pub(super) fn deadline(&self) -> Instant {
+        self.save.map_or(Instant::NEVER, |save| save.due)
+    }
+
+    /// The save's time is over.
+    pub(super) fn timeout(&mut self, at: Instant, out: &mut dyn Sink) {
+        if let Some(save) = self.save
+            && save.due <= at
+        {
+            memory::finish::<MEMORY>(save.crc, at, out);
+            (self.save, self.status) = (None, 0);
+        }
+    }
+}

@@ -1,0 +1,141 @@
+//! What happens when a pin of J2 changes (7.8).
+
+use super::drive::{Drive, State};
+use super::encoder::Channel;
+use super::motion::Motion;
+use super::pins::{Mode, PIN_2, PIN_3, PIN_4, PIN_5, Pin2, Pin3};
+use super::registers::Reg;
+use crate::device::{Duration, Instant, Pin, Sink};
+
+/// Bits of J2 pins 9, 10 and 12 in IOPortData (7.9): index, A and B.
+pub(super) const J2_9_BIT: u16 = 1 << 6;
+pub(super) const J2_10_BIT: u16 = 1 << 5;
+pub(super) const J2_12_BIT: u16 = 1 << 4;
+
+/// The input pins in the order of the drive's pins, with their bits.
+pub(super) const PORT_BITS: [u16; 7] = [PIN_2, PIN_3, PIN_4, PIN_5, J2_9_BIT, J2_10_BIT, J2_12_BIT];
+
+/// Step pulses that follow each other faster are lost: 250 kHz (7.8).
+const STEP_INTERVAL: Duration = Duration::micros(4);
+
+impl Drive {
+    /// An input pin changed.
+    pub(super) fn edge(&mut self, at: Instant, pin: Pin, high: bool, out: &mut dyn Sink) {
+        let Some(&bit) = PORT_BITS.get(usize::from(pin.0)) else { return };
+        let levels = if high { self.levels | bit } else { self.levels & !bit };
+        if levels == self.levels {
+            return;
+        }
+        self.levels = levels;
+        self.stale = true;
+        match bit {
+            J2_9_BIT => {
+                self.encoder.edge(at, Channel::Index, high);
+                self.look_for_flag(at, out);
+            }
+            J2_10_BIT => self.encoder.edge(at, Channel::A, high),
+            J2_12_BIT => self.encoder.edge(at, Channel::B, high),
+            _ if self.state == State::Ready => {
+                self.touch(at);
+                self.look(at, out);
+                self.show(at, out);
+            }
+            _ => {}
+        }
+    }
+
+    /// A counter of a board has seen quarter cycles.
+    pub(super) fn counted(&mut self, steps: i32, a: bool, b: bool) {
+        self.encoder.count(steps, a, b);
+        let channels = if a { J2_10_BIT } else { 0 } | if b { J2_12_BIT } else { 0 };
+        self.levels = self.levels & !(J2_10_BIT | J2_12_BIT) | channels;
+        self.stale = true;
+    }
+
+    /// Does what pins 2 to 5 ask for after a change of their levels, polarities or functions. A new
+    /// polarity is an edge when it changes what is active.
+    pub(super) fn look(&mut self, at: Instant, out: &mut dyn Sink) {
+        let active = self.pins.active(self.levels);
+        let edges = active ^ self.active;
+        self.active = active;
+        self.look_at_pin_2(at, out);
+        self.look_at_pin_3(edges & active, at, out);
+        if edges & (PIN_4 | PIN_5) != 0 {
+            self.look_at_pins_4_and_5(edges, at, out);
+        }
+        self.resume(at, out);
+    }
+
+    fn look_at_pin_2(&mut self, at: Instant, out: &mut dyn Sink) {
+        self.look_for_flag(at, out);
+        let alternate = self.pins.pin_2 == Pin2::SpeedSelect && self.active & PIN_2 != 0;
+        if alternate != self.alternate {
+            self.alternate = alternate;
+            if self.motion == Motion::Profile && self.bank.get(Reg::SpeedselJogsProfile) != 0 {
+                self.jog_on(at, out);
+            } else {
+                self.speed_changed(at, out);
+            }
+        }
+    }
+
+    fn look_at_pin_3(&mut self, activated: u16, at: Instant, out: &mut dyn Sink) {
+        let active = self.active & PIN_3 != 0;
+        let inhibited = active && self.pins.pin_3 == Pin3::Inhibit;
+        let blocked = active && self.pins.pin_3 == Pin3::InhibitModbus;
+        let homes = activated & PIN_3 != 0 && self.pins.pin_3 == Pin3::Home;
+        if homes || inhibited && !self.inhibited || blocked && !self.blocked {
+            self.clear_fault();
+        }
+        if inhibited != self.inhibited {
+            self.inhibited = inhibited;
+            self.motor.inhibit(at, inhibited, out);
+        }
+        if blocked && !self.blocked {
+            // "Currently running motion is stopped."
+            self.stop(at, out);
+        }
+        self.blocked = blocked;
+        if homes {
+            self.home(at, out);
+        }
+    }
+
+    /// Edges on pins 4 and 5: what a mode does with them while nothing moves.
+    fn look_at_pins_4_and_5(&mut self, edges: u16, at: Instant, out: &mut dyn Sink) {
+        let fell = |pin| edges & self.active & pin != 0;
+        let rose = |pin| edges & !self.active & pin != 0;
+        let (fell_4, rose_4, fell_5) = (fell(PIN_4), rose(PIN_4), fell(PIN_5));
+        let pin_5 = self.active & PIN_5 != 0;
+        match self.pins.mode {
+            Mode::StepDirection if fell_4 => self.step(pin_5, at, out),
+            Mode::JogDirection | Mode::JogEitherWay => {
+                self.armed = true;
+                self.jog_by_pins(at, out);
+            }
+            mode => {
+                let (profile, home) = match mode {
+                    Mode::MoveDirection => (fell_4.then_some(pin_5), false),
+                    Mode::MoveForwardBackward => ((fell_4 || rose_4).then_some(rose_4), false),
+                    Mode::MoveThenHome => (fell_4.then_some(false), rose_4),
+                    Mode::MoveEitherWay => ((fell_4 || fell_5).then_some(!fell_4), false),
+                    Mode::MoveOrHome => (fell_4.then_some(false), fell_5),
+                    _ => (None, false),
+                };
+                if let Some(reversed) = profile {
+                    self.profile(reversed, at, out);
+                } else if home {
+                    self.home(at, out);
+                }
+            }
+        }
+    }
+
+    /// A step pulse.
+    fn step(&mut self, backward: bool, at: Instant, out: &mut dyn Sink) {
+        if at >= self.next_step && self.may_step() {
+            self.next_step = at + STEP_INTERVAL;
+            self.motor.step(at, if backward { -1 } else { 1 }, out);
+        }
+    }
+}

@@ -1,0 +1,402 @@
+//! What moves an MD3's motor: commands, moves, jogs and home cycles (7.5 to 7.8, 7.15 to 7.19).
+
+use fixed::types::{I24F8, U24F8};
+
+use super::drive::{Drive, State};
+use super::inputs::J2_9_BIT;
+use super::pins::{Mode, PIN_2, PIN_4, PIN_5};
+use super::registers::{Reg, homing, motion_control};
+use crate::device::{Duration, Instant, Sink};
+use crate::motion::Rates;
+
+/// How often the flag is sampled (7.5).
+const FLAG_SAMPLE: Duration = Duration::micros(4);
+
+/// What moves.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) enum Motion {
+    None,
+    Profile,
+    Jog(Jog),
+    DecelStop,
+    Home(Part),
+}
+
+/// A jog.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) struct Jog {
+    /// Pins 4 and 5 ask for it, not the bus.
+    by_pins: bool,
+    /// Against the sign of Speed.
+    reversed: bool,
+    /// It slows down, and is over when it stands.
+    ends: bool,
+}
+
+/// A part of a home cycle (7.8, figure 4).
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) enum Part {
+    PreOffset,
+    /// Until the flag is seen at a sample; `NEVER` while it is not active.
+    Search {
+        sample: Instant,
+    },
+    /// The flag was found: to a standstill.
+    Slowing,
+    Offset,
+}
+
+impl Motion {
+    /// Its bit in MotionControl (7.15).
+    pub(super) fn bit(self) -> u16 {
+        match self {
+            Self::None => 0,
+            Self::Profile => motion_control::MOVE,
+            Self::Jog(_) => motion_control::JOG,
+            Self::DecelStop => motion_control::DECEL_STOP,
+            Self::Home(_) => motion_control::HOME,
+        }
+    }
+}
+
+impl Drive {
+    /// A write of MotionControl (7.15): the fault first, then Disable, which is a level and forbids the
+    /// rest, then the first bit that is set. INHIBIT_MODBUS_MOTION leaves only Disable (7.8).
+    pub(super) fn command(&mut self, at: Instant, word: u16, out: &mut dyn Sink) {
+        let has = |bit| word & bit != 0 && !self.blocked;
+        let (clear, stop, decelerate) =
+            (has(motion_control::FAULT), has(motion_control::STOP), has(motion_control::DECEL_STOP));
+        let (home, jog, profile) =
+            (has(motion_control::HOME), has(motion_control::JOG), has(motion_control::MOVE));
+        self.touch(at);
+        if clear {
+            self.clear_fault();
+        }
+        let disabled = word & motion_control::DISABLE != 0;
+        // What pins ask for acts again when the drive is enabled.
+        self.armed |= self.disabled && !disabled;
+        self.disabled = disabled;
+        if disabled || stop {
+            self.stop(at, out);
+        } else if decelerate {
+            self.decelerate(at, out);
+        } else if home {
+            self.home(at, out);
+        } else if jog {
+            self.jog_by_bus(at, out);
+        } else if profile {
+            self.profile(false, at, out);
+        }
+        self.resume(at, out);
+    }
+
+    /// A profile move, from standstill only; whether it moves.
+    pub(super) fn profile(&mut self, reversed: bool, at: Instant, out: &mut dyn Sink) -> bool {
+        let steps = self.bank.get(Reg::MoveSteps) as i32;
+        let steps = if reversed { steps.wrapping_neg() } else { steps };
+        let rates = Rates::even(magnitude(self.speed()), self.acceleration());
+        let moves = self.may_step() && self.motor.profile(at, steps, rates, out);
+        if moves {
+            self.enter(Motion::Profile, at);
+        }
+        moves
+    }
+
+    /// A jog from standstill, or at a new speed.
+    fn jog_by_bus(&mut self, at: Instant, out: &mut dyn Sink) {
+        match self.motion {
+            Motion::Jog(jog) if !jog.ends => self.jog(jog, at, out),
+            _ => self.jog(Jog { by_pins: false, reversed: false, ends: false }, at, out),
+        }
+    }
+
+    /// Nothing while something else moves, and nothing without an acceleration, which would take for
+    /// ever.
+    fn jog(&mut self, jog: Jog, at: Instant, out: &mut dyn Sink) {
+        let speed = if jog.reversed { -self.speed() } else { self.speed() };
+        let starts = self.motion == Motion::None && self.may_move() && speed != 0;
+        let acceleration = self.acceleration();
+        if (starts || matches!(self.motion, Motion::Jog(_))) && acceleration > 0 {
+            self.motor.towards(at, speed, acceleration, out);
+            self.enter(Motion::Jog(jog), at);
+        }
+    }
+
+    /// What pins 4 and 5 ask for in the modes that jog: in which direction, if at all.
+    fn jog_wanted(&self) -> Option<bool> {
+        let (pin_4, pin_5) = (self.active & PIN_4 != 0, self.active & PIN_5 != 0);
+        match (self.pins.mode, pin_4, pin_5) {
+            (Mode::JogDirection, true, reversed) => Some(reversed),
+            // The direction that runs stays; from rest pin 4's.
+            (Mode::JogEitherWay, true, true) => {
+                Some(matches!(self.motion, Motion::Jog(Jog { reversed: true, .. })))
+            }
+            (Mode::JogEitherWay, true, false) => Some(false),
+            (Mode::JogEitherWay, false, true) => Some(true),
+            _ => None,
+        }
+    }
+
+    /// Jogs as pins 4 and 5 ask for it, or no longer.
+    pub(super) fn jog_by_pins(&mut self, at: Instant, out: &mut dyn Sink) {
+        match (self.jog_wanted(), self.motion) {
+            (Some(reversed), Motion::None | Motion::Jog(_)) => {
+                let jog = Jog { by_pins: true, reversed, ends: false };
+                if self.motion != Motion::Jog(jog) {
+                    self.jog(jog, at, out);
+                }
+            }
+            (None, Motion::Jog(jog)) if jog.by_pins && !jog.ends => {
+                self.slow_down(Motion::Jog(Jog { ends: true, ..jog }), at, out);
+            }
+            _ => {}
+        }
+    }
+
+    /// A home cycle, from standstill only; whether it moves.
+    pub(super) fn home(&mut self, at: Instant, out: &mut dyn Sink) -> bool {
+        let known = homing::mode(self.bank.word(Reg::HomingConfiguration)) <= 3;
+        known && self.may_step() && self.home_on(Part::PreOffset, at, out)
+    }
+
+    /// Goes on with a home cycle: with `part`, or the next one that takes any time. Whether there is
+    /// one.
+    fn home_on(&mut self, part: Part, at: Instant, out: &mut dyn Sink) -> bool {
+        // SPEEDSEL does not matter here.
+        let speed = magnitude(self.normal_speed());
+        let acceleration = self.acceleration();
+        let rates = Rates::even(speed, acceleration);
+        if speed == 0 || acceleration == 0 {
+            return false;
+        }
+        let steps = |reg| self.bank.get(reg) as i32;
+        let (before, after) = (steps(Reg::PreHomeOffset), steps(Reg::HomeOffset));
+        if part == Part::PreOffset && self.motor.profile(at, before, rates, out) {
+            self.enter(Motion::Home(Part::PreOffset), at);
+            return true;
+        }
+        if matches!(part, Part::PreOffset | Part::Search { .. }) && !self.flag() {
+            let configuration = self.bank.word(Reg::HomingConfiguration);
+            // "The acceleration is not divided down" (7.5).
+            let search = I24F8::from_bits(speed.to_bits().cast_signed() >> homing::divisor(configuration));
+            let backward = configuration & homing::BACKWARD != 0;
+            self.motor.towards(at, if backward { -search } else { search }, acceleration, out);
+            self.enter(Motion::Home(Part::Search { sample: Instant::NEVER }), at);
+            return true;
+        }
+        let moves = self.motor.profile(at, after, rates, out);
+        if moves {
+            self.enter(Motion::Home(Part::Offset), at);
+        }
+        moves
+    }
+
+    /// Whether what a home cycle searches for is there.
+    fn flag(&self) -> bool {
+        match homing::mode(self.bank.word(Reg::HomingConfiguration)) {
+            0 | 1 => self.active & PIN_2 != 0,
+            // "Active high encoder index pulse on J2 pin 9"
+            _ => self.levels & J2_9_BIT != 0 && !self.gpio_outputs(),
+        }
+    }
+
+    /// Pin 2 or 9 has changed: an index is seen at once, the flag at the next sample.
+    pub(super) fn look_for_flag(&mut self, at: Instant, out: &mut dyn Sink) {
+        if self.motion != Motion::Home(Part::Search { sample: Instant::NEVER }) || !self.flag() {
+            return;
+        }
+        if homing::mode(self.bank.word(Reg::HomingConfiguration)) >= 2 {
+            self.flag_found(at, out);
+        } else {
+            let samples = (at.since(Instant::ZERO) + FLAG_SAMPLE - Duration::TICK) / FLAG_SAMPLE;
+            let sample = Instant::ZERO + FLAG_SAMPLE * samples;
+            self.motion = Motion::Home(Part::Search { sample });
+        }
+    }
+
+    /// Stops the search: at once, or in modes 1 and 3 with a ramp.
+    fn flag_found(&mut self, at: Instant, out: &mut dyn Sink) {
+        if homing::mode(self.bank.word(Reg::HomingConfiguration)) & 1 == 0 {
+            self.motor.halt(at, out);
+        } else {
+            self.motor.towards(at, I24F8::ZERO, self.acceleration(), out);
+        }
+        self.motion = Motion::Home(Part::Slowing);
+    }
+
+    /// When what moves wants to be looked at.
+    pub(super) fn motion_due(&self) -> Instant {
+        match self.motion {
+            // A jog goes on when its ramp has reached standstill: the speed may rise again.
+            Motion::None | Motion::Jog(Jog { ends: false, .. }) => Instant::NEVER,
+            Motion::Home(Part::Search { sample }) => sample,
+            Motion::Profile | Motion::Jog(_) | Motion::DecelStop | Motion::Home(_) => self.motor.end(),
+        }
+    }
+
+    /// Something that moved has come to its end, or the flag is sampled.
+    pub(super) fn motion_over(&mut self, at: Instant, out: &mut dyn Sink) {
+        let over = self.motion;
+        let goes_on = match over {
+            Motion::Home(Part::Search { .. }) => {
+                if self.flag() {
+                    self.flag_found(at, out);
+                } else {
+                    self.motion = Motion::Home(Part::Search { sample: Instant::NEVER });
+                }
+                true
+            }
+            Motion::Home(Part::PreOffset) => self.home_on(Part::Search { sample: Instant::NEVER }, at, out),
+            Motion::Home(Part::Slowing) => self.home_on(Part::Offset, at, out),
+            _ => false,
+        };
+        if goes_on {
+            return;
+        }
+        self.motor.over(at, out);
+        self.enter(Motion::None, at);
+        match (self.pins.mode, over) {
+            // "The sign of MoveSteps will be negative if the motor is moving backward" (7.8).
+            (Mode::EndlessMoves, Motion::Profile) if self.armed => {
+                let steps = self.bank.get(Reg::MoveSteps) as i32;
+                self.bank.set(Reg::MoveSteps, i64::from(steps.wrapping_neg()));
+            }
+            (Mode::EndlessHomes, Motion::Profile) if self.armed => {
+                self.home(at, out);
+            }
+            _ => {}
+        }
+        if matches!(over, Motion::Profile | Motion::Home(_)) {
+            self.resume(at, out);
+        }
+    }
+
+    /// Moves as the levels of pins 4 and 5 or an endless mode ask for it, if nothing else moves.
+    pub(super) fn resume(&mut self, at: Instant, out: &mut dyn Sink) {
+        if !self.armed || self.motion != Motion::None {
+            return;
+        }
+        match self.pins.mode {
+            Mode::JogDirection | Mode::JogEitherWay => self.jog_by_pins(at, out),
+            // A part that takes no time is left out, lest the two follow each other for ever.
+            Mode::EndlessMoves => {
+                self.profile(false, at, out);
+            }
+            Mode::EndlessHomes => {
+                let _ = self.profile(false, at, out) || self.home(at, out);
+            }
+            _ => {}
+        }
+    }
+
+    /// Pins 4 and 5 have another function than `before` (7.8).
+    pub(super) fn mode_changed(&mut self, before: Mode, at: Instant, out: &mut dyn Sink) {
+        match before {
+            same if same == self.pins.mode => {}
+            Mode::EndlessMoves | Mode::EndlessHomes => self.halt(at, out),
+            _ => self.jog_by_pins(at, out),
+        }
+    }
+
+    /// Speed, AlternateSpeed or what selects them has changed: it counts at once in a jog, and not in a
+    /// profile move (7.17).
+    pub(super) fn speed_changed(&mut self, at: Instant, out: &mut dyn Sink) {
+        match self.motion {
+            Motion::Jog(jog) if !jog.ends => self.jog(jog, at, out),
+            _ => self.resume(at, out),
+        }
+    }
+
+    /// SPEEDSEL has changed in a profile move: 7.8 ignores that, 7.18 makes a jog of it.
+    pub(super) fn jog_on(&mut self, at: Instant, out: &mut dyn Sink) {
+        let jog = Jog { by_pins: false, reversed: false, ends: false };
+        self.motion = Motion::Jog(jog);
+        self.jog(jog, at, out);
+    }
+
+    /// "Changing the acceleration while the motor is moving will cause the motor to stop" (7.17): in a
+    /// profile move. A jog takes it for its next ramp.
+    pub(super) fn acceleration_changed(&mut self, at: Instant, out: &mut dyn Sink) {
+        if self.motion == Motion::Profile {
+            self.stop(at, out);
+        }
+        self.resume(at, out);
+    }
+
+    /// Ends any motion with a ramp.
+    fn decelerate(&mut self, at: Instant, out: &mut dyn Sink) {
+        self.armed = false;
+        if self.motion != Motion::None {
+            self.slow_down(Motion::DecelStop, at, out);
+        }
+    }
+
+    /// A ramp to standstill, as `motion`.
+    fn slow_down(&mut self, motion: Motion, at: Instant, out: &mut dyn Sink) {
+        let acceleration = self.acceleration();
+        if acceleration > 0 && self.motor.towards(at, I24F8::ZERO, acceleration, out) {
+            self.enter(motion, at);
+        } else {
+            self.halt(at, out);
+        }
+    }
+
+    /// Stops at once, whoever moves the motor, and stays so.
+    pub(super) fn stop(&mut self, at: Instant, out: &mut dyn Sink) {
+        self.armed = false;
+        self.halt(at, out);
+    }
+
+    /// Stops at once, with the motor where it is.
+    pub(super) fn halt(&mut self, at: Instant, out: &mut dyn Sink) {
+        if self.motion != Motion::None {
+            self.motor.halt(at, out);
+            self.enter(Motion::None, at);
+        }
+    }
+
+    /// A motion begins or ends: either way the cutback waits anew (7.3).
+    fn enter(&mut self, motion: Motion, at: Instant) {
+        self.motion = motion;
+        self.touch(at);
+    }
+
+    /// Whether a command may set the motor in motion.
+    pub(super) fn may_move(&self) -> bool {
+        self.state == State::Ready && !self.fault && !self.disabled
+    }
+
+    /// Whether steps may begin: a DC motor only jogs (7.2).
+    pub(super) fn may_step(&self) -> bool {
+        self.may_move() && self.motion == Motion::None && !self.motor.is_dc()
+    }
+
+    /// Acceleration, in steps/s².
+    fn acceleration(&self) -> u32 {
+        self.bank.limited(Reg::AccelDecel) as u32
+    }
+
+    /// Speed (7.17) in steps/s, or in counts of a DC motor, with its sign.
+    fn normal_speed(&self) -> I24F8 {
+        self.in_range(self.bank.limited(Reg::Speed) as i32)
+    }
+
+    /// The speed that SPEEDSEL selects; the alternate one has the other one's sign (7.18).
+    fn speed(&self) -> I24F8 {
+        if !self.alternate {
+            return self.normal_speed();
+        }
+        let speed = self.bank.limited(Reg::AlternateSpeed) as i32;
+        self.in_range(if self.bank.get(Reg::Speed) < 0 { -speed } else { speed })
+    }
+
+    fn in_range(&self, speed: i32) -> I24F8 {
+        let range = self.motor.range();
+        // At most 40,000: it fits.
+        I24F8::from_bits(speed.clamp(-range, range) << 8)
+    }
+}
+
+fn magnitude(speed: I24F8) -> U24F8 {
+    U24F8::from_bits(speed.to_bits().unsigned_abs())
+}

@@ -1,0 +1,212 @@
+//! What the drive does with its motor: steps along a plan while there is current, or a duty cycle.
+
+use core::num::NonZeroU64;
+
+use fixed::types::I24F8;
+
+use super::AXIS;
+use super::registers::Pwm;
+use crate::device::{Instant, Output, Plan, Sink};
+use crate::motion::Rates;
+
+/// The duty cycle that means always on.
+const FULL: i32 = 1 << 16;
+
+/// A stepper motor, or the brush motor on its phase B.
+///
+/// A plan runs on whether or not the motor follows it (7.8, INHIBIT): while it gets no current the
+/// motor stands, and what went by is lost. Of a brush motor the plan's speed is the duty in counts,
+/// and the steps never move.
+#[derive(Clone, Debug)]
+pub(super) struct Motor {
+    plan: Plan,
+    /// Steps made beside the plan since it was made.
+    beside: i32,
+    /// Where the motor stands while it does not follow the plan.
+    stands: Option<i32>,
+    /// No current (7.8, INHIBIT).
+    inhibited: bool,
+    pwm: Option<Pwm>,
+    /// Duty that the brush motor has, and that it will have in the end.
+    duty: i32,
+    aim: i32,
+    /// When a period begins that has another duty.
+    next_period: Instant,
+}
+
+impl Motor {
+    pub(super) fn new(at: Instant) -> Self {
+        Self {
+            plan: Plan::rest(at, 0),
+            beside: 0,
+            stands: None,
+            inhibited: false,
+            pwm: None,
+            duty: 0,
+            aim: 0,
+            next_period: Instant::NEVER,
+        }
+    }
+
+    /// Power comes.
+    pub(super) fn begin(&self, at: Instant, out: &mut dyn Sink) {
+        out.put(at, Output::Plan { axis: AXIS, plan: &self.plan });
+    }
+
+    /// When the plan stands.
+    pub(super) fn end(&self) -> Instant {
+        self.plan.end()
+    }
+
+    /// Whether it is a brush motor.
+    pub(super) fn is_dc(&self) -> bool {
+        self.pwm.is_some()
+    }
+
+    /// The greatest speed, in steps/s, or in counts of a brush motor's duty.
+    pub(super) fn range(&self) -> i32 {
+        self.pwm.map_or(i32::MAX >> 8, |pwm| pwm.range.get().cast_signed())
+    }
+
+    /// Whether a brush motor is turned.
+    pub(super) fn is_driven(&self) -> bool {
+        self.duty != 0
+    }
+
+    /// A stepper, or a brush motor with these periods. The drive has stopped it before.
+    pub(super) fn set_pwm(&mut self, at: Instant, pwm: Option<Pwm>, out: &mut dyn Sink) {
+        self.pwm = pwm;
+        self.follow(at, out);
+    }
+
+    /// Takes its current, or gives it again.
+    pub(super) fn inhibit(&mut self, at: Instant, inhibited: bool, out: &mut dyn Sink) {
+        self.inhibited = inhibited;
+        self.follow(at, out);
+    }
+
+    /// From standstill `steps` steps; whether that takes any time.
+    pub(super) fn profile(&mut self, at: Instant, steps: i32, rates: Rates, out: &mut dyn Sink) -> bool {
+        let from = self.planned(at);
+        let plan = Plan::profile(at, from, steps, rates);
+        let moves = plan.end() > at;
+        if moves {
+            self.go(at, plan, out);
+        }
+        moves
+    }
+
+    /// A ramp to the signed `speed`, and on; whether that goes beyond this instant.
+    pub(super) fn towards(
+        &mut self,
+        at: Instant,
+        speed: I24F8,
+        acceleration: u32,
+        out: &mut dyn Sink,
+    ) -> bool {
+        let plan = self.plan.resumed(at, self.planned(at)).towards(at, speed, acceleration);
+        self.aim = self.duty_of(i64::from(speed.to_bits()) << 8);
+        self.go(at, plan, out);
+        self.end() > at
+    }
+
+    /// Stops at once.
+    pub(super) fn halt(&mut self, at: Instant, out: &mut dyn Sink) {
+        self.aim = 0;
+        self.set_duty(at, 0, out);
+        let position = self.planned(at);
+        self.go(at, Plan::rest(at, position), out);
+    }
+
+    /// The plan has come to its end: so does a brush motor's duty, before its period is over.
+    pub(super) fn over(&mut self, at: Instant, out: &mut dyn Sink) {
+        self.set_duty(at, self.aim, out);
+        self.schedule(at);
+    }
+
+    /// A step without a ramp.
+    pub(super) fn step(&mut self, at: Instant, steps: i32, out: &mut dyn Sink) {
+        if self.stands.is_none() {
+            self.beside = self.beside.wrapping_add(steps);
+            out.put(at, Output::Step { axis: AXIS, steps });
+        }
+    }
+
+    /// A board has made so many steps more than planned.
+    pub(super) fn slipped(&mut self, steps: i32) {
+        self.beside = self.beside.wrapping_add(steps);
+    }
+
+    pub(super) fn deadline(&self) -> Instant {
+        self.next_period
+    }
+
+    /// A period of the PWM begins.
+    pub(super) fn timeout(&mut self, at: Instant, out: &mut dyn Sink) {
+        if self.next_period <= at {
+            let duty = self.duty_of(self.plan.speed_at(at).to_bits());
+            self.set_duty(at, duty, out);
+            self.schedule(at);
+        }
+    }
+
+    /// Where the plan is, with the steps beside it.
+    fn planned(&self, at: Instant) -> i32 {
+        self.plan.position_at(at).wrapping_add(self.beside)
+    }
+
+    fn go(&mut self, at: Instant, plan: Plan, out: &mut dyn Sink) {
+        (self.plan, self.beside) = (plan, 0);
+        if self.stands.is_none() {
+            out.put(at, Output::Plan { axis: AXIS, plan: &self.plan });
+        }
+        self.schedule(at);
+    }
+
+    /// Follows the plan from here on, or stands still.
+    fn follow(&mut self, at: Instant, out: &mut dyn Sink) {
+        let stands = self.inhibited || self.pwm.is_some();
+        match self.stands {
+            None if stands => {
+                let position = self.planned(at);
+                self.stands = Some(position);
+                out.put(at, Output::Plan { axis: AXIS, plan: &Plan::rest(at, position) });
+            }
+            Some(position) if !stands => {
+                self.stands = None;
+                self.go(at, self.plan.resumed(at, position), out);
+            }
+            _ => {}
+        }
+        if self.inhibited {
+            self.set_duty(at, 0, out);
+        }
+        self.schedule(at);
+    }
+
+    /// When the duty changes next: with a period, never within one.
+    fn schedule(&mut self, at: Instant) {
+        self.next_period = match self.pwm {
+            Some(Pwm { period, .. }) if !self.inhibited && self.duty != self.aim => {
+                let begun = at.since(Instant::ZERO) / period;
+                Instant::ZERO + period * (begun + 1)
+            }
+            _ => Instant::NEVER,
+        };
+    }
+
+    /// The duty of a speed in 1/65536 count.
+    fn duty_of(&self, speed: i64) -> i32 {
+        let Some(Pwm { range, .. }) = self.pwm else { return 0 };
+        let duty = speed.unsigned_abs() / NonZeroU64::from(range);
+        let duty = i32::try_from(duty).unwrap_or(FULL).min(FULL);
+        if speed < 0 { -duty } else { duty }
+    }
+
+    fn set_duty(&mut self, at: Instant, duty: i32, out: &mut dyn Sink) {
+        if self.duty != duty {
+            self.duty = duty;
+            out.put(at, Output::Duty { axis: AXIS, duty });
+        }
+    }
+}

@@ -1,0 +1,114 @@
+//! What J2 pins 2 to 5 are for (7.8).
+
+use super::registers::{homing, pin_function};
+
+/// Bits of J2 pins 2, 3, 4 and 5 in IOPortData (7.9), and of their polarities (7.8).
+pub(super) const PIN_2: u16 = 1 << 3;
+pub(super) const PIN_3: u16 = 1 << 2;
+pub(super) const PIN_4: u16 = 1 << 1;
+pub(super) const PIN_5: u16 = 1 << 0;
+/// All four.
+pub(super) const INPUTS: u16 = PIN_2 | PIN_3 | PIN_4 | PIN_5;
+
+/// What pin 2 is.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) enum Pin2 {
+    /// The home sensor's flag.
+    Flag,
+    /// LOWCURRENT: the cutback level, while it is active.
+    LowCurrent,
+    /// SPEEDSEL: AlternateSpeed, while it is active.
+    SpeedSelect,
+    /// "Invalid": nothing.
+    None,
+}
+
+/// What pin 3 is.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) enum Pin3 {
+    /// INHIBIT: no current, while it is active.
+    Inhibit,
+    /// HOME: a home cycle, when it becomes active.
+    Home,
+    /// INHIBIT_MODBUS_MOTION: the bus moves nothing, while it is active.
+    InhibitModbus,
+    /// "Invalid": nothing.
+    None,
+}
+
+/// What pins 4 and 5 do, in the order of the codes.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) enum Mode {
+    /// 0000: a step when 4 becomes active, in the direction of 5.
+    StepDirection,
+    /// 0001: a profile move when 4 becomes active, in the direction of 5.
+    MoveDirection,
+    /// 0010: a profile move when 4 becomes active, and back when it goes.
+    MoveForwardBackward,
+    /// 0011: a profile move when 4 becomes active, a home cycle when it goes.
+    MoveThenHome,
+    /// 0100: a profile move when 4 becomes active, the other way when 5 does.
+    MoveEitherWay,
+    /// 0101: a profile move when 4 becomes active, a home cycle when 5 does.
+    MoveOrHome,
+    /// 0110: a jog while 4 is active, in the direction of 5.
+    JogDirection,
+    /// 0111: a jog while 4 is active, the other way while 5 is.
+    JogEitherWay,
+    /// 1000: profile moves forward and backward for ever.
+    EndlessMoves,
+    /// 1001: a profile move and a home cycle for ever.
+    EndlessHomes,
+    /// 1111 and the codes that the manual does not print: nothing.
+    None,
+}
+
+/// The functions of all four pins.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) struct Pins {
+    /// Which inputs are active high, a bit each.
+    polarity: u16,
+    pub(super) pin_2: Pin2,
+    pub(super) pin_3: Pin3,
+    pub(super) mode: Mode,
+}
+
+impl Pins {
+    /// As PinFunctionAndPolarity and HomingConfiguration say, for a stepper or a DC motor.
+    pub(super) fn new(function: u16, homing: u16, dc: bool) -> Self {
+        let pin_2 = match (homing::mode(homing), function >> pin_function::PIN_2 & 3) {
+            // Homing by the flag takes the pin, whatever its function says.
+            (0 | 1, _) => Pin2::Flag,
+            (_, 0) => Pin2::LowCurrent,
+            (_, 1) => Pin2::SpeedSelect,
+            _ => Pin2::None,
+        };
+        let pin_3 = match function >> pin_function::PIN_3 & 3 {
+            0 => Pin3::Inhibit,
+            1 => Pin3::Home,
+            2 => Pin3::InhibitModbus,
+            _ => Pin3::None,
+        };
+        let mode = match function >> pin_function::PINS_4_5 & 0xF {
+            0b0110 => Mode::JogDirection,
+            0b0111 => Mode::JogEitherWay,
+            // "0110 or 0111 are the only allowed options."
+            _ if dc => Mode::None,
+            0b0000 => Mode::StepDirection,
+            0b0001 => Mode::MoveDirection,
+            0b0010 => Mode::MoveForwardBackward,
+            0b0011 => Mode::MoveThenHome,
+            0b0100 => Mode::MoveEitherWay,
+            0b0101 => Mode::MoveOrHome,
+            0b1000 => Mode::EndlessMoves,
+            0b1001 => Mode::EndlessHomes,
+            _ => Mode::None,
+        };
+        Self { polarity: function & INPUTS, pin_2, pin_3, mode }
+    }
+
+    /// Which inputs are active at these levels, a bit each: low ones, unless the polarity is inverted.
+    pub(super) fn active(&self, levels: u16) -> u16 {
+        !(levels ^ self.polarity) & INPUTS
+    }
+}
