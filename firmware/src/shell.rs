@@ -73,6 +73,9 @@ pub trait Outputs {
     /// The motion of an axis from now on; nothing where no steps are made.
     fn plan(&mut self, _axis: Axis, _plan: &Plan) {}
 
+    /// Steps of an axis without a plan, made now; nothing where no steps are made.
+    fn step(&mut self, _axis: Axis, _steps: i32) {}
+
     /// The current of an axis, in mA; nothing where it cannot be set.
     fn current(&mut self, _axis: Axis, _ma: u32) {}
 
@@ -294,12 +297,12 @@ impl<O: Outputs, const MEMORY: usize> Sink for Hands<O, MEMORY> {
                 self.count(result);
             }
             Output::Plan { axis, plan } => self.outputs.plan(axis, plan),
+            Output::Step { axis, steps } => self.outputs.step(axis, steps),
             Output::Current { axis, ma } => self.outputs.current(axis, ma),
             Output::Duty { axis, duty } => self.outputs.duty(axis, duty),
             Output::Note(note) => log(note),
-            // No board has a network or an axis that steps without a plan yet: such a drive has no
-            // image.
-            Output::Message { .. } | Output::Close { .. } | Output::Step { .. } => {
+            // No board has a network yet: a drive that wants one has no image.
+            Output::Message { .. } | Output::Close { .. } => {
                 self.failures = self.failures.saturating_add(1);
             }
         }

@@ -31,8 +31,12 @@ pub enum Done {
     Stored(u32, Vec<u8>),
     /// An axis was given a plan.
     Planned(Axis, Plan),
+    /// An axis made steps without a plan.
+    Stepped(Axis, i32),
     /// An axis was given a current, in mA.
     Current(Axis, u32),
+    /// An axis was given a duty, in 1/65536.
+    Duty(Axis, i32),
 }
 
 /// A board: what its interrupts caught, what it did, and what time it is.
@@ -215,8 +219,16 @@ impl Outputs for SimOutputs {
         self.done(Done::Planned(axis, *plan));
     }
 
+    fn step(&mut self, axis: Axis, steps: i32) {
+        self.done(Done::Stepped(axis, steps));
+    }
+
     fn current(&mut self, axis: Axis, ma: u32) {
         self.done(Done::Current(axis, ma));
+    }
+
+    fn duty(&mut self, axis: Axis, duty: i32) {
+        self.done(Done::Duty(axis, duty));
     }
 }
 

@@ -106,7 +106,9 @@ fn as_seen(done: &Done) -> Seen {
         Done::Line(port, line) => Did::Line { port: *port, line: *line },
         Done::Stored(offset, bytes) => Did::Store { offset: *offset as u16, bytes: bytes.clone() },
         Done::Planned(axis, plan) => Did::Plan { axis: *axis, course: Box::new(Course::of(plan)) },
+        Done::Stepped(axis, steps) => Did::Step { axis: *axis, steps: *steps },
         Done::Current(axis, ma) => Did::Current { axis: *axis, ma: *ma },
+        Done::Duty(axis, duty) => Did::Duty { axis: *axis, duty: *duty },
     })
 }
 

@@ -61,6 +61,12 @@ impl Drive {
         }
         // LOWCURRENT lowers it whatever the timeout.
         let lowered = self.cut || self.pins.pin_2 == Pin2::LowCurrent && self.active & PIN_2 != 0;
+        let lights = match (self.fault, lowered) {
+            (true, _) => Lights::Fault,
+            (false, true) => Lights::Cutback,
+            (false, false) => Lights::Normal,
+        };
+        self.lights.change(lights, at, out);
         let setting = self.bank.word(Reg::MotorCurrentAndMicrostepping);
         let code = if lowered { self.bank.word(Reg::CurrentCutbackSettings) } else { setting };
         let ma = if self.may_move() && !self.inhibited {
@@ -72,11 +78,5 @@ impl Drive {
             self.current = ma;
             out.put(at, Output::Current { axis: AXIS, ma });
         }
-        let lights = match (self.fault, lowered) {
-            (true, _) => Lights::Fault,
-            (false, true) => Lights::Cutback,
-            (false, false) => Lights::Normal,
-        };
-        self.lights.change(lights, at, out);
     }
 }
