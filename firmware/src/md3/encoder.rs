@@ -1,37 +1,337 @@
-//! stub
-use crate::device::Instant;
-#[derive(Clone, Debug)]
-pub(super) struct Encoder {
-    position: u16,
-    index: i32,
-}
+//! The quadrature counter of J2 pins 9 (index), 10 (A) and 12 (B), sections 7.11 to 7.14.
+//!
+//! QuadratureEncoderConfiguration has, bit for bit, the fields of the quadrature unit in Microchip's
+//! dsPIC30F and 33F, so that is what counts where the guide is silent:
+//!
+//! - A leading B counts up: A and B go 00, 10, 11, 01, 00. x4 counts every edge, x2 those of A; SWAP
+//!   exchanges the two before anything looks at them. Every edge of A or B tells the direction, whether
+//!   or not it counts.
+//! - Modes 0 and 2 count through 0xFFFF and 0. An index event loads 0 on the way up and MaxCount on the
+//!   way down, if Enable Index is set. In modes 1 and 3 MaxCount is followed by 0 and 0 by MaxCount, and
+//!   an index event clears nothing. A count written above MaxCount goes on up to 0xFFFF and then 0, or
+//!   down to MaxCount and on.
+//! - An index event is the first moment of an index pulse at which A and B are in the gated state (7.11);
+//!   it may come with the edge of the index or with one of A or B, which is counted first. It counts index
+//!   pulses in all modes, up or down as the last edge of A or B went; before the first one that is up. A
+//!   pulse that is over before it met the gate was none.
+//! - Only edges do something. What a new configuration makes of the present levels shows with the next
+//!   one. While pins 9, 10 and 12 are outputs (7.8), both counters stand still; levels and direction are
+//!   followed.
+//! - The noise filter holds a new level back until it has lasted three clock periods, each pin for
+//!   itself, and forgets it if it does not. A level that is held back while the filter is changed comes
+//!   when it was due.
+
+#[cfg(test)]
+mod tests;
+
+use standin_protocol::time::{Duration, Instant, TICKS_PER_SECOND};
+
+/// Bits of QuadratureEncoderConfiguration (7.11); gating is 5:4, the filter's frequency 8:6.
+const ENABLE_INDEX: u16 = 1 << 0;
+const BY_MAX_COUNT: u16 = 1 << 1;
+const X4: u16 = 1 << 2;
+const SWAP: u16 = 1 << 3;
+const FILTER: u16 = 1 << 9;
+
+/// An input of the encoder.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum Channel {
+    /// J2 pin 10.
     A,
+    /// J2 pin 12.
     B,
+    /// J2 pin 9.
     Index,
 }
+
+/// Quadrature counter of J2 pins 9, 10, 12 (7.11 to 7.14).
+#[derive(Clone, Debug)]
+pub(super) struct Encoder {
+    filter: Filter,
+    rules: Rules,
+    /// Levels of the pins behind the filter.
+    a: bool,
+    b: bool,
+    index: bool,
+    /// The index is high, and A and B have not met the gate since it rose.
+    awaiting_gate: bool,
+    /// The last edge of A or B counted up, or would have.
+    up: bool,
+    count: u16,
+    index_count: i32,
+}
+
 impl Encoder {
+    /// After power-on: both counts are 0, open pins are low. Until it is configured, it only follows levels.
     pub(super) fn new() -> Self {
-        Self { position: 0, index: 0 }
+        Self {
+            filter: Filter { lasting: Duration::ZERO, due: [Instant::NEVER; 3] },
+            rules: Rules::new(0, 0, false),
+            a: false,
+            b: false,
+            index: false,
+            awaiting_gate: false,
+            up: true,
+            count: 0,
+            index_count: 0,
+        }
     }
-    pub(super) fn configure(&mut self, _at: Instant, _configuration: u16, _max_count: u16, _enabled: bool) {}
-    pub(super) fn edge(&mut self, _at: Instant, _channel: Channel, _high: bool) {}
+
+    /// From `at` on it obeys these values of QuadratureEncoderConfiguration and
+    /// QuadratureEncoderMaxCount; `enabled` is bit 12 of PinFunctionAndPolarity, inverted. The counts
+    /// stay.
+    pub(super) fn configure(&mut self, at: Instant, configuration: u16, max_count: u16, enabled: bool) {
+        self.timeout(at);
+        self.filter.lasting = lasting(configuration);
+        self.rules = Rules::new(configuration, max_count, enabled);
+    }
+
+    /// A pin has this level from `at` on. Edges of one instant count in the order of the calls.
+    pub(super) fn edge(&mut self, at: Instant, channel: Channel, high: bool) {
+        self.timeout(at);
+        let present = match channel {
+            Channel::A => self.a,
+            Channel::B => self.b,
+            Channel::Index => self.index,
+        };
+        if self.filter.passes(at, channel, high != present) {
+            self.change(channel);
+        }
+    }
+
+    /// When the first level held back will have lasted; [`Instant::NEVER`] if none is.
     pub(super) fn deadline(&self) -> Instant {
-        Instant::NEVER
+        self.filter.deadline()
     }
-    pub(super) fn timeout(&mut self, _at: Instant) {}
-    pub(super) fn count(&mut self, _steps: i32, _a: bool, _b: bool) {}
+
+    /// Lets in the levels that have lasted by `at`.
+    pub(super) fn timeout(&mut self, at: Instant) {
+        while let Some(channel) = self.filter.take(at) {
+            self.change(channel);
+        }
+    }
+
+    /// What a counter in hardware saw since the last time: `steps` quarter cycles, positive with A leading
+    /// B, after which A and B have these levels. The same as so many edges while the index keeps its
+    /// level, but past the filter. Levels to which the steps do not lead are taken over uncounted.
+    pub(super) fn count(&mut self, steps: i32, a: bool, b: bool) {
+        self.filter.forget_a_and_b();
+        let forward = steps > 0;
+        let steps = steps.unsigned_abs();
+        // In one cycle A and B pass every state, so a waiting index pulse meets the gate in four edges.
+        for _ in 0..steps.min(4) {
+            self.change(self.next(forward));
+        }
+        let rest = steps.saturating_sub(4);
+        let (odd, even) = match self.next(forward) {
+            Channel::A => (self.rules.counts_a, self.rules.counts_b),
+            _ => (self.rules.counts_b, self.rules.counts_a),
+        };
+        self.add(rest.div_ceil(2) * u32::from(odd) + rest / 2 * u32::from(even));
+        (self.a, self.b) = (a, b);
+    }
+
+    /// QuadratureEncoderCount (7.14).
     pub(super) fn position(&self) -> u16 {
-        self.position
+        self.count
     }
-    pub(super) fn set_position(&mut self, v: u16) {
-        self.position = v
+
+    /// A write of QuadratureEncoderCount.
+    pub(super) fn set_position(&mut self, count: u16) {
+        self.count = count;
     }
+
+    /// EncoderIndexCount (7.13); it wraps at 32 bits.
     pub(super) fn index_count(&self) -> i32 {
-        self.index
+        self.index_count
     }
-    pub(super) fn set_index_count(&mut self, v: i32) {
-        self.index = v
+
+    /// A write of EncoderIndexCount.
+    pub(super) fn set_index_count(&mut self, count: i32) {
+        self.index_count = count;
     }
+
+    /// The channel whose edge comes next when the shaft goes on, `forward` with A leading B.
+    fn next(&self, forward: bool) -> Channel {
+        if (self.a == self.b) == forward { Channel::A } else { Channel::B }
+    }
+
+    /// The other level of a channel takes effect.
+    fn change(&mut self, channel: Channel) {
+        match channel {
+            Channel::A => {
+                self.a = !self.a;
+                self.turn(self.a != self.b, self.rules.counts_a);
+            }
+            Channel::B => {
+                self.b = !self.b;
+                self.turn(self.a == self.b, self.rules.counts_b);
+            }
+            Channel::Index => {
+                self.index = !self.index;
+                self.awaiting_gate = self.index;
+            }
+        }
+        if self.awaiting_gate && self.rules.gate(self.a, self.b) {
+            self.index_event();
+        }
+    }
+
+    /// A quarter cycle, `forward` with A leading B at the pins.
+    fn turn(&mut self, forward: bool, counts: bool) {
+        self.up = forward != self.rules.swapped;
+        if counts {
+            self.count = match (self.up, self.count) {
+                (true, count) if count == self.rules.top => 0,
+                (true, count) => count.wrapping_add(1),
+                (false, 0) => self.rules.top,
+                (false, count) => count.wrapping_sub(1),
+            };
+        }
+    }
+
+    /// `edges` that count, in the direction of the last one: [`Encoder::turn`] so many times.
+    fn add(&mut self, edges: u32) {
+        let (count, top) = (u32::from(self.count), u32::from(self.rules.top));
+        let before_wrap = match self.up {
+            true if count > top => 0xFFFF - count,
+            true => top - count,
+            false => count,
+        };
+        let count = match (edges.checked_sub(before_wrap + 1), self.up) {
+            (None, true) => count + edges,
+            (None, false) => count - edges,
+            (Some(beyond), true) => beyond % (top + 1),
+            (Some(beyond), false) => top - beyond % (top + 1),
+        };
+        self.count = count as u16;
+    }
+
+    /// The index pulse meets the gate.
+    fn index_event(&mut self) {
+        self.awaiting_gate = false;
+        self.index_count = self.index_count.wrapping_add(if self.up { 1 } else { -1 });
+        if self.rules.clears {
+            self.count = if self.up { 0 } else { self.rules.max_count };
+        }
+    }
+}
+
+/// What the registers say, made ready for edges.
+#[derive(Clone, Debug)]
+struct Rules {
+    enabled: bool,
+    x4: bool,
+    swapped: bool,
+    gating: u16,
+    /// Edges of pin A and of pin B count.
+    counts_a: bool,
+    counts_b: bool,
+    /// An index event loads the counter.
+    clears: bool,
+    max_count: u16,
+    /// The greatest count: 0 comes after it on the way up, and before it on the way down.
+    top: u16,
+}
+
+impl Rules {
+    fn new(configuration: u16, max_count: u16, enabled: bool) -> Self {
+        let is = |bit| configuration & bit != 0;
+        Self {
+            enabled,
+            x4: is(X4),
+            swapped: is(SWAP),
+            gating: configuration >> 4 & 3,
+            counts_a: enabled && (is(X4) || !is(SWAP)),
+            counts_b: enabled && (is(X4) || is(SWAP)),
+            clears: is(ENABLE_INDEX) && !is(BY_MAX_COUNT),
+            max_count,
+            top: if is(BY_MAX_COUNT) { max_count } else { 0xFFFF },
+        }
+    }
+
+    /// Whether the index is valid at these levels of the pins (7.11, two tables).
+    fn gate(&self, pin_a: bool, pin_b: bool) -> bool {
+        let (a, b) = if self.swapped { (pin_b, pin_a) } else { (pin_a, pin_b) };
+        self.enabled
+            && match (self.x4, self.gating) {
+                (true, 0) => !b && !a,
+                (true, 1) => !b && a,
+                (true, 2) => b && !a,
+                (true, _) => b && a,
+                (false, 0) => !a,
+                (false, 1) => a,
+                (false, 2) => !b,
+                (false, _) => b,
+            }
+    }
+}
+
+/// The noise filter (7.11).
+#[derive(Clone, Debug)]
+struct Filter {
+    /// How long a new level must last; zero while the filter is off.
+    lasting: Duration,
+    /// When the other level of A, B and index will have lasted; [`Instant::NEVER`] if it is not there.
+    due: [Instant; 3],
+}
+
+impl Filter {
+    /// A pin has a level, `other` than the one that holds: whether it takes effect at once.
+    fn passes(&mut self, at: Instant, channel: Channel, other: bool) -> bool {
+        let Some(due) = self.due.get_mut(channel as usize) else { return false };
+        if !other {
+            *due = Instant::NEVER;
+            return false;
+        }
+        if *due != Instant::NEVER {
+            return false;
+        }
+        if self.lasting != Duration::ZERO {
+            *due = at + self.lasting;
+        }
+        self.lasting == Duration::ZERO
+    }
+
+    fn deadline(&self) -> Instant {
+        let [a, b, index] = self.due;
+        a.min(b).min(index)
+    }
+
+    /// Takes out the level that is due first, of several A before B before index, if that is not after
+    /// `at`.
+    fn take(&mut self, at: Instant) -> Option<Channel> {
+        let first = self.deadline();
+        if first > at || first == Instant::NEVER {
+            return None;
+        }
+        let channels = [Channel::A, Channel::B, Channel::Index];
+        let (due, channel) = self.due.iter_mut().zip(channels).find(|(due, _)| **due == first)?;
+        *due = Instant::NEVER;
+        Some(channel)
+    }
+
+    fn forget_a_and_b(&mut self) {
+        let [a, b, _] = &mut self.due;
+        (*a, *b) = (Instant::NEVER, Instant::NEVER);
+    }
+}
+
+/// Three clock periods of the filter, in whole ticks, rounded up; zero if it is disabled (7.11).
+fn lasting(configuration: u16) -> Duration {
+    const FASTEST: u64 = 40_000_000;
+    if configuration & FILTER == 0 {
+        return Duration::ZERO;
+    }
+    let divider = match configuration >> 6 & 7 {
+        0 => 1,
+        1 => 2,
+        2 => 4,
+        3 => 16,
+        4 => 32,
+        5 => 64,
+        6 => 128,
+        _ => 256,
+    };
+    Duration::from_ticks((3 * divider * TICKS_PER_SECOND).div_ceil(FASTEST))
 }
