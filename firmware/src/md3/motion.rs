@@ -393,7 +393,7 @@ impl Drive {
     fn in_range(&self, speed: i32) -> I24F8 {
         let range = self.motor.range();
         // At most 40,000: it fits.
-        I24F8::from_bits(speed.clamp(-range, range) << 8)
+        I24F8::from_bits(speed.min(range).max(-range) << 8)
     }
 }
 
