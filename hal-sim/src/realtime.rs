@@ -289,13 +289,14 @@ impl Host {
         }
     }
 
-    /// Does what other threads handed in, each to its end.
+    /// Does what another thread handed in, to its end. One job at a time: who hands in the next one
+    /// because this one is done may rely on it that the ports are looked at in between.
     fn work(&mut self) {
         let _ = rustix::io::read(&*self.bell, &mut [0; 8]);
-        while self.advance.is_none()
-            && let Ok(job) = self.jobs.try_recv()
-        {
+        if let Ok(job) = self.jobs.try_recv() {
             job(self);
+            // There may be more of them.
+            ring(&self.bell);
         }
     }
 }
