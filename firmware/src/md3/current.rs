@@ -77,6 +77,7 @@ impl Drive {
         if self.current != ma {
             self.current = ma;
             out.put(at, Output::Current { axis: AXIS, ma });
+            self.motor.energize(at, ma > 0, out);
         }
     }
 }

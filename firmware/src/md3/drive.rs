@@ -45,6 +45,8 @@ pub(super) enum State {
 pub(super) struct Drive {
     pub(super) version: Version,
     pub(super) state: State,
+    /// When the start-up delay was over.
+    pub(super) ready_at: Instant,
     pub(super) bank: Bank<Reg, { Reg::WORDS }>,
     /// Whether pins or counts have changed since they were put into the bank.
     pub(super) stale: bool,
@@ -95,6 +97,7 @@ impl Drive {
         Self {
             version,
             state: State::Off,
+            ready_at: Instant::ZERO,
             bank,
             stale: false,
             eeprom: Eeprom::new(),
@@ -146,7 +149,7 @@ impl Drive {
         self.state = State::Ready;
         self.touch(at);
         // What was active before is no edge now; what holds as long as a pin is active, holds.
-        self.active = self.pins.active(self.levels);
+        self.ready_at = at;
         self.configure(at, out);
         self.fault = self.causes != 0;
         if self.bank.word(Reg::HomingConfiguration) & homing::ON_STARTUP != 0 {
@@ -349,12 +352,25 @@ impl Drive {
             self.stale = true;
             self.eeprom.save(at, self.bank.words(), out);
         } else if word & eeprom_control::READ != 0 && self.eeprom.load(self.bank.words_mut(), out) {
-            for (index, _) in Reg::TABLE.rows.iter().enumerate().filter(|(_, row)| row.saved != 0) {
-                if let Some(reg) = Reg::from_row(index) {
-                    self.written(at, reg, out);
-                }
-            }
+            self.loaded(at, out);
         }
+    }
+
+    /// All saved registers have been written at once: what ran so far feels the new acceleration
+    /// first, and an endless mode begins with the new values.
+    fn loaded(&mut self, at: Instant, out: &mut dyn Sink) {
+        let control = self.bank.word(Reg::MotionControl);
+        self.acceleration_changed(at, out);
+        for reg in [
+            Reg::MotorCurrentAndMicrostepping,
+            Reg::CurrentCutbackSettings,
+            Reg::IOPortData,
+            Reg::Speed,
+            Reg::PinFunctionAndPolarity,
+        ] {
+            self.written(at, reg, out);
+        }
+        self.command(at, control, out);
     }
 
     /// Whether J2 pins 9, 10 and 12 are outputs.

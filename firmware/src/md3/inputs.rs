@@ -36,7 +36,12 @@ impl Drive {
             J2_10_BIT => self.encoder.edge(at, Channel::A, high),
             J2_12_BIT => self.encoder.edge(at, Channel::B, high),
             _ if self.state == State::Ready => {
+                let cut = self.cut;
                 self.touch(at);
+                if cut {
+                    // The current is back before this edge makes a step.
+                    self.show_current(at, out);
+                }
                 self.look(at, out);
                 self.show(at, out);
             }
@@ -56,7 +61,8 @@ impl Drive {
     /// polarity is an edge when it changes what is active.
     pub(super) fn look(&mut self, at: Instant, out: &mut dyn Sink) {
         let active = self.pins.active(self.levels);
-        let edges = active ^ self.active;
+        // Levels that are told in the instant in which the drive becomes ready were there before.
+        let edges = if at == self.ready_at { 0 } else { active ^ self.active };
         self.active = active;
         self.look_at_pin_2(at, out);
         self.look_at_pin_3(edges & active, at, out);
@@ -87,10 +93,7 @@ impl Drive {
         if homes || inhibited && !self.inhibited || blocked && !self.blocked {
             self.clear_fault();
         }
-        if inhibited != self.inhibited {
-            self.inhibited = inhibited;
-            self.motor.inhibit(at, inhibited, out);
-        }
+        self.inhibited = inhibited;
         if blocked && !self.blocked {
             // "Currently running motion is stopped."
             self.stop(at, out);

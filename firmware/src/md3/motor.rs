@@ -14,7 +14,7 @@ const FULL: i32 = 1 << 16;
 
 /// A stepper motor, or the brush motor on its phase B.
 ///
-/// A plan runs on whether or not the motor follows it (7.8, INHIBIT): while it gets no current the
+/// A plan runs on whether or not the motor follows it (7.8, INHIBIT): while it has no current the
 /// motor stands, and what went by is lost. Of a brush motor the plan's speed is the duty in counts,
 /// and the steps never move.
 #[derive(Clone, Debug)]
@@ -24,8 +24,7 @@ pub(super) struct Motor {
     beside: i32,
     /// Where the motor stands while it does not follow the plan.
     stands: Option<i32>,
-    /// No current (7.8, INHIBIT).
-    inhibited: bool,
+    has_current: bool,
     pwm: Option<Pwm>,
     /// Duty that the brush motor has, and that it will have in the end.
     duty: i32,
@@ -39,8 +38,8 @@ impl Motor {
         Self {
             plan: Plan::rest(at, 0),
             beside: 0,
-            stands: None,
-            inhibited: false,
+            stands: Some(0),
+            has_current: false,
             pwm: None,
             duty: 0,
             aim: 0,
@@ -80,9 +79,11 @@ impl Motor {
     }
 
     /// Takes its current, or gives it again.
-    pub(super) fn inhibit(&mut self, at: Instant, inhibited: bool, out: &mut dyn Sink) {
-        self.inhibited = inhibited;
-        self.follow(at, out);
+    pub(super) fn energize(&mut self, at: Instant, on: bool, out: &mut dyn Sink) {
+        if self.has_current != on {
+            self.has_current = on;
+            self.follow(at, out);
+        }
     }
 
     /// From standstill `steps` steps; whether that takes any time.
@@ -165,20 +166,27 @@ impl Motor {
 
     /// Follows the plan from here on, or stands still.
     fn follow(&mut self, at: Instant, out: &mut dyn Sink) {
-        let stands = self.inhibited || self.pwm.is_some();
+        let stands = !self.has_current || self.pwm.is_some();
+        let rests = self.end() <= at;
         match self.stands {
             None if stands => {
                 let position = self.planned(at);
                 self.stands = Some(position);
-                out.put(at, Output::Plan { axis: AXIS, plan: &Plan::rest(at, position) });
+                if !rests {
+                    out.put(at, Output::Plan { axis: AXIS, plan: &Plan::rest(at, position) });
+                }
             }
             Some(position) if !stands => {
                 self.stands = None;
-                self.go(at, self.plan.resumed(at, position), out);
+                if rests {
+                    (self.plan, self.beside) = (Plan::rest(at, position), 0);
+                } else {
+                    self.go(at, self.plan.resumed(at, position), out);
+                }
             }
             _ => {}
         }
-        if self.inhibited {
+        if !self.has_current {
             self.set_duty(at, 0, out);
         }
         self.schedule(at);
@@ -187,7 +195,7 @@ impl Motor {
     /// When the duty changes next: with a period, never within one.
     fn schedule(&mut self, at: Instant) {
         self.next_period = match self.pwm {
-            Some(Pwm { period, .. }) if !self.inhibited && self.duty != self.aim => {
+            Some(Pwm { period, .. }) if self.has_current && self.duty != self.aim => {
                 let begun = at.since(Instant::ZERO) / period;
                 Instant::ZERO + period * (begun + 1)
             }

@@ -255,6 +255,7 @@ fn an_endless_mode_that_is_saved_starts_by_itself() {
 #[test]
 fn a_new_polarity_is_an_edge() {
     let mut bed = in_mode(0b0001);
+    bed.wait(1.millis());
     // An open pin 4 is high: now that is active.
     bed.set(Reg::PinFunctionAndPolarity, 0b0001 << 4 | 0b0010);
     assert_eq!(bed.control(), MOVE);

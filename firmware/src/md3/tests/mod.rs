@@ -167,8 +167,9 @@ impl Bed {
         self.run_until(self.now + span);
     }
 
-    /// A pin of J2 changes, by its number.
+    /// A pin of J2 changes, by its number; not in the instant in which the drive becomes ready.
     fn pin(&mut self, number: u8, high: bool) {
+        self.now = self.now.max(Instant::from_ticks(1));
         let names = [2, 3, 4, 5, 9, 10, 12];
         let place = names.iter().position(|name| *name == number).unwrap() as u8;
         self.input(self.now, Input::Edge { pin: Pin(place), high });
