@@ -69,6 +69,7 @@ fn section_7_5_mode_2_index() {
     for encoder in [0x0005, 0x0035, 0x0006, 0x0000] {
         let mut rig = rig(homing(2));
         rig.write(at::ENCODER, encoder);
+        rig.write(at::CURRENT_CUTBACK, 5);
         rig.command(bit::HOME);
         rig.after(500.millis());
         rig.low(FLAG); // LOWCURRENT now, no flag

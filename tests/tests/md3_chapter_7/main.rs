@@ -70,3 +70,23 @@ fn section_7_values_read_back_as_written() {
         }
     }
 }
+
+/// Drives 22: the manual's names, a slash dropped.
+#[test]
+fn section_7_register_names() {
+    let rig = Rig::ready();
+    let registers = rig.bench.spec(rig.seat).registers;
+    let names = [
+        "DeviceAddress MotorCurrentAndMicrostepping CurrentCutbackSettings StartupDelay",
+        "HomingConfiguration PreHomeOffsetHigh PreHomeOffsetLow HomeOffsetHigh HomeOffsetLow",
+        "PinFunctionAndPolarity IOPortData Reserved QuadratureEncoderConfiguration",
+        "QuadratureEncoderMaxCount EncoderIndexCountHigh EncoderIndexCountLow QuadratureEncoderCount",
+        "MotionControl MoveStepsHigh MoveStepsLow SpeedHigh SpeedLow AlternateSpeedHigh",
+        "AlternateSpeedLow AccelDecelHigh AccelDecelLow EEPROMControl ProductInformation",
+        "SerialPortConfiguration UserRegister SerialNumberHigh SerialNumberLow",
+        "PreHomeOffset HomeOffset EncoderIndexCount MoveSteps Speed AlternateSpeed AccelDecel SerialNumber",
+    ];
+    for name in names.iter().flat_map(|line| line.split(' ')) {
+        assert!(registers.find(name).is_some(), "{name}");
+    }
+}

@@ -448,6 +448,79 @@ fn section_7_16_ramps_are_as_long_up_as_down() {
     rig.assert_stands(2_500);
 }
 
+/// A jog whose speed becomes 0 stays one, at standstill, until it is stopped.
+#[test]
+fn section_7_17_a_jog_at_speed_0() {
+    let mut rig = Rig::ready();
+    rig.command(bit::JOG);
+    rig.after(1.secs());
+    rig.write(at::SPEED + 1, 0);
+    rig.after(1.secs());
+    assert_eq!((rig.position(), rig.moving(), rig.busy()), (5_000, false, true));
+    assert_eq!(rig.motion_control(), bit::JOG);
+    rig.write(at::SPEED + 1, 5_000);
+    rig.after(500.millis());
+    rig.assert_on_its_way(6_250, 5_000.0);
+    rig.write(at::SPEED + 1, 0);
+    rig.after(1.secs());
+    rig.command(bit::STOP);
+    assert_eq!(rig.motion_control(), 0);
+    rig.assert_stands(7_500);
+}
+
+/// Decision 3: Jog while jogging ramps to the present registers, at the present acceleration. From
+/// 5,000/s to 8,000/s in 1 s at 3,000/s².
+#[test]
+fn section_7_15_jog_while_jogging() {
+    let mut rig = Rig::ready();
+    rig.command(bit::JOG);
+    rig.after(1.secs());
+    rig.write(at::ACCEL_DECEL + 1, 3_000);
+    rig.write(at::SPEED + 1, 8_000);
+    rig.command(bit::JOG);
+    rig.after(1.secs());
+    rig.assert_on_its_way(3_750 + 6_500, 8_000.0);
+    assert_eq!(rig.motion_control(), bit::JOG);
+}
+
+/// Without an acceleration a running jog keeps its speed, and Decel-stop stops at once.
+#[test]
+fn section_7_19_a_jog_that_loses_its_acceleration() {
+    let mut rig = Rig::ready();
+    rig.command(bit::JOG);
+    rig.after(1.secs());
+    rig.write(at::ACCEL_DECEL + 1, 0);
+    rig.write(at::SPEED + 1, 8_000);
+    rig.after(1.secs());
+    rig.assert_on_its_way(8_750, 5_000.0);
+    rig.command(bit::DECEL_STOP);
+    let stopped_at = rig.position();
+    assert!((stopped_at - 8_750).abs() <= 1);
+    rig.assert_stands(stopped_at);
+}
+
+/// The largest acceleration does no harm: 10,000 steps at 5,000/s take 2 s and hardly more.
+#[test]
+fn section_7_19_the_largest_acceleration() {
+    let mut rig = Rig::ready();
+    rig.write_long(at::ACCEL_DECEL, -1);
+    rig.command(bit::MOVE);
+    let took = rig.until_idle();
+    assert!(took >= 2.secs() && took < 2.secs() + 10.micros(), "{took:?}");
+    rig.assert_stands(10_000);
+}
+
+/// A fault whose cause is there at power-up shows when the start-up delay is over.
+#[test]
+fn section_7_15_a_fault_at_power_up() {
+    let mut rig = Rig::ready();
+    rig.fault("over_temperature", true);
+    rig.power_cycle();
+    rig.after(3.secs());
+    assert_eq!((rig.motion_control(), rig.current()), (bit::FAULT, 0));
+    assert!(rig.busy());
+}
+
 /// SPEEDSEL (homing by index, pin 2 function 1): low selects the alternate speed.
 fn with_speedsel() -> Rig {
     let mut rig = Rig::ready();
@@ -540,4 +613,36 @@ fn section_7_18_against_7_8_or_makes_the_move_a_jog() {
     rig.assert_on_its_way(3_750 + 937 + 250_000, 2_500.0);
     rig.command(bit::DECEL_STOP);
     assert_eq!(rig.until_idle(), 250.millis());
+}
+
+/// The sign of Speed, not of MoveSteps: from +5,000/s by way of standstill to −2,500/s.
+#[test]
+fn section_7_18_a_move_that_becomes_a_jog_takes_the_sign_of_speed() {
+    let mut rig = with_speedsel();
+    rig.poke("SpeedselJogsProfile", 1);
+    rig.write_long(at::SPEED, -5_000);
+    rig.command(bit::MOVE);
+    rig.after(1.secs());
+    rig.assert_on_its_way(3_750, 5_000.0);
+    rig.low("J2.2"); // 0.5 s and 1,250 steps down, 0.25 s and 312.5 steps up
+    rig.after(750.millis());
+    rig.assert_on_its_way(5_000 - 312, -2_500.0);
+}
+
+/// With SpeedselJogsProfile the pin is still read when a move starts, and does nothing to a home cycle.
+#[test]
+fn section_7_18_speedsel_before_a_move() {
+    let mut rig = with_speedsel();
+    rig.poke("SpeedselJogsProfile", 1);
+    rig.low("J2.2");
+    rig.command(bit::MOVE);
+    assert_eq!(rig.until_idle(), 4_250.millis());
+    rig.assert_stands(10_000);
+    rig.open("J2.2");
+    rig.command(bit::HOME);
+    rig.after(1.secs());
+    rig.low("J2.2");
+    assert_eq!(rig.motion_control(), bit::HOME);
+    rig.after(1.secs());
+    rig.assert_on_its_way(18_750, 5_000.0);
 }

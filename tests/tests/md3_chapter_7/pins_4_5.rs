@@ -246,12 +246,26 @@ fn section_7_8_mode_0010_move_profile_forward_backward() {
 fn section_7_8_mode_0010_inverted() {
     let mut rig = short(0b1111);
     rig.low("J2.4");
+    rig.write(at::PINS, 0b1111 << 4 | HIGH_4);
     rig.write(at::PINS, 0b0010 << 4 | HIGH_4);
+    rig.assert_stands(0);
     rig.open("J2.4"); // active: forward
     rig.until_idle();
     rig.assert_stands(400);
     rig.low("J2.4");
     rig.until_idle();
+    rig.assert_stands(0);
+}
+
+/// Drives 8: a change of polarity is an edge like any other, either way.
+#[test]
+fn section_7_8_mode_0010_by_polarity() {
+    let mut rig = short(0b0010);
+    rig.write(at::PINS, 0b0010 << 4 | HIGH_4);
+    assert_eq!(rig.until_idle(), 400.millis());
+    rig.assert_stands(400);
+    rig.write(at::PINS, 0b0010 << 4);
+    assert_eq!(rig.until_idle(), 400.millis());
     rig.assert_stands(0);
 }
 
@@ -644,6 +658,45 @@ fn section_7_8_mode_1000_stop() {
     rig.command(bit::DISABLE);
     rig.command(0);
     assert_eq!(rig.motion_control(), bit::MOVE);
+}
+
+/// A fault and INHIBIT_MODBUS_MOTION end it as well; clearing the fault starts it again, letting pin 3
+/// go does not.
+#[test]
+fn section_7_8_mode_1000_in_a_fault_and_inhibited() {
+    let mut rig = short(0b1000);
+    rig.after(200.millis());
+    rig.fault("over_current", true);
+    rig.fault("over_current", false);
+    let stopped_at = rig.position();
+    assert_eq!((rig.motion_control(), rig.speed()), (bit::FAULT, 0.0));
+    rig.after(5.secs());
+    assert_eq!(rig.position(), stopped_at);
+    rig.command(bit::FAULT);
+    assert_eq!(rig.motion_control(), bit::MOVE);
+
+    let mut rig = short(0b1111);
+    rig.write(at::PINS, 0b1000 << 4 | 2 << 8);
+    rig.after(200.millis());
+    rig.low("J2.3");
+    let stopped_at = rig.position();
+    rig.after(1.secs());
+    rig.open("J2.3");
+    rig.after(1.secs());
+    rig.assert_stands(stopped_at);
+    assert_eq!(rig.motion_control(), 0);
+}
+
+/// INHIBIT: the parts go on, the motor stands (drives 7).
+#[test]
+fn section_7_8_mode_1000_goes_on_while_inhibited() {
+    let mut rig = short(0b1000);
+    rig.after(200.millis());
+    rig.low("J2.3");
+    let stopped_at = rig.position();
+    rig.after(400.millis());
+    assert_eq!((rig.motion_control(), rig.current(), rig.position()), (bit::MOVE, 0, stopped_at));
+    assert_eq!(rig.read_long(at::MOVE_STEPS), -400);
 }
 
 /// Drives 6: saved it starts by itself after the start-up delay.
