@@ -62,6 +62,33 @@ fn section_7_5_mode_1_switch_with_a_ramp() {
     assert_eq!(rig.motion_control(), 0);
 }
 
+/// Found while it still ramps up, at 2,500/s after 0.25 s and 312.5 steps: as much again to stop.
+#[test]
+fn section_7_5_mode_1_found_on_the_way_up() {
+    let mut rig = rig(homing(1));
+    rig.command(bit::HOME);
+    rig.after(250.millis());
+    rig.low(FLAG);
+    let rest = rig.until_idle();
+    assert!(rest <= 251.millis() && rest >= 249.millis(), "{rest:?}");
+    assert!((rig.position() - 625).abs() <= 1, "{}", rig.position());
+}
+
+/// Once found it is found: what the flag does during the ramp changes nothing.
+#[test]
+fn section_7_5_mode_1_flag_let_go_during_the_ramp() {
+    let mut rig = rig(homing(1));
+    rig.command(bit::HOME);
+    rig.after(1.secs());
+    rig.low(FLAG);
+    rig.after(100.millis());
+    rig.open(FLAG);
+    rig.after(100.millis());
+    rig.low(FLAG);
+    rig.until_idle();
+    assert!((rig.position() - 5_000).abs() <= 1, "{}", rig.position());
+}
+
 /// Modes 2 and 3: the index, active high; drives 5: its level, whatever the gating, and even if the
 /// counter ignores it.
 #[test]
@@ -241,6 +268,33 @@ fn section_7_6_pre_home_offset() {
     assert_eq!(rig.motion_control(), 0);
 }
 
+/// An index that comes and goes during the offset is not what the search looks for.
+#[test]
+fn section_7_6_no_index_during_the_pre_home_offset() {
+    let mut rig = rig(homing(2));
+    rig.write_long(at::PRE_HOME_OFFSET, -400);
+    rig.command(bit::HOME);
+    rig.after(200.millis());
+    rig.high(INDEX);
+    rig.low(INDEX);
+    rig.after(1_200.millis()); // 1 s of search
+    rig.assert_on_its_way(3_350, 5_000.0);
+    rig.high(INDEX);
+    assert_eq!((rig.speed(), rig.motion_control()), (0.0, 0));
+}
+
+/// Offsets without steps take no time.
+#[test]
+fn section_7_6_and_7_7_offsets_of_0_take_no_time() {
+    let mut rig = rig(homing(0));
+    rig.command(bit::HOME);
+    rig.after(500.millis());
+    rig.assert_on_its_way(1_250, 5_000.0);
+    rig.low(FLAG);
+    rig.after(4.micros());
+    assert_eq!(rig.motion_control(), 0);
+}
+
 /// 900 steps: a triangle of 2·√(900/10,000) = 0.6 s, from where the flag has stopped the search.
 #[test]
 fn section_7_7_home_offset() {
@@ -335,6 +389,20 @@ fn section_7_15_stops_end_a_home_cycle() {
     }
 }
 
+/// Also in the offset behind the flag.
+#[test]
+fn section_7_15_stops_end_a_home_offset() {
+    let mut rig = rig(homing(0));
+    rig.write_long(at::HOME_OFFSET, 900);
+    rig.low(FLAG);
+    rig.command(bit::HOME);
+    rig.after(100.millis());
+    rig.command(bit::DECEL_STOP); // at 1,000/s after 50 steps
+    let rest = rig.until_idle();
+    assert!(rest <= 100.millis() && rest >= 99.millis(), "{rest:?}");
+    assert!((rig.position() - 100).abs() <= 1, "{}", rig.position());
+}
+
 /// Drives 5: SPEEDSEL does not matter while homing.
 #[test]
 fn section_7_5_speedsel_does_not_matter() {
@@ -378,6 +446,24 @@ fn section_7_5_home_on_startup() {
     rig.after(4.micros());
     assert_eq!(rig.motion_control(), 0);
     assert!(!rig.busy());
+}
+
+/// After the whole start-up delay, and with offsets as ever: 400 steps back, the flag is there.
+#[test]
+fn section_7_5_home_on_startup_after_the_delay() {
+    let mut rig = Rig::restarted(&[
+        (at::HOMING, homing(0) | ON_STARTUP),
+        (at::STARTUP_DELAY, 100),
+        (at::PRE_HOME_OFFSET, 0xFFFF),
+        (at::PRE_HOME_OFFSET + 1, (-400_i16).cast_unsigned()),
+    ]);
+    rig.low(FLAG);
+    rig.after(3_499.millis());
+    assert!(!rig.moving());
+    rig.after(201.millis());
+    assert!((rig.speed() + 2_000.0).abs() < 20.0, "{}", rig.speed());
+    rig.until_idle();
+    rig.assert_stands(-400);
 }
 
 /// Section 4 wants commands only after homing, 7.8 during it. Drives 3: 7.8, else a flag that never

@@ -187,6 +187,45 @@ fn section_7_8_pin_3_a_move_while_inhibited() {
     assert_eq!(rig.current(), 1_000);
 }
 
+/// A jog runs on, too. After 1 s at 3,750; what it makes in the second without current is lost.
+#[test]
+fn section_7_8_pin_3_inhibit_in_a_jog() {
+    let mut rig = pin_3(0);
+    rig.command(bit::JOG);
+    rig.after(1.secs());
+    rig.low("J2.3");
+    rig.after(1.secs());
+    assert_eq!((rig.motion_control(), rig.current()), (bit::JOG, 0));
+    assert!((rig.position() - 3_750).abs() <= 1);
+    rig.open("J2.3");
+    rig.after(1.secs());
+    rig.assert_on_its_way(8_750, 5_000.0);
+    // Stopped while it stands inhibited it stays where it is.
+    rig.low("J2.3");
+    rig.command(bit::DECEL_STOP);
+    rig.after(1.secs());
+    rig.open("J2.3");
+    rig.after(1.secs());
+    assert_eq!((rig.motion_control(), rig.current()), (0, 1_000));
+    assert!((rig.position() - 8_750).abs() <= 1);
+}
+
+/// Inhibited twice in a move: at 3,750 and at the profile's 6,250, for 0.25 s and 1,250 steps each.
+#[test]
+fn section_7_8_pin_3_inhibit_twice() {
+    let mut rig = pin_3(0);
+    rig.command(bit::MOVE);
+    rig.after(1.secs());
+    for _ in 0..2 {
+        rig.low("J2.3");
+        rig.after(250.millis());
+        rig.open("J2.3");
+        rig.after(250.millis());
+    }
+    rig.until_idle();
+    assert!((rig.position() - 7_500).abs() <= 2, "{}", rig.position());
+}
+
 /// Drives 2: one write of 0x09 can inhibit the drive.
 #[test]
 fn section_7_8_pin_3_inhibit_by_polarity() {
@@ -224,6 +263,19 @@ fn section_7_8_pin_3_home() {
     rig.low("J2.2");
     rig.after(4.micros());
     assert_eq!((rig.motion_control(), rig.current()), (0, 1_000));
+}
+
+/// Drives 4: ignored while another kind of motion runs, and not remembered.
+#[test]
+fn section_7_8_pin_3_home_while_moving() {
+    let mut rig = pin_3(1);
+    rig.command(bit::MOVE);
+    rig.after(1.secs());
+    rig.low("J2.3");
+    assert_eq!(rig.motion_control(), bit::MOVE);
+    rig.until_idle();
+    rig.after(1.secs());
+    rig.assert_stands(10_000);
 }
 
 #[test]

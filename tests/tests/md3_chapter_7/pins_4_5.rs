@@ -386,6 +386,47 @@ fn section_7_8_mode_0110_pressed_again_while_it_ramps_down() {
     assert_eq!(rig.motion_control(), bit::JOG);
 }
 
+/// A jog that the bus began goes on while nobody touches the pins; they take it over when touched.
+#[test]
+fn section_7_8_mode_0110_and_a_jog_by_the_bus() {
+    let mut rig = mode(0b0110);
+    rig.command(bit::JOG);
+    rig.after(10.secs());
+    rig.assert_on_its_way(48_750, 5_000.0);
+    rig.low("J2.4");
+    rig.after(1.secs());
+    rig.assert_on_its_way(53_750, 5_000.0);
+    rig.open("J2.4");
+    assert_eq!(rig.until_idle(), 500.millis());
+}
+
+/// SPEEDSEL selects the speed of these jogs as well.
+#[test]
+fn section_7_8_mode_0110_speedsel() {
+    let mut rig = Rig::ready();
+    rig.write(at::HOMING, 2 << 1);
+    rig.write(at::PINS, 0b0110 << 4 | 1 << 10);
+    rig.low("J2.4");
+    rig.after(1.secs());
+    rig.low("J2.2");
+    rig.after(250.millis());
+    rig.assert_on_its_way(3_750 + 937, 2_500.0);
+    rig.open("J2.4");
+    assert_eq!(rig.until_idle(), 250.millis());
+}
+
+/// And of a move that a pin starts: 10,000 steps at 2,500/s take 4.25 s.
+#[test]
+fn section_7_8_mode_0001_speedsel() {
+    let mut rig = Rig::ready();
+    rig.write(at::HOMING, 2 << 1);
+    rig.write(at::PINS, 0b0001 << 4 | 1 << 10);
+    rig.low("J2.2");
+    rig.low("J2.4");
+    assert_eq!(rig.until_idle(), 4_250.millis());
+    rig.assert_stands(10_000);
+}
+
 #[test]
 fn section_7_8_mode_0111_jog_forward_and_backward() {
     let mut rig = mode(0b0111);
@@ -629,6 +670,16 @@ fn section_7_8_mode_1000_stopped() {
     assert_eq!(rig.read_long(at::MOVE_STEPS), 400);
 }
 
+/// Without steps there is nothing to do for ever.
+#[test]
+fn section_7_8_mode_1000_without_steps() {
+    let mut rig = mode(0b1111);
+    rig.write_long(at::MOVE_STEPS, 0);
+    rig.write(at::PINS, 0b1000 << 4);
+    rig.after(1.secs());
+    assert_eq!((rig.position(), rig.speed()), (0, 0.0));
+}
+
 /// Pins 4 and 5 have no function here.
 #[test]
 fn section_7_8_mode_1000_without_pins() {
@@ -769,6 +820,33 @@ fn section_7_8_dc_motor_modes() {
         assert_eq!(rig.duty(), if jogs { 8_192 } else { 0 }, "mode {code:04b}");
         assert_eq!(rig.motion_control(), if jogs { bit::JOG } else { 0 });
         assert_eq!((rig.busy(), rig.position()), (jogs, 0));
+    }
+}
+
+/// A fault, Disable and Stop take the duty at once, whoever asked for it.
+#[test]
+fn section_7_8_dc_motor_stops() {
+    for code in [0b0110, 0b0111] {
+        let mut rig = mode(code);
+        rig.write(at::CURRENT_AND_MICROSTEPPING, 0x220a);
+        rig.low("J2.4");
+        rig.after(1.secs());
+        assert_eq!(rig.duty(), 8_192);
+        rig.fault("over_current", true);
+        assert_eq!((rig.duty(), rig.current()), (0, 0));
+        rig.fault("over_current", false);
+        rig.command(bit::FAULT);
+        rig.after(1.secs());
+        assert_eq!(rig.duty(), 8_192);
+        rig.command(bit::DISABLE);
+        assert_eq!((rig.duty(), rig.busy()), (0, false));
+        rig.command(0);
+        rig.after(1.secs());
+        assert_eq!(rig.duty(), 8_192);
+        rig.command(bit::STOP);
+        assert_eq!((rig.duty(), rig.busy()), (0, false));
+        rig.after(1.secs());
+        assert_eq!(rig.duty(), 0);
     }
 }
 
