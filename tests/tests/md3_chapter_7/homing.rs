@@ -268,6 +268,19 @@ fn section_7_6_pre_home_offset() {
     assert_eq!(rig.motion_control(), 0);
 }
 
+/// While pin 9 is an output there is no index.
+#[test]
+fn section_7_5_no_index_while_pin_9_is_an_output() {
+    let mut rig = rig(homing(2));
+    rig.write(at::PINS, 1 << 12 | 0xf << 4);
+    rig.command(bit::HOME);
+    rig.after(500.millis());
+    rig.write(at::IO_PORT, 1 << 6);
+    rig.high(INDEX);
+    rig.after(500.millis());
+    rig.assert_on_its_way(3_750, 5_000.0);
+}
+
 /// An index that comes and goes during the offset is not what the search looks for.
 #[test]
 fn section_7_6_no_index_during_the_pre_home_offset() {

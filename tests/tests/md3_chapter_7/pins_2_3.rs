@@ -395,6 +395,21 @@ fn section_7_8_pin_3_does_not_clear_a_thermal_fault() {
     }
 }
 
+/// Held it clears nothing, whatever other pins do.
+#[test]
+fn section_7_8_pin_3_held_clears_no_fault() {
+    for function in [0, 2] {
+        let mut rig = pin_3(function);
+        rig.low("J2.3");
+        rig.fault("over_current", true);
+        rig.fault("over_current", false);
+        rig.low("J2.4");
+        rig.open("J2.5");
+        rig.write(at::PINS, NO_PIN_4_5 | function << 8 | 1);
+        assert_eq!(rig.motion_control(), bit::FAULT, "function {function}");
+    }
+}
+
 /// Letting the pin go clears nothing; activating it does.
 #[test]
 fn section_7_8_pin_3_clears_by_its_active_edge() {

@@ -400,6 +400,18 @@ fn section_7_8_mode_0110_and_a_jog_by_the_bus() {
     assert_eq!(rig.until_idle(), 500.millis());
 }
 
+/// Drives 15 speaks of a jog by pins: one that the bus began goes on in any mode.
+#[test]
+fn section_7_8_a_change_of_the_motion_mode_and_a_jog_by_the_bus() {
+    let mut rig = mode(0b0110);
+    rig.command(bit::JOG);
+    rig.after(1.secs());
+    rig.write(at::PINS, 0b1111 << 4);
+    rig.write(at::PINS, 0b0111 << 4);
+    rig.after(1.secs());
+    rig.assert_on_its_way(8_750, 5_000.0);
+}
+
 /// SPEEDSEL selects the speed of these jogs as well.
 #[test]
 fn section_7_8_mode_0110_speedsel() {
@@ -524,6 +536,9 @@ fn section_7_8_stops_end_a_jog_by_pins() {
             let stopped_at = rig.position();
             rig.after(5.secs());
             rig.assert_stands(stopped_at);
+            rig.write(at::SPEED + 1, 4_000);
+            rig.after(1.secs());
+            rig.assert_stands(stopped_at);
             rig.open("J2.4");
             rig.after(1.secs());
             rig.assert_stands(stopped_at);
@@ -558,6 +573,21 @@ fn section_7_8_a_fault_ends_a_jog_by_pins_until_it_is_cleared() {
     rig.open("J2.3");
     rig.after(1.secs());
     assert_eq!((rig.speed(), rig.motion_control()), (0.0, 0));
+}
+
+/// Clearing a fault looks again, also after a Stop.
+#[test]
+fn section_7_8_clearing_a_fault_looks_at_levels_again() {
+    for code in [0b0110, 0b0111, 0b1000, 0b1001] {
+        let mut rig = mode(code);
+        rig.low("J2.4");
+        rig.command(bit::STOP);
+        rig.fault("over_current", true);
+        rig.fault("over_current", false);
+        rig.command(bit::FAULT);
+        rig.after(1.secs());
+        rig.assert_on_its_way(3_750, 5_000.0);
+    }
 }
 
 /// While Disable is 1 pins start nothing; enabling looks at levels, and at levels only.
@@ -677,7 +707,11 @@ fn section_7_8_mode_1000_without_steps() {
     rig.write_long(at::MOVE_STEPS, 0);
     rig.write(at::PINS, 0b1000 << 4);
     rig.after(1.secs());
-    assert_eq!((rig.position(), rig.speed()), (0, 0.0));
+    rig.assert_stands(0);
+    // Until there are some.
+    rig.write(at::MOVE_STEPS + 1, 400);
+    rig.after(200.millis());
+    rig.assert_on_its_way(200, 2_000.0);
 }
 
 /// Pins 4 and 5 have no function here.

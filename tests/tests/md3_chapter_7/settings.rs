@@ -285,6 +285,21 @@ fn section_7_3_red_lights_at_the_same_current() {
     assert_eq!((rig.current(), rig.lit(RED)), (1_000, true));
 }
 
+/// A new timeout counts from where the old one did: 1 s is over at once after 3 s.
+#[test]
+fn section_7_3_a_new_timeout() {
+    let mut rig = with_cutback(100);
+    rig.after(3.secs());
+    rig.write(at::CURRENT_CUTBACK, 10 << 8 | 5);
+    assert_eq!((rig.current(), rig.lit(RED)), (500, true));
+    rig.write(at::CURRENT_CUTBACK, 40 << 8 | 5);
+    assert_eq!((rig.current(), rig.lit(RED)), (1_000, false));
+    rig.after(1_001.millis());
+    assert_eq!((rig.current(), rig.lit(RED)), (500, true));
+    rig.write(at::CURRENT_CUTBACK, 0);
+    assert_eq!((rig.current(), rig.lit(RED)), (1_000, false));
+}
+
 /// "The cutback level uses the same table."
 #[test]
 fn section_7_3_levels() {
