@@ -140,6 +140,18 @@ fn section_7_2_dc_duties() {
     }
 }
 
+/// Drives 6: the codes beyond act as the last one, ±2,000 counts.
+#[test]
+fn section_7_2_dc_codes_that_nobody_prints() {
+    for code in 9..32 {
+        let mut rig = dc(code);
+        rig.write_long(at::SPEED, 1_000);
+        rig.command(bit::JOG);
+        rig.after(1.secs());
+        assert_eq!(rig.duty(), 32_768, "code {code}");
+    }
+}
+
 /// Drives 32: the example of 7.17 means code 5 (16 kHz, 5,000): 2,500 gives 50 %.
 #[test]
 fn section_7_17_dc_example() {
@@ -274,6 +286,16 @@ fn section_7_3_timeout_0_is_no_cutback() {
     let mut rig = with_cutback(0);
     rig.after(100.secs());
     assert_eq!((rig.current(), rig.lit(RED)), (1_000, false));
+}
+
+/// Full step takes its 71 % of the cutback level, too: 355 of 500 mA.
+#[test]
+fn section_7_3_full_step() {
+    let mut rig = with_cutback(10);
+    rig.write(at::CURRENT_AND_MICROSTEPPING, 0x000a);
+    assert_eq!(rig.current(), 710);
+    rig.after(2.secs());
+    assert_eq!(rig.current(), 355);
 }
 
 /// Drives 12: the light comes on even if the current stays the same.
