@@ -1,13 +1,13 @@
 //! Sections 5 and 6: what is on the line, and the two functions.
 
-use standin_firmware::device::{Line, Port};
+use standin_firmware::device::{Axis, Line, Port};
 use standin_firmware::md3::Md3;
 use standin_protocol::line::Parity;
 use standin_protocol::modbus::rtu;
 use standin_protocol::time::Span;
 use standin_sim::bench::Bench;
 
-use crate::rig::{Rig, at, words};
+use crate::rig::{Rig, at, bit, words};
 
 /// The default parameters (5.1).
 #[test]
@@ -38,6 +38,22 @@ fn section_5_1_several_drives() {
     assert_eq!(words(&bench.ask(one, &rtu::read(1, at::USER, 1))), [0x55]);
     assert_eq!(words(&bench.ask(one, &rtu::read(2, at::USER, 1))), [0x66]);
     assert!(bench.ask(one, &rtu::read(3, at::USER, 1)).is_empty());
+}
+
+/// A broadcast moves them all, at the same instant.
+#[test]
+fn section_5_1_a_broadcast_move() {
+    let mut bench = Bench::new();
+    let drives = ["one", "two"].map(|name| bench.add::<Md3>(name));
+    bench.share("line", &drives.map(|drive| (drive, Port(0))));
+    bench.run_until(3.secs());
+    assert!(bench.ask(drives[0], &rtu::write(0, at::MOTION, bit::MOVE)).is_empty());
+    bench.run_until(bench.now() + 1.secs());
+    let motions = drives.map(|drive| bench.motion(drive, Axis(0)));
+    assert_eq!(motions[0], motions[1]);
+    assert!(motions[0].moving && motions[0].position > 3_000);
+    bench.run_until(bench.now() + 2.secs());
+    assert_eq!(drives.map(|drive| bench.motion(drive, Axis(0)).position), [10_000, 10_000]);
 }
 
 /// The bytes, with their CRC: StartupDelay of address 1 is read, "0x0003 is sent 0x00 first".

@@ -381,6 +381,25 @@ fn section_7_19_an_acceleration_written_in_a_home_cycle() {
     rig.assert_on_its_way(-400 + 625, 2_500.0);
 }
 
+/// So is a speed (7.17 ignores it in a move): the offset goes on to 2,000/s, the search is at 1,000/s,
+/// reached in 0.1 s and 50 steps.
+#[test]
+fn section_7_17_a_speed_written_in_a_home_cycle() {
+    let mut rig = rig(homing(0));
+    rig.write_long(at::PRE_HOME_OFFSET, -400);
+    rig.command(bit::HOME);
+    rig.after(100.millis());
+    rig.write(at::SPEED + 1, 1_000);
+    rig.after(100.millis());
+    rig.assert_on_its_way(-200, -2_000.0);
+    rig.after(200.millis());
+    rig.after(1.secs());
+    rig.assert_on_its_way(-400 + 950, 1_000.0);
+    rig.write(at::SPEED + 1, 3_000);
+    rig.after(1.secs());
+    rig.assert_on_its_way(-400 + 1_950, 1_000.0);
+}
+
 /// Drives 4: Stop and Decel-stop end a home cycle with all that would have followed.
 #[test]
 fn section_7_15_stops_end_a_home_cycle() {

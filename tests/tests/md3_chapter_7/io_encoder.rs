@@ -113,6 +113,20 @@ fn section_7_9_outputs() {
     assert_eq!(levels(&rig), [Level::Low, Level::High, Level::Low]);
 }
 
+/// What is saved is the latch, also while the pins are inputs and read otherwise (drives 7).
+#[test]
+fn section_7_9_the_latch_is_saved() {
+    let mut rig = Rig::ready();
+    rig.write(at::IO_PORT, 0x50);
+    assert_eq!(rig.read(at::IO_PORT), 0x0f);
+    rig.save();
+    rig.power_cycle();
+    rig.after(2_501.millis());
+    assert_eq!(rig.read(at::IO_PORT), 0x0f);
+    rig.write(at::PINS, 1 << 12);
+    assert_eq!(rig.read(at::IO_PORT), 0x5f);
+}
+
 /// Drives 4 and 7: J3 pin 8 is bit 7; 1 switches it to ground.
 #[test]
 fn section_7_9_j3_pin_8() {
@@ -290,13 +304,13 @@ fn section_7_11_noise_filter() {
         let mut encoder = Encoder::new(FILTER | code << 6 | CLEAR | X4_INDEX);
         encoder.turn_at(8, 50.micros());
         encoder.rig.after(1.millis());
-        encoder.index(ticks(0.6));
+        encoder.index(ticks(0.9));
         assert_eq!((encoder.count(), encoder.indices()), (8, 0), "code {code}");
-        encoder.index(ticks(1.5));
+        encoder.index(ticks(1.1));
         assert_eq!((encoder.count(), encoder.indices()), (0, 1), "code {code}");
         // Off, the short one counts.
         encoder.rig.write(at::ENCODER, code << 6 | CLEAR | X4_INDEX);
-        encoder.index(ticks(0.6));
+        encoder.index(ticks(0.9));
         assert_eq!(encoder.indices(), 2, "code {code}");
     }
 }

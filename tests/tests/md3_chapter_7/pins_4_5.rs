@@ -373,6 +373,19 @@ fn section_7_8_mode_0110_starts_by_its_write() {
     rig.assert_stands(5_000);
 }
 
+/// Pressed without a speed it waits for one.
+#[test]
+fn section_7_8_mode_0110_waits_for_a_speed() {
+    let mut rig = mode(0b0110);
+    rig.write(at::SPEED + 1, 0);
+    rig.low("J2.4");
+    rig.after(1.secs());
+    rig.assert_stands(0);
+    rig.write(at::SPEED + 1, 5_000);
+    rig.after(1.secs());
+    rig.assert_on_its_way(3_750, 5_000.0);
+}
+
 #[test]
 fn section_7_8_mode_0110_pressed_again_while_it_ramps_down() {
     let mut rig = mode(0b0110);

@@ -185,6 +185,40 @@ fn section_7_2_dc_ramps() {
     assert_eq!((rig.motion_control(), rig.position()), (0, 0));
 }
 
+/// The frequencies: a duty holds for a period, and while it ramps each period has another one.
+#[test]
+fn section_7_2_dc_frequencies() {
+    for (code, (hz, full)) in (0..).zip(PWM) {
+        let mut rig = dc(code);
+        rig.write_long(at::ACCEL_DECEL, 100_000); // at least 2.5 counts in a period
+        rig.write_long(at::SPEED, full);
+        rig.command(bit::JOG);
+        let period = 16_000_000 / hz;
+        let mut changes = Vec::new();
+        while changes.len() < 10 {
+            let (next, before) = (rig.bench.next(), rig.duty());
+            rig.bench.run_until(next);
+            if rig.duty() != before {
+                changes.push(next.ticks());
+            }
+        }
+        assert!(changes.windows(2).all(|pair| pair[1] - pair[0] == period), "code {code}: {changes:?}");
+        assert_eq!(changes[0] % period, 0, "code {code}");
+    }
+}
+
+/// Another frequency has another range: 5,000 of 40,000 counts, of 20,000, of 4,000.
+#[test]
+fn section_7_2_dc_another_frequency() {
+    let mut rig = dc(2);
+    rig.command(bit::JOG);
+    for (code, duty) in [(2, 8_192), (1, 16_384), (6, 65_536), (0, 8_192)] {
+        rig.write(at::CURRENT_AND_MICROSTEPPING, 0x200a | code << 8);
+        rig.after(1.secs());
+        assert_eq!(rig.duty(), duty, "code {code}");
+    }
+}
+
 #[test]
 fn section_7_2_dc_stop_is_immediate() {
     for stop in [bit::STOP, bit::DISABLE] {
@@ -362,6 +396,22 @@ fn section_7_3_a_change_of_pin_3_restores_the_current() {
     assert_eq!(rig.current(), 500);
     rig.low("J2.3");
     assert_eq!((rig.current(), rig.lit(RED)), (1_000, false));
+}
+
+/// Drives 9: the encoder's pins do not count, nor what is said to others.
+#[test]
+fn section_7_3_other_pins_restore_nothing() {
+    let mut rig = with_cutback(10);
+    rig.after(2.secs());
+    for pin in ["J2.9", "J2.10", "J2.12"] {
+        rig.high(pin);
+        rig.open(pin);
+        assert_eq!((rig.current(), rig.lit(RED)), (500, true), "{pin}");
+    }
+    assert!(rig.ask(&rtu::write(2, at::MOTION, 0)).is_empty()); // for somebody else
+    assert_eq!(rig.current(), 500);
+    assert!(rig.ask(&rtu::write(0, at::MOTION, 0)).is_empty()); // for everybody
+    assert_eq!(rig.current(), 1_000);
 }
 
 /// Drives 12: step pulses, too.
