@@ -6,6 +6,7 @@
 //! fifth of its list for the MD3, "drives 5" the fifth of the details that continue it.
 #![allow(missing_docs, reason = "a test")]
 
+mod agreement;
 mod bus;
 mod eeprom;
 mod homing;

@@ -158,11 +158,20 @@ impl Rig {
         self.read(at::MOTION)
     }
 
+    fn row(&self, name: &str) -> usize {
+        let named = self.bench.spec(self.seat).registers.find(name);
+        named.unwrap_or_else(|| panic!("there is no {name}")).row
+    }
+
     /// Presets a register that the bus cannot reach.
     pub(crate) fn poke(&mut self, name: &str, value: i64) {
-        let named = self.bench.spec(self.seat).registers.find(name);
-        let row = named.unwrap_or_else(|| panic!("there is no {name}")).row;
+        let row = self.row(name);
         self.bench.poke(self.seat, row, value).expect("a value that it takes");
+    }
+
+    /// A register of one word as it reads at this very instant.
+    pub(crate) fn peek(&self, name: &str) -> u16 {
+        self.bench.peek(self.seat, self.row(name)) as u16
     }
 
     /// Saves the registers, and waits until they are saved (decision 9: 20 ms).
