@@ -40,7 +40,7 @@ const OTHERS: [(u16, u16); 26] = [
     (0x1d, 0xbeef),
 ];
 
-/// 0x0e to 0x10: decision 9 and drives 33.
+/// 0x0e to 0x10: decision 9 and detail 33.
 fn is_counter(address: u16) -> bool {
     (0x0e..=0x10).contains(&address)
 }
@@ -65,7 +65,7 @@ fn section_7_20_what_was_not_saved_is_forgotten() {
     assert_eq!(rig.read(at::USER), 0);
 }
 
-/// Decision 9: a save takes 20 ms, during which bit 0 reads 1; then 0x0000. Drives 28: commands may be
+/// Decision 9: a save takes 20 ms, during which bit 0 reads 1; then 0x0000. Detail 28: commands may be
 /// answered meanwhile.
 #[test]
 fn section_7_20_a_save_takes_its_time() {
@@ -91,7 +91,7 @@ fn section_7_20_a_write_during_a_save_comes_too_late() {
     assert_eq!(rig.read(at::USER), 1);
 }
 
-/// Drives 11: a save while one runs is ignored: it is over after 20 ms all the same.
+/// Detail 11: a save while one runs is ignored: it is over after 20 ms all the same.
 #[test]
 fn section_7_20_a_save_while_one_runs() {
     let mut rig = Rig::ready();
@@ -106,7 +106,7 @@ fn section_7_20_a_save_while_one_runs() {
     assert_eq!(rig.read(at::USER), 0);
 }
 
-/// Drives 11 and 17: a read brings back what was saved, at once, with 0x9a; the CRC status cannot be
+/// Detail 11 and trap 17: a read brings back what was saved, at once, with 0x9a; the CRC status cannot be
 /// written.
 #[test]
 fn section_7_20_read_registers_from_eeprom() {
@@ -120,7 +120,7 @@ fn section_7_20_read_registers_from_eeprom() {
     assert_eq!((rig.read(at::EEPROM), rig.read(at::USER)), (0x9a00, 0x1111));
 }
 
-/// Drives 11: it acts as if all had been written: current, pins, Disable, address, line. The reply
+/// Detail 11: it acts as if all had been written: current, pins, Disable, address, line. The reply
 /// leaves with the old address.
 #[test]
 fn section_7_20_a_read_acts() {
@@ -149,7 +149,7 @@ fn section_7_20_a_read_acts() {
     assert_eq!(rig.bench.line(bus), Line::new(19_200, 8, Parity::Even, 1));
 }
 
-/// Drives 17: also what the pins do. Saved with pin 4 open: at rest; read back with pin 4 low: a jog.
+/// Trap 17: also what the pins do. Saved with pin 4 open: at rest; read back with pin 4 low: a jog.
 #[test]
 fn section_7_20_a_read_changes_pin_modes() {
     let mut rig = Rig::ready();
@@ -163,7 +163,7 @@ fn section_7_20_a_read_changes_pin_modes() {
     rig.assert_on_its_way(3_750, 5_000.0);
 }
 
-/// Drives 11: of motion, too: an acceleration that is read stops a move (7.17), a speed turns a jog.
+/// Detail 11: of motion, too: an acceleration that is read stops a move (7.17), a speed turns a jog.
 #[test]
 fn section_7_20_a_read_in_a_motion() {
     let mut rig = Rig::ready();
@@ -181,7 +181,7 @@ fn section_7_20_a_read_in_a_motion() {
     assert_eq!((rig.speed(), rig.motion_control()), (5_000.0, bit::JOG));
 }
 
-/// Drives 11: bits 0 and 1 together are a save.
+/// Detail 11: bits 0 and 1 together are a save.
 #[test]
 fn section_7_20_both_bits_save() {
     let mut rig = Rig::ready();
@@ -194,7 +194,7 @@ fn section_7_20_both_bits_save() {
     assert_eq!(rig.read(at::USER), 3);
 }
 
-/// Drives 8: Disable is saved; nothing moves after power-up.
+/// Trap 8: Disable is saved; nothing moves after power-up.
 #[test]
 fn section_7_20_disable_is_saved() {
     let mut rig = Rig::restarted(&[(at::MOTION, bit::DISABLE)]);
@@ -227,7 +227,7 @@ fn section_7_20_bad_memory() {
     rig.after(7_501.millis());
     assert_eq!((rig.read(at::EEPROM), rig.read(at::USER)), (0xf100, 0));
     assert_eq!(rig.bench.memory(rig.seat), memory);
-    // Drives 11: a read of bad memory changes nothing but the status.
+    // Detail 11: a read of bad memory changes nothing but the status.
     rig.write(at::USER, 1);
     rig.write(at::EEPROM, 2);
     assert_eq!((rig.read(at::EEPROM), rig.read(at::USER)), (0xf100, 1));
@@ -238,7 +238,7 @@ fn section_7_20_bad_memory() {
     assert_eq!((rig.read(at::EEPROM), rig.read(at::USER)), (0x9a00, 1));
 }
 
-/// Decision 8: red flashes ten times in five seconds; drives 12: first answer after 7.5 s.
+/// Decision 8: red flashes ten times in five seconds; detail 12: first answer after 7.5 s.
 #[test]
 fn section_7_20_bad_memory_at_power_up() {
     let mut rig = with_bad_memory();
@@ -257,7 +257,7 @@ fn section_7_20_bad_memory_at_power_up() {
     assert_eq!(rig.read(at::USER), 0);
 }
 
-/// Drives 28: a second power-up loads what is there, which is as bad as before.
+/// Detail 28: a second power-up loads what is there, which is as bad as before.
 #[test]
 fn section_7_20_bad_memory_stays_bad() {
     let mut rig = with_bad_memory();
@@ -283,7 +283,7 @@ fn section_7_20_the_crc_covers_every_byte() {
     }
 }
 
-/// Drives 12: an empty memory is a new drive.
+/// Detail 12: an empty memory is a new drive.
 #[test]
 fn section_7_20_a_new_drive() {
     let mut rig = Rig::new("md3", Setup { memory: Some(Vec::new()), ..Setup::default() });
@@ -321,7 +321,7 @@ fn line_after(value: u16) -> (Bench, Seat, Line) {
     (bench, seat, line)
 }
 
-/// Drives 19: parity and stop bits are independent; drives 6: parity 3 is none; unused bits are kept.
+/// Trap 19: parity and stop bits are independent; detail 6: parity 3 is none; unused bits are kept.
 #[test]
 fn section_7_22_serial_port_configuration() {
     let bauds = [4_800, 9_600, 19_200, 38_400, 57_600, 115_200, 230_400, 460_800];
@@ -338,7 +338,7 @@ fn section_7_22_serial_port_configuration() {
     }
 }
 
-/// Drives 14: a character is 1 + 8 + parity + stop bits: 8N1 10, 8E1 11, 8E2 and 8O2 12 bits. A
+/// Detail 14: a character is 1 + 8 + parity + stop bits: 8N1 10, 8E1 11, 8E2 and 8O2 12 bits. A
 /// question of 8 and an answer of 7 characters, with the drive's silences between.
 #[test]
 fn section_7_22_characters_last_as_long_as_their_bits() {
@@ -371,7 +371,7 @@ fn section_7_22_other_settings_are_not_heard() {
     }
 }
 
-/// Drives 26: a broadcast of 0x1c is executed by all, and holds from the next frame.
+/// Detail 26: a broadcast of 0x1c is executed by all, and holds from the next frame.
 #[test]
 fn section_7_22_broadcast() {
     let (mut bench, seat) = timed();

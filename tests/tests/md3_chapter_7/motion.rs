@@ -90,7 +90,7 @@ fn section_7_15_a_move_while_moving_is_ignored() {
     let mut rig = Rig::ready();
     rig.command(bit::MOVE);
     rig.after(1.secs());
-    // Decision 3 and drives 4: Move, and any other kind of motion.
+    // Decision 3 and detail 4: Move, and any other kind of motion.
     for command in [bit::MOVE, bit::JOG, bit::HOME] {
         rig.command(command);
         assert_eq!(rig.motion_control(), bit::MOVE);
@@ -184,7 +184,7 @@ fn section_7_15_decel_stop_ends_a_move() {
     rig.assert_stands(625);
 }
 
-/// Drives 4.
+/// Detail 4.
 #[test]
 fn section_7_15_stops_from_a_stop_do_nothing() {
     let mut rig = Rig::ready();
@@ -195,7 +195,7 @@ fn section_7_15_stops_from_a_stop_do_nothing() {
     }
 }
 
-/// Drives 8: Disable takes the current, clears the other bits, and is a level.
+/// Trap 8: Disable takes the current, clears the other bits, and is a level.
 #[test]
 fn section_7_15_disable() {
     let mut rig = Rig::ready();
@@ -205,7 +205,7 @@ fn section_7_15_disable() {
     let stopped_at = rig.position();
     rig.assert_stands(stopped_at);
     assert_eq!((rig.motion_control(), rig.current()), (bit::DISABLE, 0));
-    // Drives 1: with bit 5 the rest is ignored.
+    // Detail 1: with bit 5 the rest is ignored.
     rig.command(bit::DISABLE | bit::MOVE);
     assert_eq!(rig.motion_control(), bit::DISABLE);
     rig.after(1.secs());
@@ -216,7 +216,7 @@ fn section_7_15_disable() {
     rig.assert_stands(stopped_at);
 }
 
-/// Drives 1: a command with bit 5 = 0 enables and runs.
+/// Detail 1: a command with bit 5 = 0 enables and runs.
 #[test]
 fn section_7_15_a_move_enables() {
     let mut rig = Rig::ready();
@@ -227,7 +227,7 @@ fn section_7_15_a_move_enables() {
     rig.assert_stands(10_000);
 }
 
-/// Drives 30: Stop, Decel-stop, Home, Jog, Move; the first that is set counts.
+/// Detail 30: Stop, Decel-stop, Home, Jog, Move; the first that is set counts.
 #[test]
 fn section_7_15_several_bits_at_once() {
     let mut rig = Rig::ready();
@@ -254,7 +254,7 @@ fn section_7_15_unused_bits_read_0() {
     rig.assert_stands(0);
 }
 
-/// Drives 9 and 16: what heats cools by itself, but the fault stays until it is cleared after that.
+/// Trap 9 and detail 16: what heats cools by itself, but the fault stays until it is cleared after that.
 #[test]
 fn section_7_15_a_thermal_fault() {
     let mut rig = Rig::ready();
@@ -279,8 +279,8 @@ fn section_7_15_another_fault_is_cleared_by_its_bit() {
     rig.fault("over_current", true);
     rig.fault("over_current", false);
     rig.after(1.secs());
-    assert_eq!((rig.motion_control(), rig.current()), (bit::FAULT, 0)); // drives 16: until cleared
-    // Drives 16: bit 15 first, then the rest of the same write.
+    assert_eq!((rig.motion_control(), rig.current()), (bit::FAULT, 0)); // detail 16: until cleared
+    // Detail 16: bit 15 first, then the rest of the same write.
     rig.command(bit::FAULT | bit::MOVE);
     assert_eq!((rig.motion_control(), rig.current()), (bit::MOVE, 1_000));
     assert_eq!(rig.until_idle(), 2_500.millis());
@@ -323,7 +323,7 @@ fn section_7_17_a_jog_reverses() {
     rig.write_long(at::SPEED, 2_000);
     rig.command(bit::JOG);
     rig.after(1_200.millis()); // 200 + 2,000
-    // −2,000 = 0xFFFF_F830; the 63,536 that is there for an instant leaves no trace (drives 13).
+    // −2,000 = 0xFFFF_F830; the 63,536 that is there for an instant leaves no trace (detail 13).
     rig.write(at::SPEED + 1, (-2_000_i16).cast_unsigned());
     rig.write(at::SPEED, 0xFFFF);
     rig.after(200.millis());
@@ -335,7 +335,7 @@ fn section_7_17_a_jog_reverses() {
     assert_eq!(rig.motion_control(), bit::JOG);
 }
 
-/// Drives 13: in a jog the high half alone is a speed, too: 0x0001_1388 = 70,536 acts as 40,000.
+/// Detail 13: in a jog the high half alone is a speed, too: 0x0001_1388 = 70,536 acts as 40,000.
 #[test]
 fn section_7_17_the_high_half_first_is_a_value_in_between() {
     let mut rig = Rig::ready();
@@ -354,7 +354,7 @@ fn section_7_17_speeds_are_at_most_40_000() {
     rig.write_long(at::ACCEL_DECEL, 100_000);
     for (speed, acts_as) in [(40_000, 40_000.0), (40_001, 40_000.0), (-1_000_000, -40_000.0)] {
         rig.write_long(at::SPEED, speed);
-        assert_eq!(rig.read_long(at::SPEED), speed); // drives 13
+        assert_eq!(rig.read_long(at::SPEED), speed); // detail 13
         rig.command(bit::JOG);
         rig.after(2.secs());
         assert_eq!(rig.speed(), acts_as);
@@ -362,7 +362,7 @@ fn section_7_17_speeds_are_at_most_40_000() {
     }
 }
 
-/// Drives 11: the sign of MoveSteps is the direction, whatever that of Speed.
+/// Trap 11: the sign of MoveSteps is the direction, whatever that of Speed.
 #[test]
 fn section_7_17_a_move_uses_the_absolute_speed() {
     let mut rig = Rig::ready();
@@ -405,7 +405,7 @@ fn section_7_17_an_acceleration_written_in_a_move_stops_it() {
     }
 }
 
-/// Drives 31: a jog takes it for its next ramp. From 5,000/s down at 2,500/s²: 2 s, 5,000 steps.
+/// Detail 31: a jog takes it for its next ramp. From 5,000/s down at 2,500/s²: 2 s, 5,000 steps.
 #[test]
 fn section_7_19_an_acceleration_written_in_a_jog_is_for_its_next_ramp() {
     let mut rig = Rig::ready();
@@ -543,7 +543,7 @@ fn section_7_18_a_jog_ramps_to_the_selected_speed() {
     rig.assert_on_its_way(3_750 + 1_875, 5_000.0);
 }
 
-/// Decision 6: 0x16/0x17 is meant. Drives 11: it is unsigned, and takes the sign of Speed.
+/// Decision 6: 0x16/0x17 is meant. Trap 11: it is unsigned, and takes the sign of Speed.
 #[test]
 fn section_7_18_the_alternate_speed_takes_the_sign_of_speed() {
     let mut rig = with_speedsel();
@@ -558,7 +558,7 @@ fn section_7_18_the_alternate_speed_takes_the_sign_of_speed() {
     assert_eq!(rig.speed(), -3_500.0);
 }
 
-/// Drives 13: at most 40,000; 0xFFFF_FFFF is not −1.
+/// Detail 13: at most 40,000; 0xFFFF_FFFF is not −1.
 #[test]
 fn section_7_18_the_alternate_speed_is_at_most_40_000() {
     let mut rig = with_speedsel();

@@ -20,7 +20,7 @@ fn section_7_1_device_address() {
     assert_eq!(words(&rig.ask(&rtu::read(247, 0x00, 1))), [247]);
 }
 
-/// Drives 26: all drives on the line get it.
+/// Detail 26: all drives on the line get it.
 #[test]
 fn section_7_1_the_address_can_be_broadcast() {
     let mut rig = Rig::ready();
@@ -28,7 +28,7 @@ fn section_7_1_the_address_can_be_broadcast() {
     assert_eq!(words(&rig.ask(&rtu::read(9, 0x00, 1))), [9]);
 }
 
-/// Peak currents of the high current version in mA, as 7.2 prints them from code 0 on. Drives 13: the
+/// Peak currents of the high current version in mA, as 7.2 prints them from code 0 on. Trap 13: the
 /// steps get wider at 0x15.
 const STANDARD: [u32; 31] = [
     0, 100, 200, 300, 400, 500, 600, 700, 800, 900, // 0x00 … 0x09
@@ -73,8 +73,8 @@ fn section_7_2_initial_currents() {
     assert_eq!(Rig::ready_kind("md3-low").current(), 500);
 }
 
-/// Drives 13 and 28: code 0 is full step with 71 % of the current; the codes that nobody prints act
-/// as 8 (drives 6).
+/// Trap 13 and detail 28: code 0 is full step with 71 % of the current; the codes that nobody prints act
+/// as 8 (detail 6).
 #[test]
 fn section_7_2_full_step_gives_71_percent() {
     let mut rig = Rig::ready();
@@ -84,7 +84,7 @@ fn section_7_2_full_step_gives_71_percent() {
     }
 }
 
-/// Drives 28: all steps are microsteps. Drives 20: a change leaves the position alone.
+/// Detail 28: all steps are microsteps. Detail 20: a change leaves the position alone.
 #[test]
 fn section_7_2_microstepping_changes_no_counts() {
     let mut rig = Rig::ready();
@@ -103,7 +103,7 @@ fn dc(code: u16) -> Rig {
     rig
 }
 
-/// Frequencies in Hz and full scales of 7.2. Drives 14: they are not monotonic, but their product is
+/// Frequencies in Hz and full scales of 7.2. Trap 14: they are not monotonic, but their product is
 /// 20 MHz (codes 0 and 1) or 80 MHz.
 const PWM: [(u64, i32); 9] = [
     (500, 40_000),
@@ -140,7 +140,7 @@ fn section_7_2_dc_duties() {
     }
 }
 
-/// Drives 6: the codes beyond act as the last one, ±2,000 counts.
+/// Detail 6: the codes beyond act as the last one, ±2,000 counts.
 #[test]
 fn section_7_2_dc_codes_that_nobody_prints() {
     for code in 9..32 {
@@ -152,7 +152,7 @@ fn section_7_2_dc_codes_that_nobody_prints() {
     }
 }
 
-/// Drives 32: the example of 7.17 means code 5 (16 kHz, 5,000): 2,500 gives 50 %.
+/// Detail 32: the example of 7.17 means code 5 (16 kHz, 5,000): 2,500 gives 50 %.
 #[test]
 fn section_7_17_dc_example() {
     let mut rig = dc(5);
@@ -162,7 +162,7 @@ fn section_7_17_dc_example() {
     assert_eq!(rig.duty(), 32_768);
 }
 
-/// Drives 10: from 0 to 20,000 of 40,000 counts at 10,000 counts/s in 2 s, in steps of a PWM period:
+/// Detail 10: from 0 to 20,000 of 40,000 counts at 10,000 counts/s in 2 s, in steps of a PWM period:
 /// at 2 kHz 0.5 ms, 5 counts, 8 of 65,536.
 #[test]
 fn section_7_2_dc_ramps() {
@@ -232,7 +232,7 @@ fn section_7_2_dc_stop_is_immediate() {
     }
 }
 
-/// "Jog mode only"; drives 10: Move and Home complete at once.
+/// "Jog mode only"; detail 10: Move and Home complete at once.
 #[test]
 fn section_7_2_dc_only_jogs() {
     let mut rig = dc(0);
@@ -244,7 +244,7 @@ fn section_7_2_dc_only_jogs() {
     }
 }
 
-/// Drives 10: SPEEDSEL works.
+/// Detail 10: SPEEDSEL works.
 #[test]
 fn section_7_2_dc_alternate_speed() {
     let mut rig = dc(2);
@@ -260,7 +260,7 @@ fn section_7_2_dc_alternate_speed() {
     assert_eq!(rig.duty(), -8_192);
 }
 
-/// Drives 10: a change of Motor Mode stops and zeroes, either way.
+/// Detail 10: a change of Motor Mode stops and zeroes, either way.
 #[test]
 fn section_7_2_a_change_of_the_motor_mode_stops() {
     let mut rig = dc(2);
@@ -332,7 +332,7 @@ fn section_7_3_full_step() {
     assert_eq!(rig.current(), 355);
 }
 
-/// Drives 12: the light comes on even if the current stays the same.
+/// Trap 12: the light comes on even if the current stays the same.
 #[test]
 fn section_7_3_red_lights_at_the_same_current() {
     let mut rig = with_cutback(10);
@@ -369,7 +369,7 @@ fn section_7_3_levels() {
     }
 }
 
-/// Drives 9 and 12: any edge on J2 pins 2 to 5 is an input change and restores the current.
+/// Detail 9 and trap 12: any edge on J2 pins 2 to 5 is an input change and restores the current.
 #[test]
 fn section_7_3_an_input_change_restores_the_current() {
     for pin in ["J2.2", "J2.4", "J2.5"] {
@@ -398,7 +398,7 @@ fn section_7_3_a_change_of_pin_3_restores_the_current() {
     assert_eq!((rig.current(), rig.lit(RED)), (1_000, false));
 }
 
-/// Drives 9: the encoder's pins do not count, nor what is said to others.
+/// Detail 9: the encoder's pins do not count, nor what is said to others.
 #[test]
 fn section_7_3_other_pins_restore_nothing() {
     let mut rig = with_cutback(10);
@@ -414,7 +414,7 @@ fn section_7_3_other_pins_restore_nothing() {
     assert_eq!(rig.current(), 1_000);
 }
 
-/// Drives 12: step pulses, too.
+/// Trap 12: step pulses, too.
 #[test]
 fn section_7_3_step_pulses_restore_the_current() {
     let mut rig = with_cutback(10);
@@ -424,7 +424,7 @@ fn section_7_3_step_pulses_restore_the_current() {
     assert_eq!((rig.current(), rig.position()), (1_000, 1));
 }
 
-/// Drives 9: what counts as a command is a write of 0x11; reads and other writes do not.
+/// Detail 9: what counts as a command is a write of 0x11; reads and other writes do not.
 #[test]
 fn section_7_3_what_counts_as_a_command() {
     let mut rig = with_cutback(10);
@@ -440,7 +440,7 @@ fn section_7_3_what_counts_as_a_command() {
     assert_eq!((rig.current(), rig.lit(RED)), (1_000, false));
 }
 
-/// Decision 10: not while moving; the end of a motion starts the timeout anew, and (drives 9) a motion
+/// Decision 10: not while moving; the end of a motion starts the timeout anew, and (detail 9) a motion
 /// restores the current before its first step.
 #[test]
 fn section_7_3_not_while_moving() {
@@ -475,7 +475,7 @@ fn section_7_3_disabled_stays_without_current() {
     assert_eq!(rig.current(), 0);
 }
 
-/// 250 · 10 ms + 2.5 s = 5 s (7.4). Drives 21: what counts is what was saved.
+/// 250 · 10 ms + 2.5 s = 5 s (7.4). Trap 21: what counts is what was saved.
 #[test]
 fn section_7_4_startup_delay() {
     let mut rig = Rig::restarted(&[(at::STARTUP_DELAY, 250)]);
@@ -508,7 +508,7 @@ fn section_7_4_the_longest_delay() {
     }
 }
 
-/// Drives 12: `--fast-boot` skips all of it.
+/// Detail 12: `--fast-boot` skips all of it.
 #[test]
 fn section_7_4_without_any_delay() {
     let mut rig = Rig::new("md3", Setup { boot_fast: true, ..Setup::default() });
