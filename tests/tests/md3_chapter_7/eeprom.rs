@@ -163,6 +163,23 @@ fn section_7_20_a_read_changes_pin_modes() {
     rig.assert_on_its_way(3_750, 5_000.0);
 }
 
+/// Detail 11: also Disable, either way, whatever runs.
+#[test]
+fn section_7_20_a_read_disables_and_enables() {
+    let mut rig = Rig::ready();
+    rig.command(bit::DISABLE);
+    rig.save();
+    rig.command(bit::JOG);
+    rig.after(1.secs());
+    rig.write(at::EEPROM, 2);
+    assert_eq!((rig.motion_control(), rig.current(), rig.speed()), (bit::DISABLE, 0, 0.0));
+    let mut rig = Rig::ready();
+    rig.save();
+    rig.command(bit::DISABLE);
+    rig.write(at::EEPROM, 2);
+    assert_eq!((rig.motion_control(), rig.current()), (0, 1_000));
+}
+
 /// Detail 11: of motion, too: an acceleration that is read stops a move (7.17), a speed turns a jog.
 #[test]
 fn section_7_20_a_read_in_a_motion() {

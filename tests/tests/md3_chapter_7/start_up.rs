@@ -166,6 +166,23 @@ fn section_4_levels_are_no_edges() {
     rig.assert_stands(0);
 }
 
+/// Nor where there is no start-up delay: what was active all the time is no edge then either.
+#[test]
+fn section_4_levels_are_no_edges_without_a_delay() {
+    for (function, pin) in [(0b0000 << 4, "J2.4"), (0b0001 << 4, "J2.4"), (0xf << 4 | 1 << 8, "J2.3")] {
+        let mut rig = Rig::ready();
+        rig.write(at::PINS, function);
+        rig.save();
+        let memory = Some(rig.bench.memory(rig.seat).to_vec());
+        let mut rig = Rig::new("md3", Setup { memory, boot_fast: true, ..Setup::default() });
+        rig.low(pin);
+        rig.command(bit::STOP);
+        rig.power_cycle();
+        rig.after(1.secs());
+        assert_eq!((rig.motion_control(), rig.position()), (0, 0), "{function:#06x}");
+    }
+}
+
 /// Without power nothing is driven, and nobody answers.
 #[test]
 fn section_4_without_power() {
