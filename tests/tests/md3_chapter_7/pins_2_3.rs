@@ -1,0 +1,424 @@
+//! Section 7.8, J2 pins 2 and 3: LOWCURRENT, SPEEDSEL; INHIBIT, HOME, INHIBIT_MODBUS_MOTION.
+
+use standin_protocol::time::Span;
+
+use crate::rig::{RED, Rig, at, bit};
+
+/// Pins 4 and 5 without function, in PinFunctionAndPolarity.
+const NO_PIN_4_5: u16 = 0xf << 4;
+
+/// Pin 2 works by its function (homing by index); cutback level 0.5 A.
+fn pin_2(function: u16) -> Rig {
+    let mut rig = Rig::ready();
+    rig.write(at::HOMING, 2 << 1);
+    rig.write(at::CURRENT_CUTBACK, 5);
+    rig.write(at::PINS, NO_PIN_4_5 | function << 10);
+    rig
+}
+
+fn pin_3(function: u16) -> Rig {
+    let mut rig = Rig::ready();
+    rig.write(at::PINS, NO_PIN_4_5 | function << 8);
+    rig
+}
+
+/// Detail 9: LOWCURRENT takes the level even with timeout 0, and lights red.
+#[test]
+fn section_7_8_pin_2_lowcurrent() {
+    let mut rig = pin_2(0);
+    assert_eq!((rig.current(), rig.lit(RED)), (1_000, false));
+    rig.low("J2.2");
+    assert_eq!((rig.current(), rig.lit(RED)), (500, true));
+    rig.after(10.secs());
+    assert_eq!((rig.current(), rig.lit(RED)), (500, true));
+    rig.open("J2.2");
+    assert_eq!((rig.current(), rig.lit(RED)), (1_000, false));
+}
+
+/// Homing mode 3 is by index, too.
+#[test]
+fn section_7_8_pin_2_lowcurrent_in_homing_mode_3() {
+    let mut rig = pin_2(0);
+    rig.write(at::HOMING, 3 << 1);
+    rig.low("J2.2");
+    assert_eq!(rig.current(), 500);
+}
+
+/// Detail 9: LOWCURRENT wins over cutback, also while the motor moves.
+#[test]
+fn section_7_8_pin_2_lowcurrent_wins_over_cutback() {
+    let mut rig = pin_2(0);
+    rig.write(at::CURRENT_CUTBACK, 10 << 8 | 5);
+    rig.low("J2.2");
+    rig.command(0);
+    assert_eq!((rig.current(), rig.lit(RED)), (500, true));
+    rig.command(bit::MOVE);
+    rig.after(1.secs());
+    rig.assert_on_its_way(3_750, 5_000.0);
+    assert_eq!((rig.current(), rig.lit(RED)), (500, true));
+}
+
+/// Trap 2: let go and inverted the pin is active at once, by a write alone.
+#[test]
+fn section_7_8_pin_2_polarity() {
+    let mut rig = pin_2(0);
+    rig.write(at::PINS, NO_PIN_4_5 | 1 << 3);
+    assert_eq!((rig.current(), rig.lit(RED)), (500, true));
+    rig.low("J2.2");
+    assert_eq!((rig.current(), rig.lit(RED)), (1_000, false));
+    rig.write(at::PINS, NO_PIN_4_5);
+    assert_eq!(rig.current(), 500);
+}
+
+/// Trap 1: with homing modes 0 and 1 pin 2 is only the home flag, whatever its function says.
+#[test]
+fn section_7_8_pin_2_is_only_the_flag_when_homing_by_switch() {
+    for mode in [0, 1] {
+        let mut rig = pin_2(0);
+        rig.write(at::HOMING, mode << 1);
+        rig.low("J2.2");
+        assert_eq!((rig.current(), rig.lit(RED)), (1_000, false));
+        rig.write(at::PINS, NO_PIN_4_5 | 1 << 10);
+        rig.command(bit::JOG);
+        rig.after(1.secs());
+        rig.assert_on_its_way(3_750, 5_000.0);
+    }
+}
+
+/// A change of HomingConfiguration makes the pin what it now is.
+#[test]
+fn section_7_8_pin_2_follows_the_homing_mode() {
+    let mut rig = pin_2(0);
+    rig.low("J2.2");
+    assert_eq!(rig.current(), 500);
+    rig.write(at::HOMING, 0);
+    assert_eq!(rig.current(), 1_000);
+    rig.write(at::HOMING, 2 << 1);
+    assert_eq!(rig.current(), 500);
+}
+
+#[test]
+fn section_7_8_pin_2_speedsel() {
+    let mut rig = pin_2(1);
+    rig.command(bit::JOG);
+    rig.after(1.secs());
+    rig.assert_on_its_way(3_750, 5_000.0);
+    rig.low("J2.2"); // to 2,500/s in 0.25 s and 937.5 steps
+    assert_eq!(rig.current(), 1_000);
+    rig.after(250.millis());
+    rig.assert_on_its_way(3_750 + 937, 2_500.0);
+}
+
+#[test]
+fn section_7_8_pin_2_speedsel_inverted() {
+    let mut rig = pin_2(1);
+    rig.write(at::PINS, NO_PIN_4_5 | 1 << 10 | 1 << 3); // open: active, the alternate speed
+    rig.command(bit::JOG);
+    rig.after(1.secs());
+    assert_eq!(rig.speed(), 2_500.0);
+    rig.low("J2.2");
+    rig.after(1.secs());
+    assert_eq!(rig.speed(), 5_000.0);
+}
+
+/// Detail 6: functions 2 and 3 are none.
+#[test]
+fn section_7_8_pin_2_invalid_functions() {
+    for function in [2, 3] {
+        let mut rig = pin_2(function);
+        rig.low("J2.2");
+        assert_eq!((rig.current(), rig.lit(RED)), (1_000, false));
+        rig.command(bit::JOG);
+        rig.after(1.secs());
+        rig.assert_on_its_way(3_750, 5_000.0);
+    }
+}
+
+/// Trap 7 and detail 17: the profile runs on without current and without steps; what went by is lost. At
+/// 1 s the motor is at 3,750, the profile of 10,000 goes on to 6,250 at 1.5 s; then 3,750 are left.
+#[test]
+fn section_7_8_pin_3_inhibit() {
+    let mut rig = pin_3(0);
+    rig.command(bit::MOVE);
+    rig.after(1.secs());
+    rig.low("J2.3");
+    let stopped_at = rig.position();
+    assert!((stopped_at - 3_750).abs() <= 1);
+    rig.after(500.millis());
+    assert_eq!((rig.current(), rig.position()), (0, stopped_at));
+    assert_eq!(rig.motion_control(), bit::MOVE);
+    rig.open("J2.3");
+    assert_eq!(rig.current(), 1_000);
+    rig.until_idle();
+    assert!((rig.position() - 7_500).abs() <= 1, "{}", rig.position());
+    assert_eq!(rig.motion_control(), 0);
+}
+
+/// Trap 7: bit 0 stays 1 for the whole time of the profile, 2.5 s.
+#[test]
+fn section_7_8_pin_3_inhibit_over_the_end_of_a_move() {
+    let mut rig = pin_3(0);
+    rig.command(bit::MOVE);
+    rig.after(1.secs());
+    rig.low("J2.3");
+    let stopped_at = rig.position();
+    rig.after(1_499.millis());
+    assert_eq!(rig.motion_control(), bit::MOVE);
+    rig.after(2.millis());
+    assert_eq!(rig.motion_control(), 0);
+    rig.open("J2.3");
+    rig.after(1.secs());
+    assert_eq!(rig.current(), 1_000);
+    rig.assert_stands(stopped_at);
+}
+
+/// A move that is commanded while inhibited runs for its time, and the motor stands.
+#[test]
+fn section_7_8_pin_3_a_move_while_inhibited() {
+    let mut rig = pin_3(0);
+    rig.low("J2.3");
+    assert_eq!(rig.current(), 0);
+    rig.command(bit::MOVE);
+    rig.after(2_499.millis());
+    assert_eq!((rig.motion_control(), rig.position()), (bit::MOVE, 0));
+    rig.after(2.millis());
+    assert_eq!((rig.motion_control(), rig.position()), (0, 0));
+    rig.open("J2.3");
+    assert_eq!(rig.current(), 1_000);
+}
+
+/// A jog runs on, too. After 1 s at 3,750; what it makes in the second without current is lost.
+#[test]
+fn section_7_8_pin_3_inhibit_in_a_jog() {
+    let mut rig = pin_3(0);
+    rig.command(bit::JOG);
+    rig.after(1.secs());
+    rig.low("J2.3");
+    rig.after(1.secs());
+    assert_eq!((rig.motion_control(), rig.current()), (bit::JOG, 0));
+    assert!((rig.position() - 3_750).abs() <= 1);
+    rig.open("J2.3");
+    rig.after(1.secs());
+    rig.assert_on_its_way(8_750, 5_000.0);
+    // Stopped while it stands inhibited it stays where it is.
+    rig.low("J2.3");
+    rig.command(bit::DECEL_STOP);
+    rig.after(1.secs());
+    rig.open("J2.3");
+    rig.after(1.secs());
+    assert_eq!((rig.motion_control(), rig.current()), (0, 1_000));
+    assert!((rig.position() - 8_750).abs() <= 1);
+}
+
+/// Inhibited twice in a move: at 3,750 and at the profile's 6,250, for 0.25 s and 1,250 steps each.
+#[test]
+fn section_7_8_pin_3_inhibit_twice() {
+    let mut rig = pin_3(0);
+    rig.command(bit::MOVE);
+    rig.after(1.secs());
+    for _ in 0..2 {
+        rig.low("J2.3");
+        rig.after(250.millis());
+        rig.open("J2.3");
+        rig.after(250.millis());
+    }
+    rig.until_idle();
+    assert!((rig.position() - 7_500).abs() <= 2, "{}", rig.position());
+}
+
+/// Trap 2: one write of 0x09 can inhibit the drive.
+#[test]
+fn section_7_8_pin_3_inhibit_by_polarity() {
+    let mut rig = pin_3(0);
+    rig.write(at::PINS, NO_PIN_4_5 | 1 << 2);
+    assert_eq!(rig.current(), 0);
+    rig.low("J2.3");
+    assert_eq!(rig.current(), 1_000);
+    rig.write(at::PINS, NO_PIN_4_5);
+    assert_eq!(rig.current(), 0);
+}
+
+/// Detail 17: it acts as a level, at power-up too.
+#[test]
+fn section_7_8_pin_3_inhibit_at_power_up() {
+    let mut rig = pin_3(0);
+    rig.low("J2.3");
+    rig.power_cycle();
+    rig.after(3.secs());
+    assert_eq!(rig.current(), 0);
+    rig.open("J2.3");
+    assert_eq!(rig.current(), 1_000);
+}
+
+#[test]
+fn section_7_8_pin_3_home() {
+    let mut rig = pin_3(1);
+    rig.low("J2.3");
+    assert_eq!(rig.motion_control(), bit::HOME);
+    rig.after(1.secs());
+    rig.assert_on_its_way(3_750, 5_000.0);
+    rig.open("J2.3");
+    rig.after(1.secs());
+    rig.assert_on_its_way(8_750, 5_000.0);
+    rig.low("J2.2");
+    rig.after(4.micros());
+    assert_eq!((rig.motion_control(), rig.current()), (0, 1_000));
+}
+
+/// Detail 4: ignored while another kind of motion runs, and not remembered.
+#[test]
+fn section_7_8_pin_3_home_while_moving() {
+    let mut rig = pin_3(1);
+    rig.command(bit::MOVE);
+    rig.after(1.secs());
+    rig.low("J2.3");
+    assert_eq!(rig.motion_control(), bit::MOVE);
+    rig.until_idle();
+    rig.after(1.secs());
+    rig.assert_stands(10_000);
+}
+
+#[test]
+fn section_7_8_pin_3_home_inverted() {
+    let mut rig = pin_3(1);
+    rig.low("J2.3");
+    rig.command(bit::STOP);
+    rig.write(at::PINS, NO_PIN_4_5 | 1 << 8 | 1 << 2);
+    assert_eq!(rig.motion_control(), 0);
+    rig.open("J2.3"); // a rising edge
+    assert_eq!(rig.motion_control(), bit::HOME);
+}
+
+/// Detail 8: a change of polarity that makes the pin active is an edge like any other.
+#[test]
+fn section_7_8_pin_3_home_by_polarity() {
+    let mut rig = pin_3(1);
+    rig.write(at::PINS, NO_PIN_4_5 | 1 << 8 | 1 << 2);
+    assert_eq!(rig.motion_control(), bit::HOME);
+}
+
+/// Trap 7: commands are answered and ignored, the current stays, Disable works.
+#[test]
+fn section_7_8_pin_3_inhibit_modbus_motion() {
+    let mut rig = pin_3(2);
+    rig.command(bit::MOVE);
+    rig.after(1.secs());
+    rig.low("J2.3");
+    let stopped_at = rig.position();
+    assert!((stopped_at - 3_750).abs() <= 1);
+    rig.assert_stands(stopped_at);
+    assert_eq!((rig.motion_control(), rig.current()), (0, 1_000));
+    for command in [bit::MOVE, bit::JOG, bit::HOME, bit::DECEL_STOP, bit::STOP] {
+        rig.command(command);
+        assert_eq!(rig.motion_control(), 0);
+        rig.after(1.secs());
+        rig.assert_stands(stopped_at);
+    }
+    rig.command(bit::DISABLE);
+    assert_eq!((rig.motion_control(), rig.current()), (bit::DISABLE, 0));
+    rig.command(bit::MOVE);
+    assert_eq!((rig.motion_control(), rig.current()), (0, 1_000));
+    rig.open("J2.3");
+    rig.after(1.secs());
+    rig.assert_stands(stopped_at);
+    rig.command(bit::MOVE);
+    assert_eq!(rig.until_idle(), 2_500.millis());
+    rig.assert_stands(stopped_at + 10_000);
+}
+
+/// "J2 pins 2/3/4/5 functions work normally."
+#[test]
+fn section_7_8_pin_3_inhibit_modbus_motion_lets_pins_work() {
+    let mut rig = pin_3(2);
+    rig.write(at::PINS, 1 << 4 | 2 << 8);
+    rig.low("J2.3");
+    rig.low("J2.4");
+    assert_eq!(rig.motion_control(), bit::MOVE);
+    rig.until_idle();
+    rig.assert_stands(10_000);
+}
+
+/// Trap 2: by polarity alone.
+#[test]
+fn section_7_8_pin_3_inhibit_modbus_motion_by_polarity() {
+    let mut rig = pin_3(2);
+    rig.command(bit::JOG);
+    rig.after(1.secs());
+    rig.write(at::PINS, NO_PIN_4_5 | 2 << 8 | 1 << 2);
+    assert_eq!((rig.speed(), rig.motion_control(), rig.current()), (0.0, 0, 1_000));
+}
+
+/// Detail 6: function 3 is none.
+#[test]
+fn section_7_8_pin_3_invalid_function() {
+    let mut rig = pin_3(3);
+    rig.command(bit::MOVE);
+    rig.after(1.secs());
+    rig.low("J2.3");
+    assert_eq!(rig.current(), 1_000);
+    assert_eq!(rig.until_idle(), 1_500.millis() - standin_protocol::time::Duration::TICK);
+    rig.assert_stands(10_000);
+}
+
+/// Decision 15: activating INHIBIT, HOME or INHIBIT_MODBUS_MOTION clears a fault that is not thermal.
+#[test]
+fn section_7_8_pin_3_clears_a_fault() {
+    for function in [0, 1, 2] {
+        let mut rig = pin_3(function);
+        rig.fault("over_current", true);
+        rig.fault("over_current", false);
+        rig.after(1.secs());
+        assert_eq!(rig.motion_control(), bit::FAULT);
+        rig.low("J2.3");
+        // Detail 16: HOME clears and homes.
+        assert_eq!(rig.motion_control(), if function == 1 { bit::HOME } else { 0 });
+        rig.open("J2.3");
+        assert_eq!(rig.current(), 1_000);
+    }
+}
+
+/// Trap 9 and detail 16: a thermal one only when it has cooled.
+#[test]
+fn section_7_8_pin_3_does_not_clear_a_thermal_fault() {
+    for function in [0, 1, 2] {
+        let mut rig = pin_3(function);
+        rig.fault("over_temperature", true);
+        rig.low("J2.3");
+        assert_eq!(rig.motion_control(), bit::FAULT, "function {function}");
+        rig.open("J2.3");
+        rig.after(1.secs());
+        assert_eq!((rig.motion_control(), rig.position()), (bit::FAULT, 0));
+        rig.fault("over_temperature", false);
+        assert_eq!(rig.motion_control(), bit::FAULT);
+        rig.low("J2.3");
+        assert_eq!(rig.motion_control(), if function == 1 { bit::HOME } else { 0 });
+    }
+}
+
+/// Held it clears nothing, whatever other pins do.
+#[test]
+fn section_7_8_pin_3_held_clears_no_fault() {
+    for function in [0, 2] {
+        let mut rig = pin_3(function);
+        rig.low("J2.3");
+        rig.fault("over_current", true);
+        rig.fault("over_current", false);
+        rig.low("J2.4");
+        rig.open("J2.5");
+        rig.write(at::PINS, NO_PIN_4_5 | function << 8 | 1);
+        assert_eq!(rig.motion_control(), bit::FAULT, "function {function}");
+    }
+}
+
+/// Letting the pin go clears nothing; activating it does.
+#[test]
+fn section_7_8_pin_3_clears_by_its_active_edge() {
+    let mut rig = pin_3(2);
+    rig.low("J2.3");
+    rig.fault("over_current", true);
+    rig.fault("over_current", false);
+    rig.open("J2.3");
+    assert_eq!(rig.motion_control(), bit::FAULT);
+    rig.low("J2.3");
+    assert_eq!(rig.motion_control(), 0);
+}
