@@ -47,7 +47,7 @@ fn the_ranges_jump() {
         (31, 2_000),
     ] {
         let mut bed = Bed::ready();
-        bed.set(Reg::MotorCurrentAndMicrostepping, 0x2000 | code << 8);
+        bed.set(Reg::MotorCurrentAndMicrostepping, 0x200a | code << 8);
         bed.set(Reg::AccelDecel, 10_000_000);
         bed.set(Reg::Speed, -range / 2);
         bed.set(Reg::MotionControl, JOG);

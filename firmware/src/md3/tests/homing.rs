@@ -105,7 +105,8 @@ fn modes_2_and_3_search_for_a_high_index() {
         bed.set(Reg::AccelDecel, 10_000);
         bed.set(Reg::MotionControl, HOME);
         bed.run_until(1.secs());
-        bed.pin(2, false); // no flag in this mode
+        bed.set(Reg::CurrentCutbackSettings, 0x0005);
+        bed.pin(2, false); // LOWCURRENT in this mode, no flag
         bed.now += Duration::TICK;
         let position = bed.position();
         bed.pin(9, true);

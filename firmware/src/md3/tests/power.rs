@@ -110,6 +110,30 @@ fn lowcurrent_lowers_it_whatever_the_timeout() {
 }
 
 #[test]
+fn a_current_of_0_moves_nothing() {
+    let mut bed = Bed::ready();
+    bed.set(Reg::HomingConfiguration, 2 << 1);
+    bed.set(Reg::MotionControl, MOVE);
+    bed.run_until(1.secs());
+    bed.pin(2, false); // LOWCURRENT, at level 0
+    bed.run_until(1_500.millis());
+    assert_eq!((bed.current(), bed.position(), bed.control()), (0, 3_750, MOVE));
+    bed.pin(2, true);
+    bed.run_until(3.secs());
+    assert_eq!(bed.position(), 7_500);
+}
+
+#[test]
+fn a_step_pulse_that_ends_the_cutback_is_made() {
+    let mut bed = Bed::ready();
+    bed.set(Reg::CurrentCutbackSettings, 0x0100); // 0.1 s, no current
+    bed.run_until(1.secs());
+    assert_eq!(bed.current(), 0);
+    bed.pin(4, false);
+    assert_eq!((bed.current(), bed.position()), (1_000, 1));
+}
+
+#[test]
 fn inhibit_lets_the_profile_run_on_without_the_motor() {
     let mut bed = Bed::ready();
     bed.set(Reg::MotionControl, MOVE);
