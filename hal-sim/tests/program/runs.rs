@@ -198,7 +198,7 @@ fn a_bad_memory_is_what_the_manual_says_and_stays_as_it_is_until_a_save() {
 }
 
 fn open(path: &Path) -> OwnedFd {
-    rustix::fs::open(path, OFlags::RDWR | OFlags::NOCTTY, Mode::empty()).unwrap()
+    rustix::fs::open(path, OFlags::RDWR | OFlags::NOCTTY | OFlags::CLOEXEC, Mode::empty()).unwrap()
 }
 
 #[test]
