@@ -40,6 +40,7 @@
 //! | `plan motor 0 500.000000@5000 500.000000@0 2500` | from a position, for so many ms (or `ever@`) to a speed in steps/s, …, to a position |
 //! | `step motor 1` `current motor 1500` `duty motor -32768` | steps, mA, 1/65536 |
 //! | `store 0x0010 01 02` | into the memory |
+//! | `power off` | the cut has come, in the store before |
 
 mod text;
 
@@ -233,6 +234,8 @@ pub enum Did {
     Duty { axis: Axis, duty: i32 },
     /// [`Output::Store`]
     Store { offset: u16, bytes: Vec<u8> },
+    /// Its power fails in that store: a [cut](Power::Cut) has come.
+    PowerOff,
 }
 
 impl Did {
@@ -278,7 +281,7 @@ impl Did {
             | Self::Step { .. }
             | Self::Current { .. }
             | Self::Duty { .. } => Group::Motion,
-            Self::Store { .. } => Group::Stores,
+            Self::Store { .. } | Self::PowerOff => Group::Stores,
         }
     }
 }
@@ -294,7 +297,7 @@ pub enum Group {
     Pins,
     /// Plans, steps, currents and duties.
     Motion,
-    /// What goes into the memory.
+    /// What goes into the memory, and power cuts.
     Stores,
 }
 
@@ -412,6 +415,18 @@ impl Trace {
         if let Some(did) = Did::of(output) {
             self.record(at, drive, Event::Did(did));
         }
+    }
+
+    /// Records that power fails in a store.
+    pub(crate) fn power_fails(&mut self, at: Instant, drive: u32) {
+        if self.keep != TraceKeep::Off {
+            self.record(at, drive, Event::Did(Did::PowerOff));
+        }
+    }
+
+    /// Whether all that happened is in it.
+    pub(crate) fn is_whole(&self) -> bool {
+        self.keep != TraceKeep::Off && self.lost == 0
     }
 
     fn record(&mut self, at: Instant, drive: u32, event: Event) {

@@ -264,6 +264,7 @@ fn did_text(spec: &'static Spec, at: Instant, did: &Did) -> String {
         Did::Current { axis, ma } => format!("current {} {ma}", axis_name(spec, *axis)),
         Did::Duty { axis, duty } => format!("duty {} {duty}", axis_name(spec, *axis)),
         Did::Store { offset, bytes } => format!("store 0x{offset:04X}{}", hex(bytes)),
+        Did::PowerOff => "power off".to_owned(),
     }
 }
 
@@ -531,9 +532,15 @@ fn did(spec: &'static Spec, words: &mut Words<'_>) -> Result<Did, String> {
             let offset = u16::try_from(offset).map_err(|_| "the memory ends before that".to_owned())?;
             Did::Store { offset, bytes: words.bytes()? }
         }
+        "power" => match words.next() {
+            "off" => Did::PowerOff,
+            other => return Err(format!("by itself power goes \"off\", not \"{other}\"")),
+        },
         _ => {
-            let words =
-                ["tx", "message", "close", "line", "pin", "wave", "plan", "step", "current", "duty", "store"];
+            let words = [
+                "tx", "message", "close", "line", "pin", "wave", "plan", "step", "current", "duty", "store",
+                "power",
+            ];
             return Err(format!("no drive does \"{word}\": {}", known(words)));
         }
     })
