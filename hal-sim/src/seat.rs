@@ -36,6 +36,8 @@ pub(crate) struct Seated {
     last: (Instant, Class),
     /// Wake-ups in a row after which it wanted to be woken again at once.
     at_once: u32,
+    /// When it wants to be woken; without power never.
+    deadline: Instant,
 }
 
 /// What a device leaves behind, in the world and in its memory.
@@ -656,12 +658,13 @@ impl Seated {
             dice,
             last,
             at_once: 0,
+            deadline: Instant::NEVER,
         }
     }
 
-    /// When it wants to be woken.
+    /// When it wants to be woken; without power never.
     pub(crate) fn deadline(&self) -> Instant {
-        if self.body.powered { self.device.deadline() } else { Instant::NEVER }
+        self.deadline
     }
 
     /// Wakes it at its deadline; returns the next one.
@@ -778,7 +781,8 @@ impl Seated {
         if self.body.dead {
             self.body.power_off(at, tape.outbox);
         }
-        self.deadline()
+        self.deadline = if self.body.powered { self.device.deadline() } else { Instant::NEVER };
+        self.deadline
     }
 
     /// The first instant from `now` on at which something of that class can still come to it.
