@@ -468,6 +468,7 @@ impl Bench {
     }
 
     /// Sends something on its way.
+    #[inline(always)]
     fn schedule(&mut self, at: Instant, class: Class, place: u32, what: What) {
         // As long as there are seats without a rank all get theirs before the next event.
         let rank = self.ranks.get(place as usize).copied().unwrap_or(0);

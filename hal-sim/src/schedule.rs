@@ -112,6 +112,8 @@ pub(crate) struct Heap {
 
 impl Heap {
     /// Sends something on its way.
+    // Where it is inlined an event is written once, and not copied about on its way to its place.
+    #[inline(always)]
     pub(crate) fn push(&mut self, at: Instant, class: Class, rank: u32, seat: u32, what: What) {
         self.sequence += 1;
         let key = Key { at, class, rank, sequence: self.sequence };
