@@ -7,7 +7,8 @@
 //! [trace](Bench::trace) replays exactly.
 //!
 //! Time goes from event to event: a tournament holds the next deadline of each seat, a heap what is
-//! under way, and only the drive that is due is woken.
+//! under way, and only the drive that is due is woken. Step pulses and the edges of waves are made
+//! where a [wire](Bench::wire) listens, one ahead; where none does, a move is one event.
 
 mod hands;
 mod lines;

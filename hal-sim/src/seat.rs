@@ -172,8 +172,10 @@ struct AxisState {
     plan: Plan,
     /// Steps made without a plan since the last one.
     steps: i32,
-    /// Whether the last step before the plan, or without it, was forward.
+    /// Whether the last step before the plan was forward.
     forward: bool,
+    /// Whether the last of `steps` was, if there are any.
+    stepped: Option<bool>,
     current_ma: u32,
     duty: i32,
     /// Makes the pulses for whoever is wired to them.
@@ -362,14 +364,14 @@ impl Body {
                 self.shape(axis, at, tape.outbox, |shaper| shaper.plan(at, plan));
                 if let Some(axis) = self.axes.get_mut(usize::from(axis.0)) {
                     axis.forward = axis.forward_at(at);
-                    (axis.plan, axis.steps) = (*plan, 0);
+                    (axis.plan, axis.steps, axis.stepped) = (*plan, 0, None);
                 }
             }
             Output::Step { axis, steps } => {
                 self.shape(axis, at, tape.outbox, |shaper| shaper.steps(at, steps));
                 if let Some(axis) = self.axes.get_mut(usize::from(axis.0)) {
                     axis.steps = axis.steps.wrapping_add(steps);
-                    axis.forward = steps > 0;
+                    axis.stepped = Some(steps > 0);
                 }
             }
             Output::Current { axis, ma } => {
@@ -441,6 +443,7 @@ impl Body {
         self.powered = true;
         for axis in &mut self.axes {
             (axis.plan, axis.steps, axis.current_ma, axis.duty) = (Plan::rest(at, 0), 0, 0, 0);
+            (axis.forward, axis.stepped) = (false, None);
         }
         for serial in self.ports.iter_mut().filter_map(|port| port.serial.as_mut()) {
             serial.line = serial.factory;
@@ -457,7 +460,9 @@ impl Body {
             self.shape(axis, at, outbox, |shaper| shaper.power_off(at));
         }
         for axis in &mut self.axes {
-            (axis.plan, axis.forward, axis.current_ma, axis.duty) = (axis.plan.halt(at), false, 0, 0);
+            (axis.plan, axis.current_ma, axis.duty) = (axis.plan.halt(at), 0, 0);
+            // DIR is low then, wherever it went last.
+            axis.stepped = Some(false);
         }
     }
 
@@ -490,6 +495,7 @@ impl AxisState {
             plan: Plan::rest(Instant::ZERO, 0),
             steps: 0,
             forward: false,
+            stepped: None,
             current_ma: 0,
             duty: 0,
             shaper: None,
@@ -499,14 +505,13 @@ impl AxisState {
 
     /// Whether the last step by `at` was forward.
     fn forward_at(&self, at: Instant) -> bool {
-        let moved = self.plan.position_at(at).wrapping_sub(self.plan.position_at(self.plan.start()));
         let speed = self.plan.speed_at(at);
-        if speed != 0 {
-            speed > 0
-        } else if moved != 0 {
-            moved > 0
-        } else {
-            self.forward
+        let moved = self.plan.position_at(at).wrapping_sub(self.plan.position_at(self.plan.start()));
+        match self.stepped {
+            _ if speed != 0 => speed > 0,
+            Some(forward) => forward,
+            None if moved != 0 => moved > 0,
+            None => self.forward,
         }
     }
 }

@@ -175,6 +175,9 @@ fn pulses_alone(name: &str) {
     assert_eq!(bench.peek(counter, 0), pulses as i64);
 }
 
+/// Measures and prints it under that name.
+type Case = fn(&str);
+
 fn seconds(span: Duration) -> u64 {
     span / 1.secs()
 }
@@ -183,7 +186,7 @@ fn seconds(span: Duration) -> u64 {
 fn main() {
     let words: Vec<String> = std::env::args().skip(1).filter(|word| !word.starts_with("--")).collect();
     println!("simulated seconds per second");
-    let cases: [(&str, fn(&str)); 5] = [
+    let cases: [(_, Case); 5] = [
         ("jog, nobody listens", jog_unheard),
         ("jog, a wire on STEP", jog_heard),
         ("step/direction input", step_direction),

@@ -61,7 +61,7 @@ impl Move {
 /// Random numbers from 0 up to a bound, the same in each run.
 fn dice() -> impl FnMut(u32) -> u32 {
     let mut rng = TestRng::from_seed(RngAlgorithm::ChaCha, b"one hundred moves of one MD3 ...");
-    move |below| (u64::from(rng.next_u32()) * u64::from(below) >> 32) as u32
+    move |below| ((u64::from(rng.next_u32()) * u64::from(below)) >> 32) as u32
 }
 
 fn write(bench: &mut Bench, md3: Seat, register: u16, value: u16) {
