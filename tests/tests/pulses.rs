@@ -184,6 +184,17 @@ fn an_md3_follows_the_step_and_direction_outputs_of_another() {
 }
 
 #[test]
+fn the_factory_move_makes_10_000_pulses() {
+    let mut bench = Bench::new();
+    let md3 = bench.add::<Md3>("x");
+    bench.run_until(2_500.millis());
+    let reply = bench.ask(md3, &rtu::write(1, MOTION_CONTROL, MOVE));
+    assert_eq!(reply, rtu::write(1, MOTION_CONTROL, MOVE).as_slice());
+    bench.run_until(6.secs());
+    assert_eq!(bench.pulses(md3.step()).count(), 10_000);
+}
+
+#[test]
 fn nothing_is_counted_before_it_is_made() {
     let (mut bench, md3) = bench();
     make(&mut bench, md3, 3, 40_000, 200);

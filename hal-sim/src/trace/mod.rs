@@ -429,6 +429,8 @@ impl Trace {
         self.keep != TraceKeep::Off && self.lost == 0
     }
 
+    // Where it is inlined an entry is written once, and not copied about on its way to its place.
+    #[inline(always)]
     fn record(&mut self, at: Instant, drive: u32, event: Event) {
         let entry = Entry { at, drive: drive as usize, event, line: 0 };
         self.bytes += entry.size();
