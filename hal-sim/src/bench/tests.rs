@@ -917,6 +917,36 @@ fn hands_hold_an_input_until_they_let_go() {
 }
 
 #[test]
+fn after_a_train_the_wire_decides_again() {
+    let (mut bench, x, toy) = busy();
+    let from = bench.now();
+    bench.pulse(toy, toy::IN, 1, 1_000.0).unwrap();
+    command(&mut bench, x, JOG);
+    bench.run_until(3.millis());
+    // Low for half a millisecond, back up, and down again where BUSY has pulled the wire meanwhile.
+    let told: Vec<_> = edges(&bench, toy, from).into_iter().map(|(at, _, high)| (at, high)).collect();
+    assert_eq!(told, [(1, false), (8_001, true), (8_001, false)]);
+}
+
+#[test]
+fn direction_shows_the_last_step_whoever_made_it() {
+    let (mut bench, x, _) = alone(LineMode::Fast);
+    bench.poke(x, Reg::MoveSteps as usize, 3).unwrap();
+    command(&mut bench, x, MOVE);
+    bench.run_until(1.secs());
+    assert_eq!(bench.level(x, DIR), Level::High);
+    // A step back on its step input (7.8), and one forward again.
+    for (direction, level, position) in [(Drive::Low, Level::Low, 2), (Drive::High, Level::High, 3)] {
+        bench.set_pin(x, J2_5, direction);
+        bench.run_until(bench.now() + 1.millis());
+        bench.pulse(x, J2_4, 1, 1_000.0).unwrap();
+        bench.run_until(bench.now() + 2.millis());
+        assert_eq!(bench.motion(x, Axis(0)).position, position);
+        assert_eq!(bench.level(x, DIR), level);
+    }
+}
+
+#[test]
 fn of_two_wires_to_one_input_low_wins() {
     let (mut bench, x, toy) = busy();
     let other = bench.add::<Toy>("other");
