@@ -7,12 +7,14 @@
 //! [trace](Bench::trace) replays exactly.
 //!
 //! Time goes from event to event: a tournament holds the next deadline of each seat, a heap what is
-//! under way, and only the drive that is due is woken.
+//! under way, and only the drive that is due is woken. Step pulses and the edges of waves are made
+//! where a [wire](Bench::wire) listens, one ahead; where none does, a move is one event.
 
 mod hands;
 mod lines;
 #[cfg(test)]
 mod tests;
+mod wires;
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -24,6 +26,8 @@ use crate::bus::{LineMode, Outside, Wire};
 use crate::schedule::{Class, Event, Heap, Tournament, What};
 use crate::seat::{Outbox, Seated, Tape};
 use crate::trace::{self, Fed, Power, Trace, TraceKeep};
+use wires::PinWire;
+pub use wires::StepOutput;
 
 /// A device on the bench.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
@@ -114,13 +118,13 @@ pub enum Drive {
     Millivolts(i32),
 }
 
-/// A train of pulses runs on that pin already.
+/// A train of pulses, or an encoder, runs on that pin already.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Busy;
 
 impl fmt::Display for Busy {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("a train of pulses runs on that pin already")
+        f.write_str("a train of pulses, or an encoder, runs on that pin already")
     }
 }
 
@@ -195,6 +199,8 @@ pub struct Bench {
     /// Whether `order`, `ranks` and `deadlines` know all seats.
     indexed: bool,
     under_way: Heap,
+    /// Wires between pins.
+    wires: Vec<PinWire>,
     buses: Vec<Wire>,
     /// Lines on which somebody is being served.
     busy: usize,
@@ -234,6 +240,7 @@ impl Bench {
             deadlines: Tournament::new(&[]),
             indexed: true,
             under_way: Heap::default(),
+            wires: Vec::new(),
             buses: Vec::new(),
             busy: 0,
             clients: BTreeMap::new(),
@@ -462,6 +469,7 @@ impl Bench {
     }
 
     /// Sends something on its way.
+    #[inline(always)]
     fn schedule(&mut self, at: Instant, class: Class, place: u32, what: What) {
         // As long as there are seats without a rank all get theirs before the next event.
         let rank = self.ranks.get(place as usize).copied().unwrap_or(0);
@@ -483,7 +491,12 @@ impl Bench {
                     self.deliver(event.seat, &fed);
                 }
             }
-            What::Pulse { pin, train } => self.edge(event.seat, pin, train),
+            What::Hand { pin, drive } => self.hand(event.seat, pin, drive),
+            What::Wired { wire, level } => self.wired(wire, level),
+            What::Pulse { pin, number } => self.pulse_edge(event.seat, pin, number),
+            What::Encoder { encoder, number } => self.encoder_edge(event.seat, encoder, number),
+            What::Wave { pin, number } => self.wave_edge(event.seat, pin, number),
+            What::Steps { axis, number } => self.axis_edge(event.seat, axis, number),
             What::Turn { bus } => self.turn_ends(bus, event.key.at),
         }
     }

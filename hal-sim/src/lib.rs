@@ -5,6 +5,7 @@
 //! | [`mod@bench`] | the bench: seats for drives, time, pins, power; what a test writes against |
 //! | [`bus`] | serial lines: whose turn it is, and when each character is where |
 //! | [`hal`] | a board that is not there: embedded-hal, embedded-io and embedded-storage on virtual time |
+//! | [`pulses`] | step pulses, from the plans of an axis |
 //! | [`trace`] | what happened, as text that people read and write |
 //! | [`replay`] | a trace once more, and the first difference |
 
@@ -12,6 +13,7 @@ pub mod bench;
 pub mod bus;
 mod dice;
 pub mod hal;
+pub mod pulses;
 pub mod replay;
 mod schedule;
 mod seat;

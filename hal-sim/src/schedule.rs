@@ -3,8 +3,9 @@
 use std::cmp::{Ordering, Reverse};
 use std::collections::BinaryHeap;
 
-use standin_firmware::device::{Instant, Pin};
+use standin_firmware::device::{Axis, Encoder, Instant, Level, Pin};
 
+use crate::bench::Drive;
 use crate::trace::Fed;
 
 /// What comes first of what happens at one instant.
@@ -65,8 +66,19 @@ pub(crate) enum What {
     Fed(Fed),
     /// To be fed to a device that shares a line with the one that began to say it then.
     Overheard { fed: Fed, began: Instant },
-    /// The next edge of a train of pulses; `train` tells it from earlier trains on the pin.
-    Pulse { pin: Pin, train: u32 },
+    /// What hands do to a pin.
+    Hand { pin: Pin, drive: Drive },
+    /// The other end of a wire takes a level.
+    Wired { wire: u32, level: Level },
+    /// The next edge of a train of pulses. `number` tells it from earlier trains on the pin; so it is
+    /// with encoders, waves and axes.
+    Pulse { pin: Pin, number: u32 },
+    /// The next edge of an encoder.
+    Encoder { encoder: Encoder, number: u32 },
+    /// The next edge of a wave on an output.
+    Wave { pin: Pin, number: u32 },
+    /// The next edge of the step pulses of an axis.
+    Steps { axis: Axis, number: u32 },
     /// Somebody's turn on a line may end.
     Turn { bus: u32 },
 }
@@ -100,6 +112,8 @@ pub(crate) struct Heap {
 
 impl Heap {
     /// Sends something on its way.
+    // Where it is inlined an event is written once, and not copied about on its way to its place.
+    #[inline(always)]
     pub(crate) fn push(&mut self, at: Instant, class: Class, rank: u32, seat: u32, what: What) {
         self.sequence += 1;
         let key = Key { at, class, rank, sequence: self.sequence };

@@ -2,12 +2,13 @@
 
 use fixed::types::I48F16;
 use standin_firmware::device::{
-    Axis, Boot, Device, Duration, Ends, Fault, Instant, Level, Line, Note, Output, Pin, PinSpec, Plan, Port,
-    Refused, Role, Sink, Spec, Why,
+    Axis, AxisSpec, Boot, Device, Duration, Encoder, EncoderSpec, Ends, Fault, Instant, Level, Line, Note,
+    Output, Pin, PinSpec, Plan, Port, Refused, Role, Sink, Spec, Why,
 };
 
 use crate::bench::{Drive, Keep, Motion, Statistics};
 use crate::dice::Dice;
+use crate::pulses::{HIGH, Shaper, StepDir};
 use crate::schedule::Class;
 use crate::trace::{Cut, Fed, Power, Trace};
 
@@ -35,6 +36,8 @@ pub(crate) struct Seated {
     last: (Instant, Class),
     /// Wake-ups in a row after which it wanted to be woken again at once.
     at_once: u32,
+    /// When it wants to be woken; without power never.
+    deadline: Instant,
 }
 
 /// What a device leaves behind, in the world and in its memory.
@@ -50,6 +53,7 @@ pub(crate) struct Body {
     dice: Dice,
     pub(crate) pins: Vec<PinState>,
     axes: Vec<AxisState>,
+    encoders: Vec<EncoderState>,
     pub(crate) ports: Vec<PortState>,
     /// Which causes of faults are there.
     pub(crate) faults: Vec<bool>,
@@ -77,8 +81,15 @@ enum Part {
 /// A pin and what both sides do to it.
 pub(crate) struct PinState {
     spec: &'static PinSpec,
-    /// What is done to it from outside.
-    pub(crate) outside: Drive,
+    /// What hands do to it.
+    pub(crate) hands: Drive,
+    /// What of that has arrived.
+    pub(crate) held: Drive,
+    /// What wires do to it.
+    pub(crate) wired: Drive,
+    /// The wires that drive it, and those that it drives: places in the bench's list.
+    pub(crate) driven_by: Vec<u32>,
+    pub(crate) drives_wires: Vec<u32>,
     /// What the device was told last.
     pub(crate) told: Signal,
     /// The train of pulses that runs.
@@ -87,6 +98,8 @@ pub(crate) struct PinState {
     pub(crate) trains: u32,
     /// What the device does with it.
     drives: Drives,
+    /// How often that has changed.
+    changes: u32,
 }
 
 /// What a device sees at an input.
@@ -113,38 +126,62 @@ enum Drives {
     Wave { since: Instant, period: Duration, high: Duration },
 }
 
-/// Pulses on an input.
+/// Edges at a steady rate.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Train {
+pub(crate) struct Pace {
     pub(crate) start: Instant,
-    /// Ticks between two edges.
     pub(crate) ticks_per_edge: f64,
     /// Edges made.
     pub(crate) made: u64,
     /// Edges to make in all.
     pub(crate) edges: u64,
+}
+
+impl Pace {
+    /// When the next edge is; `None` after the last one.
+    pub(crate) fn due(&self) -> Option<Instant> {
+        // Exact below 2^53, to the nearest; beyond the end of time the conversion saturates.
+        let ticks = (self.made as f64 * self.ticks_per_edge + 0.5) as u64;
+        (self.made < self.edges).then_some(self.start + Duration::from_ticks(ticks))
+    }
+}
+
+/// Pulses on an input.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Train {
+    pub(crate) pace: Pace,
     /// The level between pulses.
     pub(crate) rest: bool,
     /// What the pin goes back to.
     pub(crate) before: Drive,
 }
 
-impl Train {
-    /// When the next edge is.
-    pub(crate) fn due(&self) -> Instant {
-        // Exact below 2^53; beyond the end of time the conversion saturates.
-        let ticks = (self.made as f64 * self.ticks_per_edge).round() as u64;
-        self.start + Duration::from_ticks(ticks)
-    }
+/// What turns an encoder.
+#[derive(Default)]
+pub(crate) struct EncoderState {
+    pub(crate) pace: Option<Pace>,
+    /// Whether B leads A.
+    pub(crate) back: bool,
+    /// How often it was turned.
+    pub(crate) turns: u32,
 }
 
 /// What is known of an axis.
 struct AxisState {
+    step_dir: Option<(Pin, Pin)>,
     plan: Plan,
     /// Steps made without a plan since the last one.
     steps: i32,
+    /// Whether the last step before the plan was forward.
+    forward: bool,
+    /// Whether the last of `steps` was, if there are any.
+    stepped: Option<bool>,
     current_ma: u32,
     duty: i32,
+    /// Makes the pulses for whoever is wired to them.
+    shaper: Option<Shaper>,
+    /// How often the next edge has changed.
+    changes: u32,
 }
 
 /// What is known of a port.
@@ -194,19 +231,36 @@ pub(crate) struct Sent {
     pub(crate) count: usize,
 }
 
-/// What a device has sent in one call.
+/// What an output did to which a wire goes.
+pub(crate) enum Moved {
+    /// A pin took a level then.
+    Pin { pin: Pin, at: Instant, level: Level },
+    /// A pin repeats from now on.
+    Wave { pin: Pin },
+    /// An axis has other steps before it.
+    Axis { axis: Axis },
+}
+
+/// What a device has done in one call.
 #[derive(Default)]
 pub(crate) struct Outbox {
     pub(crate) sent: Vec<Sent>,
     /// All characters, one message behind the other.
     pub(crate) bytes: Vec<u8>,
+    /// And whose output it was.
+    pub(crate) moved: Vec<(u32, Moved)>,
 }
 
 impl Outbox {
+    pub(crate) fn is_empty(&self) -> bool {
+        self.sent.is_empty() && self.moved.is_empty()
+    }
+
     /// Empties it, and keeps its room.
     pub(crate) fn clear(&mut self) {
         self.sent.clear();
         self.bytes.clear();
+        self.moved.clear();
     }
 }
 
@@ -232,6 +286,9 @@ impl Sink for Hand<'_, '_> {
         if let Output::Store { offset, bytes } = output {
             let bytes = self.body.store(offset, bytes);
             self.tape.trace.did(at, self.body.seat, Output::Store { offset, bytes });
+            if self.body.dead {
+                self.tape.trace.power_fails(at, self.body.seat);
+            }
             return;
         }
         self.body.put(at, output, self.tape);
@@ -299,16 +356,22 @@ impl Body {
                     serial.change(at, line);
                 }
             }
-            Output::Level { pin, level } => self.drive(pin, Drives::Level(level)),
-            Output::Wave { pin, period, high } => self.drive(pin, Drives::Wave { since: at, period, high }),
+            Output::Level { pin, level } => self.drive(pin, at, Drives::Level(level), tape.outbox),
+            Output::Wave { pin, period, high } => {
+                self.drive(pin, at, Drives::Wave { since: at, period, high }, tape.outbox);
+            }
             Output::Plan { axis, plan } => {
+                self.shape(axis, at, tape.outbox, |shaper| shaper.plan(at, plan));
                 if let Some(axis) = self.axes.get_mut(usize::from(axis.0)) {
-                    (axis.plan, axis.steps) = (*plan, 0);
+                    axis.forward = axis.forward_at(at);
+                    (axis.plan, axis.steps, axis.stepped) = (*plan, 0, None);
                 }
             }
             Output::Step { axis, steps } => {
+                self.shape(axis, at, tape.outbox, |shaper| shaper.steps(at, steps));
                 if let Some(axis) = self.axes.get_mut(usize::from(axis.0)) {
                     axis.steps = axis.steps.wrapping_add(steps);
+                    axis.stepped = Some(steps > 0);
                 }
             }
             Output::Current { axis, ma } => {
@@ -345,10 +408,30 @@ impl Body {
         } += 1;
     }
 
-    fn drive(&mut self, pin: Pin, drives: Drives) {
-        if let Some(pin) = self.pins.get_mut(usize::from(pin.0)) {
-            pin.drives = drives;
+    fn drive(&mut self, pin: Pin, at: Instant, drives: Drives, outbox: &mut Outbox) {
+        let Some(state) = self.pins.get_mut(usize::from(pin.0)) else { return };
+        state.drives = drives;
+        state.changes = state.changes.wrapping_add(1);
+        // Pulses and their direction come from the axis.
+        let pulses = |axis: &AxisState| axis.step_dir.is_some_and(|(step, dir)| step == pin || dir == pin);
+        if !state.drives_wires.is_empty() && !self.axes.iter().any(pulses) {
+            let moved = match drives {
+                Drives::Level(level) => Moved::Pin { pin, at, level },
+                Drives::Wave { .. } => Moved::Wave { pin },
+            };
+            outbox.moved.push((self.seat, moved));
         }
+    }
+
+    /// Something happens to an axis: if somebody listens, its edges up to then come first.
+    fn shape(&mut self, axis: Axis, at: Instant, outbox: &mut Outbox, happens: impl FnOnce(&mut Shaper)) {
+        let Some(state) = self.axes.get_mut(usize::from(axis.0)) else { return };
+        let (Some(shaper), Some(step_dir)) = (&mut state.shaper, state.step_dir) else { return };
+        take(self.seat, shaper, step_dir, at, outbox);
+        happens(shaper);
+        // Without power the outputs fall at once.
+        take(self.seat, shaper, step_dir, at, outbox);
+        outbox.moved.push((self.seat, Moved::Axis { axis }));
     }
 
     /// A serial port.
@@ -359,7 +442,8 @@ impl Body {
     fn power_on(&mut self, at: Instant) {
         self.powered = true;
         for axis in &mut self.axes {
-            *axis = AxisState::rest(at);
+            (axis.plan, axis.steps, axis.current_ma, axis.duty) = (Plan::rest(at, 0), 0, 0, 0);
+            (axis.forward, axis.stepped) = (false, None);
         }
         for serial in self.ports.iter_mut().filter_map(|port| port.serial.as_mut()) {
             serial.line = serial.factory;
@@ -367,14 +451,18 @@ impl Body {
         }
     }
 
-    fn power_off(&mut self, at: Instant) {
+    fn power_off(&mut self, at: Instant, outbox: &mut Outbox) {
         (self.powered, self.dead) = (false, false);
-        for pin in &mut self.pins {
-            pin.drives = Drives::Level(Level::Float);
+        for pin in (0..self.pins.len() as u8).map(Pin) {
+            self.drive(pin, at, Drives::Level(Level::Float), outbox);
+        }
+        for axis in (0..self.axes.len() as u8).map(Axis) {
+            self.shape(axis, at, outbox, |shaper| shaper.power_off(at));
         }
         for axis in &mut self.axes {
-            let standing = AxisState { plan: axis.plan.halt(at), steps: axis.steps, current_ma: 0, duty: 0 };
-            *axis = standing;
+            (axis.plan, axis.current_ma, axis.duty) = (axis.plan.halt(at), 0, 0);
+            // DIR is low then, wherever it went last.
+            axis.stepped = Some(false);
         }
     }
 
@@ -391,9 +479,40 @@ impl Body {
     }
 }
 
+/// Takes the edges up to `until` out of a shaper.
+fn take(seat: u32, shaper: &mut Shaper, (step, dir): (Pin, Pin), until: Instant, outbox: &mut Outbox) {
+    while let Some(edge) = shaper.take(until) {
+        let pin = if edge.output == StepDir::Step { step } else { dir };
+        let level = if edge.high { Level::High } else { Level::Low };
+        outbox.moved.push((seat, Moved::Pin { pin, at: edge.at, level }));
+    }
+}
+
 impl AxisState {
-    fn rest(at: Instant) -> Self {
-        Self { plan: Plan::rest(at, 0), steps: 0, current_ma: 0, duty: 0 }
+    fn new(spec: &AxisSpec) -> Self {
+        Self {
+            step_dir: spec.step_dir,
+            plan: Plan::rest(Instant::ZERO, 0),
+            steps: 0,
+            forward: false,
+            stepped: None,
+            current_ma: 0,
+            duty: 0,
+            shaper: None,
+            changes: 0,
+        }
+    }
+
+    /// Whether the last step by `at` was forward.
+    fn forward_at(&self, at: Instant) -> bool {
+        let speed = self.plan.speed_at(at);
+        let moved = self.plan.position_at(at).wrapping_sub(self.plan.position_at(self.plan.start()));
+        match self.stepped {
+            _ if speed != 0 => speed > 0,
+            Some(forward) => forward,
+            None if moved != 0 => moved > 0,
+            None => self.forward,
+        }
     }
 }
 
@@ -401,18 +520,28 @@ impl PinState {
     fn new(spec: &'static PinSpec) -> Self {
         let mut pin = Self {
             spec,
-            outside: Drive::Open,
+            hands: Drive::Open,
+            held: Drive::Open,
+            wired: Drive::Open,
+            driven_by: Vec::new(),
+            drives_wires: Vec::new(),
             told: Signal::Digital(false),
             train: None,
             trains: 0,
             drives: Drives::Level(Level::Float),
+            changes: 0,
         };
         pin.told = pin.signal(Drive::Open);
         pin
     }
 
+    /// What the device sees of what has arrived: where hands let go wires decide.
+    pub(crate) fn seen(&self) -> Signal {
+        self.signal(if self.held == Drive::Open { self.wired } else { self.held })
+    }
+
     /// What the device sees while that is done to the pin.
-    pub(crate) fn signal(&self, drive: Drive) -> Signal {
+    fn signal(&self, drive: Drive) -> Signal {
         let rests_high = self.spec.rest == Level::High;
         if self.spec.role == Role::Analogue {
             return Signal::Millivolts(match drive {
@@ -430,9 +559,14 @@ impl PinState {
         })
     }
 
+    /// What is done to it from outside.
+    fn outside(&self) -> Drive {
+        if self.hands == Drive::Open { self.wired } else { self.hands }
+    }
+
     /// Whether the device would see a high level now.
     pub(crate) fn is_high(&self) -> bool {
-        match self.signal(self.outside) {
+        match self.signal(self.outside()) {
             Signal::Digital(high) => high,
             Signal::Millivolts(mv) => mv > HIGH_MV,
         }
@@ -443,17 +577,35 @@ impl PinState {
         self.told != self.signal(Drive::Open)
     }
 
-    /// The pin as it is seen from outside.
-    fn level(&self, at: Instant) -> Level {
-        let of = |high| if high { Level::High } else { Level::Low };
+    /// What the device does with it at `at`.
+    fn driven(&self, at: Instant) -> Level {
         match self.drives {
-            Drives::Level(level @ (Level::Low | Level::High)) => level,
+            Drives::Level(level) => level,
             Drives::Wave { since, period, high } => {
                 let cycle = period.ticks().max(1);
-                of(at.since(since).ticks() % cycle < high.ticks())
+                if at.since(since).ticks() % cycle < high.ticks() { Level::High } else { Level::Low }
             }
-            Drives::Level(Level::Float) if self.outside == Drive::Open => self.spec.rest,
-            Drives::Level(Level::Float) => of(self.is_high()),
+        }
+    }
+
+    /// When a wave on it changes after `at`, which is not before it began; `None` if it never does.
+    fn changes_after(&self, at: Instant) -> Option<Instant> {
+        let Drives::Wave { since, period, high } = self.drives else { return None };
+        let (cycle, high) = (period.ticks(), high.ticks());
+        if high == 0 || high >= cycle {
+            return None;
+        }
+        let phase = at.since(since).ticks() % cycle;
+        Some(at + Duration::from_ticks(if phase < high { high - phase } else { cycle - phase }))
+    }
+
+    /// The pin as it is seen from outside.
+    fn level(&self, at: Instant) -> Level {
+        match self.driven(at) {
+            Level::Float if self.outside() == Drive::Open => self.spec.rest,
+            Level::Float if self.is_high() => Level::High,
+            Level::Float => Level::Low,
+            level => level,
         }
     }
 }
@@ -494,7 +646,8 @@ impl Seated {
             dead: false,
             dice: Dice::new(seed, &format!("power cuts of {name}")),
             pins: spec.pins.iter().map(PinState::new).collect(),
-            axes: spec.axes.iter().map(|_| AxisState::rest(Instant::ZERO)).collect(),
+            axes: spec.axes.iter().map(AxisState::new).collect(),
+            encoders: spec.encoders.iter().map(|_| EncoderState::default()).collect(),
             ports: ports.collect(),
             faults: vec![false; spec.faults.len()],
         };
@@ -510,12 +663,13 @@ impl Seated {
             dice,
             last,
             at_once: 0,
+            deadline: Instant::NEVER,
         }
     }
 
-    /// When it wants to be woken.
+    /// When it wants to be woken; without power never.
     pub(crate) fn deadline(&self) -> Instant {
-        if self.body.powered { self.device.deadline() } else { Instant::NEVER }
+        self.deadline
     }
 
     /// Wakes it at its deadline; returns the next one.
@@ -524,7 +678,7 @@ impl Seated {
     /// If it wants to be woken at one instant for ever: time would stand still.
     pub(crate) fn wake(&mut self, due: Instant, tape: &mut Tape<'_>) -> Instant {
         self.device.timeout(due, &mut Hand { body: &mut self.body, tape });
-        let next = self.done(due, Class::Deadline);
+        let next = self.done(due, Class::Deadline, tape);
         if next > due {
             self.at_once = 0;
         } else {
@@ -552,7 +706,7 @@ impl Seated {
         let boot = Boot { seed: self.dice.next(), fast: self.boot_fast };
         self.body.power_on(at);
         self.device.power_on(at, boot, &mut Hand { body: &mut self.body, tape });
-        self.done(at, Class::Power);
+        self.done(at, Class::Power, tape);
     }
 
     /// Notes what comes to it from outside, and says whether it hears it: not without power, and not
@@ -596,7 +750,7 @@ impl Seated {
         tape.trace.fed(at, self.body.seat, fed);
         match *fed {
             Fed::Power(Power::On) => self.power_on(at, tape),
-            Fed::Power(Power::Off) => self.body.power_off(at),
+            Fed::Power(Power::Off) => self.body.power_off(at, tape.outbox),
             Fed::Power(Power::Cut(cut)) => self.body.cut(cut),
             Fed::Poke { row, value } => {
                 let hand = &mut Hand { body: &mut self.body, tape };
@@ -611,7 +765,7 @@ impl Seated {
                 }
             }
         }
-        self.done(at, Class::of(fed));
+        self.done(at, Class::of(fed), tape);
         Ok(())
     }
 
@@ -627,12 +781,13 @@ impl Seated {
     }
 
     /// After a call of the device: whether that was its last, and its next deadline.
-    fn done(&mut self, at: Instant, class: Class) -> Instant {
+    fn done(&mut self, at: Instant, class: Class, tape: &mut Tape<'_>) -> Instant {
         self.last = (at, class);
         if self.body.dead {
-            self.body.power_off(at);
+            self.body.power_off(at, tape.outbox);
         }
-        self.deadline()
+        self.deadline = if self.body.powered { self.device.deadline() } else { Instant::NEVER };
+        self.deadline
     }
 
     /// The first instant from `now` on at which something of that class can still come to it.
@@ -653,6 +808,26 @@ impl Seated {
     /// A pin.
     pub(crate) fn pin_mut(&mut self, pin: Pin) -> Option<&mut PinState> {
         self.body.pins.get_mut(usize::from(pin.0))
+    }
+
+    /// A pin.
+    pub(crate) fn pin(&self, pin: Pin) -> Option<&PinState> {
+        self.body.pins.get(usize::from(pin.0))
+    }
+
+    /// An encoder input, and its pins.
+    pub(crate) fn encoder_mut(
+        &mut self,
+        encoder: Encoder,
+    ) -> Option<(&mut EncoderState, &'static EncoderSpec)> {
+        let place = usize::from(encoder.0);
+        Some((self.body.encoders.get_mut(place)?, self.spec.encoders.get(place)?))
+    }
+
+    /// The encoder inputs of which a pin is A or B.
+    pub(crate) fn encoders_at(&mut self, pin: Pin) -> impl Iterator<Item = &mut EncoderState> {
+        let encoders = self.body.encoders.iter_mut().zip(self.spec.encoders);
+        encoders.filter(move |(_, spec)| spec.a == pin || spec.b == pin).map(|(state, _)| state)
     }
 
     /// A serial port.
@@ -692,7 +867,77 @@ impl Seated {
 
     /// A pin as it is seen from outside.
     pub(crate) fn level(&self, at: Instant, pin: Pin) -> Level {
-        self.body.pins.get(usize::from(pin.0)).map_or(Level::Float, |pin| pin.level(at))
+        match self.pulses_at(at, pin) {
+            Some(level) => level,
+            None => self.pin(pin).map_or(Level::Float, |pin| pin.level(at)),
+        }
+    }
+
+    /// The level of STEP or DIR; `None` for any other pin.
+    fn pulses_at(&self, at: Instant, pin: Pin) -> Option<Level> {
+        let axis = self.body.axes.get(usize::from(self.axis_at(pin)?.0))?;
+        let mut shaper = match &axis.shaper {
+            Some(shaper) => shaper.clone(),
+            None if self.body.powered => {
+                // No pulse is longer.
+                let from = axis.plan.start().max(at - HIGH);
+                Shaper::new(from, &axis.plan, axis.forward_at(from))
+            }
+            None => Shaper::default(),
+        };
+        while shaper.take(at).is_some() {}
+        let (step, _) = axis.step_dir?;
+        let output = if pin == step { StepDir::Step } else { StepDir::Dir };
+        Some(if shaper.is_high(output) { Level::High } else { Level::Low })
+    }
+
+    /// What a device does with a pin.
+    pub(crate) fn driven(&self, at: Instant, pin: Pin) -> Level {
+        match self.pulses_at(at, pin) {
+            Some(level) => level,
+            None => self.pin(pin).map_or(Level::Float, |pin| pin.driven(at)),
+        }
+    }
+
+    /// When a wave on an output changes next, and the number of that change.
+    pub(crate) fn wave_after(&self, at: Instant, pin: Pin) -> Option<(Instant, u32)> {
+        let pin = self.pin(pin)?;
+        Some((pin.changes_after(at)?, pin.changes))
+    }
+
+    /// The axis of which a pin is STEP or DIR.
+    pub(crate) fn axis_at(&self, pin: Pin) -> Option<Axis> {
+        let mut axes = (0..).map(Axis).zip(self.spec.axes);
+        axes.find(|(_, axis)| axis.step_dir.is_some_and(|(step, dir)| step == pin || dir == pin))
+            .map(|(axis, _)| axis)
+    }
+
+    /// Somebody is wired to the pulses of an axis from now on.
+    pub(crate) fn listen(&mut self, at: Instant, axis: Axis) {
+        let powered = self.body.powered;
+        let Some(axis) = self.body.axes.get_mut(usize::from(axis.0)).filter(|axis| axis.shaper.is_none())
+        else {
+            return;
+        };
+        let shaper =
+            if powered { Shaper::new(at, &axis.plan, axis.forward_at(at)) } else { Shaper::default() };
+        axis.shaper = Some(shaper);
+    }
+
+    /// When the next edge of an axis is due, and a number that tells it from those foreseen earlier.
+    pub(crate) fn next_edge(&mut self, axis: Axis) -> Option<(Instant, u32)> {
+        let axis = self.body.axes.get_mut(usize::from(axis.0))?;
+        axis.changes = axis.changes.wrapping_add(1);
+        Some((axis.shaper.as_ref()?.due(), axis.changes))
+    }
+
+    /// The edge of an axis that was foreseen under that number, and due by `until`.
+    pub(crate) fn take_edge(&mut self, axis: Axis, number: u32, until: Instant) -> Option<(Pin, Level)> {
+        let axis = self.body.axes.get_mut(usize::from(axis.0)).filter(|axis| axis.changes == number)?;
+        let (step, dir) = axis.step_dir?;
+        let edge = axis.shaper.as_mut()?.take(until)?;
+        let pin = if edge.output == StepDir::Step { step } else { dir };
+        Some((pin, if edge.high { Level::High } else { Level::Low }))
     }
 
     /// What an axis does.

@@ -6,4 +6,5 @@
 pub struct Readme;
 
 pub mod on_shell;
+pub mod oracle;
 pub mod toy;

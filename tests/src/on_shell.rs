@@ -95,17 +95,17 @@ pub fn play<D: Device, const MEMORY: usize>(trace: &Trace, device: impl Fn() -> 
     }
     player.go(trace.end);
     assert_eq!(player.shell.map_or(0, |shell| shell.failures()), 0, "something on the board failed");
-    let seen = player.board.done().iter().map(|(at, done)| (*at, as_seen(done))).collect();
+    let seen = player.board.done().iter().map(|(at, done)| (*at, as_seen(*at, done))).collect();
     sorted(seen)
 }
 
-fn as_seen(done: &Done) -> Seen {
+fn as_seen(at: Instant, done: &Done) -> Seen {
     Seen::Did(match done {
         Done::Level(pin, high) => return Seen::Pin(*pin, *high),
         Done::Sent(port, bytes) => Did::Bytes { port: *port, bytes: bytes.clone() },
         Done::Line(port, line) => Did::Line { port: *port, line: *line },
         Done::Stored(offset, bytes) => Did::Store { offset: *offset as u16, bytes: bytes.clone() },
-        Done::Planned(axis, plan) => Did::Plan { axis: *axis, course: Box::new(Course::of(plan)) },
+        Done::Planned(axis, plan) => Did::Course { axis: *axis, course: Box::new(Course::of(plan, at)) },
         Done::Stepped(axis, steps) => Did::Step { axis: *axis, steps: *steps },
         Done::Current(axis, ma) => Did::Current { axis: *axis, ma: *ma },
         Done::Duty(axis, duty) => Did::Duty { axis: *axis, duty: *duty },

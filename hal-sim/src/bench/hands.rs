@@ -1,72 +1,157 @@
 //! What hands do to a bench: pins, faults, power, registers.
 
-use standin_firmware::device::{Axis, Duration, Fault, Level, Pin, Port, Refused};
+use standin_firmware::device::{Axis, Duration, Encoder, EncoderSpec, Fault, Level, Pin, Port, Refused};
+use standin_protocol::time::TICKS_PER_SECOND;
 
 use super::{Bench, Busy, Drive, Motion, PowerAction, Seat, Statistics, tape};
 use crate::schedule::{Class, What};
-use crate::seat::Train;
+use crate::seat::{Pace, PinState, Train};
 use crate::trace::{Fed, Power};
+
+/// The most edges a second: one a tick.
+const MOST_HZ: f64 = TICKS_PER_SECOND as f64;
+
+/// Ticks between edges of which `hz` come in a second, limited to one in 1,000,000 s and one a tick.
+/// Not a number counts as the least.
+fn ticks_per_edge(hz: f64) -> f64 {
+    MOST_HZ / if hz > 0.0 { hz.clamp(1e-6, MOST_HZ) } else { 1e-6 }
+}
 
 /// Pins, faults, power and registers.
 impl Bench {
-    /// Drives a pin from outside, and ends a train of pulses there. It arrives a tick later.
+    /// Drives a pin from outside, and ends a train of pulses, or the turning of an encoder, there. It
+    /// arrives a tick later. Whatever [wires](Self::wire) do to the pin counts only while it is open.
     pub fn set_pin(&mut self, seat: Seat, pin: Pin, drive: Drive) {
         let at = self.now + Duration::TICK;
         let Some(state) = self.at_mut(seat).pin_mut(pin) else { return };
         state.train = None;
-        let before = state.signal(state.outside);
-        state.outside = drive;
-        let signal = state.signal(drive);
-        if signal != before {
-            self.send_to(at, seat.0, signal.fed(pin));
+        state.hands = drive;
+        for encoder in self.at_mut(seat).encoders_at(pin) {
+            encoder.pace = None;
+        }
+        self.schedule(at, Class::Pin, seat.0, What::Hand { pin, drive });
+    }
+
+    /// What hands do to a pin arrives.
+    pub(super) fn hand(&mut self, place: u32, pin: Pin, drive: Drive) {
+        if let Some(state) = self.seats[place as usize].pin_mut(pin) {
+            state.held = drive;
+        }
+        self.look(place, pin);
+    }
+
+    /// Tells a device what it sees at a pin, if that is news.
+    pub(super) fn look(&mut self, place: u32, pin: Pin) {
+        let Some(state) = self.seats[place as usize].pin(pin) else { return };
+        let signal = state.seen();
+        if signal != state.told {
+            self.deliver(place, &signal.fed(pin));
         }
     }
 
     /// A train of `count` pulses on an input pin, away from its present level and back, `hz` a
-    /// second (limited to 1 µHz to 8 MHz). Edges are made one by one as time comes to them.
+    /// second (limited to 0.5 µHz to 8 MHz). Edges are made one by one as time comes to them, each at
+    /// the tick nearest to its instant.
     ///
     /// # Errors
-    /// One runs there already.
+    /// One runs there already, or an encoder turns.
     pub fn pulse(&mut self, seat: Seat, pin: Pin, count: u32, hz: f64) -> Result<(), Busy> {
-        const EDGES_PER_SECOND: f64 = 8_000_000.0;
         let start = self.now + Duration::TICK;
-        let Some(state) = self.at_mut(seat).pin_mut(pin) else { return Ok(()) };
-        if state.train.is_some() {
+        if self.runs(seat, pin) {
             return Err(Busy);
         }
-        if count == 0 {
-            return Ok(());
-        }
-        // Not a number counts as the least.
-        let hz = if hz > 0.0 { hz.clamp(1e-6, EDGES_PER_SECOND) } else { 1e-6 };
-        state.trains += 1;
-        let train = state.trains;
-        state.train = Some(Train {
-            start,
-            ticks_per_edge: EDGES_PER_SECOND / hz,
-            made: 0,
-            edges: 2 * u64::from(count),
-            rest: state.is_high(),
-            before: state.outside,
-        });
-        self.schedule(start, Class::Pin, seat.0, What::Pulse { pin, train });
+        let Some(state) = self.at_mut(seat).pin_mut(pin).filter(|_| count > 0) else { return Ok(()) };
+        state.trains = state.trains.wrapping_add(1);
+        let number = state.trains;
+        let edges = 2 * u64::from(count);
+        let pace = Pace { start, ticks_per_edge: ticks_per_edge(2.0 * hz), made: 0, edges };
+        state.train = Some(Train { pace, rest: state.is_high(), before: state.hands });
+        self.schedule(start, Class::Pin, seat.0, What::Pulse { pin, number });
         Ok(())
     }
 
     /// The next edge of a train.
-    pub(super) fn edge(&mut self, place: u32, pin: Pin, number: u32) {
-        let Some(state) = self.seats[place as usize].pin_mut(pin) else { return };
-        let Some(mut train) = state.train.filter(|_| state.trains == number) else { return };
-        state.outside = if train.rest == (train.made % 2 == 1) { Drive::High } else { Drive::Low };
-        let signal = state.signal(state.outside);
-        train.made += 1;
-        if train.made < train.edges {
-            state.train = Some(train);
-            self.schedule(train.due(), Class::Pin, place, What::Pulse { pin, train: number });
-        } else {
-            (state.train, state.outside) = (None, train.before);
+    pub(super) fn pulse_edge(&mut self, place: u32, pin: Pin, number: u32) {
+        let Some(state) = self.seats[place as usize].pin_mut(pin).filter(|state| state.trains == number)
+        else {
+            return;
+        };
+        let Some(train) = &mut state.train else { return };
+        let high = train.rest == (train.pace.made % 2 == 1);
+        let before = train.before;
+        train.pace.made += 1;
+        let due = train.pace.due();
+        let drive = if high { Drive::High } else { Drive::Low };
+        (state.hands, state.held) = (drive, drive);
+        match due {
+            Some(due) => self.schedule(due, Class::Pin, place, What::Pulse { pin, number }),
+            None => (state.train, state.hands) = (None, before),
         }
-        self.deliver(place, &signal.fed(pin));
+        self.look(place, pin);
+        if due.is_none() {
+            self.hand(place, pin, before);
+        }
+    }
+
+    /// Turns the encoder at a device's inputs A and B: `counts` edges, four to a cycle, `hz` a second
+    /// (limited to 1 µHz to 16 MHz), from the present levels; A leads B, or B leads A if `counts` is
+    /// negative. Edges are made one by one as time comes to them, each at the tick nearest to its
+    /// instant; the pins keep the levels of the last ones. An index pulse is for hands to
+    /// [make](Self::set_pin).
+    ///
+    /// # Errors
+    /// It turns already, or a train of pulses runs on A or B.
+    pub fn encoder(&mut self, seat: Seat, encoder: Encoder, counts: i32, hz: f64) -> Result<(), Busy> {
+        let start = self.now + Duration::TICK;
+        let Some((_, &EncoderSpec { a, b, .. })) = self.at_mut(seat).encoder_mut(encoder) else {
+            return Ok(());
+        };
+        if self.runs(seat, a) || self.runs(seat, b) {
+            return Err(Busy);
+        }
+        let Some((state, _)) = self.at_mut(seat).encoder_mut(encoder).filter(|_| counts != 0) else {
+            return Ok(());
+        };
+        state.turns = state.turns.wrapping_add(1);
+        state.back = counts < 0;
+        let number = state.turns;
+        let edges = u64::from(counts.unsigned_abs());
+        state.pace = Some(Pace { start, ticks_per_edge: ticks_per_edge(hz), made: 0, edges });
+        self.schedule(start, Class::Pin, seat.0, What::Encoder { encoder, number });
+        Ok(())
+    }
+
+    /// The next edge of an encoder.
+    pub(super) fn encoder_edge(&mut self, place: u32, encoder: Encoder, number: u32) {
+        let seated = &mut self.seats[place as usize];
+        let Some((state, spec)) = seated.encoder_mut(encoder).filter(|(state, _)| state.turns == number)
+        else {
+            return;
+        };
+        let (back, Some(pace)) = (state.back, &mut state.pace) else { return };
+        pace.made += 1;
+        let due = pace.due();
+        if due.is_none() {
+            state.pace = None;
+        }
+        let high = |pin| seated.pin(pin).is_some_and(PinState::is_high);
+        // Where A leads, A changes while the two are alike.
+        let pin = if (high(spec.a) == high(spec.b)) == back { spec.b } else { spec.a };
+        let drive = if high(pin) { Drive::Low } else { Drive::High };
+        if let Some(due) = due {
+            self.schedule(due, Class::Pin, place, What::Encoder { encoder, number });
+        }
+        if let Some(state) = self.seats[place as usize].pin_mut(pin) {
+            state.hands = drive;
+        }
+        self.hand(place, pin, drive);
+    }
+
+    /// Whether a train of pulses, or an encoder, runs on a pin.
+    fn runs(&mut self, seat: Seat, pin: Pin) -> bool {
+        let seated = self.at_mut(seat);
+        seated.encoders_at(pin).any(|encoder| encoder.pace.is_some())
+            || seated.pin(pin).is_some_and(|state| state.train.is_some())
     }
 
     /// A pin as it is seen from outside now.

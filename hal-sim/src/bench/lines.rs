@@ -278,7 +278,7 @@ impl Bench {
 
     /// Carries what the device called last has sent.
     pub(super) fn carry_all(&mut self) {
-        if self.outbox.sent.is_empty() {
+        if self.outbox.is_empty() {
             return;
         }
         let mut outbox = std::mem::take(&mut self.outbox);
@@ -287,6 +287,9 @@ impl Bench {
             let (message, rest) = bytes.split_at(sent.count);
             self.carry(sent, message);
             bytes = rest;
+        }
+        for (seat, moved) in &outbox.moved {
+            self.carry_moved(*seat, moved);
         }
         outbox.clear();
         self.outbox = outbox;

@@ -4,7 +4,7 @@ use std::cell::RefCell;
 use std::rc::Rc;
 
 use proptest::prelude::*;
-use standin_firmware::device::{Fault, Level, Line, Pin};
+use standin_firmware::device::{Axis, Encoder, Fault, Level, Line, Pin};
 use standin_firmware::md3::{Md3, Reg};
 use standin_protocol::line::Parity;
 use standin_protocol::modbus::rtu::{self, Timing};
@@ -708,6 +708,357 @@ fn power_cut_inside_a_save_leaves_an_md3_a_bad_memory() {
     }
 }
 
+/// Pins of an MD3.
+const J2_2: Pin = Pin(0);
+const J2_4: Pin = Pin(2);
+const J2_5: Pin = Pin(3);
+const ENCODER_A: Pin = Pin(5);
+const ENCODER_B: Pin = Pin(6);
+const BUSY: Pin = Pin(7);
+const STEP: Pin = Pin(9);
+const DIR: Pin = Pin(10);
+
+/// The edges that were fed to a device after `from`: ticks since then, pin, level.
+fn edges(bench: &Bench, seat: Seat, from: Instant) -> Vec<(u64, Pin, bool)> {
+    let edge = |entry: &trace::Entry| match entry.event {
+        trace::Event::Fed(Fed::Edge { pin, high }) if entry.drive == seat.0 as usize && entry.at > from => {
+            Some((entry.at.since(from).ticks(), pin, high))
+        }
+        _ => None,
+    };
+    bench.trace().events().filter_map(edge).collect()
+}
+
+/// Two MD3s, STEP and DIR of the first wired to J2 pins 4 and 5 of the second, at 2 ms; the first is
+/// told to move, jog or stop by its MotionControl.
+fn geared() -> (Bench, [Seat; 2]) {
+    let (mut bench, [x, y], _) = pair(LineMode::Fast);
+    bench.wire((x, STEP), (y, J2_4));
+    bench.wire((x, DIR), (y, J2_5));
+    bench.run_until(2.millis());
+    (bench, [x, y])
+}
+
+fn command(bench: &mut Bench, seat: Seat, bits: u16) {
+    bench.poke(seat, Reg::MotionControl as usize, i64::from(bits)).unwrap();
+}
+
+const MOVE: u16 = 1;
+const JOG: u16 = 2;
+const STOP: u16 = 8;
+
+#[test]
+fn a_wire_carries_each_step_pulse_a_tick_later() {
+    let (mut bench, [x, y]) = geared();
+    // Open inputs are high, outputs at rest low.
+    assert_eq!(edges(&bench, y, Instant::ZERO), [(16_001, J2_4, false), (16_001, J2_5, false)]);
+    bench.poke(x, Reg::MoveSteps as usize, 3).unwrap();
+    let from = bench.now();
+    command(&mut bench, x, MOVE);
+    bench.run_until(from + 1.secs());
+    // The first step is made after sqrt(2/10,000) s, the last after 2·sqrt(3/10,000) s, and the one
+    // between as long before the end as the first is after the beginning.
+    let steps = [226_274, 554_256 - 226_274, 554_256];
+    let pulse = |at| [(at + 1, J2_4, true), (at + 33, J2_4, false)];
+    let mut expected = vec![(steps[0] - 80 + 1, J2_5, true)];
+    expected.extend(steps.map(pulse).concat());
+    assert_eq!(edges(&bench, y, from), expected);
+    // And back: direction first.
+    bench.poke(x, Reg::MoveSteps as usize, -1).unwrap();
+    let from = bench.now();
+    command(&mut bench, x, MOVE);
+    bench.run_until(from + 1.secs());
+    // 2·sqrt(1/10,000) s
+    let only = 320_000;
+    let expected = [[(only - 80 + 1, J2_5, false)].as_slice(), &pulse(only)].concat();
+    assert_eq!(edges(&bench, y, from), expected);
+    assert_eq!(
+        bench.pulses(x.step()).map(|pulse| pulse.forward).collect::<Vec<_>>(),
+        [true, true, true, false]
+    );
+}
+
+#[test]
+fn pulses_are_made_only_where_a_wire_listens() {
+    let (mut bench, seat, _) = alone(LineMode::Fast);
+    bench.poke(seat, Reg::MoveSteps as usize, 3).unwrap();
+    let from = bench.now();
+    command(&mut bench, seat, MOVE);
+    assert_eq!(bench.next(), from + Duration::from_ticks(554_256));
+    bench.run_until(1.secs());
+    command(&mut bench, seat, JOG);
+    assert_eq!(bench.next(), Instant::NEVER);
+    // The levels are there for whoever looks.
+    bench.run_until(2.secs());
+    assert_eq!(bench.level(seat, DIR), Level::High);
+    command(&mut bench, seat, STOP);
+    assert_eq!(bench.level(seat, DIR), Level::High);
+
+    let (mut bench, [x, _]) = geared();
+    assert_eq!(bench.next(), Instant::NEVER);
+    let from = bench.now();
+    command(&mut bench, x, JOG);
+    // A step after sqrt(2/10,000) s, the direction 5 µs before, and a tick for the wire.
+    assert_eq!(bench.next(), from + Duration::from_ticks(226_274 - 80 + 1));
+    bench.run_until(from + Duration::from_ticks(226_273));
+    assert_eq!([STEP, DIR].map(|pin| bench.level(x, pin)), [Level::Low, Level::High]);
+    bench.run_until(from + Duration::from_ticks(226_274));
+    assert_eq!(bench.level(x, STEP), Level::High);
+    command(&mut bench, x, STOP);
+    bench.run_until(1.secs());
+    assert_eq!(bench.level(x, STEP), Level::Low);
+    assert_eq!(bench.next(), Instant::NEVER);
+}
+
+#[test]
+fn a_listener_that_comes_late_hears_the_rest_of_a_move() {
+    let (mut bench, [x, y], _) = pair(LineMode::Fast);
+    let from = bench.now();
+    command(&mut bench, x, MOVE);
+    bench.run_until(from + 1_250.millis());
+    bench.wire((x, STEP), (y, J2_4));
+    bench.wire((x, DIR), (y, J2_5));
+    bench.run_until(from + 3.secs());
+    let heard = edges(&bench, y, from);
+    // Half of 10,000 steps; J2.5 was high before, and stays so. J2.4 falls when the wire comes.
+    assert_eq!(heard.iter().filter(|(_, pin, high)| *pin == J2_4 && *high).count(), 5_000);
+    assert!(heard.iter().all(|(_, pin, _)| *pin == J2_4));
+}
+
+#[test]
+fn without_power_step_and_direction_fall() {
+    for when in [0, 1, 20, 32, 33, 1_000] {
+        let (mut bench, [x, y]) = geared();
+        let from = bench.now();
+        command(&mut bench, x, JOG);
+        let first = from + Duration::from_ticks(226_274);
+        bench.run_until(first + Duration::from_ticks(when));
+        bench.power(x, PowerAction::Off);
+        bench.run_until(from + 1.secs());
+        let off = when + 1;
+        let step_falls = off.min(32 + 1);
+        let mut expected = vec![(J2_4, true, 1), (J2_4, false, step_falls), (J2_5, false, off)];
+        expected.sort_by_key(|(_, _, at)| *at);
+        let heard: Vec<_> =
+            edges(&bench, y, first).into_iter().map(|(at, pin, high)| (pin, high, at)).collect();
+        assert_eq!(heard, expected, "{when}");
+        assert_eq!(bench.pulses(x.step()).count(), 1);
+        bench.power(x, PowerAction::On);
+        bench.run_until(from + 2.secs());
+        assert_eq!(bench.next(), Instant::NEVER);
+    }
+}
+
+#[test]
+fn a_power_cut_ends_the_pulses() {
+    let mut bench = Bench::with(Settings { line: LineMode::Fast, ..Settings::default() });
+    let x = md3(&mut bench, "x", 1);
+    command(&mut bench, x, JOG);
+    bench.run_until(500.millis());
+    bench.power(x, PowerAction::Cut);
+    bench.settle();
+    bench.poke(x, Reg::EEPROMControl as usize, 1).unwrap();
+    bench.run_until(1.secs());
+    assert!(!bench.powered(x));
+    let position = bench.motion(x, Axis(0)).position;
+    assert!((1_000..1_500).contains(&position), "{position}");
+    assert_eq!(bench.pulses(x.step()).count(), position as usize);
+    let trace = Trace::parse(&bench.trace().to_text(), &make).unwrap();
+    assert_eq!(replay::run(&trace, &make), Ok(None));
+}
+
+/// An MD3 and a toy, BUSY of the one wired to the input of the other.
+fn busy() -> (Bench, Seat, Seat) {
+    let (mut bench, x, _) = alone(LineMode::Fast);
+    let toy = bench.add::<Toy>("toy");
+    bench.wire((x, BUSY), (toy, toy::IN));
+    bench.run_until(2.millis());
+    (bench, x, toy)
+}
+
+#[test]
+fn an_output_that_floats_leaves_the_input_to_its_pull_up() {
+    let (mut bench, x, toy) = busy();
+    bench.poke(x, Reg::MoveSteps as usize, 1).unwrap();
+    let from = bench.now();
+    command(&mut bench, x, MOVE);
+    bench.run_until(from + 1.secs());
+    assert_eq!(
+        edges(&bench, toy, Instant::ZERO),
+        [(32_001, toy::IN, false), (32_001 + 320_000, toy::IN, true)]
+    );
+}
+
+#[test]
+fn hands_hold_an_input_until_they_let_go() {
+    let (mut bench, x, toy) = busy();
+    let from = bench.now();
+    command(&mut bench, x, JOG);
+    bench.run_until(3.millis());
+    bench.set_pin(toy, toy::IN, Drive::High);
+    bench.run_until(4.millis());
+    command(&mut bench, x, STOP);
+    bench.run_until(5.millis());
+    command(&mut bench, x, JOG);
+    bench.run_until(6.millis());
+    assert_eq!(bench.level(toy, toy::IN), Level::High);
+    // Pulses are made by hands, too.
+    bench.pulse(toy, toy::IN, 1, 1_000.0).unwrap();
+    bench.run_until(7.millis());
+    bench.set_pin(toy, toy::IN, Drive::Open);
+    assert_eq!(bench.level(toy, toy::IN), Level::Low);
+    bench.run_until(8.millis());
+    let told: Vec<_> = edges(&bench, toy, from).into_iter().map(|(at, _, high)| (at, high)).collect();
+    let ms = 16_000;
+    assert_eq!(
+        told,
+        [(1, false), (ms + 1, true), (4 * ms + 1, false), (4 * ms + ms / 2 + 1, true), (5 * ms + 1, false),]
+    );
+}
+
+#[test]
+fn after_a_train_the_wire_decides_again() {
+    let (mut bench, x, toy) = busy();
+    let from = bench.now();
+    bench.pulse(toy, toy::IN, 1, 1_000.0).unwrap();
+    command(&mut bench, x, JOG);
+    bench.run_until(3.millis());
+    // Low for half a millisecond, back up, and down again where BUSY has pulled the wire meanwhile.
+    let told: Vec<_> = edges(&bench, toy, from).into_iter().map(|(at, _, high)| (at, high)).collect();
+    assert_eq!(told, [(1, false), (8_001, true), (8_001, false)]);
+}
+
+#[test]
+fn direction_shows_the_last_step_whoever_made_it() {
+    let (mut bench, x, _) = alone(LineMode::Fast);
+    bench.poke(x, Reg::MoveSteps as usize, 3).unwrap();
+    command(&mut bench, x, MOVE);
+    bench.run_until(1.secs());
+    assert_eq!(bench.level(x, DIR), Level::High);
+    // A step back on its step input (7.8), and one forward again.
+    for (direction, level, position) in [(Drive::Low, Level::Low, 2), (Drive::High, Level::High, 3)] {
+        bench.set_pin(x, J2_5, direction);
+        bench.run_until(bench.now() + 1.millis());
+        bench.pulse(x, J2_4, 1, 1_000.0).unwrap();
+        bench.run_until(bench.now() + 2.millis());
+        assert_eq!(bench.motion(x, Axis(0)).position, position);
+        assert_eq!(bench.level(x, DIR), level);
+    }
+}
+
+#[test]
+fn of_two_wires_to_one_input_low_wins() {
+    let (mut bench, x, toy) = busy();
+    let other = bench.add::<Toy>("other");
+    bench.wire((other, toy::OUT), (toy, toy::IN));
+    bench.run_until(3.millis());
+    // High against floating, then against low, then low against low and floating.
+    assert_eq!(edges(&bench, toy, Instant::ZERO), []);
+    command(&mut bench, x, JOG);
+    bench.run_until(4.millis());
+    bench.poke(other, toy::Reg::Volume as usize, 1).unwrap();
+    bench.run_until(5.millis());
+    command(&mut bench, x, STOP);
+    bench.run_until(6.millis());
+    assert_eq!(edges(&bench, toy, Instant::ZERO), [(3 * 16_000 + 1, toy::IN, false)]);
+}
+
+#[test]
+fn a_wave_has_edges_only_where_a_wire_listens() {
+    let mut bench = Bench::new();
+    let (from, to) = (bench.add::<Toy>("a"), bench.add::<Toy>("b"));
+    bench.run_until(9.millis());
+    assert_eq!(bench.next(), Instant::NEVER);
+    // High for 1 ms of 4, from 0 on.
+    for seat in [to, from] {
+        bench.wire((from, toy::LED), (seat, toy::IN));
+    }
+    bench.run_until(14.millis());
+    let ms = 16_000;
+    let expected =
+        [(9 * ms + 1, toy::IN, false), (12 * ms + 1, toy::IN, true), (13 * ms + 1, toy::IN, false)];
+    assert_eq!(edges(&bench, to, Instant::ZERO), expected);
+    assert_eq!(edges(&bench, from, Instant::ZERO), expected);
+    bench.power(from, PowerAction::Off);
+    bench.run_until(1.secs());
+    assert_eq!(edges(&bench, to, Instant::from(14.millis())), [(1, toy::IN, true)]);
+    assert_eq!(bench.next(), Instant::NEVER);
+}
+
+#[test]
+#[should_panic(expected = "a has no pin 99")]
+fn a_wire_has_two_ends() {
+    let mut bench = Bench::new();
+    let a = bench.add::<Toy>("a");
+    bench.wire((a, toy::OUT), (a, Pin(99)));
+}
+
+#[test]
+fn an_encoder_turns_both_ways_from_where_it_is() {
+    let (mut bench, seat, _) = alone(LineMode::Fast);
+    let from = bench.now();
+    // Edges of 3 Hz are 5,333,333⅓ ticks apart.
+    bench.encoder(seat, Encoder(0), 5, 3.0).unwrap();
+    bench.run_until(from + 10.secs());
+    // A leads B.
+    let (a, b) = (ENCODER_A, ENCODER_B);
+    assert_eq!(
+        edges(&bench, seat, from),
+        [
+            (1, a, true),
+            (5_333_334, b, true),
+            (10_666_668, a, false),
+            (16_000_001, b, false),
+            (21_333_334, a, true),
+        ]
+    );
+    let from = bench.now();
+    assert_eq!(bench.next(), Instant::NEVER);
+    bench.encoder(seat, Encoder(0), -6, 16_000.0).unwrap();
+    bench.run_until(from + 1.secs());
+    assert_eq!(
+        edges(&bench, seat, from),
+        [
+            (1, a, false),
+            (1_001, b, true),
+            (2_001, a, true),
+            (3_001, b, false),
+            (4_001, a, false),
+            (5_001, b, true),
+        ]
+    );
+    assert_eq!([a, b].map(|pin| bench.level(seat, pin)), [Level::Low, Level::High]);
+}
+
+#[test]
+fn one_thing_at_a_time_runs_on_a_pin() {
+    let (mut bench, seat, _) = alone(LineMode::Fast);
+    bench.encoder(seat, Encoder(0), 1_000, 1_000.0).unwrap();
+    assert_eq!(bench.encoder(seat, Encoder(0), 1, 1.0), Err(Busy));
+    assert_eq!(bench.pulse(seat, ENCODER_A, 1, 1.0), Err(Busy));
+    assert_eq!(bench.pulse(seat, ENCODER_B, 1, 1.0), Err(Busy));
+    // The index pulse is another pin's.
+    bench.pulse(seat, Pin(4), 1, 1.0).unwrap();
+    let from = bench.now();
+    bench.run_until(from + 10.millis());
+    bench.set_pin(seat, ENCODER_B, Drive::Open);
+    bench.run_until(from + 2.secs());
+    let turned = edges(&bench, seat, from).iter().filter(|(_, pin, _)| *pin != Pin(4)).count();
+    // Ten in 10 ms, the last of them up; B falls when it is let go, and no more come.
+    assert_eq!(turned, 11);
+    bench.pulse(seat, ENCODER_B, 1, 1_000.0).unwrap();
+    assert_eq!(bench.encoder(seat, Encoder(0), 1, 1.0), Err(Busy));
+    bench.run_until(bench.now() + 1.secs());
+    bench.encoder(seat, Encoder(0), 0, 1.0).unwrap();
+    assert_eq!(bench.next(), Instant::NEVER);
+    // As fast as ticks come.
+    let from = bench.now();
+    bench.encoder(seat, Encoder(0), 4_000, 1e9).unwrap();
+    bench.run_until(from + Duration::from_ticks(4_000));
+    assert_eq!(edges(&bench, seat, from).len(), 4_000);
+    assert_eq!(bench.next(), Instant::NEVER);
+}
+
 /// What may be done to a bench of `drives()`.
 #[derive(Clone, Debug)]
 enum Act {
@@ -716,6 +1067,8 @@ enum Act {
     Disconnect(usize),
     Pin(usize, Drive),
     Pulse(usize, u32, u32),
+    Encoder(usize, i32, u32),
+    Move(usize, i64, u16),
     Power(usize, PowerAction),
     Fault(usize, bool),
     Poke(usize, i64),
@@ -744,29 +1097,40 @@ fn drives(order: &[usize], line: LineMode, twins: bool) -> (Bench, [Seat; 5], Ve
     let shared: Vec<(Seat, Port)> =
         order.iter().filter(|&&place| place == 1 || place == 3).map(|&place| (seats[place], RS485)).collect();
     let line = bench.share("line1", &shared);
+    // From a slow axis of its own to another MD3, and what else there is, in a ring.
+    let [b, x, a, y, z] = seats;
+    for (from, to) in [
+        ((x, STEP), (y, J2_4)),
+        ((x, DIR), (y, J2_5)),
+        ((y, STEP), (a, toy::IN)),
+        ((y, BUSY), (z, J2_2)),
+        ((a, toy::OUT), (b, toy::IN)),
+        ((b, toy::LED), (x, J2_2)),
+        ((b, toy::OUT), (x, J2_2)),
+        ((z, STEP), (x, ENCODER_A)),
+    ] {
+        bench.wire(from, to);
+    }
     let own = |place: usize| bench.bus(seats[place], Port(0)).unwrap();
     let buses = vec![line, own(4), own(0), own(2)];
     (bench, seats, buses)
 }
 
 /// Does `acts` to such a bench, each so many ticks after the one before, and returns its trace.
-/// `chunk`: how often it is polled in between.
-fn perform(
-    acts: &[(u64, Act)],
-    order: &[usize],
-    chunk: Option<u64>,
-    (line, twins): (LineMode, bool),
-) -> String {
+/// `chunks`: after how many ticks it is polled in between, again and again.
+fn perform(acts: &[(u64, Act)], order: &[usize], chunks: &[u64], (line, twins): (LineMode, bool)) -> String {
     let (mut bench, seats, buses) = drives(order, line, twins);
     let mut clients: Vec<Client> = buses.iter().map(|&bus| bench.connect(bus)).collect();
     let mut heard = Vec::new();
     let mut at = Instant::ZERO;
     for (wait, act) in acts {
         at += Duration::from_ticks(*wait);
-        if let Some(chunk) = chunk {
-            while bench.now() + Duration::from_ticks(chunk) < at {
-                bench.run_until(bench.now() + Duration::from_ticks(chunk));
+        for chunk in chunks.iter().cycle() {
+            let next = bench.now() + Duration::from_ticks(*chunk);
+            if next >= at {
+                break;
             }
+            bench.run_until(next);
         }
         bench.run_until(at);
         match act {
@@ -775,6 +1139,13 @@ fn perform(
             Act::Disconnect(n) => bench.disconnect(clients[n % clients.len()]),
             Act::Pin(n, drive) => bench.set_pin(seats[*n], Pin(0), *drive),
             Act::Pulse(n, count, hz) => drop(bench.pulse(seats[*n], Pin(0), *count, f64::from(*hz))),
+            Act::Encoder(n, counts, hz) => {
+                let _ = bench.encoder(seats[*n], Encoder(0), *counts, f64::from(*hz));
+            }
+            Act::Move(n, steps, bits) => {
+                let _ = bench.poke(seats[*n], Reg::MoveSteps as usize, *steps);
+                let _ = bench.poke(seats[*n], Reg::MotionControl as usize, i64::from(*bits));
+            }
             Act::Power(n, action) => bench.power(seats[*n], *action),
             Act::Fault(n, on) => bench.fault(seats[*n], Fault(0), *on),
             Act::Poke(n, value) => drop(bench.poke(seats[*n], 0, *value)),
@@ -816,6 +1187,9 @@ fn act() -> impl Strategy<Value = Act> {
         1 => (0..8_usize).prop_map(Act::Disconnect),
         2 => (seat.clone(), drive).prop_map(|(n, drive)| Act::Pin(n, drive)),
         1 => (seat.clone(), 0_u32..5, 1_u32..10_000_000).prop_map(|(n, count, hz)| Act::Pulse(n, count, hz)),
+        1 => (seat.clone(), -9..9, 1_u32..10_000_000).prop_map(|(n, counts, hz)| Act::Encoder(n, counts, hz)),
+        2 => (seat.clone(), -40_i64..40, prop_oneof![4 => Just(MOVE), 1 => Just(JOG), 1 => Just(STOP)])
+            .prop_map(|(n, steps, bits)| Act::Move(n, steps, bits)),
         2 => (seat.clone(), power).prop_map(|(n, power)| Act::Power(n, power)),
         1 => (seat.clone(), any::<bool>()).prop_map(|(n, on)| Act::Fault(n, on)),
         2 => (seat, 0_i64..300).prop_map(|(n, value)| Act::Poke(n, value)),
@@ -839,18 +1213,20 @@ proptest! {
     fn the_order_of_seats_changes_nothing(
         acts in acts(), order in Just([0, 1, 2, 3, 4]).prop_shuffle(), mode in modes(),
     ) {
-        prop_assert_eq!(perform(&acts, &order, None, mode), perform(&acts, &[0, 1, 2, 3, 4], None, mode));
+        prop_assert_eq!(perform(&acts, &order, &[], mode), perform(&acts, &[0, 1, 2, 3, 4], &[], mode));
     }
 
     #[test]
-    fn polling_more_often_changes_nothing(acts in acts(), chunk in 200_u64..200_000, mode in modes()) {
+    fn polling_more_often_changes_nothing(
+        acts in acts(), chunks in proptest::collection::vec(200_u64..200_000, 1..9), mode in modes(),
+    ) {
         let order = [0, 1, 2, 3, 4];
-        prop_assert_eq!(perform(&acts, &order, Some(chunk), mode), perform(&acts, &order, None, mode));
+        prop_assert_eq!(perform(&acts, &order, &chunks, mode), perform(&acts, &order, &[], mode));
     }
 
     #[test]
     fn a_replay_is_exact(acts in acts(), mode in modes()) {
-        let text = perform(&acts, &[0, 1, 2, 3, 4], None, mode);
+        let text = perform(&acts, &[0, 1, 2, 3, 4], &[], mode);
         let trace = Trace::parse(&text, &make).unwrap();
         prop_assert_eq!(replay::run(&trace, &make), Ok(None));
         let again = replay::rewrite(&text, &make).unwrap();

@@ -40,9 +40,11 @@
 //! | `plan motor 0 500.000000@5000 500.000000@0 2500` | from a position, for so many ms (or `ever@`) to a speed in steps/s, …, to a position |
 //! | `step motor 1` `current motor 1500` `duty motor -32768` | steps, mA, 1/65536 |
 //! | `store 0x0010 01 02` | into the memory |
+//! | `power off` | the cut has come, in the store before |
 
 mod text;
 
+use std::borrow::Cow;
 use std::collections::VecDeque;
 
 use standin_firmware::device::{
@@ -220,8 +222,10 @@ pub enum Did {
     Level { pin: Pin, level: Level },
     /// [`Output::Wave`]
     Wave { pin: Pin, period: Duration, high: Duration },
-    /// [`Output::Plan`]
-    Plan { axis: Axis, course: Box<Course> },
+    /// [`Output::Plan`], as it was recorded.
+    Plan { axis: Axis, plan: Box<Plan> },
+    /// [`Output::Plan`], as a text tells it.
+    Course { axis: Axis, course: Box<Course> },
     /// [`Output::Step`]
     Step { axis: Axis, steps: i32 },
     /// [`Output::Current`]
@@ -230,6 +234,8 @@ pub enum Did {
     Duty { axis: Axis, duty: i32 },
     /// [`Output::Store`]
     Store { offset: u16, bytes: Vec<u8> },
+    /// Its power fails in that store: a [cut](Power::Cut) has come.
+    PowerOff,
 }
 
 impl Did {
@@ -243,13 +249,24 @@ impl Did {
             Output::Line { port, line } => Self::Line { port, line },
             Output::Level { pin, level } => Self::Level { pin, level },
             Output::Wave { pin, period, high } => Self::Wave { pin, period, high },
-            Output::Plan { axis, plan } => Self::Plan { axis, course: Box::new(Course::of(plan)) },
+            Output::Plan { axis, plan } => Self::Plan { axis, plan: Box::new(*plan) },
             Output::Step { axis, steps } => Self::Step { axis, steps },
             Output::Current { axis, ma } => Self::Current { axis, ma },
             Output::Duty { axis, duty } => Self::Duty { axis, duty },
             Output::Store { offset, bytes } => Self::Store { offset, bytes: bytes.to_vec() },
             Output::Note(_) => return None,
         })
+    }
+
+    /// What a text tells of it at that stamp: of a plan its course. So are traces compared.
+    #[must_use]
+    pub fn told(&self, at: Instant) -> Cow<'_, Self> {
+        match self {
+            Self::Plan { axis, plan } => {
+                Cow::Owned(Self::Course { axis: *axis, course: Box::new(Course::of(plan, at)) })
+            }
+            other => Cow::Borrowed(other),
+        }
     }
 
     /// Its group.
@@ -259,8 +276,12 @@ impl Did {
             Self::Bytes { .. } | Self::Message { .. } | Self::Close { .. } => Group::Tx,
             Self::Line { .. } => Group::Line,
             Self::Level { .. } | Self::Wave { .. } => Group::Pins,
-            Self::Plan { .. } | Self::Step { .. } | Self::Current { .. } | Self::Duty { .. } => Group::Motion,
-            Self::Store { .. } => Group::Stores,
+            Self::Plan { .. }
+            | Self::Course { .. }
+            | Self::Step { .. }
+            | Self::Current { .. }
+            | Self::Duty { .. } => Group::Motion,
+            Self::Store { .. } | Self::PowerOff => Group::Stores,
         }
     }
 }
@@ -276,7 +297,7 @@ pub enum Group {
     Pins,
     /// Plans, steps, currents and duties.
     Motion,
-    /// What goes into the memory.
+    /// What goes into the memory, and power cuts.
     Stores,
 }
 
@@ -318,13 +339,17 @@ pub struct Leg {
 }
 
 impl Course {
-    /// What a plan does.
+    /// What a plan does from `at` on.
     #[must_use]
-    pub fn of(plan: &Plan) -> Self {
-        let mut at = plan.start();
+    pub fn of(plan: &Plan, at: Instant) -> Self {
         let from = plan.position_at(at);
+        let waits = plan.start().since(at);
         let mut legs = Vec::new();
-        for segment in plan.segments().iter().filter(|segment| segment.ticks > 0) {
+        if waits > Duration::ZERO {
+            legs.push(Leg { time: waits, speed: 0 });
+        }
+        let mut at = at.max(plan.start());
+        for segment in plan.resumed(at, from).segments().iter().filter(|segment| segment.ticks > 0) {
             let time = Duration::from_ticks(segment.ticks);
             at += time;
             let bits = i128::from(plan.speed_at(at).to_bits()) * 1_000;
@@ -345,7 +370,8 @@ impl Entry {
             Event::Did(Did::Bytes { bytes, .. } | Did::Message { bytes, .. } | Did::Store { bytes, .. }) => {
                 bytes.len()
             }
-            Event::Did(Did::Plan { course, .. }) => {
+            Event::Did(Did::Plan { .. }) => size_of::<Plan>(),
+            Event::Did(Did::Course { course, .. }) => {
                 size_of::<Course>() + course.legs.len() * size_of::<Leg>()
             }
             Event::Fed(_) | Event::Did(_) => 0,
@@ -391,6 +417,20 @@ impl Trace {
         }
     }
 
+    /// Records that power fails in a store.
+    pub(crate) fn power_fails(&mut self, at: Instant, drive: u32) {
+        if self.keep != TraceKeep::Off {
+            self.record(at, drive, Event::Did(Did::PowerOff));
+        }
+    }
+
+    /// Whether all that happened is in it.
+    pub(crate) fn is_whole(&self) -> bool {
+        self.keep != TraceKeep::Off && self.lost == 0
+    }
+
+    // Where it is inlined an entry is written once, and not copied about on its way to its place.
+    #[inline(always)]
     fn record(&mut self, at: Instant, drive: u32, event: Event) {
         let entry = Entry { at, drive: drive as usize, event, line: 0 };
         self.bytes += entry.size();

@@ -58,6 +58,7 @@ compare tx motion
 3.000000 b < current motor 1500
 3.000000 b < duty motor -32768
 3.000000 b < store 0x0010 01 02
+3.000000 b < power off
 4.000000 a < message:net 0 0A FE
 4.000000 a < close:net 0
 5.000000 end
@@ -96,7 +97,7 @@ fn what_is_not_known_is_an_error_in_its_line() {
         ),
         (
             "1 < rx 01",
-            "line 3: no drive does \"rx\": tx, message, close, line, pin, wave, plan, step, current, duty, store",
+            "line 3: no drive does \"rx\": tx, message, close, line, pin, wave, plan, step, current, duty, store, power",
         ),
         ("1 > rx", "line 3: no bytes follow"),
         ("1 > rx 1", "line 3: \"1\" is no byte of two hex digits"),
@@ -116,6 +117,7 @@ fn what_is_not_known_is_an_error_in_its_line() {
         ("1 < plan motor 0 1@5", "line 3: a plan ends with a position, unless it goes on for ever"),
         ("1 < plan motor 0 ever@5 6", "line 3: a plan ends with a position, unless it goes on for ever"),
         ("1 < plan motor 0 1@0.0001 6", "line 3: \"0.0001\" is no speed in steps/s"),
+        ("1 < power on", "line 3: by itself power goes \"off\", not \"on\""),
         ("1 = rx 01", "line 3: after the stamp comes \">\", \"<\" or \"end\", not \"=\""),
         ("1.0000001 > idle", "line 3: \"1.0000001\" is no time in milliseconds with up to six decimals"),
         (
@@ -224,11 +226,19 @@ fn a_plan_is_told_by_its_stretches() {
     let plan = Plan::profile(start, 100, -10_000, Rates::even(U24F8::from_num(5_000), 10_000));
     let leg = |ms, speed| Leg { time: Duration::millis(ms), speed };
     let legs = vec![leg(500, -5_000_000), leg(1_500, -5_000_000), leg(500, 0)];
-    assert_eq!(Course::of(&plan), Course { from: 100, legs, to: Some(-9_900) });
+    assert_eq!(Course::of(&plan, start), Course { from: 100, legs, to: Some(-9_900) });
     let jog = Plan::rest(start, 3).towards(start, I24F8::from_num(5_000), 10_000);
     let legs = vec![leg(500, 5_000_000), Leg { time: Duration::FOREVER, speed: 5_000_000 }];
-    assert_eq!(Course::of(&jog), Course { from: 3, legs, to: None });
-    assert_eq!(Course::of(&Plan::rest(start, -7)), Course { from: -7, legs: vec![], to: Some(-7) });
+    assert_eq!(Course::of(&jog, start), Course { from: 3, legs, to: None });
+    assert_eq!(Course::of(&Plan::rest(start, -7), start), Course { from: -7, legs: vec![], to: Some(-7) });
+    // From the middle of a ramp, and before the beginning.
+    let later = start + Duration::millis(250);
+    let legs = vec![leg(250, -5_000_000), leg(1_500, -5_000_000), leg(500, 0)];
+    // a·t²/2 = 10,000 · 0.25² / 2 = 312.5 steps, of which the last half is not made.
+    assert_eq!(Course::of(&plan, later), Course { from: 100 - 312, legs, to: Some(-9_900) });
+    let jog = Plan::rest(later, 3).towards(later, I24F8::from_num(5_000), 10_000);
+    let legs = vec![leg(250, 0), leg(500, 5_000_000), Leg { time: Duration::FOREVER, speed: 5_000_000 }];
+    assert_eq!(Course::of(&jog, start), Course { from: 3, legs, to: None });
 }
 
 proptest! {

@@ -108,7 +108,7 @@ impl Trace {
         let name = if self.drives.len() > 1 { format!(" {}", drive.name) } else { String::new() };
         let (sign, words) = match &entry.event {
             Event::Fed(fed) => ('>', fed_text(drive.spec, fed)),
-            Event::Did(did) => ('<', did_text(drive.spec, did)),
+            Event::Did(did) => ('<', did_text(drive.spec, entry.at, did)),
         };
         format!("{}{name} {sign} {words}", stamp(entry.at))
     }
@@ -235,8 +235,8 @@ fn fed_text(spec: &'static Spec, fed: &Fed) -> String {
     }
 }
 
-/// What a drive did, in words.
-fn did_text(spec: &'static Spec, did: &Did) -> String {
+/// What a drive did at `at`, in words.
+fn did_text(spec: &'static Spec, at: Instant, did: &Did) -> String {
     match did {
         Did::Bytes { port, bytes } => {
             format!("{}{}", at_port(spec, "tx", *port), payload(port_of(spec, *port), bytes))
@@ -258,16 +258,18 @@ fn did_text(spec: &'static Spec, did: &Did) -> String {
         Did::Wave { pin, period, high } => {
             format!("wave {} {} of {}", pin_name(spec, *pin), millis(high.ticks()), millis(period.ticks()))
         }
-        Did::Plan { axis, course } => format!("plan {} {}", axis_name(spec, *axis), course_text(course)),
+        Did::Plan { axis, plan } => course_text(spec, *axis, &Course::of(plan, at)),
+        Did::Course { axis, course } => course_text(spec, *axis, course),
         Did::Step { axis, steps } => format!("step {} {steps}", axis_name(spec, *axis)),
         Did::Current { axis, ma } => format!("current {} {ma}", axis_name(spec, *axis)),
         Did::Duty { axis, duty } => format!("duty {} {duty}", axis_name(spec, *axis)),
         Did::Store { offset, bytes } => format!("store 0x{offset:04X}{}", hex(bytes)),
+        Did::PowerOff => "power off".to_owned(),
     }
 }
 
-fn course_text(course: &Course) -> String {
-    let mut text = course.from.to_string();
+fn course_text(spec: &Spec, axis: Axis, course: &Course) -> String {
+    let mut text = format!("plan {} {}", axis_name(spec, axis), course.from);
     for leg in &course.legs {
         let time = if leg.time == Duration::FOREVER { "ever".to_owned() } else { millis(leg.time.ticks()) };
         let _ = write!(text, " {time}@{}", thousandths(leg.speed));
@@ -521,7 +523,7 @@ fn did(spec: &'static Spec, words: &mut Words<'_>) -> Result<Did, String> {
                 other => return Err(format!("\"of\" and a period are missing before \"{other}\"")),
             }
         }
-        "plan" => Did::Plan { axis: words.axis(spec)?, course: Box::new(words.course()?) },
+        "plan" => Did::Course { axis: words.axis(spec)?, course: Box::new(words.course()?) },
         "step" => Did::Step { axis: words.axis(spec)?, steps: words.number("steps")? },
         "current" => Did::Current { axis: words.axis(spec)?, ma: words.number("a current in mA")? },
         "duty" => Did::Duty { axis: words.axis(spec)?, duty: words.number("a duty in 1/65536")? },
@@ -530,9 +532,15 @@ fn did(spec: &'static Spec, words: &mut Words<'_>) -> Result<Did, String> {
             let offset = u16::try_from(offset).map_err(|_| "the memory ends before that".to_owned())?;
             Did::Store { offset, bytes: words.bytes()? }
         }
+        "power" => match words.next() {
+            "off" => Did::PowerOff,
+            other => return Err(format!("by itself power goes \"off\", not \"{other}\"")),
+        },
         _ => {
-            let words =
-                ["tx", "message", "close", "line", "pin", "wave", "plan", "step", "current", "duty", "store"];
+            let words = [
+                "tx", "message", "close", "line", "pin", "wave", "plan", "step", "current", "duty", "store",
+                "power",
+            ];
             return Err(format!("no drive does \"{word}\": {}", known(words)));
         }
     })

@@ -1,0 +1,154 @@
+//! Scripts with times.
+
+use fixed::types::{I24F8, U24F8};
+use standin_firmware::motion::Rates;
+use standin_protocol::time::Span;
+
+use super::*;
+
+fn at(micros: u64) -> Instant {
+    Instant::from(micros.micros())
+}
+
+/// The edges up to `until`, as text: `S+ 1000` is a rise of STEP, in µs.
+fn script(shaper: &mut Shaper, until: Instant) -> Vec<String> {
+    let edge = |edge: Edge| {
+        let output = if edge.output == StepDir::Step { 'S' } else { 'D' };
+        let sign = if edge.high { '+' } else { '-' };
+        format!("{output}{sign} {}", edge.at.ticks() as f64 / 16.0)
+    };
+    std::iter::from_fn(|| shaper.take(until)).map(edge).collect()
+}
+
+/// At that speed from its first tick on; `from` is not before 1 ms.
+fn jog(from: Instant, steps_per_second: i32) -> Plan {
+    let start = from - 1.millis();
+    let ramp = Plan::rest(start, 0).towards(start, I24F8::from_num(steps_per_second), i32::MAX as u32);
+    ramp.resumed(from, 0)
+}
+
+#[test]
+fn a_pulse_is_high_for_2_us_and_the_direction_comes_5_us_before() {
+    let plan = Plan::profile(at(0), 0, 2, Rates::even(U24F8::from_num(1_000), 200));
+    let mut shaper = Shaper::new(at(0), &plan, false);
+    assert_eq!(shaper.due(), at(99_995));
+    // Up for one step in sqrt(2/200) s, down for the other in as much.
+    let expected = ["D+ 99995", "S+ 100000", "S- 100002", "S+ 200000", "S- 200002"];
+    assert_eq!(script(&mut shaper, at(1_000_000)), expected);
+    assert_eq!(shaper.due(), Instant::NEVER);
+}
+
+#[test]
+fn a_fast_pulse_is_high_for_half_of_its_interval() {
+    // A step every 16 ticks.
+    let mut shaper = Shaper::new(at(1_000), &jog(at(1_000), 1_000_000), true);
+    let edges: Vec<Edge> = std::iter::from_fn(|| shaper.take(Instant::NEVER)).take(20).collect();
+    for pair in edges.windows(2) {
+        assert_eq!(pair[1].at.since(pair[0].at).ticks(), 8);
+    }
+}
+
+/// A jog at 250,000 steps/s, a step every 4 µs, up to a rise, and that rise.
+fn fast() -> (Shaper, Instant) {
+    let mut shaper = Shaper::new(at(1_000), &jog(at(1_000), 250_000), true);
+    let _ = script(&mut shaper, at(1_100));
+    loop {
+        let edge = shaper.take(at(1_110)).expect("a step every 4 µs");
+        if edge.high {
+            return (shaper, edge.at);
+        }
+    }
+}
+
+#[test]
+fn a_fast_reversal_changes_direction_half_an_interval_before() {
+    let (mut shaper, rise) = fast();
+    let back = jog(rise, -250_000);
+    let first = Walker::new(&back, rise).next().expect("a jog has steps").at;
+    let interval = first.since(rise);
+    assert!(interval <= 4.micros(), "{interval:?}");
+    shaper.plan(rise, &back);
+    // Half an interval is not longer than 2 µs: the pulse falls at the same instant, and first.
+    let half = rise + Duration::from_ticks(interval.ticks() / 2);
+    let edges: Vec<Edge> = std::iter::from_fn(|| shaper.take(first)).collect();
+    let dir = first - Duration::from_ticks(interval.ticks() / 2);
+    assert_eq!(
+        edges,
+        [
+            Edge { at: half, output: StepDir::Step, high: false },
+            Edge { at: dir, output: StepDir::Dir, high: false },
+            Edge { at: first, output: StepDir::Step, high: true },
+        ]
+    );
+}
+
+#[test]
+fn nobody_knew_of_a_reversal_before_its_plan() {
+    let (mut shaper, rise) = fast();
+    // Past the middle between the two steps.
+    let known = rise + 3.micros();
+    while shaper.take(known).is_some() {}
+    let back = jog(known, -400_000);
+    let first = Walker::new(&back, known).next().expect("a jog has steps").at;
+    assert!(first <= known + 3.micros(), "{first:?}");
+    shaper.plan(known, &back);
+    let edges: Vec<Edge> = std::iter::from_fn(|| shaper.take(first)).collect();
+    assert_eq!(
+        edges,
+        [
+            Edge { at: known, output: StepDir::Dir, high: false },
+            Edge { at: first, output: StepDir::Step, high: true },
+        ]
+    );
+}
+
+#[test]
+fn a_new_plan_lets_a_high_pulse_fall_and_makes_no_step_of_its_own_instant() {
+    let plan = jog(at(1_000), 1_000);
+    let second = Walker::new(&plan, at(2_500)).next().expect("a jog has steps").at;
+    for after in [Duration::ZERO, Duration::TICK, 1.micros(), 2.micros()] {
+        let mut shaper = Shaper::new(at(1_000), &plan, true);
+        let change = second + after;
+        let made = script(&mut shaper, change);
+        assert!(made.iter().any(|edge| *edge == format!("S+ {}", second.ticks() as f64 / 16.0)), "{made:?}");
+        shaper.plan(change, &plan.halt(change));
+        let rest: Vec<Edge> = std::iter::from_fn(|| shaper.take(Instant::NEVER)).collect();
+        let fall = Edge { at: second + 2.micros(), output: StepDir::Step, high: false };
+        assert_eq!(rest, if after < 2.micros() { vec![fall] } else { vec![] });
+    }
+}
+
+#[test]
+fn without_power_both_are_low_at_once() {
+    let (mut shaper, rise) = fast();
+    shaper.power_off(rise + Duration::TICK);
+    let edges: Vec<Edge> = std::iter::from_fn(|| shaper.take(Instant::NEVER)).collect();
+    let off = |output| Edge { at: rise + Duration::TICK, output, high: false };
+    assert_eq!(edges, [off(StepDir::Step), off(StepDir::Dir)]);
+    assert_eq!(shaper.due(), Instant::NEVER);
+}
+
+#[test]
+fn steps_without_a_plan_are_passed_through() {
+    let mut shaper = Shaper::new(at(0), &Plan::rest(at(0), 0), false);
+    shaper.steps(at(10), 1);
+    assert_eq!(script(&mut shaper, at(20)), ["D+ 10", "S+ 10", "S- 12"]);
+    shaper.steps(at(20), -1);
+    assert_eq!(script(&mut shaper, at(30)), ["D- 20", "S+ 20", "S- 22"]);
+    // Several at once, and one that comes too close, follow each other.
+    shaper.steps(at(30), -3);
+    assert_eq!(script(&mut shaper, at(35)), ["S+ 30", "S- 32", "S+ 34"]);
+    shaper.steps(at(35), -1);
+    assert_eq!(script(&mut shaper, at(60)), ["S- 36", "S+ 38", "S- 40", "S+ 42", "S- 44"]);
+    assert_eq!(shaper.due(), Instant::NEVER);
+}
+
+#[test]
+fn every_4_us_steps_are_passed_through_as_they_come() {
+    let mut shaper = Shaper::new(at(0), &Plan::rest(at(0), 0), true);
+    for n in 1..1_000 {
+        shaper.steps(at(4 * n), 1);
+        let edges = script(&mut shaper, at(4 * n + 3));
+        assert_eq!(edges, [format!("S+ {}", 4 * n), format!("S- {}", 4 * n + 2)]);
+    }
+}
