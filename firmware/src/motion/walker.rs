@@ -290,9 +290,9 @@ impl Ramp {
         let (mut early, mut late) = (0, u32::MAX);
         for _ in 0..TRIES {
             if there.is_early() {
-                early = d
+                early = d;
             } else {
-                late = d
+                late = d;
             }
             d = d.wrapping_add_signed(ticks(there.due, d)).max(early + 1).min(late - 1);
             there = self.motion.after(i64::from(d));
