@@ -88,6 +88,7 @@ impl Segment {
     }
 
     /// Phase beyond `from`, `d` ticks in.
+    #[inline(never)]
     pub(super) fn phase(&self, d: u64) -> i128 {
         i128::from(self.rest) + i128::from(d) * i128::from(self.h + self.speed(d))
     }
@@ -110,6 +111,7 @@ impl Segment {
     }
 
     /// This segment, begun at another phase beyond its `from`.
+    #[inline(never)]
     fn at_phase(self, phase: i128) -> Self {
         let steps = steps_in(phase);
         // Less than a step, so 64 bits of both are enough.
@@ -125,6 +127,7 @@ impl Segment {
 
     /// From the beginning of this segment a ramp up to the speed `target`, or down to it, and the cruise
     /// at it.
+    #[inline(never)]
     fn reach(self, target: i64, acceleration: NonZero<u32>, down: bool) -> [Self; 2] {
         let a = acceleration.get().cast_signed();
         let change = if down { self.h - target } else { target - self.h };
@@ -192,21 +195,22 @@ impl Plan {
         };
 
         // Both ramps take (speed² − start²)·(1/a + 1/b) of the way.
-        let ramps = (change * u128::from(speed + start) * sum.get()).div_ceil(product.get());
-        if ramps > way {
+        let ramps = change * u128::from(speed + start) * sum.get();
+        if divided(ramps + product.get() - 1, product) > way {
             // As if one ramp did it all, with a·b/(a + b): way = t·(2·start + t·a·b/(a + b)).
             let (start, way) = (4 * u128::from(start) * sum.get(), 4 * way * sum.get());
             let half_ticks = least(|t| u128::from(t) * (start + u128::from(t) * product.get()) > way) - 1;
             let end = half_ticks.div_ceil(2);
-            let stop = (u128::from(end) * u128::from(a.get()) / sum) as u64;
+            let stop = divided(u128::from(end) * u128::from(a.get()), sum) as u64;
             let up = Segment { ticks: end - stop, a: up.get().cast_signed(), ..first };
             return Self::of(at, [up, ending(stop)]);
         }
         // way/2·speed, and what the ramps lose: (speed − start)²·(1/a + 1/b)/2·speed.
-        let (whole, part) = (way / twice_speed, way % twice_speed);
+        let whole = divided(way, twice_speed);
+        let part = way - whole * twice_speed.get();
         let lost = part * product.get() + change * change * sum.get();
         let half = twice_speed.get() * product.get() / 2;
-        let end = (whole + (lost + half) / product / twice_speed) as u64;
+        let end = (whole + divided(divided(lost + half, product), twice_speed)) as u64;
         let stop = ((speed - start) / b).min(end);
         let [up, cruise] = first.reach(speed.cast_signed(), up, false);
         let up = Segment { ticks: up.ticks.min(end - stop), ..up };
@@ -359,7 +363,14 @@ fn vertex(h: u64, a: NonZero<u32>) -> u64 {
 
 /// Whole steps in `phase`, which is not negative but for what was rounded.
 fn steps_in(phase: i128) -> u64 {
-    (phase.max(0).cast_unsigned() / STEP as u128) as u64
+    const A_STEP: NonZero<u128> = NonZero::new(STEP as u128).unwrap();
+    divided(phase.max(0).cast_unsigned(), A_STEP) as u64
+}
+
+/// The one long division, which takes half a kilobyte wherever it is inlined.
+#[inline(never)]
+fn divided(number: u128, by: NonZero<u128>) -> u128 {
+    number / by
 }
 
 #[cfg(test)]
