@@ -5,8 +5,8 @@
 //! h² = h₀² + a·way, and a time at constant acceleration is Δh/a ticks.
 #![allow(missing_docs, reason = "a test")]
 
-use fixed::types::U24F8;
-use standin_firmware::device::{Instant, Plan};
+use fixed::types::{I24F8, U24F8};
+use standin_firmware::device::{Duration, Instant, Plan};
 use standin_firmware::motion::{Rates, Step, Walker};
 use standin_protocol::time::TICKS_PER_SECOND;
 
@@ -144,7 +144,10 @@ fn twenty_thousand_moves_make_each_step_within_a_tick() {
         }
         assert_eq!(made, steps, "{rates:?}");
     }
-    assert!(worst > TICK / 2, "the worst step of twenty thousand moves is {worst} off: nothing was looked at");
+    assert!(
+        worst > TICK / 2,
+        "the worst step of twenty thousand moves is {worst} off: nothing was looked at"
+    );
     println!("worst {:.4} ticks", worst as f64 / TICK as f64);
 }
 
@@ -205,4 +208,414 @@ fn a_ramp_from_standstill_and_its_mirror_are_at_the_nearest_tick() {
             assert!(is_nearest_root(end - ticks, left, a), "{left} before the end, {a} steps/s²");
         }
     }
+}
+
+/// A jog as mathematics has it: an order holds from its tick on; at standstill the phase is forgotten.
+#[derive(Default)]
+struct Jog {
+    /// Of the last order.
+    tick: u64,
+    target: i128,
+    a: i128,
+    /// Then: way since standstill, speed, and the direction in which both count.
+    way: i128,
+    speed: i128,
+    sign: i128,
+    /// Steps since standstill.
+    made: i128,
+}
+
+/// Constant acceleration: *τ* ticks after the order the way is `way + τ·(2·speed + a·τ)`.
+struct Piece {
+    way: i128,
+    speed: i128,
+    a: i128,
+    sign: i128,
+    /// The time when it ends, times the acceleration of the order, and the way then.
+    end: Option<(i128, i128)>,
+}
+
+impl Piece {
+    fn way(&self, ticks: i128) -> i128 {
+        self.way + ticks * (2 * self.speed + self.a * ticks)
+    }
+
+    /// The time at which the way is `way`, in ticks after the order.
+    fn time(&self, way: i128) -> f64 {
+        if self.a == 0 {
+            return (way - self.way) as f64 / (2 * self.speed) as f64;
+        }
+        let speed = (self.speed * self.speed + self.a * (way - self.way)) as f64;
+        (speed.sqrt() - self.speed as f64) / self.a as f64
+    }
+}
+
+impl Jog {
+    fn order(&mut self, target: I24F8, a: u32) {
+        self.target = h(target.unsigned_abs().to_bits()) as i128 * if target < 0 { -1 } else { 1 };
+        self.a = i128::from(a);
+        if self.speed == 0 {
+            (self.way, self.made, self.sign) = (0, 0, self.target.signum());
+        }
+    }
+
+    fn pieces(&self) -> Vec<Piece> {
+        let (way, v, sign, target) = (self.way, self.speed, self.sign, self.target * self.sign);
+        // From `v` to `to`, both in the direction `sign`, then on. The cruise is the tangent there.
+        let reach = |way: i128, v: i128, to: i128, sign| {
+            let a = if to < v { -self.a } else { self.a };
+            let ramp =
+                Piece { way, speed: v, a, sign, end: Some(((to - v).abs(), way + (to * to - v * v) / a)) };
+            [ramp, Piece { way: way - (to - v) * (to - v) / a, speed: to, a: 0, sign, end: None }]
+        };
+        if target > 0 {
+            return reach(way, v, target, sign).into();
+        }
+        let [stop, _] = reach(way, v, 0, sign);
+        let mut pieces = vec![stop];
+        if target < 0 {
+            // As if it had begun, backwards, at the speed −v.
+            pieces.extend(reach(v * v / self.a, -v, -target, -sign));
+        }
+        pieces
+    }
+
+    /// On to the tick `until`: the exact instants of the steps on the way, and whether forward.
+    fn walk(&mut self, until: u64, steps: &mut Vec<(f64, bool)>) {
+        let ticks = i128::from(until - self.tick);
+        let from = std::mem::replace(&mut self.tick, until) as f64;
+        for piece in self.pieces() {
+            if piece.sign != self.sign {
+                (self.sign, self.made) = (piece.sign, 0);
+            }
+            let end = piece.end.filter(|(time, _)| *time <= ticks * self.a);
+            let way = end.map_or_else(|| piece.way(ticks), |(_, way)| way);
+            while (self.made + 1) * STEP as i128 <= way {
+                self.made += 1;
+                steps.push((from + piece.time(self.made * STEP as i128), piece.sign > 0));
+            }
+            if end.is_none() {
+                (self.way, self.speed) = (way, piece.speed + piece.a * ticks);
+                return;
+            }
+        }
+        self.speed = 0;
+    }
+}
+
+/// What a jog is told, and for how many ticks.
+struct Order {
+    ticks: u64,
+    speed: I24F8,
+    acceleration: u32,
+}
+
+fn orders(random: &mut Random) -> Vec<Order> {
+    let most = 1 << random.below(12);
+    let acceleration = random.any_size(20) + 10;
+    (0..2 + random.below(7))
+        .map(|_| {
+            let speed = random.below(most * 10_240) as i32;
+            let speed = [speed, speed, -speed, 0][random.below(4) as usize];
+            let longest = [100_000, 1_000_000, 10_000_000][random.below(3) as usize];
+            let acceleration = if random.below(3) == 0 { random.any_size(20) + 10 } else { acceleration };
+            Order { ticks: random.below(longest), speed: I24F8::from_bits(speed), acceleration }
+        })
+        .collect()
+}
+
+/// What the walkers of all orders make, one after the other, up to a tick after the end.
+fn walked(orders: &[Order]) -> Vec<Step> {
+    let mut plan = Plan::rest(at(0), 0);
+    let (mut now, mut steps) = (0, Vec::new());
+    for (n, order) in orders.iter().enumerate() {
+        plan = plan.towards(at(now), order.speed, order.acceleration);
+        let from = at(now);
+        now += order.ticks;
+        let last = if n + 1 == orders.len() { at(now + 1) } else { at(now) };
+        steps.extend(Walker::new(&plan, from).take_while(|step| step.at <= last));
+    }
+    steps
+}
+
+#[test]
+fn three_thousand_jogs_make_each_step_at_the_nearest_tick() {
+    let mut random = Random(88_172_645_463_325_252);
+    let (mut worst, mut total, mut turns) = (0.0_f64, 0, 0);
+    for round in 0..3_000 {
+        let orders = orders(&mut random);
+        let mut steps = walked(&orders);
+        let (mut jog, mut exact, mut now) = (Jog::default(), Vec::new(), 0);
+        for order in &orders {
+            jog.order(order.speed, order.acceleration);
+            now += order.ticks;
+            jog.walk(now, &mut exact);
+        }
+        // Perhaps one that is due within a tick after the end.
+        if steps.len() == exact.len() + 1 && steps.pop_if(|step| step.at >= at(now)).is_none() {
+            panic!("jog {round} makes a step too many");
+        }
+        assert_eq!(steps.len(), exact.len(), "jog {round}");
+        for (n, (step, (due, forward))) in steps.iter().zip(&exact).enumerate() {
+            assert_eq!(step.forward, *forward, "step {n} of jog {round}");
+            let error = (step.at.ticks() as f64 - due).abs();
+            worst = worst.max(error);
+            assert!(error <= 0.501, "step {n} of jog {round} is {error} ticks off");
+        }
+        total += steps.len();
+        turns += steps.windows(2).filter(|pair| pair[0].forward != pair[1].forward).count();
+    }
+    println!("{total} steps, {turns} turns, worst {worst:.4} ticks");
+    assert!(total > 1_000_000 && turns > 500, "{total} steps, {turns} turns: too little was looked at");
+}
+
+/// Any profile move of up to `most` steps.
+fn profile(random: &mut Random, most: u64) -> Plan {
+    let steps = random.below(2 * most) as i32 - most as i32;
+    let [start, speed] = [random.any_size(24), random.any_size(27)].map(U24F8::from_bits);
+    let [up, down] = [random.any_size(31), random.any_size(31)];
+    let start = if random.below(2) == 0 { U24F8::ZERO } else { start };
+    Plan::profile(at(random.below(1 << 33)), -3, steps, Rates { start, speed, up, down })
+}
+
+/// An instant of a plan: somewhere in its first hour, or close to a seam.
+fn somewhere(random: &mut Random, plan: &Plan) -> Instant {
+    let seams = random.below(4) as usize;
+    let seam = plan
+        .segments()
+        .iter()
+        .take(seams)
+        .fold(plan.start(), |at, segment| at + Duration::from_ticks(segment.ticks.min(1 << 40)));
+    let length = plan.end().since(plan.start()).ticks().min(3_600 * TICKS_PER_SECOND);
+    let anywhere = Duration::from_ticks(random.below(length + 2));
+    if random.below(2) == 0 {
+        plan.start() + anywhere
+    } else {
+        seam - Duration::from_ticks(3) + Duration::from_ticks(random.below(6))
+    }
+}
+
+#[test]
+fn a_walk_begun_anywhere_makes_the_same_steps() {
+    let mut random = Random(5);
+    for _ in 0..2_000 {
+        let plan = profile(&mut random, 300);
+        let all: Vec<Step> = Walker::new(&plan, plan.start()).collect();
+        for _ in 0..8 {
+            let after = somewhere(&mut random, &plan);
+            let rest: Vec<Step> = all.iter().copied().filter(|step| step.at > after).collect();
+            assert_eq!(Walker::new(&plan, after).collect::<Vec<_>>(), rest, "{plan:?} after {after:?}");
+        }
+    }
+}
+
+#[test]
+fn a_jog_told_again_what_it_does_makes_the_same_steps() {
+    let mut random = Random(6);
+    for _ in 0..2_000 {
+        let orders = orders(&mut random);
+        let mut pieces = Vec::new();
+        for order in &orders {
+            let cut = random.below(order.ticks + 1);
+            let (speed, acceleration) = (order.speed, order.acceleration);
+            pieces.push(Order { ticks: cut, speed, acceleration });
+            pieces.push(Order { ticks: order.ticks - cut, speed, acceleration });
+        }
+        assert_eq!(walked(&pieces), walked(&orders));
+    }
+}
+
+/// Position and speed of a plan change by a walker's steps, and only by them.
+fn agrees(plan: &Plan, after: Instant, most: usize) {
+    let mut position = plan.position_at(after);
+    let mut last = after;
+    for step in Walker::new(plan, after).take(most) {
+        let before = step.at - Duration::TICK;
+        assert!(step.at > last, "{plan:?} {step:?} {last:?}");
+        for instant in [last, last + Duration::TICK, before] {
+            if instant < step.at {
+                assert_eq!(plan.position_at(instant), position, "{plan:?} at {instant:?} before {step:?}");
+            }
+        }
+        position = position.wrapping_add(if step.forward { 1 } else { -1 });
+        assert_eq!(plan.position_at(step.at), position, "{plan:?} at {step:?}");
+        last = step.at;
+    }
+}
+
+#[test]
+fn positions_agree_with_the_walker_around_every_step() {
+    let mut random = Random(9);
+    for _ in 0..2_000 {
+        let plan = profile(&mut random, 200);
+        agrees(&plan, plan.start(), usize::MAX);
+        let mut now = 0;
+        let mut plan = Plan::rest(at(0), 0);
+        for order in orders(&mut random) {
+            plan = plan.towards(at(now), order.speed, order.acceleration);
+            let after = somewhere(&mut random, &plan);
+            agrees(&plan, at(now), 100);
+            agrees(&plan, after, 100);
+            now += order.ticks;
+        }
+    }
+}
+
+#[test]
+fn positions_agree_with_the_walker_at_every_tick() {
+    let fast = Rates { up: 2_147_483_647, ..Rates::even(U24F8::MAX, 1_500_000_000) };
+    let started = Rates { start: U24F8::from_num(700_000), speed: U24F8::from_num(900_000), ..fast };
+    let one_speed = Rates { start: U24F8::MAX, speed: U24F8::from_num(5_000_000), ..fast };
+    for rates in [fast, started, one_speed] {
+        for steps in [-1, 1, 2, 3, 40, -400] {
+            let plan = Plan::profile(at(9), 0, steps, rates);
+            let mut position = 0;
+            let mut walker = Walker::new(&plan, at(9)).peekable();
+            for tick in 9..plan.end().ticks() + 100 {
+                while let Some(step) = walker.next_if(|step| step.at <= at(tick)) {
+                    position += if step.forward { 1 } else { -1 };
+                }
+                assert_eq!(plan.position_at(at(tick)), position, "{plan:?} at {tick}");
+            }
+            assert_eq!(position, steps);
+        }
+    }
+}
+
+/// The steps from the tick `after` on.
+fn steps(plan: &Plan, after: u64) -> impl Iterator<Item = u64> {
+    Walker::new(plan, at(after)).map(|step| step.at.ticks())
+}
+
+#[test]
+fn a_ramp_of_eleven_hours_is_as_exact_as_a_short_one() {
+    // 40,000 s, 6.4·10¹¹ ticks, 800 million steps.
+    let plan = Plan::rest(at(0), 0).towards(at(0), I24F8::from_num(40_000), 1);
+    assert_eq!(plan.segments()[1].ticks, 40_000 * TICKS_PER_SECOND);
+    let mut random = Random(3);
+    for _ in 0..300 {
+        let after = random.below(40_000 * TICKS_PER_SECOND);
+        let made = plan.position_at(at(after)).cast_unsigned();
+        for (n, ticks) in (made + 1..=800_000_000).zip(steps(&plan, after).take(100)) {
+            assert!(is_nearest_root(ticks, n, 1), "step {n} at {ticks}");
+        }
+    }
+}
+
+#[test]
+fn a_day_of_cruise_is_as_exact_as_a_second() {
+    // 40,000.25 steps/s: a step each 399.9975… ticks. 0.1 s of ramp is 2,000.0125 steps/s · 0.1 s...
+    let bits = 40_000 * 256 + 64;
+    let plan = Plan::rest(at(0), 0).towards(at(0), I24F8::from_bits(bits), 400_000);
+    let h = h(bits.cast_unsigned());
+    // Of the way 2·h·(t − h/2a), so of step n the instant n·STEP/2h + h/2a.
+    let due = |n: u128| (n * STEP * 400_000 + h * h, 2 * h * 400_000);
+    let mut random = Random(4);
+    for hour in 0..50 {
+        let after = (1 + hour * 3_600) * TICKS_PER_SECOND + random.below(1 << 34);
+        let made = plan.position_at(at(after));
+        // Positions wrap at 32 bits, after 29 hours.
+        let ticks: Vec<u64> = steps(&plan, after).take(1_000).collect();
+        let first = (u128::from(ticks[0]) * 2 * h * 400_000 - h * h) / (STEP * 400_000);
+        let first = (first..).find(|n| *n as u32 == made.cast_unsigned().wrapping_add(1)).expect("endless");
+        for (n, ticks) in (first..).zip(ticks) {
+            let (number, by) = due(n);
+            assert!((2 * u128::from(ticks)).abs_diff(2 * number / by) <= 1, "step {n} at {ticks}");
+        }
+    }
+}
+
+#[test]
+fn the_slowest_cruise_steps_every_256_seconds() {
+    let plan = Plan::rest(at(0), 0).towards(at(0), -I24F8::DELTA, 1);
+    // The ramp of 1/256 s takes 1/512 s more than no ramp.
+    let late = TICKS_PER_SECOND / 512;
+    let due: Vec<u64> = (1..=50).map(|n| n * 256 * TICKS_PER_SECOND + late).collect();
+    assert_eq!(steps(&plan, 0).take(50).collect::<Vec<_>>(), due);
+    assert!(Walker::new(&plan, at(0)).take(50).all(|step| !step.forward));
+    assert_eq!(plan.position_at(at(due[49])), -50);
+}
+
+#[test]
+fn the_longest_move_ends_with_its_last_step() {
+    let slow = Rates::even(U24F8::DELTA, 1);
+    let plan = Plan::profile(at(0), 0, i32::MIN, slow);
+    // 2³¹ steps at 256 s, and 1/256 s more for the two ramps.
+    let end = ((1 << 31) * 256 * 256 + 1) * (TICKS_PER_SECOND / 256);
+    assert_eq!(plan.end(), at(end));
+    assert_eq!(plan.position_at(plan.end()), i32::MIN);
+    let last: Vec<u64> = steps(&plan, end - 600 * TICKS_PER_SECOND).collect();
+    let second = end - 256 * TICKS_PER_SECOND - TICKS_PER_SECOND / 512;
+    assert_eq!(last, [second - 256 * TICKS_PER_SECOND, second, end]);
+}
+
+#[test]
+fn a_start_speed_above_the_speed_acts_as_the_speed() {
+    let rates = Rates { start: U24F8::from_num(7_000), ..Rates::even(U24F8::from_num(4_000), 10) };
+    let plan = Plan::profile(at(0), 0, 25, rates);
+    assert_eq!(steps(&plan, 0).collect::<Vec<_>>(), (1..=25).map(|n| n * 4_000).collect::<Vec<_>>());
+    assert_eq!(plan.speed_at(at(1)), 4_000);
+    assert_eq!(plan.speed_at(plan.end()), 0);
+}
+
+#[test]
+fn a_start_speed_is_also_the_speed_of_the_last_step() {
+    // Up from 1,000 to 3,000 steps/s in 0.2 s and 400 steps, down in 0.1 s and 200, 600 between.
+    let rates =
+        Rates { start: U24F8::from_num(1_000), speed: U24F8::from_num(3_000), up: 10_000, down: 20_000 };
+    let plan = Plan::profile(at(0), 0, 1_200, rates);
+    assert_eq!(plan.end().ticks(), 5 * TICKS_PER_SECOND / 10);
+    let ticks: Vec<u64> = steps(&plan, 0).collect();
+    assert_eq!(ticks.len(), 1_200);
+    assert_eq!((ticks[399], ticks[999], ticks[1_199]), (3_200_000, 6_400_000, 8_000_000));
+    assert_eq!(plan.speed_at(at(3_200_000)), 3_000);
+    assert_eq!(plan.speed_at(at(8_000_000 - 800_000)), 2_000);
+}
+
+#[test]
+fn a_reversal_that_is_pending_takes_orders_in_each_of_its_parts() {
+    // 1,000 steps/s forward; at 2 s back; standstill at 2.1 s, −1,000 steps/s at 2.2 s.
+    let ms = |ms: u64| at(ms * TICKS_PER_SECOND / 1_000);
+    let thousand = I24F8::from_num(1_000);
+    let jog = Plan::rest(at(0), 0).towards(at(0), thousand, 10_000);
+    let back = jog.towards(ms(2_000), -thousand, 10_000);
+    assert_eq!(back.position_at(ms(2_100)), 2_000);
+    // At 2.05 s, 37½ steps after the order, at 500 steps/s.
+    let on = back.towards(ms(2_050), thousand, 10_000);
+    assert_eq!((on.position_at(ms(2_050)), on.position_at(ms(2_100))), (1_987, 2_025));
+    let stop = back.towards(ms(2_050), I24F8::ZERO, 5_000);
+    assert_eq!((stop.end(), stop.position_at(stop.end())), (ms(2_150), 2_012));
+    assert_eq!(back.halt(ms(2_050)).position_at(Instant::NEVER), 1_987);
+    // At standstill.
+    let on = back.towards(ms(2_100), thousand, 10_000);
+    assert_eq!((on.position_at(ms(2_100)), on.position_at(ms(2_200))), (2_000, 2_050));
+    let stop = back.towards(ms(2_100), I24F8::ZERO, 10_000);
+    assert_eq!((stop.end(), stop.position_at(Instant::NEVER)), (ms(2_100), 2_000));
+    // At 2.15 s, 12½ steps back, at −500 steps/s: 12½ more to a stop.
+    let on = back.towards(ms(2_150), thousand, 10_000);
+    assert_eq!((on.position_at(ms(2_150)), on.position_at(ms(2_200))), (1_988, 1_975));
+    assert_eq!(on.position_at(ms(2_300)), 1_975 + 50);
+    let stop = back.towards(ms(2_150), I24F8::ZERO, 10_000);
+    assert_eq!((stop.end(), stop.position_at(stop.end())), (ms(2_200), 1_975));
+    // In the cruise back.
+    let on = back.towards(ms(2_300), thousand, 10_000);
+    assert_eq!((on.position_at(ms(2_300)), on.position_at(ms(2_400))), (1_850, 1_800));
+    for plan in [on, stop, back] {
+        agrees(&plan, plan.start(), 1_000);
+    }
+}
+
+#[test]
+fn a_step_on_the_vertex_is_made_there() {
+    // The factory move of an MD3: 1250 steps of ramp. Its stop, ordered in the cruise, ends on one, too.
+    let second = TICKS_PER_SECOND;
+    let speed = I24F8::from_num(5_000);
+    let stop = Plan::rest(at(0), 0).towards(at(0), speed, 10_000).towards(at(second), I24F8::ZERO, 10_000);
+    assert_eq!(stop.end(), at(3 * second / 2));
+    let ticks: Vec<u64> = steps(&stop, second).collect();
+    assert_eq!((ticks.len(), ticks.last()), (1_250, Some(&(3 * second / 2))));
+    // In a reversal the step on the vertex still goes forward.
+    let back = Plan::rest(at(0), 0).towards(at(0), speed, 10_000).towards(at(second), -speed, 10_000);
+    let turn: Vec<Step> = Walker::new(&back, at(second)).skip(1_249).take(2).collect();
+    assert_eq!((turn[0].at, turn[0].forward, turn[1].forward), (at(3 * second / 2), true, false));
 }

@@ -134,11 +134,13 @@ fn walk(
         debug_assert!(pushed.is_ok(), "a plan has no more legs");
     };
     let since = after.saturating_sub(begin);
-    let beyond = |position: i32| {
+    let made = if after < begin {
+        // By the segment before this one; at the seam they differ by a step at most.
         let steps = position.wrapping_sub(segment.from);
         i64::from(if forward { steps } else { steps.wrapping_neg() })
+    } else {
+        segment.made(since).cast_signed()
     };
-    let made = beyond(position);
     if segment.ticks == u64::MAX {
         push(Leg::of(segment, begin, since, made, u64::MAX));
         return position;
