@@ -220,6 +220,7 @@ impl Motion {
     }
 
     /// Ticks until the step, or until it stands.
+    #[inline(never)]
     fn ticks(self) -> i64 {
         least(|d| !self.after(d.cast_signed()).is_early()).cast_signed()
     }
