@@ -5,5 +5,7 @@
 #[doc = include_str!("../../README.md")]
 pub struct Readme;
 
+pub mod exact;
 pub mod on_shell;
+pub mod ramps;
 pub mod toy;

@@ -1,27 +1,16 @@
-//! Steps against the mathematics of constant acceleration, computed here in another way than the plan
-//! does it: real instants from square roots, in 1/65,536 tick.
-//!
-//! With *h* = speed · ticks/s and a step of 2·(ticks/s)², way and speed are tied by
-//! h² = h₀² + a·way, and a time at constant acceleration is Δh/a ticks.
+//! Steps against the exact instants of constant acceleration, the walker against the plan, and what
+//! others do against what we do.
 #![allow(missing_docs, reason = "a test")]
 
 use fixed::types::{I24F8, U24F8};
 use standin_firmware::device::{Duration, Instant, Plan};
 use standin_firmware::motion::{Rates, Step, Walker};
 use standin_protocol::time::TICKS_PER_SECOND;
-
-/// A step: the unit of a way.
-const STEP: u128 = 2 * (TICKS_PER_SECOND as u128) * (TICKS_PER_SECOND as u128);
-/// Units of an exact instant in a tick.
-const TICK: i128 = 1 << 16;
+use standin_tests::exact::{Jog, Move, STEP, TICK, h};
+use standin_tests::ramps;
 
 fn at(ticks: u64) -> Instant {
     Instant::from_ticks(ticks)
-}
-
-/// A speed in 1/256 step/s as h.
-fn h(bits: u32) -> u128 {
-    u128::from(bits) * u128::from(TICKS_PER_SECOND) / 256
 }
 
 /// The same numbers in every run.
@@ -51,58 +40,6 @@ impl Random {
     }
 }
 
-/// The exact instants of a profile move.
-struct Move {
-    steps: u32,
-    start: u128,
-    speed: u128,
-    up: u128,
-    down: u128,
-    /// Way of the ramp up, and from where on the ramp down.
-    ramps: [u128; 2],
-    /// Instant of the end.
-    end: i128,
-}
-
-/// How long, in 1/65,536 tick, from the speed `start` over a `way` with acceleration `a`.
-fn ramp(start: u128, a: u128, way: u128) -> i128 {
-    ((((start * start + a * way) << 32).isqrt() - (start << 16)) / a) as i128
-}
-
-impl Move {
-    fn of(steps: u32, rates: Rates) -> Self {
-        let speed = h(rates.speed.to_bits());
-        let start = h(rates.start.to_bits()).min(speed);
-        let (up, down) = (u128::from(rates.up), u128::from(rates.down));
-        let way = u128::from(steps) * STEP;
-        let gained = speed * speed - start * start;
-        let (mut first, mut last) = (gained / up, gained / down);
-        let mut cruise = 0;
-        if first + last > way {
-            // The ramps meet: first·up = last·down.
-            first = way * down / (up + down);
-            last = way - first;
-        } else {
-            cruise = (((way - first - last) << 16) / (2 * speed)) as i128;
-        }
-        let end = ramp(start, up, first) + cruise + ramp(start, down, last);
-        Self { steps, start, speed, up, down, ramps: [first, way - last], end }
-    }
-
-    /// When step `n` is due, counted from 1.
-    fn step(&self, n: u32) -> i128 {
-        let way = u128::from(n) * STEP;
-        let [first, last] = self.ramps;
-        if way <= first {
-            ramp(self.start, self.up, way)
-        } else if way <= last {
-            ramp(self.start, self.up, first) + (((way - first) << 16) / (2 * self.speed)) as i128
-        } else {
-            self.end - ramp(self.start, self.down, u128::from(self.steps) * STEP - way)
-        }
-    }
-}
-
 /// A tick in the unit of exact instants.
 fn exactly(instant: Instant) -> i128 {
     i128::from(instant.ticks()) * TICK
@@ -128,7 +65,7 @@ fn twenty_thousand_moves_make_each_step_within_a_tick() {
         let signed = if back { -steps.cast_signed() } else { steps.cast_signed() };
         let plan = Plan::profile(at(begin), 5, signed, rates);
         let exact = Move::of(steps, rates);
-        let error = (exactly(plan.end()) - exact.end - exactly(at(begin))).abs();
+        let error = (exactly(plan.end()) - exact.end() - exactly(at(begin))).abs();
         assert!(error <= TICK / 2 + 64, "{rates:?} {steps}: it ends {error} off");
 
         let every = 1 + steps / 32;
@@ -162,8 +99,8 @@ fn moves_of_any_length_make_each_step_within_a_tick() {
         let rates = Rates { start: U24F8::ZERO, speed: U24F8::from_bits(speed), up, down };
         let plan = Plan::profile(at(0), 0, steps.cast_signed(), rates);
         let exact = Move::of(steps, rates);
-        let near = [1, exact.ramps[0] / STEP, exact.ramps[1] / STEP, u128::from(steps)];
-        for n in near.map(|n| n as u32).into_iter().chain((0..4).map(|_| random.next() as u32 % steps)) {
+        let [first, second] = exact.seams();
+        for n in [1, first, second, steps].into_iter().chain((0..4).map(|_| random.next() as u32 % steps)) {
             let n = n.clamp(1, steps).saturating_sub(4);
             // Half a step before step n + 1.
             let after = if n == 0 { 0 } else { (exact.step(n) + exact.step(n + 1)) / 2 / TICK };
@@ -207,99 +144,6 @@ fn a_ramp_from_standstill_and_its_mirror_are_at_the_nearest_tick() {
             // Seen from the end the later of two.
             assert!(is_nearest_root(end - ticks, left, a), "{left} before the end, {a} steps/s²");
         }
-    }
-}
-
-/// A jog as mathematics has it: an order holds from its tick on; at standstill the phase is forgotten.
-#[derive(Default)]
-struct Jog {
-    /// Of the last order.
-    tick: u64,
-    target: i128,
-    a: i128,
-    /// Then: way since standstill, speed, and the direction in which both count.
-    way: i128,
-    speed: i128,
-    sign: i128,
-    /// Steps since standstill.
-    made: i128,
-}
-
-/// Constant acceleration: *τ* ticks after the order the way is `way + τ·(2·speed + a·τ)`.
-struct Piece {
-    way: i128,
-    speed: i128,
-    a: i128,
-    sign: i128,
-    /// The time when it ends, times the acceleration of the order, and the way then.
-    end: Option<(i128, i128)>,
-}
-
-impl Piece {
-    fn way(&self, ticks: i128) -> i128 {
-        self.way + ticks * (2 * self.speed + self.a * ticks)
-    }
-
-    /// The time at which the way is `way`, in ticks after the order.
-    fn time(&self, way: i128) -> f64 {
-        if self.a == 0 {
-            return (way - self.way) as f64 / (2 * self.speed) as f64;
-        }
-        let speed = (self.speed * self.speed + self.a * (way - self.way)) as f64;
-        (speed.sqrt() - self.speed as f64) / self.a as f64
-    }
-}
-
-impl Jog {
-    fn order(&mut self, target: I24F8, a: u32) {
-        self.target = h(target.unsigned_abs().to_bits()) as i128 * if target < 0 { -1 } else { 1 };
-        self.a = i128::from(a);
-        if self.speed == 0 {
-            (self.way, self.made, self.sign) = (0, 0, self.target.signum());
-        }
-    }
-
-    fn pieces(&self) -> Vec<Piece> {
-        let (way, v, sign, target) = (self.way, self.speed, self.sign, self.target * self.sign);
-        // From `v` to `to`, both in the direction `sign`, then on. The cruise is the tangent there.
-        let reach = |way: i128, v: i128, to: i128, sign| {
-            let a = if to < v { -self.a } else { self.a };
-            let ramp =
-                Piece { way, speed: v, a, sign, end: Some(((to - v).abs(), way + (to * to - v * v) / a)) };
-            [ramp, Piece { way: way - (to - v) * (to - v) / a, speed: to, a: 0, sign, end: None }]
-        };
-        if target > 0 {
-            return reach(way, v, target, sign).into();
-        }
-        let [stop, _] = reach(way, v, 0, sign);
-        let mut pieces = vec![stop];
-        if target < 0 {
-            // As if it had begun, backwards, at the speed −v.
-            pieces.extend(reach(v * v / self.a, -v, -target, -sign));
-        }
-        pieces
-    }
-
-    /// On to the tick `until`: the exact instants of the steps on the way, and whether forward.
-    fn walk(&mut self, until: u64, steps: &mut Vec<(f64, bool)>) {
-        let ticks = i128::from(until - self.tick);
-        let from = std::mem::replace(&mut self.tick, until) as f64;
-        for piece in self.pieces() {
-            if piece.sign != self.sign {
-                (self.sign, self.made) = (piece.sign, 0);
-            }
-            let end = piece.end.filter(|(time, _)| *time <= ticks * self.a);
-            let way = end.map_or_else(|| piece.way(ticks), |(_, way)| way);
-            while (self.made + 1) * STEP as i128 <= way {
-                self.made += 1;
-                steps.push((from + piece.time(self.made * STEP as i128), piece.sign > 0));
-            }
-            if end.is_none() {
-                (self.way, self.speed) = (way, piece.speed + piece.a * ticks);
-                return;
-            }
-        }
-        self.speed = 0;
     }
 }
 
@@ -618,4 +462,25 @@ fn a_step_on_the_vertex_is_made_there() {
     let back = Plan::rest(at(0), 0).towards(at(0), speed, 10_000).towards(at(second), -speed, 10_000);
     let turn: Vec<Step> = Walker::new(&back, at(second)).skip(1_249).take(2).collect();
     assert_eq!((turn[0].at, turn[0].forward, turn[1].forward), (at(3 * second / 2), true, false));
+}
+
+#[test]
+fn the_table_of_errors_is_the_printed_one() {
+    let rows = ramps::rows();
+    let ours: Vec<f64> = rows.iter().map(|row| row.ours.worst).collect();
+    // The end of the triangle, 2·√(101/10,000) s, is not on a tick; those of the others are.
+    let limits = [0.501, 0.501, 1.0, 0.501];
+    assert!(ours.iter().zip(limits).all(|(worst, limit)| *worst <= limit), "{ours:?}");
+    assert_eq!((rows[0].ours.last, rows[1].ours.last), (0.0, 0.0));
+    // Both lose (1 − 0.676)·√(2/a) in their first interval, and again in their last.
+    for (row, a) in rows.iter().zip([10_000.0, 500_000.0, 10_000.0_f64]) {
+        let lost = 2.0 * 0.324 * (2.0 / a).sqrt() * TICKS_PER_SECOND as f64;
+        for others in [row.avr446, row.accelstepper] {
+            let others = others.expect("they make moves").worst;
+            assert!((0.9 * lost..2.6 * lost).contains(&others), "{}: {others} ticks, not {lost}", row.name);
+        }
+    }
+    let document = include_str!("../../docs/motion.md");
+    let table = ramps::table(&rows);
+    assert!(document.contains(&table), "docs/motion.md does not show this:\n{table}");
 }
