@@ -105,7 +105,7 @@ impl Segment {
     }
 
     /// The position `steps` beyond `from`; positions wrap at 32 bits.
-    fn step(&self, steps: u64) -> i32 {
+    pub(super) fn step(&self, steps: u64) -> i32 {
         let steps = (steps as u32).cast_signed();
         if self.back { self.from.wrapping_sub(steps) } else { self.from.wrapping_add(steps) }
     }
@@ -484,10 +484,14 @@ mod tests {
 
         #[test]
         fn a_profile_makes_its_steps_and_no_others(
-            steps in any::<i32>(), speed in 1_u32..5_000_000, acceleration in 1_u32..,
+            steps in any::<i32>(), start in 0_u32..2_000_000, speed in 1_u32..5_000_000,
+            up in 1_u32.., down in 1_u32..,
             samples in proptest::collection::vec(any::<u64>(), 2..40),
         ) {
-            let plan = Plan::profile(at(0), 0, steps, Rates::even(U24F8::from_num(speed), acceleration));
+            let start = U24F8::from_num(start.saturating_sub(1_000_000));
+            let rates = Rates { start, speed: U24F8::from_num(speed), up, down };
+            let plan = Plan::profile(at(0), 0, steps, rates);
+            let mirror = Plan::profile(at(0), 0, steps, Rates { up: down, down: up, ..rates });
             let end = plan.end().ticks();
             prop_assert_eq!(plan.position_at(plan.end()), steps);
             let mut instants: Vec<u64> = samples.iter().map(|n| n % (end + 1)).collect();
@@ -502,10 +506,11 @@ mod tests {
                 instants.iter().map(|&t| i64::from(plan.position_at(at(t))) * i64::from(steps.signum())).collect();
             prop_assert!(positions.is_sorted(), "{:?} at {:?}", positions, instants);
             // Its mirror: as many steps before the end as after the beginning, to half a tick each.
+            prop_assert_eq!(mirror.end(), plan.end());
             for t in instants {
                 let passed = i64::from(plan.position_at(at(t)).unsigned_abs());
                 let left = i64::from(steps.unsigned_abs())
-                    - i64::from(plan.position_at(at(end.saturating_sub(t))).unsigned_abs());
+                    - i64::from(mirror.position_at(at(end.saturating_sub(t))).unsigned_abs());
                 let tolerance = 1 + i64::from(speed) / 8_000_000;
                 prop_assert!((passed - left).abs() <= tolerance, "{} {}", passed, left);
             }

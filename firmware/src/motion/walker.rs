@@ -66,26 +66,28 @@ enum Pace {
 }
 
 impl Walker {
-    /// Of `plan`, from its first step later than `after`, which is not before the plan's start.
+    /// Of `plan`, from its first step later than `after`; one before the plan's start acts as that.
     #[must_use]
     pub fn new(plan: &Plan, after: Instant) -> Self {
-        let after = after.max(plan.start());
+        let after = after.max(plan.start()).ticks();
         let mut legs = Legs::new();
         let mut end = plan.start().ticks();
-        let mut position = plan.position_at(after);
+        // Where the last segment left the axis.
+        let mut position = 0;
         let mut segments = plan.segments().iter().filter(|segment| segment.ticks > 0).peekable();
         while let Some(segment) = segments.next() {
             let begin = end;
             end = begin.saturating_add(segment.ticks);
-            if end <= after.ticks() {
+            if end <= after {
                 continue;
             }
+            let stretch = Stretch::of(segment, begin, after, position);
             let stand = match segments.peek() {
                 Some(next) if next.back == segment.back => None,
                 Some(next) => Some(next.from),
                 None => Some(plan.position_at(Instant::NEVER)),
             };
-            position = walk(segment, begin, after.ticks(), position, stand, &mut legs);
+            position = stretch.walk(stand, &mut legs);
         }
         Self { at: 0, leg: Leg::single(0, true), others: legs }
     }
@@ -117,79 +119,89 @@ impl Iterator for Walker {
     }
 }
 
-/// Appends the legs of `segment`, which begins at the tick `begin`: its steps later than `after` and
-/// beyond `position`. If the axis stands after it, at `stand`, they include one that is made as it
-/// comes to a standstill. Returns the position then.
-fn walk(
-    segment: &Segment,
+/// A segment, and from where on it is walked.
+struct Stretch<'a> {
+    segment: &'a Segment,
     begin: u64,
-    after: u64,
-    position: i32,
-    stand: Option<i32>,
-    legs: &mut Legs,
-) -> i32 {
-    let forward = !segment.back;
-    let mut push = |leg| {
-        let pushed = legs.push_back(leg);
-        debug_assert!(pushed.is_ok(), "a plan has no more legs");
-    };
-    let since = after.saturating_sub(begin);
-    let made = if after < begin {
-        // By the segment before this one; at the seam they differ by a step at most.
-        let steps = position.wrapping_sub(segment.from);
-        i64::from(if forward { steps } else { steps.wrapping_neg() })
-    } else {
-        segment.made(since).cast_signed()
-    };
-    if segment.ticks == u64::MAX {
-        push(Leg::of(segment, begin, since, made, u64::MAX));
-        return position;
+    /// How long it has run then.
+    since: u64,
+    /// Steps made by then, beyond its `from`.
+    made: i64,
+}
+
+impl<'a> Stretch<'a> {
+    /// Of `segment`, which begins at the tick `begin`: what is later than `after`, and, if that is before
+    /// it, beyond `position`.
+    fn of(segment: &'a Segment, begin: u64, after: u64, position: i32) -> Self {
+        let since = after.saturating_sub(begin);
+        let made = if after < begin {
+            // By the segment before this one; at the seam they differ by a step at most.
+            let steps = position.wrapping_sub(segment.from);
+            i64::from(if segment.back { steps.wrapping_neg() } else { steps })
+        } else {
+            segment.made(since).cast_signed()
+        };
+        Self { segment, begin, since, made }
     }
-    let last = segment.ticks - 1;
-    let most = segment.made(last).cast_signed();
-    let before = segment.position(last);
-    let mut steps = (most - made).cast_unsigned();
-    // A step of its own: at the vertex, or the last one of a ramp down.
-    let closing = match stand {
-        Some(stand) if stand != before => Some(begin + segment.ticks),
-        _ if segment.a < 0 && steps > 0 => {
-            steps -= 1;
-            let there = Motion::of(segment, last, most);
-            let ticks = least(|d| there.after(-d.cast_signed()).is_early());
-            Some(begin + segment.ticks - ticks)
+
+    /// Appends its legs. If the axis stands after it, at `stand`, they include a step that is made as
+    /// it comes to a standstill. Returns the position then.
+    fn walk(&self, stand: Option<i32>, legs: &mut Legs) -> i32 {
+        let Self { segment, begin, made, .. } = *self;
+        let mut push = |leg| {
+            let pushed = legs.push_back(leg);
+            debug_assert!(pushed.is_ok(), "a plan has no more legs");
+        };
+        if segment.ticks == u64::MAX {
+            push(self.leg(u64::MAX));
+            return segment.from;
         }
-        _ => None,
-    };
-    if let Some(more) = steps.checked_sub(1) {
-        push(Leg::of(segment, begin, since, made, more));
+        let end = begin.saturating_add(segment.ticks);
+        let last = segment.ticks - 1;
+        let all = segment.made(last);
+        let position = segment.step(all);
+        let mut steps = (all.cast_signed() - made).cast_unsigned();
+        // A leg of its own: the step at the end, or the last one of a ramp down.
+        let closing = match stand {
+            Some(stand) if stand != position => Some(end),
+            _ if segment.a < 0 && steps > 0 => {
+                steps -= 1;
+                let there = Motion::of(segment, last, all.cast_signed());
+                let back = least(|d| there.after(-d.cast_signed()).is_early());
+                Some(end.saturating_sub(back))
+            }
+            _ => None,
+        };
+        if let Some(more) = steps.checked_sub(1) {
+            push(self.leg(more));
+        }
+        if let Some(tick) = closing {
+            push(Leg::single(tick, !segment.back));
+        }
+        stand.unwrap_or(position)
     }
-    if let Some(tick) = closing {
-        push(Leg::single(tick, forward));
+
+    /// Its next step, and `more` after it.
+    fn leg(&self, more: u64) -> Leg {
+        let Self { segment, begin, since, made } = *self;
+        let start = begin.saturating_add(since);
+        let motion = Motion::of(segment, since, made + 1);
+        let (ticks, pace) = if segment.a == 0 {
+            let (ticks, cruise) = Cruise::of(motion);
+            (ticks, Pace::Cruise(cruise))
+        } else {
+            let ticks = motion.ticks();
+            (ticks, Pace::Ramp(Ramp::from(motion.after(ticks).next_step())))
+        };
+        let base = start.wrapping_add_signed(ticks);
+        Leg { first: base.max(start), base, more, forward: !segment.back, pace }
     }
-    stand.unwrap_or(before)
 }
 
 impl Leg {
     /// One step.
     const fn single(tick: u64, forward: bool) -> Self {
         Self { first: tick, base: tick, more: 0, forward, pace: Pace::Cruise(Cruise::STANDING) }
-    }
-
-    /// Of `segment`, which begins at the tick `begin`, from `since` ticks later on, where it has `made`
-    /// steps beyond its `from`: the next step and `more` after it.
-    fn of(segment: &Segment, begin: u64, since: u64, made: i64, more: u64) -> Self {
-        let forward = !segment.back;
-        let start = begin + since;
-        let motion = Motion::of(segment, since, made + 1);
-        if segment.a == 0 {
-            let (ticks, cruise) = Cruise::of(motion);
-            let base = start.wrapping_add_signed(ticks);
-            return Self { first: base.max(start), base, more, forward, pace: Pace::Cruise(cruise) };
-        }
-        let ticks = motion.ticks();
-        let first = start.wrapping_add_signed(ticks);
-        let ramp = Ramp::from(motion.after(ticks).next_step());
-        Self { first, base: first, more, forward, pace: Pace::Ramp(ramp) }
     }
 }
 
@@ -230,8 +242,8 @@ impl Motion {
         self.h >= 0 && self.due >= self.h.max(1)
     }
 
-    /// Whether this is the tick of the step: the first one that is not early, since in the tick before
-    /// it the phase grew by half a tick's way at that speed and half a tick's at this.
+    /// Whether this is the tick of the step: it is not early here, and was a tick before, when half a
+    /// tick's way at that speed and half a tick's at this one were still to come.
     #[inline]
     fn is_nearest(self) -> bool {
         -self.h <= self.due && self.due < self.h
@@ -257,15 +269,17 @@ struct Ramp {
     guess: i32,
 }
 
-/// More often than a step was ever looked for in vain.
+/// How often a step is looked for at most. The third one of the slowest ramps takes 12; in a ramp that
+/// has begun it is hardly ever more than one.
 const TRIES: u32 = 16;
 
 impl Ramp {
     /// From the tick of a step on.
     fn from(motion: Motion) -> Self {
-        let second = motion.ticks();
-        let third = motion.after(second).next_step().ticks();
-        Self { motion, interval: (16 * (2 * second - third)) as i32, part: 0, guess: (16 * second) as i32 }
+        let second = motion.ticks() as i32;
+        // As if the one before had been twice as long: the third is looked for from half of it on, and
+        // is never far below that.
+        Self { motion, interval: 32 * second, part: 0, guess: 16 * second }
     }
 
     /// Ticks to the next step.
@@ -303,10 +317,7 @@ impl Ramp {
                 break;
             }
         }
-        debug_assert!(
-            there.is_nearest(),
-            "a step that is there is found {self:?} {early} {late} {d} {there:?}"
-        );
+        debug_assert!(there.is_nearest(), "a step that is there is found");
         (d, there)
     }
 }
