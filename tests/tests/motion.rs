@@ -381,6 +381,22 @@ fn the_slowest_cruise_steps_every_256_seconds() {
 }
 
 #[test]
+fn a_speed_reached_within_a_tick_makes_up_for_a_step_that_is_due() {
+    // 200 ticks before the first step at 1/256 step/s: 67 steps/s, in half a tick.
+    let due = 256 * TICKS_PER_SECOND + TICKS_PER_SECOND / 512;
+    let slow = Plan::rest(at(0), 0).towards(at(0), I24F8::DELTA, 1);
+    let plan = slow.towards(at(due - 200), I24F8::from_num(67), i32::MAX.cast_unsigned());
+    let ticks: Vec<u64> = steps(&plan, due - 200).take(1_000).collect();
+    assert_eq!(ticks[0], due - 199);
+    for (n, ticks) in (0..).zip(&ticks) {
+        // f/67 apart, from the instant at which the new speed would have made the first.
+        let exact = n as f64 * TICKS_PER_SECOND as f64 / 67.0;
+        assert!(((ticks - (due - 200)) as f64 - exact).abs() <= 1.5, "step {n} at {ticks}");
+    }
+    agrees(&plan, at(due - 200), 1_000);
+}
+
+#[test]
 fn the_longest_move_ends_with_its_last_step() {
     let slow = Rates::even(U24F8::DELTA, 1);
     let plan = Plan::profile(at(0), 0, i32::MIN, slow);
