@@ -348,11 +348,11 @@ fn a_ramp_of_eleven_hours_is_as_exact_as_a_short_one() {
 
 #[test]
 fn a_day_of_cruise_is_as_exact_as_a_second() {
-    // 40,000.25 steps/s: a step each 399.9975… ticks. 0.1 s of ramp is 2,000.0125 steps/s · 0.1 s...
+    // 40,000.25 steps/s: a step every 399.9975 ticks, never the same for long.
     let bits = 40_000 * 256 + 64;
     let plan = Plan::rest(at(0), 0).towards(at(0), I24F8::from_bits(bits), 400_000);
     let h = h(bits.cast_unsigned());
-    // Of the way 2·h·(t − h/2a), so of step n the instant n·STEP/2h + h/2a.
+    // The way is 2h·t − h²/a, so step n is due at (n·STEP + h²/a)/2h: a number, and by what to divide it.
     let due = |n: u128| (n * STEP * 400_000 + h * h, 2 * h * 400_000);
     let mut random = Random(4);
     for hour in 0..50 {
