@@ -1,14 +1,14 @@
 //! One RTU request, function 3 for 10 registers, from its characters to its answer: an MD3 as users
 //! run it, through `dyn Device` and `dyn Sink`, beside the `rmodbus` crate on the same frame.
 //!
-//! Time is the least of many runs. Instructions are counted by valgrind, which runs this very
-//! program with two numbers of requests; the difference is theirs alone.
+//! Time is the least of many runs. Instructions are counted by valgrind.
 
+#[path = "support/count.rs"]
+mod count;
 #[path = "support/mod.rs"]
 mod support;
 
 use std::hint::black_box;
-use std::process::Command;
 
 use rmodbus::server::ModbusFrame;
 use rmodbus::server::context::ModbusContext;
@@ -146,26 +146,6 @@ fn serve_named(name: &str, requests: u64) {
     }
 }
 
-/// Instructions of a request; `None` without valgrind.
-fn instructions(name: &str) -> Option<f64> {
-    let collected = |requests: u64| {
-        let this = std::env::current_exe().expect("this program has a path");
-        let run = Command::new("valgrind")
-            .args(["--tool=callgrind", "--callgrind-out-file=/dev/null"])
-            .arg(this)
-            .args(["count", name, &requests.to_string()])
-            .output()
-            .ok()?;
-        let said = String::from_utf8_lossy(&run.stderr);
-        assert!(run.status.success(), "valgrind failed:\n{said}");
-        let (_, number) = said.split_once("Collected : ").expect("callgrind says what it collected");
-        number.split_whitespace().next()?.parse::<u64>().ok()
-    };
-    const FEW: u64 = 1_000;
-    const MANY: u64 = 11_000;
-    Some((collected(MANY)? - collected(FEW)?) as f64 / (MANY - FEW) as f64)
-}
-
 /// The least time of one call of `act`, in ns, in `runs` runs of `calls` calls.
 fn least_ns(runs: u32, calls: u32, mut act: impl FnMut()) -> f64 {
     let least = (0..runs).map(|_| took(|| (0..calls).for_each(|_| act()))).min();
@@ -178,18 +158,14 @@ fn measure<S: Slave>() -> (f64, Option<f64>) {
     let mut slave = S::new();
     let ns = least_ns(200, 10_000, || slave.serve());
     assert_eq!(slave.answer(), expected(), "{}", S::NAME);
-    let instructions = instructions(S::NAME);
-    let counted = instructions.map_or("not counted".to_owned(), |n| format!("{n:.0} instructions"));
-    line(S::NAME, &format!("{ns:.1} ns, {counted}"));
+    let instructions = count::instructions(S::NAME, 1_000, 11_000);
+    line(S::NAME, &format!("{ns:.1} ns, {}", count::counted(instructions)));
     (ns, instructions)
 }
 
 fn main() {
-    let words: Vec<String> = std::env::args().skip(1).collect();
-    if let [count, name, requests] = words.as_slice()
-        && count == "count"
-    {
-        serve_named(name, requests.parse().expect("a number of requests"));
+    if let Some((name, requests)) = count::wanted() {
+        serve_named(&name, requests);
         return;
     }
     println!("one request: function 3, {COUNT} registers");
@@ -200,7 +176,5 @@ fn main() {
         _ => String::new(),
     };
     line("standin : rmodbus", &format!("{:.2} of its time{ratio}", ours / theirs));
-    if our_instructions.is_none() {
-        println!("NO VALGRIND: instructions were not counted; install it with `apt-get install valgrind`");
-    }
+    count::warn_unless(our_instructions.is_some());
 }

@@ -5,6 +5,8 @@
 #[doc = include_str!("../../README.md")]
 pub struct Readme;
 
+pub mod exact;
 pub mod on_shell;
 pub mod oracle;
+pub mod ramps;
 pub mod toy;

@@ -16,7 +16,7 @@ pub(crate) fn check(sh: &Shell) -> Result<()> {
     let mut table = image::head();
     for target in THUMB_TARGETS {
         refuses_a_panic(sh, target)?;
-        for program in ["protocol", "shell"] {
+        for program in ["protocol", "motion", "shell"] {
             link(sh, target, program, None)?;
             table += &image::row(program, target, Image::of(sh, target, program)?.sizes()?);
         }

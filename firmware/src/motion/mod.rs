@@ -1,7 +1,8 @@
 //! Motion with constant accelerations, exact to the tick.
 
 mod plan;
+mod search;
 mod walker;
 
-pub use plan::{Plan, Rates, Segment};
+pub use plan::{MAX_ACCELERATION, MAX_SPEED, Plan, Rates, Segment};
 pub use walker::{Step, Walker};

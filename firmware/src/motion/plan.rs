@@ -14,29 +14,44 @@
 //! `n·STEP = phase`: a step exactly on the vertex of a stop ramp, where the speed is 0, counts as
 //! made. The factory move of an MD3, 5000²/(2·10000) = 1250 steps of ramp, ends on one.
 //!
-//! Phases begin where the exact motion is at their first whole tick. A stop ramp is anchored at its
-//! end: it is the acceleration run backwards from the last step, so it lands there with speed 0
+//! The exact motion changes its acceleration between two ticks. A segment begins at the first whole
+//! tick after that, with the phase and the speed which the exact motion has there; so nothing is lost
+//! at a seam. Only the end of a profile move is rounded, to the nearest tick, and its stop ramp is
+//! anchored there: it is the acceleration run backwards from the last step, so it lands on it
 //! whatever was rounded before.
+//!
+//! # Limits
+//!
+//! Speeds in 1/256 step/s up to [`MAX_SPEED`], accelerations in whole steps/s² up to 2³¹ − 1, any
+//! number of steps that 32 bits hold; what is beyond acts as the limit. A plan that takes longer than
+//! 64 bits of ticks, 36,000 years, ends with them.
+
+use core::num::NonZero;
 
 use fixed::types::{I24F8, I48F16, U24F8};
 use standin_protocol::time::{Duration, Instant, TICKS_PER_SECOND};
 
+use super::search::least;
+
 /// Units of phase in a step: 2·f².
-const STEP: i128 = 2 * (TICKS_PER_SECOND as i128) * (TICKS_PER_SECOND as i128);
+pub(super) const STEP: i64 = 2 * (TICKS_PER_SECOND * TICKS_PER_SECOND).cast_signed();
 
-/// The greatest acceleration a plan takes, in steps/s².
-const MAX_ACCELERATION: u32 = i32::MAX as u32;
+/// The greatest speed of a plan, in steps/s: a tick for a pulse and one for the gap after it.
+pub const MAX_SPEED: u32 = (TICKS_PER_SECOND / 2) as u32;
 
-/// How fast a profile move may be.
+/// The greatest acceleration of a plan, in steps/s².
+pub const MAX_ACCELERATION: u32 = i32::MAX as u32;
+
+/// How fast a profile move may be. What is above a limit acts as the limit.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Rates {
     /// Steps per second at its beginning and at its end; above `speed` it acts as that.
     pub start: U24F8,
-    /// Steps per second.
+    /// Steps per second, up to [`MAX_SPEED`].
     pub speed: U24F8,
-    /// Steps per second² while it speeds up; more than 2³¹ − 1 acts as that.
+    /// Steps per second² while it speeds up, up to [`MAX_ACCELERATION`].
     pub up: u32,
-    /// Steps per second² while it slows down; more than 2³¹ − 1 acts as that.
+    /// Steps per second² while it slows down, up to [`MAX_ACCELERATION`].
     pub down: u32,
 }
 
@@ -55,7 +70,7 @@ pub struct Segment {
     /// How long, in ticks; `u64::MAX` without end.
     pub ticks: u64,
     /// Acceleration in steps/s²; negative slows down.
-    pub a: i64,
+    pub a: i32,
     /// Speed at its first tick, in steps/s times ticks/s; never negative.
     pub h: i64,
     /// Position at its first tick, without `rest`.
@@ -67,38 +82,62 @@ pub struct Segment {
 }
 
 impl Segment {
-    /// Phase beyond `from`, `d` ticks in.
-    fn phase(&self, d: u64) -> i128 {
-        let (d, a, h) = (i128::from(d), i128::from(self.a), i128::from(self.h));
-        i128::from(self.rest) + d * (2 * h + a * d)
-    }
-
     /// Speed `d` ticks in, in the unit of `h`.
-    fn speed(&self, d: u64) -> i128 {
-        i128::from(self.h) + i128::from(self.a) * i128::from(d)
+    pub(super) fn speed(&self, d: u64) -> i64 {
+        self.h + i64::from(self.a) * d.cast_signed()
     }
 
-    /// Position `d` ticks in: every step whose nearest tick is not later.
-    fn position(&self, d: u64) -> i32 {
-        self.step(self.reach(d).div_euclid(STEP))
+    /// Phase beyond `from`, `d` ticks in.
+    #[inline(never)]
+    pub(super) fn phase(&self, d: u64) -> i128 {
+        i128::from(self.rest) + i128::from(d) * i128::from(self.h + self.speed(d))
     }
 
-    /// The phase up to which steps have been made, `d` ticks in.
-    fn reach(&self, d: u64) -> i128 {
-        self.phase(d) + (self.speed(d) - 1).max(0)
+    /// Steps made beyond `from`, `d` ticks in: every one whose nearest tick is not later.
+    pub(super) fn made(&self, d: u64) -> u64 {
+        let half_a_tick = (self.speed(d) - 1).max(0);
+        steps_in(self.phase(d) + i128::from(half_a_tick))
+    }
+
+    /// Position `d` ticks in.
+    pub(super) fn position(&self, d: u64) -> i32 {
+        self.step(self.made(d))
     }
 
     /// The position `steps` beyond `from`; positions wrap at 32 bits.
-    fn step(&self, steps: i128) -> i32 {
-        let steps = (steps & 0xFFFF_FFFF) as u32;
-        let steps = steps.cast_signed();
+    pub(super) fn step(&self, steps: u64) -> i32 {
+        let steps = (steps as u32).cast_signed();
         if self.back { self.from.wrapping_sub(steps) } else { self.from.wrapping_add(steps) }
     }
 
-    /// This segment begun at another phase beyond its `from`.
+    /// This segment, begun at another phase beyond its `from`.
+    #[inline(never)]
     fn at_phase(self, phase: i128) -> Self {
-        let rest = phase.rem_euclid(STEP);
-        Self { from: self.step(phase.div_euclid(STEP)), rest: rest as i64, ..self }
+        let steps = steps_in(phase);
+        // Less than a step, so 64 bits of both are enough.
+        let rest = (phase as i64).wrapping_sub(STEP.wrapping_mul(steps.cast_signed()));
+        Self { from: self.step(steps), rest, ..self }
+    }
+
+    /// What is left of this segment `d` ticks in.
+    fn since(self, d: u64) -> Self {
+        let ticks = if self.ticks == u64::MAX { u64::MAX } else { self.ticks.saturating_sub(d) };
+        Self { ticks, h: self.speed(d), ..self }.at_phase(self.phase(d))
+    }
+
+    /// From the beginning of this segment a ramp up to the speed `target`, or down to it, and the cruise
+    /// at it.
+    #[inline(never)]
+    fn reach(self, target: i64, acceleration: NonZero<u32>, down: bool) -> [Self; 2] {
+        let a = acceleration.get().cast_signed();
+        let change = if down { self.h - target } else { target - self.h };
+        let ticks = whole_ticks(change.max(0).cast_unsigned(), acceleration);
+        let ramp = Self { ticks, a: if down { -a } else { a }, ..self };
+        // The target was reached a part of a tick before: the cruise is the tangent of the ramp there.
+        let beyond = i128::from(vertex((ramp.speed(ticks) - target).unsigned_abs(), acceleration));
+        let there = ramp.phase(ticks);
+        let phase = if down { there + beyond } else { there - beyond };
+        [ramp, Self { ticks: u64::MAX, a: 0, h: target, ..self }.at_phase(phase)]
     }
 }
 
@@ -127,81 +166,91 @@ impl Plan {
         Self { start, segments, count: (N & 3) as u8 }
     }
 
-    /// From standstill at `from`, exactly `steps` steps: ramp up, cruise, ramp down, with the same
-    /// ramps; a triangle where the way is too short for the speed. No speed or no acceleration is no
-    /// motion.
+    /// From standstill at `from`, exactly `steps` steps: ramp up, cruise, ramp down; without a cruise
+    /// where the way is too short for the speed. It ends at the tick nearest to the exact end, which
+    /// is that of its last step. No speed or no acceleration is no motion.
     #[must_use]
     pub fn profile(at: Instant, from: i32, steps: i32, rates: Rates) -> Self {
-        let acceleration = rates.up.min(MAX_ACCELERATION);
-        if steps == 0 || rates.speed == 0 || acceleration == 0 {
+        let (Some(up), Some(down)) = (limited(rates.up), limited(rates.down)) else {
             return Self::rest(at, from);
-        }
-        let (a, h) = (i128::from(acceleration), top(rates.speed));
-        let distance = i128::from(steps.unsigned_abs()) * STEP;
-        let base = Segment { from, back: steps < 0, ..Segment::default() };
-        let up = Segment { a: a as i64, ..base };
-        // The last `ticks` of the way, run backwards from its end.
-        let down = |ticks: i128| Segment {
-            ticks: ticks as u64,
-            a: -a as i64,
-            h: (a * ticks) as i64,
-            ..base.at_phase(distance - a * ticks * ticks)
         };
-        if 2 * h * h > distance * a {
-            let end = ((8 * distance / a).isqrt() + 1) / 2;
-            let half = end / 2;
-            return Self::of(at, [Segment { ticks: half as u64, ..up }, down(end - half)]);
+        let speed = top(rates.speed);
+        let Some(twice_speed) = NonZero::new(2 * speed).filter(|_| steps != 0) else {
+            return Self::rest(at, from);
+        };
+        let start = top(rates.start).min(speed);
+        let way = u128::from(steps.unsigned_abs()) * STEP as u128;
+        let (a, b) = (NonZero::<u64>::from(up), NonZero::<u64>::from(down));
+        // 1/a + 1/b = sum/product
+        let (sum, product) = (a.saturating_add(b.get()), a.saturating_mul(b));
+        let [sum, product, twice_speed] = [sum, product, twice_speed].map(NonZero::<u128>::from);
+        let change = u128::from(speed - start);
+
+        let first = Segment { from, back: steps < 0, h: start.cast_signed(), ..Segment::default() };
+        // The last `ticks` of the way: the acceleration run backwards from its end.
+        let ending = |ticks: u64| {
+            let backwards = Segment { a: down.get().cast_signed(), ..first };
+            let stop = Segment { ticks, a: -backwards.a, h: backwards.speed(ticks), ..first };
+            stop.at_phase(way.cast_signed() - backwards.phase(ticks))
+        };
+
+        // Both ramps take (speed² − start²)·(1/a + 1/b) of the way.
+        let ramps = change * u128::from(speed + start) * sum.get();
+        if divided(ramps + product.get() - 1, product) > way {
+            // As if one ramp did it all, with a·b/(a + b): way = t·(2·start + t·a·b/(a + b)).
+            let (start, way) = (4 * u128::from(start) * sum.get(), 4 * way * sum.get());
+            let half_ticks = least(|t| u128::from(t) * (start + u128::from(t) * product.get()) > way) - 1;
+            let end = half_ticks.div_ceil(2);
+            let stop = divided(u128::from(end) * u128::from(a.get()), sum) as u64;
+            let up = Segment { ticks: end - stop, a: up.get().cast_signed(), ..first };
+            return Self::of(at, [up, ending(stop)]);
         }
-        let ramp = h / a;
-        // h/a for both ramps' loss of time, distance/2h for the way; rounded to the nearest tick.
-        let end = (2 * h * h + distance * a + a * h) / (2 * a * h);
-        let cruise = Segment { ticks: (end - 2 * ramp) as u64, h: h as i64, ..base };
-        let cruise = cruise.at_phase(2 * h * ramp - h * h / a);
-        Self::of(at, [Segment { ticks: ramp as u64, ..up }, cruise, down(ramp)])
+        // way/2·speed, and what the ramps lose: (speed − start)²·(1/a + 1/b)/2·speed.
+        let whole = divided(way, twice_speed);
+        let part = way - whole * twice_speed.get();
+        let lost = part * product.get() + change * change * sum.get();
+        let half = twice_speed.get() * product.get() / 2;
+        let end = (whole + divided(divided(lost + half, product), twice_speed)) as u64;
+        let stop = ((speed - start) / b).min(end);
+        let [up, cruise] = first.reach(speed.cast_signed(), up, false);
+        let up = Segment { ticks: up.ticks.min(end - stop), ..up };
+        let cruise = Segment { ticks: end - stop - up.ticks, ..cruise };
+        Self::of(at, [up, cruise, ending(stop)])
     }
 
     /// From what this plan does at `at`, a ramp to the signed `speed` in steps/s, and on at that speed
     /// without end; to 0 it ends there. Against the present direction by way of standstill. No
-    /// acceleration is a halt.
+    /// acceleration is a halt. Limits are those of [`Rates`].
     #[must_use]
     pub fn towards(&self, at: Instant, speed: I24F8, acceleration: u32) -> Self {
         let (now, d) = self.segment_at(at);
-        let (a, h) = (i128::from(acceleration.min(MAX_ACCELERATION)), now.speed(d));
         let position = now.position(d);
-        if a == 0 || (h == 0 && speed == 0) {
+        let now = now.since(d);
+        let Some(a) = limited(acceleration).filter(|_| now.h != 0 || speed != 0) else {
             return Self::rest(at, position);
-        }
-        let target = top(speed.unsigned_abs());
-        let cruise = Segment { ticks: u64::MAX, h: target as i64, ..Segment::default() };
-        let ramp = |ticks: i128, a: i128| {
-            Segment { ticks: ticks as u64, a: a as i64, h: h as i64, ..now }.at_phase(now.phase(d))
         };
-        if speed == 0 || h == 0 || (speed < 0) != now.back {
-            // Down to the vertex, a part of a tick before the last whole one; there the phase is
-            // forgotten.
-            let stop = ramp((h + a - 1) / a, -a);
-            let vertex = i128::from(stop.rest) + h * h / a;
-            let turn = match stop.ticks.checked_sub(1) {
-                Some(last) => stop.step(vertex.max(stop.reach(last)).div_euclid(STEP)),
-                None => position,
-            };
-            let base = Segment { from: turn, back: speed < 0, ..Segment::default() };
-            if speed == 0 {
-                return Self::of(at, [stop, base]);
-            }
-            let ticks = target / a;
-            let up = Segment { ticks: ticks as u64, a: a as i64, ..base };
-            let cruise = Segment { from: turn, back: speed < 0, ..cruise };
-            return Self::of(at, [stop, up, cruise.at_phase(2 * target * ticks - target * target / a)]);
+        let target = top(speed.unsigned_abs()).cast_signed();
+        let back = speed < 0;
+        if now.h != 0 && speed != 0 && back == now.back {
+            return Self::of(at, now.reach(target, a, target < now.h));
         }
-        let change = (target - h).abs();
-        let signed = if target < h { -a } else { a };
-        let ramp = ramp(change / a, signed);
-        // The cruise is the tangent of the ramp where it reaches the speed, a part of a tick later.
-        let missing = change % a;
-        let tangent = ramp.phase(ramp.ticks) - missing * missing / signed;
-        let cruise = Segment { from: ramp.from, back: ramp.back, ..cruise }.at_phase(tangent);
-        Self::of(at, [ramp, cruise])
+        let stop = Segment { ticks: whole_ticks(now.h.cast_unsigned(), a), a: -a.get().cast_signed(), ..now };
+        // It stands a part of a tick before the last whole one, and there the phase is forgotten.
+        let turn = match stop.ticks.checked_sub(1) {
+            Some(last) => {
+                let h = stop.speed(last).cast_unsigned();
+                stop.step(steps_in(stop.phase(last) + i128::from(vertex(h, a).max(h.saturating_sub(1)))))
+            }
+            None => position,
+        };
+        let turned = Segment { from: turn, back, ..Segment::default() };
+        if speed == 0 {
+            return Self::of(at, [stop, turned]);
+        }
+        let h = -stop.speed(stop.ticks);
+        let rest = vertex(h.cast_unsigned(), a).cast_signed();
+        let [up, cruise] = Segment { h, rest, ..turned }.reach(target, a, false);
+        Self::of(at, [stop, up, cruise])
     }
 
     /// Standing where this plan is at `at`.
@@ -214,26 +263,28 @@ impl Plan {
     /// without current while its plan ran on takes it up again so.
     #[must_use]
     pub fn resumed(&self, at: Instant, position: i32) -> Self {
+        let at = at.max(self.start);
+        let mut rest = Self::rest(at, position);
+        if at >= self.end() {
+            return rest;
+        }
         let lost = position.wrapping_sub(self.position_at(at));
         let mut ticks = at.since(self.start).ticks();
-        let mut rest = Self { start: at, segments: [Segment::default(); 3], count: 0 };
-        for segment in self.segments() {
-            let passed = ticks.min(segment.ticks);
-            ticks -= passed;
-            if passed < segment.ticks || passed == 0 {
-                let from = Segment { from: segment.from.wrapping_add(lost), ..*segment };
-                let place = rest.segments.get_mut(usize::from(rest.count));
-                if let Some(place) = place {
-                    *place = Segment {
-                        ticks: segment.ticks - passed,
-                        h: from.speed(passed) as i64,
-                        ..from.at_phase(from.phase(passed))
-                    };
-                    rest.count += 1;
-                }
-            }
+        let mut left = self.segments();
+        while let [first, others @ ..] = left
+            && first.ticks <= ticks
+        {
+            ticks -= first.ticks;
+            left = others;
         }
-        if rest.count == 0 { Self::rest(at, position) } else { rest }
+        rest.count = 0;
+        for (place, segment) in rest.segments.iter_mut().zip(left) {
+            let from = segment.from.wrapping_add(lost);
+            *place = Segment { from, ..*segment }.since(ticks);
+            ticks = 0;
+            rest.count += 1;
+        }
+        rest
     }
 
     /// When it began.
@@ -248,7 +299,7 @@ impl Plan {
         self.segments().iter().fold(self.start, |at, segment| at + Duration::from_ticks(segment.ticks))
     }
 
-    /// Its segments, in order.
+    /// Its segments, in order; one may be empty.
     #[must_use]
     pub fn segments(&self) -> &[Segment] {
         self.segments.get(..usize::from(self.count)).unwrap_or(&self.segments)
@@ -265,14 +316,15 @@ impl Plan {
     #[must_use]
     pub fn speed_at(&self, at: Instant) -> I48F16 {
         /// 2¹⁶ / f in lowest terms.
-        const BITS: i128 = 64;
-        const FREQUENCY: i128 = 15_625;
+        const BITS: i64 = 64;
+        const FREQUENCY: i64 = 15_625;
         let (segment, d) = self.segment_at(at);
-        let bits = (segment.speed(d) * BITS / FREQUENCY) as i64;
+        let bits = segment.speed(d) * BITS / FREQUENCY;
         I48F16::from_bits(if segment.back { -bits } else { bits })
     }
 
-    /// The segment that rules at `at`, and how many ticks it has run by then.
+    /// The segment that rules at `at`, and how many ticks it has run by then. After the last one it
+    /// stands.
     fn segment_at(&self, at: Instant) -> (Segment, u64) {
         let mut ticks = at.since(self.start).ticks();
         let mut last = Segment::default();
@@ -283,20 +335,48 @@ impl Plan {
             ticks -= segment.ticks;
             last = *segment;
         }
-        (last, last.ticks)
+        (Segment { from: last.position(last.ticks), back: last.back, ..Segment::default() }, 0)
     }
 }
 
 /// `speed` in steps/s in the unit of [`Segment::h`].
-fn top(speed: U24F8) -> i128 {
+fn top(speed: U24F8) -> u64 {
     /// f / 2⁸: a whole number, so that a speed in 1/256 step/s is, too.
-    const UNIT: i128 = TICKS_PER_SECOND as i128 / 256;
-    i128::from(speed.to_bits()) * UNIT
+    const UNIT: u64 = TICKS_PER_SECOND / 256;
+    u64::from(speed.to_bits().min(MAX_SPEED << 8)) * UNIT
+}
+
+/// An acceleration as it acts.
+fn limited(acceleration: u32) -> Option<NonZero<u32>> {
+    NonZero::new(acceleration.min(MAX_ACCELERATION))
+}
+
+/// The whole ticks after which the speed has changed by `change`, or by a part of a tick's more.
+fn whole_ticks(change: u64, a: NonZero<u32>) -> u64 {
+    change.div_ceil(NonZero::<u64>::from(a).get())
+}
+
+/// How far standstill is at the speed `h`, which is not more than a tick's change.
+fn vertex(h: u64, a: NonZero<u32>) -> u64 {
+    h * h / NonZero::<u64>::from(a)
+}
+
+/// Whole steps in `phase`, which is not negative but for what was rounded.
+fn steps_in(phase: i128) -> u64 {
+    const A_STEP: NonZero<u128> = NonZero::new(STEP as u128).unwrap();
+    divided(phase.max(0).cast_unsigned(), A_STEP) as u64
+}
+
+/// The one long division, which takes half a kilobyte wherever it is inlined.
+#[inline(never)]
+fn divided(number: u128, by: NonZero<u128>) -> u128 {
+    number / by
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::motion::Walker;
     use proptest::prelude::*;
     use standin_protocol::time::Span;
     use std::vec::Vec;
@@ -339,6 +419,24 @@ mod tests {
         ] {
             assert_eq!((plan.end(), plan.position_at(at(9))), (at(5), 3));
         }
+    }
+
+    #[test]
+    fn a_plan_that_is_over_has_no_rest() {
+        let plan = Plan::profile(at(0), 0, 100, FACTORY);
+        for rest in [plan.resumed(plan.end(), 7), plan.resumed(Instant::NEVER, 7)] {
+            assert_eq!((rest.position_at(Instant::NEVER), rest.end()), (7, rest.start()));
+        }
+    }
+
+    #[test]
+    fn a_speed_beyond_the_limit_acts_as_the_limit() {
+        let limit = Rates { speed: U24F8::from_num(MAX_SPEED), ..FACTORY };
+        let beyond = Rates { speed: U24F8::MAX, ..FACTORY };
+        let plan = Plan::profile(at(0), 0, i32::MAX, beyond);
+        assert_eq!(plan, Plan::profile(at(0), 0, i32::MAX, limit));
+        let jog = plan.towards(at(0), I24F8::MAX, u32::MAX);
+        assert_eq!(jog, plan.towards(at(0), I24F8::from_num(MAX_SPEED), MAX_ACCELERATION));
     }
 
     #[test]
@@ -386,10 +484,14 @@ mod tests {
 
         #[test]
         fn a_profile_makes_its_steps_and_no_others(
-            steps in any::<i32>(), speed in 1_u32..5_000_000, acceleration in 1_u32..,
+            steps in any::<i32>(), start in 0_u32..2_000_000, speed in 1_u32..5_000_000,
+            up in 1_u32.., down in 1_u32..,
             samples in proptest::collection::vec(any::<u64>(), 2..40),
         ) {
-            let plan = Plan::profile(at(0), 0, steps, Rates::even(U24F8::from_num(speed), acceleration));
+            let start = U24F8::from_num(start.saturating_sub(1_000_000));
+            let rates = Rates { start, speed: U24F8::from_num(speed), up, down };
+            let plan = Plan::profile(at(0), 0, steps, rates);
+            let mirror = Plan::profile(at(0), 0, steps, Rates { up: down, down: up, ..rates });
             let end = plan.end().ticks();
             prop_assert_eq!(plan.position_at(plan.end()), steps);
             let mut instants: Vec<u64> = samples.iter().map(|n| n % (end + 1)).collect();
@@ -404,10 +506,11 @@ mod tests {
                 instants.iter().map(|&t| i64::from(plan.position_at(at(t))) * i64::from(steps.signum())).collect();
             prop_assert!(positions.is_sorted(), "{:?} at {:?}", positions, instants);
             // Its mirror: as many steps before the end as after the beginning, to half a tick each.
+            prop_assert_eq!(mirror.end(), plan.end());
             for t in instants {
                 let passed = i64::from(plan.position_at(at(t)).unsigned_abs());
                 let left = i64::from(steps.unsigned_abs())
-                    - i64::from(plan.position_at(at(end.saturating_sub(t))).unsigned_abs());
+                    - i64::from(mirror.position_at(at(end.saturating_sub(t))).unsigned_abs());
                 let tolerance = 1 + i64::from(speed) / 8_000_000;
                 prop_assert!((passed - left).abs() <= tolerance, "{} {}", passed, left);
             }
@@ -416,7 +519,7 @@ mod tests {
         #[test]
         fn a_new_plan_goes_on_where_the_old_one_is(
             turns in proptest::collection::vec((0_u64..40_000_000, -40_000_i32..40_000), 1..8),
-            acceleration in 1_u32..1_000_000,
+            acceleration in 1_u32..,
         ) {
             let mut plan = Plan::rest(at(0), 0);
             let mut now = 0;
@@ -434,6 +537,42 @@ mod tests {
                 }
                 plan = next;
             }
+        }
+
+        #[test]
+        fn the_rest_of_a_plan_is_the_plan_elsewhere(
+            steps in -1_000..1_000_i32, bits in proptest::array::uniform4(0_u32..31), fine in any::<u32>(),
+            order in proptest::option::of((any::<u64>(), any::<i32>())),
+            seam in 0..4_usize, beside in -2..3_i64, inside in any::<u64>(), position in any::<i32>(),
+        ) {
+            let [start, speed, up, down] = bits.map(|bits| (1 << bits) | (fine & ((1 << bits) - 1)));
+            let rates = Rates { start: U24F8::from_bits(start), speed: U24F8::from_bits(speed), up, down };
+            let mut plan = Plan::profile(at(100), 3, steps, rates);
+            if let Some((when, speed)) = order {
+                let when = at(100 + when % (plan.end().ticks() - 99));
+                plan = plan.towards(when, I24F8::from_bits(speed), up);
+            }
+            // Half of the time close to a seam.
+            let seam = plan.segments().iter().take(seam).map(|segment| segment.ticks.min(1 << 40)).sum::<u64>();
+            let length = (plan.end().ticks() - plan.start().ticks()).min(1 << 41);
+            let passed = if inside % 2 == 0 { seam } else { (inside / 2) % (length + 2) };
+            let now = at(plan.start().ticks() + passed.saturating_add_signed(beside));
+
+            let rest = plan.resumed(now, position);
+            let lost = position.wrapping_sub(plan.position_at(now));
+            prop_assert_eq!(rest.start(), now);
+            prop_assert_eq!(rest.end(), plan.end().max(now));
+            let seams = plan.segments().iter().scan(plan.start(), |at, segment| {
+                *at += Duration::from_ticks(segment.ticks);
+                Some(*at)
+            });
+            let steps = Walker::new(&plan, now).take(50).map(|step| step.at);
+            let near = |instant: Instant| [instant - Duration::TICK, instant, instant + Duration::TICK];
+            for t in seams.chain(steps).chain([now]).flat_map(near).filter(|t| *t >= now) {
+                prop_assert_eq!(rest.position_at(t), plan.position_at(t).wrapping_add(lost), "at {:?}", t);
+                prop_assert_eq!(rest.speed_at(t), plan.speed_at(t), "at {:?}", t);
+            }
+            prop_assert!(Walker::new(&rest, now).take(50).eq(Walker::new(&plan, now).take(50)));
         }
     }
 }

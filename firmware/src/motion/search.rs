@@ -1,0 +1,34 @@
+//! The one search of planning: the main loop may take its time, an interrupt never searches.
+
+/// The least number for which `holds`, which then holds for every greater one: doubled until it does,
+/// then halved. No number tried is more than twice the answer.
+pub(super) fn least(mut holds: impl FnMut(u64) -> bool) -> u64 {
+    if holds(0) {
+        return 0;
+    }
+    let (mut low, mut high) = (0, 1);
+    while high < 1 << 62 && !holds(high) {
+        (low, high) = (high, 2 * high);
+    }
+    while high - low > 1 {
+        let middle = low + (high - low) / 2;
+        if holds(middle) { high = middle } else { low = middle }
+    }
+    high
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn the_least_number_is_found_without_going_far_beyond(answer in 0..1_u64 << 50) {
+            let mut furthest = 0;
+            let found = least(|n| { furthest = furthest.max(n); n >= answer });
+            prop_assert_eq!(found, answer);
+            prop_assert!(furthest <= (2 * answer).max(1));
+        }
+    }
+}

@@ -1,0 +1,51 @@
+//! What a step costs, from a ramp and from a cruise: the walker as an interrupt would call it.
+//!
+//! Time is the least of many runs. Instructions are counted by valgrind.
+
+#[path = "support/count.rs"]
+mod count;
+#[path = "support/mod.rs"]
+mod support;
+
+use std::hint::black_box;
+
+use fixed::types::I24F8;
+use standin_firmware::device::{Instant, Plan};
+use standin_firmware::motion::Walker;
+
+use support::{line, took};
+
+/// A stretch of steps, each with its name and from which to which step it goes.
+const STRETCHES: [(&str, u64, u64); 3] =
+    [("ramp, first 100 steps", 0, 100), ("ramp", 1_000, 80_000), ("cruise", 1_000, 101_000)];
+
+/// Walks the first `steps` steps of what a stretch belongs to.
+fn walk(name: &str, steps: u64) {
+    // 80,000 steps of ramp, or one.
+    let acceleration = if name == "cruise" { 800_000_000 } else { 10_000 };
+    let plan = Plan::rest(Instant::ZERO, 0).towards(Instant::ZERO, I24F8::from_num(40_000), acceleration);
+    let mut walker = black_box(Walker::new(&plan, Instant::ZERO));
+    let mut last = None;
+    for _ in 0..steps {
+        last = black_box(walker.next());
+    }
+    let made = last.map_or(0, |step| u64::from(plan.position_at(step.at).cast_unsigned()));
+    assert_eq!(made, steps, "the steps that are measured are made");
+}
+
+fn main() {
+    if let Some((name, steps)) = count::wanted() {
+        walk(&name, steps);
+        return;
+    }
+    println!("one step");
+    let mut all_counted = true;
+    for (name, from, to) in STRETCHES {
+        let least = |steps| (0..200).map(|_| took(|| walk(name, steps))).min().unwrap_or_default();
+        let ns = (least(to).as_nanos() as f64 - least(from).as_nanos() as f64) / (to - from) as f64;
+        let instructions = count::instructions(name, from, to);
+        all_counted &= instructions.is_some();
+        line(name, &format!("{ns:.1} ns, {}", count::counted(instructions)));
+    }
+    count::warn_unless(all_counted);
+}

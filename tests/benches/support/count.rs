@@ -1,0 +1,45 @@
+//! Instructions of a part of a benchmark: valgrind runs the very same program with two numbers of
+//! rounds, and the difference is theirs alone.
+
+use std::process::Command;
+
+/// Instructions of a round of `what`; `None` without valgrind. The program is called with `count`,
+/// `what` and a number of rounds.
+pub(crate) fn instructions(what: &str, few: u64, many: u64) -> Option<f64> {
+    let collected = |rounds: u64| {
+        let this = std::env::current_exe().expect("this program has a path");
+        let run = Command::new("valgrind")
+            .args(["--tool=callgrind", "--callgrind-out-file=/dev/null"])
+            .arg(this)
+            .args(["count", what, &rounds.to_string()])
+            .output()
+            .ok()?;
+        let said = String::from_utf8_lossy(&run.stderr);
+        assert!(run.status.success(), "valgrind failed:\n{said}");
+        let (_, number) = said.split_once("Collected : ").expect("callgrind says what it collected");
+        number.split_whitespace().next()?.parse::<u64>().ok()
+    };
+    Some((collected(many)? - collected(few)?) as f64 / (many - few) as f64)
+}
+
+/// What is to be counted, and how many rounds of it, if this program is to count.
+pub(crate) fn wanted() -> Option<(String, u64)> {
+    let mut words = std::env::args().skip(1);
+    if words.next()? != "count" {
+        return None;
+    }
+    let what = words.next()?;
+    Some((what, words.next()?.parse().expect("a number of rounds")))
+}
+
+/// A number of instructions as it is printed.
+pub(crate) fn counted(instructions: Option<f64>) -> String {
+    instructions.map_or("not counted".to_owned(), |n| format!("{n:.0} instructions"))
+}
+
+/// Says it if nothing could be counted.
+pub(crate) fn warn_unless(counted: bool) {
+    if !counted {
+        println!("NO VALGRIND: instructions were not counted; install it with `apt-get install valgrind`");
+    }
+}

@@ -1,0 +1,27 @@
+//! Plans and their walker: what a drive hands over, and what a timer interrupt makes of it.
+#![no_std]
+#![no_main]
+
+use panic_free::{opaque, perhaps_panic};
+use standin_firmware::device::{Instant, Plan};
+use standin_firmware::motion::{Rates, Walker};
+
+/// Where the linker begins.
+#[unsafe(no_mangle)]
+extern "C" fn start() -> ! {
+    loop {
+        let at: Instant = opaque(Instant::ZERO);
+        let [start, speed] = opaque([Default::default(); 2]);
+        let rates = Rates { start, speed, up: opaque(0), down: opaque(0) };
+        let plan = opaque(Plan::profile(at, opaque(0), opaque(0), rates));
+        let plan = opaque(plan.towards(at, opaque(Default::default()), opaque(0)));
+        let plan = opaque(plan.resumed(at, opaque(0)));
+        opaque((plan.start(), plan.end(), plan.segments(), plan.position_at(at), plan.speed_at(at)));
+        let mut walker = opaque(Walker::new(&plan, at));
+        while let Some(step) = walker.next() {
+            opaque((step, &mut walker));
+        }
+        opaque((plan.halt(at), Plan::rest(at, opaque(0))));
+        perhaps_panic(opaque(&[]), opaque(0));
+    }
+}

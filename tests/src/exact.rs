@@ -1,0 +1,180 @@
+//! The exact instants of steps, by the mathematics of constant acceleration and not by a plan: real
+//! numbers from square roots, in 1/65,536 tick or as floating point of exact radicands.
+//!
+//! With *h* = speed · ticks/s and a step of 2·(ticks/s)², way and speed are tied by
+//! h² = h₀² + a·way, and a change of speed by Δh takes Δh/a ticks.
+
+use fixed::types::I24F8;
+use standin_firmware::motion::Rates;
+use standin_protocol::time::TICKS_PER_SECOND;
+
+/// A step in the unit of a way.
+pub const STEP: u128 = 2 * (TICKS_PER_SECOND as u128) * (TICKS_PER_SECOND as u128);
+/// A tick in the unit of an instant.
+pub const TICK: i128 = 1 << 16;
+
+/// A speed in 1/256 step/s as *h*.
+#[must_use]
+pub fn h(bits: u32) -> u128 {
+    u128::from(bits) * u128::from(TICKS_PER_SECOND) / 256
+}
+
+/// A profile move.
+pub struct Move {
+    steps: u32,
+    start: u128,
+    speed: u128,
+    up: u128,
+    down: u128,
+    /// Way of the ramp up, and from where on the ramp down.
+    ramps: [u128; 2],
+    end: i128,
+}
+
+impl Move {
+    /// Of `steps` steps. The way times up·down/(up + down) must fit into 96 bits.
+    #[must_use]
+    pub fn of(steps: u32, rates: Rates) -> Self {
+        let speed = h(rates.speed.to_bits());
+        let start = h(rates.start.to_bits()).min(speed);
+        let (up, down) = (u128::from(rates.up), u128::from(rates.down));
+        let way = u128::from(steps) * STEP;
+        let gained = speed * speed - start * start;
+        let (mut first, mut last) = (gained / up, gained / down);
+        let mut cruise = 0;
+        if first + last > way {
+            // The ramps meet: first·up = last·down.
+            first = way * down / (up + down);
+            last = way - first;
+        } else {
+            cruise = (((way - first - last) << 16) / (2 * speed)) as i128;
+        }
+        let end = ramp(start, up, first) + cruise + ramp(start, down, last);
+        Self { steps, start, speed, up, down, ramps: [first, way - last], end }
+    }
+
+    /// When it ends.
+    #[must_use]
+    pub fn end(&self) -> i128 {
+        self.end
+    }
+
+    /// The last steps of the ramp up and of the cruise.
+    #[must_use]
+    pub fn seams(&self) -> [u32; 2] {
+        self.ramps.map(|way| (way / STEP) as u32)
+    }
+
+    /// When step `n` is due, counted from 1.
+    #[must_use]
+    pub fn step(&self, n: u32) -> i128 {
+        let way = u128::from(n) * STEP;
+        let [first, last] = self.ramps;
+        if way <= first {
+            ramp(self.start, self.up, way)
+        } else if way <= last {
+            ramp(self.start, self.up, first) + (((way - first) << 16) / (2 * self.speed)) as i128
+        } else {
+            self.end - ramp(self.start, self.down, u128::from(self.steps) * STEP - way)
+        }
+    }
+}
+
+/// How long it takes from the speed `start` over a `way` with acceleration `a`.
+fn ramp(start: u128, a: u128, way: u128) -> i128 {
+    ((((start * start + a * way) << 32).isqrt() - (start << 16)) / a) as i128
+}
+
+/// A jog as mathematics has it: an order holds from its tick on; at standstill the phase is forgotten.
+#[derive(Default)]
+pub struct Jog {
+    /// Of the last order.
+    tick: u64,
+    target: i128,
+    a: i128,
+    /// Then: way since standstill, speed, and the direction in which both count.
+    way: i128,
+    speed: i128,
+    sign: i128,
+    /// Steps since standstill.
+    made: i128,
+}
+
+/// Constant acceleration: *τ* ticks after the order the way is `way + τ·(2·speed + a·τ)`.
+struct Piece {
+    way: i128,
+    speed: i128,
+    a: i128,
+    sign: i128,
+    /// The time when it ends, times the acceleration of the order, and the way then.
+    end: Option<(i128, i128)>,
+}
+
+impl Piece {
+    fn way(&self, ticks: i128) -> i128 {
+        self.way + ticks * (2 * self.speed + self.a * ticks)
+    }
+
+    /// The time at which the way is `way`, in ticks after the order.
+    fn time(&self, way: i128) -> f64 {
+        if self.a == 0 {
+            return (way - self.way) as f64 / (2 * self.speed) as f64;
+        }
+        let speed = (self.speed * self.speed + self.a * (way - self.way)) as f64;
+        (speed.sqrt() - self.speed as f64) / self.a as f64
+    }
+}
+
+impl Jog {
+    /// From here on towards `target`, by way of standstill if need be.
+    pub fn order(&mut self, target: I24F8, a: u32) {
+        self.target = h(target.unsigned_abs().to_bits()) as i128 * if target < 0 { -1 } else { 1 };
+        self.a = i128::from(a);
+        if self.speed == 0 {
+            (self.way, self.made, self.sign) = (0, 0, self.target.signum());
+        }
+    }
+
+    fn pieces(&self) -> Vec<Piece> {
+        let (way, v, sign, target) = (self.way, self.speed, self.sign, self.target * self.sign);
+        // From `v` to `to`, both in the direction `sign`, then on. The cruise is the tangent there.
+        let reach = |way: i128, v: i128, to: i128, sign| {
+            let a = if to < v { -self.a } else { self.a };
+            let ramp =
+                Piece { way, speed: v, a, sign, end: Some(((to - v).abs(), way + (to * to - v * v) / a)) };
+            [ramp, Piece { way: way - (to - v) * (to - v) / a, speed: to, a: 0, sign, end: None }]
+        };
+        if target > 0 {
+            return reach(way, v, target, sign).into();
+        }
+        let [stop, _] = reach(way, v, 0, sign);
+        let mut pieces = vec![stop];
+        if target < 0 {
+            // As if it had begun, backwards, at the speed −v.
+            pieces.extend(reach(v * v / self.a, -v, -target, -sign));
+        }
+        pieces
+    }
+
+    /// On to the tick `until`: the instants of the steps on the way, in ticks, and whether forward.
+    pub fn walk(&mut self, until: u64, steps: &mut Vec<(f64, bool)>) {
+        let ticks = i128::from(until - self.tick);
+        let from = std::mem::replace(&mut self.tick, until) as f64;
+        for piece in self.pieces() {
+            if piece.sign != self.sign {
+                (self.sign, self.made) = (piece.sign, 0);
+            }
+            let end = piece.end.filter(|(time, _)| *time <= ticks * self.a);
+            let way = end.map_or_else(|| piece.way(ticks), |(_, way)| way);
+            while (self.made + 1) * STEP as i128 <= way {
+                self.made += 1;
+                steps.push((from + piece.time(self.made * STEP as i128), piece.sign > 0));
+            }
+            if end.is_none() {
+                (self.way, self.speed) = (way, piece.speed + piece.a * ticks);
+                return;
+            }
+        }
+        self.speed = 0;
+    }
+}

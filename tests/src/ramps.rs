@@ -1,0 +1,184 @@
+//! How far from its exact instant the worst step of a move is: a walker's, and those of two algorithms that
+//! most step generators are made of, written from their publications.
+//!
+//! All begin at the instant 0 and count from there; nobody's interrupt is ever late.
+
+use fixed::types::{I24F8, U24F8};
+use standin_firmware::device::{Instant, Plan};
+use standin_firmware::motion::{Rates, Walker};
+use standin_protocol::time::TICKS_PER_SECOND;
+
+use crate::exact::{Jog, Move, TICK};
+
+/// How far steps are from their exact instants, in ticks.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct Error {
+    /// The worst step, early or late.
+    pub worst: f64,
+    /// The last one; negative is early.
+    pub last: f64,
+}
+
+impl Error {
+    /// Of steps at `made` that were due at `due`, in ticks.
+    ///
+    /// # Panics
+    ///
+    /// If they are not as many.
+    #[must_use]
+    pub fn of(made: &[f64], due: &[f64]) -> Self {
+        assert_eq!(made.len(), due.len(), "every step is made, and no other");
+        let errors = || made.iter().zip(due).map(|(made, due)| made - due);
+        let worst = errors().fold(0.0, |worst: f64, error| worst.max(error.abs()));
+        Self { worst, last: errors().next_back().unwrap_or(0.0) }
+    }
+}
+
+/// A move, and how well it is made.
+pub struct Row {
+    /// What moves.
+    pub name: &'static str,
+    /// A walker.
+    pub ours: Error,
+    /// [`avr446`]; it does not jog.
+    pub avr446: Option<Error>,
+    /// [`accelstepper`]; it does not jog.
+    pub accelstepper: Option<Error>,
+}
+
+impl std::fmt::Display for Error {
+    /// In ticks and in µs, with three digits or more.
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Self { worst, last } = self;
+        let digits = if *worst < 100.0 { 3 } else { 0 };
+        let micros = 1e6 / TICKS_PER_SECOND as f64;
+        write!(f, "{worst:.digits$} ({:.digits$} µs), end {last:+.digits$}", worst * micros)
+    }
+}
+
+/// The rows as they are in docs/motion.md.
+#[must_use]
+pub fn table(rows: &[Row]) -> String {
+    let mut table =
+        String::from("| error in ticks of 1/16 µs | standin | AVR446 | AccelStepper |\n|---|---|---|---|\n");
+    for Row { name, ours, avr446, accelstepper } in rows {
+        let [avr446, accelstepper] =
+            [avr446, accelstepper].map(|error| error.map_or("-".to_owned(), |error| error.to_string()));
+        table += &format!("| {name} | {ours} | {avr446} | {accelstepper} |\n");
+    }
+    table
+}
+
+/// The moves, each in all ways.
+#[must_use]
+pub fn rows() -> Vec<Row> {
+    vec![
+        row("10,000 steps, a = 10,000, v = 5,000", 10_000, 10_000, 5_000),
+        row("100,000 steps, a = 500,000, v = 40,000", 100_000, 500_000, 40_000),
+        row("101 steps, a = 10,000: a triangle", 101, 10_000, 5_000),
+        Row { name: "jog 5,000, 20,000, -5,000, a = 10,000", ours: jog(), avr446: None, accelstepper: None },
+    ]
+}
+
+fn row(name: &'static str, steps: u32, acceleration: u32, speed: u32) -> Row {
+    let rates = Rates::even(U24F8::from_num(speed), acceleration);
+    let exact = Move::of(steps, rates);
+    let due: Vec<f64> = (1..=steps).map(|n| exact.step(n) as f64 / TICK as f64).collect();
+    let plan = Plan::profile(Instant::ZERO, 0, steps.cast_signed(), rates);
+    let made: Vec<f64> = Walker::new(&plan, Instant::ZERO).map(|step| step.at.ticks() as f64).collect();
+    Row {
+        name,
+        ours: Error::of(&made, &due),
+        avr446: Some(Error::of(&avr446(steps, acceleration, speed), &due)),
+        accelstepper: Some(Error::of(&accelstepper(steps, acceleration, speed), &due)),
+    }
+}
+
+/// Forward, at 1 s faster, at 4 s backwards, for 8 s.
+fn jog() -> Error {
+    let acceleration = 10_000;
+    let (mut made, mut due) = (Vec::new(), Vec::new());
+    let (mut plan, mut exact) = (Plan::rest(Instant::ZERO, 0), Jog::default());
+    for (speed, from, until) in [(5_000, 0, 1), (20_000, 1, 4), (-5_000, 4, 8)] {
+        let [from, until] = [from, until].map(|seconds| Instant::from_ticks(seconds * TICKS_PER_SECOND));
+        plan = plan.towards(from, I24F8::from_num(speed), acceleration);
+        made.extend(Walker::new(&plan, from).take_while(|step| step.at <= until));
+        exact.order(I24F8::from_num(speed), acceleration);
+        exact.walk(until.ticks(), &mut due);
+    }
+    assert!(made.iter().map(|step| step.forward).eq(due.iter().map(|due| due.1)), "the same directions");
+    let made: Vec<f64> = made.iter().map(|step| step.at.ticks() as f64).collect();
+    let due: Vec<f64> = due.iter().map(|due| due.0).collect();
+    Error::of(&made, &due)
+}
+
+/// The steps of the application note AVR446, "Linear speed control of stepper motor", after D. Austin:
+/// all integers, its timer at the rate of a tick. The first interval is 0.676·√(2/a), so that the
+/// recurrence for the others ends up at the right speed; the ramp down begins where v²/2a or half the
+/// way says.
+#[must_use]
+pub fn avr446(steps: u32, acceleration: u32, speed: u32) -> Vec<f64> {
+    let (steps, a, v) = (i64::from(steps), f64::from(acceleration), f64::from(speed));
+    let rate = TICKS_PER_SECOND as f64;
+    let fastest = TICKS_PER_SECOND.cast_signed() / i64::from(speed);
+    let ramp = ((v * v / (2.0 * a)) as i64).min(steps / 2);
+    let mut interval = (0.676 * rate * (2.0 / a).sqrt()) as i64;
+    // Negative in the ramp down, which is the recurrence backwards.
+    let mut count = 0;
+    let mut left_over = 0;
+    let mut last_of_ramp = None;
+    let mut now = 0;
+    let mut made = Vec::new();
+    for n in 1..=steps {
+        now += interval;
+        made.push(now as f64);
+        match last_of_ramp {
+            Some(last) if n == steps - ramp => interval = last,
+            Some(_) if n < steps - ramp => interval = fastest,
+            _ => {
+                count += 1;
+                let (number, by) = (2 * interval + left_over, 4 * count + 1);
+                interval -= number / by;
+                left_over = number % by;
+            }
+        }
+        if n == steps - ramp {
+            count = -ramp;
+        } else if n < steps - ramp && last_of_ramp.is_none() && interval <= fastest {
+            last_of_ramp = Some(interval);
+            (interval, left_over) = (fastest, 0);
+        }
+    }
+    made
+}
+
+/// The steps of the library `AccelStepper`: single floats, intervals in whole microseconds, and after each
+/// step the question whether v²/2a is still less than what is left.
+#[must_use]
+pub fn accelstepper(steps: u32, acceleration: u32, speed: u32) -> Vec<f64> {
+    let a = acceleration as f32;
+    let first = 0.676 * (2.0 / a).sqrt() * 1e6;
+    let least = 1e6 / speed as f32;
+    let mut interval = first;
+    let mut count = 1_i64;
+    let mut micros = 0_u64;
+    let mut made = Vec::new();
+    for left in (0..i64::from(steps)).rev() {
+        micros += interval as u64;
+        made.push(micros as f64 * (TICKS_PER_SECOND as f64 / 1e6));
+        let speed = 1e6 / interval;
+        let to_stop = (speed * speed / (2.0 * a)) as i64;
+        if count > 0 && to_stop >= left {
+            count = -to_stop;
+        } else if count < 0 && to_stop < left {
+            count = -count;
+        }
+        if count == 0 {
+            interval = first;
+        } else {
+            interval = (interval - 2.0 * interval / (4.0 * count as f32 + 1.0)).max(least);
+        }
+        count += 1;
+    }
+    made
+}
