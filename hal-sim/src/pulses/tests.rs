@@ -1,6 +1,7 @@
 //! Scripts with times.
 
 use fixed::types::{I24F8, U24F8};
+use proptest::prelude::*;
 use standin_firmware::motion::Rates;
 use standin_protocol::time::Span;
 
@@ -150,5 +151,84 @@ fn every_4_us_steps_are_passed_through_as_they_come() {
         shaper.steps(at(4 * n), 1);
         let edges = script(&mut shaper, at(4 * n + 3));
         assert_eq!(edges, [format!("S+ {}", 4 * n), format!("S- {}", 4 * n + 2)]);
+    }
+}
+
+/// What may happen to an axis.
+#[derive(Clone, Debug)]
+enum Act {
+    Jog(i32),
+    Profile(i32),
+    Halt,
+    Steps(i32),
+}
+
+fn act() -> impl Strategy<Value = Act> {
+    prop_oneof![
+        3 => (-400_000_i32..400_000).prop_map(Act::Jog),
+        2 => (-60_i32..60).prop_map(Act::Profile),
+        1 => Just(Act::Halt),
+        3 => (-3_i32..4).prop_map(Act::Steps),
+    ]
+}
+
+proptest! {
+    #[test]
+    fn pulses_add_up_to_the_way_whatever_happens(
+        acts in proptest::collection::vec((1_u64..30_000, act()), 1..20),
+        looks in proptest::collection::vec(1_u64..9_000, 1..9),
+    ) {
+        let mut now = at(1_000);
+        let mut plan = Plan::rest(now, 0);
+        let mut shaper = Shaper::new(now, &plan, false);
+        let (mut way, mut edges) = (0, Vec::new());
+        // However often somebody looks.
+        let mut looks = looks.into_iter().cycle();
+        let halt = (16_000, Act::Halt);
+        for (wait, act) in acts.into_iter().chain([halt]) {
+            let change = now + Duration::from_ticks(wait);
+            let mut look = now;
+            while look < change {
+                look = change.min(look + Duration::from_ticks(looks.next().unwrap_or(1)));
+                edges.extend(std::iter::from_fn(|| shaper.take(look)));
+            }
+            let position = plan.position_at(change);
+            way += position - plan.position_at(now);
+            plan = match act {
+                Act::Jog(speed) => plan.towards(change, I24F8::from_num(speed), 2_000_000_000),
+                Act::Profile(steps) => {
+                    Plan::profile(change, position, steps, Rates::even(U24F8::from_num(90_000), 900_000_000))
+                }
+                Act::Halt => plan.halt(change),
+                Act::Steps(steps) => {
+                    way += steps;
+                    shaper.steps(change, steps);
+                    now = change;
+                    continue;
+                }
+            };
+            shaper.plan(change, &plan);
+            now = change;
+        }
+        edges.extend(std::iter::from_fn(|| shaper.take(Instant::NEVER)));
+
+        let (mut pulsed, mut step, mut dir, mut last) = (0, false, false, Instant::ZERO);
+        for edge in edges {
+            prop_assert!(edge.at >= last, "{edge:?} before {last:?}");
+            last = edge.at;
+            match edge.output {
+                StepDir::Step => {
+                    prop_assert_ne!(edge.high, step);
+                    step = edge.high;
+                    pulsed += if !step { 0 } else if dir { 1 } else { -1 };
+                }
+                StepDir::Dir => {
+                    prop_assert!(edge.high != dir && !step, "{edge:?}");
+                    dir = edge.high;
+                }
+            }
+        }
+        prop_assert!(!step);
+        prop_assert_eq!(pulsed, way);
     }
 }
