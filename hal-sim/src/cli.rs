@@ -99,7 +99,8 @@ pub(crate) struct Run {
     /// Keep what happens in FILE, to be replayed
     #[arg(long, value_name = "FILE.trace")]
     pub(crate) record: Option<PathBuf>,
-    #[arg(long, hide = true)]
+    /// Write waveforms of the pins to FILE while it runs (VCD, for GTKWave)
+    #[arg(long, value_name = "FILE.vcd")]
     pub(crate) vcd: Option<PathBuf>,
     #[arg(long, hide = true)]
     pub(crate) pcap: Option<PathBuf>,

@@ -8,6 +8,7 @@
 //! | [`pulses`] | step pulses, from the plans of an axis |
 //! | [`trace`] | what happened, as text that people read and write |
 //! | [`replay`] | a trace once more, and the first difference |
+//! | [`vcd`] | waveforms of the pins |
 
 pub mod bench;
 pub mod bus;
@@ -20,3 +21,4 @@ mod seat;
 #[cfg(test)]
 mod toy;
 pub mod trace;
+pub mod vcd;

@@ -21,6 +21,7 @@ use tokio::sync::oneshot;
 use tracing::warn;
 
 use crate::ports::Ports;
+use crate::run::Scope;
 
 /// How far the bench may fall behind the wall clock before the rest is given up.
 const MAX_LAG: Duration = Duration::secs(1);
@@ -33,6 +34,9 @@ const BUDGET: WallSpan = WallSpan::from_millis(20);
 
 /// Bench time between two looks at the wall clock.
 const SLICE: Duration = Duration::millis(10);
+
+/// How far the bench goes, at most, until a scope sees it again.
+const SWEEP: Duration = Duration::millis(100);
 
 /// The greatest factor of [`Pace::Times`].
 const FASTEST: u32 = 1000;
@@ -142,6 +146,8 @@ pub(crate) struct Host {
     /// The bench.
     pub(crate) bench: Bench,
     ports: Ports,
+    /// Who looks at the pins.
+    pub(crate) scope: Option<Scope>,
     /// The clock; `None` in manual time.
     clock: Option<Clock>,
     warned: bool,
@@ -166,7 +172,8 @@ impl Host {
         let bell = Arc::new(bell);
         let (sender, jobs) = mpsc::channel();
         let door = Door { jobs: sender, bell: Arc::clone(&bell) };
-        let mut host = Self { bench, ports, clock: None, warned: false, advance: None, jobs, bell };
+        let mut host =
+            Self { bench, ports, scope: None, clock: None, warned: false, advance: None, jobs, bell };
         host.set_pace(pace);
         Ok((host, door))
     }
@@ -218,6 +225,20 @@ impl Host {
             }
             self.catch_up();
             self.ports.deliver(&mut self.bench);
+            self.look();
+        }
+    }
+
+    /// When something is to be done with the bench.
+    fn next(&self) -> Instant {
+        let sweep = self.scope.as_ref().map_or(Instant::NEVER, |_| self.bench.now() + SWEEP);
+        self.bench.next().min(sweep)
+    }
+
+    /// Lets the scope see what has happened.
+    fn look(&mut self) {
+        if let Some(scope) = &mut self.scope {
+            scope.look(&self.bench);
         }
     }
 
@@ -245,7 +266,7 @@ impl Host {
             return Some(WallSpan::ZERO);
         }
         let due = self.clock.as_ref().and_then(|clock| {
-            let due = clock.until(self.bench.next().min(self.ports.deadline()))?;
+            let due = clock.until(self.next().min(self.ports.deadline()))?;
             Some(due.saturating_sub(wall().saturating_duration_since(clock.wall)))
         });
         due.into_iter().chain(self.ports.next_look()).min()
@@ -265,11 +286,12 @@ impl Host {
             ring(&self.bell);
             return;
         }
+        let next = self.next();
         let Some(clock) = &mut self.clock else { return };
         let wall = wall();
-        let lag = clock.at(wall).since(self.bench.next());
+        let lag = clock.at(wall).since(next);
         if lag > MAX_LAG * u64::from(clock.factor) {
-            *clock = Clock::new(clock.factor, wall, self.bench.next());
+            *clock = Clock::new(clock.factor, wall, next);
             if !std::mem::replace(&mut self.warned, true) {
                 warn!(
                     "the bench fell more than a second behind the wall clock; its time is late from now on"
@@ -284,8 +306,9 @@ impl Host {
     fn run_towards(&mut self, target: Instant) {
         let began = wall();
         while self.bench.now() < target && began.elapsed() < BUDGET {
-            let slice = self.bench.next().max(self.bench.now()) + SLICE;
+            let slice = self.next().max(self.bench.now()) + SLICE;
             self.bench.run_until(slice.min(target));
+            self.look();
         }
     }
 

@@ -16,6 +16,7 @@ use standin_firmware::device::{Port, Spec};
 use standin_sim::bench::{Bench, Keep, SeatError, Settings, Setup};
 use standin_sim::bus::LineMode;
 use standin_sim::trace::TraceKeep;
+use standin_sim::vcd::Waves;
 use tracing::{error, info};
 
 use crate::api;
@@ -44,7 +45,13 @@ pub(crate) fn run(options: &cli::Run) -> Result<(), String> {
         Control::At(address) => Some(reserve_tcp("--control ", address)?),
     };
     let memory = Memory::open(options.nv.as_deref(), spec)?;
-    let record = options.record.as_deref().map(|path| Record::open(path, &memory)).transpose()?;
+    let record = Output::open("--record", options.record.as_deref(), &memory)?;
+    let waves = Output::open("--vcd", options.vcd.as_deref(), &memory)?;
+    if let (Some(record), Some(waves)) = (&record, &waves)
+        && record.is(waves)?
+    {
+        return Err(format!("--vcd and --record are the same file, {}; use two", waves.path.display()));
+    }
 
     let mut bench = Bench::with(Settings {
         seed: options.seed,
@@ -88,15 +95,21 @@ pub(crate) fn run(options: &cli::Run) -> Result<(), String> {
         });
         ready.controlled_at(api.map_err(|error| format!("--control cannot listen: {error}"))?);
     }
-    record.as_ref().map_or(Ok(()), Record::begin)?;
+    record.as_ref().map_or(Ok(()), Output::begin)?;
+    if let Some(waves) = waves {
+        waves.begin()?;
+        host.scope = Some(Scope::new(waves, &host.bench)?);
+    }
     ready.print(options.json, unit).map_err(|error| format!("stdout cannot be written: {error}"))?;
 
     let ended = host.run(&stop);
     info!("stopping");
     memory.sync();
+    let scope = host.scope.take().map_or(Ok(()), |scope| scope.finish(&host.bench));
     if let Some(record) = record {
-        record.write(&host.bench)?;
+        record.fails(write_trace(&host.bench, &record.file))?;
     }
+    scope?;
     ended.map_err(|error| format!("the bench cannot go on: {error}"))
 }
 
@@ -106,8 +119,6 @@ fn not_yet(options: &cli::Run) -> Result<(), String> {
         "bench files"
     } else if options.program.is_some() {
         "--program"
-    } else if options.vcd.is_some() {
-        "--vcd"
     } else if options.pcap.is_some() {
         "--pcap"
     } else {
@@ -262,46 +273,88 @@ impl Memory {
     }
 }
 
-/// Where what happens is kept.
-struct Record {
+/// A file for what happens.
+struct Output {
+    option: &'static str,
     path: PathBuf,
     file: File,
 }
 
-impl Record {
-    /// Opens the file, and leaves an old recording in it until the drive is ready.
-    fn open(path: &Path, memory: &Memory) -> Result<Self, String> {
-        let file = File::options().write(true).create(true).truncate(false).open(path);
-        let record = Self { path: path.into(), file: file.map_err(|error| at(path, &error))? };
-        let same = record.file.metadata().and_then(|there| memory.is_in(&there));
-        if same.map_err(|error| at(path, &error))? {
-            return Err(format!("--record and --nv are the same file, {}; use two", path.display()));
+impl Output {
+    /// Opens the file that an option names, and leaves what is in it until the drive is ready.
+    fn open(option: &'static str, path: Option<&Path>, memory: &Memory) -> Result<Option<Self>, String> {
+        let Some(path) = path else { return Ok(None) };
+        let opened = File::options().write(true).create(true).truncate(false).open(path);
+        let file = opened.map_err(|error| sentence(option, path, &error))?;
+        let output = Self { option, path: path.into(), file };
+        if output.fails(output.file.metadata().and_then(|there| memory.is_in(&there)))? {
+            return Err(format!("{option} and --nv are the same file, {}; use two", path.display()));
         }
-        Ok(record)
+        Ok(Some(output))
     }
 
-    /// An old recording is over.
+    /// What an old run left there is over.
     fn begin(&self) -> Result<(), String> {
-        let empty = self.file.metadata().and_then(|there| {
+        self.fails(self.file.metadata().and_then(|there| {
             // A device or a pipe has nothing to be removed.
             if there.is_file() { self.file.set_len(0) } else { Ok(()) }
-        });
-        empty.map_err(|error| at(&self.path, &error))
+        }))
     }
 
-    fn write(self, bench: &Bench) -> Result<(), String> {
-        write_trace(bench, self.file).map_err(|error| at(&self.path, &error))
+    /// Whether the other one is the same file, which two cannot write.
+    fn is(&self, other: &Self) -> Result<bool, String> {
+        let (own, other) = (self.fails(self.file.metadata())?, other.fails(other.file.metadata())?);
+        Ok(own.is_file() && (own.dev(), own.ino()) == (other.dev(), other.ino()))
+    }
+
+    /// An error of the file as a sentence.
+    fn fails<T>(&self, result: io::Result<T>) -> Result<T, String> {
+        result.map_err(|error| sentence(self.option, &self.path, &error))
     }
 }
 
-fn at(record: &Path, error: &io::Error) -> String {
-    format!("--record {}: {error}", record.display())
+fn sentence(option: &str, path: &Path, error: &io::Error) -> String {
+    format!("{option} {}: {error}", path.display())
 }
 
-fn write_trace(bench: &Bench, file: File) -> io::Result<()> {
+fn write_trace(bench: &Bench, file: &File) -> io::Result<()> {
     let mut writer = BufWriter::new(file);
     bench.trace().write(&mut writer)?;
     writer.into_inner()?.sync_all()
+}
+
+/// Writes the waveforms of the pins while the bench goes on, from what its trace still holds.
+pub(crate) struct Scope {
+    output: Output,
+    /// `None` when it has failed.
+    waves: Option<Waves<File>>,
+}
+
+impl Scope {
+    fn new(output: Output, bench: &Bench) -> Result<Self, String> {
+        let waves = output.file.try_clone().and_then(|file| Waves::new(bench.trace(), file));
+        let waves = Some(output.fails(waves)?);
+        Ok(Self { output, waves })
+    }
+
+    /// Writes what has happened since the last look. A file that cannot be written is told once, and
+    /// the drive goes on without.
+    pub(crate) fn look(&mut self, bench: &Bench) {
+        if let Some(waves) = &mut self.waves
+            && let Err(sentence) = self.output.fails(waves.follow(bench.trace()))
+        {
+            error!("{sentence}; the waveforms end here");
+            self.waves = None;
+        }
+    }
+
+    fn finish(mut self, bench: &Bench) -> Result<(), String> {
+        self.look(bench);
+        match self.waves {
+            Some(waves) => self.output.fails(waves.finish()),
+            None => Err(format!("{} {} is not complete", self.output.option, self.output.path.display())),
+        }
+    }
 }
 
 /// A stream on which Ctrl-C and SIGTERM can be read.

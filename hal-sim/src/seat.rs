@@ -19,7 +19,7 @@ const HIGH_MV: i32 = 1_400;
 const MOST_AT_ONCE: u32 = 1_000_000;
 
 /// What an analogue input sees of a logic level.
-const LOGIC_HIGH_MV: i32 = 5_000;
+pub(crate) const LOGIC_HIGH_MV: i32 = 5_000;
 
 /// A device, and all that it has to do with.
 pub(crate) struct Seated {
