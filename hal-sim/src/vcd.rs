@@ -18,8 +18,9 @@ use std::fmt;
 use std::io::{self, Write};
 use std::ops::Range;
 
-use standin_firmware::device::{Duration, Instant, Level, Pin, PinSpec, Role};
+use standin_firmware::device::{Axis, Duration, Instant, Level, Pin, PinSpec, Role};
 
+use crate::pulses::{Shaper, StepDir};
 use crate::schedule::Tournament;
 use crate::seat::LOGIC_HIGH_MV;
 use crate::trace::{Did, Entry, Event, Fed, Power, Trace};
@@ -47,11 +48,12 @@ pub struct Waves<W> {
     /// Whole lines that are not written yet.
     text: Vec<u8>,
     wires: Vec<Wire>,
-    /// The wires of each drive of the trace.
-    drives: Vec<Range<usize>>,
+    motors: Vec<Motor>,
+    /// The drives of the trace.
+    drives: Vec<Drive>,
     /// Drives that are yet to be seated, the next one last.
     seats: Vec<(Instant, usize)>,
-    /// When each wire changes by itself.
+    /// When each wire, and behind them each motor, changes by itself.
     edges: Tournament,
     now: Instant,
     /// Wires that may have changed at `now`.
@@ -62,6 +64,21 @@ pub struct Waves<W> {
     taken: u64,
     /// How far the trace went.
     end: Instant,
+}
+
+/// What is whose.
+struct Drive {
+    wires: Range<usize>,
+    motors: Range<usize>,
+}
+
+/// An axis with step pulses.
+struct Motor {
+    axis: Axis,
+    /// Places of the wires that carry them.
+    step: usize,
+    dir: usize,
+    shaper: Shaper,
 }
 
 /// A pin.
@@ -99,7 +116,7 @@ impl<W: Write> Waves<W> {
     /// # Errors
     /// Those of the writer.
     pub fn new(trace: &Trace, mut out: W) -> io::Result<Self> {
-        let (mut wires, mut drives): (Vec<Wire>, Vec<Range<usize>>) = (Vec::new(), Vec::new());
+        let (mut wires, mut motors, mut drives) = (Vec::new(), Vec::new(), Vec::new());
         let mut header = Vec::new();
         let version = env!("CARGO_PKG_VERSION");
         writeln!(header, "$version standin {version} $end\n$timescale {TIMESCALE} $end")?;
@@ -113,7 +130,14 @@ impl<W: Write> Waves<W> {
                 writeln!(header, "$var {kind} {} {name} $end", wire.code)?;
                 wires.push(wire);
             }
-            drives.push(first..wires.len());
+            let first_motor = motors.len();
+            let axes = (0..).map(Axis).zip(drive.spec.axes);
+            motors.extend(axes.filter_map(|(axis, spec)| {
+                let (step, dir) = spec.step_dir?;
+                let place = |pin: Pin| first + usize::from(pin.0);
+                Some(Motor { axis, step: place(step), dir: place(dir), shaper: Shaper::default() })
+            }));
+            drives.push(Drive { wires: first..wires.len(), motors: first_motor..motors.len() });
             writeln!(header, "$upscope $end")?;
         }
         writeln!(header, "$enddefinitions $end")?;
@@ -123,9 +147,10 @@ impl<W: Write> Waves<W> {
         Ok(Self {
             out,
             text: Vec::new(),
-            edges: Tournament::new(&vec![Instant::NEVER; wires.len()]),
+            edges: Tournament::new(&vec![Instant::NEVER; wires.len() + motors.len()]),
             changed: (0..wires.len()).collect(),
             wires,
+            motors,
             drives,
             seats,
             now: Instant::ZERO,
@@ -135,8 +160,8 @@ impl<W: Write> Waves<W> {
         })
     }
 
-    /// Writes what the trace tells beyond what it told last time. What may still change at its last
-    /// instant waits.
+    /// Writes what the trace tells beyond what it told last time. The last instant waits, since more
+    /// may happen in it.
     ///
     /// # Errors
     /// Those of the writer.
@@ -161,7 +186,6 @@ impl<W: Write> Waves<W> {
     /// # Errors
     /// Those of the writer.
     pub fn finish(mut self) -> io::Result<()> {
-        self.run_until(self.end + Duration::TICK)?;
         self.tell_changes();
         // So that the file shows how far it goes.
         self.stamp(self.end);
@@ -175,25 +199,70 @@ impl<W: Write> Waves<W> {
             return Ok(());
         }
         self.run_until(entry.at)?;
-        match entry.event {
-            Event::Fed(Fed::Power(power)) => self.power(entry.drive, power == Power::On),
-            Event::Fed(Fed::Edge { pin, high }) => self.outside(entry.drive, pin, high.into()),
-            Event::Fed(Fed::Millivolts { pin, mv }) => self.outside(entry.drive, pin, mv),
-            Event::Did(Did::Level { pin, level }) => self.drive(entry.drive, pin, Drives::Level(level)),
-            Event::Did(Did::Wave { pin, period, high }) => {
-                self.drive(entry.drive, pin, Drives::Wave { since: entry.at, period, high });
-            }
-            _ => {}
+        let (at, drive) = (entry.at, entry.drive);
+        match &entry.event {
+            Event::Fed(fed) => match *fed {
+                Fed::Power(power) => self.power(drive, power == Power::On),
+                Fed::Edge { pin, high } => self.outside(drive, pin, high.into()),
+                Fed::Millivolts { pin, mv } => self.outside(drive, pin, mv),
+                _ => {}
+            },
+            Event::Did(did) => match did {
+                Did::PowerOff => self.power(drive, false),
+                &Did::Level { pin, level } => self.drive(drive, pin, Drives::Level(level)),
+                &Did::Wave { pin, period, high } => {
+                    self.drive(drive, pin, Drives::Wave { since: at, period, high });
+                }
+                Did::Plan { axis, plan } => self.turn(drive, *axis, |shaper| shaper.plan(at, plan)),
+                Did::Step { axis, steps } => self.turn(drive, *axis, |shaper| shaper.steps(at, *steps)),
+                Did::Course { axis, .. } => self.lose(drive, *axis),
+                _ => {}
+            },
         }
         Ok(())
     }
 
     /// Power comes to a drive, or goes: all pins are let go. What comes from outside is told anew.
     fn power(&mut self, drive: usize, on: bool) {
-        for place in self.drives.get(drive).cloned().unwrap_or_default() {
+        let Some(drive) = self.drives.get(drive) else { return };
+        for place in drive.wires.clone() {
             let wire = &mut self.wires[place];
             (wire.known, wire.drives, wire.outside) = (on, Drives::Level(Level::Float), None);
             self.edges.set(place as u32, Instant::NEVER);
+            self.changed.push(place);
+        }
+        for place in drive.motors.clone() {
+            self.motors[place].shaper = Shaper::default();
+            self.edges.set((self.wires.len() + place) as u32, Instant::NEVER);
+        }
+    }
+
+    /// A motor is told how to turn.
+    fn turn(&mut self, drive: usize, axis: Axis, tell: impl FnOnce(&mut Shaper)) {
+        let Some(place) = self.motor(drive, axis) else { return };
+        tell(&mut self.motors[place].shaper);
+        self.make_pulses(place);
+    }
+
+    /// All edges of a motor up to now.
+    fn make_pulses(&mut self, place: usize) {
+        let Motor { step, dir, shaper, .. } = &mut self.motors[place];
+        while shaper.take(self.now).is_some() {}
+        for (place, output) in [(*step, StepDir::Step), (*dir, StepDir::Dir)] {
+            let level = if shaper.is_high(output) { Level::High } else { Level::Low };
+            let wire = &mut self.wires[place];
+            (wire.known, wire.drives) = (true, Drives::Level(level));
+            self.changed.push(place);
+        }
+        self.edges.set((self.wires.len() + place) as u32, shaper.due());
+    }
+
+    /// Nobody knows the pulses of a motor: a text tells where it goes, not when it steps.
+    fn lose(&mut self, drive: usize, axis: Axis) {
+        let Some(place) = self.motor(drive, axis) else { return };
+        let Motor { step, dir, .. } = self.motors[place];
+        for place in [step, dir] {
+            self.wires[place].known = false;
             self.changed.push(place);
         }
     }
@@ -216,7 +285,11 @@ impl<W: Write> Waves<W> {
     }
 
     fn place(&self, drive: usize, pin: Pin) -> Option<usize> {
-        self.drives.get(drive)?.clone().nth(pin.0.into())
+        self.drives.get(drive)?.wires.clone().nth(pin.0.into())
+    }
+
+    fn motor(&self, drive: usize, axis: Axis) -> Option<usize> {
+        self.drives.get(drive)?.motors.clone().find(|&place| self.motors[place].axis == axis)
     }
 
     /// Nobody knows what happened before `at`.
@@ -229,7 +302,7 @@ impl<W: Write> Waves<W> {
         Ok(())
     }
 
-    /// Goes to `to`. Edges at that instant wait: something else may come first.
+    /// Goes to `to`, and makes what edges there are up to then.
     fn run_until(&mut self, to: Instant) -> io::Result<()> {
         while let Some((from, drive)) = self.seats.pop_if(|(from, _)| *from <= to) {
             self.make_edges(from)?;
@@ -241,13 +314,17 @@ impl<W: Write> Waves<W> {
     fn make_edges(&mut self, to: Instant) -> io::Result<()> {
         loop {
             let (due, source) = self.edges.first();
-            if due >= to {
+            if due > to || due == Instant::NEVER {
                 return self.pass(to);
             }
             self.pass(due)?;
             let place = source as usize;
-            self.edges.set(source, self.wires[place].drives.next_edge(due));
-            self.changed.push(place);
+            if let Some(motor) = place.checked_sub(self.wires.len()) {
+                self.make_pulses(motor);
+            } else {
+                self.edges.set(source, self.wires[place].drives.next_edge(due));
+                self.changed.push(place);
+            }
         }
     }
 
@@ -366,7 +443,11 @@ fn is_seen(event: &Event) -> bool {
             Fed::Power(power) => !matches!(power, Power::Cut(_)),
             fed => matches!(fed, Fed::Edge { .. } | Fed::Millivolts { .. }),
         },
-        Event::Did(did) => matches!(did, Did::Level { .. } | Did::Wave { .. }),
+        Event::Did(did) => match did {
+            Did::PowerOff | Did::Level { .. } | Did::Wave { .. } => true,
+            Did::Plan { .. } | Did::Course { .. } | Did::Step { .. } => true,
+            _ => false,
+        },
     }
 }
 
@@ -400,4 +481,164 @@ fn names<'a>(given: impl Iterator<Item = &'a str>) -> Vec<String> {
         names.push(name);
     }
     names
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+    use standin_firmware::device::Device;
+    use standin_firmware::md3::Md3;
+    use standin_protocol::modbus::rtu;
+    use standin_protocol::time::Span;
+
+    use super::*;
+    use crate::bench::{Bench, Drive as Driving, PowerAction, Settings};
+    use crate::toy::{LEVEL, Toy};
+    use crate::trace::TraceKeep;
+
+    fn text(trace: &Trace) -> String {
+        let mut text = Vec::new();
+        write(trace, &mut text).unwrap();
+        String::from_utf8(text).unwrap()
+    }
+
+    /// The changes behind the header, one line an instant.
+    fn changes(trace: &Trace) -> Vec<String> {
+        let text = text(trace);
+        let (_, changes) = text.split_once("$enddefinitions $end").unwrap();
+        let changes = changes.replace("$dumpvars\n", "").replace("$end\n", "");
+        changes.split("\n#").skip(1).map(|instant| instant.trim_end().replace('\n', ", ")).collect()
+    }
+
+    #[test]
+    fn a_file_from_its_beginning_to_its_end() {
+        let mut bench = Bench::new();
+        let toy = bench.add::<Toy>("a.toy");
+        bench.run_until(500.micros());
+        bench.set_pin(toy, LEVEL, Driving::Millivolts(2_500));
+        bench.run_until(2.millis());
+        bench.power(toy, PowerAction::Off);
+        bench.run_until(3.millis());
+        bench.power(toy, PowerAction::On);
+        bench.run_until(3_500.micros());
+        let version = env!("CARGO_PKG_VERSION");
+        let header = format!("$version standin {version} $end\n");
+        let expected = "\
+$timescale 100 ps $end
+$scope module a_toy $end
+$var wire 1 ! IN $end
+$var real 64 \" LEVEL $end
+$var wire 1 # OUT $end
+$var wire 1 $ LED $end
+$upscope $end
+$enddefinitions $end
+#0
+$dumpvars
+1!
+r0 \"
+1#
+1$
+$end
+#5000625
+r2.5 \"
+#10000000
+0$
+#20000000
+x!
+rnan \"
+x#
+x$
+#30000000
+1!
+r2.5 \"
+1#
+1$
+#35000000
+";
+        assert_eq!(text(bench.trace()), header + expected);
+    }
+
+    #[test]
+    fn what_is_seated_later_is_unknown_until_then() {
+        let mut bench = Bench::new();
+        bench.run_until(1.millis());
+        bench.add::<Toy>("late");
+        bench.run_until(1_500.micros());
+        assert_eq!(
+            changes(bench.trace()),
+            ["0, x!, rnan \", x#, x$", "10000000, 1!, r0 \", 1#, 1$", "15000000"]
+        );
+    }
+
+    #[test]
+    fn what_is_lost_is_unknown_until_it_is_told() {
+        // Room for a few events only.
+        let mut bench = Bench::with(Settings { trace: TraceKeep::Ring(1_000), ..Settings::default() });
+        let toy = bench.add::<Toy>("toy");
+        bench.run_until(1.millis());
+        for mv in 0..100 {
+            bench.set_pin(toy, LEVEL, Driving::Millivolts(mv));
+            bench.run_until(bench.now() + 1.millis());
+        }
+        assert!(bench.trace().lost > 90);
+        let changes = changes(bench.trace());
+        assert_eq!(changes.first().unwrap(), "0, x!, rnan \", x#, x$");
+        assert!(changes[1].contains(", r0.09"), "{changes:?}");
+        assert!(!changes[1..].iter().any(|change| change.contains(['!', '#', '$'])), "{changes:?}");
+    }
+
+    #[test]
+    fn steps_that_a_text_does_not_tell_are_unknown() {
+        let mut bench = Bench::new();
+        let md3 = bench.add::<Md3>("md3");
+        bench.run_until(2_500.millis());
+        bench.ask(md3, &rtu::write(1, 0x11, 1));
+        let make = |_: &str| Some(Box::new(Md3::new()) as Box<dyn Device>);
+        let told = Trace::parse(&bench.trace().to_text(), &make).unwrap();
+        let initial = &changes(&told)[0];
+        assert!(initial.contains("x*, x+") && initial.contains("1!"), "{initial}");
+        assert!(changes(bench.trace())[0].contains("0*, 0+"));
+    }
+
+    #[test]
+    fn names_are_legal_and_differ() {
+        let legal = names(["J2.10", "1", "_x", "a-b", "a.b", "a_b", "ä"].into_iter());
+        assert_eq!(legal, ["J2_10", "_1", "_x", "a_b", "a_b_", "a_b__", "_"]);
+    }
+
+    #[test]
+    fn codes_are_short_and_differ() {
+        assert_eq!(
+            (code(0), code(93), code(94), code(187)),
+            ("!".into(), "~".into(), "!!".into(), "~!".into())
+        );
+        let codes: std::collections::BTreeSet<String> = (0..20_000).map(code).collect();
+        assert_eq!(codes.len(), 20_000);
+        assert!(codes.iter().all(|code| code.len() <= 3 && code.bytes().all(|byte| byte.is_ascii_graphic())));
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(8))]
+        #[test]
+        fn looking_often_or_once_makes_the_same_file(pauses in proptest::collection::vec(0_u64..200_000, 1..20)) {
+            let mut bench = Bench::new();
+            let (x, y) = (bench.add::<Md3>("x"), bench.add::<Md3>("y"));
+            let mut followed = Vec::new();
+            let mut waves = Waves::new(bench.trace(), &mut followed).unwrap();
+            bench.run_until(2_500.millis());
+            bench.ask(x, &rtu::write(1, 0x11, 1));
+            bench.ask(y, &rtu::write(1, 0x11, 2));
+            for pause in pauses {
+                waves.follow(bench.trace()).unwrap();
+                bench.run_until(bench.now() + pause.micros());
+                if pause % 7 == 0 {
+                    bench.ask(y, &rtu::write(1, 0x14, if pause % 2 == 0 { 0xFFFF } else { 0 }));
+                    bench.ask(x, &rtu::write(1, 0x11, 1));
+                }
+            }
+            waves.follow(bench.trace()).unwrap();
+            waves.finish().unwrap();
+            prop_assert_eq!(String::from_utf8(followed).unwrap(), text(bench.trace()));
+        }
+    }
 }

@@ -5,13 +5,13 @@ use axum::extract::{Path, Query, State};
 use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use serde::Deserialize;
-use standin_firmware::device::{Duration, Fault, Pin, Refused, Role};
+use standin_firmware::device::{Duration, Encoder, Fault, Pin, Refused, Role};
 use standin_protocol::time::TICKS_PER_SECOND;
 use standin_sim::bench::{self, Drive as Driving, Seat};
 use tokio::sync::oneshot;
 
 use super::guard::Body;
-use super::model::{Advance, Bench, Drive, Driven, Mode, PinLevel, Power, Pulses, Time, Value};
+use super::model::{Advance, Bench, Drive, Driven, Mode, PinLevel, Power, Pulses, Time, Turn, Value};
 use super::problem::Problem;
 use super::{Api, stopping};
 use crate::nearest;
@@ -37,7 +37,8 @@ pub(super) async fn drive(State(api): State<Api>, Path(name): Path<String>) -> R
     api.call(move |host| Ok(Json(Drive::of(&host.bench, seat(host, &name)?)))).await?
 }
 
-/// Drives an input pin from outside.
+/// Drives an input pin from outside. While the drive drives the pin itself, its level is what is seen;
+/// what comes from outside counts once the drive lets go.
 #[utoipa::path(put, path = "/api/drives/{name}/pins/{pin}", request_body = PinLevel, responses(
     (status = 204),
     (status = 404, body = Problem, content_type = "application/problem+json"),
@@ -83,6 +84,37 @@ pub(super) async fn pulse_pin(
             return Err(Problem::refused("an analogue input takes no pulses"));
         }
         let begun = host.bench.pulse(seat, pin, pulses.count, pulses.hz);
+        begun.map_err(|busy| Problem::conflict(busy.to_string()))?;
+        Ok(StatusCode::NO_CONTENT)
+    })
+    .await?
+}
+
+/// Turns the drive's encoder: quadrature edges on its inputs A and B.
+#[utoipa::path(post, path = "/api/drives/{name}/encoder", request_body = Turn, responses(
+    (status = 204, description = "It has begun to turn."),
+    (status = 404, body = Problem, content_type = "application/problem+json"),
+    (status = 409, description = "It turns already, or pulses run on one of its inputs.", body = Problem,
+        content_type = "application/problem+json"),
+    (status = 422, body = Problem, content_type = "application/problem+json"),
+))]
+pub(super) async fn encoder(
+    State(api): State<Api>,
+    Path(name): Path<String>,
+    Body(turn): Body<Turn>,
+) -> Result<StatusCode, Problem> {
+    api.call(move |host| {
+        let seat = seat(host, &name)?;
+        if host.bench.spec(seat).encoders.is_empty() {
+            return Err(Problem::refused(format!("{name} has no encoder input")));
+        }
+        let counts = i32::try_from(turn.counts).ok().filter(|counts| *counts != 0);
+        let counts = counts.filter(|_| (0.000_001..=16_000_000.0).contains(&turn.hz)).ok_or_else(|| {
+            Problem::refused(
+                "an encoder makes 1 to 2147483647 edges, or -1 to -2147483648 the other way, and 0.000001 to 16000000 of them a second",
+            )
+        })?;
+        let begun = host.bench.encoder(seat, Encoder(0), counts, turn.hz);
         begun.map_err(|busy| Problem::conflict(busy.to_string()))?;
         Ok(StatusCode::NO_CONTENT)
     })
@@ -242,7 +274,7 @@ pub(super) async fn trace(State(api): State<Api>, Query(wanted): Query<Wanted>) 
     match wanted.format.as_deref() {
         None | Some("trace") => {}
         Some("vcd" | "pcapng") => {
-            let detail = "waveforms and frames are not yet there; format=trace is";
+            let detail = "of this only format=trace is there; --vcd FILE writes waveforms";
             return Err(Problem::new(StatusCode::NOT_IMPLEMENTED, detail));
         }
         Some(_) => return Err(Problem::refused("format is trace")),

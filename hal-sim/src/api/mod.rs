@@ -97,6 +97,7 @@ fn router(api: Api, here: SocketAddr) -> Router {
         .routes(routes!(calls::drive))
         .routes(routes!(calls::drive_pin))
         .routes(routes!(calls::pulse_pin))
+        .routes(routes!(calls::encoder))
         .routes(routes!(calls::preset))
         .routes(routes!(calls::fault, calls::heal))
         .routes(routes!(calls::power))

@@ -167,6 +167,18 @@ pub(super) struct Pulses {
     pub(super) hz: f64,
 }
 
+/// A turn of an encoder.
+#[derive(Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Turn {
+    /// Edges, four in a cycle; negative the other way, not 0.
+    #[schema(minimum = -2147483648, maximum = 2147483647)]
+    pub(super) counts: i64,
+    /// Edges per second of bench time.
+    #[schema(minimum = 0.000001, maximum = 16000000)]
+    pub(super) hz: f64,
+}
+
 /// A register's new value.
 #[derive(Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]

@@ -2,7 +2,7 @@
 
 use std::io::{Read as _, Write as _};
 
-use crate::running::{Answer, Running, ask};
+use crate::running::{Answer, Running, ask, standin};
 use standin_protocol::modbus::rtu;
 
 /// An MD3 in manual time whose start-up is over.
@@ -81,6 +81,141 @@ fn pins_are_driven_and_pulsed() {
     ] {
         pulses(wrong).problem(422);
     }
+}
+
+/// Writes a register of the drive past its bus.
+fn preset(md3: &Running, name: &str, value: u16) {
+    let body = format!("{{\"value\":{value}}}");
+    assert_eq!(md3.call("PUT", &format!("/api/drives/md3/registers/{name}"), &body).status, 204);
+}
+
+#[test]
+fn a_pin_that_the_drive_drives_shows_its_level_until_it_lets_go() {
+    /// Of PinFunctionAndPolarity (7.8): J2 pins 9, 10 and 12 are outputs.
+    const OUTPUTS: u16 = 1 << 12;
+    let md3 = md3();
+    let drive = |level: &str| {
+        let body = format!("{{\"level\":\"{level}\"}}");
+        assert_eq!(md3.call("PUT", "/api/drives/md3/pins/J2.9", &body).status, 204);
+    };
+    let seen = || {
+        let drive = md3.drive();
+        let bit = drive["registers"]["IOPortData"].as_u64().unwrap() >> 6 & 1;
+        (drive["pins"]["J2.9"].as_str().unwrap().to_owned(), bit)
+    };
+    assert_eq!(seen(), ("low".into(), 0));
+    preset(&md3, "PinFunctionAndPolarity", OUTPUTS);
+    drive("high");
+    assert_eq!(seen(), ("low".into(), 0));
+    preset(&md3, "IOPortData", 1 << 6);
+    drive("low");
+    assert_eq!(seen(), ("high".into(), 1));
+    preset(&md3, "IOPortData", 0);
+    drive("high");
+    assert_eq!(seen(), ("low".into(), 0));
+    preset(&md3, "PinFunctionAndPolarity", 0);
+    assert_eq!(seen(), ("high".into(), 1), "it is an input again");
+    drive("open");
+    assert_eq!(seen(), ("low".into(), 0));
+}
+
+#[test]
+fn every_fault_that_is_described_can_come_and_go() {
+    /// Bit of MotionControl (7.15).
+    const FAULT: u16 = 1 << 15;
+    let described = standin(&["describe", "md3", "--json"]);
+    let described: serde_json::Value = serde_json::from_slice(&described.stdout).unwrap();
+    let faults: Vec<&str> =
+        described["faults"].as_array().unwrap().iter().filter_map(|f| f.as_str()).collect();
+    assert!(faults.contains(&"over_temperature") && faults.contains(&"over_current"), "{faults:?}");
+    for fault in faults {
+        let md3 = md3();
+        let path = format!("/api/drives/md3/faults/{fault}");
+        let shown = || {
+            let drive = md3.drive();
+            let word = drive["registers"]["MotionControl"].as_u64().unwrap();
+            (drive["faults"][fault].as_bool().unwrap(), word & u64::from(FAULT) != 0)
+        };
+        assert_eq!(shown(), (false, false), "{fault}");
+        assert_eq!(md3.call("PUT", &path, "").status, 204);
+        assert_eq!(shown(), (true, true), "{fault}");
+        assert_eq!(md3.call("DELETE", &path, "").status, 204);
+        assert_eq!(shown(), (false, true), "{fault} stays until it is cleared (7.15)");
+        preset(&md3, "MotionControl", FAULT);
+        assert_eq!(shown(), (false, false), "{fault}");
+    }
+}
+
+/// Pins A (J2.10) and B (J2.12) as IOPortData shows them: bits 5 and 4 (7.9).
+fn quadrature(md3: &Running) -> u64 {
+    md3.drive()["registers"]["IOPortData"].as_u64().unwrap() >> 4 & 0b11
+}
+
+#[test]
+fn an_encoder_turns() {
+    let md3 = md3();
+    let turn = |body: &str| md3.call("POST", "/api/drives/md3/encoder", body);
+    assert_eq!(quadrature(&md3), 0b00);
+    // A leads B: an edge each millisecond, the first one a tick after the call.
+    assert_eq!(turn("{\"counts\":6,\"hz\":1000}").status, 204);
+    md3.advance(0.000_5);
+    let mut seen = Vec::new();
+    for _ in 0..8 {
+        seen.push(quadrature(&md3));
+        md3.advance(0.001);
+    }
+    assert_eq!(seen, [0b10, 0b11, 0b01, 0b00, 0b10, 0b11, 0b11, 0b11]);
+    // From where it stands, and back.
+    assert_eq!(turn("{\"counts\":-3,\"hz\":1000}").status, 204);
+    md3.advance(0.000_5);
+    let mut seen = Vec::new();
+    for _ in 0..4 {
+        seen.push(quadrature(&md3));
+        md3.advance(0.001);
+    }
+    assert_eq!(seen, [0b10, 0b00, 0b01, 0b01]);
+}
+
+#[test]
+fn an_encoder_is_refused_what_it_cannot_do() {
+    let md3 = md3();
+    let turn = |body: &str| md3.call("POST", "/api/drives/md3/encoder", body);
+    let limits = "an encoder makes 1 to 2147483647 edges, or -1 to -2147483648 the other way, and 0.000001 to 16000000 of them a second";
+    for wrong in [
+        "{\"counts\":0,\"hz\":1}",
+        "{\"counts\":2147483648,\"hz\":1}",
+        "{\"counts\":1,\"hz\":0}",
+        "{\"counts\":1,\"hz\":-1}",
+        "{\"counts\":1,\"hz\":16000001}",
+    ] {
+        assert_eq!(turn(wrong).problem(422), limits, "{wrong}");
+    }
+    for wrong in
+        ["{}", "{\"counts\":1}", "{\"counts\":1.5,\"hz\":1}", "{\"counts\":1,\"hz\":1,\"pin\":\"A\"}"]
+    {
+        turn(wrong).problem(422);
+    }
+    let nobody = md3.call("POST", "/api/drives/md4/encoder", "{\"counts\":1,\"hz\":1}");
+    assert!(nobody.problem(404).contains("the nearest is 'md3'"));
+    assert_eq!(quadrature(&md3), 0b00);
+
+    // One at a time on a pin, whichever came first.
+    let pulses = |pin: &str| {
+        md3.call("POST", &format!("/api/drives/md3/pins/{pin}/pulses"), "{\"count\":1,\"hz\":1000}")
+    };
+    assert_eq!(turn("{\"counts\":4,\"hz\":1000}").status, 204);
+    turn("{\"counts\":4,\"hz\":1000}").problem(409);
+    for pin in ["J2.10", "J2.12"] {
+        pulses(pin).problem(409);
+    }
+    assert_eq!(pulses("J2.9").status, 204, "the index is a pin of its own");
+    md3.advance(0.01);
+    for pin in ["J2.10", "J2.12"] {
+        assert_eq!(pulses(pin).status, 204);
+        turn("{\"counts\":4,\"hz\":1000}").problem(409);
+        md3.advance(0.01);
+    }
+    assert_eq!(turn("{\"counts\":4,\"hz\":1000}").status, 204);
 }
 
 #[test]
@@ -249,6 +384,7 @@ fn it_describes_itself() {
         "/api/drives/{name}",
         "/api/drives/{name}/pins/{pin}",
         "/api/drives/{name}/pins/{pin}/pulses",
+        "/api/drives/{name}/encoder",
         "/api/drives/{name}/registers/{register}",
         "/api/drives/{name}/faults/{fault}",
         "/api/drives/{name}/power",
