@@ -23,7 +23,7 @@ use standin_firmware::device::{Axis, Duration, Instant, Level, Pin, PinSpec, Rol
 use crate::pulses::{Shaper, StepDir};
 use crate::schedule::Tournament;
 use crate::seat::LOGIC_HIGH_MV;
-use crate::trace::{Did, Entry, Event, Fed, Power, Trace};
+use crate::trace::{Did, Entry, Event, Fed, Group, Power, Trace};
 
 /// What a file is in, and how many of it are a tick.
 const TIMESCALE: &str = "100 ps";
@@ -195,14 +195,18 @@ impl<W: Write> Waves<W> {
 
     /// Takes an event.
     fn happen(&mut self, entry: &Entry) -> io::Result<()> {
-        if !is_seen(&entry.event) {
+        if let Event::Did(did) = &entry.event
+            && matches!(did.group(), Group::Tx | Group::Line)
+        {
+            // No pin shows it, and its stamp may lie ahead.
             return Ok(());
         }
         self.run_until(entry.at)?;
         let (at, drive) = (entry.at, entry.drive);
         match &entry.event {
             Event::Fed(fed) => match *fed {
-                Fed::Power(power) => self.power(drive, power == Power::On),
+                Fed::Power(Power::On) => self.power(drive, true),
+                Fed::Power(Power::Off) => self.power(drive, false),
                 Fed::Edge { pin, high } => self.outside(drive, pin, high.into()),
                 Fed::Millivolts { pin, mv } => self.outside(drive, pin, mv),
                 _ => {}
@@ -434,21 +438,6 @@ impl fmt::Display for Value {
 /// How far a wave is in its cycle.
 fn cycle(since: Instant, period: Duration, at: Instant) -> Duration {
     Duration::from_ticks(at.since(since).ticks() % period.ticks().max(1))
-}
-
-/// Whether pins show it. Stamps of what they do not show may lie ahead.
-fn is_seen(event: &Event) -> bool {
-    match event {
-        Event::Fed(fed) => match fed {
-            Fed::Power(power) => !matches!(power, Power::Cut(_)),
-            fed => matches!(fed, Fed::Edge { .. } | Fed::Millivolts { .. }),
-        },
-        Event::Did(did) => match did {
-            Did::PowerOff | Did::Level { .. } | Did::Wave { .. } => true,
-            Did::Plan { .. } | Did::Course { .. } | Did::Step { .. } => true,
-            _ => false,
-        },
-    }
 }
 
 /// What the file calls the wire at a place: printable characters, as few as there can be.

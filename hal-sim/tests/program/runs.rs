@@ -59,6 +59,7 @@ fn what_is_wrong_with_options_is_told_in_one_sentence() {
         (vec!["run", "md3", "--nv", "/nowhere/md3.nv"], "--nv /nowhere/md3.nv: "),
         (vec!["run", "md3", "--record", "/nowhere/md3.trace"], "--record /nowhere/md3.trace: "),
         (vec!["run", "md3", "--vcd", "/nowhere/md3.vcd"], "--vcd /nowhere/md3.vcd: No such file"),
+        (vec!["run", "md3", "--vcd", "/dev/full"], "--vcd /dev/full: No space left"),
         (vec!["describe", "md3", "--json", "--markdown"], "cannot be used with"),
         (vec!["replay", "/nowhere/md3.trace"], "/nowhere/md3.trace: "),
     ] {
@@ -71,11 +72,14 @@ fn what_is_wrong_with_options_is_told_in_one_sentence() {
 fn a_port_in_use_is_told_before_anything_is_touched() {
     let scratch = Scratch::new("in-use");
     let (memory, trace) = (scratch.file("md3.nv"), scratch.file("md3.trace"));
+    let waves = scratch.file("md3.vcd");
     std::fs::write(&trace, "an old recording").unwrap();
+    std::fs::write(&waves, "old waveforms").unwrap();
     let taken = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = taken.local_addr().unwrap().to_string();
     let listen = format!("tcp:{address}");
-    let options = ["run", "md3", "--nv", &memory, "--record", &trace, "--set", "UserRegister=7"];
+    let files = ["run", "md3", "--nv", &memory, "--record", &trace, "--vcd", &waves];
+    let options = [&files[..], &["--set", "UserRegister=7"]].concat();
     let said = refused(&[&options[..], &["--listen", &listen]].concat());
     assert_eq!(said, format!("{listen} is in use; another port, or port 0, is free"));
     let said = refused(&[&options[..], &["--control", &address]].concat());
@@ -84,6 +88,7 @@ fn a_port_in_use_is_told_before_anything_is_touched() {
     std::fs::create_dir(&memory).unwrap();
     refused(&options);
     assert_eq!(std::fs::read_to_string(&trace).unwrap(), "an old recording");
+    assert_eq!(std::fs::read_to_string(&waves).unwrap(), "old waveforms");
 }
 
 #[test]
@@ -138,6 +143,63 @@ fn a_recording_survives_sigterm_and_replays() {
     assert!(String::from_utf8(replayed.stdout).unwrap().contains("< tx 01 06 00 1D 00 07"));
     std::fs::write(&file, "standin trace 1\nnonsense\n").unwrap();
     assert!(refused(&["replay", &file]).contains("line 2"));
+}
+
+/// The changes of a pin in a file of waveforms, whose last line may be half written; stamps in ticks.
+fn waves(file: &str, pin: &str) -> Vec<(char, u64)> {
+    let text = std::fs::read_to_string(file).unwrap();
+    let (text, _) = text.rsplit_once('\n').unwrap();
+    let variable = text.lines().find(|line| line.ends_with(&format!(" {pin} $end"))).unwrap();
+    let code = variable.split(' ').nth(3).unwrap();
+    let (_, changes) = text.split_once("$enddefinitions $end").unwrap();
+    let mut at = 0;
+    let mut waves = Vec::new();
+    for line in changes.lines() {
+        if let Some(stamp) = line.strip_prefix('#') {
+            at = stamp.parse::<u64>().unwrap() / 625;
+        } else if line.get(1..) == Some(code) {
+            waves.push((line.chars().next().unwrap(), at));
+        }
+    }
+    waves
+}
+
+#[test]
+fn waveforms_survive_sigkill() {
+    let scratch = Scratch::new("waves");
+    let file = scratch.file("md3.vcd");
+    std::fs::write(&file, "old waveforms, which end".repeat(1_000)).unwrap();
+    let md3 = Running::md3(&["--time", "manual", "--fast-boot", "--vcd", &file]);
+    ask(&mut md3.connect(), &rtu::write(1, 0x11, 1), 8);
+    md3.call("PUT", "/api/drives/md3/pins/J2.3", "{\"level\":\"low\"}");
+    md3.advance(3.0);
+    md3.kill();
+    assert_eq!(waves(&file, "STEP").iter().filter(|(level, _)| *level == '1').count(), 10_000);
+    let busy = waves(&file, "J3_7");
+    let [('z', 0), ('0', begins), ('z', ends)] = busy[..] else { panic!("{busy:?}") };
+    assert_eq!(ends - begins, 2_500 * 16_000);
+    let pulled = waves(&file, "J2_3");
+    assert!(matches!(pulled[..], [('1', 0), ('0', 1..)]), "{pulled:?}");
+}
+
+#[test]
+fn waveforms_follow_time_though_nothing_else_happens() {
+    let scratch = Scratch::new("beats");
+    let file = scratch.file("md3.vcd");
+    let md3 = Running::md3(&["--time", "x100", "--fast-boot", "--control", "127.0.0.1:0", "--vcd", &file]);
+    // The green light is bright for a quarter of a second of every one and a half.
+    let beats = |n: u64| [('1', n * 24_000_000), ('0', n * 24_000_000 + 4_000_000)];
+    let expected: Vec<(char, u64)> = (0..20).flat_map(beats).collect();
+    while waves(&file, "D6").len() < expected.len() {
+        std::thread::yield_now();
+    }
+    let seconds = md3.call("GET", "/api/bench", "").ok()["time"]["seconds"].as_f64().unwrap();
+    assert_eq!(md3.stop(), Some(0));
+    let beats = waves(&file, "D6");
+    assert_eq!(beats[..expected.len()], expected);
+    let text = std::fs::read_to_string(&file).unwrap();
+    let end = text.lines().last().unwrap().strip_prefix('#').unwrap();
+    assert!(end.parse::<f64>().unwrap() / 1e10 >= seconds, "it goes as far as the drive did");
 }
 
 /// Runs an MD3 in manual time until its start-up is over, with its memory in a file.

@@ -1,0 +1,24 @@
+"""An encoder that the control API turns."""
+
+IO_PORT_DATA = 0x0A
+A, B = 1 << 5, 1 << 4
+"""Bits of IOPortData: J2 pins 10 and 12 (7.9)."""
+
+
+def test_an_encoder_turns_there_and_back(run, tcp):
+    standin = run("--fast-boot", "--time", "manual")
+    client = tcp(standin)
+
+    def pins():
+        (port,) = client.read_holding_registers(IO_PORT_DATA).registers
+        return port & (A | B)
+
+    def turn(counts):
+        standin.call("POST", "/api/drives/md3/encoder", {"counts": counts, "hz": 10_000})
+        standin.advance(abs(counts) / 10_000)
+
+    assert pins() == 0
+    # A leads B: a cycle is A, A and B, B, none.
+    for counts, level in [(400, 0), (1, A), (401, A | B), (-1, A), (-402, B), (1, 0)]:
+        turn(counts)
+        assert pins() == level, counts

@@ -1,0 +1,262 @@
+//! Waveforms, read by a reader that is not ours, against the manual and the mathematics.
+#![allow(missing_docs, reason = "a test")]
+
+use std::collections::BTreeMap;
+
+use standin_firmware::device::Pin;
+use standin_firmware::md3::Md3;
+use standin_protocol::modbus::rtu;
+use standin_protocol::time::{Duration, Span};
+use standin_sim::bench::{Bench, Drive, PowerAction, Seat, Settings};
+use standin_sim::trace::TraceKeep;
+use standin_sim::vcd::write;
+use standin_tests::oracle::step_instants;
+use vcd::{Command, IdCode, Parser, SimulationCommand, TimescaleUnit, Value};
+
+/// Units of 100 ps in a tick of 62.5 ns.
+const UNITS_PER_TICK: u64 = 625;
+
+const MOTION_CONTROL: u16 = 0x11;
+const MOVE: u16 = 1 << 0;
+const JOG: u16 = 1 << 1;
+
+/// A change of a wire, and when in ticks.
+type Change = (u64, Value);
+
+/// The wires of a file by scope and name, each with its changes from its first value on.
+struct File {
+    wires: BTreeMap<(String, String), Vec<Change>>,
+    end: u64,
+}
+
+impl File {
+    fn of(bench: &Bench) -> Self {
+        let mut text = Vec::new();
+        write(bench.trace(), &mut text).unwrap();
+        let mut parser = Parser::new(&text[..]);
+        let header = parser.parse_header().unwrap();
+        assert_eq!(header.timescale, Some((100, TimescaleUnit::PS)));
+        let mut names: BTreeMap<IdCode, (String, String)> = BTreeMap::new();
+        for scope in header.items.iter().filter_map(|item| match item {
+            vcd::ScopeItem::Scope(scope) => Some(scope),
+            _ => None,
+        }) {
+            for item in &scope.items {
+                let vcd::ScopeItem::Var(var) = item else { panic!("{item:?}") };
+                assert_eq!((var.var_type, var.size), (vcd::VarType::Wire, 1));
+                let name = (scope.identifier.clone(), var.reference.clone());
+                assert_eq!(names.insert(var.code, name), None, "a code of two wires");
+            }
+        }
+        let mut wires: BTreeMap<(String, String), Vec<Change>> = BTreeMap::new();
+        let mut now = None;
+        let mut dumped = false;
+        for command in parser {
+            match command.unwrap() {
+                Command::Timestamp(units) => {
+                    assert!(now.is_none_or(|now| units > now), "time goes on");
+                    assert_eq!(units % UNITS_PER_TICK, 0, "a whole number of ticks");
+                    now = Some(units);
+                }
+                Command::ChangeScalar(code, value) => {
+                    let at = now.unwrap() / UNITS_PER_TICK;
+                    let changes = wires.entry(names[&code].clone()).or_default();
+                    assert!(changes.last().is_none_or(|last| last.0 < at && last.1 != value));
+                    changes.push((at, value));
+                }
+                Command::Begin(SimulationCommand::Dumpvars) => assert_eq!(now, Some(0)),
+                Command::End(SimulationCommand::Dumpvars) => {
+                    dumped = wires.len() == names.len();
+                }
+                other => panic!("{other:?}"),
+            }
+        }
+        assert!(dumped, "each wire has a value from the beginning");
+        Self { wires, end: now.unwrap() / UNITS_PER_TICK }
+    }
+
+    fn wire(&self, scope: &str, name: &str) -> &[Change] {
+        &self.wires[&(scope.to_owned(), name.to_owned())]
+    }
+
+    /// When a wire takes `value`, from `from` on.
+    fn when(&self, scope: &str, name: &str, value: Value, from: u64) -> Vec<u64> {
+        let changes = self.wire(scope, name).iter();
+        changes.filter(|change| change.1 == value && change.0 >= from).map(|change| change.0).collect()
+    }
+
+    /// What a wire shows at an instant.
+    fn at(&self, scope: &str, name: &str, at: u64) -> Value {
+        self.wire(scope, name).iter().rev().find(|change| change.0 <= at).unwrap().1
+    }
+
+    /// When a drive's motions begin and end: BUSY, J3 pin 7, is pulled to ground meanwhile.
+    fn busy(&self, scope: &str) -> Vec<(u64, u64)> {
+        let ends = self.when(scope, "J3_7", Value::Z, 1);
+        self.when(scope, "J3_7", Value::V0, 0).into_iter().zip(ends).collect()
+    }
+
+    /// Checks the pulses of a profile move that begins at `begins`.
+    fn check_move(&self, scope: &str, begins: u64, steps: i32, speed: u32, acceleration: u32) {
+        let due: Vec<u64> = step_instants(steps.unsigned_abs(), speed, acceleration)
+            .map(|since| begins + since.ticks())
+            .collect();
+        let ends = *due.last().unwrap();
+        let within = |at: &&u64| (begins..=ends + 1).contains(*at);
+        let rises = self.when(scope, "STEP", Value::V1, 0);
+        let rises: Vec<u64> = rises.iter().filter(within).copied().collect();
+        assert_eq!(rises.len(), due.len(), "as many pulses as steps");
+        for (n, (rise, due)) in (1..).zip(rises.iter().zip(&due)) {
+            assert!(rise.abs_diff(*due) <= 1, "step {n} at {rise}, due at {due}");
+            let direction = if steps > 0 { Value::V1 } else { Value::V0 };
+            assert_eq!(self.at(scope, "DIR", *rise), direction, "step {n}");
+        }
+        // High for 2 µs.
+        let falls = self.when(scope, "STEP", Value::V0, begins + 1);
+        for (rise, fall) in rises.iter().zip(&falls) {
+            assert_eq!(fall - rise, 2.micros().ticks());
+        }
+    }
+}
+
+fn ticks(span: Duration) -> u64 {
+    span.ticks()
+}
+
+/// A bench that keeps all that happens.
+fn bench() -> Bench {
+    Bench::with(Settings { trace: TraceKeep::All, ..Settings::default() })
+}
+
+fn write_register(bench: &mut Bench, seat: Seat, address: u16, value: u16) {
+    let request = rtu::write(1, address, value);
+    assert_eq!(bench.ask(seat, &request), request[..]);
+}
+
+#[test]
+fn every_step_of_a_move_is_on_its_tick() {
+    let mut bench = bench();
+    let md3 = bench.add::<Md3>("x");
+    bench.run_until(2_500.millis());
+    write_register(&mut bench, md3, MOTION_CONTROL, MOVE);
+    bench.run_until(6.secs());
+    // A triangle backwards: 101 steps, 4,000,000 steps/s².
+    for (address, value) in [(0x12, 0xFFFF), (0x13, 0x1_0000 - 101), (0x18, 0x003D), (0x19, 0x0900)] {
+        write_register(&mut bench, md3, address, u16::try_from(value).unwrap());
+    }
+    write_register(&mut bench, md3, 0x15, 40_000);
+    write_register(&mut bench, md3, MOTION_CONTROL, MOVE);
+    bench.run_until(7.secs());
+
+    let file = File::of(&bench);
+    assert_eq!(file.end, ticks(7.secs()));
+    let busy = file.busy("x");
+    let [(forward, stands), (back, stands_again)] = busy[..] else { panic!("{busy:?}") };
+    assert!((ticks(2_500.millis())..ticks(2_600.millis())).contains(&forward));
+    assert_eq!(stands - forward, ticks(2_500.millis()), "1250, 7500 and 1250 steps");
+    file.check_move("x", forward, 10_000, 5_000, 10_000);
+    // 2·sqrt(101/4,000,000) s
+    assert!((stands_again - back).abs_diff(160_798) <= 1, "{}", stands_again - back);
+    file.check_move("x", back, -101, 40_000, 4_000_000);
+    assert_eq!(file.when("x", "STEP", Value::V1, 0).len(), 10_101, "and no pulse beside them");
+
+    // DIR changes 5 µs before the first step of a direction.
+    let rises = file.when("x", "STEP", Value::V1, 0);
+    let dir = file.wire("x", "DIR");
+    let setup = ticks(5.micros());
+    assert_eq!(dir, [(0, Value::V0), (rises[0] - setup, Value::V1), (rises[10_000] - setup, Value::V0)]);
+}
+
+#[test]
+fn a_reversal_changes_the_direction_between_two_pulses() {
+    let mut bench = bench();
+    let md3 = bench.add::<Md3>("x");
+    bench.run_until(2_500.millis());
+    write_register(&mut bench, md3, MOTION_CONTROL, JOG);
+    bench.run_until(4.secs());
+    // From 5,000 steps/s to −5,000: the high half first is −60,536, which acts as −40,000.
+    write_register(&mut bench, md3, 0x14, 0xFFFF);
+    write_register(&mut bench, md3, 0x15, 0x1_0000_u32.wrapping_sub(5_000) as u16);
+    bench.run_until(6.secs());
+    let file = File::of(&bench);
+    let dir = file.wire("x", "DIR");
+    let [(0, Value::V0), (up, Value::V1), (down, Value::V0)] = dir[..] else { panic!("{dir:?}") };
+    let rises = file.when("x", "STEP", Value::V1, 0);
+    for change in [up, down] {
+        let first = rises.iter().find(|rise| **rise > change).unwrap();
+        assert_eq!(first - change, ticks(5.micros()));
+        assert_eq!(file.at("x", "STEP", change), Value::V0);
+    }
+    let forward = rises.iter().filter(|rise| **rise < down).count();
+    let position = i64::from(bench.motion(md3, standin_firmware::device::Axis(0)).position);
+    assert_eq!(2 * i64::try_from(forward).unwrap() - i64::try_from(rises.len()).unwrap(), position);
+}
+
+#[test]
+fn lights_blink_as_the_manual_says() {
+    let mut bench = bench();
+    bench.add::<Md3>("md3");
+    bench.run_until(10.secs());
+    let file = File::of(&bench);
+    let millis = |name| -> Vec<(u64, bool)> {
+        let changes = file.wire("md3", name).iter();
+        changes.map(|(at, value)| (at / ticks(1.millis()), *value == Value::V1)).collect()
+    };
+    // Two flashes, then in turns; red is done when green begins to beat (sections 2 and 4).
+    let flashes = [(0, true), (250, false), (500, true), (750, false)];
+    assert_eq!(millis("D5"), [&flashes[..], &[(1_500, true), (2_000, false)]].concat());
+    let beats = [(2_750, false), (4_000, true), (4_250, false), (5_500, true), (5_750, false)];
+    let more = [(7_000, true), (7_250, false), (8_500, true), (8_750, false), (10_000, true)];
+    let turns = [(1_000, true), (1_500, false), (2_000, true)];
+    assert_eq!(millis("D6"), [&flashes[..], &turns, &beats, &more].concat());
+}
+
+#[test]
+fn two_drives_have_scopes_of_their_own() {
+    let mut bench = bench();
+    let (x, y) = (bench.add::<Md3>("x"), bench.add::<Md3>("y"));
+    bench.run_until(2_500.millis());
+    for (seat, steps) in [(x, 300), (y, 200)] {
+        write_register(&mut bench, seat, 0x13, steps);
+        write_register(&mut bench, seat, MOTION_CONTROL, MOVE);
+    }
+    bench.set_pin(y, Pin(0), Drive::Low);
+    bench.run_until(4.secs());
+    let file = File::of(&bench);
+    for (scope, steps) in [("x", 300), ("y", 200)] {
+        let busy = file.busy(scope);
+        let [(begins, _)] = busy[..] else { panic!("{scope}: {busy:?}") };
+        file.check_move(scope, begins, steps, 5_000, 10_000);
+        assert_eq!(i32::try_from(file.when(scope, "STEP", Value::V1, 0).len()), Ok(steps));
+    }
+    assert_eq!(file.wire("x", "J2_2"), [(0, Value::V1)]);
+    let pulled = file.wire("y", "J2_2");
+    assert!(matches!(pulled, [(0, Value::V1), (1.., Value::V0)]), "{pulled:?}");
+}
+
+#[test]
+fn without_power_nobody_knows() {
+    let mut bench = bench();
+    let md3 = bench.add::<Md3>("x");
+    bench.run_until(2_500.millis());
+    bench.set_pin(md3, Pin(0), Drive::Low);
+    write_register(&mut bench, md3, MOTION_CONTROL, MOVE);
+    bench.run_until(4.secs());
+    bench.power(md3, PowerAction::Off);
+    bench.run_until(5.secs());
+    bench.power(md3, PowerAction::On);
+    bench.run_until(6.secs());
+    let file = File::of(&bench);
+    let (off, on) = (ticks(4.secs()), ticks(5.secs()));
+    for (scope, name) in file.wires.keys() {
+        assert_ne!(file.at(scope, name, off - 1), Value::X, "{name}");
+        assert_eq!(file.at(scope, name, off), Value::X, "{name}");
+        assert_eq!(file.at(scope, name, on - 1), Value::X, "{name}");
+        assert_ne!(file.at(scope, name, on), Value::X, "{name}");
+    }
+    assert!(file.when("x", "STEP", Value::V1, 0).len() > 1_000);
+    assert!(file.when("x", "STEP", Value::V1, off).is_empty());
+    assert_eq!((file.at("x", "STEP", on), file.at("x", "DIR", on)), (Value::V0, Value::V0));
+    assert_eq!(file.at("x", "J3_7", on), Value::Z);
+    assert_eq!(file.at("x", "J2_2", on), Value::V0, "it is held low all the time");
+}
