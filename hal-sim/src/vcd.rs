@@ -25,7 +25,7 @@ use crate::schedule::Tournament;
 use crate::seat::LOGIC_HIGH_MV;
 use crate::trace::{Did, Entry, Event, Fed, Group, Power, Trace};
 
-/// What a file is in, and how many of it are a tick.
+/// The unit of a file, and how many of it make a tick.
 const TIMESCALE: &str = "100 ps";
 const UNITS_PER_TICK: u128 = 625;
 
@@ -66,7 +66,7 @@ pub struct Waves<W> {
     end: Instant,
 }
 
-/// What is whose.
+/// Places of a drive's wires and motors.
 struct Drive {
     wires: Range<usize>,
     motors: Range<usize>,
@@ -188,7 +188,7 @@ impl<W: Write> Waves<W> {
     pub fn finish(mut self) -> io::Result<()> {
         self.tell_changes();
         // So that the file shows how far it goes.
-        self.stamp(self.end);
+        self.stamp(self.end.max(self.now));
         self.write_text()?;
         self.out.flush()
     }

@@ -193,6 +193,24 @@ fn a_reversal_changes_the_direction_between_two_pulses() {
 }
 
 #[test]
+fn step_pulses_pass_through() {
+    let mut bench = bench();
+    let md3 = bench.add::<Md3>("x");
+    bench.run_until(2_500.millis());
+    // J2 pins 4 and 5 are step and direction (7.8), a step at each falling edge, low is backward.
+    bench.set_pin(md3, Pin(3), Drive::Low);
+    bench.pulse(md3, Pin(2), 1_000, 100_000.0).unwrap();
+    bench.run_until(3.secs());
+    let file = File::of(&bench);
+    let falls = file.when("x", "J2_4", Value::V0, 1);
+    assert_eq!(falls.len(), 1_000);
+    assert!(falls.windows(2).all(|pair| pair[1] - pair[0] == ticks(10.micros())));
+    assert_eq!(file.when("x", "STEP", Value::V1, 0), falls);
+    assert_eq!(file.wire("x", "DIR"), [(0, Value::V0)]);
+    assert!(file.busy("x").is_empty(), "BUSY is for moves only");
+}
+
+#[test]
 fn lights_blink_as_the_manual_says() {
     let mut bench = bench();
     bench.add::<Md3>("md3");
@@ -232,6 +250,23 @@ fn two_drives_have_scopes_of_their_own() {
     assert_eq!(file.wire("x", "J2_2"), [(0, Value::V1)]);
     let pulled = file.wire("y", "J2_2");
     assert!(matches!(pulled, [(0, Value::V1), (1.., Value::V0)]), "{pulled:?}");
+}
+
+#[test]
+fn power_that_fails_in_a_save_is_power_lost() {
+    let mut bench = bench();
+    let md3 = bench.add::<Md3>("x");
+    bench.run_until(2_500.millis());
+    bench.power(md3, PowerAction::Cut);
+    bench.ask(md3, &rtu::write(1, 0x1A, 1));
+    bench.run_until(3.secs());
+    assert!(!bench.powered(md3));
+    let file = File::of(&bench);
+    let green = file.wire("x", "D6").last().unwrap();
+    assert!(matches!(green, (40_000_001.., Value::X)), "{green:?}");
+    for (scope, name) in file.wires.keys() {
+        assert_eq!(file.wire(scope, name).last(), Some(&(green.0, Value::X)), "{name}");
+    }
 }
 
 #[test]

@@ -171,14 +171,14 @@ fn waveforms_survive_sigkill() {
     std::fs::write(&file, "old waveforms, which end".repeat(1_000)).unwrap();
     let md3 = Running::md3(&["--time", "manual", "--fast-boot", "--vcd", &file]);
     ask(&mut md3.connect(), &rtu::write(1, 0x11, 1), 8);
-    md3.call("PUT", "/api/drives/md3/pins/J2.3", "{\"level\":\"low\"}");
+    md3.call("PUT", "/api/drives/md3/pins/J2.2", "{\"level\":\"low\"}");
     md3.advance(3.0);
     md3.kill();
     assert_eq!(waves(&file, "STEP").iter().filter(|(level, _)| *level == '1').count(), 10_000);
     let busy = waves(&file, "J3_7");
     let [('z', 0), ('0', begins), ('z', ends)] = busy[..] else { panic!("{busy:?}") };
     assert_eq!(ends - begins, 2_500 * 16_000);
-    let pulled = waves(&file, "J2_3");
+    let pulled = waves(&file, "J2_2");
     assert!(matches!(pulled[..], [('1', 0), ('0', 1..)]), "{pulled:?}");
 }
 
