@@ -174,6 +174,7 @@ fn an_encoder_turns() {
         md3.advance(0.001);
     }
     assert_eq!(seen, [0b10, 0b00, 0b01, 0b01]);
+    assert_eq!(md3.drive()["registers"]["QuadratureEncoderCount"], 6 - 3);
 }
 
 #[test]
