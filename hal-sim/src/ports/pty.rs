@@ -140,19 +140,26 @@ impl Pty {
         if !ready.intersects(PollFlags::IN | PollFlags::HUP | PollFlags::ERR) {
             return;
         }
-        if self.is_full(bench) {
-            // He is gone (`HUP` is told unasked), and sent more than the line can take.
-            return self.clear(bench);
-        }
-        let mut buffer = [0; READ_BYTES];
-        match read_some(&self.master, &mut buffer) {
-            Came::Bytes(count) => {
-                let sender = self.sender(bench);
-                bench.send_from(client, &buffer[..count], sender);
-                over(bench, manual);
+        let gone = ready.contains(PollFlags::HUP);
+        // Of somebody who is gone all is taken at once, lest the next one adds to it.
+        loop {
+            if self.is_full(bench) {
+                // `HUP` is told unasked: he sent more than the line can take.
+                return self.clear(bench);
             }
-            Came::End => self.clear(bench),
-            Came::Nothing => {}
+            let mut buffer = [0; READ_BYTES];
+            match read_some(&self.master, &mut buffer) {
+                Came::Bytes(count) => {
+                    let sender = self.sender(bench);
+                    bench.send_from(client, &buffer[..count], sender);
+                    over(bench, manual);
+                    if !gone {
+                        return;
+                    }
+                }
+                Came::End => return self.clear(bench),
+                Came::Nothing => return,
+            }
         }
     }
 
