@@ -13,8 +13,8 @@ use heapless::{Deque, Vec};
 use standin_protocol::modbus::Frame;
 
 use crate::device::{
-    Axis, Boot, Device, Duration, Fault, Input, Instant, Level, Line, Note, Output, Pin, Plan, Port, Sink,
-    advance, feed,
+    Axis, Boot, Device, Duration, Encoder, Fault, Input, Instant, Level, Line, Note, Output, Pin, Plan, Port,
+    Sink, advance, feed,
 };
 
 /// Pins that may wave at a time.
@@ -34,6 +34,8 @@ pub enum Caught {
     Idle(Port),
     /// An input pin changed, to high or low.
     Edge(Pin, bool),
+    /// A counter in hardware: which encoder, quarter cycles since the last time, channels A and B now.
+    Count(Encoder, i32, bool, bool),
     /// The cause of a fault came or went.
     Fault(Fault, bool),
     /// A plan was taken late: so many steps more were made.
@@ -163,6 +165,7 @@ impl<D: Device, I: Inputs, O: Outputs, const MEMORY: usize> Shell<D, I, O, MEMOR
                 Caught::Spoiled(port) => Input::Spoiled { port },
                 Caught::Idle(port) => Input::Idle { port },
                 Caught::Edge(pin, high) => Input::Edge { pin, high },
+                Caught::Count(encoder, steps, a, b) => Input::Count { encoder, steps, a, b },
                 Caught::Fault(fault, on) => Input::Fault { fault, on },
                 Caught::Slipped(axis, steps) => Input::Slipped { axis, steps },
             };

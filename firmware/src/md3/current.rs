@@ -1,10 +1,11 @@
 //! Faults, and the current that the motor gets (7.2, 7.3, 7.15).
 
-use super::boot::Lights;
 use super::drive::{Drive, State};
 use super::motion::Motion;
-use super::pins::{PIN_2, Pin2};
+use super::pins::Pin2;
+use super::registers::io_port::J2_2;
 use super::registers::{Reg, current_ma, microstepping_percent};
+use super::startup::Lights;
 use super::{AXIS, OVER_TEMPERATURE};
 use crate::device::{Duration, Fault, Instant, Output, Sink};
 
@@ -38,15 +39,16 @@ impl Drive {
     }
 
     /// A command, an input change, or a motion that begins or ends: the cutback waits anew (7.3).
-    pub(super) fn touch(&mut self, at: Instant) {
+    pub(super) fn restart_cutback(&mut self, at: Instant) {
         self.quiet_since = at;
-        self.cut = false;
+        self.cut_back = false;
     }
 
     /// When the cutback begins.
     pub(super) fn cutback_due(&self) -> Instant {
         let timeout = self.bank.word(Reg::CurrentCutbackSettings) >> 8;
-        let waits = self.state == State::Ready && !self.cut && !self.fault && self.motion == Motion::None;
+        let waits =
+            self.state == State::Ready && !self.cut_back && !self.fault && self.motion == Motion::None;
         if waits && timeout > 0 {
             self.quiet_since + TIMEOUT_UNIT * u64::from(timeout)
         } else {
@@ -60,7 +62,7 @@ impl Drive {
             return;
         }
         // LOWCURRENT lowers it whatever the timeout.
-        let lowered = self.cut || self.pins.pin_2 == Pin2::LowCurrent && self.active & PIN_2 != 0;
+        let lowered = self.cut_back || self.pins.pin_2 == Pin2::LowCurrent && self.active & J2_2 != 0;
         let lights = match (self.fault, lowered) {
             (true, _) => Lights::Fault,
             (false, true) => Lights::Cutback,

@@ -2,7 +2,7 @@
 //!
 //! | file | what of the drive |
 //! |---|---|
-//! | `boot` | start-up and lights |
+//! | `startup` | start-up and lights |
 //! | `current` | faults, cutback and what the motor gets |
 //! | `eeprom` | saved registers |
 //! | `encoder` | the quadrature counter |
@@ -13,21 +13,16 @@
 
 use standin_protocol::registers::{Bank, Register};
 
-use super::boot::{Boot, Lights};
 use super::eeprom::Eeprom;
 use super::encoder::Encoder;
 use super::motion::Motion;
 use super::motor::Motor;
-use super::pins::{INPUTS, Pins};
-use super::registers::{Reg, Version, eeprom_control, homing, motion_control, motor, pin_function, pwm};
-use super::{BUSY, GPIO, J3_8, MEMORY};
+use super::pins::Pins;
+use super::registers::{Reg, Version, eeprom_control, homing, io_port, motion_control, pin_function, pwm};
+use super::startup::{Lights, Startup};
+use super::{BUSY, J2_9, J2_10, J2_12, J3_8, MEMORY};
 use crate::device::{self, Instant, Level, Output, Refused, Sink};
 use crate::memory;
-
-/// Bit of IOPortData that switches J3 pin 8 to ground (7.9).
-const J3_8_ON: u16 = 1 << 7;
-/// Bits of IOPortData that show J2 pins 9, 10, 12 while they are inputs.
-const GPIO_BITS: u16 = 0x0070;
 
 /// Whether the drive listens and moves.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -35,7 +30,9 @@ pub(super) enum State {
     /// It never had power.
     Off,
     /// The start-up delay runs: no current, no ears.
-    Starting(Boot),
+    Starting(Startup),
+    /// It has no start-up delay, and is ready when all that holds in this instant was told.
+    Waking(Instant),
     /// Normal operation, or a fault.
     Ready,
 }
@@ -45,8 +42,6 @@ pub(super) enum State {
 pub(super) struct Drive {
     pub(super) version: Version,
     pub(super) state: State,
-    /// When the start-up delay was over.
-    pub(super) ready_at: Instant,
     pub(super) bank: Bank<Reg, { Reg::WORDS }>,
     /// Whether pins or counts have changed since they were put into the bank.
     pub(super) stale: bool,
@@ -57,21 +52,22 @@ pub(super) struct Drive {
     pub(super) levels: u16,
     /// Which of J2 pins 2, 3, 4, 5 were active when they were last looked at.
     pub(super) active: u16,
-    /// Active functions of pin 3 that hold as long as the pin does: INHIBIT and
-    /// INHIBIT_MODBUS_MOTION.
+    /// INHIBIT is active.
     pub(super) inhibited: bool,
-    pub(super) blocked: bool,
+    /// INHIBIT_MODBUS_MOTION is active.
+    pub(super) bus_inhibited: bool,
     /// SPEEDSEL selects AlternateSpeed.
     pub(super) alternate: bool,
-    /// Before this instant another step pulse comes too fast.
-    pub(super) next_step: Instant,
+    /// Step pulses before this instant come too fast.
+    pub(super) steps_from: Instant,
     /// What was last written to IOPortData.
     latch: u16,
     pub(super) encoder: Encoder,
 
     pub(super) motor: Motor,
     pub(super) motion: Motion,
-    /// Whether levels of pins 4 and 5 and the endless modes move the motor: a stop ends that.
+    /// Whether levels of pins 4 and 5 and the endless modes move the motor: a stop ends that, until
+    /// they ask anew.
     pub(super) armed: bool,
 
     /// No motor current until it is enabled (7.15).
@@ -82,7 +78,7 @@ pub(super) struct Drive {
     /// The last command, input change or end of a motion.
     pub(super) quiet_since: Instant,
     /// The cutback timeout is over.
-    pub(super) cut: bool,
+    pub(super) cut_back: bool,
     /// Peak phase current, in mA.
     pub(super) current: u32,
     pub(super) lights: Lights,
@@ -97,17 +93,16 @@ impl Drive {
         Self {
             version,
             state: State::Off,
-            ready_at: Instant::ZERO,
             bank,
             stale: false,
             eeprom: Eeprom::new(),
             pins: Pins::new(0, 0, false),
-            levels: INPUTS,
+            levels: io_port::INPUTS,
             active: 0,
             inhibited: false,
-            blocked: false,
+            bus_inhibited: false,
             alternate: false,
-            next_step: Instant::ZERO,
+            steps_from: Instant::ZERO,
             latch: 0,
             encoder: Encoder::new(),
             motor: Motor::new(Instant::ZERO),
@@ -117,7 +112,7 @@ impl Drive {
             causes: 0,
             fault: false,
             quiet_since: Instant::ZERO,
-            cut: false,
+            cut_back: false,
             current: 0,
             lights: Lights::Starting,
             busy: false,
@@ -136,20 +131,29 @@ impl Drive {
         self.configure(at, out);
         self.show_port(at, out);
         self.show(at, out);
-        if boot.fast {
-            self.ready(at, out);
+        self.state = if boot.fast {
+            State::Waking(at)
         } else {
             let delay = self.bank.limited(Reg::StartupDelay).unsigned_abs();
-            self.state = State::Starting(Boot::begin(at, passed, delay, out));
+            State::Starting(Startup::begin(at, passed, delay, out))
+        };
+    }
+
+    /// Characters come: of this instant all else has been told.
+    pub(super) fn wake(&mut self, at: Instant, out: &mut dyn Sink) {
+        if let State::Waking(due) = self.state
+            && due <= at
+        {
+            self.ready(at, out);
         }
     }
 
     /// The start-up delay is over.
     fn ready(&mut self, at: Instant, out: &mut dyn Sink) {
         self.state = State::Ready;
-        self.touch(at);
+        self.restart_cutback(at);
         // What was active before is no edge now; what holds as long as a pin is active, holds.
-        self.ready_at = at;
+        self.active = self.pins.active(self.levels);
         self.configure(at, out);
         self.fault = self.causes != 0;
         if self.bank.word(Reg::HomingConfiguration) & homing::ON_STARTUP != 0 {
@@ -162,7 +166,8 @@ impl Drive {
 
     pub(super) fn deadline(&self) -> Instant {
         let starting = match self.state {
-            State::Starting(boot) => boot.due,
+            State::Starting(startup) => startup.due,
+            State::Waking(due) => due,
             State::Off | State::Ready => Instant::NEVER,
         };
         starting
@@ -178,10 +183,11 @@ impl Drive {
             self.encoder.timeout(at);
             self.stale = true;
         }
-        if let State::Starting(boot) = self.state
-            && boot.due <= at
+        self.wake(at, out);
+        if let State::Starting(startup) = self.state
+            && startup.due <= at
         {
-            match boot.next(at, out) {
+            match startup.next(at, out) {
                 Some(next) => self.state = State::Starting(next),
                 None => self.ready(at, out),
             }
@@ -191,7 +197,7 @@ impl Drive {
             self.motion_over(at, out);
         }
         if self.cutback_due() <= at {
-            self.cut = true;
+            self.cut_back = true;
         }
         self.eeprom.timeout(at, out);
         self.show(at, out);
@@ -201,8 +207,8 @@ impl Drive {
     pub(super) fn deaf_until(&self) -> Option<Instant> {
         match self.state {
             State::Off => Some(Instant::NEVER),
-            State::Starting(boot) => Some(boot.ready),
-            State::Ready => None,
+            State::Starting(startup) => Some(startup.ready),
+            State::Waking(_) | State::Ready => None,
         }
     }
 
@@ -239,11 +245,12 @@ impl Drive {
         match reg {
             Reg::IOPortData => {
                 // Inputs show their pins, outputs what was written.
-                let pins = if self.gpio_outputs() { INPUTS } else { INPUTS | GPIO_BITS };
+                let gpio = if self.gpio_outputs() { 0 } else { io_port::GPIO };
+                let pins = io_port::INPUTS | gpio;
                 i64::from(self.latch & !pins | self.levels & pins)
             }
             Reg::EncoderIndexCount => i64::from(self.encoder.index_count()),
-            Reg::QuadratureEncoderCount => i64::from(self.encoder.position()),
+            Reg::QuadratureEncoderCount => i64::from(self.encoder.count()),
             _ => self.bank.get(reg),
         }
     }
@@ -285,7 +292,7 @@ impl Drive {
         match reg {
             Reg::MotorCurrentAndMicrostepping => {
                 self.configure(at, out);
-                // The range of a duty may be another one.
+                // Another range may limit the counts otherwise.
                 self.speed_changed(at, out);
             }
             Reg::HomingConfiguration
@@ -293,8 +300,8 @@ impl Drive {
             | Reg::QuadratureEncoderMaxCount => self.configure(at, out),
             Reg::CurrentCutbackSettings => {
                 // The time that has passed counts for the new timeout.
-                self.cut = false;
-                self.cut = self.cutback_due() <= at;
+                self.cut_back = false;
+                self.cut_back = self.cutback_due() <= at;
             }
             Reg::PinFunctionAndPolarity => {
                 // The endless modes start when they are written (7.8).
@@ -307,7 +314,7 @@ impl Drive {
                 self.show_port(at, out);
             }
             Reg::EncoderIndexCount => self.encoder.set_index_count(self.bank.get(reg) as i32),
-            Reg::QuadratureEncoderCount => self.encoder.set_position(self.bank.word(reg)),
+            Reg::QuadratureEncoderCount => self.encoder.set_count(self.bank.word(reg)),
             Reg::MotionControl => self.command(at, self.bank.word(reg), out),
             Reg::MoveSteps => self.resume(at, out),
             Reg::Speed | Reg::AlternateSpeed => self.speed_changed(at, out),
@@ -322,13 +329,13 @@ impl Drive {
 
     /// Takes the settings of the motor, the pins and the encoder from their registers.
     fn configure(&mut self, at: Instant, out: &mut dyn Sink) {
-        let setting = self.bank.word(Reg::MotorCurrentAndMicrostepping);
+        let pwm = pwm(self.bank.word(Reg::MotorCurrentAndMicrostepping));
         let function = self.bank.word(Reg::PinFunctionAndPolarity);
         let ready = self.state == State::Ready;
-        if self.motor.is_dc() != (setting & motor::DC != 0) {
+        if self.motor.is_dc() != pwm.is_some() {
             self.halt(at, out);
         }
-        self.motor.set_pwm(at, pwm(setting), out);
+        self.motor.set_pwm(at, pwm, out);
         self.encoder.configure(
             at,
             self.bank.word(Reg::QuadratureEncoderConfiguration),
@@ -373,6 +380,11 @@ impl Drive {
         self.command(at, control, out);
     }
 
+    /// A board has made so many steps more than planned.
+    pub(super) fn slipped(&mut self, steps: i32) {
+        self.motor.slipped(steps);
+    }
+
     /// Whether J2 pins 9, 10 and 12 are outputs.
     pub(super) fn gpio_outputs(&self) -> bool {
         self.bank.word(Reg::PinFunctionAndPolarity) & pin_function::OUTPUTS != 0
@@ -397,8 +409,8 @@ impl Drive {
     /// Drives the outputs of IOPortData (7.9).
     fn show_port(&mut self, at: Instant, out: &mut dyn Sink) {
         self.stale = true;
-        out.put(at, Output::Level { pin: J3_8, level: open_drain(self.latch & J3_8_ON != 0) });
-        for (pin, bit) in GPIO {
+        out.put(at, Output::Level { pin: J3_8, level: open_drain(self.latch & io_port::J3_8 != 0) });
+        for (pin, bit) in [(J2_9, io_port::J2_9), (J2_10, io_port::J2_10), (J2_12, io_port::J2_12)] {
             let level = match (self.gpio_outputs(), self.latch & bit != 0) {
                 (false, _) => Level::Float,
                 (true, false) => Level::Low,

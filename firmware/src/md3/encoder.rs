@@ -48,7 +48,7 @@ pub(super) enum Channel {
 #[derive(Clone, Debug)]
 pub(super) struct Encoder {
     filter: Filter,
-    rules: Rules,
+    decoding: Decoding,
     /// Levels of the pins behind the filter.
     a: bool,
     b: bool,
@@ -66,7 +66,7 @@ impl Encoder {
     pub(super) fn new() -> Self {
         Self {
             filter: Filter { lasting: Duration::ZERO, due: [Instant::NEVER; 3] },
-            rules: Rules::new(0, 0, false),
+            decoding: Decoding::new(0, 0, false),
             a: false,
             b: false,
             index: false,
@@ -83,7 +83,7 @@ impl Encoder {
     pub(super) fn configure(&mut self, at: Instant, configuration: u16, max_count: u16, enabled: bool) {
         self.timeout(at);
         self.filter.lasting = lasting(configuration);
-        self.rules = Rules::new(configuration, max_count, enabled);
+        self.decoding = Decoding::new(configuration, max_count, enabled);
     }
 
     /// A pin has this level from `at` on. Edges of one instant count in the order of the calls.
@@ -114,7 +114,7 @@ impl Encoder {
     /// What a counter in hardware saw since the last time: `steps` quarter cycles, positive with A leading
     /// B, after which A and B have these levels. The same as so many edges while the index keeps its
     /// level, but past the filter. Levels to which the steps do not lead are taken over uncounted.
-    pub(super) fn count(&mut self, steps: i32, a: bool, b: bool) {
+    pub(super) fn take_steps(&mut self, steps: i32, a: bool, b: bool) {
         self.filter.forget_a_and_b();
         let forward = steps > 0;
         let steps = steps.unsigned_abs();
@@ -124,20 +124,20 @@ impl Encoder {
         }
         let rest = steps.saturating_sub(4);
         let (odd, even) = match self.next(forward) {
-            Channel::A => (self.rules.counts_a, self.rules.counts_b),
-            _ => (self.rules.counts_b, self.rules.counts_a),
+            Channel::A => (self.decoding.counts_a, self.decoding.counts_b),
+            _ => (self.decoding.counts_b, self.decoding.counts_a),
         };
         self.add(rest.div_ceil(2) * u32::from(odd) + rest / 2 * u32::from(even));
         (self.a, self.b) = (a, b);
     }
 
     /// QuadratureEncoderCount (7.14).
-    pub(super) fn position(&self) -> u16 {
+    pub(super) fn count(&self) -> u16 {
         self.count
     }
 
     /// A write of QuadratureEncoderCount.
-    pub(super) fn set_position(&mut self, count: u16) {
+    pub(super) fn set_count(&mut self, count: u16) {
         self.count = count;
     }
 
@@ -161,30 +161,30 @@ impl Encoder {
         match channel {
             Channel::A => {
                 self.a = !self.a;
-                self.turn(self.a != self.b, self.rules.counts_a);
+                self.turn(self.a != self.b, self.decoding.counts_a);
             }
             Channel::B => {
                 self.b = !self.b;
-                self.turn(self.a == self.b, self.rules.counts_b);
+                self.turn(self.a == self.b, self.decoding.counts_b);
             }
             Channel::Index => {
                 self.index = !self.index;
                 self.awaiting_gate = self.index;
             }
         }
-        if self.awaiting_gate && self.rules.gate(self.a, self.b) {
+        if self.awaiting_gate && self.decoding.gate(self.a, self.b) {
             self.index_event();
         }
     }
 
     /// A quarter cycle, `forward` with A leading B at the pins.
     fn turn(&mut self, forward: bool, counts: bool) {
-        self.up = forward != self.rules.swapped;
+        self.up = forward != self.decoding.swapped;
         if counts {
             self.count = match (self.up, self.count) {
-                (true, count) if count == self.rules.top => 0,
+                (true, count) if count == self.decoding.top => 0,
                 (true, count) => count.wrapping_add(1),
-                (false, 0) => self.rules.top,
+                (false, 0) => self.decoding.top,
                 (false, count) => count.wrapping_sub(1),
             };
         }
@@ -192,7 +192,7 @@ impl Encoder {
 
     /// `edges` that count, in the direction of the last one: [`Encoder::turn`] so many times.
     fn add(&mut self, edges: u32) {
-        let (count, top) = (u32::from(self.count), u32::from(self.rules.top));
+        let (count, top) = (u32::from(self.count), u32::from(self.decoding.top));
         let before_wrap = match self.up {
             true if count > top => 0xFFFF - count,
             true => top - count,
@@ -211,15 +211,15 @@ impl Encoder {
     fn index_event(&mut self) {
         self.awaiting_gate = false;
         self.index_count = self.index_count.wrapping_add(if self.up { 1 } else { -1 });
-        if self.rules.clears {
-            self.count = if self.up { 0 } else { self.rules.max_count };
+        if self.decoding.clears {
+            self.count = if self.up { 0 } else { self.decoding.max_count };
         }
     }
 }
 
 /// What the registers say, made ready for edges.
 #[derive(Clone, Debug)]
-struct Rules {
+struct Decoding {
     enabled: bool,
     x4: bool,
     swapped: bool,
@@ -234,7 +234,7 @@ struct Rules {
     top: u16,
 }
 
-impl Rules {
+impl Decoding {
     fn new(configuration: u16, max_count: u16, enabled: bool) -> Self {
         let is = |bit| configuration & bit != 0;
         Self {
@@ -317,21 +317,16 @@ impl Filter {
     }
 }
 
+/// Clocks of the noise filter, in the order of their codes (7.11).
+const FILTER_HZ: [u64; 8] =
+    [40_000_000, 20_000_000, 10_000_000, 2_500_000, 1_250_000, 625_000, 312_500, 156_250];
+
 /// Three clock periods of the filter, in whole ticks, rounded up; zero if it is disabled (7.11).
 fn lasting(configuration: u16) -> Duration {
-    const FASTEST: u64 = 40_000_000;
     if configuration & FILTER == 0 {
         return Duration::ZERO;
     }
-    let divider = match configuration >> 6 & 7 {
-        0 => 1,
-        1 => 2,
-        2 => 4,
-        3 => 16,
-        4 => 32,
-        5 => 64,
-        6 => 128,
-        _ => 256,
-    };
-    Duration::from_ticks((3 * divider * TICKS_PER_SECOND).div_ceil(FASTEST))
+    let hz = FILTER_HZ.get(usize::from(configuration >> 6 & 7));
+    let ticks = hz.and_then(|hz| (3 * TICKS_PER_SECOND + hz - 1).checked_div(*hz));
+    Duration::from_ticks(ticks.unwrap_or(0))
 }

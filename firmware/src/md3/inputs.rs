@@ -1,19 +1,13 @@
 //! What happens when a pin of J2 changes (7.8).
 
+use super::PORT_BITS;
 use super::drive::{Drive, State};
 use super::encoder::Channel;
 use super::motion::Motion;
-use super::pins::{Mode, PIN_2, PIN_3, PIN_4, PIN_5, Pin2, Pin3};
+use super::pins::{Mode, Pin2, Pin3};
 use super::registers::Reg;
+use super::registers::io_port::{J2_2, J2_3, J2_4, J2_5, J2_9, J2_10, J2_12};
 use crate::device::{Duration, Instant, Pin, Sink};
-
-/// Bits of J2 pins 9, 10 and 12 in IOPortData (7.9): index, A and B.
-pub(super) const J2_9_BIT: u16 = 1 << 6;
-pub(super) const J2_10_BIT: u16 = 1 << 5;
-pub(super) const J2_12_BIT: u16 = 1 << 4;
-
-/// The input pins in the order of the drive's pins, with their bits.
-pub(super) const PORT_BITS: [u16; 7] = [PIN_2, PIN_3, PIN_4, PIN_5, J2_9_BIT, J2_10_BIT, J2_12_BIT];
 
 /// Step pulses that follow each other faster are lost: 250 kHz (7.8).
 const STEP_INTERVAL: Duration = Duration::micros(4);
@@ -29,16 +23,16 @@ impl Drive {
         self.levels = levels;
         self.stale = true;
         match bit {
-            J2_9_BIT => {
+            J2_9 => {
                 self.encoder.edge(at, Channel::Index, high);
                 self.look_for_flag(at, out);
             }
-            J2_10_BIT => self.encoder.edge(at, Channel::A, high),
-            J2_12_BIT => self.encoder.edge(at, Channel::B, high),
+            J2_10 => self.encoder.edge(at, Channel::A, high),
+            J2_12 => self.encoder.edge(at, Channel::B, high),
             _ if self.state == State::Ready => {
-                let cut = self.cut;
-                self.touch(at);
-                if cut {
+                let cut_back = self.cut_back;
+                self.restart_cutback(at);
+                if cut_back {
                     // The current is back before this edge makes a step.
                     self.show_current(at, out);
                 }
@@ -50,10 +44,10 @@ impl Drive {
     }
 
     /// A counter of a board has seen quarter cycles.
-    pub(super) fn counted(&mut self, steps: i32, a: bool, b: bool) {
-        self.encoder.count(steps, a, b);
-        let channels = if a { J2_10_BIT } else { 0 } | if b { J2_12_BIT } else { 0 };
-        self.levels = self.levels & !(J2_10_BIT | J2_12_BIT) | channels;
+    pub(super) fn take_count(&mut self, steps: i32, a: bool, b: bool) {
+        self.encoder.take_steps(steps, a, b);
+        let channels = if a { J2_10 } else { 0 } | if b { J2_12 } else { 0 };
+        self.levels = self.levels & !(J2_10 | J2_12) | channels;
         self.stale = true;
     }
 
@@ -61,12 +55,11 @@ impl Drive {
     /// polarity is an edge when it changes what is active.
     pub(super) fn look(&mut self, at: Instant, out: &mut dyn Sink) {
         let active = self.pins.active(self.levels);
-        // Levels that are told in the instant in which the drive becomes ready were there before.
-        let edges = if at == self.ready_at { 0 } else { active ^ self.active };
+        let edges = active ^ self.active;
         self.active = active;
         self.look_at_pin_2(at, out);
         self.look_at_pin_3(edges & active, at, out);
-        if edges & (PIN_4 | PIN_5) != 0 {
+        if edges & (J2_4 | J2_5) != 0 {
             self.look_at_pins_4_and_5(edges, at, out);
         }
         self.resume(at, out);
@@ -74,7 +67,7 @@ impl Drive {
 
     fn look_at_pin_2(&mut self, at: Instant, out: &mut dyn Sink) {
         self.look_for_flag(at, out);
-        let alternate = self.pins.pin_2 == Pin2::SpeedSelect && self.active & PIN_2 != 0;
+        let alternate = self.pins.pin_2 == Pin2::SpeedSelect && self.active & J2_2 != 0;
         if alternate != self.alternate {
             self.alternate = alternate;
             if self.motion == Motion::Profile && self.bank.get(Reg::SpeedselJogsProfile) != 0 {
@@ -86,19 +79,19 @@ impl Drive {
     }
 
     fn look_at_pin_3(&mut self, activated: u16, at: Instant, out: &mut dyn Sink) {
-        let active = self.active & PIN_3 != 0;
+        let active = self.active & J2_3 != 0;
         let inhibited = active && self.pins.pin_3 == Pin3::Inhibit;
-        let blocked = active && self.pins.pin_3 == Pin3::InhibitModbus;
-        let homes = activated & PIN_3 != 0 && self.pins.pin_3 == Pin3::Home;
-        if homes || inhibited && !self.inhibited || blocked && !self.blocked {
+        let bus_inhibited = active && self.pins.pin_3 == Pin3::InhibitModbus;
+        let homes = activated & J2_3 != 0 && self.pins.pin_3 == Pin3::Home;
+        if homes || inhibited && !self.inhibited || bus_inhibited && !self.bus_inhibited {
             self.clear_fault();
         }
         self.inhibited = inhibited;
-        if blocked && !self.blocked {
+        if bus_inhibited && !self.bus_inhibited {
             // "Currently running motion is stopped."
             self.stop(at, out);
         }
-        self.blocked = blocked;
+        self.bus_inhibited = bus_inhibited;
         if homes {
             self.home(at, out);
         }
@@ -108,8 +101,8 @@ impl Drive {
     fn look_at_pins_4_and_5(&mut self, edges: u16, at: Instant, out: &mut dyn Sink) {
         let fell = |pin| edges & self.active & pin != 0;
         let rose = |pin| edges & !self.active & pin != 0;
-        let (fell_4, rose_4, fell_5) = (fell(PIN_4), rose(PIN_4), fell(PIN_5));
-        let pin_5 = self.active & PIN_5 != 0;
+        let (fell_4, rose_4, fell_5) = (fell(J2_4), rose(J2_4), fell(J2_5));
+        let pin_5 = self.active & J2_5 != 0;
         match self.pins.mode {
             Mode::StepDirection if fell_4 => self.step(pin_5, at, out),
             Mode::JogDirection | Mode::JogEitherWay => {
@@ -136,8 +129,8 @@ impl Drive {
 
     /// A step pulse.
     fn step(&mut self, backward: bool, at: Instant, out: &mut dyn Sink) {
-        if at >= self.next_step && self.may_step() {
-            self.next_step = at + STEP_INTERVAL;
+        if at >= self.steps_from && self.may_step() {
+            self.steps_from = at + STEP_INTERVAL;
             self.motor.step(at, if backward { -1 } else { 1 }, out);
         }
     }

@@ -5,7 +5,6 @@
 //! but what no master sees: "Reset Device", firmware and serial-number updates, which it does not
 //! publish (3.2, 7.20).
 
-mod boot;
 mod current;
 mod drive;
 mod eeprom;
@@ -15,6 +14,7 @@ mod motion;
 mod motor;
 mod pins;
 mod registers;
+mod startup;
 #[cfg(test)]
 mod tests;
 
@@ -25,9 +25,8 @@ use standin_protocol::modbus::{Frame, Why};
 use standin_protocol::registers::{Register, Table};
 
 use self::drive::Drive;
-use self::inputs::{J2_9_BIT, J2_10_BIT, J2_12_BIT};
-use self::registers::Version;
 pub use self::registers::{Reg, line, motion_control};
+use self::registers::{Version, io_port};
 use crate::device::{
     Axis, AxisSpec, Boot, Device, EncoderSpec, Ends, Fault, Input, Instant, Level, Note, Output, Pin,
     PinSpec, Port, PortSpec, Refused, Role, Sink, Spec,
@@ -47,8 +46,16 @@ const DIR: Pin = Pin(10);
 const RED: Pin = Pin(11);
 const GREEN: Pin = Pin(12);
 
-/// J2 pins 9, 10, 12 with their bits in IOPortData (7.9).
-const GPIO: [(Pin, u16); 3] = [(J2_9, J2_9_BIT), (J2_10, J2_10_BIT), (J2_12, J2_12_BIT)];
+/// The pins that are inputs or may be, from the first one on, as their bits in IOPortData (7.9).
+const PORT_BITS: [u16; 7] = [
+    io_port::J2_2,
+    io_port::J2_3,
+    io_port::J2_4,
+    io_port::J2_5,
+    io_port::J2_9,
+    io_port::J2_10,
+    io_port::J2_12,
+];
 /// Bytes of the EEPROM that hold the registers.
 const MEMORY: usize = memory::bytes(Reg::SAVED_WORDS) as usize;
 
@@ -195,6 +202,9 @@ impl Device for Md3 {
 
     fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Sink) {
         let character = matches!(input, Input::Bytes { .. } | Input::Spoiled { .. });
+        if character || matches!(input, Input::Idle { .. }) {
+            self.drive.wake(at, out);
+        }
         if character && self.receiver.is_over(at) {
             self.serve(at, out);
         }
@@ -206,8 +216,8 @@ impl Device for Md3 {
             Input::Idle { .. } => self.serve(at, out),
             Input::Edge { pin, high } => self.drive.edge(at, pin, high, out),
             Input::Fault { fault, on } => self.drive.set_cause(at, fault, on, out),
-            Input::Count { steps, a, b, .. } => self.drive.counted(steps, a, b),
-            Input::Slipped { steps, .. } => self.drive.motor.slipped(steps),
+            Input::Count { steps, a, b, .. } => self.drive.take_count(steps, a, b),
+            Input::Slipped { steps, .. } => self.drive.slipped(steps),
             // It has no such ports.
             Input::Spoiled { .. }
             | Input::Attached { .. }

@@ -3,8 +3,8 @@
 use fixed::types::{I24F8, U24F8};
 
 use super::drive::{Drive, State};
-use super::inputs::J2_9_BIT;
-use super::pins::{Mode, PIN_2, PIN_4, PIN_5};
+use super::pins::{Mode, Pin2};
+use super::registers::io_port::{J2_2, J2_4, J2_5, J2_9};
 use super::registers::{Reg, homing, motion_control};
 use crate::device::{Duration, Instant, Sink};
 use crate::motion::Rates;
@@ -29,6 +29,8 @@ pub(super) struct Jog {
     by_pins: bool,
     /// Against the sign of Speed.
     reversed: bool,
+    /// What it ramps to and stays at.
+    speed: I24F8,
     /// It slows down, and is over when it stands.
     ends: bool,
 }
@@ -37,11 +39,13 @@ pub(super) struct Jog {
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum Part {
     PreOffset,
-    /// Until the flag is seen at a sample; `NEVER` while it is not active.
-    Search {
+    /// On the way to the flag or the index.
+    Search,
+    /// The flag is active, and will be sampled.
+    Seen {
         sample: Instant,
     },
-    /// The flag was found: to a standstill.
+    /// It was found: to a standstill.
     Slowing,
     Offset,
 }
@@ -63,12 +67,12 @@ impl Drive {
     /// A write of MotionControl (7.15): the fault first, then Disable, which is a level and forbids the
     /// rest, then the first bit that is set. INHIBIT_MODBUS_MOTION leaves only Disable (7.8).
     pub(super) fn command(&mut self, at: Instant, word: u16, out: &mut dyn Sink) {
-        let has = |bit| word & bit != 0 && !self.blocked;
+        let has = |bit| word & bit != 0 && !self.bus_inhibited;
         let (clear, stop, decelerate) =
             (has(motion_control::FAULT), has(motion_control::STOP), has(motion_control::DECEL_STOP));
         let (home, jog, profile) =
             (has(motion_control::HOME), has(motion_control::JOG), has(motion_control::MOVE));
-        self.touch(at);
+        self.restart_cutback(at);
         if clear {
             self.clear_fault();
         }
@@ -102,29 +106,33 @@ impl Drive {
         moves
     }
 
-    /// A jog from standstill, or at a new speed.
+    /// A jog from standstill; one that runs ramps to the present speed.
     fn jog_by_bus(&mut self, at: Instant, out: &mut dyn Sink) {
         match self.motion {
-            Motion::Jog(jog) if !jog.ends => self.jog(jog, at, out),
-            _ => self.jog(Jog { by_pins: false, reversed: false, ends: false }, at, out),
+            Motion::Jog(jog) if !jog.ends => self.jog(jog.by_pins, jog.reversed, at, out),
+            _ => self.jog(false, false, at, out),
         }
     }
 
     /// Nothing while something else moves, and nothing without an acceleration, which would take for
     /// ever.
-    fn jog(&mut self, jog: Jog, at: Instant, out: &mut dyn Sink) {
-        let speed = if jog.reversed { -self.speed() } else { self.speed() };
+    fn jog(&mut self, by_pins: bool, reversed: bool, at: Instant, out: &mut dyn Sink) {
+        let speed = self.jog_speed(reversed);
         let starts = self.motion == Motion::None && self.may_move() && speed != 0;
         let acceleration = self.acceleration();
         if (starts || matches!(self.motion, Motion::Jog(_))) && acceleration > 0 {
             self.motor.towards(at, speed, acceleration, out);
-            self.enter(Motion::Jog(jog), at);
+            self.enter(Motion::Jog(Jog { by_pins, reversed, speed, ends: false }), at);
         }
+    }
+
+    fn jog_speed(&self, reversed: bool) -> I24F8 {
+        if reversed { -self.speed() } else { self.speed() }
     }
 
     /// What pins 4 and 5 ask for in the modes that jog: in which direction, if at all.
     fn jog_wanted(&self) -> Option<bool> {
-        let (pin_4, pin_5) = (self.active & PIN_4 != 0, self.active & PIN_5 != 0);
+        let (pin_4, pin_5) = (self.active & J2_4 != 0, self.active & J2_5 != 0);
         match (self.pins.mode, pin_4, pin_5) {
             (Mode::JogDirection, true, reversed) => Some(reversed),
             // The direction that runs stays; from rest pin 4's.
@@ -140,12 +148,9 @@ impl Drive {
     /// Jogs as pins 4 and 5 ask for it, or no longer.
     pub(super) fn jog_by_pins(&mut self, at: Instant, out: &mut dyn Sink) {
         match (self.jog_wanted(), self.motion) {
-            (Some(reversed), Motion::None | Motion::Jog(_)) => {
-                let jog = Jog { by_pins: true, reversed, ends: false };
-                if self.motion != Motion::Jog(jog) {
-                    self.jog(jog, at, out);
-                }
-            }
+            (Some(wanted), Motion::Jog(Jog { by_pins: true, reversed, ends: false, .. }))
+                if wanted == reversed => {}
+            (Some(reversed), Motion::None | Motion::Jog(_)) => self.jog(true, reversed, at, out),
             (None, Motion::Jog(jog)) if jog.by_pins && !jog.ends => {
                 self.slow_down(Motion::Jog(Jog { ends: true, ..jog }), at, out);
             }
@@ -155,81 +160,86 @@ impl Drive {
 
     /// A home cycle, from standstill only; whether it moves.
     pub(super) fn home(&mut self, at: Instant, out: &mut dyn Sink) -> bool {
-        let known = homing::mode(self.bank.word(Reg::HomingConfiguration)) <= 3;
-        known && self.may_step() && self.home_on(Part::PreOffset, at, out)
+        let known = homing::mode(self.homing()).is_some();
+        known
+            && self.may_step()
+            && (self.home_by(Part::PreOffset, Reg::PreHomeOffset, at, out) || self.search_on(at, out))
     }
 
-    /// Goes on with a home cycle: with `part`, or the next one that takes any time. Whether there is
-    /// one.
-    fn home_on(&mut self, part: Part, at: Instant, out: &mut dyn Sink) -> bool {
+    /// The move of an offset, as `part` of a home cycle; whether that takes any time.
+    fn home_by(&mut self, part: Part, offset: Reg, at: Instant, out: &mut dyn Sink) -> bool {
         // SPEEDSEL does not matter here.
-        let speed = magnitude(self.normal_speed());
-        let acceleration = self.acceleration();
-        let rates = Rates::even(speed, acceleration);
-        if speed == 0 || acceleration == 0 {
-            return false;
-        }
-        let steps = |reg| self.bank.get(reg) as i32;
-        let (before, after) = (steps(Reg::PreHomeOffset), steps(Reg::HomeOffset));
-        if part == Part::PreOffset && self.motor.profile(at, before, rates, out) {
-            self.enter(Motion::Home(Part::PreOffset), at);
-            return true;
-        }
-        if matches!(part, Part::PreOffset | Part::Search { .. }) && !self.flag() {
-            let configuration = self.bank.word(Reg::HomingConfiguration);
-            // "The acceleration is not divided down" (7.5).
-            let search = I24F8::from_bits(speed.to_bits().cast_signed() >> homing::divisor(configuration));
-            let backward = configuration & homing::BACKWARD != 0;
-            self.motor.towards(at, if backward { -search } else { search }, acceleration, out);
-            self.enter(Motion::Home(Part::Search { sample: Instant::NEVER }), at);
-            return true;
-        }
-        let moves = self.motor.profile(at, after, rates, out);
+        let rates = Rates::even(magnitude(self.normal_speed()), self.acceleration());
+        let moves = self.motor.profile(at, self.bank.get(offset) as i32, rates, out);
         if moves {
-            self.enter(Motion::Home(Part::Offset), at);
+            self.enter(Motion::Home(part), at);
         }
         moves
     }
 
+    /// The search, or what follows it if there is nothing to search for; whether that takes any time.
+    fn search_on(&mut self, at: Instant, out: &mut dyn Sink) -> bool {
+        let (speed, acceleration) = (magnitude(self.normal_speed()), self.acceleration());
+        if speed == 0 || acceleration == 0 {
+            return false;
+        }
+        if self.flag() {
+            return self.home_by(Part::Offset, Reg::HomeOffset, at, out);
+        }
+        // "The acceleration is not divided down" (7.5).
+        let search = I24F8::from_bits(speed.to_bits().cast_signed() >> homing::divisor(self.homing()));
+        let backward = self.homing() & homing::BACKWARD != 0;
+        self.motor.towards(at, if backward { -search } else { search }, acceleration, out);
+        self.enter(Motion::Home(Part::Search), at);
+        true
+    }
+
     /// Whether what a home cycle searches for is there.
     fn flag(&self) -> bool {
-        match homing::mode(self.bank.word(Reg::HomingConfiguration)) {
-            0 | 1 => self.active & PIN_2 != 0,
+        match homing::mode(self.homing()) {
             // "Active high encoder index pulse on J2 pin 9"
-            _ => self.levels & J2_9_BIT != 0 && !self.gpio_outputs(),
+            Some(homing::Mode { by_index: true, .. }) => self.levels & J2_9 != 0 && !self.gpio_outputs(),
+            Some(_) => self.active & J2_2 != 0,
+            None => false,
         }
     }
 
     /// Pin 2 or 9 has changed: an index is seen at once, the flag at the next sample.
     pub(super) fn look_for_flag(&mut self, at: Instant, out: &mut dyn Sink) {
-        if self.motion != Motion::Home(Part::Search { sample: Instant::NEVER }) || !self.flag() {
+        if self.motion != Motion::Home(Part::Search) || !self.flag() {
             return;
         }
-        if homing::mode(self.bank.word(Reg::HomingConfiguration)) >= 2 {
-            self.flag_found(at, out);
-        } else {
+        if self.pins.pin_2 == Pin2::Flag {
             let samples = (at.since(Instant::ZERO) + FLAG_SAMPLE - Duration::TICK) / FLAG_SAMPLE;
-            let sample = Instant::ZERO + FLAG_SAMPLE * samples;
-            self.motion = Motion::Home(Part::Search { sample });
+            self.motion = Motion::Home(Part::Seen { sample: Instant::ZERO + FLAG_SAMPLE * samples });
+        } else {
+            self.flag_found(at, out);
         }
     }
 
-    /// Stops the search: at once, or in modes 1 and 3 with a ramp.
+    /// Stops the search: at once, or with a ramp.
     fn flag_found(&mut self, at: Instant, out: &mut dyn Sink) {
-        if homing::mode(self.bank.word(Reg::HomingConfiguration)) & 1 == 0 {
-            self.motor.halt(at, out);
-        } else {
+        if homing::mode(self.homing()).is_some_and(|mode| mode.with_ramp) {
             self.motor.towards(at, I24F8::ZERO, self.acceleration(), out);
+        } else {
+            self.motor.halt(at, out);
         }
         self.motion = Motion::Home(Part::Slowing);
+    }
+
+    /// HomingConfiguration (7.5).
+    fn homing(&self) -> u16 {
+        self.bank.word(Reg::HomingConfiguration)
     }
 
     /// When what moves wants to be looked at.
     pub(super) fn motion_due(&self) -> Instant {
         match self.motion {
             // A jog goes on when its ramp has reached standstill: the speed may rise again.
-            Motion::None | Motion::Jog(Jog { ends: false, .. }) => Instant::NEVER,
-            Motion::Home(Part::Search { sample }) => sample,
+            Motion::None | Motion::Jog(Jog { ends: false, .. }) | Motion::Home(Part::Search) => {
+                Instant::NEVER
+            }
+            Motion::Home(Part::Seen { sample }) => sample,
             Motion::Profile | Motion::Jog(_) | Motion::DecelStop | Motion::Home(_) => self.motor.end(),
         }
     }
@@ -238,16 +248,16 @@ impl Drive {
     pub(super) fn motion_over(&mut self, at: Instant, out: &mut dyn Sink) {
         let over = self.motion;
         let goes_on = match over {
-            Motion::Home(Part::Search { .. }) => {
+            Motion::Home(Part::Seen { .. }) => {
                 if self.flag() {
                     self.flag_found(at, out);
                 } else {
-                    self.motion = Motion::Home(Part::Search { sample: Instant::NEVER });
+                    self.motion = Motion::Home(Part::Search);
                 }
                 true
             }
-            Motion::Home(Part::PreOffset) => self.home_on(Part::Search { sample: Instant::NEVER }, at, out),
-            Motion::Home(Part::Slowing) => self.home_on(Part::Offset, at, out),
+            Motion::Home(Part::PreOffset) => self.search_on(at, out),
+            Motion::Home(Part::Slowing) => self.home_by(Part::Offset, Reg::HomeOffset, at, out),
             _ => false,
         };
         if goes_on {
@@ -302,16 +312,20 @@ impl Drive {
     /// profile move (7.17).
     pub(super) fn speed_changed(&mut self, at: Instant, out: &mut dyn Sink) {
         match self.motion {
-            Motion::Jog(jog) if !jog.ends => self.jog(jog, at, out),
+            Motion::Jog(jog) if !jog.ends => {
+                if jog.speed != self.jog_speed(jog.reversed) {
+                    self.jog(jog.by_pins, jog.reversed, at, out);
+                }
+            }
             _ => self.resume(at, out),
         }
     }
 
     /// SPEEDSEL has changed in a profile move: 7.8 ignores that, 7.18 makes a jog of it.
     pub(super) fn jog_on(&mut self, at: Instant, out: &mut dyn Sink) {
-        let jog = Jog { by_pins: false, reversed: false, ends: false };
-        self.motion = Motion::Jog(jog);
-        self.jog(jog, at, out);
+        let speed = I24F8::ZERO;
+        self.motion = Motion::Jog(Jog { by_pins: false, reversed: false, speed, ends: false });
+        self.jog(false, false, at, out);
     }
 
     /// "Changing the acceleration while the motor is moving will cause the motor to stop" (7.17): in a
@@ -358,7 +372,7 @@ impl Drive {
     /// A motion begins or ends: either way the cutback waits anew (7.3).
     fn enter(&mut self, motion: Motion, at: Instant) {
         self.motion = motion;
-        self.touch(at);
+        self.restart_cutback(at);
     }
 
     /// Whether a command may set the motor in motion.
@@ -390,10 +404,14 @@ impl Drive {
         self.in_range(if self.bank.get(Reg::Speed) < 0 { -speed } else { speed })
     }
 
+    /// A DC motor's duty has at most as many counts as its period.
     fn in_range(&self, speed: i32) -> I24F8 {
-        let range = self.motor.range();
+        let speed = match self.motor.pwm() {
+            Some(pwm) => speed.min(pwm.range.get().cast_signed()).max(-pwm.range.get().cast_signed()),
+            None => speed,
+        };
         // At most 40,000: it fits.
-        I24F8::from_bits(speed.min(range).max(-range) << 8)
+        I24F8::from_bits(speed << 8)
     }
 }
 

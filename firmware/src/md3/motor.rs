@@ -2,7 +2,7 @@
 
 use core::num::NonZeroU64;
 
-use fixed::types::I24F8;
+use fixed::types::{I24F8, I48F16};
 
 use super::AXIS;
 use super::registers::Pwm;
@@ -26,9 +26,10 @@ pub(super) struct Motor {
     stands: Option<i32>,
     has_current: bool,
     pwm: Option<Pwm>,
-    /// Duty that the brush motor has, and that it will have in the end.
+    /// Duty of the brush motor, in 1/65536 of full on, signed.
     duty: i32,
-    aim: i32,
+    /// The counts that it will have in the end.
+    aim: I24F8,
     /// When a period begins that has another duty.
     next_period: Instant,
 }
@@ -42,7 +43,7 @@ impl Motor {
             has_current: false,
             pwm: None,
             duty: 0,
-            aim: 0,
+            aim: I24F8::ZERO,
             next_period: Instant::NEVER,
         }
     }
@@ -62,9 +63,9 @@ impl Motor {
         self.pwm.is_some()
     }
 
-    /// The greatest speed, in steps/s, or in counts of a brush motor's duty.
-    pub(super) fn range(&self) -> i32 {
-        self.pwm.map_or(i32::MAX >> 8, |pwm| pwm.range.get().cast_signed())
+    /// How a brush motor is driven; `None` for a stepper.
+    pub(super) fn pwm(&self) -> Option<Pwm> {
+        self.pwm
     }
 
     /// Whether a brush motor is turned.
@@ -72,7 +73,8 @@ impl Motor {
         self.duty != 0
     }
 
-    /// A stepper, or a brush motor with these periods. The drive has stopped it before.
+    /// A stepper, or a brush motor with these periods: its counts are of the new range from the next
+    /// period on. The drive has stopped what was the other.
     pub(super) fn set_pwm(&mut self, at: Instant, pwm: Option<Pwm>, out: &mut dyn Sink) {
         self.pwm = pwm;
         self.follow(at, out);
@@ -106,14 +108,14 @@ impl Motor {
         out: &mut dyn Sink,
     ) -> bool {
         let plan = self.plan.resumed(at, self.planned(at)).towards(at, speed, acceleration);
-        self.aim = self.duty_of(i64::from(speed.to_bits()) << 8);
+        self.aim = speed;
         self.go(at, plan, out);
         self.end() > at
     }
 
     /// Stops at once.
     pub(super) fn halt(&mut self, at: Instant, out: &mut dyn Sink) {
-        self.aim = 0;
+        self.aim = I24F8::ZERO;
         self.set_duty(at, 0, out);
         let position = self.planned(at);
         self.go(at, Plan::rest(at, position), out);
@@ -121,7 +123,7 @@ impl Motor {
 
     /// The plan has come to its end: so does a brush motor's duty, before its period is over.
     pub(super) fn over(&mut self, at: Instant, out: &mut dyn Sink) {
-        self.set_duty(at, self.aim, out);
+        self.set_duty(at, self.duty_of(self.aim.into()), out);
         self.schedule(at);
     }
 
@@ -145,7 +147,7 @@ impl Motor {
     /// A period of the PWM begins.
     pub(super) fn timeout(&mut self, at: Instant, out: &mut dyn Sink) {
         if self.next_period <= at {
-            let duty = self.duty_of(self.plan.speed_at(at).to_bits());
+            let duty = self.duty_of(self.plan.speed_at(at));
             self.set_duty(at, duty, out);
             self.schedule(at);
         }
@@ -195,7 +197,7 @@ impl Motor {
     /// When the duty changes next: with a period, never within one.
     fn schedule(&mut self, at: Instant) {
         self.next_period = match self.pwm {
-            Some(Pwm { period, .. }) if self.has_current && self.duty != self.aim => {
+            Some(Pwm { period, .. }) if self.has_current && self.duty != self.duty_of(self.aim.into()) => {
                 let begun = at.since(Instant::ZERO) / period;
                 Instant::ZERO + period * (begun + 1)
             }
@@ -203,12 +205,12 @@ impl Motor {
         };
     }
 
-    /// The duty of a speed in 1/65536 count.
-    fn duty_of(&self, speed: i64) -> i32 {
+    /// The duty of so many counts, in 1/65536 of full on.
+    fn duty_of(&self, counts: I48F16) -> i32 {
         let Some(Pwm { range, .. }) = self.pwm else { return 0 };
-        let duty = speed.unsigned_abs() / NonZeroU64::from(range);
+        let duty = counts.to_bits().unsigned_abs() / NonZeroU64::from(range);
         let duty = i32::try_from(duty).unwrap_or(FULL).min(FULL);
-        if speed < 0 { -duty } else { duty }
+        if counts < 0 { -duty } else { duty }
     }
 
     fn set_duty(&mut self, at: Instant, duty: i32, out: &mut dyn Sink) {

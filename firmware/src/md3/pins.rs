@@ -1,14 +1,8 @@
 //! What J2 pins 2 to 5 are for (7.8).
 
-use super::registers::{homing, pin_function};
-
-/// Bits of J2 pins 2, 3, 4 and 5 in IOPortData (7.9), and of their polarities (7.8).
-pub(super) const PIN_2: u16 = 1 << 3;
-pub(super) const PIN_3: u16 = 1 << 2;
-pub(super) const PIN_4: u16 = 1 << 1;
-pub(super) const PIN_5: u16 = 1 << 0;
-/// All four.
-pub(super) const INPUTS: u16 = PIN_2 | PIN_3 | PIN_4 | PIN_5;
+use super::registers::homing::{self, Mode as Homing};
+use super::registers::io_port::INPUTS;
+use super::registers::pin_function;
 
 /// What pin 2 is.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -76,20 +70,20 @@ pub(super) struct Pins {
 impl Pins {
     /// As PinFunctionAndPolarity and HomingConfiguration say, for a stepper or a DC motor.
     pub(super) fn new(function: u16, homing: u16, dc: bool) -> Self {
-        let pin_2 = match (homing::mode(homing), function >> pin_function::PIN_2 & 3) {
+        let pin_2 = match (homing::mode(homing), function >> pin_function::PIN_2_AT & 3) {
             // Homing by the flag takes the pin, whatever its function says.
-            (0 | 1, _) => Pin2::Flag,
+            (Some(Homing { by_index: false, .. }), _) => Pin2::Flag,
             (_, 0) => Pin2::LowCurrent,
             (_, 1) => Pin2::SpeedSelect,
             _ => Pin2::None,
         };
-        let pin_3 = match function >> pin_function::PIN_3 & 3 {
+        let pin_3 = match function >> pin_function::PIN_3_AT & 3 {
             0 => Pin3::Inhibit,
             1 => Pin3::Home,
             2 => Pin3::InhibitModbus,
             _ => Pin3::None,
         };
-        let mode = match function >> pin_function::PINS_4_5 & 0xF {
+        let mode = match function >> pin_function::PINS_4_5_AT & 0xF {
             0b0110 => Mode::JogDirection,
             0b0111 => Mode::JogEitherWay,
             // "0110 or 0111 are the only allowed options."

@@ -128,7 +128,7 @@ pub(super) mod motor {
     /// A DC motor on phase B.
     pub(in super::super) const DC: u16 = 1 << 13;
     /// Place of the motor control parameter: microstepping, or frequency of the PWM.
-    pub(in super::super) const PARAMETER: u16 = 8;
+    pub(in super::super) const PARAMETER_AT: u16 = 8;
 }
 
 /// Fields of [`Reg::HomingConfiguration`] (7.5).
@@ -138,9 +138,25 @@ pub(super) mod homing {
     /// The search goes backward.
     pub(in super::super) const BACKWARD: u16 = 1 << 4;
 
-    /// What is searched for: the flag (0, 1) or the index (2, 3), with a stop at once or a ramp.
-    pub(in super::super) const fn mode(configuration: u16) -> u16 {
-        configuration >> 1 & 7
+    /// What a home cycle searches for, and how it stops there.
+    #[derive(Clone, Copy, PartialEq, Eq, Debug)]
+    pub(in super::super) struct Mode {
+        /// The index on J2 pin 9, not the flag on pin 2.
+        pub(in super::super) by_index: bool,
+        /// With a ramp, not at once.
+        pub(in super::super) with_ramp: bool,
+    }
+
+    /// The homing mode; `None` for the codes that the manual does not print.
+    pub(in super::super) const fn mode(configuration: u16) -> Option<Mode> {
+        let (by_index, with_ramp) = match configuration >> 1 & 7 {
+            0 => (false, false),
+            1 => (false, true),
+            2 => (true, false),
+            3 => (true, true),
+            _ => return None,
+        };
+        Some(Mode { by_index, with_ramp })
     }
 
     /// The search is so many times halved in speed.
@@ -154,11 +170,28 @@ pub(super) mod pin_function {
     /// J2 pins 9, 10 and 12 are outputs, not the encoder. The name of the bit says the opposite.
     pub(in super::super) const OUTPUTS: u16 = 1 << 12;
     /// Place of the function of pin 2.
-    pub(in super::super) const PIN_2: u16 = 10;
+    pub(in super::super) const PIN_2_AT: u16 = 10;
     /// Place of the function of pin 3.
-    pub(in super::super) const PIN_3: u16 = 8;
+    pub(in super::super) const PIN_3_AT: u16 = 8;
     /// Place of the function of pins 4 and 5.
-    pub(in super::super) const PINS_4_5: u16 = 4;
+    pub(in super::super) const PINS_4_5_AT: u16 = 4;
+}
+
+/// Bits of [`Reg::IOPortData`] (7.9); those of pins 2 to 5 are also their places among the polarities
+/// of [`Reg::PinFunctionAndPolarity`].
+pub(super) mod io_port {
+    pub(in super::super) const J3_8: u16 = 1 << 7;
+    pub(in super::super) const J2_9: u16 = 1 << 6;
+    pub(in super::super) const J2_10: u16 = 1 << 5;
+    pub(in super::super) const J2_12: u16 = 1 << 4;
+    pub(in super::super) const J2_2: u16 = 1 << 3;
+    pub(in super::super) const J2_3: u16 = 1 << 2;
+    pub(in super::super) const J2_4: u16 = 1 << 1;
+    pub(in super::super) const J2_5: u16 = 1 << 0;
+    /// Pins that are always inputs.
+    pub(in super::super) const INPUTS: u16 = J2_2 | J2_3 | J2_4 | J2_5;
+    /// Pins that are inputs or outputs.
+    pub(in super::super) const GPIO: u16 = J2_9 | J2_10 | J2_12;
 }
 
 /// Which of the two current types a drive is (7.2, 7.21).
@@ -194,7 +227,7 @@ pub(super) fn current_ma(version: Version, code: u16) -> u32 {
 
 /// The share of the peak current that a stepper's phases get, in percent: full step has 71 (7.2).
 pub(super) fn microstepping_percent(setting: u16) -> u32 {
-    if setting & motor::DC == 0 && setting >> motor::PARAMETER & 0x1F == 0 { 71 } else { 100 }
+    if setting & motor::DC == 0 && setting >> motor::PARAMETER_AT & 0x1F == 0 { 71 } else { 100 }
 }
 
 /// How a DC motor is driven (7.2).
@@ -225,7 +258,7 @@ pub(super) fn pwm(setting: u16) -> Option<Pwm> {
     if setting & motor::DC == 0 {
         return None;
     }
-    let (hz, range) = PWM.get(usize::from(setting >> motor::PARAMETER & 0x1F)).or(PWM.last())?;
+    let (hz, range) = PWM.get(usize::from(setting >> motor::PARAMETER_AT & 0x1F)).or(PWM.last())?;
     let period = Duration::from_ticks(TICKS_PER_SECOND.checked_div(*hz)?);
     Some(Pwm { period, range: NonZeroU32::new(*range)? })
 }

@@ -64,7 +64,7 @@ impl Shaft {
             let (next_a, next_b) = self.levels();
             if a == next_a { self.edge(B, next_b) } else { self.edge(A, next_a) }
         }
-        self.encoder.position()
+        self.encoder.count()
     }
 
     fn levels(&self) -> State {
@@ -77,7 +77,7 @@ impl Shaft {
     }
 
     fn counts(&self) -> (u16, i32) {
-        (self.encoder.position(), self.encoder.index_count())
+        (self.encoder.count(), self.encoder.index_count())
     }
 }
 
@@ -85,21 +85,21 @@ impl Shaft {
 fn x4_counts_every_edge_up_while_a_leads_b() {
     let mut shaft = Shaft::new(X4_INDEX, 0);
     shaft.edge(A, true);
-    assert_eq!(shaft.encoder.position(), 1);
+    assert_eq!(shaft.encoder.count(), 1);
     shaft.edge(B, true);
-    assert_eq!(shaft.encoder.position(), 2);
+    assert_eq!(shaft.encoder.count(), 2);
     shaft.edge(A, false);
-    assert_eq!(shaft.encoder.position(), 3);
+    assert_eq!(shaft.encoder.count(), 3);
     shaft.edge(B, false);
-    assert_eq!(shaft.encoder.position(), 4);
+    assert_eq!(shaft.encoder.count(), 4);
     shaft.edge(B, true);
-    assert_eq!(shaft.encoder.position(), 3);
+    assert_eq!(shaft.encoder.count(), 3);
     shaft.edge(A, true);
-    assert_eq!(shaft.encoder.position(), 2);
+    assert_eq!(shaft.encoder.count(), 2);
     shaft.edge(B, false);
-    assert_eq!(shaft.encoder.position(), 1);
+    assert_eq!(shaft.encoder.count(), 1);
     shaft.edge(A, false);
-    assert_eq!(shaft.encoder.position(), 0);
+    assert_eq!(shaft.encoder.count(), 0);
 }
 
 #[test]
@@ -112,9 +112,9 @@ fn x2_counts_the_edges_of_a_in_the_direction_b_tells() {
     // A alone, to and fro while B is high.
     shaft.turn(2);
     shaft.edge(A, false);
-    assert_eq!(shaft.encoder.position(), 2);
+    assert_eq!(shaft.encoder.count(), 2);
     shaft.edge(A, true);
-    assert_eq!(shaft.encoder.position(), 1);
+    assert_eq!(shaft.encoder.count(), 1);
 }
 
 #[test]
@@ -166,12 +166,12 @@ fn with_reset_by_index_it_counts_through_16_bits() {
 #[test]
 fn a_count_above_max_count_goes_on_until_it_wraps_or_meets_it() {
     let mut shaft = Shaft::new(X4_MAX, 9);
-    shaft.encoder.set_position(0xFFFE);
+    shaft.encoder.set_count(0xFFFE);
     assert_eq!(shaft.turn(1), 0xFFFF);
     assert_eq!(shaft.turn(1), 0);
     assert_eq!(shaft.turn(9), 9);
     assert_eq!(shaft.turn(1), 0);
-    shaft.encoder.set_position(11);
+    shaft.encoder.set_count(11);
     assert_eq!(shaft.turn(-2), 9);
     assert_eq!(shaft.turn(-9), 0);
     assert_eq!(shaft.turn(-1), 9);
@@ -237,9 +237,9 @@ fn an_index_event_loads_0_going_up_and_max_count_going_down() {
 fn without_enable_index_or_with_reset_by_max_count_an_index_event_only_counts() {
     for configuration in [X2_INDEX, X4_INDEX, X2_MAX | ENABLE_INDEX, X4_MAX | ENABLE_INDEX] {
         let mut shaft = Shaft::new(configuration, 1_999);
-        shaft.encoder.set_position(500);
+        shaft.encoder.set_count(500);
         shaft.turn(4);
-        let position = shaft.encoder.position();
+        let position = shaft.encoder.count();
         shaft.index_pulse();
         assert_eq!(shaft.counts(), (position, 1), "{configuration:#x}");
         shaft.turn(-4);
@@ -316,7 +316,7 @@ fn an_edge_that_x2_does_not_count_tells_the_direction_too() {
 #[test]
 fn both_counts_can_be_written() {
     let mut shaft = Shaft::new(X4_INDEX, 1_999);
-    shaft.encoder.set_position(0x1234);
+    shaft.encoder.set_count(0x1234);
     shaft.encoder.set_index_count(i32::MAX);
     assert_eq!(shaft.counts(), (0x1234, i32::MAX));
     shaft.turn(4);
@@ -383,19 +383,19 @@ fn the_filter_ignores_pulses_shorter_than_three_periods() {
         encoder.edge(tick(1_000 + ticks - 1), A, false);
         assert_eq!(encoder.deadline(), Instant::NEVER);
         encoder.timeout(tick(1_000 + ticks));
-        assert_eq!(encoder.position(), 0, "{frequency}");
+        assert_eq!(encoder.count(), 0, "{frequency}");
         // It takes effect when it has lasted.
         encoder.edge(tick(2_000), A, true);
         encoder.timeout(tick(2_000 + ticks - 1));
-        assert_eq!(encoder.position(), 0, "{frequency}");
+        assert_eq!(encoder.count(), 0, "{frequency}");
         encoder.timeout(tick(2_000 + ticks));
-        assert_eq!((encoder.position(), encoder.deadline()), (1, Instant::NEVER), "{frequency}");
+        assert_eq!((encoder.count(), encoder.deadline()), (1, Instant::NEVER), "{frequency}");
         // It is over when it has just lasted, and the edge comes before the deadline.
         encoder.edge(tick(3_000), B, true);
         encoder.edge(tick(3_000 + ticks), B, false);
-        assert_eq!((encoder.position(), encoder.deadline()), (2, tick(3_000 + 2 * ticks)), "{frequency}");
+        assert_eq!((encoder.count(), encoder.deadline()), (2, tick(3_000 + 2 * ticks)), "{frequency}");
         encoder.timeout(tick(3_000 + 2 * ticks));
-        assert_eq!(encoder.position(), 1, "{frequency}");
+        assert_eq!(encoder.count(), 1, "{frequency}");
     }
 }
 
@@ -412,11 +412,11 @@ fn the_filter_looks_at_each_pin_by_itself() {
     encoder.edge(tick(119), A, true);
     assert_eq!(encoder.deadline(), tick(120));
     encoder.timeout(tick(120));
-    assert_eq!((encoder.position(), encoder.deadline()), (1, tick(125)));
+    assert_eq!((encoder.count(), encoder.deadline()), (1, tick(125)));
     encoder.timeout(tick(125));
-    assert_eq!((encoder.position(), encoder.deadline()), (1, tick(133)));
+    assert_eq!((encoder.count(), encoder.deadline()), (1, tick(133)));
     encoder.timeout(tick(133));
-    assert_eq!((encoder.position(), encoder.index_count()), (0, 1));
+    assert_eq!((encoder.count(), encoder.index_count()), (0, 1));
 }
 
 #[test]
@@ -429,7 +429,7 @@ fn levels_due_at_one_instant_come_in_the_order_a_b_index() {
             encoder.edge(tick(100), channel, true);
         }
         encoder.timeout(tick(120));
-        assert_eq!((encoder.position(), encoder.index_count()), (2, index_count), "{gating}");
+        assert_eq!((encoder.count(), encoder.index_count()), (2, index_count), "{gating}");
     }
 }
 
@@ -440,7 +440,7 @@ fn levels_that_are_due_come_in_time_however_late_it_is_told() {
     encoder.edge(tick(100), B, true);
     encoder.edge(tick(101), A, true);
     encoder.timeout(tick(1_000));
-    assert_eq!(encoder.position(), 0xFFFE);
+    assert_eq!(encoder.count(), 0xFFFE);
 }
 
 #[test]
@@ -449,16 +449,16 @@ fn a_level_held_back_comes_when_due_though_the_filter_changes() {
     encoder.configure(tick(0), X4_INDEX | FILTER | 7 << 6, 1_999, true);
     encoder.edge(tick(100), A, true);
     encoder.configure(tick(200), X4_INDEX, 1_999, true);
-    assert_eq!((encoder.position(), encoder.deadline()), (0, tick(408)));
+    assert_eq!((encoder.count(), encoder.deadline()), (0, tick(408)));
     encoder.edge(tick(407), B, true);
-    assert_eq!(encoder.position(), 0xFFFF);
+    assert_eq!(encoder.count(), 0xFFFF);
     encoder.timeout(tick(408));
-    assert_eq!(encoder.position(), 0xFFFE);
+    assert_eq!(encoder.count(), 0xFFFE);
     // What was due before the change is counted as before it.
     encoder.configure(tick(500), X4_INDEX | FILTER, 1_999, true);
     encoder.edge(tick(600), A, false);
     encoder.configure(tick(602), X4_INDEX, 1_999, false);
-    assert_eq!((encoder.position(), encoder.deadline()), (0xFFFF, Instant::NEVER));
+    assert_eq!((encoder.count(), encoder.deadline()), (0xFFFF, Instant::NEVER));
 }
 
 #[test]
@@ -467,18 +467,18 @@ fn a_count_forgets_levels_of_a_and_b_that_were_held_back() {
     encoder.configure(tick(0), X4_INDEX | FILTER | 3 << 6, 1_999, true);
     encoder.edge(tick(100), A, true);
     encoder.edge(tick(101), Index, true);
-    encoder.count(5, true, false);
-    assert_eq!((encoder.position(), encoder.deadline()), (5, tick(121)));
+    encoder.take_steps(5, true, false);
+    assert_eq!((encoder.count(), encoder.deadline()), (5, tick(121)));
 }
 
 #[test]
 fn a_count_takes_levels_over_to_which_its_steps_do_not_lead() {
     let mut encoder = Encoder::new();
     encoder.configure(tick(0), X4_INDEX, 1_999, true);
-    encoder.count(0, true, true);
-    assert_eq!(encoder.position(), 0);
+    encoder.take_steps(0, true, true);
+    assert_eq!(encoder.count(), 0);
     encoder.edge(tick(1), A, false);
-    assert_eq!(encoder.position(), 1);
+    assert_eq!(encoder.count(), 1);
 }
 
 /// Everything that an edge can change.
@@ -491,7 +491,7 @@ fn check_count(shaft: &Shaft, quarters: i32) -> Result<(), TestCaseError> {
     let (mut by_edges, mut at_once) = (shaft.clone(), shaft.clone());
     by_edges.turn(quarters);
     let (a, b) = by_edges.levels();
-    at_once.encoder.count(quarters, a, b);
+    at_once.encoder.take_steps(quarters, a, b);
     prop_assert_eq!(state(&at_once), state(&by_edges), "{} from {:?}", quarters, shaft.encoder);
     Ok(())
 }
@@ -507,7 +507,7 @@ fn a_count_is_so_many_edges() {
                         let mut shaft = Shaft::new(configuration, 3);
                         shaft.turn(phase);
                         shaft.edge(Index, index);
-                        shaft.encoder.set_position(position);
+                        shaft.encoder.set_count(position);
                         for quarters in -9..=9 {
                             check_count(&shaft, quarters).unwrap();
                         }
@@ -746,10 +746,10 @@ proptest! {
                     encoder.configure(at, configuration, max_count, enabled);
                 }
                 Event::Edge { channel, high } => encoder.edge(at, channel, high),
-                Event::Position(count) => encoder.set_position(count),
+                Event::Position(count) => encoder.set_count(count),
                 Event::IndexCount(count) => encoder.set_index_count(count),
             }
-            prop_assert_eq!((encoder.position(), encoder.index_count()), expected, "{:?}", (at, event));
+            prop_assert_eq!((encoder.count(), encoder.index_count()), expected, "{:?}", (at, event));
         }
     }
 
@@ -767,7 +767,7 @@ proptest! {
         shaft.encoder.configure(tick(0), configuration, max_count, enabled);
         shaft.turn(phase);
         shaft.edge(Index, index);
-        shaft.encoder.set_position(position);
+        shaft.encoder.set_count(position);
         check_count(&shaft, quarters)?;
     }
 }
@@ -777,12 +777,12 @@ proptest! {
 fn a_count_of_any_size_takes_no_time() {
     let mut encoder = Encoder::new();
     encoder.configure(tick(0), X4_MAX, 1_999, true);
-    encoder.count(i32::MAX, false, true);
-    assert_eq!(encoder.position(), 1_647);
-    encoder.count(i32::MIN, false, true);
-    assert_eq!(encoder.position(), 1_999);
+    encoder.take_steps(i32::MAX, false, true);
+    assert_eq!(encoder.count(), 1_647);
+    encoder.take_steps(i32::MIN, false, true);
+    assert_eq!(encoder.count(), 1_999);
     encoder.configure(tick(0), X2_INDEX, 0, true);
-    encoder.set_position(0);
-    encoder.count(i32::MIN, false, true);
-    assert_eq!(encoder.position(), 0);
+    encoder.set_count(0);
+    encoder.take_steps(i32::MIN, false, true);
+    assert_eq!(encoder.count(), 0);
 }

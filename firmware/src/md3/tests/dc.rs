@@ -122,3 +122,31 @@ fn inhibit_takes_the_duty_while_the_ramp_goes_on() {
     // 2,510 of 5,000 counts.
     assert_eq!(bed.world.duty.last().unwrap().1, 32_899);
 }
+
+#[test]
+fn counts_are_of_the_range_that_holds() {
+    let mut bed = Bed::ready();
+    bed.set(Reg::MotorCurrentAndMicrostepping, 0x200a); // 500 Hz, 40,000 counts
+    bed.set(Reg::MotionControl, JOG);
+    bed.run_until(1.secs());
+    assert_eq!(bed.world.duty.last().unwrap().1, 8_192);
+    bed.set(Reg::MotorCurrentAndMicrostepping, 0x230a); // 5 kHz, 16,000 counts
+    bed.run_until(2.secs());
+    assert_eq!(bed.world.duty.last().unwrap().1, 20_480);
+    // It slows down from 5,000 counts, which more than fill a period of 2,000.
+    bed.set(Reg::MotionControl, DECEL_STOP);
+    bed.set(Reg::MotorCurrentAndMicrostepping, 0x280a); // 40 kHz
+    bed.run_until(2_001.millis());
+    assert_eq!(bed.world.duty.last().unwrap().1, 65_536);
+    bed.run_until(2_400.millis());
+    assert_eq!(bed.world.duty.last().unwrap().1, 32_768);
+    bed.run_until(2_500.millis());
+    assert_eq!((bed.control(), bed.world.duty.last().unwrap().1), (0, 0));
+    // Another current changes nothing.
+    bed.set(Reg::MotionControl, JOG);
+    bed.run_until(4.secs());
+    let duty = bed.world.duty.last().copied();
+    bed.set(Reg::MotorCurrentAndMicrostepping, 0x2814);
+    bed.run_until(5.secs());
+    assert_eq!((bed.control(), bed.world.duty.last().copied()), (JOG, duty));
+}

@@ -17,7 +17,7 @@ use standin_protocol::modbus::{Frame, rtu};
 use standin_protocol::registers::Register;
 use standin_protocol::time::Span;
 
-use super::{BUSY, DIR, GPIO, GREEN, HIGH_CURRENT, J3_8, MEMORY, Md3, PINS, RED, Reg, STEP};
+use super::{BUSY, DIR, GREEN, HIGH_CURRENT, J2_9, J2_10, J2_12, J3_8, MEMORY, Md3, PINS, RED, Reg, STEP};
 use crate::device::{
     Boot, Device, Duration, Fault, Input, Instant, Level, Line, Note, Output, Pin, Plan, Port, Refused, Sink,
     Why, advance,
@@ -101,6 +101,7 @@ impl Bed {
     fn ready() -> Self {
         let mut bed = Self::off(vec![0xFF; MEMORY]);
         bed.power_on(Boot { fast: true, ..Boot::default() });
+        bed.run_until(Instant::ZERO);
         bed
     }
 
@@ -167,9 +168,8 @@ impl Bed {
         self.run_until(self.now + span);
     }
 
-    /// A pin of J2 changes, by its number; not in the instant in which the drive becomes ready.
+    /// A pin of J2 changes, by its number.
     fn pin(&mut self, number: u8, high: bool) {
-        self.now = self.now.max(Instant::from_ticks(1));
         let names = [2, 3, 4, 5, 9, 10, 12];
         let place = names.iter().position(|name| *name == number).unwrap() as u8;
         self.input(self.now, Input::Edge { pin: Pin(place), high });

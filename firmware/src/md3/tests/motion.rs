@@ -142,3 +142,21 @@ fn without_speed_or_acceleration_a_command_completes_at_once() {
         assert_eq!(bed.position(), 0);
     }
 }
+
+#[test]
+fn only_a_new_speed_begins_a_new_ramp() {
+    let mut bed = Bed::ready();
+    bed.set(Reg::Speed, 40_000);
+    bed.set(Reg::MotionControl, JOG);
+    bed.run_until(1.secs());
+    // A jog takes a new acceleration for its next ramp, and these are no reason for one.
+    bed.set(Reg::AccelDecel, 1_000_000);
+    bed.set(Reg::AlternateSpeed, 100);
+    bed.set(Reg::MotorCurrentAndMicrostepping, 0x0314);
+    bed.set(Reg::Speed, 40_000);
+    bed.run_until(2.secs());
+    assert_eq!(bed.speed(), 20_000);
+    bed.set(Reg::Speed, 30_000);
+    bed.run_until(2_010.millis());
+    assert_eq!(bed.speed(), 30_000);
+}

@@ -73,3 +73,36 @@ fn a_bad_eeprom_flashes_red_and_starts_with_the_defaults() {
     bed.power_on(Boot { fast: true, ..Boot::default() });
     assert_eq!(bed.read(0x1a), 0x9a00);
 }
+
+#[test]
+fn what_pins_are_told_in_the_instant_of_a_fast_start_is_no_edge() {
+    let mut bed = Bed::off(vec![0xFF; MEMORY]);
+    let mut preset =
+        |reg: Reg, value| bed.drive.poke(Instant::ZERO, reg.row(), value, &mut bed.world).unwrap();
+    preset(Reg::HomingConfiguration, 1);
+    preset(Reg::HomeOffset, 50);
+    preset(Reg::PinFunctionAndPolarity, 0b0001 << 4);
+    bed.power_on(Boot { fast: true, ..Boot::default() });
+    // J2 pins 2, 4, 10 and 9.
+    for (pin, high) in [(0, false), (2, false), (5, true), (4, true)] {
+        bed.drive.input(Instant::ZERO, Input::Edge { pin: Pin(pin), high }, &mut bed.world);
+    }
+    bed.run_until(Instant::ZERO);
+    assert_eq!((bed.get(Reg::QuadratureEncoderCount), bed.get(Reg::EncoderIndexCount)), (0, 0));
+    // The flag is there already: only the offset is left of the home cycle, and pin 4 began no move.
+    assert_eq!(bed.control(), HOME);
+    bed.run_until(1.secs());
+    assert_eq!((bed.control(), bed.position()), (0, 50));
+    // Back to A = B = 0, where the index is valid: MaxCount.
+    bed.pin(10, false);
+    assert_eq!((bed.get(Reg::QuadratureEncoderCount), bed.get(Reg::EncoderIndexCount)), (0x0f9f, -1));
+}
+
+#[test]
+fn a_command_in_the_instant_of_a_fast_start_is_carried_out() {
+    let mut bed = Bed::off(vec![0xFF; MEMORY]);
+    bed.power_on(Boot { fast: true, ..Boot::default() });
+    bed.input(Instant::ZERO, Input::Bytes { port: Port(0), bytes: &rtu::write(1, 0x11, 1) });
+    bed.input(Instant::ZERO, Input::Idle { port: Port(0) });
+    assert_eq!(bed.control(), MOVE);
+}

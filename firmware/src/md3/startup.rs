@@ -22,7 +22,7 @@ const HEARTBEAT: Duration = Duration::millis(1_500);
 
 /// A drive that starts.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(super) struct Boot {
+pub(super) struct Startup {
     phase: Phase,
     /// When the phase ends.
     pub(super) due: Instant,
@@ -40,7 +40,7 @@ enum Phase {
     Alternate,
 }
 
-impl Boot {
+impl Startup {
     /// Starts with an EEPROM that passed or did not, and the register StartupDelay.
     pub(super) fn begin(at: Instant, passed: bool, delay: u64, out: &mut dyn Sink) -> Self {
         let flashes = |pin| Output::Wave { pin, period: FLASH, high: BRIGHT };
@@ -79,7 +79,7 @@ impl Boot {
 /// What the lights say (section 2).
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum Lights {
-    /// As [`Boot`] says.
+    /// As [`Startup`] says.
     Starting,
     /// Green beats.
     Normal,
