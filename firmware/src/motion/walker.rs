@@ -11,6 +11,9 @@
 //! interval, says by how much. Between the speeds *h* and *h'* that leaves (h' − h)/(h' + h) of the miss:
 //! at most 0.17 when there is another step between this one and standstill. There may not be for the
 //! first two steps of a ramp, and for the last one: those are known from [`Walker::new`].
+//!
+//! Small cores keep 32 bits of a product; one of 64 costs them 40 instructions. So what runs at every
+//! step of a fast ramp multiplies few bits at a time. Intervals too long for that leave time for more.
 
 use heapless::Deque;
 use standin_protocol::time::Instant;
@@ -35,8 +38,6 @@ pub struct Step {
 /// step/s), any length.
 #[derive(Clone, Debug)]
 pub struct Walker {
-    /// Tick from which the next step is counted.
-    at: u64,
     leg: Leg,
     others: Legs,
 }
@@ -49,9 +50,9 @@ type Legs = Deque<Leg, 4>;
 struct Leg {
     /// Tick of the first step.
     first: u64,
-    /// Tick from which the second one is counted: that of the first, were it not for the seam.
+    /// Tick from which the next one is counted: that of the last, were it not for the seam before the first.
     base: u64,
-    /// Steps after the first; `u64::MAX` without end.
+    /// Steps that are still to come after the first; `u64::MAX` without end.
     more: u64,
     /// Whether the position grows.
     forward: bool,
@@ -89,14 +90,13 @@ impl Walker {
             };
             position = stretch.walk(stand, &mut legs);
         }
-        Self { at: 0, leg: Leg::single(0, true), others: legs }
+        Self { leg: Leg::single(0, true), others: legs }
     }
 
     /// On to the next leg, and its first step.
     #[cold]
     fn turn(&mut self) -> Option<Step> {
         self.leg = self.others.pop_front()?;
-        self.at = self.leg.base;
         Some(Step { at: Instant::from_ticks(self.leg.first), forward: self.leg.forward })
     }
 }
@@ -106,16 +106,15 @@ impl Iterator for Walker {
 
     #[inline]
     fn next(&mut self) -> Option<Step> {
-        if self.leg.more == 0 {
-            return self.turn();
-        }
-        self.leg.more -= 1;
-        let interval = match &mut self.leg.pace {
+        let leg = &mut self.leg;
+        let Some(more) = leg.more.checked_sub(1) else { return self.turn() };
+        leg.more = more;
+        let interval = match &mut leg.pace {
             Pace::Ramp(ramp) => ramp.next(),
             Pace::Cruise(cruise) => cruise.next(),
         };
-        self.at = self.at.wrapping_add(u64::from(interval));
-        Some(Step { at: Instant::from_ticks(self.at), forward: self.leg.forward })
+        leg.base = leg.base.wrapping_add(u64::from(interval));
+        Some(Step { at: Instant::from_ticks(leg.base), forward: leg.forward })
     }
 }
 
@@ -231,6 +230,25 @@ impl Motion {
         Self { h, due: self.due - (self.h + h) * d, ..self }
     }
 
+    /// The same for a `d` up to [`Self::short`], by products of 32 bits.
+    #[inline]
+    fn shortly_after(self, d: u32) -> Self {
+        let h = self.h + i64::from(self.a * d.cast_signed());
+        let sum = (self.h + h).cast_unsigned();
+        let low = (sum as u32 & 0xFFFF) * d;
+        let middle = (sum as u32 >> 16) * d;
+        let high = ((sum >> 32) as u32).wrapping_mul(d);
+        // A negative sum wraps, and so does this.
+        let phase = ((u64::from(high) << 32) + u64::from(low)).wrapping_add(u64::from(middle) << 16);
+        Self { h, due: self.due - phase.cast_signed(), ..self }
+    }
+
+    /// The longest `d` of 16 bits, 4 ms, after which speed has changed by 31 bits at most, 134 steps/s.
+    fn short(self) -> u32 {
+        let change = i32::MAX.cast_unsigned();
+        change.checked_div(self.a.unsigned_abs()).unwrap_or(change).min(0xFFFF)
+    }
+
     /// Ticks until the step, or until it stands.
     #[inline(never)]
     fn ticks(self) -> i64 {
@@ -246,7 +264,8 @@ impl Motion {
     /// tick's way at that speed and half a tick's at this one were still to come.
     #[inline]
     fn is_nearest(self) -> bool {
-        -self.h <= self.due && self.due < self.h
+        // -h <= due is -1 - due < h, and a negative due ^ -1 is -1 - due: one comparison for both.
+        (self.due ^ (self.due >> 63)) < self.h
     }
 
     /// Seen from the next step.
@@ -261,6 +280,8 @@ impl Motion {
 struct Ramp {
     /// At the tick of the last step, seen from the next one.
     motion: Motion,
+    /// The longest interval that [`Motion::shortly_after`] can do.
+    short: u32,
     /// The last interval, in 1/16 tick.
     interval: i32,
     /// How long after its tick the last step was due, in 1/16 tick.
@@ -279,57 +300,69 @@ impl Ramp {
         let second = motion.ticks() as i32;
         // As if the one before had been twice as long: the third is looked for from half of it on, and
         // is never far below that.
-        Self { motion, interval: 32 * second, part: 0, guess: 16 * second }
+        Self { motion, short: motion.short(), interval: 32 * second, part: 0, guess: 16 * second }
     }
 
     /// Ticks to the next step.
     #[inline]
     fn next(&mut self) -> u32 {
-        let mut d = (self.guess >> 4).cast_unsigned();
-        let mut there = self.motion.after(i64::from(d));
-        if !there.is_nearest() {
-            (d, there) = self.search(d, there);
+        let d = (self.guess >> 4).cast_unsigned();
+        if d <= self.short {
+            let there = self.motion.shortly_after(d);
+            if there.is_nearest() {
+                return self.step(d, there);
+            }
         }
+        self.search()
+    }
+
+    /// On to the step in `d` ticks, where it is `there`.
+    #[inline]
+    fn step(&mut self, d: u32, there: Motion) -> u32 {
         let part = sixteenths(there.due, d);
         let interval = (d << 4).cast_signed() + part - self.part;
-        // Close to standstill they shrink less and less, but hardly to a half.
-        self.guess = (2 * interval - self.interval).max(interval >> 1) + part + 8;
+        self.guess = 2 * interval - self.interval + part + 8;
         self.interval = interval;
         self.part = part;
         self.motion = there.next_step();
         d
     }
 
-    /// The tick of the next step, where it is then; `d` ticks, where it is `there`, were not it.
+    /// The same as [`Self::next`], also if the guess misses or is beyond a short interval.
     #[cold]
     #[inline(never)]
-    fn search(&self, mut d: u32, mut there: Motion) -> (u32, Motion) {
+    fn search(&mut self) -> u32 {
+        let Self { motion, short, .. } = *self;
+        let after = |d| if d <= short { motion.shortly_after(d) } else { motion.after(i64::from(d)) };
+        // Close to standstill they shrink less and less, but hardly to a half.
+        let mut d = (self.guess.max(self.interval >> 1) >> 4).cast_unsigned();
+        let mut there = after(d);
         let (mut early, mut late) = (0, u32::MAX);
         for _ in 0..TRIES {
+            if there.is_nearest() {
+                break;
+            }
             if there.is_early() {
                 early = d;
             } else {
                 late = d;
             }
             d = d.wrapping_add_signed(ticks(there.due, d)).max(early + 1).min(late - 1);
-            there = self.motion.after(i64::from(d));
-            if there.is_nearest() {
-                break;
-            }
+            there = after(d);
         }
         debug_assert!(there.is_nearest(), "a step that is there is found");
-        (d, there)
+        self.step(d, there)
     }
 }
 
 /// The time in which `phase` passes at the speed of a step in `d` ticks, in 1/16 tick; for a phase
-/// that passes in at most `d` ticks.
+/// that passes within a tick.
 #[inline]
 fn sixteenths(phase: i64, d: u32) -> i32 {
-    /// 2³² · 16 / STEP, in 2⁻²⁷.
-    const RATE: i32 = ((1 << 63) / STEP as u64) as i32;
-    let high = ((phase * i64::from(d)) >> 32) as i32;
-    (high * RATE) >> 27
+    /// 2³³ · 16 / STEP, in 2⁻²⁵.
+    const RATE: i32 = ((1 << 62) / STEP as u64) as i32;
+    let high = ((phase >> 18) as i32 * d.cast_signed()) >> 15;
+    (high * RATE) >> 25
 }
 
 /// The same for any phase, in whole ticks.
@@ -349,7 +382,7 @@ struct Cruise {
     part: i64,
     /// Phase of a tick.
     tick: i64,
-    /// Phase from half a tick before the last step's tick to the step, `0..tick`.
+    /// Phase from half a tick after the last step's tick to the step, `-tick..0`.
     due: i64,
 }
 
@@ -362,7 +395,7 @@ impl Cruise {
         let tick = (2 * motion.h).max(1);
         let late = motion.due - motion.h;
         let cruise =
-            Self { whole: (STEP / tick) as u32, part: STEP % tick, tick, due: late.rem_euclid(tick) };
+            Self { whole: (STEP / tick) as u32, part: STEP % tick, tick, due: late.rem_euclid(tick) - tick };
         (late.div_euclid(tick) + 1, cruise)
     }
 
@@ -370,7 +403,7 @@ impl Cruise {
     #[inline]
     fn next(&mut self) -> u32 {
         self.due += self.part;
-        if self.due < self.tick {
+        if self.due < 0 {
             return self.whole;
         }
         self.due -= self.tick;
@@ -403,6 +436,18 @@ mod tests {
     }
 
     proptest! {
+        #[test]
+        fn a_short_interval_is_as_exact_as_any(
+            a in any::<i32>(), bits in 0_u32..32, h in 0..1_i64 << 44, due in -STEP..2 * STEP, d in any::<u32>(),
+        ) {
+            let motion = Motion { a: a >> bits, h, due };
+            let short = motion.short();
+            for d in [0, d % (short + 1), short] {
+                let (there, same) = (motion.shortly_after(d), motion.after(i64::from(d)));
+                prop_assert_eq!((there.h, there.due), (same.h, same.due));
+            }
+        }
+
         #[test]
         fn a_walker_makes_the_steps_of_a_profile(
             steps in -3_000..3_000_i32, speed in 1_u32..1_000_000_000, start in 0_u32..1_000_000,
