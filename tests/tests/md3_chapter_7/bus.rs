@@ -111,8 +111,8 @@ fn section_6_2_what_cannot_be_written() {
     assert_eq!(rtu::frame(1, &[0x86, 0x02])[..], [0x01, 0x86, 0x02, 0xC3, 0xA1]);
 }
 
-/// Decision 1, detail 27 and trap 20: every other function is 01, those of the modern Modbus as well as
-/// what a reset or a firmware update might use.
+/// Decision 1, and decision 2 of all Modbus drives: every other function is 01, those of the modern
+/// Modbus as well as what a reset or a firmware update might use.
 #[test]
 fn section_6_other_functions() {
     let mut rig = Rig::ready();

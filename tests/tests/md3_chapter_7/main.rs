@@ -2,9 +2,9 @@
 //! over the bus and the pins, as a master meets them. Values and times are typed from the guide or come
 //! from the arithmetic of constant acceleration in the comments.
 //!
-//! Where the guide is silent or contradicts itself the project has decided. Comments number what they
-//! check: "decision 5" is the fifth of its decisions on the MD3, "detail 5" the fifth of those that
-//! continue them, "trap 5" the fifth point of the guide that is easily missed.
+//! Where the guide is silent or contradicts itself the project has decided. In comments "decision 5" is
+//! the fifth on the MD3 in docs/decisions.md; those of its other lists are named with their list. Numbers
+//! like 7.8 are the guide's sections.
 #![allow(missing_docs, reason = "a test")]
 
 mod agreement;
@@ -33,7 +33,7 @@ const DEFAULTS: [u16; 32] = [
     0x0021, 0x0000, 0x0000, 0x0001, // SerialPortConfiguration … SerialNumberLow
 ];
 
-/// Trap 18: all 32 in one read, 0x0b included.
+/// All 32 in one read, 0x0b included.
 #[test]
 fn section_7_initial_values_in_one_read() {
     assert_eq!(Rig::ready().words(0x00, 32), DEFAULTS);
@@ -59,7 +59,7 @@ fn section_7_all_registers_can_be_written_but_four() {
     }
 }
 
-/// Decision 2: unused bits and codes nobody prints included.
+/// Decisions 2 and 18: unused bits and codes nobody prints included.
 #[test]
 fn section_7_values_read_back_as_written() {
     let mut rig = Rig::ready();
@@ -73,7 +73,7 @@ fn section_7_values_read_back_as_written() {
     }
 }
 
-/// Detail 22: the manual's names, a slash dropped.
+/// The manual's names, a slash dropped.
 #[test]
 fn section_7_register_names() {
     let rig = Rig::ready();

@@ -70,7 +70,7 @@ fn section_7_16_halves_in_any_order() {
     rig.assert_stands(65_536);
 }
 
-/// Decision 19: without speed or acceleration a command completes at once without motion.
+/// Decision 7: without speed or acceleration a command completes at once without motion.
 #[test]
 fn section_7_15_without_speed_or_acceleration_nothing_moves() {
     for register in [at::SPEED, at::ACCEL_DECEL] {
@@ -90,7 +90,7 @@ fn section_7_15_a_move_while_moving_is_ignored() {
     let mut rig = Rig::ready();
     rig.command(bit::MOVE);
     rig.after(1.secs());
-    // Decision 3 and detail 4: Move, and any other kind of motion.
+    // Decision 4: Move and Jog are ignored; Home is, too.
     for command in [bit::MOVE, bit::JOG, bit::HOME] {
         rig.command(command);
         assert_eq!(rig.motion_control(), bit::MOVE);
@@ -130,7 +130,7 @@ fn section_7_15_jog_with_a_negative_speed() {
     rig.assert_on_its_way(-1_800, -2_000.0);
 }
 
-/// Decision 4: Move and Home while jogging are ignored.
+/// Decision 4: Move while jogging is ignored. Home is, too.
 #[test]
 fn section_7_15_a_jog_goes_on_whatever_else_is_commanded() {
     for command in [bit::MOVE, bit::HOME] {
@@ -184,7 +184,6 @@ fn section_7_15_decel_stop_ends_a_move() {
     rig.assert_stands(625);
 }
 
-/// Detail 4.
 #[test]
 fn section_7_15_stops_from_a_stop_do_nothing() {
     let mut rig = Rig::ready();
@@ -195,7 +194,7 @@ fn section_7_15_stops_from_a_stop_do_nothing() {
     }
 }
 
-/// Trap 8: Disable takes the current, clears the other bits, and is a level.
+/// Disable takes the current and clears the other bits; it is a level (decision 3).
 #[test]
 fn section_7_15_disable() {
     let mut rig = Rig::ready();
@@ -205,7 +204,7 @@ fn section_7_15_disable() {
     let stopped_at = rig.position();
     rig.assert_stands(stopped_at);
     assert_eq!((rig.motion_control(), rig.current()), (bit::DISABLE, 0));
-    // Detail 1: with bit 5 the rest is ignored.
+    // Decision 3: with bit 5 the rest is ignored.
     rig.command(bit::DISABLE | bit::MOVE);
     assert_eq!(rig.motion_control(), bit::DISABLE);
     rig.after(1.secs());
@@ -216,7 +215,7 @@ fn section_7_15_disable() {
     rig.assert_stands(stopped_at);
 }
 
-/// Detail 1: a command with bit 5 = 0 enables and runs.
+/// Decision 3: a command with bit 5 = 0 enables and runs.
 #[test]
 fn section_7_15_a_move_enables() {
     let mut rig = Rig::ready();
@@ -227,7 +226,7 @@ fn section_7_15_a_move_enables() {
     rig.assert_stands(10_000);
 }
 
-/// Detail 30: Stop, Decel-stop, Home, Jog, Move; the first that is set counts.
+/// Decision 3: Stop, Decel-stop, Home, Jog, Move; the first that is set counts.
 #[test]
 fn section_7_15_several_bits_at_once() {
     let mut rig = Rig::ready();
@@ -254,7 +253,7 @@ fn section_7_15_unused_bits_read_0() {
     rig.assert_stands(0);
 }
 
-/// Trap 9 and detail 16: what heats cools by itself, but the fault stays until it is cleared after that.
+/// Decision 14: what heats cools by itself, but the fault stays until it is cleared after that.
 #[test]
 fn section_7_15_a_thermal_fault() {
     let mut rig = Rig::ready();
@@ -279,15 +278,15 @@ fn section_7_15_another_fault_is_cleared_by_its_bit() {
     rig.fault("over_current", true);
     rig.fault("over_current", false);
     rig.after(1.secs());
-    assert_eq!((rig.motion_control(), rig.current()), (bit::FAULT, 0)); // detail 16: until cleared
-    // Detail 16: bit 15 first, then the rest of the same write.
+    assert_eq!((rig.motion_control(), rig.current()), (bit::FAULT, 0)); // decision 14: until cleared
+    // Decision 3: bit 15 first, then the rest of the same write.
     rig.command(bit::FAULT | bit::MOVE);
     assert_eq!((rig.motion_control(), rig.current()), (bit::MOVE, 1_000));
     assert_eq!(rig.until_idle(), 2_500.millis());
     rig.assert_stands(10_000);
 }
 
-/// Decision 16: "all serial port commands will appear to work normally, except that the motor will
+/// Decision 14: "all serial port commands will appear to work normally, except that the motor will
 /// not move".
 #[test]
 fn section_7_15_in_a_fault_every_command_is_answered() {
@@ -323,7 +322,7 @@ fn section_7_17_a_jog_reverses() {
     rig.write_long(at::SPEED, 2_000);
     rig.command(bit::JOG);
     rig.after(1_200.millis()); // 200 + 2,000
-    // −2,000 = 0xFFFF_F830; the 63,536 that is there for an instant leaves no trace (detail 13).
+    // −2,000 = 0xFFFF_F830; the 63,536 that is there for an instant leaves no trace.
     rig.write(at::SPEED + 1, (-2_000_i16).cast_unsigned());
     rig.write(at::SPEED, 0xFFFF);
     rig.after(200.millis());
@@ -335,7 +334,7 @@ fn section_7_17_a_jog_reverses() {
     assert_eq!(rig.motion_control(), bit::JOG);
 }
 
-/// Detail 13: in a jog the high half alone is a speed, too: 0x0001_1388 = 70,536 acts as 40,000.
+/// In a jog the high half alone is a speed, too: 0x0001_1388 = 70,536 acts as 40,000.
 #[test]
 fn section_7_17_the_high_half_first_is_a_value_in_between() {
     let mut rig = Rig::ready();
@@ -354,7 +353,7 @@ fn section_7_17_speeds_are_at_most_40_000() {
     rig.write_long(at::ACCEL_DECEL, 100_000);
     for (speed, acts_as) in [(40_000, 40_000.0), (40_001, 40_000.0), (-1_000_000, -40_000.0)] {
         rig.write_long(at::SPEED, speed);
-        assert_eq!(rig.read_long(at::SPEED), speed); // detail 13
+        assert_eq!(rig.read_long(at::SPEED), speed); // limited when it is used
         rig.command(bit::JOG);
         rig.after(2.secs());
         assert_eq!(rig.speed(), acts_as);
@@ -362,7 +361,7 @@ fn section_7_17_speeds_are_at_most_40_000() {
     }
 }
 
-/// Trap 11: the sign of MoveSteps is the direction, whatever that of Speed.
+/// The sign of MoveSteps is the direction, whatever that of Speed.
 #[test]
 fn section_7_17_a_move_uses_the_absolute_speed() {
     let mut rig = Rig::ready();
@@ -390,7 +389,7 @@ fn section_7_17_speed_changes_in_a_move_are_ignored() {
     assert_eq!(rig.until_idle(), 1_010.millis());
 }
 
-/// Decision 4: either half, even with the value it had.
+/// Decision 6: either half, even with the value it had.
 #[test]
 fn section_7_17_an_acceleration_written_in_a_move_stops_it() {
     for (half, value) in [(0, 0), (1, 10_000)] {
@@ -405,7 +404,7 @@ fn section_7_17_an_acceleration_written_in_a_move_stops_it() {
     }
 }
 
-/// Detail 31: a jog takes it for its next ramp. From 5,000/s down at 2,500/s²: 2 s, 5,000 steps.
+/// Decision 6: a jog takes it for its next ramp. From 5,000/s down at 2,500/s²: 2 s, 5,000 steps.
 #[test]
 fn section_7_19_an_acceleration_written_in_a_jog_is_for_its_next_ramp() {
     let mut rig = Rig::ready();
@@ -468,7 +467,7 @@ fn section_7_17_a_jog_at_speed_0() {
     rig.assert_stands(7_500);
 }
 
-/// Decision 3: Jog while jogging ramps to the present registers, at the present acceleration. From
+/// Decision 4: Jog while jogging ramps to the present registers, at the present acceleration. From
 /// 5,000/s to 8,000/s in 1 s at 3,000/s².
 #[test]
 fn section_7_15_jog_while_jogging() {
@@ -543,7 +542,7 @@ fn section_7_18_a_jog_ramps_to_the_selected_speed() {
     rig.assert_on_its_way(3_750 + 1_875, 5_000.0);
 }
 
-/// Decision 6: 0x16/0x17 is meant. Trap 11: it is unsigned, and takes the sign of Speed.
+/// 7.18 prints 0x14/0x15, and 0x16/0x17 is meant. It is unsigned, and takes the sign of Speed.
 #[test]
 fn section_7_18_the_alternate_speed_takes_the_sign_of_speed() {
     let mut rig = with_speedsel();
@@ -552,13 +551,13 @@ fn section_7_18_the_alternate_speed_takes_the_sign_of_speed() {
     rig.command(bit::JOG);
     rig.after(1.secs()); // 0.25 s and 312.5 steps up, 0.75 s at 2,500/s
     rig.assert_on_its_way(-312 - 1_875, -2_500.0);
-    // Written while jogging it takes effect at once (decision 3).
+    // Written while jogging it takes effect at once (7.17).
     rig.write(at::ALTERNATE_SPEED + 1, 3_500);
     rig.after(100.millis());
     assert_eq!(rig.speed(), -3_500.0);
 }
 
-/// Detail 13: at most 40,000; 0xFFFF_FFFF is not −1.
+/// At most 40,000; 0xFFFF_FFFF is not −1.
 #[test]
 fn section_7_18_the_alternate_speed_is_at_most_40_000() {
     let mut rig = with_speedsel();
@@ -580,7 +579,7 @@ fn section_7_18_a_move_reads_the_pin_when_it_starts() {
     rig.assert_stands(10_000);
 }
 
-/// 7.8 says that pin changes in a move are ignored, 7.18 that they make it a jog. Decision 5: 7.8.
+/// 7.8 says that pin changes in a move are ignored, 7.18 that they make it a jog. Decision 30: 7.8.
 #[test]
 fn section_7_18_against_7_8_the_pin_is_ignored_in_a_move() {
     let mut rig = with_speedsel();
@@ -597,7 +596,7 @@ fn section_7_18_against_7_8_the_pin_is_ignored_in_a_move() {
     rig.assert_stands(10_000);
 }
 
-/// Decision 5, the other one: with SpeedselJogsProfile a change turns the move into a jog at the
+/// Decision 30, the other one: with SpeedselJogsProfile a change turns the move into a jog at the
 /// selected speed with the sign of Speed.
 #[test]
 fn section_7_18_against_7_8_or_makes_the_move_a_jog() {

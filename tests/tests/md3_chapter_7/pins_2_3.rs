@@ -22,7 +22,7 @@ fn pin_3(function: u16) -> Rig {
     rig
 }
 
-/// Detail 9: LOWCURRENT takes the level even with timeout 0, and lights red.
+/// LOWCURRENT takes the level even with timeout 0, and lights red.
 #[test]
 fn section_7_8_pin_2_lowcurrent() {
     let mut rig = pin_2(0);
@@ -44,7 +44,7 @@ fn section_7_8_pin_2_lowcurrent_in_homing_mode_3() {
     assert_eq!(rig.current(), 500);
 }
 
-/// Detail 9: LOWCURRENT wins over cutback, also while the motor moves.
+/// LOWCURRENT wins over cutback, also while the motor moves.
 #[test]
 fn section_7_8_pin_2_lowcurrent_wins_over_cutback() {
     let mut rig = pin_2(0);
@@ -58,7 +58,7 @@ fn section_7_8_pin_2_lowcurrent_wins_over_cutback() {
     assert_eq!((rig.current(), rig.lit(RED)), (500, true));
 }
 
-/// Trap 2: let go and inverted the pin is active at once, by a write alone.
+/// Let go and inverted the pin is active at once, by a write alone.
 #[test]
 fn section_7_8_pin_2_polarity() {
     let mut rig = pin_2(0);
@@ -70,7 +70,7 @@ fn section_7_8_pin_2_polarity() {
     assert_eq!(rig.current(), 500);
 }
 
-/// Trap 1: with homing modes 0 and 1 pin 2 is only the home flag, whatever its function says.
+/// Decision 18: with homing modes 0 and 1 pin 2 is only the home flag, whatever its function says.
 #[test]
 fn section_7_8_pin_2_is_only_the_flag_when_homing_by_switch() {
     for mode in [0, 1] {
@@ -121,7 +121,7 @@ fn section_7_8_pin_2_speedsel_inverted() {
     assert_eq!(rig.speed(), 5_000.0);
 }
 
-/// Detail 6: functions 2 and 3 are none.
+/// Decision 18: functions 2 and 3 are none.
 #[test]
 fn section_7_8_pin_2_invalid_functions() {
     for function in [2, 3] {
@@ -134,7 +134,7 @@ fn section_7_8_pin_2_invalid_functions() {
     }
 }
 
-/// Trap 7 and detail 17: the profile runs on without current and without steps; what went by is lost. At
+/// Decision 28: the profile runs on without current and without steps; what went by is lost. At
 /// 1 s the motor is at 3,750, the profile of 10,000 goes on to 6,250 at 1.5 s; then 3,750 are left.
 #[test]
 fn section_7_8_pin_3_inhibit() {
@@ -154,7 +154,7 @@ fn section_7_8_pin_3_inhibit() {
     assert_eq!(rig.motion_control(), 0);
 }
 
-/// Trap 7: bit 0 stays 1 for the whole time of the profile, 2.5 s.
+/// Decision 28: bit 0 stays 1 for the whole time of the profile, 2.5 s.
 #[test]
 fn section_7_8_pin_3_inhibit_over_the_end_of_a_move() {
     let mut rig = pin_3(0);
@@ -226,7 +226,7 @@ fn section_7_8_pin_3_inhibit_twice() {
     assert!((rig.position() - 7_500).abs() <= 2, "{}", rig.position());
 }
 
-/// Trap 2: one write of 0x09 can inhibit the drive.
+/// Decision 19: one write of 0x09 can inhibit the drive.
 #[test]
 fn section_7_8_pin_3_inhibit_by_polarity() {
     let mut rig = pin_3(0);
@@ -238,7 +238,7 @@ fn section_7_8_pin_3_inhibit_by_polarity() {
     assert_eq!(rig.current(), 0);
 }
 
-/// Detail 17: it acts as a level, at power-up too.
+/// Decision 19: it acts as a level, at power-up too.
 #[test]
 fn section_7_8_pin_3_inhibit_at_power_up() {
     let mut rig = pin_3(0);
@@ -265,7 +265,7 @@ fn section_7_8_pin_3_home() {
     assert_eq!((rig.motion_control(), rig.current()), (0, 1_000));
 }
 
-/// Detail 4: ignored while another kind of motion runs, and not remembered.
+/// Ignored while another kind of motion runs, and not remembered.
 #[test]
 fn section_7_8_pin_3_home_while_moving() {
     let mut rig = pin_3(1);
@@ -289,7 +289,7 @@ fn section_7_8_pin_3_home_inverted() {
     assert_eq!(rig.motion_control(), bit::HOME);
 }
 
-/// Detail 8: a change of polarity that makes the pin active is an edge like any other.
+/// Decision 19: a change of polarity that makes the pin active is an edge like any other.
 #[test]
 fn section_7_8_pin_3_home_by_polarity() {
     let mut rig = pin_3(1);
@@ -297,7 +297,7 @@ fn section_7_8_pin_3_home_by_polarity() {
     assert_eq!(rig.motion_control(), bit::HOME);
 }
 
-/// Trap 7: commands are answered and ignored, the current stays, Disable works.
+/// Decision 29: commands are answered and ignored, the current stays, Disable works.
 #[test]
 fn section_7_8_pin_3_inhibit_modbus_motion() {
     let mut rig = pin_3(2);
@@ -338,7 +338,7 @@ fn section_7_8_pin_3_inhibit_modbus_motion_lets_pins_work() {
     rig.assert_stands(10_000);
 }
 
-/// Trap 2: by polarity alone.
+/// Decision 19: by polarity alone.
 #[test]
 fn section_7_8_pin_3_inhibit_modbus_motion_by_polarity() {
     let mut rig = pin_3(2);
@@ -348,7 +348,7 @@ fn section_7_8_pin_3_inhibit_modbus_motion_by_polarity() {
     assert_eq!((rig.speed(), rig.motion_control(), rig.current()), (0.0, 0, 1_000));
 }
 
-/// Detail 6: function 3 is none.
+/// Decision 18: function 3 is none.
 #[test]
 fn section_7_8_pin_3_invalid_function() {
     let mut rig = pin_3(3);
@@ -360,7 +360,7 @@ fn section_7_8_pin_3_invalid_function() {
     rig.assert_stands(10_000);
 }
 
-/// Decision 15: activating INHIBIT, HOME or INHIBIT_MODBUS_MOTION clears a fault that is not thermal.
+/// Activating INHIBIT, HOME or INHIBIT_MODBUS_MOTION clears a fault that is not thermal.
 #[test]
 fn section_7_8_pin_3_clears_a_fault() {
     for function in [0, 1, 2] {
@@ -370,14 +370,14 @@ fn section_7_8_pin_3_clears_a_fault() {
         rig.after(1.secs());
         assert_eq!(rig.motion_control(), bit::FAULT);
         rig.low("J2.3");
-        // Detail 16: HOME clears and homes.
+        // HOME clears and homes.
         assert_eq!(rig.motion_control(), if function == 1 { bit::HOME } else { 0 });
         rig.open("J2.3");
         assert_eq!(rig.current(), 1_000);
     }
 }
 
-/// Trap 9 and detail 16: a thermal one only when it has cooled.
+/// Decision 14: a thermal one only when it has cooled.
 #[test]
 fn section_7_8_pin_3_does_not_clear_a_thermal_fault() {
     for function in [0, 1, 2] {

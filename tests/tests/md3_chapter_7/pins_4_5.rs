@@ -35,7 +35,7 @@ fn section_7_8_mode_0000_step_dir() {
     assert_eq!(rig.position(), 1);
     rig.pulses("J2.4", 99, 10_000.0);
     assert_eq!(rig.position(), 100);
-    // Decision 14 and detail 29: open is forward, low is backward.
+    // Decision 20: open is forward, low is backward.
     rig.low("J2.5");
     rig.pulses("J2.4", 150, 10_000.0);
     assert_eq!(rig.position(), -50);
@@ -71,7 +71,7 @@ fn section_7_8_mode_0000_rising_edges() {
     assert_eq!(rig.position(), 2);
 }
 
-/// Detail 8: a change of polarity that makes the pin active is an edge.
+/// Decision 19: a change of polarity that makes the pin active is an edge.
 #[test]
 fn section_7_8_mode_0000_step_by_polarity() {
     let mut rig = mode(0b0000);
@@ -89,7 +89,7 @@ fn section_7_8_mode_0000_inverted_direction() {
     assert_eq!(rig.position(), -1);
 }
 
-/// "Maximum step frequency is 250 kHz"; decision 14: faster edges are lost, here every other one.
+/// "Maximum step frequency is 250 kHz"; decision 25: faster edges are lost, here every other one.
 #[test]
 fn section_7_8_mode_0000_at_most_250_khz() {
     let mut rig = mode(0b0000);
@@ -100,7 +100,7 @@ fn section_7_8_mode_0000_at_most_250_khz() {
     assert_eq!(rig.position(), 30_000);
 }
 
-/// Decision 11: BUSY is not for step pulses.
+/// BUSY is not for step pulses.
 #[test]
 fn section_7_8_mode_0000_is_never_busy() {
     let mut rig = mode(0b0000);
@@ -114,7 +114,7 @@ fn section_7_8_mode_0000_is_never_busy() {
     rig.assert_stands(100);
 }
 
-/// Detail 17: no steps while disabled; nor without current, nor in a fault.
+/// Decision 25: no steps while disabled; nor without current, nor in a fault.
 #[test]
 fn section_7_8_mode_0000_no_steps_without_current() {
     let mut rig = mode(0b0000);
@@ -131,7 +131,7 @@ fn section_7_8_mode_0000_no_steps_without_current() {
     assert_eq!(rig.position(), 0);
 }
 
-/// Trap 5: pins 4 and 5 are ignored during a home cycle, step pulses too.
+/// Decisions 24 and 25: pins 4 and 5 are ignored during a home cycle, step pulses too.
 #[test]
 fn section_7_8_pins_are_ignored_during_a_home_cycle() {
     let mut rig = mode(0b0000);
@@ -154,7 +154,7 @@ fn section_7_8_pins_are_ignored_during_a_home_cycle() {
         rig.assert_on_its_way(3_750, 5_000.0);
         rig.low("J2.2");
         rig.after(1.secs());
-        // Detail 19: and are not remembered.
+        // Decision 24: and are not remembered.
         assert_eq!((rig.moving(), rig.motion_control()), (false, 0), "mode {code:04b}");
     }
 }
@@ -163,17 +163,17 @@ fn section_7_8_pins_are_ignored_during_a_home_cycle() {
 fn section_7_8_mode_0001_move_profile_dir() {
     let mut rig = mode(0b0001);
     rig.low("J2.4");
-    assert_eq!(rig.motion_control(), bit::MOVE); // detail 2
+    assert_eq!(rig.motion_control(), bit::MOVE); // decision 3
     rig.after(1.secs());
     rig.assert_on_its_way(3_750, 5_000.0);
-    // Trap 5: pin 5 counts only at the edge; further edges are ignored.
+    // Pin 5 counts only at the edge (7.8); further edges are ignored (decision 24).
     rig.low("J2.5");
     rig.open("J2.4");
     rig.low("J2.4");
     rig.until_idle();
     rig.assert_stands(10_000);
     rig.after(5.secs());
-    rig.assert_stands(10_000); // detail 19
+    rig.assert_stands(10_000); // decision 24
     rig.open("J2.4");
     rig.after(1.secs());
     rig.assert_stands(10_000);
@@ -184,7 +184,7 @@ fn section_7_8_mode_0001_move_profile_dir() {
     rig.assert_stands(0);
 }
 
-/// Detail 29: high is the sign of MoveSteps.
+/// Decision 20: high is the sign of MoveSteps.
 #[test]
 fn section_7_8_mode_0001_negative_steps() {
     let mut rig = short(0b0001);
@@ -211,7 +211,7 @@ fn section_7_8_mode_0001_rising_edge() {
     rig.open("J2.4");
     rig.until_idle();
     rig.assert_stands(800);
-    // Detail 8: and by polarity alone.
+    // Decision 19: and by polarity alone.
     rig.write(at::PINS, 0b0001 << 4);
     rig.write(at::PINS, 0b0001 << 4 | HIGH_4);
     assert_eq!(rig.until_idle(), 400.millis());
@@ -233,7 +233,7 @@ fn section_7_8_mode_0010_move_profile_forward_backward() {
     assert_eq!(rig.until_idle(), 300.millis());
     rig.assert_stands(0);
     assert_eq!(rig.read_long(at::MOVE_STEPS), 400);
-    // Detail 19: an edge during the move is not remembered.
+    // Decision 24: an edge during the move is not remembered.
     rig.low("J2.4");
     rig.after(100.millis());
     rig.open("J2.4");
@@ -257,7 +257,7 @@ fn section_7_8_mode_0010_inverted() {
     rig.assert_stands(0);
 }
 
-/// Detail 8: a change of polarity is an edge like any other, either way.
+/// Decision 19: a change of polarity is an edge like any other, either way.
 #[test]
 fn section_7_8_mode_0010_by_polarity() {
     let mut rig = short(0b0010);
@@ -327,7 +327,7 @@ fn section_7_8_mode_0101_move_profile_forward_and_home() {
 fn section_7_8_mode_0110_jog_dir() {
     let mut rig = mode(0b0110);
     rig.low("J2.4");
-    assert_eq!(rig.motion_control(), bit::JOG); // detail 2
+    assert_eq!(rig.motion_control(), bit::JOG); // decision 3
     rig.after(1.secs());
     rig.assert_on_its_way(3_750, 5_000.0);
     rig.low("J2.5"); // 0.5 s down, 0.5 s up, 1,250 steps each
@@ -343,7 +343,7 @@ fn section_7_8_mode_0110_jog_dir() {
     assert_eq!(rig.motion_control(), 0);
 }
 
-/// The speed comes from its register (7.17), with its sign; detail 29: pin 5 low is the other way.
+/// The speed comes from its register (7.17), with its sign; decision 20: pin 5 low is the other way.
 #[test]
 fn section_7_8_mode_0110_negative_speed() {
     let mut rig = mode(0b0110);
@@ -360,7 +360,7 @@ fn section_7_8_mode_0110_negative_speed() {
     assert!((rig.speed() - 3_000.0).abs() < 1.0, "{}", rig.speed());
 }
 
-/// Trap 2: one write of 0x09 can start a jog; it looks at the levels.
+/// Decision 21: one write of 0x09 can start a jog; it looks at the levels.
 #[test]
 fn section_7_8_mode_0110_starts_by_its_write() {
     let mut rig = mode(0b1111);
@@ -413,7 +413,7 @@ fn section_7_8_mode_0110_and_a_jog_by_the_bus() {
     assert_eq!(rig.until_idle(), 500.millis());
 }
 
-/// Detail 15 speaks of a jog by pins: one that the bus began goes on in any mode.
+/// Decision 24 speaks of a jog of the pins: one that the bus began goes on in any mode.
 #[test]
 fn section_7_8_a_change_of_the_motion_mode_and_a_jog_by_the_bus() {
     let mut rig = mode(0b0110);
@@ -471,7 +471,7 @@ fn section_7_8_mode_0111_jog_forward_and_backward() {
     rig.assert_stands(0);
 }
 
-/// Detail 18: with both pins low the direction that runs stays; from rest it is that of pin 4.
+/// Decision 22: with both pins low the direction that runs stays; from rest it is that of pin 4.
 #[test]
 fn section_7_8_mode_0111_both_pins() {
     let mut rig = mode(0b0111);
@@ -511,7 +511,7 @@ fn section_7_8_jog_levels_when_the_drive_becomes_ready() {
     }
 }
 
-/// Detail 19: jog levels are looked at again when a home cycle ends, or a profile move.
+/// Decision 21: jog levels are looked at again when a home cycle ends, or a profile move.
 #[test]
 fn section_7_8_jog_levels_when_a_motion_ends() {
     for code in [0b0110, 0b0111] {
@@ -635,7 +635,7 @@ fn section_7_8_pins_start_nothing_while_disabled() {
     assert_eq!(rig.motion_control(), bit::DISABLE);
 }
 
-/// Detail 15: a change of the field ramps a jog by pins down, but leaves a move and a home cycle.
+/// Decision 24: a change of the field ramps a jog by pins down, but leaves a move and a home cycle.
 #[test]
 fn section_7_8_a_change_of_the_motion_mode() {
     let mut rig = mode(0b0110);
@@ -661,8 +661,8 @@ fn section_7_8_a_change_of_the_motion_mode() {
     assert_eq!(rig.motion_control(), bit::HOME);
 }
 
-/// Decision 12: the motion starts when the mode is written. Detail 2 and trap 6: no pause between the
-/// parts, and the drive itself writes MoveSteps. Forward until 0.4 s, back until 0.8 s, and so on.
+/// Decision 21: the motion starts when the mode is written. Decision 23: no pause between
+/// the parts, and the drive itself writes MoveSteps. Forward until 0.4 s, back until 0.8 s, and so on.
 #[test]
 fn section_7_8_mode_1000_forward_and_backward() {
     let mut rig = short(0b1000);
@@ -694,7 +694,7 @@ fn section_7_8_mode_1000_is_busy_all_the_time() {
     assert!(rig.now() > end - 1.secs());
 }
 
-/// Decision 12 and detail 15: leaving it stops at once; MoveSteps is negative if it went back.
+/// Decision 23: leaving it stops at once; MoveSteps is negative if it went back.
 #[test]
 fn section_7_8_mode_1000_stopped() {
     let mut rig = short(0b1000);
@@ -785,7 +785,7 @@ fn section_7_8_mode_1000_in_a_fault_and_inhibited() {
     assert_eq!(rig.motion_control(), 0);
 }
 
-/// INHIBIT: the parts go on, the motor stands (trap 7).
+/// INHIBIT: the parts go on, the motor stands (decision 28).
 #[test]
 fn section_7_8_mode_1000_goes_on_while_inhibited() {
     let mut rig = short(0b1000);
@@ -797,7 +797,7 @@ fn section_7_8_mode_1000_goes_on_while_inhibited() {
     assert_eq!(rig.read_long(at::MOVE_STEPS), -400);
 }
 
-/// Trap 6: saved it starts by itself after the start-up delay.
+/// Decision 21: saved it starts by itself after the start-up delay.
 #[test]
 fn section_7_8_endless_modes_start_after_power_up() {
     for code in [0b1000, 0b1001] {
@@ -836,7 +836,7 @@ fn section_7_8_mode_1001_forward_and_home() {
     assert_eq!((rig.speed(), rig.motion_control()), (0.0, 0));
 }
 
-/// Detail 6: codes that nobody prints, and 1111, have no function.
+/// Decision 18: codes that nobody prints, and 1111, have no function.
 #[test]
 fn section_7_8_modes_1010_to_1111_have_no_function() {
     for code in 0b1010..=0b1111 {
@@ -920,7 +920,7 @@ fn section_7_8_dc_motor_directions() {
     assert_eq!(rig.duty(), 8_192);
 }
 
-/// Pins that a register makes inputs are read with their raw levels, whatever polarity (detail 7).
+/// Pins that a register makes inputs are read with their raw levels, whatever polarity (decision 11).
 #[test]
 fn section_7_8_polarity_does_not_change_what_is_read() {
     let mut rig = mode(0b1111);

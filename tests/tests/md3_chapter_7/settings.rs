@@ -20,7 +20,7 @@ fn section_7_1_device_address() {
     assert_eq!(words(&rig.ask(&rtu::read(247, 0x00, 1))), [247]);
 }
 
-/// Detail 26: all drives on the line get it.
+/// Decision 3 of all Modbus drives: all drives on the line get it.
 #[test]
 fn section_7_1_the_address_can_be_broadcast() {
     let mut rig = Rig::ready();
@@ -28,7 +28,7 @@ fn section_7_1_the_address_can_be_broadcast() {
     assert_eq!(words(&rig.ask(&rtu::read(9, 0x00, 1))), [9]);
 }
 
-/// Peak currents of the high current version in mA, as 7.2 prints them from code 0 on. Trap 13: the
+/// Peak currents of the high current version in mA, as 7.2 prints them from code 0 on. The
 /// steps get wider at 0x15.
 const STANDARD: [u32; 31] = [
     0, 100, 200, 300, 400, 500, 600, 700, 800, 900, // 0x00 … 0x09
@@ -73,8 +73,7 @@ fn section_7_2_initial_currents() {
     assert_eq!(Rig::ready_kind("md3-low").current(), 500);
 }
 
-/// Trap 13 and detail 28: code 0 is full step with 71 % of the current; the codes that nobody prints act
-/// as 8 (detail 6).
+/// Decision 10: code 0, full step, has 71 % of the current. The codes that nobody prints act as 8.
 #[test]
 fn section_7_2_full_step_gives_71_percent() {
     let mut rig = Rig::ready();
@@ -84,7 +83,7 @@ fn section_7_2_full_step_gives_71_percent() {
     }
 }
 
-/// Detail 28: all steps are microsteps. Detail 20: a change leaves the position alone.
+/// Decision 17: all steps are microsteps. A change leaves the position alone.
 #[test]
 fn section_7_2_microstepping_changes_no_counts() {
     let mut rig = Rig::ready();
@@ -103,7 +102,7 @@ fn dc(code: u16) -> Rig {
     rig
 }
 
-/// Frequencies in Hz and full scales of 7.2. Trap 14: they are not monotonic, but their product is
+/// Frequencies in Hz and full scales of 7.2. They are not monotonic, but their product is
 /// 20 MHz (codes 0 and 1) or 80 MHz.
 const PWM: [(u64, i32); 9] = [
     (500, 40_000),
@@ -117,7 +116,7 @@ const PWM: [(u64, i32); 9] = [
     (40_000, 2_000),
 ];
 
-/// Decision 17: duty = Speed / full scale, clamped.
+/// Decision 32: duty = Speed / full scale, clamped.
 #[test]
 fn section_7_2_dc_duties() {
     for (code, (hz, full)) in (0..).zip(PWM) {
@@ -140,7 +139,7 @@ fn section_7_2_dc_duties() {
     }
 }
 
-/// Detail 6: the codes beyond act as the last one, ±2,000 counts.
+/// The codes beyond act as the last one, ±2,000 counts.
 #[test]
 fn section_7_2_dc_codes_that_nobody_prints() {
     for code in 9..32 {
@@ -152,7 +151,7 @@ fn section_7_2_dc_codes_that_nobody_prints() {
     }
 }
 
-/// Detail 32: the example of 7.17 means code 5 (16 kHz, 5,000): 2,500 gives 50 %.
+/// The example of 7.17 means code 5 (16 kHz, 5,000): 2,500 gives 50 %.
 #[test]
 fn section_7_17_dc_example() {
     let mut rig = dc(5);
@@ -162,7 +161,7 @@ fn section_7_17_dc_example() {
     assert_eq!(rig.duty(), 32_768);
 }
 
-/// Detail 10: from 0 to 20,000 of 40,000 counts at 10,000 counts/s in 2 s, in steps of a PWM period:
+/// Decision 32: from 0 to 20,000 of 40,000 counts at 10,000 counts/s in 2 s, in steps of a PWM period:
 /// at 2 kHz 0.5 ms, 5 counts, 8 of 65,536.
 #[test]
 fn section_7_2_dc_ramps() {
@@ -232,7 +231,7 @@ fn section_7_2_dc_stop_is_immediate() {
     }
 }
 
-/// "Jog mode only"; detail 10: Move and Home complete at once.
+/// "Jog mode only": Move and Home complete at once.
 #[test]
 fn section_7_2_dc_only_jogs() {
     let mut rig = dc(0);
@@ -244,7 +243,7 @@ fn section_7_2_dc_only_jogs() {
     }
 }
 
-/// Detail 10: SPEEDSEL works.
+/// Decision 32: AlternateSpeed is a count, too.
 #[test]
 fn section_7_2_dc_alternate_speed() {
     let mut rig = dc(2);
@@ -260,7 +259,7 @@ fn section_7_2_dc_alternate_speed() {
     assert_eq!(rig.duty(), -8_192);
 }
 
-/// Detail 10: a change of Motor Mode stops and zeroes, either way.
+/// Decision 32: a change of Motor Mode stops at once, either way.
 #[test]
 fn section_7_2_a_change_of_the_motor_mode_stops() {
     let mut rig = dc(2);
@@ -332,7 +331,7 @@ fn section_7_3_full_step() {
     assert_eq!(rig.current(), 355);
 }
 
-/// Trap 12: the light comes on even if the current stays the same.
+/// Decision 31: the light comes on even if the current stays the same.
 #[test]
 fn section_7_3_red_lights_at_the_same_current() {
     let mut rig = with_cutback(10);
@@ -369,7 +368,7 @@ fn section_7_3_levels() {
     }
 }
 
-/// Detail 9 and trap 12: any edge on J2 pins 2 to 5 is an input change and restores the current.
+/// Decision 31: any edge on J2 pins 2 to 5 is an input change and restores the current.
 #[test]
 fn section_7_3_an_input_change_restores_the_current() {
     for pin in ["J2.2", "J2.4", "J2.5"] {
@@ -398,7 +397,7 @@ fn section_7_3_a_change_of_pin_3_restores_the_current() {
     assert_eq!((rig.current(), rig.lit(RED)), (1_000, false));
 }
 
-/// Detail 9: the encoder's pins do not count, nor what is said to others.
+/// Decision 31: the encoder's pins do not count, nor what is said to others.
 #[test]
 fn section_7_3_other_pins_restore_nothing() {
     let mut rig = with_cutback(10);
@@ -414,7 +413,7 @@ fn section_7_3_other_pins_restore_nothing() {
     assert_eq!(rig.current(), 1_000);
 }
 
-/// Trap 12: step pulses, too.
+/// Decision 31: step pulses, too.
 #[test]
 fn section_7_3_step_pulses_restore_the_current() {
     let mut rig = with_cutback(10);
@@ -424,7 +423,7 @@ fn section_7_3_step_pulses_restore_the_current() {
     assert_eq!((rig.current(), rig.position()), (1_000, 1));
 }
 
-/// Detail 9: what counts as a command is a write of 0x11; reads and other writes do not.
+/// Decision 31: what counts as a command is a write of 0x11; reads and other writes do not.
 #[test]
 fn section_7_3_what_counts_as_a_command() {
     let mut rig = with_cutback(10);
@@ -440,8 +439,8 @@ fn section_7_3_what_counts_as_a_command() {
     assert_eq!((rig.current(), rig.lit(RED)), (1_000, false));
 }
 
-/// Decision 10: not while moving; the end of a motion starts the timeout anew, and (detail 9) a motion
-/// restores the current before its first step.
+/// Decision 31: not while moving; the end of a motion starts the timeout anew, and a motion restores
+/// the current before its first step.
 #[test]
 fn section_7_3_not_while_moving() {
     let mut rig = with_cutback(5);
@@ -475,7 +474,7 @@ fn section_7_3_disabled_stays_without_current() {
     assert_eq!(rig.current(), 0);
 }
 
-/// 250 · 10 ms + 2.5 s = 5 s (7.4). Trap 21: what counts is what was saved.
+/// 250 · 10 ms + 2.5 s = 5 s (7.4). What counts is what was saved.
 #[test]
 fn section_7_4_startup_delay() {
     let mut rig = Rig::restarted(&[(at::STARTUP_DELAY, 250)]);
@@ -496,7 +495,7 @@ fn section_7_4_a_delay_that_was_not_saved_does_not_count() {
     assert_eq!(rig.read(at::STARTUP_DELAY), 0);
 }
 
-/// Decision 7: more than 65,435 acts as that: 2.5 s + 654.35 s.
+/// More than 65,435 acts as that: 2.5 s + 654.35 s.
 #[test]
 fn section_7_4_the_longest_delay() {
     for delay in [65_435, 65_535] {
@@ -508,7 +507,7 @@ fn section_7_4_the_longest_delay() {
     }
 }
 
-/// Detail 12: `--fast-boot` skips all of it.
+/// `--fast-boot` skips all of it.
 #[test]
 fn section_7_4_without_any_delay() {
     let mut rig = Rig::new("md3", Setup { boot_fast: true, ..Setup::default() });
@@ -519,7 +518,7 @@ fn section_7_4_without_any_delay() {
     assert_eq!(rig.until_idle(), 2_500.millis());
 }
 
-/// Frames that come during the start-up delay are counted and not heard (decision 7).
+/// Frames that come during the start-up delay are counted and not heard (decision 13).
 #[test]
 fn section_7_4_nothing_is_heard_before() {
     let mut rig = Rig::new("md3", Setup::default());

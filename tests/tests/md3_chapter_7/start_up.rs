@@ -12,7 +12,7 @@ fn lights(rig: &Rig) -> (bool, bool) {
     (rig.lit(RED), rig.lit(GREEN))
 }
 
-/// Decision 8 and detail 12: both flash twice, 0.25 s on and 0.25 s off, inside the 2.5 s; then they
+/// Decision 13: both flash twice, 0.25 s on and 0.25 s off, inside the 2.5 s; then they
 /// alternate every half second.
 #[test]
 fn section_2_lights_at_power_up() {
@@ -61,7 +61,7 @@ fn flashes(rig: &mut Rig, light: &str) -> (u32, u32) {
     (flashes, lit)
 }
 
-/// Decision 8: the heartbeat's period is 1.5 s. Detail 32: green D6.
+/// Decision 13: the heartbeat's period is 1.5 s. It is green, which is D6 in the table of section 2.
 #[test]
 fn section_2_heartbeat() {
     let mut rig = Rig::ready();
@@ -69,7 +69,7 @@ fn section_2_heartbeat() {
     assert_eq!(flashes(&mut rig, RED), (0, 0));
 }
 
-/// Trap 9: in a fault green is off and red flashes.
+/// In a fault green is off and red flashes.
 #[test]
 fn section_2_lights_in_a_fault() {
     let mut rig = Rig::ready();
@@ -98,7 +98,7 @@ fn section_2_lights_in_a_fault_in_cutback() {
     assert!(lit < 1_000);
 }
 
-/// Decision 11 and trap 4: BUSY is low during moves, jogs and home cycles, and in a fault.
+/// BUSY is low during moves, jogs and home cycles, and in a fault.
 #[test]
 fn section_2_busy() {
     for command in [bit::MOVE, bit::JOG, bit::HOME] {
@@ -195,5 +195,5 @@ fn section_4_without_power() {
     assert!(rig.ask(&rtu::read(1, 0, 1)).is_empty());
     rig.bench.power(rig.seat, standin_sim::bench::PowerAction::On);
     rig.after(3.secs());
-    assert_eq!((rig.motion_control(), rig.position()), (0, 0)); // detail 20: from power-on
+    assert_eq!((rig.motion_control(), rig.position()), (0, 0)); // decision 17: from power-on
 }
