@@ -4,9 +4,9 @@
 //! With *h* = speed · ticks/s and a step of 2·(ticks/s)², way and speed are tied by
 //! h² = h₀² + a·way, and a change of speed by Δh takes Δh/a ticks.
 
-use fixed::types::I24F8;
+use fixed::types::{I24F8, U24F8};
 use standin_firmware::motion::Rates;
-use standin_protocol::time::TICKS_PER_SECOND;
+use standin_protocol::time::{Duration, TICKS_PER_SECOND};
 
 /// A step in the unit of a way.
 pub const STEP: u128 = 2 * (TICKS_PER_SECOND as u128) * (TICKS_PER_SECOND as u128);
@@ -78,6 +78,13 @@ impl Move {
             self.end - ramp(self.start, self.down, u128::from(self.steps) * STEP - way)
         }
     }
+}
+
+/// When the steps of a move are due, since its beginning and to the nearest tick: from standstill to
+/// standstill, up and down with `acceleration` in steps/s², at most at `speed` in steps/s. Neither may be 0.
+pub fn step_instants(steps: u32, speed: u32, acceleration: u32) -> impl Iterator<Item = Duration> {
+    let exact = Move::of(steps, Rates::even(U24F8::from_num(speed), acceleration));
+    (1..=steps).map(move |n| Duration::from_ticks(((exact.step(n) + TICK / 2) / TICK) as u64))
 }
 
 /// How long it takes from the speed `start` over a `way` with acceleration `a`.
@@ -176,5 +183,33 @@ impl Jog {
             }
         }
         self.speed = 0;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::step_instants;
+    use standin_protocol::time::{Duration, Span};
+
+    #[test]
+    fn the_factory_move_of_an_md3() {
+        // 5000²/(2·10,000) = 1250 steps in half a second, 7500 at 5000 a second, 1250 to stop.
+        let instants: Vec<Duration> = step_instants(10_000, 5_000, 10_000).collect();
+        assert_eq!(instants.len(), 10_000);
+        assert_eq!(instants[1_249], 500.millis());
+        assert_eq!(instants[4_999], 1_250.millis());
+        assert_eq!(instants[8_749], 2_000.millis());
+        assert_eq!(instants[9_999], 2_500.millis());
+        // sqrt(2/10,000) s = 14.142136 ms.
+        assert_eq!(instants[0].ticks(), 226_274);
+        assert_eq!(instants[9_998].ticks(), 40_000_000 - 226_274);
+    }
+
+    #[test]
+    fn a_triangle() {
+        // 2·sqrt(101/10,000) s
+        let instants: Vec<Duration> = step_instants(101, 5_000, 10_000).collect();
+        assert_eq!(instants[100].ticks(), 3_215_960);
+        assert!(instants.is_sorted());
     }
 }

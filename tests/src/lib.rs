@@ -6,7 +6,7 @@
 pub struct Readme;
 
 pub mod exact;
+pub mod md3;
 pub mod on_shell;
-pub mod oracle;
 pub mod ramps;
 pub mod toy;

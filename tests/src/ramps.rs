@@ -40,9 +40,9 @@ pub struct Row {
     pub name: &'static str,
     /// A walker.
     pub ours: Error,
-    /// [`avr446`]; it does not jog.
+    /// `avr446`; it does not jog.
     pub avr446: Option<Error>,
-    /// [`accelstepper`]; it does not jog.
+    /// `accelstepper`; it does not jog.
     pub accelstepper: Option<Error>,
 }
 
@@ -116,8 +116,7 @@ fn jog() -> Error {
 /// all integers, its timer at the rate of a tick. The first interval is 0.676·√(2/a), so that the
 /// recurrence for the others ends up at the right speed; the ramp down begins where v²/2a or half the
 /// way says.
-#[must_use]
-pub fn avr446(steps: u32, acceleration: u32, speed: u32) -> Vec<f64> {
+fn avr446(steps: u32, acceleration: u32, speed: u32) -> Vec<f64> {
     let (steps, a, v) = (i64::from(steps), f64::from(acceleration), f64::from(speed));
     let rate = TICKS_PER_SECOND as f64;
     let fastest = TICKS_PER_SECOND.cast_signed() / i64::from(speed);
@@ -154,8 +153,7 @@ pub fn avr446(steps: u32, acceleration: u32, speed: u32) -> Vec<f64> {
 
 /// The steps of the library `AccelStepper`: single floats, intervals in whole microseconds, and after each
 /// step the question whether v²/2a is still less than what is left.
-#[must_use]
-pub fn accelstepper(steps: u32, acceleration: u32, speed: u32) -> Vec<f64> {
+fn accelstepper(steps: u32, acceleration: u32, speed: u32) -> Vec<f64> {
     let a = acceleration as f32;
     let first = 0.676 * (2.0 / a).sqrt() * 1e6;
     let least = 1e6 / speed as f32;

@@ -245,6 +245,7 @@ fn a_walk_begun_anywhere_makes_the_same_steps() {
     for _ in 0..2_000 {
         let plan = profile(&mut random, 300);
         let all: Vec<Step> = Walker::new(&plan, plan.start()).collect();
+        assert_eq!(all.len(), plan.position_at(Instant::NEVER).abs_diff(-3) as usize, "{plan:?}");
         for _ in 0..8 {
             let after = somewhere(&mut random, &plan);
             let rest: Vec<Step> = all.iter().copied().filter(|step| step.at > after).collect();
@@ -255,7 +256,7 @@ fn a_walk_begun_anywhere_makes_the_same_steps() {
 
 #[test]
 fn a_jog_told_again_what_it_does_makes_the_same_steps() {
-    let mut random = Random(6);
+    let (mut random, mut total) = (Random(6), 0);
     for _ in 0..2_000 {
         let orders = orders(&mut random);
         let mut pieces = Vec::new();
@@ -265,15 +266,20 @@ fn a_jog_told_again_what_it_does_makes_the_same_steps() {
             pieces.push(Order { ticks: cut, speed, acceleration });
             pieces.push(Order { ticks: order.ticks - cut, speed, acceleration });
         }
-        assert_eq!(walked(&pieces), walked(&orders));
+        let steps = walked(&orders);
+        assert_eq!(walked(&pieces), steps);
+        total += steps.len();
     }
+    assert!(total > 500_000, "{total} steps: too little was looked at");
 }
 
-/// Position and speed of a plan change by a walker's steps, and only by them.
+/// The position of a plan changes by a walker's steps, and only by them: by `most` of them, or by all that
+/// there are.
 fn agrees(plan: &Plan, after: Instant, most: usize) {
     let mut position = plan.position_at(after);
-    let mut last = after;
+    let (mut last, mut made) = (after, 0);
     for step in Walker::new(plan, after).take(most) {
+        made += 1;
         let before = step.at - Duration::TICK;
         assert!(step.at > last, "{plan:?} {step:?} {last:?}");
         for instant in [last, last + Duration::TICK, before] {
@@ -284,6 +290,9 @@ fn agrees(plan: &Plan, after: Instant, most: usize) {
         position = position.wrapping_add(if step.forward { 1 } else { -1 });
         assert_eq!(plan.position_at(step.at), position, "{plan:?} at {step:?}");
         last = step.at;
+    }
+    if made < most {
+        assert_eq!(position, plan.position_at(Instant::NEVER), "{plan:?} from {after:?}: steps are missing");
     }
 }
 
@@ -340,7 +349,9 @@ fn a_ramp_of_eleven_hours_is_as_exact_as_a_short_one() {
     for _ in 0..300 {
         let after = random.below(40_000 * TICKS_PER_SECOND);
         let made = plan.position_at(at(after)).cast_unsigned();
-        for (n, ticks) in (made + 1..=800_000_000).zip(steps(&plan, after).take(100)) {
+        let ticks: Vec<u64> = steps(&plan, after).take(100).collect();
+        assert_eq!(ticks.len(), 100);
+        for (n, ticks) in (made + 1..=800_000_000).zip(ticks) {
             assert!(is_nearest_root(ticks, n, 1), "step {n} at {ticks}");
         }
     }
@@ -360,6 +371,7 @@ fn a_day_of_cruise_is_as_exact_as_a_second() {
         let made = plan.position_at(at(after));
         // Positions wrap at 32 bits, after 29 hours.
         let ticks: Vec<u64> = steps(&plan, after).take(1_000).collect();
+        assert_eq!(ticks.len(), 1_000);
         let first = (u128::from(ticks[0]) * 2 * h * 400_000 - h * h) / (STEP * 400_000);
         let first = (first..).find(|n| *n as u32 == made.cast_unsigned().wrapping_add(1)).expect("endless");
         for (n, ticks) in (first..).zip(ticks) {
@@ -387,7 +399,7 @@ fn a_speed_reached_within_a_tick_makes_up_for_a_step_that_is_due() {
     let slow = Plan::rest(at(0), 0).towards(at(0), I24F8::DELTA, 1);
     let plan = slow.towards(at(due - 200), I24F8::from_num(67), i32::MAX.cast_unsigned());
     let ticks: Vec<u64> = steps(&plan, due - 200).take(1_000).collect();
-    assert_eq!(ticks[0], due - 199);
+    assert_eq!((ticks.len(), ticks[0]), (1_000, due - 199));
     for (n, ticks) in (0..).zip(&ticks) {
         // f/67 apart, from the instant at which the new speed would have made the first.
         let exact = n as f64 * TICKS_PER_SECOND as f64 / 67.0;

@@ -7,6 +7,7 @@ use standin_firmware::device::{
     Boot, Device, Duration, Ends, Fault, Input, Instant, Output, Pin, Port, Sink, advance,
 };
 use standin_protocol::modbus::rtu;
+use standin_tests::md3::at;
 use standin_tests::toy::Toy;
 
 /// Everything a drive puts, as text.
@@ -59,8 +60,8 @@ fn bytes() -> impl Strategy<Value = Vec<u8>> {
     prop_oneof![
         request.clone().prop_map(|(unit, address, value)| rtu::write(unit, address, value).to_vec()),
         request.prop_map(|(unit, address, count)| rtu::read(unit, address, count % 40).to_vec()),
-        (0_u16..32).prop_map(|bits| rtu::write(1, 0x11, bits).to_vec()),
-        (0_u16..4).prop_map(|bits| rtu::write(1, 0x1a, bits).to_vec()),
+        (0_u16..32).prop_map(|bits| rtu::write(1, at::MOTION, bits).to_vec()),
+        (0_u16..4).prop_map(|bits| rtu::write(1, at::EEPROM, bits).to_vec()),
         proptest::collection::vec(any::<u8>(), 1..300),
         proptest::collection::vec(prop_oneof![Just(b'0'), Just(b'1')], 1..4),
     ]

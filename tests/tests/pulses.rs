@@ -6,25 +6,17 @@ use proptest::prelude::Rng;
 use proptest::test_runner::{RngAlgorithm, TestRng};
 use standin_firmware::device::{Axis, Duration, Instant, Pin};
 use standin_firmware::md3::Md3;
-use standin_protocol::modbus::rtu;
 use standin_protocol::time::Span;
 use standin_sim::bench::{Bench, Seat, Settings, Setup};
 use standin_sim::bus::LineMode;
 use standin_sim::pulses::Pulse;
 use standin_sim::trace::TraceKeep;
-use standin_tests::oracle::step_instants;
+use standin_tests::exact::step_instants;
+use standin_tests::md3::{at, bit, write, write_pair};
 
 const MOVES: usize = 100;
 const STEPS: u32 = 100_000;
 
-/// First halves of the registers (7.16, 7.17, 7.19), and MotionControl with its bits (7.15).
-const MOVE_STEPS: u16 = 0x12;
-const SPEED: u16 = 0x14;
-const ACCEL_DECEL: u16 = 0x18;
-const MOTION_CONTROL: u16 = 0x11;
-const MOVE: u16 = 1;
-const JOG: u16 = 1 << 1;
-const STOP: u16 = 1 << 3;
 const AXIS: Axis = Axis(0);
 
 /// A move that an MD3 was told to make.
@@ -64,23 +56,13 @@ fn dice() -> impl FnMut(u32) -> u32 {
     move |below| ((u64::from(rng.next_u32()) * u64::from(below)) >> 32) as u32
 }
 
-fn write(bench: &mut Bench, md3: Seat, register: u16, value: u16) {
-    let request = rtu::write(1, register, value);
-    assert_eq!(bench.ask(md3, &request), request.as_slice(), "register {register:#x}");
-}
-
-fn write_pair(bench: &mut Bench, md3: Seat, register: u16, value: u32) {
-    write(bench, md3, register, (value >> 16) as u16);
-    write(bench, md3, register + 1, value as u16);
-}
-
 /// Makes a move to its end, and waits a little.
 fn make(bench: &mut Bench, md3: Seat, steps: i32, speed: i32, acceleration: u32) -> Move {
-    write_pair(bench, md3, MOVE_STEPS, steps.cast_unsigned());
-    write_pair(bench, md3, SPEED, speed.cast_unsigned());
-    write_pair(bench, md3, ACCEL_DECEL, acceleration);
+    write_pair(bench, md3, at::MOVE_STEPS, steps.cast_unsigned());
+    write_pair(bench, md3, at::SPEED, speed.cast_unsigned());
+    write_pair(bench, md3, at::ACCEL_DECEL, acceleration);
     let from = bench.now();
-    write(bench, md3, MOTION_CONTROL, MOVE);
+    write(bench, md3, at::MOTION, bit::MOVE);
     while bench.motion(md3, AXIS).moving {
         bench.run_until(bench.next());
     }
@@ -150,6 +132,7 @@ fn an_md3_follows_the_step_and_direction_outputs_of_another() {
     let mut random = dice();
     let (mut bench, x) = bench();
     let y = seat(&mut bench, "y");
+    bench.run_until(2.millis());
     // In mode 0000, the usual one, J2 pins 4 and 5 are step and direction (7.8).
     let pin = |name| {
         let names = bench.spec(x).pins.iter().map(|pin| pin.name);
@@ -159,23 +142,23 @@ fn an_md3_follows_the_step_and_direction_outputs_of_another() {
     for (from, to) in wires {
         bench.wire((x, from), (y, to));
     }
-    bench.run_until(2.millis());
-    // The wire pulled J2.4 low, which was a step.
+    bench.run_until(3.millis());
+    // The first wire pulled J2.4 low, which was a step; J2.5 was still open, which is forward.
     let offset = bench.motion(y, AXIS).position;
-    assert!(offset.abs() <= 1);
+    assert_eq!(offset, 1);
     for _ in 0..20 {
         let steps = random(1_000).cast_signed() - 500;
         make(&mut bench, x, steps, 1 + random(40_000).cast_signed(), 1_000 + random(1_000_000));
         assert_eq!(bench.motion(y, AXIS).position - offset, bench.motion(x, AXIS).position);
     }
     // A jog, turned round and stopped at once on its way.
-    write_pair(&mut bench, x, ACCEL_DECEL, 200_000);
-    write_pair(&mut bench, x, SPEED, 20_000);
-    write(&mut bench, x, MOTION_CONTROL, JOG);
+    write_pair(&mut bench, x, at::ACCEL_DECEL, 200_000);
+    write_pair(&mut bench, x, at::SPEED, 20_000);
+    write(&mut bench, x, at::MOTION, bit::JOG);
     bench.run_until(bench.now() + 500.millis());
-    write_pair(&mut bench, x, SPEED, (-30_000_i32).cast_unsigned());
+    write_pair(&mut bench, x, at::SPEED, (-30_000_i32).cast_unsigned());
     bench.run_until(bench.now() + 700.millis());
-    write(&mut bench, x, MOTION_CONTROL, STOP);
+    write(&mut bench, x, at::MOTION, bit::STOP);
     bench.run_until(bench.now() + 10.micros());
     assert_eq!(bench.motion(y, AXIS).position - offset, bench.motion(x, AXIS).position);
     let pulses: Vec<Pulse> = bench.pulses(x.step()).collect();
@@ -188,8 +171,7 @@ fn the_factory_move_makes_10_000_pulses() {
     let mut bench = Bench::new();
     let md3 = bench.add::<Md3>("x");
     bench.run_until(2_500.millis());
-    let reply = bench.ask(md3, &rtu::write(1, MOTION_CONTROL, MOVE));
-    assert_eq!(reply, rtu::write(1, MOTION_CONTROL, MOVE).as_slice());
+    write(&mut bench, md3, at::MOTION, bit::MOVE);
     bench.run_until(6.secs());
     assert_eq!(bench.pulses(md3.step()).count(), 10_000);
 }
@@ -200,7 +182,7 @@ fn nothing_is_counted_before_it_is_made() {
     make(&mut bench, md3, 3, 40_000, 200);
     let start = bench.now();
     // sqrt(2n/200) s: the first step after 0.1 s.
-    write(&mut bench, md3, MOTION_CONTROL, MOVE);
+    write(&mut bench, md3, at::MOTION, bit::MOVE);
     bench.run_until(start + 100.millis() - Duration::TICK);
     assert_eq!(bench.pulses(md3.step()).count(), 3);
     bench.run_until(start + 100.millis());
@@ -208,7 +190,7 @@ fn nothing_is_counted_before_it_is_made() {
     let rise = start + 100.millis();
     assert_eq!(pulse, Some(Pulse { rise, fall: rise + 2.micros(), forward: true }));
     // A stop at once: the other two are never made.
-    write(&mut bench, md3, MOTION_CONTROL, STOP);
+    write(&mut bench, md3, at::MOTION, bit::STOP);
     bench.run_until(bench.now() + 10.secs());
     assert_eq!(bench.pulses(md3.step()).count(), 4);
 }

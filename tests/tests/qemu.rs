@@ -10,6 +10,7 @@ use std::thread;
 use std::time::Duration;
 
 use standin_protocol::modbus::rtu::{self, Burst};
+use standin_tests::md3::{at, bit};
 
 /// How long a master waits for an answer. The drive's start-up takes 2.5 s.
 const PATIENCE: Duration = Duration::from_secs(3);
@@ -97,21 +98,21 @@ fn answer(pdu: &[u8]) -> Vec<u8> {
 fn the_board_answers() {
     let mut board = Board::boot();
     // Chapter 7: SpeedHigh and SpeedLow of a new drive.
-    assert_eq!(board.ask(&rtu::read(1, 0x14, 2)), answer(&[3, 4, 0x00, 0x00, 0x13, 0x88]));
+    assert_eq!(board.ask(&rtu::read(1, at::SPEED, 2)), answer(&[3, 4, 0x00, 0x00, 0x13, 0x88]));
     // 6.2, 7.23.
-    board.write(0x1d, 0x1234);
-    assert_eq!(board.ask(&rtu::read(1, 0x1d, 1)), answer(&[3, 2, 0x12, 0x34]));
+    board.write(at::USER, 0x1234);
+    assert_eq!(board.ask(&rtu::read(1, at::USER, 1)), answer(&[3, 2, 0x12, 0x34]));
     // 6.1, 6.2: exceptions.
     assert_eq!(board.ask(&rtu::frame(1, &[4, 0, 0, 0, 1])), answer(&[0x84, 1]));
-    assert_eq!(board.ask(&rtu::write(1, 0x1b, 0)), answer(&[0x86, 2]));
+    assert_eq!(board.ask(&rtu::write(1, at::PRODUCT, 0)), answer(&[0x86, 2]));
     // 7.15: a move reads back as running, then done.
-    board.write(0x11, 1);
-    assert_eq!(board.ask(&rtu::read(1, 0x11, 1)), answer(&[3, 2, 0, 1]));
-    board.wait_for(0x11, 0);
+    board.write(at::MOTION, bit::MOVE);
+    assert_eq!(board.ask(&rtu::read(1, at::MOTION, 1)), answer(&[3, 2, 0, 1]));
+    board.wait_for(at::MOTION, 0);
     // 7.20: a save, after which the status of the CRC is 0.
-    board.write(0x1a, 1);
-    board.wait_for(0x1a, 0);
+    board.write(at::EEPROM, 1);
+    board.wait_for(at::EEPROM, 0);
     // 7.22: the UART changes its rate behind the reply, and goes on.
-    board.write(0x1c, 0x25);
-    assert_eq!(board.ask(&rtu::read(1, 0x1c, 1)), answer(&[3, 2, 0, 0x25]));
+    board.write(at::SERIAL_PORT, 0x25);
+    assert_eq!(board.ask(&rtu::read(1, at::SERIAL_PORT, 1)), answer(&[3, 2, 0, 0x25]));
 }

@@ -5,44 +5,8 @@ use standin_protocol::modbus::{Frame, rtu};
 use standin_protocol::time::{Duration, Instant, Span};
 use standin_sim::bench::{Bench, Drive, PowerAction, Seat, Settings, Setup};
 use standin_sim::bus::LineMode;
-
-/// First addresses of the registers, as the table at the head of chapter 7 has them.
-pub(crate) mod at {
-    pub(crate) const DEVICE_ADDRESS: u16 = 0x00;
-    pub(crate) const CURRENT_AND_MICROSTEPPING: u16 = 0x01;
-    pub(crate) const CURRENT_CUTBACK: u16 = 0x02;
-    pub(crate) const STARTUP_DELAY: u16 = 0x03;
-    pub(crate) const HOMING: u16 = 0x04;
-    pub(crate) const PRE_HOME_OFFSET: u16 = 0x05;
-    pub(crate) const HOME_OFFSET: u16 = 0x07;
-    pub(crate) const PINS: u16 = 0x09;
-    pub(crate) const IO_PORT: u16 = 0x0a;
-    pub(crate) const ENCODER: u16 = 0x0c;
-    pub(crate) const MAX_COUNT: u16 = 0x0d;
-    pub(crate) const INDEX_COUNT: u16 = 0x0e;
-    pub(crate) const ENCODER_COUNT: u16 = 0x10;
-    pub(crate) const MOTION: u16 = 0x11;
-    pub(crate) const MOVE_STEPS: u16 = 0x12;
-    pub(crate) const SPEED: u16 = 0x14;
-    pub(crate) const ALTERNATE_SPEED: u16 = 0x16;
-    pub(crate) const ACCEL_DECEL: u16 = 0x18;
-    pub(crate) const EEPROM: u16 = 0x1a;
-    pub(crate) const PRODUCT: u16 = 0x1b;
-    pub(crate) const SERIAL_PORT: u16 = 0x1c;
-    pub(crate) const USER: u16 = 0x1d;
-    pub(crate) const SERIAL_NUMBER: u16 = 0x1e;
-}
-
-/// The bits of MotionControl (7.15).
-pub(crate) mod bit {
-    pub(crate) const MOVE: u16 = 1 << 0;
-    pub(crate) const JOG: u16 = 1 << 1;
-    pub(crate) const HOME: u16 = 1 << 2;
-    pub(crate) const STOP: u16 = 1 << 3;
-    pub(crate) const DECEL_STOP: u16 = 1 << 4;
-    pub(crate) const DISABLE: u16 = 1 << 5;
-    pub(crate) const FAULT: u16 = 1 << 15;
-}
+use standin_tests::md3;
+pub(crate) use standin_tests::md3::{at, bit};
 
 /// The lights (2).
 pub(crate) const RED: &str = "D5";
@@ -138,15 +102,15 @@ impl Rig {
         reply == request[..]
     }
 
+    #[track_caller]
     pub(crate) fn write(&mut self, address: u16, value: u16) {
-        assert!(self.accepts(address, value), "{value:#06x} to {address:#04x}");
+        md3::write(&mut self.bench, self.seat, address, value);
     }
 
     /// Both halves of a pair, the high one first.
+    #[track_caller]
     pub(crate) fn write_long(&mut self, first: u16, value: i32) {
-        let value = value.cast_unsigned();
-        self.write(first, (value >> 16) as u16);
-        self.write(first + 1, value as u16);
+        md3::write_pair(&mut self.bench, self.seat, first, value.cast_unsigned());
     }
 
     /// A write of MotionControl.
