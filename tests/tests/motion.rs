@@ -45,12 +45,16 @@ fn exactly(instant: Instant) -> i128 {
     i128::from(instant.ticks()) * TICK
 }
 
-/// The first half is that of the end of the move, the second that of the step; what the oracle rounds
-/// and what the acceleration adds in half a tick comes on top.
-const A_TICK: i128 = TICK + TICK / 256;
+/// How far off step `n` may be. It is made at the nearest tick: that is half a tick, and a little for what the
+/// oracle rounds and what the acceleration adds in half a tick. In the ramp down the end of the move adds
+/// another half, since it is at the nearest tick, too.
+fn tolerance(exact: &Move, n: u32) -> i128 {
+    let ramp_down = n > exact.seams()[1];
+    TICK / 2 + TICK / 256 + if ramp_down { TICK / 2 } else { 0 }
+}
 
 #[test]
-fn twenty_thousand_moves_make_each_step_within_a_tick() {
+fn twenty_thousand_moves_make_each_step_as_near_as_promised() {
     let mut random = Random(88_172_645_463_325_252);
     let mut worst = 0;
     for _ in 0..20_000 {
@@ -76,7 +80,8 @@ fn twenty_thousand_moves_make_each_step_within_a_tick() {
             if made <= 8 || made + 8 > steps || made % every == 0 {
                 let error = (exactly(step.at) - exact.step(made) - exactly(at(begin))).abs();
                 worst = worst.max(error);
-                assert!(error <= A_TICK, "step {made} of {steps} is {error} off: {rates:?}");
+                let most = tolerance(&exact, made);
+                assert!(error <= most, "step {made} of {steps} is {error} off: {rates:?}");
             }
         }
         assert_eq!(made, steps, "{rates:?}");
@@ -89,7 +94,7 @@ fn twenty_thousand_moves_make_each_step_within_a_tick() {
 }
 
 #[test]
-fn moves_of_any_length_make_each_step_within_a_tick() {
+fn moves_of_any_length_make_each_step_as_near_as_promised() {
     let mut random = Random(7);
     for _ in 0..2_000 {
         let steps = random.any_size(31).min(i32::MAX as u32);
@@ -110,7 +115,8 @@ fn moves_of_any_length_make_each_step_within_a_tick() {
             for step in Walker::new(&plan, after).take(8) {
                 made += 1;
                 let error = (exactly(step.at) - exact.step(made)).abs();
-                assert!(error <= A_TICK, "step {made} of {steps} is {error} off: {rates:?}");
+                let most = tolerance(&exact, made);
+                assert!(error <= most, "step {made} of {steps} is {error} off: {rates:?}");
             }
             assert_eq!(made, steps.min(n + 8));
         }
