@@ -26,7 +26,7 @@ use super::search::least;
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Step {
-    /// The tick nearest to its instant.
+    /// The tick nearest to its instant in the plan.
     pub at: Instant,
     /// Whether the position grows.
     pub forward: bool,
@@ -422,16 +422,17 @@ mod tests {
         Instant::from_ticks(ticks)
     }
 
-    /// A plan's steps are the ticks at which its position changes.
-    fn check(plan: &Plan, walker: Walker, most: usize) {
-        let mut position: Option<i32> = None;
-        for step in walker.take(most) {
-            let before = plan.position_at(at(step.at.ticks() - 1));
-            let after = plan.position_at(step.at);
-            let change = if step.forward { 1 } else { -1 };
-            assert_eq!(after, before.wrapping_add(change), "{step:?} of {plan:?}");
-            assert_eq!(position.unwrap_or(before), before, "{step:?} of {plan:?}");
-            position = Some(after);
+    /// A plan's steps after `after` are the ticks at which its position changes: `most` of them, or all.
+    fn check(plan: &Plan, after: Instant, most: usize) {
+        let (mut position, mut made) = (plan.position_at(after), 0);
+        for step in Walker::new(plan, after).take(most) {
+            assert_eq!(plan.position_at(at(step.at.ticks() - 1)), position, "{step:?} of {plan:?}");
+            position = position.wrapping_add(if step.forward { 1 } else { -1 });
+            assert_eq!(plan.position_at(step.at), position, "{step:?} of {plan:?}");
+            made += 1;
+        }
+        if made < most {
+            assert_eq!(plan.position_at(Instant::NEVER), position, "{plan:?}: steps are missing");
         }
     }
 
@@ -460,7 +461,7 @@ mod tests {
                 down: (1 << down) | (fine.rotate_left(7) & ((1 << down) - 1)),
             };
             let plan = Plan::profile(at(5), 7, steps, rates);
-            check(&plan, Walker::new(&plan, at(5)), usize::MAX);
+            check(&plan, at(5), usize::MAX);
             prop_assert_eq!(Walker::new(&plan, at(5)).count(), steps.unsigned_abs() as usize);
         }
 
@@ -474,8 +475,8 @@ mod tests {
             for (wait, speed, shift) in turns {
                 now += wait;
                 plan = plan.towards(at(now), I24F8::from_bits(speed >> shift), 1 << acceleration);
-                check(&plan, Walker::new(&plan, at(now)), 300);
-                check(&plan, Walker::new(&plan, at(now + wait)), 300);
+                check(&plan, at(now), 300);
+                check(&plan, at(now + wait), 300);
             }
         }
     }
