@@ -120,7 +120,9 @@ fn avr446(steps: u32, acceleration: u32, speed: u32) -> Vec<f64> {
     let (steps, a, v) = (i64::from(steps), f64::from(acceleration), f64::from(speed));
     let rate = TICKS_PER_SECOND as f64;
     let fastest = TICKS_PER_SECOND.cast_signed() / i64::from(speed);
-    let ramp = ((v * v / (2.0 * a)) as i64).min(steps / 2);
+    let to_speed = (v * v / (2.0 * a)) as i64;
+    // The note's odd step belongs to the ramp down.
+    let ramp = if steps / 2 <= to_speed { steps - steps / 2 } else { to_speed };
     let mut interval = (0.676 * rate * (2.0 / a).sqrt()) as i64;
     // Negative in the ramp down, which is the recurrence backwards.
     let mut count = 0;

@@ -30,11 +30,12 @@ impl Drive {
 
     /// Clears a fault, unless the drive is still too hot (7.15). Any other cause went with the
     /// current. What pins ask for acts again.
-    pub(super) fn clear_fault(&mut self) {
+    pub(super) fn clear_fault(&mut self, at: Instant) {
         self.causes &= 1 << OVER_TEMPERATURE.0;
         if self.fault && self.causes == 0 {
             self.fault = false;
             self.armed = true;
+            self.restart_cutback(at);
         }
     }
 

@@ -152,10 +152,10 @@ impl Drive {
     fn ready(&mut self, at: Instant, out: &mut dyn Sink) {
         self.state = State::Ready;
         self.restart_cutback(at);
-        // What was active before is no edge now; what holds as long as a pin is active, holds.
-        self.active = self.pins.active(self.levels);
-        self.configure(at, out);
         self.fault = self.causes != 0;
+        // What was active before is no edge now; what holds as long as a pin is active, holds.
+        self.take_active();
+        self.configure(at, out);
         if self.bank.word(Reg::HomingConfiguration) & homing::ON_STARTUP != 0 {
             self.home(at, out);
         }
@@ -316,7 +316,7 @@ impl Drive {
             Reg::EncoderIndexCount => self.encoder.set_index_count(self.bank.get(reg) as i32),
             Reg::QuadratureEncoderCount => self.encoder.set_count(self.bank.word(reg)),
             Reg::MotionControl => self.command(at, self.bank.word(reg), out),
-            Reg::MoveSteps => self.resume(at, out),
+            Reg::PreHomeOffset | Reg::HomeOffset | Reg::MoveSteps => self.resume(at, out),
             Reg::Speed | Reg::AlternateSpeed => self.speed_changed(at, out),
             Reg::AccelDecel => self.acceleration_changed(at, out),
             Reg::EEPROMControl => self.eeprom_command(at, self.bank.word(reg), out),
@@ -358,7 +358,10 @@ impl Drive {
             self.bank.set(Reg::IOPortData, i64::from(self.latch));
             self.stale = true;
             self.eeprom.save(at, self.bank.words(), out);
-        } else if word & eeprom_control::READ != 0 && self.eeprom.load(self.bank.words_mut(), out) {
+        } else if word & eeprom_control::READ != 0
+            && !self.eeprom.is_saving()
+            && self.eeprom.load(self.bank.words_mut(), out)
+        {
             self.loaded(at, out);
         }
     }

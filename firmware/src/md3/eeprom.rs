@@ -35,6 +35,11 @@ impl Eeprom {
         self.status | if self.save.is_some() { eeprom_control::WRITE } else { 0 }
     }
 
+    /// Whether a save runs.
+    pub(super) fn is_saving(&self) -> bool {
+        self.save.is_some()
+    }
+
     /// Loads the saved registers, those of a new drive from the factory; leaves them alone if the
     /// memory is bad. Returns whether it passed.
     pub(super) fn load(&mut self, words: &mut [u16], out: &dyn Sink) -> bool {

@@ -25,17 +25,15 @@ impl Drive {
         match bit {
             J2_9 => {
                 self.encoder.edge(at, Channel::Index, high);
-                self.look_for_flag(at, out);
+                if self.state == State::Ready {
+                    self.look_for_flag(at, out);
+                    self.resume(at, out);
+                    self.show(at, out);
+                }
             }
             J2_10 => self.encoder.edge(at, Channel::A, high),
             J2_12 => self.encoder.edge(at, Channel::B, high),
             _ if self.state == State::Ready => {
-                let cut_back = self.cut_back;
-                self.restart_cutback(at);
-                if cut_back {
-                    // The current is back before this edge makes a step.
-                    self.show_current(at, out);
-                }
                 self.look(at, out);
                 self.show(at, out);
             }
@@ -56,10 +54,19 @@ impl Drive {
     pub(super) fn look(&mut self, at: Instant, out: &mut dyn Sink) {
         let active = self.pins.active(self.levels);
         let edges = active ^ self.active;
+        let moves = edges & (J2_4 | J2_5) != 0;
+        let lowered = self.cut_back;
         self.active = active;
+        if edges != 0 {
+            self.restart_cutback(at);
+        }
         self.look_at_pin_2(at, out);
         self.look_at_pin_3(edges & active, at, out);
-        if edges & (J2_4 | J2_5) != 0 {
+        if moves {
+            if lowered || edges & (J2_2 | J2_3) != 0 {
+                // The current comes or goes before a step is made.
+                self.show_current(at, out);
+            }
             self.look_at_pins_4_and_5(edges, at, out);
         }
         self.resume(at, out);
@@ -78,13 +85,24 @@ impl Drive {
         }
     }
 
-    fn look_at_pin_3(&mut self, activated: u16, at: Instant, out: &mut dyn Sink) {
+    /// Takes what is active as it is: whether pin 3 inhibits or not, it did so before.
+    pub(super) fn take_active(&mut self) {
+        self.active = self.pins.active(self.levels);
+        (self.inhibited, self.bus_inhibited) = self.inhibits();
+    }
+
+    /// Whether INHIBIT and INHIBIT_MODBUS_MOTION are active.
+    fn inhibits(&self) -> (bool, bool) {
         let active = self.active & J2_3 != 0;
-        let inhibited = active && self.pins.pin_3 == Pin3::Inhibit;
-        let bus_inhibited = active && self.pins.pin_3 == Pin3::InhibitModbus;
+        let is = |function| active && self.pins.pin_3 == function;
+        (is(Pin3::Inhibit), is(Pin3::InhibitModbus))
+    }
+
+    fn look_at_pin_3(&mut self, activated: u16, at: Instant, out: &mut dyn Sink) {
+        let (inhibited, bus_inhibited) = self.inhibits();
         let homes = activated & J2_3 != 0 && self.pins.pin_3 == Pin3::Home;
         if homes || inhibited && !self.inhibited || bus_inhibited && !self.bus_inhibited {
-            self.clear_fault();
+            self.clear_fault(at);
         }
         self.inhibited = inhibited;
         if bus_inhibited && !self.bus_inhibited {

@@ -74,7 +74,7 @@ impl Drive {
             (has(motion_control::HOME), has(motion_control::JOG), has(motion_control::MOVE));
         self.restart_cutback(at);
         if clear {
-            self.clear_fault();
+            self.clear_fault(at);
         }
         let disabled = word & motion_control::DISABLE != 0;
         // What pins ask for acts again when the drive is enabled.
@@ -276,9 +276,7 @@ impl Drive {
             }
             _ => {}
         }
-        if matches!(over, Motion::Profile | Motion::Home(_)) {
-            self.resume(at, out);
-        }
+        self.resume(at, out);
     }
 
     /// Moves as the levels of pins 4 and 5 or an endless mode ask for it, if nothing else moves.
@@ -329,12 +327,13 @@ impl Drive {
     }
 
     /// "Changing the acceleration while the motor is moving will cause the motor to stop" (7.17): in a
-    /// profile move. A jog takes it for its next ramp.
+    /// profile move. A jog takes it for its next ramp, be it one that waited for an acceleration.
     pub(super) fn acceleration_changed(&mut self, at: Instant, out: &mut dyn Sink) {
         if self.motion == Motion::Profile {
             self.stop(at, out);
         }
-        self.resume(at, out);
+        self.jog_by_pins(at, out);
+        self.speed_changed(at, out);
     }
 
     /// Ends any motion with a ramp.

@@ -105,3 +105,14 @@ fn presets_before_power_are_as_if_saved() {
     let refused = bed.drive.poke(Instant::ZERO, Reg::DeviceAddress.row(), 12, &mut bed.world);
     assert_eq!(refused, Err(Refused::BadMemory));
 }
+
+#[test]
+fn a_read_while_a_save_runs_is_ignored() {
+    let mut bed = Bed::ready();
+    bed.set(Reg::EEPROMControl, 1);
+    bed.wait(1.millis());
+    bed.set(Reg::EEPROMControl, 2);
+    assert_eq!(bed.get(Reg::EEPROMControl), 0x9a01);
+    bed.wait(20.millis());
+    assert_eq!(bed.get(Reg::EEPROMControl), 0x0000);
+}

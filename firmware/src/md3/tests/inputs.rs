@@ -371,3 +371,85 @@ fn a_disabled_drive_moves_for_no_pin_until_it_is_enabled() {
     bed.set(Reg::MotionControl, 0);
     assert_eq!(bed.control(), JOG);
 }
+
+#[test]
+fn what_pins_ask_for_in_a_ramp_down_is_done_when_it_stands() {
+    // An endless mode that is written while a jog of the pins, or a Decel-stop, slows down.
+    for by_pins in [true, false] {
+        let mut bed = in_mode(0b0110);
+        if by_pins {
+            bed.pin(4, false);
+        } else {
+            bed.set(Reg::MotionControl, JOG);
+        }
+        bed.run_until(1.secs());
+        bed.set(Reg::MotionControl, if by_pins { 0 } else { DECEL_STOP });
+        bed.set(Reg::PinFunctionAndPolarity, 0b1000 << 4);
+        assert_ne!(bed.control(), MOVE);
+        bed.run_until(1_500.millis());
+        assert_eq!(bed.control(), MOVE);
+    }
+    // A pin that becomes active after a Decel-stop.
+    let mut bed = in_mode(0b0110);
+    bed.set(Reg::MotionControl, JOG);
+    bed.run_until(1.secs());
+    bed.set(Reg::MotionControl, DECEL_STOP);
+    bed.pin(4, false);
+    bed.run_until(3.secs());
+    assert_eq!(bed.control(), JOG);
+}
+
+#[test]
+fn a_jog_that_waited_for_an_acceleration_turns_round_with_it() {
+    let mut bed = in_mode(0b0110);
+    bed.pin(4, false);
+    bed.run_until(1.secs());
+    bed.set(Reg::AccelDecel, 0);
+    bed.pin(5, false);
+    bed.set(Reg::Speed, 2_000);
+    bed.run_until(2.secs());
+    assert_eq!(bed.speed(), 5_000);
+    bed.set(Reg::AccelDecel, 10_000);
+    bed.run_until(4.secs());
+    assert_eq!(bed.speed(), -2_000);
+}
+
+#[test]
+fn an_endless_mode_without_a_way_looks_at_offsets_and_at_the_index() {
+    let stands = || {
+        let mut bed = Bed::ready();
+        bed.pin(9, true);
+        bed.set(Reg::HomingConfiguration, 2 << 1);
+        bed.set(Reg::MoveSteps, 0);
+        bed.set(Reg::PinFunctionAndPolarity, 0b1001 << 4);
+        bed.wait(1.secs());
+        assert_eq!(bed.control(), 0);
+        bed
+    };
+    let mut bed = stands();
+    bed.set(Reg::HomeOffset, 10);
+    assert_eq!(bed.control(), HOME);
+    let mut bed = stands();
+    bed.pin(9, false);
+    assert_eq!(bed.control(), HOME);
+}
+
+#[test]
+fn one_write_changes_several_pins_in_their_order() {
+    // Open pins are high: an inverted polarity makes them active.
+    let write = |bed: &mut Bed, value| {
+        bed.wait(1.millis());
+        bed.set(Reg::PinFunctionAndPolarity, value);
+    };
+    let mut bed = in_mode(0);
+    write(&mut bed, 0b0110); // INHIBIT and a step: no step
+    assert_eq!((bed.position(), bed.current()), (0, 0));
+    let mut bed = in_mode(0);
+    write(&mut bed, 0b0100);
+    write(&mut bed, 0b0010); // INHIBIT goes, and a step
+    assert_eq!((bed.position(), bed.current()), (1, 1_000));
+    let mut bed = in_mode(0);
+    bed.input(Instant::from(1.millis()), Input::Fault { fault: Fault(1), on: true });
+    write(&mut bed, 2 << 8 | 0b0110); // INHIBIT_MODBUS_MOTION clears a fault, and a step
+    assert_eq!((bed.position(), bed.control()), (1, 0));
+}

@@ -204,3 +204,44 @@ fn a_fault_flashes_red_and_stops_the_green_heartbeat() {
     assert_eq!(bed.world.waves[1..], [(bed.now, GREEN, 1_500.millis(), 250.millis())]);
     assert_eq!(bed.level("D5"), Level::Low);
 }
+
+#[test]
+fn a_new_polarity_ends_the_cutback_before_its_step() {
+    let mut bed = Bed::ready();
+    bed.set(Reg::CurrentCutbackSettings, 0x0a00);
+    bed.run_until(2.secs());
+    assert_eq!(bed.current(), 0);
+    bed.set(Reg::PinFunctionAndPolarity, 0b0010);
+    assert_eq!((bed.position(), bed.current(), bed.level("D5")), (1, 1_000, Level::Low));
+}
+
+#[test]
+fn a_fault_that_a_new_function_clears_begins_the_cutback_anew() {
+    for function in [0x0104, 0x0204] {
+        let mut bed = Bed::ready();
+        bed.set(Reg::Speed, 0);
+        bed.set(Reg::CurrentCutbackSettings, 0x0a05);
+        bed.input(bed.now, Input::Fault { fault: Fault(1), on: true });
+        bed.run_until(5.secs());
+        bed.set(Reg::PinFunctionAndPolarity, function);
+        assert_eq!((bed.control(), bed.current()), (0, 1_000));
+        bed.run_until(Instant::from(6.secs()) - Duration::TICK);
+        assert_eq!(bed.current(), 1_000);
+        bed.run_until(6.secs());
+        assert_eq!(bed.current(), 500);
+    }
+}
+
+#[test]
+fn a_cause_at_power_up_shows_whatever_pin_3_holds() {
+    for function in [0, 1, 2] {
+        let mut bed = Bed::off(vec![0xFF; MEMORY]);
+        let row = Reg::PinFunctionAndPolarity.row();
+        bed.drive.poke(Instant::ZERO, row, function << 8, &mut bed.world).unwrap();
+        bed.power_on(Boot::default());
+        bed.pin(3, false);
+        bed.input(bed.now, Input::Fault { fault: Fault(1), on: true });
+        bed.run_until(3.secs());
+        assert_eq!((bed.control(), bed.current()), (FAULT, 0), "function {function}");
+    }
+}
