@@ -8,6 +8,7 @@ use standin_firmware::device::{
 
 use crate::bench::{Drive, Keep, Motion, Statistics};
 use crate::dice::Dice;
+use crate::drives::{Drives, level_of};
 use crate::pulses::{HIGH, Shaper, StepDir};
 use crate::schedule::Class;
 use crate::trace::{Cut, Fed, Power, Trace};
@@ -117,13 +118,6 @@ impl Signal {
             Self::Millivolts(mv) => Fed::Millivolts { pin, mv },
         }
     }
-}
-
-/// What a device does with a pin.
-#[derive(Clone, Copy, Debug)]
-enum Drives {
-    Level(Level),
-    Wave { since: Instant, period: Duration, high: Duration },
 }
 
 /// Edges at a steady rate.
@@ -426,11 +420,16 @@ impl Body {
     /// Something happens to an axis: if somebody listens, its edges up to then come first.
     fn shape(&mut self, axis: Axis, at: Instant, outbox: &mut Outbox, happens: impl FnOnce(&mut Shaper)) {
         let Some(state) = self.axes.get_mut(usize::from(axis.0)) else { return };
-        let (Some(shaper), Some(step_dir)) = (&mut state.shaper, state.step_dir) else { return };
-        take(self.seat, shaper, step_dir, at, outbox);
+        let mut moves = |state: &mut AxisState| {
+            while let Some((pin, at, level)) = state.take(at) {
+                outbox.moved.push((self.seat, Moved::Pin { pin, at, level }));
+            }
+        };
+        moves(state);
+        let Some(shaper) = &mut state.shaper else { return };
         happens(shaper);
         // Without power the outputs fall at once.
-        take(self.seat, shaper, step_dir, at, outbox);
+        moves(state);
         outbox.moved.push((self.seat, Moved::Axis { axis }));
     }
 
@@ -454,7 +453,7 @@ impl Body {
     fn power_off(&mut self, at: Instant, outbox: &mut Outbox) {
         (self.powered, self.dead) = (false, false);
         for pin in (0..self.pins.len() as u8).map(Pin) {
-            self.drive(pin, at, Drives::Level(Level::Float), outbox);
+            self.drive(pin, at, Drives::NOTHING, outbox);
         }
         for axis in (0..self.axes.len() as u8).map(Axis) {
             self.shape(axis, at, outbox, |shaper| shaper.power_off(at));
@@ -479,15 +478,6 @@ impl Body {
     }
 }
 
-/// Takes the edges up to `until` out of a shaper.
-fn take(seat: u32, shaper: &mut Shaper, (step, dir): (Pin, Pin), until: Instant, outbox: &mut Outbox) {
-    while let Some(edge) = shaper.take(until) {
-        let pin = if edge.output == StepDir::Step { step } else { dir };
-        let level = if edge.high { Level::High } else { Level::Low };
-        outbox.moved.push((seat, Moved::Pin { pin, at: edge.at, level }));
-    }
-}
-
 impl AxisState {
     fn new(spec: &AxisSpec) -> Self {
         Self {
@@ -501,6 +491,15 @@ impl AxisState {
             shaper: None,
             changes: 0,
         }
+    }
+
+    /// The next edge for whoever is wired to the pulses, if it comes by `until`: of which pin, when,
+    /// and to which level.
+    fn take(&mut self, until: Instant) -> Option<(Pin, Instant, Level)> {
+        let (step, dir) = self.step_dir?;
+        let edge = self.shaper.as_mut()?.take(until)?;
+        let pin = if edge.output == StepDir::Step { step } else { dir };
+        Some((pin, edge.at, level_of(edge.high)))
     }
 
     /// Whether the last step by `at` was forward.
@@ -528,7 +527,7 @@ impl PinState {
             told: Signal::Digital(false),
             train: None,
             trains: 0,
-            drives: Drives::Level(Level::Float),
+            drives: Drives::NOTHING,
             changes: 0,
         };
         pin.told = pin.signal(Drive::Open);
@@ -577,34 +576,11 @@ impl PinState {
         self.told != self.signal(Drive::Open)
     }
 
-    /// What the device does with it at `at`.
-    fn driven(&self, at: Instant) -> Level {
-        match self.drives {
-            Drives::Level(level) => level,
-            Drives::Wave { since, period, high } => {
-                let cycle = period.ticks().max(1);
-                if at.since(since).ticks() % cycle < high.ticks() { Level::High } else { Level::Low }
-            }
-        }
-    }
-
-    /// When a wave on it changes after `at`, which is not before it began; `None` if it never does.
-    fn changes_after(&self, at: Instant) -> Option<Instant> {
-        let Drives::Wave { since, period, high } = self.drives else { return None };
-        let (cycle, high) = (period.ticks(), high.ticks());
-        if high == 0 || high >= cycle {
-            return None;
-        }
-        let phase = at.since(since).ticks() % cycle;
-        Some(at + Duration::from_ticks(if phase < high { high - phase } else { cycle - phase }))
-    }
-
     /// The pin as it is seen from outside.
     fn level(&self, at: Instant) -> Level {
-        match self.driven(at) {
+        match self.drives.level(at) {
             Level::Float if self.outside() == Drive::Open => self.spec.rest,
-            Level::Float if self.is_high() => Level::High,
-            Level::Float => Level::Low,
+            Level::Float => level_of(self.is_high()),
             level => level,
         }
     }
@@ -888,21 +864,22 @@ impl Seated {
         while shaper.take(at).is_some() {}
         let (step, _) = axis.step_dir?;
         let output = if pin == step { StepDir::Step } else { StepDir::Dir };
-        Some(if shaper.is_high(output) { Level::High } else { Level::Low })
+        Some(level_of(shaper.is_high(output)))
     }
 
     /// What a device does with a pin.
     pub(crate) fn driven(&self, at: Instant, pin: Pin) -> Level {
         match self.pulses_at(at, pin) {
             Some(level) => level,
-            None => self.pin(pin).map_or(Level::Float, |pin| pin.driven(at)),
+            None => self.pin(pin).map_or(Level::Float, |pin| pin.drives.level(at)),
         }
     }
 
     /// When a wave on an output changes next, and the number of that change.
     pub(crate) fn wave_after(&self, at: Instant, pin: Pin) -> Option<(Instant, u32)> {
         let pin = self.pin(pin)?;
-        Some((pin.changes_after(at)?, pin.changes))
+        let due = pin.drives.next_edge(at);
+        (due < Instant::NEVER).then_some((due, pin.changes))
     }
 
     /// The axis of which a pin is STEP or DIR.
@@ -934,10 +911,7 @@ impl Seated {
     /// The edge of an axis that was foreseen under that number, and due by `until`.
     pub(crate) fn take_edge(&mut self, axis: Axis, number: u32, until: Instant) -> Option<(Pin, Level)> {
         let axis = self.body.axes.get_mut(usize::from(axis.0)).filter(|axis| axis.changes == number)?;
-        let (step, dir) = axis.step_dir?;
-        let edge = axis.shaper.as_mut()?.take(until)?;
-        let pin = if edge.output == StepDir::Step { step } else { dir };
-        Some((pin, if edge.high { Level::High } else { Level::Low }))
+        axis.take(until).map(|(pin, _, level)| (pin, level))
     }
 
     /// What an axis does.
