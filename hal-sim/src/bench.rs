@@ -107,7 +107,7 @@ impl std::error::Error for SeatError {}
 
 /// What is done to a pin from outside.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Drive {
+pub enum Driving {
     /// Pulled to ground.
     Low,
     /// Driven high.

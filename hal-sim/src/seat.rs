@@ -6,7 +6,7 @@ use standin_firmware::device::{
     Output, Pin, PinSpec, Plan, Port, Refused, Role, Sink, Spec, Why,
 };
 
-use crate::bench::{Drive, Keep, Motion, Statistics};
+use crate::bench::{Driving, Keep, Motion, Statistics};
 use crate::dice::Dice;
 use crate::drives::{Drives, level_of};
 use crate::pulses::{HIGH, Shaper, StepDir};
@@ -83,18 +83,18 @@ enum Part {
 pub(crate) struct PinState {
     spec: &'static PinSpec,
     /// What hands do to it.
-    pub(crate) hands: Drive,
+    pub(crate) hands: Driving,
     /// What of that has arrived.
-    pub(crate) held: Drive,
+    pub(crate) held: Driving,
     /// What wires do to it.
-    pub(crate) wired: Drive,
+    pub(crate) wired: Driving,
     /// The wires that drive it, and those that it drives: places in the bench's list.
     pub(crate) driven_by: Vec<u32>,
     pub(crate) drives_wires: Vec<u32>,
     /// What the device was told last.
     pub(crate) told: Signal,
     /// The train of pulses that runs.
-    pub(crate) train: Option<Train>,
+    pub(crate) train: Option<PulseTrain>,
     /// How many trains there have been.
     pub(crate) trains: u32,
     /// What the device does with it.
@@ -122,38 +122,38 @@ impl Signal {
 
 /// Edges at a steady rate.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Pace {
+pub(crate) struct EdgeTrain {
     pub(crate) start: Instant,
     pub(crate) ticks_per_edge: f64,
     /// Edges made.
     pub(crate) made: u64,
     /// Edges to make in all.
-    pub(crate) edges: u64,
+    pub(crate) count: u64,
 }
 
-impl Pace {
+impl EdgeTrain {
     /// When the next edge is; `None` after the last one.
     pub(crate) fn due(&self) -> Option<Instant> {
         // Exact below 2^53, to the nearest; beyond the end of time the conversion saturates.
         let ticks = (self.made as f64 * self.ticks_per_edge + 0.5) as u64;
-        (self.made < self.edges).then_some(self.start + Duration::from_ticks(ticks))
+        (self.made < self.count).then_some(self.start + Duration::from_ticks(ticks))
     }
 }
 
 /// Pulses on an input.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Train {
-    pub(crate) pace: Pace,
+pub(crate) struct PulseTrain {
+    pub(crate) edges: EdgeTrain,
     /// The level between pulses.
     pub(crate) rest: bool,
     /// What the pin goes back to.
-    pub(crate) before: Drive,
+    pub(crate) before: Driving,
 }
 
 /// What turns an encoder.
 #[derive(Default)]
 pub(crate) struct EncoderState {
-    pub(crate) pace: Option<Pace>,
+    pub(crate) edges: Option<EdgeTrain>,
     /// Whether B leads A.
     pub(crate) back: bool,
     /// How often it was turned.
@@ -519,9 +519,9 @@ impl PinState {
     fn new(spec: &'static PinSpec) -> Self {
         let mut pin = Self {
             spec,
-            hands: Drive::Open,
-            held: Drive::Open,
-            wired: Drive::Open,
+            hands: Driving::Open,
+            held: Driving::Open,
+            wired: Driving::Open,
             driven_by: Vec::new(),
             drives_wires: Vec::new(),
             told: Signal::Digital(false),
@@ -530,37 +530,37 @@ impl PinState {
             drives: Drives::NOTHING,
             changes: 0,
         };
-        pin.told = pin.signal(Drive::Open);
+        pin.told = pin.signal(Driving::Open);
         pin
     }
 
     /// What the device sees of what has arrived: where hands let go wires decide.
     pub(crate) fn seen(&self) -> Signal {
-        self.signal(if self.held == Drive::Open { self.wired } else { self.held })
+        self.signal(if self.held == Driving::Open { self.wired } else { self.held })
     }
 
     /// What the device sees while that is done to the pin.
-    fn signal(&self, drive: Drive) -> Signal {
+    fn signal(&self, drive: Driving) -> Signal {
         let rests_high = self.spec.rest == Level::High;
         if self.spec.role == Role::Analogue {
             return Signal::Millivolts(match drive {
-                Drive::Millivolts(mv) => mv,
-                Drive::High => LOGIC_HIGH_MV,
-                Drive::Open if rests_high => LOGIC_HIGH_MV,
-                Drive::Low | Drive::Open => 0,
+                Driving::Millivolts(mv) => mv,
+                Driving::High => LOGIC_HIGH_MV,
+                Driving::Open if rests_high => LOGIC_HIGH_MV,
+                Driving::Low | Driving::Open => 0,
             });
         }
         Signal::Digital(match drive {
-            Drive::Low => false,
-            Drive::High => true,
-            Drive::Open => rests_high,
-            Drive::Millivolts(mv) => mv > HIGH_MV,
+            Driving::Low => false,
+            Driving::High => true,
+            Driving::Open => rests_high,
+            Driving::Millivolts(mv) => mv > HIGH_MV,
         })
     }
 
     /// What is done to it from outside.
-    fn outside(&self) -> Drive {
-        if self.hands == Drive::Open { self.wired } else { self.hands }
+    fn outside(&self) -> Driving {
+        if self.hands == Driving::Open { self.wired } else { self.hands }
     }
 
     /// Whether the device would see a high level now.
@@ -573,13 +573,13 @@ impl PinState {
 
     /// Whether the device sees something else than at rest.
     fn away(&self) -> bool {
-        self.told != self.signal(Drive::Open)
+        self.told != self.signal(Driving::Open)
     }
 
     /// The pin as it is seen from outside.
     fn level(&self, at: Instant) -> Level {
         match self.drives.level(at) {
-            Level::Float if self.outside() == Drive::Open => self.spec.rest,
+            Level::Float if self.outside() == Driving::Open => self.spec.rest,
             Level::Float => level_of(self.is_high()),
             level => level,
         }

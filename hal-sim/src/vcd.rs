@@ -456,7 +456,7 @@ mod tests {
     use standin_protocol::time::Span;
 
     use super::*;
-    use crate::bench::{Bench, Drive as Driving, PowerAction, Settings};
+    use crate::bench::{Bench, Driving, PowerAction, Settings};
     use crate::toy::{LEVEL, Toy};
     use crate::trace::TraceKeep;
 

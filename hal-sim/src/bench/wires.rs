@@ -2,7 +2,7 @@
 
 use standin_firmware::device::{Axis, Duration, Instant, Level, Pin};
 
-use super::{Bench, Drive, Seat};
+use super::{Bench, Driving, Seat};
 use crate::pulses::{self, Pulse};
 use crate::schedule::{Class, What};
 use crate::seat::Moved;
@@ -118,11 +118,11 @@ impl Bench {
         let Some(state) = self.seats[seat.0 as usize].pin_mut(pin) else { return };
         let mut levels = state.driven_by.iter().map(|&wire| self.wires[wire as usize].level);
         state.wired = if levels.clone().any(|level| level == Level::Low) {
-            Drive::Low
+            Driving::Low
         } else if levels.any(|level| level == Level::High) {
-            Drive::High
+            Driving::High
         } else {
-            Drive::Open
+            Driving::Open
         };
         self.look(seat.0, pin);
     }
