@@ -154,7 +154,7 @@ pub struct Motion {
     pub moving: bool,
     /// Peak current in mA.
     pub current_ma: u32,
-    /// Duty of a motor without steps, in 1/65536, signed.
+    /// What drives a motor without steps: 1/65536 of full on, signed.
     pub duty: i32,
 }
 
