@@ -30,20 +30,18 @@ fn make(kind: &str) -> Option<Box<dyn Device>> {
     }
 }
 
-/// An MD3 that listens at once, at an address.
+/// An MD3 at an address, that listens when the bench is at [`start`].
 fn md3(bench: &mut Bench, name: &str, address: i64) -> Seat {
     let presets = vec![(Reg::DeviceAddress as usize, address)];
     let setup = Setup { boot_fast: true, presets, ..Setup::default() };
-    let seat = bench.seat(name, Box::new(Md3::new()), setup).unwrap();
-    // It has no ears at the very instant of power-on.
-    bench.run_until(1.millis());
-    seat
+    bench.seat(name, Box::new(Md3::new()), setup).unwrap()
 }
 
 /// A bench with one MD3, at address 1, and a client on its line, at 1 ms.
 fn alone(line: LineMode) -> (Bench, Seat, Client) {
     let mut bench = Bench::with(Settings { line, ..Settings::default() });
     let seat = md3(&mut bench, "x", 1);
+    bench.run_until(start());
     let client = bench.connect(bench.bus(seat, RS485).unwrap());
     (bench, seat, client)
 }
@@ -52,6 +50,7 @@ fn alone(line: LineMode) -> (Bench, Seat, Client) {
 fn pair(line: LineMode) -> (Bench, [Seat; 2], Bus) {
     let mut bench = Bench::with(Settings { line, ..Settings::default() });
     let seats = [md3(&mut bench, "x", 1), md3(&mut bench, "y", 2)];
+    bench.run_until(start());
     let bus = bench.share("line1", &seats.map(|seat| (seat, RS485)));
     (bench, seats, bus)
 }
@@ -62,6 +61,7 @@ fn received(bench: &mut Bench, client: Client) -> Vec<u8> {
     bytes
 }
 
+/// When the MD3s listen: they have no ears at the very instant of power-on.
 fn start() -> Instant {
     Instant::from(1.millis())
 }
@@ -315,6 +315,7 @@ fn drives_that_answer_at_once_do_not_hear_each_other() {
     for line in [LineMode::Timed, LineMode::Fast] {
         let mut bench = Bench::with(Settings { line, ..Settings::default() });
         let seats = [md3(&mut bench, "x", 1), md3(&mut bench, "y", 1)];
+        bench.run_until(start());
         let bus = bench.share("line1", &seats.map(|seat| (seat, RS485)));
         let client = bench.connect(bus);
         // The answer to a write looks like the write.
@@ -358,6 +359,7 @@ fn drives_that_answer_each_other_for_ever_take_their_time() {
     for line in [LineMode::Timed, LineMode::Fast] {
         let mut bench = Bench::with(Settings { line, ..Settings::default() });
         let seats = [md3(&mut bench, "x", 1), md3(&mut bench, "y", 1)];
+        bench.run_until(start());
         let bus = bench.share("line1", &seats.map(|seat| (seat, RS485)));
         let client = bench.connect(bus);
         bench.power(seats[1], PowerAction::Off);
@@ -695,6 +697,7 @@ fn power_cut_inside_a_save_leaves_an_md3_a_bad_memory() {
     for seed in 0..40 {
         let mut bench = Bench::with(Settings { seed, line: LineMode::Fast, ..Settings::default() });
         let seat = md3(&mut bench, "x", 1);
+        bench.run_until(start());
         bench.ask(seat, &rtu::write(1, 0x15, 1_234));
         bench.power(seat, PowerAction::Cut);
         bench.settle();
@@ -853,6 +856,7 @@ fn without_power_step_and_direction_fall() {
 fn a_power_cut_ends_the_pulses() {
     let mut bench = Bench::with(Settings { line: LineMode::Fast, ..Settings::default() });
     let x = md3(&mut bench, "x", 1);
+    bench.run_until(start());
     command(&mut bench, x, JOG);
     bench.run_until(500.millis());
     bench.power(x, PowerAction::Cut);
