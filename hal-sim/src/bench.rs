@@ -107,7 +107,7 @@ impl std::error::Error for SeatError {}
 
 /// What is done to a pin from outside.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Drive {
+pub enum Driving {
     /// Pulled to ground.
     Low,
     /// Driven high.
@@ -154,7 +154,7 @@ pub struct Motion {
     pub moving: bool,
     /// Peak current in mA.
     pub current_ma: u32,
-    /// Duty of a motor without steps, in 1/65536, signed.
+    /// What drives a motor without steps: 1/65536 of full on, signed.
     pub duty: i32,
 }
 

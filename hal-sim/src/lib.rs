@@ -13,6 +13,7 @@
 pub mod bench;
 pub mod bus;
 mod dice;
+mod drives;
 pub mod hal;
 pub mod pulses;
 pub mod replay;

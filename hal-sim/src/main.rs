@@ -7,11 +7,13 @@ mod kinds;
 mod log;
 mod nearest;
 mod nv;
+mod output;
 mod ports;
 mod preset;
 mod ready;
 mod realtime;
 mod run;
+mod waveforms;
 
 use std::io::{self, Write as _};
 use std::path::Path;

@@ -18,12 +18,14 @@ use crate::trace::{Did, Event, Fed, Power, Trace};
 pub(crate) const HIGH: Duration = Duration::micros(2);
 /// How long before the first step of a reversal DIR changes, at most.
 const SETUP: Duration = Duration::micros(5);
-/// The least time between two steps without a plan.
+/// The least time between two steps without a plan: a pulse, and as long a pause. That an MD3 takes
+/// steps at its inputs no closer than that (7.8) is another fact: it holds where they come in, this
+/// one where they go out, whatever the drive.
 const CYCLE: Duration = Duration::micros(4);
 
 /// An output of an axis.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum StepDir {
+pub(crate) enum StepDir {
     /// Rises at each step.
     Step,
     /// High forward.
@@ -32,13 +34,13 @@ pub enum StepDir {
 
 /// A change of STEP or DIR.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub struct Edge {
+pub(crate) struct Edge {
     /// When.
-    pub at: Instant,
+    pub(crate) at: Instant,
     /// Of which.
-    pub output: StepDir,
+    pub(crate) output: StepDir,
     /// To which level.
-    pub high: bool,
+    pub(crate) high: bool,
 }
 
 /// A pulse on STEP.
@@ -58,7 +60,7 @@ pub struct Pulse {
 /// [take](Self::take) the edges up to that instant: what is due at the very instant of a change is
 /// still made.
 #[derive(Clone, Debug, Default)]
-pub struct Shaper {
+pub(crate) struct Shaper {
     walker: Option<Walker>,
     /// The next step of the plan.
     planned: Option<Step>,
@@ -75,34 +77,32 @@ pub struct Shaper {
 
 impl Shaper {
     /// Of an axis that follows `plan`, from `at` on; DIR is what its last step left.
-    #[must_use]
-    pub fn new(at: Instant, plan: &Plan, dir: bool) -> Self {
+    pub(crate) fn new(at: Instant, plan: &Plan, dir: bool) -> Self {
         let mut shaper = Self { dir, ..Self::default() };
         shaper.plan(at, plan);
         shaper
     }
 
     /// From `at` on the axis follows `plan`. A pulse that is high still falls.
-    pub fn plan(&mut self, at: Instant, plan: &Plan) {
+    pub(crate) fn plan(&mut self, at: Instant, plan: &Plan) {
         let walker = self.walker.insert(Walker::new(plan, at));
         self.planned = walker.next();
         (self.since, self.powered) = (at, true);
     }
 
     /// Steps without a plan, signed.
-    pub fn steps(&mut self, at: Instant, steps: i32) {
+    pub(crate) fn steps(&mut self, at: Instant, steps: i32) {
         self.direct = self.direct.saturating_add(steps);
         (self.since, self.powered) = (at, true);
     }
 
     /// Power goes: both outputs fall, and nothing more comes.
-    pub fn power_off(&mut self, at: Instant) {
+    pub(crate) fn power_off(&mut self, at: Instant) {
         *self = Self { since: at, step: self.step, dir: self.dir, ..Self::default() };
     }
 
     /// Whether an output is high.
-    #[must_use]
-    pub fn is_high(&self, output: StepDir) -> bool {
+    pub(crate) fn is_high(&self, output: StepDir) -> bool {
         match output {
             StepDir::Step => self.step,
             StepDir::Dir => self.dir,
@@ -110,13 +110,12 @@ impl Shaper {
     }
 
     /// When the next edge comes if nothing else happens; [`Instant::NEVER`] if none does.
-    #[must_use]
-    pub fn due(&self) -> Instant {
+    pub(crate) fn due(&self) -> Instant {
         self.next().map_or(Instant::NEVER, |edge| edge.at)
     }
 
     /// The next edge that comes by `until`.
-    pub fn take(&mut self, until: Instant) -> Option<Edge> {
+    pub(crate) fn take(&mut self, until: Instant) -> Option<Edge> {
         let edge = self.next().filter(|edge| edge.at <= until)?;
         self.since = edge.at;
         match edge.output {
@@ -175,19 +174,15 @@ impl Shaper {
     }
 }
 
-/// The edges of an axis in a recording, in the order of time, up to `until`. `drive` is its place in
-/// [`Trace::drives`].
-///
-/// They are complete if the recording is: all is kept, and nothing is [lost](Trace::lost). One that
-/// was read from a text tells no plans, only what they do; replay it.
-pub fn edges(trace: &Trace, drive: usize, axis: Axis, until: Instant) -> Edges<'_> {
+/// The edges of an axis in a recording, in the order of time, up to `until`.
+fn edges(trace: &Trace, drive: usize, axis: Axis, until: Instant) -> Edges<'_> {
     let news = trace.events().filter(move |entry| entry.drive == drive && entry.at <= until);
     let news = news.filter_map(move |entry| Some((entry.at, News::of(&entry.event, axis)?)));
     Edges { news: Box::new(news), next: None, shaper: Shaper::default(), until }
 }
 
 /// What [`edges`] returns.
-pub struct Edges<'a> {
+struct Edges<'a> {
     news: Box<dyn Iterator<Item = (Instant, News<'a>)> + 'a>,
     /// What happens to the axis when the edges up to then have been taken.
     next: Option<(Instant, News<'a>)>,
@@ -215,8 +210,7 @@ impl<'a> News<'a> {
 }
 
 impl Edges<'_> {
-    /// When the edge after the last one comes if nothing else happens: that of a pulse which is high
-    /// at the end is its fall.
+    /// The fall of a pulse that is still high at the end.
     fn due(&self) -> Instant {
         self.shaper.due()
     }
@@ -241,7 +235,11 @@ impl Iterator for Edges<'_> {
     }
 }
 
-/// The pulses of an axis in a recording that rise up to `until`; see [`edges`].
+/// The pulses of an axis in a recording that rise up to `until`, in the order of time. `drive` is its
+/// place in [`Trace::drives`].
+///
+/// They are complete if the recording is: all is kept, and nothing is [lost](Trace::lost). One that
+/// was read from a text tells no plans, only what they do; replay it.
 pub fn pulses(trace: &Trace, drive: usize, axis: Axis, until: Instant) -> impl Iterator<Item = Pulse> {
     let mut edges = edges(trace, drive, axis, until);
     let (mut forward, mut rise) = (false, None);

@@ -21,7 +21,7 @@ use tokio::sync::oneshot;
 use tracing::warn;
 
 use crate::ports::Ports;
-use crate::run::Scope;
+use crate::waveforms::Waveforms;
 
 /// How far the bench may fall behind the wall clock before the rest is given up.
 const MAX_LAG: Duration = Duration::secs(1);
@@ -35,7 +35,7 @@ const BUDGET: WallSpan = WallSpan::from_millis(20);
 /// Bench time between two looks at the wall clock.
 const SLICE: Duration = Duration::millis(10);
 
-/// How far the bench goes, at most, until a scope sees it again.
+/// How far the bench goes, at most, until the waveforms follow.
 const SWEEP: Duration = Duration::millis(100);
 
 /// The greatest factor of [`Pace::Times`].
@@ -125,6 +125,23 @@ pub(crate) struct Door {
     bell: Arc<OwnedFd>,
 }
 
+/// What was handed in, as the bench's thread finds it.
+pub(crate) struct Inbox {
+    jobs: mpsc::Receiver<Job>,
+    bell: Arc<OwnedFd>,
+}
+
+/// A door for others, and what is behind it for the [`Host`].
+///
+/// # Errors
+/// The system gives no event descriptor.
+pub(crate) fn door() -> io::Result<(Door, Inbox)> {
+    let bell = rustix::event::eventfd(0, EventfdFlags::CLOEXEC | EventfdFlags::NONBLOCK)?;
+    let bell = Arc::new(bell);
+    let (sender, jobs) = mpsc::channel();
+    Ok((Door { jobs: sender, bell: Arc::clone(&bell) }, Inbox { jobs, bell }))
+}
+
 impl Door {
     /// Hands in a piece of work and wakes the thread; without effect when that has ended.
     pub(crate) fn hand_in(&self, job: impl FnOnce(&mut Host) + Send + 'static) {
@@ -146,14 +163,12 @@ pub(crate) struct Host {
     /// The bench.
     pub(crate) bench: Bench,
     ports: Ports,
-    /// Who looks at the pins.
-    pub(crate) scope: Option<Scope>,
+    waveforms: Option<Waveforms>,
     /// The clock; `None` in manual time.
     clock: Option<Clock>,
     warned: bool,
     advance: Option<Advance>,
-    jobs: mpsc::Receiver<Job>,
-    bell: Arc<OwnedFd>,
+    inbox: Inbox,
 }
 
 /// What woke the thread.
@@ -163,19 +178,17 @@ struct Woken {
 }
 
 impl Host {
-    /// `bench` with `ports`, paced by `pace` from now on, and its door.
-    ///
-    /// # Errors
-    /// The system gives no event descriptor.
-    pub(crate) fn new(bench: Bench, ports: Ports, pace: Pace) -> io::Result<(Self, Door)> {
-        let bell = rustix::event::eventfd(0, EventfdFlags::CLOEXEC | EventfdFlags::NONBLOCK)?;
-        let bell = Arc::new(bell);
-        let (sender, jobs) = mpsc::channel();
-        let door = Door { jobs: sender, bell: Arc::clone(&bell) };
-        let mut host =
-            Self { bench, ports, scope: None, clock: None, warned: false, advance: None, jobs, bell };
+    /// `bench` with `ports`, paced by `pace` from now on, and followed by `waveforms`.
+    pub(crate) fn new(
+        bench: Bench,
+        ports: Ports,
+        pace: Pace,
+        waveforms: Option<Waveforms>,
+        inbox: Inbox,
+    ) -> Self {
+        let mut host = Self { bench, ports, waveforms, clock: None, warned: false, advance: None, inbox };
         host.set_pace(pace);
-        Ok((host, door))
+        host
     }
 
     /// How time runs.
@@ -225,26 +238,34 @@ impl Host {
             }
             self.catch_up();
             self.ports.deliver(&mut self.bench);
-            self.look();
+            self.follow();
         }
+    }
+
+    /// Ends the waveforms where the bench has come to.
+    ///
+    /// # Errors
+    /// One sentence: which file is not complete, and why.
+    pub(crate) fn end_waveforms(&mut self) -> Result<(), String> {
+        self.waveforms.take().map_or(Ok(()), |waveforms| waveforms.finish(&self.bench))
     }
 
     /// When something is to be done with the bench.
     fn next(&self) -> Instant {
-        let sweep = self.scope.as_ref().map_or(Instant::NEVER, |_| self.bench.now() + SWEEP);
+        let sweep = self.waveforms.as_ref().map_or(Instant::NEVER, |_| self.bench.now() + SWEEP);
         self.bench.next().min(sweep)
     }
 
-    /// Lets the scope see what has happened.
-    fn look(&mut self) {
-        if let Some(scope) = &mut self.scope {
-            scope.look(&self.bench);
+    /// Lets the waveforms follow what has happened.
+    fn follow(&mut self) {
+        if let Some(waveforms) = &mut self.waveforms {
+            waveforms.follow(&self.bench);
         }
     }
 
     /// Sleeps until something is to be done.
     fn wait(&self, stop: &UnixStream) -> io::Result<Woken> {
-        let mut fds = vec![PollFd::new(stop, PollFlags::IN), PollFd::new(&*self.bell, PollFlags::IN)];
+        let mut fds = vec![PollFd::new(stop, PollFlags::IN), PollFd::new(&*self.inbox.bell, PollFlags::IN)];
         self.ports.watch(&self.bench, &mut fds);
         let timeout = self.time_left().map(|left| Timespec {
             tv_sec: left.as_secs().try_into().unwrap_or(i64::MAX),
@@ -283,7 +304,7 @@ impl Host {
             self.settle();
             let _ = advance.done.send(self.bench.now());
             // What was handed in meanwhile waits.
-            ring(&self.bell);
+            ring(&self.inbox.bell);
             return;
         }
         let next = self.next();
@@ -308,18 +329,18 @@ impl Host {
         while self.bench.now() < target && began.elapsed() < BUDGET {
             let slice = self.next().max(self.bench.now()) + SLICE;
             self.bench.run_until(slice.min(target));
-            self.look();
+            self.follow();
         }
     }
 
     /// Does what another thread handed in, to its end. One job at a time: who hands in the next one
     /// because this one is done may rely on it that the ports are looked at in between.
     fn work(&mut self) {
-        let _ = rustix::io::read(&*self.bell, &mut [0; 8]);
-        if let Ok(job) = self.jobs.try_recv() {
+        let _ = rustix::io::read(&*self.inbox.bell, &mut [0; 8]);
+        if let Ok(job) = self.inbox.jobs.try_recv() {
             job(self);
             // There may be more of them.
-            ring(&self.bell);
+            ring(&self.inbox.bell);
         }
     }
 }

@@ -16,7 +16,6 @@ use standin_firmware::device::{Port, Spec};
 use standin_sim::bench::{Bench, Keep, SeatError, Settings, Setup};
 use standin_sim::bus::LineMode;
 use standin_sim::trace::TraceKeep;
-use standin_sim::vcd::Waves;
 use tracing::{error, info};
 
 use crate::api;
@@ -24,10 +23,12 @@ use crate::cli::{self, Control};
 use crate::kinds;
 use crate::nearest;
 use crate::nv::Nv;
+use crate::output::Output;
 use crate::ports::{self, Bound, Listen, Ports, Uri};
 use crate::preset::{self, Preset};
 use crate::ready::{Address, Ready};
-use crate::realtime::Host;
+use crate::realtime::{self, Host};
+use crate::waveforms::Waveforms;
 
 /// Runs a drive until a signal ends it.
 ///
@@ -45,12 +46,12 @@ pub(crate) fn run(options: &cli::Run) -> Result<(), String> {
         Control::At(address) => Some(reserve_tcp("--control ", address)?),
     };
     let memory = Memory::open(options.nv.as_deref(), spec)?;
-    let record = Output::open("--record", options.record.as_deref(), &memory)?;
-    let waves = Output::open("--vcd", options.vcd.as_deref(), &memory)?;
+    let record = output("--record", options.record.as_deref(), &memory)?;
+    let waves = output("--vcd", options.vcd.as_deref(), &memory)?;
     if let (Some(record), Some(waves)) = (&record, &waves)
         && record.is(waves)?
     {
-        return Err(format!("--vcd and --record are the same file, {}; use two", waves.path.display()));
+        return Err(format!("--vcd and --record are the same file, {}; use two", waves.path().display()));
     }
 
     let mut bench = Bench::with(Settings {
@@ -85,8 +86,7 @@ pub(crate) fn run(options: &cli::Run) -> Result<(), String> {
         ready.reached(port, bench.bus_name(bus), bench.line(bus), address);
     }
     let unit = spec.address.map(|row| bench.peek(seat, row));
-    let (mut host, door) = Host::new(bench, ports, options.time)
-        .map_err(|error| format!("the bench cannot be woken: {error}"))?;
+    let (door, inbox) = realtime::door().map_err(|error| format!("the bench cannot be woken: {error}"))?;
     if let Some(bound) = control {
         let api = bound.listen().and_then(|listener| {
             let address = listener.local_addr()?;
@@ -96,20 +96,18 @@ pub(crate) fn run(options: &cli::Run) -> Result<(), String> {
         ready.controlled_at(api.map_err(|error| format!("--control cannot listen: {error}"))?);
     }
     record.as_ref().map_or(Ok(()), Output::begin)?;
-    if let Some(waves) = waves {
-        waves.begin()?;
-        host.scope = Some(Scope::new(waves, &host.bench)?);
-    }
+    let waveforms = waves.map(|output| Waveforms::begin(output, &bench)).transpose()?;
+    let mut host = Host::new(bench, ports, options.time, waveforms, inbox);
     ready.print(options.json, unit).map_err(|error| format!("stdout cannot be written: {error}"))?;
 
     let ended = host.run(&stop);
     info!("stopping");
     memory.sync();
-    let scope = host.scope.take().map_or(Ok(()), |scope| scope.finish(&host.bench));
+    let waveforms = host.end_waveforms();
     if let Some(record) = record {
-        record.fails(write_trace(&host.bench, &record.file))?;
+        record.fails(write_trace(&host.bench, record.file()))?;
     }
-    scope?;
+    waveforms?;
     ended.map_err(|error| format!("the bench cannot go on: {error}"))
 }
 
@@ -273,88 +271,20 @@ impl Memory {
     }
 }
 
-/// A file for what happens.
-struct Output {
-    option: &'static str,
-    path: PathBuf,
-    file: File,
-}
-
-impl Output {
-    /// Opens the file that an option names, and leaves what is in it until the drive is ready.
-    fn open(option: &'static str, path: Option<&Path>, memory: &Memory) -> Result<Option<Self>, String> {
-        let Some(path) = path else { return Ok(None) };
-        let opened = File::options().write(true).create(true).truncate(false).open(path);
-        let file = opened.map_err(|error| sentence(option, path, &error))?;
-        let output = Self { option, path: path.into(), file };
-        if output.fails(output.file.metadata().and_then(|there| memory.is_in(&there)))? {
-            return Err(format!("{option} and --nv are the same file, {}; use two", path.display()));
-        }
-        Ok(Some(output))
+/// Opens the file that an option names, which must not be that of the memory.
+fn output(option: &'static str, path: Option<&Path>, memory: &Memory) -> Result<Option<Output>, String> {
+    let Some(path) = path else { return Ok(None) };
+    let output = Output::open(option, path)?;
+    if output.fails(memory.is_in(&output.metadata()?))? {
+        return Err(format!("{option} and --nv are the same file, {}; use two", path.display()));
     }
-
-    /// What an old run left there is over.
-    fn begin(&self) -> Result<(), String> {
-        self.fails(self.file.metadata().and_then(|there| {
-            // A device or a pipe has nothing to be removed.
-            if there.is_file() { self.file.set_len(0) } else { Ok(()) }
-        }))
-    }
-
-    /// Whether the other one is the same file, which two cannot write.
-    fn is(&self, other: &Self) -> Result<bool, String> {
-        let (own, other) = (self.fails(self.file.metadata())?, other.fails(other.file.metadata())?);
-        Ok(own.is_file() && (own.dev(), own.ino()) == (other.dev(), other.ino()))
-    }
-
-    /// An error of the file as a sentence.
-    fn fails<T>(&self, result: io::Result<T>) -> Result<T, String> {
-        result.map_err(|error| sentence(self.option, &self.path, &error))
-    }
-}
-
-fn sentence(option: &str, path: &Path, error: &io::Error) -> String {
-    format!("{option} {}: {error}", path.display())
+    Ok(Some(output))
 }
 
 fn write_trace(bench: &Bench, file: &File) -> io::Result<()> {
     let mut writer = BufWriter::new(file);
     bench.trace().write(&mut writer)?;
     writer.into_inner()?.sync_all()
-}
-
-/// Writes the waveforms of the pins while the bench goes on, from what its trace still holds.
-pub(crate) struct Scope {
-    output: Output,
-    /// `None` when it has failed.
-    waves: Option<Waves<File>>,
-}
-
-impl Scope {
-    fn new(output: Output, bench: &Bench) -> Result<Self, String> {
-        let waves = output.file.try_clone().and_then(|file| Waves::new(bench.trace(), file));
-        let waves = Some(output.fails(waves)?);
-        Ok(Self { output, waves })
-    }
-
-    /// Writes what has happened since the last look. A file that cannot be written is told once, and
-    /// the drive goes on without.
-    pub(crate) fn look(&mut self, bench: &Bench) {
-        if let Some(waves) = &mut self.waves
-            && let Err(sentence) = self.output.fails(waves.follow(bench.trace()))
-        {
-            error!("{sentence}; the waveforms end here");
-            self.waves = None;
-        }
-    }
-
-    fn finish(mut self, bench: &Bench) -> Result<(), String> {
-        self.look(bench);
-        match self.waves {
-            Some(waves) => self.output.fails(waves.finish()),
-            None => Err(format!("{} {} is not complete", self.output.option, self.output.path.display())),
-        }
-    }
 }
 
 /// A stream on which Ctrl-C and SIGTERM can be read.

@@ -5,7 +5,7 @@ use std::collections::BinaryHeap;
 
 use standin_firmware::device::{Axis, Encoder, Instant, Level, Pin};
 
-use crate::bench::Drive;
+use crate::bench::Driving;
 use crate::trace::Fed;
 
 /// What comes first of what happens at one instant.
@@ -67,7 +67,7 @@ pub(crate) enum What {
     /// To be fed to a device that shares a line with the one that began to say it then.
     Overheard { fed: Fed, began: Instant },
     /// What hands do to a pin.
-    Hand { pin: Pin, drive: Drive },
+    Hand { pin: Pin, drive: Driving },
     /// The other end of a wire takes a level.
     Wired { wire: u32, level: Level },
     /// The next edge of a train of pulses. `number` tells it from earlier trains on the pin; so it is

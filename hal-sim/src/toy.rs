@@ -8,6 +8,8 @@ use standin_firmware::device::{
 use standin_protocol::line::Parity;
 use standin_protocol::registers::Register;
 
+use crate::drives::level_of;
+
 standin_protocol::registers! {
     /// What a toy remembers.
     pub(crate) enum Reg: HighFirst {
@@ -68,10 +70,6 @@ pub(crate) struct Toy {
     stalled: bool,
 }
 
-fn level(high: bool) -> Level {
-    if high { Level::High } else { Level::Low }
-}
-
 impl Device for Toy {
     fn spec(&self) -> &'static Spec {
         &SPEC
@@ -91,7 +89,7 @@ impl Device for Toy {
                     out.put(at, Output::Store { offset: 0, bytes: &[self.volume, 1, 2, 3, 4, 5, 6, 7] });
                     self.saved = Some(at + SAVE);
                 }
-                b'0' | b'1' => out.put(at, Output::Level { pin: OUT, level: level(byte == b'1') }),
+                b'0' | b'1' => out.put(at, Output::Level { pin: OUT, level: level_of(byte == b'1') }),
                 _ => {}
             },
             Input::Bytes { bytes, .. } => panic!("{bytes:?} at once where each has its time"),

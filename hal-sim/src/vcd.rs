@@ -18,8 +18,9 @@ use std::fmt;
 use std::io::{self, Write};
 use std::ops::Range;
 
-use standin_firmware::device::{Axis, Duration, Instant, Level, Pin, PinSpec, Role};
+use standin_firmware::device::{Axis, Instant, Level, Pin, PinSpec, Role};
 
+use crate::drives::{Drives, level_of};
 use crate::pulses::{Shaper, StepDir};
 use crate::schedule::Tournament;
 use crate::seat::LOGIC_HIGH_MV;
@@ -93,13 +94,6 @@ struct Wire {
     outside: Option<i32>,
     /// What was last written.
     shown: Option<Value>,
-}
-
-/// What a drive does with a pin.
-#[derive(Clone, Copy)]
-enum Drives {
-    Level(Level),
-    Wave { since: Instant, period: Duration, high: Duration },
 }
 
 /// What a file says of a pin.
@@ -231,7 +225,7 @@ impl<W: Write> Waves<W> {
         let Some(drive) = self.drives.get(drive) else { return };
         for place in drive.wires.clone() {
             let wire = &mut self.wires[place];
-            (wire.known, wire.drives, wire.outside) = (on, Drives::Level(Level::Float), None);
+            (wire.known, wire.drives, wire.outside) = (on, Drives::NOTHING, None);
             self.edges.set(place as u32, Instant::NEVER);
             self.changed.push(place);
         }
@@ -253,9 +247,8 @@ impl<W: Write> Waves<W> {
         let Motor { step, dir, shaper, .. } = &mut self.motors[place];
         while shaper.take(self.now).is_some() {}
         for (place, output) in [(*step, StepDir::Step), (*dir, StepDir::Dir)] {
-            let level = if shaper.is_high(output) { Level::High } else { Level::Low };
             let wire = &mut self.wires[place];
-            (wire.known, wire.drives) = (true, Drives::Level(level));
+            (wire.known, wire.drives) = (true, Drives::Level(level_of(shaper.is_high(output))));
             self.changed.push(place);
         }
         self.edges.set((self.wires.len() + place) as u32, shaper.due());
@@ -385,7 +378,7 @@ impl<W: Write> Waves<W> {
 
 impl Wire {
     fn new(pin: &'static PinSpec, code: String) -> Self {
-        Self { pin, code, known: false, drives: Drives::Level(Level::Float), outside: None, shown: None }
+        Self { pin, code, known: false, drives: Drives::NOTHING, outside: None, shown: None }
     }
 
     fn value(&self, at: Instant) -> Value {
@@ -398,28 +391,15 @@ impl Wire {
                 None => Value::Millivolts(0),
             };
         }
-        match self.drives {
+        match self.drives.level(at) {
             _ if !self.known => Value::Bit('x'),
-            Drives::Level(level @ (Level::Low | Level::High)) => logic(level == Level::High),
-            Drives::Wave { since, period, high } => logic(cycle(since, period, at) < high),
-            Drives::Level(Level::Float) => match (self.outside, self.pin.rest) {
+            Level::High => logic(true),
+            Level::Low => logic(false),
+            Level::Float => match (self.outside, self.pin.rest) {
                 (Some(outside), _) => logic(outside != 0),
                 (None, Level::Float) => Value::Bit('z'),
                 (None, rest) => logic(rest == Level::High),
             },
-        }
-    }
-}
-
-impl Drives {
-    /// When the level changes next after `now`, if nothing else happens.
-    fn next_edge(self, now: Instant) -> Instant {
-        match self {
-            Self::Wave { since, period, high } if Duration::ZERO < high && high < period => {
-                let passed = cycle(since, period, now);
-                now + (if passed < high { high - passed } else { period - passed })
-            }
-            Self::Wave { .. } | Self::Level(_) => Instant::NEVER,
         }
     }
 }
@@ -433,11 +413,6 @@ impl fmt::Display for Value {
             Self::NotANumber => f.write_str("rnan "),
         }
     }
-}
-
-/// How far a wave is in its cycle.
-fn cycle(since: Instant, period: Duration, at: Instant) -> Duration {
-    Duration::from_ticks(at.since(since).ticks() % period.ticks().max(1))
 }
 
 /// What the file calls the wire at a place: printable characters, as few as there can be.
@@ -481,7 +456,7 @@ mod tests {
     use standin_protocol::time::Span;
 
     use super::*;
-    use crate::bench::{Bench, Drive as Driving, PowerAction, Settings};
+    use crate::bench::{Bench, Driving, PowerAction, Settings};
     use crate::toy::{LEVEL, Toy};
     use crate::trace::TraceKeep;
 

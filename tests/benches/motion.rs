@@ -12,7 +12,7 @@ use standin_firmware::device::{
 use standin_firmware::md3::{Md3, Reg};
 use standin_protocol::registers::Register;
 use standin_protocol::time::{Duration, Span};
-use standin_sim::bench::{Bench, Drive, Seat, Setup};
+use standin_sim::bench::{Bench, Driving, Seat, Setup};
 
 use support::{line, took};
 
@@ -167,7 +167,7 @@ fn encoder(name: &str) {
 fn pulses_alone(name: &str) {
     let mut bench = Bench::new();
     let counter = bench.add::<Counter>("counter");
-    bench.set_pin(counter, Pin(0), Drive::Low);
+    bench.set_pin(counter, Pin(0), Driving::Low);
     bench.run_until(1.millis());
     let pulses = seconds(INPUT) * HZ;
     bench.pulse(counter, Pin(0), pulses as u32, HZ as f64).expect("nothing runs there");

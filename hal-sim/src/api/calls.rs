@@ -7,7 +7,7 @@ use axum::response::{IntoResponse, Response};
 use serde::Deserialize;
 use standin_firmware::device::{Duration, Encoder, Fault, Pin, Refused, Role};
 use standin_protocol::time::TICKS_PER_SECOND;
-use standin_sim::bench::{self, Drive as Driving, Seat};
+use standin_sim::bench::{Driving, Seat};
 use tokio::sync::oneshot;
 
 use super::guard::Body;
@@ -311,7 +311,7 @@ fn is_analogue(host: &Host, seat: Seat, pin: Pin) -> bool {
 /// What is to be done to a pin.
 fn driving(wanted: &PinLevel, analogue: bool) -> Result<Driving, Problem> {
     match *wanted {
-        PinLevel { level: Some(Driven::Open), volts: None, milliamps: None } => Ok(bench::Drive::Open),
+        PinLevel { level: Some(Driven::Open), volts: None, milliamps: None } => Ok(Driving::Open),
         PinLevel { level: Some(level), volts: None, milliamps: None } if !analogue => Ok(match level {
             Driven::Low => Driving::Low,
             Driven::High => Driving::High,

@@ -3,9 +3,9 @@
 use standin_firmware::device::{Axis, Duration, Encoder, EncoderSpec, Fault, Level, Pin, Port, Refused};
 use standin_protocol::time::TICKS_PER_SECOND;
 
-use super::{Bench, Busy, Drive, Motion, PowerAction, Seat, Statistics, tape};
+use super::{Bench, Busy, Driving, Motion, PowerAction, Seat, Statistics, tape};
 use crate::schedule::{Class, What};
-use crate::seat::{Pace, PinState, Train};
+use crate::seat::{EdgeTrain, PinState, PulseTrain};
 use crate::trace::{Fed, Power};
 
 /// The most edges a second: one a tick.
@@ -21,19 +21,19 @@ fn ticks_per_edge(hz: f64) -> f64 {
 impl Bench {
     /// Drives a pin from outside, and ends a train of pulses, or the turning of an encoder, there. It
     /// arrives a tick later. Whatever [wires](Self::wire) do to the pin counts only while it is open.
-    pub fn set_pin(&mut self, seat: Seat, pin: Pin, drive: Drive) {
+    pub fn set_pin(&mut self, seat: Seat, pin: Pin, drive: Driving) {
         let at = self.now + Duration::TICK;
         let Some(state) = self.at_mut(seat).pin_mut(pin) else { return };
         state.train = None;
         state.hands = drive;
         for encoder in self.at_mut(seat).encoders_at(pin) {
-            encoder.pace = None;
+            encoder.edges = None;
         }
         self.schedule(at, Class::Pin, seat.0, What::Hand { pin, drive });
     }
 
     /// What hands do to a pin arrives.
-    pub(super) fn hand(&mut self, place: u32, pin: Pin, drive: Drive) {
+    pub(super) fn hand(&mut self, place: u32, pin: Pin, drive: Driving) {
         if let Some(state) = self.seats[place as usize].pin_mut(pin) {
             state.held = drive;
         }
@@ -63,9 +63,9 @@ impl Bench {
         let Some(state) = self.at_mut(seat).pin_mut(pin).filter(|_| count > 0) else { return Ok(()) };
         state.trains = state.trains.wrapping_add(1);
         let number = state.trains;
-        let edges = 2 * u64::from(count);
-        let pace = Pace { start, ticks_per_edge: ticks_per_edge(2.0 * hz), made: 0, edges };
-        state.train = Some(Train { pace, rest: state.is_high(), before: state.hands });
+        let count = 2 * u64::from(count);
+        let edges = EdgeTrain { start, ticks_per_edge: ticks_per_edge(2.0 * hz), made: 0, count };
+        state.train = Some(PulseTrain { edges, rest: state.is_high(), before: state.hands });
         self.schedule(start, Class::Pin, seat.0, What::Pulse { pin, number });
         Ok(())
     }
@@ -77,11 +77,11 @@ impl Bench {
             return;
         };
         let Some(train) = &mut state.train else { return };
-        let high = train.rest == (train.pace.made % 2 == 1);
+        let high = train.rest == (train.edges.made % 2 == 1);
         let before = train.before;
-        train.pace.made += 1;
-        let due = train.pace.due();
-        let drive = if high { Drive::High } else { Drive::Low };
+        train.edges.made += 1;
+        let due = train.edges.due();
+        let drive = if high { Driving::High } else { Driving::Low };
         (state.hands, state.held) = (drive, drive);
         match due {
             Some(due) => self.schedule(due, Class::Pin, place, What::Pulse { pin, number }),
@@ -115,8 +115,8 @@ impl Bench {
         state.turns = state.turns.wrapping_add(1);
         state.back = counts < 0;
         let number = state.turns;
-        let edges = u64::from(counts.unsigned_abs());
-        state.pace = Some(Pace { start, ticks_per_edge: ticks_per_edge(hz), made: 0, edges });
+        let count = u64::from(counts.unsigned_abs());
+        state.edges = Some(EdgeTrain { start, ticks_per_edge: ticks_per_edge(hz), made: 0, count });
         self.schedule(start, Class::Pin, seat.0, What::Encoder { encoder, number });
         Ok(())
     }
@@ -128,16 +128,16 @@ impl Bench {
         else {
             return;
         };
-        let (back, Some(pace)) = (state.back, &mut state.pace) else { return };
-        pace.made += 1;
-        let due = pace.due();
+        let (back, Some(edges)) = (state.back, &mut state.edges) else { return };
+        edges.made += 1;
+        let due = edges.due();
         if due.is_none() {
-            state.pace = None;
+            state.edges = None;
         }
         let high = |pin| seated.pin(pin).is_some_and(PinState::is_high);
         // Where A leads, A changes while the two are alike.
         let pin = if (high(spec.a) == high(spec.b)) == back { spec.b } else { spec.a };
-        let drive = if high(pin) { Drive::Low } else { Drive::High };
+        let drive = if high(pin) { Driving::Low } else { Driving::High };
         if let Some(due) = due {
             self.schedule(due, Class::Pin, place, What::Encoder { encoder, number });
         }
@@ -150,7 +150,7 @@ impl Bench {
     /// Whether a train of pulses, or an encoder, runs on a pin.
     fn runs(&mut self, seat: Seat, pin: Pin) -> bool {
         let seated = self.at_mut(seat);
-        seated.encoders_at(pin).any(|encoder| encoder.pace.is_some())
+        seated.encoders_at(pin).any(|encoder| encoder.edges.is_some())
             || seated.pin(pin).is_some_and(|state| state.train.is_some())
     }
 

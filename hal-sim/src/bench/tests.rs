@@ -30,20 +30,18 @@ fn make(kind: &str) -> Option<Box<dyn Device>> {
     }
 }
 
-/// An MD3 that listens at once, at an address.
+/// An MD3 at an address, that listens when the bench is at [`start`].
 fn md3(bench: &mut Bench, name: &str, address: i64) -> Seat {
     let presets = vec![(Reg::DeviceAddress as usize, address)];
     let setup = Setup { boot_fast: true, presets, ..Setup::default() };
-    let seat = bench.seat(name, Box::new(Md3::new()), setup).unwrap();
-    // It has no ears at the very instant of power-on.
-    bench.run_until(1.millis());
-    seat
+    bench.seat(name, Box::new(Md3::new()), setup).unwrap()
 }
 
 /// A bench with one MD3, at address 1, and a client on its line, at 1 ms.
 fn alone(line: LineMode) -> (Bench, Seat, Client) {
     let mut bench = Bench::with(Settings { line, ..Settings::default() });
     let seat = md3(&mut bench, "x", 1);
+    bench.run_until(start());
     let client = bench.connect(bench.bus(seat, RS485).unwrap());
     (bench, seat, client)
 }
@@ -52,6 +50,7 @@ fn alone(line: LineMode) -> (Bench, Seat, Client) {
 fn pair(line: LineMode) -> (Bench, [Seat; 2], Bus) {
     let mut bench = Bench::with(Settings { line, ..Settings::default() });
     let seats = [md3(&mut bench, "x", 1), md3(&mut bench, "y", 2)];
+    bench.run_until(start());
     let bus = bench.share("line1", &seats.map(|seat| (seat, RS485)));
     (bench, seats, bus)
 }
@@ -62,6 +61,7 @@ fn received(bench: &mut Bench, client: Client) -> Vec<u8> {
     bytes
 }
 
+/// When the MD3s listen: they have no ears at the very instant of power-on.
 fn start() -> Instant {
     Instant::from(1.millis())
 }
@@ -315,6 +315,7 @@ fn drives_that_answer_at_once_do_not_hear_each_other() {
     for line in [LineMode::Timed, LineMode::Fast] {
         let mut bench = Bench::with(Settings { line, ..Settings::default() });
         let seats = [md3(&mut bench, "x", 1), md3(&mut bench, "y", 1)];
+        bench.run_until(start());
         let bus = bench.share("line1", &seats.map(|seat| (seat, RS485)));
         let client = bench.connect(bus);
         // The answer to a write looks like the write.
@@ -358,6 +359,7 @@ fn drives_that_answer_each_other_for_ever_take_their_time() {
     for line in [LineMode::Timed, LineMode::Fast] {
         let mut bench = Bench::with(Settings { line, ..Settings::default() });
         let seats = [md3(&mut bench, "x", 1), md3(&mut bench, "y", 1)];
+        bench.run_until(start());
         let bus = bench.share("line1", &seats.map(|seat| (seat, RS485)));
         let client = bench.connect(bus);
         bench.power(seats[1], PowerAction::Off);
@@ -380,7 +382,7 @@ fn an_input_comes_before_a_deadline_of_its_instant() {
     bench.send(client, b"s");
     let first = Instant::ZERO + Duration::from_ticks(1_389) + toy::INTERVAL;
     bench.run_until(first - Duration::TICK);
-    bench.set_pin(toy, toy::IN, Drive::Low);
+    bench.set_pin(toy, toy::IN, Driving::Low);
     bench.run_until(first);
     // What hands do when the deadline has passed comes after it.
     bench.fault(toy, toy::STALL, true);
@@ -508,8 +510,8 @@ fn what_is_not_at_rest_is_told_when_power_comes() {
     let toy = bench.add::<Toy>("toy");
     bench.power(toy, PowerAction::Off);
     bench.settle();
-    bench.set_pin(toy, toy::IN, Drive::Low);
-    bench.set_pin(toy, toy::LEVEL, Drive::Millivolts(2_500));
+    bench.set_pin(toy, toy::IN, Driving::Low);
+    bench.set_pin(toy, toy::LEVEL, Driving::Millivolts(2_500));
     bench.fault(toy, toy::STALL, true);
     bench.run_until(1.millis());
     assert_eq!(bench.motion(toy, toy::MOTOR), Motion::default());
@@ -540,17 +542,17 @@ fn what_is_not_at_rest_is_told_when_power_comes() {
 fn a_pin_arrives_a_tick_later() {
     let mut bench = Bench::new();
     let toy = bench.add::<Toy>("toy");
-    bench.set_pin(toy, toy::IN, Drive::Low);
+    bench.set_pin(toy, toy::IN, Driving::Low);
     assert_eq!(bench.level(toy, toy::IN), Level::Low);
     bench.run_until(Instant::ZERO);
     assert_eq!(bench.motion(toy, toy::MOTOR).position, 0);
     bench.run_until(Instant::from_ticks(1));
     assert_eq!(bench.motion(toy, toy::MOTOR).position, 2);
     // No edge where the level stays.
-    bench.set_pin(toy, toy::IN, Drive::Millivolts(1_400));
+    bench.set_pin(toy, toy::IN, Driving::Millivolts(1_400));
     bench.run_until(1.millis());
     assert_eq!(bench.motion(toy, toy::MOTOR).position, 2);
-    bench.set_pin(toy, toy::IN, Drive::Open);
+    bench.set_pin(toy, toy::IN, Driving::Open);
     bench.run_until(2.millis());
     assert_eq!(bench.motion(toy, toy::MOTOR).position, 3);
 }
@@ -572,7 +574,7 @@ fn pulses_are_made_edge_by_edge() {
     assert_eq!(bench.level(toy, toy::IN), Level::High);
     assert_eq!(bench.next(), Instant::NEVER);
     bench.pulse(toy, toy::IN, 1, f64::NAN).unwrap();
-    bench.set_pin(toy, toy::IN, Drive::High);
+    bench.set_pin(toy, toy::IN, Driving::High);
     bench.pulse(toy, toy::IN, 250_000, 250_000.0).unwrap();
     bench.run_until(bench.now() + 1.secs() + Duration::TICK);
     assert_eq!(bench.motion(toy, toy::MOTOR).position, 3 * 250_003);
@@ -695,6 +697,7 @@ fn power_cut_inside_a_save_leaves_an_md3_a_bad_memory() {
     for seed in 0..40 {
         let mut bench = Bench::with(Settings { seed, line: LineMode::Fast, ..Settings::default() });
         let seat = md3(&mut bench, "x", 1);
+        bench.run_until(start());
         bench.ask(seat, &rtu::write(1, 0x15, 1_234));
         bench.power(seat, PowerAction::Cut);
         bench.settle();
@@ -853,6 +856,7 @@ fn without_power_step_and_direction_fall() {
 fn a_power_cut_ends_the_pulses() {
     let mut bench = Bench::with(Settings { line: LineMode::Fast, ..Settings::default() });
     let x = md3(&mut bench, "x", 1);
+    bench.run_until(start());
     command(&mut bench, x, JOG);
     bench.run_until(500.millis());
     bench.power(x, PowerAction::Cut);
@@ -895,7 +899,7 @@ fn hands_hold_an_input_until_they_let_go() {
     let from = bench.now();
     command(&mut bench, x, JOG);
     bench.run_until(3.millis());
-    bench.set_pin(toy, toy::IN, Drive::High);
+    bench.set_pin(toy, toy::IN, Driving::High);
     bench.run_until(4.millis());
     command(&mut bench, x, STOP);
     bench.run_until(5.millis());
@@ -905,7 +909,7 @@ fn hands_hold_an_input_until_they_let_go() {
     // Pulses are made by hands, too.
     bench.pulse(toy, toy::IN, 1, 1_000.0).unwrap();
     bench.run_until(7.millis());
-    bench.set_pin(toy, toy::IN, Drive::Open);
+    bench.set_pin(toy, toy::IN, Driving::Open);
     assert_eq!(bench.level(toy, toy::IN), Level::Low);
     bench.run_until(8.millis());
     let told: Vec<_> = edges(&bench, toy, from).into_iter().map(|(at, _, high)| (at, high)).collect();
@@ -936,7 +940,7 @@ fn direction_shows_the_last_step_whoever_made_it() {
     bench.run_until(1.secs());
     assert_eq!(bench.level(x, DIR), Level::High);
     // A step back on its step input (7.8), and one forward again.
-    for (direction, level, position) in [(Drive::Low, Level::Low, 2), (Drive::High, Level::High, 3)] {
+    for (direction, level, position) in [(Driving::Low, Level::Low, 2), (Driving::High, Level::High, 3)] {
         bench.set_pin(x, J2_5, direction);
         bench.run_until(bench.now() + 1.millis());
         bench.pulse(x, J2_4, 1, 1_000.0).unwrap();
@@ -1041,7 +1045,7 @@ fn one_thing_at_a_time_runs_on_a_pin() {
     bench.pulse(seat, Pin(4), 1, 1.0).unwrap();
     let from = bench.now();
     bench.run_until(from + 10.millis());
-    bench.set_pin(seat, ENCODER_B, Drive::Open);
+    bench.set_pin(seat, ENCODER_B, Driving::Open);
     bench.run_until(from + 2.secs());
     let turned = edges(&bench, seat, from).iter().filter(|(_, pin, _)| *pin != Pin(4)).count();
     // Ten in 10 ms, the last of them up; B falls when it is let go, and no more come.
@@ -1065,7 +1069,7 @@ enum Act {
     Send(usize, Vec<u8>),
     Connect(usize),
     Disconnect(usize),
-    Pin(usize, Drive),
+    Pin(usize, Driving),
     Pulse(usize, u32, u32),
     Encoder(usize, i32, u32),
     Move(usize, i64, u16),
@@ -1161,10 +1165,10 @@ fn perform(acts: &[(u64, Act)], order: &[usize], chunks: &[u64], (line, twins): 
 fn act() -> impl Strategy<Value = Act> {
     let seat = 0..NAMES.len();
     let drive = prop_oneof![
-        Just(Drive::Low),
-        Just(Drive::High),
-        Just(Drive::Open),
-        (0..5_000).prop_map(Drive::Millivolts)
+        Just(Driving::Low),
+        Just(Driving::High),
+        Just(Driving::Open),
+        (0..5_000).prop_map(Driving::Millivolts)
     ];
     let power = prop_oneof![
         Just(PowerAction::Off),

@@ -2,7 +2,7 @@
 
 use standin_firmware::device::{Axis, Duration, Instant, Level, Pin};
 
-use super::{Bench, Drive, Seat};
+use super::{Bench, Driving, Seat};
 use crate::pulses::{self, Pulse};
 use crate::schedule::{Class, What};
 use crate::seat::Moved;
@@ -14,15 +14,18 @@ pub(super) struct PinWire {
     level: Level,
 }
 
-/// The STEP output of a device, see [`Seat::step`].
+/// The STEP output of an axis, see [`Seat::step`].
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub struct StepOutput(Seat);
+pub struct StepOutput {
+    seat: Seat,
+    axis: Axis,
+}
 
 impl Seat {
     /// The STEP output of the device's first axis, to count [pulses](Bench::pulses) on.
     #[must_use]
     pub fn step(self) -> StepOutput {
-        StepOutput(self)
+        StepOutput { seat: self, axis: Axis(0) }
     }
 }
 
@@ -32,19 +35,19 @@ impl Bench {
     /// from the plans and steps in the [trace](Self::trace).
     ///
     /// # Panics
-    /// If the device has no such output, or if the trace does not hold all that happened: then there
+    /// If the axis has no such output, or if the trace does not hold all that happened: then there
     /// is no telling. Keep all of it with [`TraceKeep::All`](crate::trace::TraceKeep::All).
     pub fn pulses(&self, of: StepOutput) -> impl Iterator<Item = Pulse> {
-        let StepOutput(seat) = of;
-        let first = self.spec(seat).axes.first();
+        let StepOutput { seat, axis } = of;
+        let spec = self.spec(seat).axes.get(usize::from(axis.0));
         let name = self.name(seat);
-        assert!(first.is_some_and(|axis| axis.step_dir.is_some()), "{name} has no STEP output");
+        assert!(spec.is_some_and(|axis| axis.step_dir.is_some()), "{name} has no STEP output");
         assert!(
             self.trace.is_whole(),
             "the pulses of {name} cannot be counted: the trace has lost its beginning, or keeps nothing; \
              give the bench `TraceKeep::All`",
         );
-        pulses::pulses(&self.trace, seat.0 as usize, Axis(0), self.now)
+        pulses::pulses(&self.trace, seat.0 as usize, axis, self.now)
     }
 
     /// Wires an output pin to an input pin, for good. What the output does arrives a tick later: the
@@ -115,11 +118,11 @@ impl Bench {
         let Some(state) = self.seats[seat.0 as usize].pin_mut(pin) else { return };
         let mut levels = state.driven_by.iter().map(|&wire| self.wires[wire as usize].level);
         state.wired = if levels.clone().any(|level| level == Level::Low) {
-            Drive::Low
+            Driving::Low
         } else if levels.any(|level| level == Level::High) {
-            Drive::High
+            Driving::High
         } else {
-            Drive::Open
+            Driving::Open
         };
         self.look(seat.0, pin);
     }

@@ -230,7 +230,7 @@ pub enum Did {
     Step { axis: Axis, steps: i32 },
     /// [`Output::Current`]
     Current { axis: Axis, ma: u32 },
-    /// [`Output::Duty`]
+    /// [`Output::Duty`]: 1/65536 of full on, signed.
     Duty { axis: Axis, duty: i32 },
     /// [`Output::Store`]
     Store { offset: u16, bytes: Vec<u8> },

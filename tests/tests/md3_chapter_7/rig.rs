@@ -3,7 +3,7 @@
 use standin_firmware::device::{Axis, Device, Fault, Level, Pin};
 use standin_protocol::modbus::{Frame, rtu};
 use standin_protocol::time::{Duration, Instant, Span};
-use standin_sim::bench::{Bench, Drive, PowerAction, Seat, Settings, Setup};
+use standin_sim::bench::{Bench, Driving, PowerAction, Seat, Settings, Setup};
 use standin_sim::bus::LineMode;
 use standin_tests::md3;
 pub(crate) use standin_tests::md3::{at, bit};
@@ -163,24 +163,24 @@ impl Rig {
         Pin(pins.iter().position(|pin| pin.name == name).expect("a pin of the drive") as u8)
     }
 
-    fn drive(&mut self, name: &str, drive: Drive) {
+    fn drive(&mut self, name: &str, drive: Driving) {
         self.bench.set_pin(self.seat, self.pin(name), drive);
         self.after(Duration::TICK);
     }
 
     /// Pulls a pin to ground; returns when the drive has seen it, as the next two do.
     pub(crate) fn low(&mut self, name: &str) {
-        self.drive(name, Drive::Low);
+        self.drive(name, Driving::Low);
     }
 
     /// Drives a pin high.
     pub(crate) fn high(&mut self, name: &str) {
-        self.drive(name, Drive::High);
+        self.drive(name, Driving::High);
     }
 
     /// Lets a pin go.
     pub(crate) fn open(&mut self, name: &str) {
-        self.drive(name, Drive::Open);
+        self.drive(name, Driving::Open);
     }
 
     /// A train of pulses on a pin, to its end.

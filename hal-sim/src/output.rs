@@ -1,0 +1,61 @@
+//! The files that options name for what happens.
+
+use std::fs::{File, Metadata};
+use std::io;
+use std::os::unix::fs::MetadataExt as _;
+use std::path::{Path, PathBuf};
+
+/// A file for what happens.
+pub(crate) struct Output {
+    option: &'static str,
+    path: PathBuf,
+    file: File,
+}
+
+impl Output {
+    /// Opens the file that an option names, and leaves what is in it until the drive is ready.
+    pub(crate) fn open(option: &'static str, path: &Path) -> Result<Self, String> {
+        let opened = File::options().write(true).create(true).truncate(false).open(path);
+        let file = opened.map_err(|error| sentence(option, path, &error))?;
+        Ok(Self { option, path: path.into(), file })
+    }
+
+    /// What an old run left there is over.
+    pub(crate) fn begin(&self) -> Result<(), String> {
+        self.fails(self.file.metadata().and_then(|there| {
+            // A device or a pipe has nothing to be removed.
+            if there.is_file() { self.file.set_len(0) } else { Ok(()) }
+        }))
+    }
+
+    /// Whether the other one is the same file, which two cannot write.
+    pub(crate) fn is(&self, other: &Self) -> Result<bool, String> {
+        let (own, other) = (self.metadata()?, other.metadata()?);
+        Ok(own.is_file() && (own.dev(), own.ino()) == (other.dev(), other.ino()))
+    }
+
+    pub(crate) fn metadata(&self) -> Result<Metadata, String> {
+        self.fails(self.file.metadata())
+    }
+
+    /// An error of the file as a sentence.
+    pub(crate) fn fails<T>(&self, result: io::Result<T>) -> Result<T, String> {
+        result.map_err(|error| sentence(self.option, &self.path, &error))
+    }
+
+    pub(crate) fn option(&self) -> &'static str {
+        self.option
+    }
+
+    pub(crate) fn path(&self) -> &Path {
+        &self.path
+    }
+
+    pub(crate) fn file(&self) -> &File {
+        &self.file
+    }
+}
+
+fn sentence(option: &str, path: &Path, error: &io::Error) -> String {
+    format!("{option} {}: {error}", path.display())
+}

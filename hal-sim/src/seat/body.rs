@@ -1,0 +1,334 @@
+//! What a device leaves behind: its memory, its power, and what it does to the world.
+
+use standin_firmware::device::{Axis, Instant, Level, Line, Note, Output, Pin, Port, Sink, Spec, Why};
+
+use super::axis::AxisState;
+use super::pin::{EncoderState, PinState};
+use super::serial::{PortState, Serial};
+use crate::bench::Keep;
+use crate::dice::Dice;
+use crate::drives::Drives;
+use crate::pulses::Shaper;
+use crate::trace::{Cut, Trace};
+
+/// What a device leaves behind, in the world and in its memory.
+pub(crate) struct Body {
+    pub(super) seat: u32,
+    pub(crate) memory: Vec<u8>,
+    keep: Option<Keep>,
+    pub(crate) powered: bool,
+    /// The next power cut, and whether it has come.
+    cut: Option<Place>,
+    pub(super) dead: bool,
+    /// Where cuts fall.
+    dice: Dice,
+    pub(crate) pins: Vec<PinState>,
+    pub(super) axes: Vec<AxisState>,
+    pub(super) encoders: Vec<EncoderState>,
+    pub(crate) ports: Vec<PortState>,
+    /// Which causes of faults are there.
+    pub(crate) faults: Vec<bool>,
+}
+
+/// Where in a save power fails.
+#[derive(Clone, Copy, Debug)]
+struct Place {
+    /// Stores that still go through.
+    stores: u32,
+    part: Part,
+}
+
+/// How much of a store goes through.
+#[derive(Clone, Copy, Debug)]
+enum Part {
+    Bytes(usize),
+    /// What a random number picks; `whole`: all of it may.
+    Random {
+        number: u64,
+        whole: bool,
+    },
+}
+
+/// Characters that leave a port.
+pub(crate) struct Sent {
+    pub(crate) seat: u32,
+    pub(crate) port: Port,
+    /// When the first one begins.
+    pub(crate) start: Instant,
+    pub(crate) line: Line,
+    /// How many; they are in [`Outbox::bytes`].
+    pub(crate) count: usize,
+}
+
+/// What an output did to which a wire goes.
+pub(crate) enum Moved {
+    /// A pin took a level then.
+    Pin { pin: Pin, at: Instant, level: Level },
+    /// A pin repeats from now on.
+    Wave { pin: Pin },
+    /// An axis has other steps before it.
+    Axis { axis: Axis },
+}
+
+/// What a device has done in one call.
+#[derive(Default)]
+pub(crate) struct Outbox {
+    pub(crate) sent: Vec<Sent>,
+    /// All characters, one message behind the other.
+    pub(crate) bytes: Vec<u8>,
+    /// And whose output it was.
+    pub(crate) moved: Vec<(u32, Moved)>,
+}
+
+impl Outbox {
+    pub(crate) fn is_empty(&self) -> bool {
+        self.sent.is_empty() && self.moved.is_empty()
+    }
+
+    /// Empties it, and keeps its room.
+    pub(crate) fn clear(&mut self) {
+        self.sent.clear();
+        self.bytes.clear();
+        self.moved.clear();
+    }
+}
+
+/// What the outputs of a device go to, beside its body.
+pub(crate) struct Tape<'a> {
+    pub(crate) trace: &'a mut Trace,
+    pub(crate) outbox: &'a mut Outbox,
+    /// Whether characters take no time.
+    pub(crate) fast: bool,
+}
+
+/// The sink of one call of a device.
+pub(super) struct Hand<'a, 'b> {
+    pub(super) body: &'a mut Body,
+    pub(super) tape: &'a mut Tape<'b>,
+}
+
+impl Sink for Hand<'_, '_> {
+    fn put(&mut self, at: Instant, output: Output<'_>) {
+        if self.body.dead {
+            return;
+        }
+        if let Output::Store { offset, bytes } = output {
+            let bytes = self.body.store(offset, bytes);
+            self.tape.trace.did(at, self.body.seat, Output::Store { offset, bytes });
+            if self.body.dead {
+                self.tape.trace.power_fails(at, self.body.seat);
+            }
+            return;
+        }
+        self.body.put(at, output, self.tape);
+        self.tape.trace.did(at, self.body.seat, output);
+    }
+
+    fn memory(&self) -> &[u8] {
+        &self.body.memory
+    }
+}
+
+impl Body {
+    /// That of a device without power, on a seat of that name.
+    pub(super) fn new(
+        seat: u32,
+        name: &str,
+        spec: &'static Spec,
+        seed: u64,
+        memory: Option<Vec<u8>>,
+        keep: Option<Keep>,
+    ) -> Self {
+        let mut memory = memory.unwrap_or_default();
+        memory.resize(usize::from(spec.memory), 0xFF);
+        Self {
+            seat,
+            memory,
+            keep,
+            powered: false,
+            cut: None,
+            dead: false,
+            dice: Dice::new(seed, &format!("power cuts of {name}")),
+            pins: spec.pins.iter().map(PinState::new).collect(),
+            axes: spec.axes.iter().map(AxisState::new).collect(),
+            encoders: spec.encoders.iter().map(|_| EncoderState::default()).collect(),
+            ports: spec.ports.iter().map(PortState::new).collect(),
+            faults: vec![false; spec.faults.len()],
+        }
+    }
+
+    /// Stores as much as power allows, and returns it.
+    fn store<'a>(&mut self, offset: u16, bytes: &'a [u8]) -> &'a [u8] {
+        let part = match &mut self.cut {
+            None => bytes.len(),
+            Some(place) if place.stores > 0 => {
+                place.stores -= 1;
+                bytes.len()
+            }
+            Some(Place { part, .. }) => {
+                let length = bytes.len();
+                let part = match *part {
+                    Part::Bytes(part) => part.min(length),
+                    Part::Random { number, whole } => {
+                        // A cut that leaves the memory as it was is in no save's middle.
+                        let old = self.memory.get(usize::from(offset)..).unwrap_or(&[]);
+                        let same = old.iter().zip(bytes).take_while(|(old, new)| old == new).count();
+                        let least = if whole { (same + 1).min(length) } else { 0 };
+                        let choices = (length + usize::from(whole)).saturating_sub(least).max(1);
+                        least + usize::try_from(number % choices as u64).unwrap_or(0)
+                    }
+                };
+                self.cut = None;
+                self.dead = true;
+                part
+            }
+        };
+        let bytes = &bytes[..part];
+        let from = usize::from(offset);
+        if let Some(place) = self.memory.get_mut(from..from + part) {
+            place.copy_from_slice(bytes);
+        }
+        if let Some(keep) = &mut self.keep {
+            keep(offset, bytes);
+        }
+        bytes
+    }
+
+    /// Does anything but a store.
+    fn put(&mut self, at: Instant, output: Output<'_>, tape: &mut Tape<'_>) {
+        match output {
+            Output::Bytes { port, bytes } => {
+                let Some(serial) = self.serial(port) else { return };
+                let (start, line) = serial.send(at, bytes.len(), tape.fast);
+                tape.outbox.sent.push(Sent { seat: self.seat, port, start, line, count: bytes.len() });
+                tape.outbox.bytes.extend_from_slice(bytes);
+            }
+            Output::Line { port, line } => {
+                if let Some(serial) = self.serial(port) {
+                    serial.change(at, line);
+                }
+            }
+            Output::Level { pin, level } => self.drive(pin, at, Drives::Level(level), tape.outbox),
+            Output::Wave { pin, period, high } => {
+                self.drive(pin, at, Drives::Wave { since: at, period, high }, tape.outbox);
+            }
+            Output::Plan { axis, plan } => {
+                self.shape(axis, at, tape.outbox, |shaper| shaper.plan(at, plan));
+                if let Some(axis) = self.axis(axis) {
+                    axis.follow(at, plan);
+                }
+            }
+            Output::Step { axis, steps } => {
+                self.shape(axis, at, tape.outbox, |shaper| shaper.steps(at, steps));
+                if let Some(axis) = self.axis(axis) {
+                    axis.step(steps);
+                }
+            }
+            Output::Current { axis, ma } => {
+                if let Some(axis) = self.axis(axis) {
+                    axis.current_ma = ma;
+                }
+            }
+            Output::Duty { axis, duty } => {
+                if let Some(axis) = self.axis(axis) {
+                    axis.duty = duty;
+                }
+            }
+            Output::Note(note) => self.count(note),
+            // A store has its own way; of connections only the trace tells so far.
+            Output::Store { .. } | Output::Message { .. } | Output::Close { .. } => {}
+        }
+    }
+
+    fn count(&mut self, note: Note) {
+        let (Note::Request { port, .. } | Note::Refused { port, .. } | Note::Dropped { port, .. }) = note;
+        let Some(port) = self.ports.get_mut(usize::from(port.0)) else { return };
+        let statistics = &mut port.statistics;
+        *match note {
+            Note::Request { .. } => &mut statistics.requests,
+            Note::Refused { .. } => &mut statistics.refused,
+            Note::Dropped { why, .. } => match why {
+                Why::Crc => &mut statistics.crc,
+                Why::Gap => &mut statistics.gap,
+                Why::Length => &mut statistics.length,
+                Why::Spoiled => &mut statistics.spoiled,
+                Why::Address => &mut statistics.foreign,
+                Why::Starting => &mut statistics.starting,
+            },
+        } += 1;
+    }
+
+    fn drive(&mut self, pin: Pin, at: Instant, drives: Drives, outbox: &mut Outbox) {
+        let Some(state) = self.pins.get_mut(usize::from(pin.0)) else { return };
+        state.drives = drives;
+        state.changes = state.changes.wrapping_add(1);
+        // Pulses and their direction come from the axis.
+        if !state.drives_wires.is_empty() && !self.axes.iter().any(|axis| axis.is_at(pin)) {
+            let moved = match drives {
+                Drives::Level(level) => Moved::Pin { pin, at, level },
+                Drives::Wave { .. } => Moved::Wave { pin },
+            };
+            outbox.moved.push((self.seat, moved));
+        }
+    }
+
+    /// Something happens to an axis: if somebody listens, its edges up to then come first.
+    fn shape(&mut self, axis: Axis, at: Instant, outbox: &mut Outbox, happens: impl FnOnce(&mut Shaper)) {
+        let Some(state) = self.axes.get_mut(usize::from(axis.0)) else { return };
+        let mut moves = |state: &mut AxisState| {
+            while let Some((pin, at, level)) = state.take(at) {
+                outbox.moved.push((self.seat, Moved::Pin { pin, at, level }));
+            }
+        };
+        moves(state);
+        let Some(shaper) = &mut state.shaper else { return };
+        happens(shaper);
+        // Without power the outputs fall at once.
+        moves(state);
+        outbox.moved.push((self.seat, Moved::Axis { axis }));
+    }
+
+    pub(super) fn axis(&mut self, axis: Axis) -> Option<&mut AxisState> {
+        self.axes.get_mut(usize::from(axis.0))
+    }
+
+    /// A serial port.
+    pub(crate) fn serial(&mut self, port: Port) -> Option<&mut Serial> {
+        self.ports.get_mut(usize::from(port.0))?.serial.as_mut()
+    }
+
+    pub(super) fn power_on(&mut self, at: Instant) {
+        self.powered = true;
+        for axis in &mut self.axes {
+            axis.power_on(at);
+        }
+        for serial in self.ports.iter_mut().filter_map(|port| port.serial.as_mut()) {
+            serial.power_on();
+        }
+    }
+
+    pub(super) fn power_off(&mut self, at: Instant, outbox: &mut Outbox) {
+        (self.powered, self.dead) = (false, false);
+        for pin in (0..self.pins.len() as u8).map(Pin) {
+            self.drive(pin, at, Drives::NOTHING, outbox);
+        }
+        for axis in (0..self.axes.len() as u8).map(Axis) {
+            self.shape(axis, at, outbox, |shaper| shaper.power_off(at));
+        }
+        for axis in &mut self.axes {
+            axis.power_off(at);
+        }
+    }
+
+    pub(super) fn cut(&mut self, cut: Option<Cut>) {
+        self.cut = Some(match cut {
+            Some(Cut { stores, bytes }) => Place { stores, part: Part::Bytes(bytes) },
+            None => {
+                // A save is two stores. After the whole first one is in its middle, after the second
+                // is not.
+                let stores = u32::from(self.dice.next() % 2 == 1);
+                Place { stores, part: Part::Random { number: self.dice.next(), whole: stores == 0 } }
+            }
+        });
+    }
+}

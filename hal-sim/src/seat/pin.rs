@@ -1,0 +1,165 @@
+//! Pins of a device, and what runs on them.
+
+use standin_firmware::device::{Duration, Instant, Level, Pin, PinSpec, Role};
+
+use crate::bench::Driving;
+use crate::drives::{Drives, level_of};
+use crate::trace::Fed;
+
+/// A digital input is high above this: the middle of TTL's 0.8 V and 2.0 V.
+const HIGH_MV: i32 = 1_400;
+
+/// What an analogue input sees of a logic level.
+pub(crate) const LOGIC_HIGH_MV: i32 = 5_000;
+
+/// A pin and what both sides do to it.
+pub(crate) struct PinState {
+    spec: &'static PinSpec,
+    /// What hands do to it.
+    pub(crate) hands: Driving,
+    /// What of that has arrived.
+    pub(crate) held: Driving,
+    /// What wires do to it.
+    pub(crate) wired: Driving,
+    /// The wires that drive it, and those that it drives: places in the bench's list.
+    pub(crate) driven_by: Vec<u32>,
+    pub(crate) drives_wires: Vec<u32>,
+    /// What the device was told last.
+    pub(crate) told: Signal,
+    /// The train of pulses that runs.
+    pub(crate) train: Option<PulseTrain>,
+    /// How many trains there have been.
+    pub(crate) trains: u32,
+    /// What the device does with it.
+    pub(super) drives: Drives,
+    /// How often that has changed.
+    pub(super) changes: u32,
+}
+
+impl PinState {
+    pub(super) fn new(spec: &'static PinSpec) -> Self {
+        let mut pin = Self {
+            spec,
+            hands: Driving::Open,
+            held: Driving::Open,
+            wired: Driving::Open,
+            driven_by: Vec::new(),
+            drives_wires: Vec::new(),
+            told: Signal::Digital(false),
+            train: None,
+            trains: 0,
+            drives: Drives::NOTHING,
+            changes: 0,
+        };
+        pin.told = pin.signal(Driving::Open);
+        pin
+    }
+
+    /// What the device sees of what has arrived: where hands let go wires decide.
+    pub(crate) fn seen(&self) -> Signal {
+        self.signal(if self.held == Driving::Open { self.wired } else { self.held })
+    }
+
+    /// What the device sees while that is done to the pin.
+    fn signal(&self, drive: Driving) -> Signal {
+        let rests_high = self.spec.rest == Level::High;
+        if self.spec.role == Role::Analogue {
+            return Signal::Millivolts(match drive {
+                Driving::Millivolts(mv) => mv,
+                Driving::High => LOGIC_HIGH_MV,
+                Driving::Open if rests_high => LOGIC_HIGH_MV,
+                Driving::Low | Driving::Open => 0,
+            });
+        }
+        Signal::Digital(match drive {
+            Driving::Low => false,
+            Driving::High => true,
+            Driving::Open => rests_high,
+            Driving::Millivolts(mv) => mv > HIGH_MV,
+        })
+    }
+
+    /// What is done to it from outside.
+    fn outside(&self) -> Driving {
+        if self.hands == Driving::Open { self.wired } else { self.hands }
+    }
+
+    /// Whether the device would see a high level now.
+    pub(crate) fn is_high(&self) -> bool {
+        match self.signal(self.outside()) {
+            Signal::Digital(high) => high,
+            Signal::Millivolts(mv) => mv > HIGH_MV,
+        }
+    }
+
+    /// Whether the device sees something else than at rest.
+    pub(super) fn away(&self) -> bool {
+        self.told != self.signal(Driving::Open)
+    }
+
+    /// The pin as it is seen from outside.
+    pub(super) fn level(&self, at: Instant) -> Level {
+        match self.drives.level(at) {
+            Level::Float if self.outside() == Driving::Open => self.spec.rest,
+            Level::Float => level_of(self.is_high()),
+            level => level,
+        }
+    }
+}
+
+/// What a device sees at an input.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) enum Signal {
+    Digital(bool),
+    Millivolts(i32),
+}
+
+impl Signal {
+    /// What the device is told.
+    pub(crate) fn fed(self, pin: Pin) -> Fed {
+        match self {
+            Self::Digital(high) => Fed::Edge { pin, high },
+            Self::Millivolts(mv) => Fed::Millivolts { pin, mv },
+        }
+    }
+}
+
+/// Edges at a steady rate.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct EdgeTrain {
+    pub(crate) start: Instant,
+    pub(crate) ticks_per_edge: f64,
+    /// Edges made.
+    pub(crate) made: u64,
+    /// Edges to make in all.
+    pub(crate) count: u64,
+}
+
+impl EdgeTrain {
+    /// When the next edge is; `None` after the last one.
+    pub(crate) fn due(&self) -> Option<Instant> {
+        // Exact below 2^53, to the nearest; beyond the end of time the conversion saturates.
+        let ticks = (self.made as f64 * self.ticks_per_edge + 0.5) as u64;
+        (self.made < self.count).then_some(self.start + Duration::from_ticks(ticks))
+    }
+}
+
+/// Pulses on an input.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct PulseTrain {
+    pub(crate) edges: EdgeTrain,
+    /// The level between pulses.
+    pub(crate) rest: bool,
+    /// What the pin goes back to.
+    pub(crate) before: Driving,
+}
+
+/// What turns an encoder.
+#[derive(Default)]
+pub(crate) struct EncoderState {
+    pub(crate) edges: Option<EdgeTrain>,
+    /// Whether B leads A.
+    pub(crate) back: bool,
+    /// How often it was turned.
+    pub(crate) turns: u32,
+}
