@@ -79,6 +79,8 @@ pub(super) struct Drive {
     pub(super) quiet_since: Instant,
     /// The cutback timeout is over.
     pub(super) cut_back: bool,
+    /// When it will be, as last shown: the deadline is asked for often.
+    cutback_at: Instant,
     /// Peak phase current, in mA.
     pub(super) current: u32,
     pub(super) lights: Lights,
@@ -113,6 +115,7 @@ impl Drive {
             fault: false,
             quiet_since: Instant::ZERO,
             cut_back: false,
+            cutback_at: Instant::NEVER,
             current: 0,
             lights: Lights::Starting,
             busy: false,
@@ -173,7 +176,7 @@ impl Drive {
         starting
             .min(self.motion_due())
             .min(self.motor.deadline())
-            .min(self.cutback_due())
+            .min(self.cutback_at)
             .min(self.eeprom.deadline())
             .min(self.encoder.deadline())
     }
@@ -396,6 +399,7 @@ impl Drive {
     /// Shows what has become of the drive: current, lights, BUSY, and the registers of its state.
     pub(super) fn show(&mut self, at: Instant, out: &mut dyn Sink) {
         self.show_current(at, out);
+        self.cutback_at = self.cutback_due();
         // J3 pin 7 is switched to ground while the motor moves and in a fault (section 2).
         let moves = if self.motor.is_dc() { self.motor.is_driven() } else { self.motion != Motion::None };
         let busy = moves || self.fault;

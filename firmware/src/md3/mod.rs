@@ -232,7 +232,9 @@ impl Device for Md3 {
     }
 
     fn timeout(&mut self, at: Instant, out: &mut dyn Sink) {
-        self.drive.timeout(at, out);
+        if self.drive.deadline() <= at {
+            self.drive.timeout(at, out);
+        }
         if self.receiver.is_over(at) {
             self.serve(at, out);
         }
