@@ -150,7 +150,9 @@ impl Drive {
         match (self.jog_wanted(), self.motion) {
             (Some(wanted), Motion::Jog(Jog { by_pins: true, reversed, ends: false, .. }))
                 if wanted == reversed => {}
-            (Some(reversed), Motion::None | Motion::Jog(_)) => self.jog(true, reversed, at, out),
+            (Some(reversed), Motion::None | Motion::Jog(_)) if self.armed => {
+                self.jog(true, reversed, at, out);
+            }
             (None, Motion::Jog(jog)) if jog.by_pins && !jog.ends => {
                 self.slow_down(Motion::Jog(Jog { ends: true, ..jog }), at, out);
             }

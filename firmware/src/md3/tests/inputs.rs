@@ -181,9 +181,19 @@ fn a_stop_ends_a_jog_of_the_pins_until_the_next_edge() {
     bed.pin(4, false);
     bed.run_until(1.secs());
     bed.set(Reg::MotionControl, STOP);
-    bed.set(Reg::Speed, 100);
+    for (reg, value) in [(Reg::Speed, 100), (Reg::AccelDecel, 20_000), (Reg::MoveSteps, 7)] {
+        bed.set(reg, value);
+    }
     bed.run_until(2.secs());
     assert_eq!(bed.control(), 0);
+    // Nor do they take over a jog of the bus.
+    bed.pin(5, false);
+    bed.set(Reg::MotionControl, STOP);
+    bed.set(Reg::MotionControl, JOG);
+    bed.set(Reg::AccelDecel, 10_000);
+    bed.run_until(3.secs());
+    assert_eq!((bed.control(), bed.speed().to_num::<i32>()), (JOG, 100));
+    bed.set(Reg::MotionControl, STOP);
     bed.pin(4, true);
     bed.pin(4, false);
     assert_eq!(bed.control(), JOG);
