@@ -310,14 +310,20 @@ fn drives_on_a_line_hear_each_other_and_are_not_confused() {
     assert_eq!(bench.statistics(y, RS485), Statistics { requests: 1, foreign: 4, ..Statistics::default() });
 }
 
+/// Two ready drives with address 1 on one line, and a client there.
+fn two_of_one_address(line: LineMode) -> (Bench, [Seat; 2], Client) {
+    let mut bench = Bench::with(Settings { line, ..Settings::default() });
+    let seats = [md3(&mut bench, "x", 1), md3(&mut bench, "y", 1)];
+    bench.run_until(start());
+    let bus = bench.share("line1", &seats.map(|seat| (seat, RS485)));
+    let client = bench.connect(bus);
+    (bench, seats, client)
+}
+
 #[test]
 fn drives_that_answer_at_once_do_not_hear_each_other() {
     for line in [LineMode::Timed, LineMode::Fast] {
-        let mut bench = Bench::with(Settings { line, ..Settings::default() });
-        let seats = [md3(&mut bench, "x", 1), md3(&mut bench, "y", 1)];
-        bench.run_until(start());
-        let bus = bench.share("line1", &seats.map(|seat| (seat, RS485)));
-        let client = bench.connect(bus);
+        let (mut bench, seats, client) = two_of_one_address(line);
         // The answer to a write looks like the write.
         bench.send(client, &rtu::write(1, 0x15, 7));
         bench.run_until(bench.now() + 1.secs());
@@ -357,11 +363,7 @@ fn answers_at_once_are_mixed_whatever_the_order_of_the_drives() {
 #[test]
 fn drives_that_answer_each_other_for_ever_take_their_time() {
     for line in [LineMode::Timed, LineMode::Fast] {
-        let mut bench = Bench::with(Settings { line, ..Settings::default() });
-        let seats = [md3(&mut bench, "x", 1), md3(&mut bench, "y", 1)];
-        bench.run_until(start());
-        let bus = bench.share("line1", &seats.map(|seat| (seat, RS485)));
-        let client = bench.connect(bus);
+        let (mut bench, seats, client) = two_of_one_address(line);
         bench.power(seats[1], PowerAction::Off);
         bench.send(client, &rtu::write(1, 0x15, 7));
         // It comes back when the request is over, and takes the answer for a request.
