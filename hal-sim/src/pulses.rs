@@ -10,18 +10,9 @@
 //! There is no clock here: whoever listens says how far time has come.
 
 use standin_firmware::device::{Axis, Duration, Instant, Plan};
-use standin_firmware::motion::{Step, Walker};
+use standin_firmware::motion::{CYCLE, HIGH, SETUP, Step, Walker};
 
 use crate::trace::{Did, Event, Fed, Power, Trace};
-
-/// How long STEP is high, at most.
-pub(crate) const HIGH: Duration = Duration::micros(2);
-/// How long before the first step of a reversal DIR changes, at most.
-const SETUP: Duration = Duration::micros(5);
-/// The least time between two steps without a plan: a pulse, and as long a pause. That an MD3 takes
-/// steps at its inputs no closer than that (7.8) is another fact: it holds where they come in, this
-/// one where they go out, whatever the drive.
-const CYCLE: Duration = Duration::micros(4);
 
 /// An output of an axis.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]

@@ -2,7 +2,9 @@
 
 mod plan;
 mod search;
+mod stepper;
 mod walker;
 
 pub use plan::{MAX_ACCELERATION, MAX_SPEED, Plan, Rates, Segment};
+pub use stepper::{CYCLE, Follower, HIGH, SETUP, StepDir, StepTimer, Stepper};
 pub use walker::{Step, Walker};

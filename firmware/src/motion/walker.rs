@@ -16,7 +16,7 @@
 //! step of a fast ramp multiplies few bits at a time. Intervals too long for that leave time for more.
 
 use heapless::Deque;
-use standin_protocol::time::Instant;
+use standin_protocol::time::{Duration, Instant};
 
 use super::Plan;
 use super::plan::{STEP, Segment};
@@ -91,6 +91,20 @@ impl Walker {
             position = stretch.walk(stand, &mut legs);
         }
         Self { leg: Leg::single(0, true), others: legs }
+    }
+
+    /// Without any step.
+    #[must_use]
+    pub const fn done() -> Self {
+        Self { leg: Leg::single(0, true), others: Legs::new() }
+    }
+
+    /// Makes every step that is still to come later by `late`.
+    pub fn delay(&mut self, late: Duration) {
+        for leg in core::iter::once(&mut self.leg).chain(&mut self.others) {
+            leg.first = leg.first.saturating_add(late.ticks());
+            leg.base = leg.base.wrapping_add(late.ticks());
+        }
     }
 
     /// On to the next leg, and its first step.

@@ -1,10 +1,11 @@
 //! Axes of a device: where they are, and who listens to their pulses.
 
 use standin_firmware::device::{AxisSpec, Instant, Level, Pin, Plan};
+use standin_firmware::motion::HIGH;
 
 use crate::bench::Motion;
 use crate::drives::level_of;
-use crate::pulses::{HIGH, Shaper, StepDir};
+use crate::pulses::{Shaper, StepDir};
 
 /// What is known of an axis.
 pub(super) struct AxisState {

@@ -1,0 +1,412 @@
+//! Step pulses on a board: what the interrupt of a step timer does, and how it is given a plan.
+//!
+//! The interrupt owns a [`Stepper`]: at each instant that it asks for it makes a pulse, or turns DIR
+//! before one, and says when it wants to come again. It knows one step ahead, so the time that it takes
+//! to find the next step moves no edge.
+//!
+//! The loop owns a [`Follower`]. Planning takes a while, and meanwhile the interrupt goes on with what it
+//! has. So a plan comes late: steps of the old one have been made that the new one does not know, or it
+//! begins with steps that nobody made. The follower finds out how many, for
+//! [`Input::Slipped`](crate::device::Input::Slipped). A plan that begins at standstill loses none: it is
+//! made later as a whole.
+
+use standin_protocol::time::{Duration, Instant};
+
+use super::{Plan, Step, Walker};
+
+/// How long STEP is high: this, or half the interval to the next step if that is shorter. A board's pulse
+/// may be longer by what finding the next step takes.
+pub const HIGH: Duration = Duration::micros(2);
+/// How long before the first step of a reversal DIR changes: this, or half the interval if that is shorter.
+pub const SETUP: Duration = Duration::micros(5);
+/// The least time between two steps without a plan: a pulse, and as long a pause. That an MD3 takes steps
+/// at its inputs no closer than that (7.8) is another fact: it holds where they come in, this one where
+/// they go out, whatever the drive.
+pub const CYCLE: Duration = Duration::micros(4);
+
+/// How far ahead of the clock a plan that is made later begins.
+const LEAD: Duration = Duration::micros(10);
+
+/// The outputs of an axis.
+pub trait StepDir {
+    /// STEP rises.
+    fn rise(&mut self);
+
+    /// STEP falls, once it has been high for [`HIGH`].
+    fn fall(&mut self);
+
+    /// DIR is high forward.
+    fn turn(&mut self, forward: bool);
+}
+
+/// Makes the pulses of an axis.
+#[derive(Debug)]
+pub struct Stepper<P> {
+    pins: P,
+    walker: Walker,
+    /// The next step of the plan; never if there is none.
+    next: Step,
+    /// The level of DIR.
+    forward: bool,
+    /// When something is to be done next.
+    due: Instant,
+    /// When STEP rose last, as it was due.
+    rose: Instant,
+    /// Steps made along plans, signed; wraps.
+    made: i32,
+    /// Steps without a plan that are still to be made, signed.
+    direct: i32,
+}
+
+impl<P: StepDir> Stepper<P> {
+    /// An axis that stands, with DIR low.
+    pub fn new(mut pins: P) -> Self {
+        pins.turn(false);
+        Self {
+            pins,
+            walker: Walker::done(),
+            next: NONE,
+            forward: false,
+            due: Instant::NEVER,
+            rose: Instant::ZERO,
+            made: 0,
+            direct: 0,
+        }
+    }
+
+    /// When the timer must come.
+    #[must_use]
+    pub fn due(&self) -> Instant {
+        self.due
+    }
+
+    /// The timer has come: makes a pulse, or turns DIR before one. Returns when it must come again.
+    #[inline]
+    pub fn fire(&mut self) -> Instant {
+        let Step { at, forward } = self.upcoming();
+        if at == Instant::NEVER {
+            return at;
+        }
+        if forward != self.forward {
+            self.forward = forward;
+            self.pins.turn(forward);
+            self.due = at;
+            return at;
+        }
+        self.pins.rise();
+        self.rose = at;
+        self.advance();
+        self.pins.fall();
+        self.schedule()
+    }
+
+    /// Steps without a plan from `now` on, signed, at most one every [`CYCLE`].
+    pub fn step(&mut self, now: Instant, steps: i32) {
+        if self.direct == 0 {
+            self.rose = self.rose.max(now - CYCLE);
+        }
+        self.direct = self.direct.saturating_add(steps);
+        self.schedule();
+    }
+
+    fn upcoming(&self) -> Step {
+        if self.direct == 0 {
+            return self.next;
+        }
+        let direct = Step { at: self.rose + CYCLE, forward: self.direct > 0 };
+        if self.next.at <= direct.at { self.next } else { direct }
+    }
+
+    /// Counts the step that is being made, and finds the one after it.
+    fn advance(&mut self) {
+        if self.direct != 0 && self.rose != self.next.at {
+            self.direct -= self.direct.signum();
+        } else {
+            self.made = self.made.wrapping_add(way(self.next));
+            self.next = self.walker.next().unwrap_or(NONE);
+        }
+    }
+
+    fn schedule(&mut self) -> Instant {
+        let Step { at, forward } = self.upcoming();
+        self.due = if forward == self.forward || at == Instant::NEVER {
+            at
+        } else {
+            at - SETUP.min(Duration::from_ticks(at.since(self.rose).ticks() / 2))
+        };
+        self.due
+    }
+}
+
+const NONE: Step = Step { at: Instant::NEVER, forward: true };
+
+const fn way(step: Step) -> i32 {
+    if step.forward { 1 } else { -1 }
+}
+
+/// A step timer, as the loop sees it.
+pub trait StepTimer {
+    /// Its pins.
+    type Pins: StepDir;
+
+    /// The clock that it goes by.
+    fn now(&self) -> Instant;
+
+    /// Lends the stepper while the interrupt is kept out, and sets the timer to what it wants then.
+    fn with<R>(&mut self, act: impl FnOnce(&mut Stepper<Self::Pins>) -> R) -> R;
+}
+
+/// Gives an axis its plans.
+#[derive(Debug)]
+pub struct Follower {
+    plan: Plan,
+    /// Steps that the pulses are ahead of the plan's position.
+    offset: i32,
+}
+
+impl Default for Follower {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Follower {
+    /// Of an axis that stands.
+    #[must_use]
+    pub fn new() -> Self {
+        Self { plan: Plan::rest(Instant::ZERO, 0), offset: 0 }
+    }
+
+    /// From now on the axis follows `plan`. Returns how many steps more than planned it has made by then,
+    /// because it learns of the plan after its start.
+    pub fn follow(&mut self, timer: &mut impl StepTimer, plan: &Plan) -> i32 {
+        let start = plan.start();
+        let offset = self.made(start).wrapping_sub(plan.position_at(start));
+        let stood = self.plan.end() <= start && timer.with(|stepper| stepper.next.at == Instant::NEVER);
+        let mut course = Course::new(plan, if stood { start } else { timer.now() });
+        if !stood {
+            // Most of what has gone by meanwhile, with the interrupt let in.
+            course.skip(timer.now());
+        }
+        let now = timer.now();
+        let slipped = timer.with(|stepper| {
+            if stood {
+                course.delay(now);
+            } else {
+                while stepper.due <= now {
+                    stepper.fire();
+                }
+                course.skip(now);
+            }
+            stepper.walker = course.walker;
+            stepper.next = course.next;
+            stepper.schedule();
+            stepper.made.wrapping_sub(course.position).wrapping_sub(offset)
+        });
+        (self.plan, self.offset) = (*plan, offset.wrapping_add(slipped));
+        slipped
+    }
+
+    /// Steps made by `at` if all went as planned.
+    fn made(&self, at: Instant) -> i32 {
+        self.plan.position_at(at).wrapping_add(self.offset)
+    }
+}
+
+/// A plan on its way to the stepper.
+struct Course {
+    walker: Walker,
+    next: Step,
+    /// Before `next`.
+    position: i32,
+}
+
+impl Course {
+    fn new(plan: &Plan, after: Instant) -> Self {
+        let mut walker = Walker::new(plan, after);
+        let next = walker.next().unwrap_or(NONE);
+        Self { walker, next, position: plan.position_at(after) }
+    }
+
+    /// Leaves out the steps up to `now`.
+    fn skip(&mut self, now: Instant) {
+        while self.next.at <= now {
+            self.position = self.position.wrapping_add(way(self.next));
+            self.next = self.walker.next().unwrap_or(NONE);
+        }
+    }
+
+    /// Makes all of it later, if it would have begun by `now`.
+    fn delay(&mut self, now: Instant) {
+        let from = now + LEAD;
+        if self.next.at < from {
+            let late = from.since(self.next.at);
+            self.walker.delay(late);
+            self.next.at = from;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::motion::Rates;
+    use fixed::types::{I24F8, U24F8};
+    use proptest::prelude::*;
+    use std::vec::Vec;
+
+    /// What happened on the pins, in order: a rise, with the instant, or the new DIR.
+    #[derive(Clone, Copy, PartialEq, Eq, Debug)]
+    enum Seen {
+        Rise(bool),
+        Turn(bool),
+    }
+
+    #[derive(Default)]
+    struct Pins {
+        seen: Vec<Seen>,
+        high: bool,
+        forward: bool,
+    }
+
+    impl StepDir for Pins {
+        fn rise(&mut self) {
+            assert!(!self.high);
+            self.high = true;
+            self.seen.push(Seen::Rise(self.forward));
+        }
+
+        fn fall(&mut self) {
+            assert!(self.high);
+            self.high = false;
+        }
+
+        fn turn(&mut self, forward: bool) {
+            assert!(!self.high);
+            self.forward = forward;
+            self.seen.push(Seen::Turn(forward));
+        }
+    }
+
+    /// A timer whose clock the test moves; whoever looks at it finds it `pace` later.
+    struct Timer {
+        now: core::cell::Cell<u64>,
+        pace: u64,
+        stepper: Stepper<Pins>,
+        /// When each step and each change of DIR came.
+        at: Vec<(u64, Seen)>,
+    }
+
+    impl Timer {
+        fn new(pace: u64) -> Self {
+            let mut timer =
+                Self { now: 0.into(), pace, stepper: Stepper::new(Pins::default()), at: Vec::new() };
+            timer.stepper.pins.seen.clear();
+            timer
+        }
+
+        /// The interrupt does what is due.
+        fn run(&mut self, until: u64) {
+            while self.stepper.due().ticks() <= until && self.stepper.due() != Instant::NEVER {
+                let due = self.stepper.due().ticks();
+                self.stepper.fire();
+                let seen = self.stepper.pins.seen.drain(..);
+                self.at.extend(seen.map(|seen| (due, seen)));
+            }
+            self.now.set(until.max(self.now.get()));
+        }
+
+        fn position(&self) -> i32 {
+            self.at.iter().fold(0, |n, (_, seen)| match seen {
+                Seen::Rise(forward) => n + if *forward { 1 } else { -1 },
+                Seen::Turn(_) => n,
+            })
+        }
+    }
+
+    impl StepTimer for Timer {
+        type Pins = Pins;
+
+        fn now(&self) -> Instant {
+            self.now.set(self.now.get() + self.pace);
+            Instant::from_ticks(self.now.get())
+        }
+
+        fn with<R>(&mut self, act: impl FnOnce(&mut Stepper<Pins>) -> R) -> R {
+            self.run(self.now.get());
+            let result = act(&mut self.stepper);
+            let at = self.now.get();
+            self.at.extend(self.stepper.pins.seen.drain(..).map(|seen| (at, seen)));
+            result
+        }
+    }
+
+    fn at(ticks: u64) -> Instant {
+        Instant::from_ticks(ticks)
+    }
+
+    #[test]
+    fn dir_turns_5_us_before_the_step() {
+        let mut timer = Timer::new(0);
+        let plan = Plan::profile(at(0), 0, 2, Rates::even(U24F8::from_num(1_000), 1_000_000));
+        assert_eq!(Follower::new().follow(&mut timer, &plan), 0);
+        timer.run(u64::MAX - 1);
+        let steps: Vec<u64> = Walker::new(&plan, at(0)).map(|step| step.at.ticks()).collect();
+        let expected =
+            [(steps[0] - 80, Seen::Turn(true)), (steps[0], Seen::Rise(true)), (steps[1], Seen::Rise(true))];
+        assert_eq!(timer.at, expected);
+    }
+
+    #[test]
+    fn steps_without_a_plan_are_4_us_apart() {
+        let mut timer = Timer::new(0);
+        timer.now.set(1_000);
+        timer.stepper.step(at(1_000), -3);
+        timer.run(u64::MAX - 1);
+        let rises: Vec<u64> = timer.at.iter().map(|(at, _)| *at).collect();
+        assert_eq!(rises, [1_000, 1_064, 1_128]);
+        assert_eq!(timer.position(), -3);
+    }
+
+    #[test]
+    fn a_plan_from_standstill_loses_nothing_by_being_late() {
+        // Its first step is due 0.1 ms after its start; the board learns of it 1 ms after that.
+        let mut timer = Timer::new(0);
+        timer.now.set(16_000);
+        let rates = Rates { start: U24F8::from_num(10_000), ..Rates::even(U24F8::from_num(20_000), 100_000) };
+        let plan = Plan::profile(at(0), 0, 500, rates);
+        assert_eq!(Follower::new().follow(&mut timer, &plan), 0);
+        timer.run(u64::MAX - 1);
+        let rises = timer.at.iter().filter(|(_, seen)| matches!(seen, Seen::Rise(_))).map(|(at, _)| *at);
+        let rises: Vec<u64> = rises.collect();
+        let planned: Vec<u64> = Walker::new(&plan, at(0)).map(|step| step.at.ticks()).collect();
+        assert_eq!((rises.len(), rises[0]), (500, 16_000 + LEAD.ticks()));
+        let intervals = |ticks: &[u64]| ticks.windows(2).map(|pair| pair[1] - pair[0]).collect::<Vec<_>>();
+        assert_eq!(intervals(&rises), intervals(&planned));
+    }
+
+    proptest! {
+        /// However late plans come, the pulses are where the plan says when what slipped is added.
+        #[test]
+        fn what_slips_is_told(
+            turns in proptest::collection::vec((0_u64..4_000_000, -20_000_i32..20_000, 0_u64..40_000), 1..12),
+            pace in 0_u64..400, acceleration in 1_000_u32..1_000_000,
+        ) {
+            let mut timer = Timer::new(pace);
+            let mut follower = Follower::new();
+            let mut plan = Plan::rest(at(0), 0);
+            let (mut start, mut slipped) = (0, 0);
+            // In the end it stands, so that what is made later has been made, too.
+            for (wait, speed, late) in turns.into_iter().chain([(0, 0, 0)]) {
+                start = (start + wait).max(timer.now.get());
+                plan = plan.towards(at(start), I24F8::from_num(speed), acceleration);
+                timer.run(start + late);
+                let more = follower.follow(&mut timer, &plan);
+                prop_assert!(late + pace > 0 || more == 0);
+                slipped += more;
+            }
+            timer.run(u64::MAX - 1);
+            prop_assert_eq!(timer.position(), plan.position_at(Instant::NEVER) + slipped);
+        }
+    }
+}
