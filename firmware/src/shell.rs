@@ -69,6 +69,10 @@ pub trait Outputs {
     /// An output pin, if it is wired.
     fn pin(&mut self, pin: Pin) -> Option<&mut Self::Pin>;
 
+    /// Lets an output pin go, so that whatever is wired there decides, or drives it again; nothing where
+    /// high does that.
+    fn release(&mut self, _pin: Pin, _released: bool) {}
+
     /// The non-volatile memory.
     fn memory(&mut self) -> &mut Self::Memory;
 
@@ -282,10 +286,12 @@ impl<O: Outputs, const MEMORY: usize> Sink for Hands<O, MEMORY> {
             }
             Output::Level { pin, level } => {
                 self.waves.retain(|wave| wave.pin != pin);
+                self.outputs.release(pin, level == Level::Float);
                 self.level(pin, level != Level::Low);
             }
             Output::Wave { pin, period, high } => {
                 self.waves.retain(|wave| wave.pin != pin);
+                self.outputs.release(pin, false);
                 self.level(pin, true);
                 let period = period.max(Duration::TICK);
                 let wave = Wave { pin, period, high, due: at + high, rises: false };

@@ -57,7 +57,7 @@ const PORT_BITS: [u16; 7] = [
     io_port::J2_12,
 ];
 /// Bytes of the EEPROM that hold the registers.
-const MEMORY: usize = memory::bytes(Reg::SAVED_WORDS) as usize;
+pub const MEMORY: usize = memory::bytes(Reg::SAVED_WORDS) as usize;
 
 const fn pin(name: &'static str, role: Role, rest: Level) -> PinSpec {
     PinSpec { name, role, rest }

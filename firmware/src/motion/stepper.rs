@@ -59,9 +59,8 @@ pub struct Stepper<P> {
 }
 
 impl<P: StepDir> Stepper<P> {
-    /// An axis that stands, with DIR low.
-    pub fn new(mut pins: P) -> Self {
-        pins.turn(false);
+    /// An axis that stands, with STEP and DIR low.
+    pub const fn new(pins: P) -> Self {
         Self {
             pins,
             walker: Walker::done(),
@@ -152,8 +151,9 @@ pub trait StepTimer {
     /// The clock that it goes by.
     fn now(&self) -> Instant;
 
-    /// Lends the stepper while the interrupt is kept out, and sets the timer to what it wants then.
-    fn with<R>(&mut self, act: impl FnOnce(&mut Stepper<Self::Pins>) -> R) -> R;
+    /// Lends the stepper while the interrupt is kept out, and sets the timer to what it wants then. `None`
+    /// if it is lent already.
+    fn with<R>(&mut self, act: impl FnOnce(&mut Stepper<Self::Pins>) -> R) -> Option<R>;
 }
 
 /// Gives an axis its plans.
@@ -182,7 +182,8 @@ impl Follower {
     pub fn follow(&mut self, timer: &mut impl StepTimer, plan: &Plan) -> i32 {
         let start = plan.start();
         let offset = self.made(start).wrapping_sub(plan.position_at(start));
-        let stood = self.plan.end() <= start && timer.with(|stepper| stepper.next.at == Instant::NEVER);
+        let stands = |stepper: &mut Stepper<_>| stepper.next.at == Instant::NEVER;
+        let stood = self.plan.end() <= start && timer.with(stands) == Some(true);
         let mut course = Course::new(plan, if stood { start } else { timer.now() });
         if !stood {
             // Most of what has gone by meanwhile, with the interrupt let in.
@@ -203,6 +204,7 @@ impl Follower {
             stepper.schedule();
             stepper.made.wrapping_sub(course.position).wrapping_sub(offset)
         });
+        let slipped = slipped.unwrap_or(0);
         (self.plan, self.offset) = (*plan, offset.wrapping_add(slipped));
         slipped
     }
@@ -299,10 +301,7 @@ mod tests {
 
     impl Timer {
         fn new(pace: u64) -> Self {
-            let mut timer =
-                Self { now: 0.into(), pace, stepper: Stepper::new(Pins::default()), at: Vec::new() };
-            timer.stepper.pins.seen.clear();
-            timer
+            Self { now: 0.into(), pace, stepper: Stepper::new(Pins::default()), at: Vec::new() }
         }
 
         /// The interrupt does what is due.
@@ -332,12 +331,12 @@ mod tests {
             Instant::from_ticks(self.now.get())
         }
 
-        fn with<R>(&mut self, act: impl FnOnce(&mut Stepper<Pins>) -> R) -> R {
+        fn with<R>(&mut self, act: impl FnOnce(&mut Stepper<Pins>) -> R) -> Option<R> {
             self.run(self.now.get());
             let result = act(&mut self.stepper);
             let at = self.now.get();
             self.at.extend(self.stepper.pins.seen.drain(..).map(|seen| (at, seen)));
-            result
+            Some(result)
         }
     }
 

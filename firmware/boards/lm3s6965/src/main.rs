@@ -19,7 +19,6 @@
 
 mod clock;
 mod gpio;
-mod queue;
 mod registers;
 mod uart;
 

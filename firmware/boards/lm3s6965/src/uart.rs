@@ -13,8 +13,8 @@ use standin_protocol::line::Parity;
 
 use crate::clock::{self, HZ};
 use crate::gpio::{self, PORT_A, PORT_D};
-use crate::queue::Queue;
 use crate::registers::Register;
+use standin_board::Queue;
 
 /// What the bus heard: two of the longest frames.
 static CAUGHT: Queue<(Instant, Caught), 512> = Queue::new();

@@ -7,33 +7,38 @@ use heapless::Deque;
 
 /// A queue that interrupts and the loop share. `heapless::spsc` would do without critical sections,
 /// but divides by a length that it learns at run time, and that can panic.
-pub(crate) struct Queue<T, const N: usize>(Mutex<RefCell<Deque<T, N>>>);
+#[derive(Debug)]
+pub struct Queue<T, const N: usize>(Mutex<RefCell<Deque<T, N>>>);
 
 impl<T, const N: usize> Queue<T, N> {
-    pub(crate) const fn new() -> Self {
+    /// An empty queue.
+    #[expect(clippy::new_without_default, reason = "a static needs a constant")]
+    pub const fn new() -> Self {
         Self(Mutex::new(RefCell::new(Deque::new())))
     }
 
     /// Puts a thing at the end; `false` if there is no room.
-    pub(crate) fn push(&self, thing: T) -> bool {
+    pub fn push(&self, thing: T) -> bool {
         self.with(|queue| queue.push_back(thing).ok()).is_some()
     }
 
     /// Takes the first thing.
-    pub(crate) fn pop(&self) -> Option<T> {
+    pub fn pop(&self) -> Option<T> {
         self.pop_if(|_| true)
     }
 
     /// Takes the first thing if it is one of those.
-    pub(crate) fn pop_if(&self, is: impl FnOnce(&T) -> bool) -> Option<T> {
+    pub fn pop_if(&self, is: impl FnOnce(&T) -> bool) -> Option<T> {
         self.with(|queue| if is(queue.front()?) { queue.pop_front() } else { None })
     }
 
-    pub(crate) fn is_empty(&self) -> bool {
+    /// Whether nothing waits.
+    pub fn is_empty(&self) -> bool {
         self.with(|queue| queue.front().map(|_| ())).is_none()
     }
 
-    pub(crate) fn is_full(&self) -> bool {
+    /// Whether nothing more fits.
+    pub fn is_full(&self) -> bool {
         self.with(|queue| queue.is_full().then_some(())).is_some()
     }
 

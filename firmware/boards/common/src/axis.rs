@@ -1,0 +1,60 @@
+//! An axis between the interrupt of its step timer and the loop.
+
+use core::cell::RefCell;
+
+use critical_section::Mutex;
+use standin_firmware::device::Instant;
+use standin_firmware::motion::{StepDir, StepTimer, Stepper};
+
+/// The step timer of a board.
+pub trait Timer {
+    /// The pins of its axis.
+    type Pins: StepDir;
+
+    /// The clock that it goes by.
+    fn now() -> Instant;
+
+    /// Asks for the interrupt at the timer's tick nearest to `at`; at [`Instant::NEVER`] it does not come.
+    /// `false` if that tick has gone by: then it may not come either.
+    fn set(at: Instant) -> bool;
+}
+
+/// An axis: a stepper that the interrupt and the loop share.
+pub struct Axis<T: Timer>(Mutex<RefCell<Stepper<T::Pins>>>);
+
+impl<T: Timer> Axis<T> {
+    /// An axis that stands, with STEP and DIR low.
+    pub const fn new(pins: T::Pins) -> Self {
+        Self(Mutex::new(RefCell::new(Stepper::new(pins))))
+    }
+
+    /// What the timer's interrupt does, when it comes at what it was [set](Timer::set) to.
+    #[inline]
+    pub fn fire(&self) {
+        self.lend(|stepper| while !T::set(stepper.fire()) {});
+    }
+
+    fn lend<R>(&self, act: impl FnOnce(&mut Stepper<T::Pins>) -> R) -> Option<R> {
+        critical_section::with(|cs| {
+            self.0.borrow(cs).try_borrow_mut().ok().map(|mut stepper| act(&mut stepper))
+        })
+    }
+}
+
+impl<T: Timer> StepTimer for &Axis<T> {
+    type Pins = T::Pins;
+
+    fn now(&self) -> Instant {
+        T::now()
+    }
+
+    fn with<R>(&mut self, act: impl FnOnce(&mut Stepper<T::Pins>) -> R) -> Option<R> {
+        self.lend(|stepper| {
+            let result = act(stepper);
+            while !T::set(stepper.due()) {
+                stepper.fire();
+            }
+            result
+        })
+    }
+}

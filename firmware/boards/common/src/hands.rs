@@ -1,0 +1,87 @@
+//! What a board does for its drive.
+
+use embedded_hal::digital::OutputPin;
+use embedded_io::{Write, WriteReady};
+use embedded_storage::Storage;
+use standin_firmware::device::{self, Instant, Line, Pin, Plan, Port};
+use standin_firmware::motion::{Follower, StepTimer};
+use standin_firmware::shell::{Caught, Outputs};
+
+use crate::axis::{Axis, Timer};
+use crate::queue::Queue;
+use crate::wire::End;
+
+/// The sending half of a board's UART.
+pub trait Bus: Write + WriteReady {
+    /// Changes the settings of the line, once all that was written has left.
+    fn set_line(&mut self, line: Line);
+}
+
+/// A pin that can be let go.
+pub trait Release: OutputPin {
+    /// Lets the pin go, so that it is an input, or drives it again.
+    fn release(&mut self, released: bool);
+}
+
+/// The outputs of a board with one bus, one axis and `PINS` wires.
+pub struct Hands<B, P, M, T: Timer + 'static, const PINS: usize, const CAUGHT: usize> {
+    /// The bus.
+    pub bus: B,
+    /// Where each pin goes; `None` if the drive has nothing of that name.
+    pub pins: [(Option<End>, P); PINS],
+    /// The non-volatile memory.
+    pub memory: M,
+    /// The axis.
+    pub axis: &'static Axis<T>,
+    /// What gives it its plans.
+    pub follower: Follower,
+    /// Where steps that slipped are told.
+    pub caught: &'static Queue<(Instant, Caught), CAUGHT>,
+}
+
+impl<B, P, M, T, const PINS: usize, const CAUGHT: usize> Outputs for Hands<B, P, M, T, PINS, CAUGHT>
+where
+    B: Bus,
+    P: Release,
+    M: Storage,
+    T: Timer,
+{
+    type Serial = B;
+    type Pin = P;
+    type Memory = M;
+
+    fn serial(&mut self, _port: Port) -> Option<&mut B> {
+        Some(&mut self.bus)
+    }
+
+    fn set_line(&mut self, _port: Port, line: Line) {
+        self.bus.set_line(line);
+    }
+
+    fn pin(&mut self, pin: Pin) -> Option<&mut P> {
+        self.pins.iter_mut().find(|(end, _)| *end == Some(End::Pin(pin))).map(|(_, output)| output)
+    }
+
+    fn release(&mut self, pin: Pin, released: bool) {
+        if let Some(pin) = self.pin(pin) {
+            pin.release(released);
+        }
+    }
+
+    fn memory(&mut self) -> &mut M {
+        &mut self.memory
+    }
+
+    fn plan(&mut self, axis: device::Axis, plan: &Plan) {
+        let slipped = self.follower.follow(&mut self.axis, plan);
+        if slipped != 0 {
+            // Stamped and queued at once, so that stamps ascend.
+            critical_section::with(|_| self.caught.push((T::now(), Caught::Slipped(axis, slipped))));
+        }
+    }
+
+    fn step(&mut self, _axis: device::Axis, steps: i32) {
+        let now = T::now();
+        let _ = self.axis.with(|stepper| stepper.step(now, steps));
+    }
+}

@@ -1,0 +1,16 @@
+//! What boards have in common.
+//!
+//! A board brings a UART, pins, a memory, a step timer and a clock. Its interrupts put what they catch
+//! into a [`Queue`] and fire the [`Axis`]; its loop turns a [`Shell`](standin_firmware::shell::Shell) over
+//! [`Hands`].
+#![no_std]
+
+mod axis;
+mod hands;
+mod queue;
+mod wire;
+
+pub use axis::{Axis, Timer};
+pub use hands::{Bus, Hands, Release};
+pub use queue::Queue;
+pub use wire::End;
