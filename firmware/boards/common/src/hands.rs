@@ -1,5 +1,7 @@
 //! What a board does for its drive.
 
+use core::sync::atomic::{AtomicI32, Ordering};
+
 use embedded_hal::digital::OutputPin;
 use embedded_io::{Write, WriteReady};
 use embedded_storage::Storage;
@@ -10,6 +12,9 @@ use standin_firmware::shell::{Caught, Outputs};
 use crate::axis::{Axis, Timer};
 use crate::queue::Queue;
 use crate::wire::End;
+
+/// Steps that slipped since the start, for whoever debugs: the drive knows them by its own count.
+pub static SLIPPED: AtomicI32 = AtomicI32::new(0);
 
 /// The sending half of a board's UART.
 pub trait Bus: Write + WriteReady {
@@ -75,6 +80,8 @@ where
     fn plan(&mut self, axis: device::Axis, plan: &Plan) {
         let slipped = self.follower.follow(&mut self.axis, plan);
         if slipped != 0 {
+            let before = SLIPPED.load(Ordering::Relaxed);
+            SLIPPED.store(before.wrapping_add(slipped), Ordering::Relaxed);
             // Stamped and queued at once, so that stamps ascend.
             critical_section::with(|_| self.caught.push((T::now(), Caught::Slipped(axis, slipped))));
         }

@@ -11,6 +11,6 @@ mod queue;
 mod wire;
 
 pub use axis::{Axis, Timer};
-pub use hands::{Bus, Hands, Release};
+pub use hands::{Bus, Hands, Release, SLIPPED};
 pub use queue::Queue;
 pub use wire::End;
