@@ -1,0 +1,63 @@
+//! The Pico's image in the exact virtual time of its emulator: what the line, the step timer and the flash
+//! of a board do, which a bench cannot tell.
+//!
+//! `cargo xtask test` builds the images, names their folder in `STANDIN_PICO`, and runs this. The pins are
+//! those of firmware/boards/rp2040/README.md, typed by hand.
+#![allow(missing_docs, reason = "a test")]
+
+mod line;
+mod memory;
+mod motion;
+mod play;
+mod reset;
+
+use std::path::PathBuf;
+
+use standin_protocol::modbus::rtu;
+
+use self::play::{MS, Nanos, Run, Script};
+
+/// RS-485 direction, STEP, DIR, the green light.
+mod pin {
+    pub(crate) const DE: u8 = 2;
+    pub(crate) const STEP: u8 = 3;
+    pub(crate) const DIR: u8 = 4;
+}
+
+/// The image of an MD3.
+fn image() -> PathBuf {
+    let folder = std::env::var_os("STANDIN_PICO").expect("STANDIN_PICO names the folder of the images");
+    PathBuf::from(folder).join("md3")
+}
+
+/// A character of 9600 8E1, 11 bits.
+const CHARACTER: Nanos = 11_000_000_000 / 9_600;
+
+/// How long a request of one register and its reply take at 9600 baud, with t3.5 behind both.
+const TURN: Nanos = 40 * MS;
+
+/// Writes registers one after the other, from `at` on; returns when all are done.
+fn write(script: &mut Script, at: Nanos, writes: &[(u16, u16)]) -> Nanos {
+    let mut at = at;
+    for &(register, value) in writes {
+        script.hear(at, &rtu::write(1, register, value));
+        at += TURN;
+    }
+    at
+}
+
+/// Every write was answered with itself (6.2 of the MD3's guide).
+fn expect_written(run: &Run, at: Nanos, writes: &[(u16, u16)]) {
+    for (n, &(register, value)) in (0..).zip(writes) {
+        let from = at + n * TURN;
+        assert_eq!(run.sent(from, from + TURN).1, rtu::write(1, register, value).as_slice());
+    }
+}
+
+/// The value that a register was read to have, asked for at `at`.
+fn value(run: &Run, at: Nanos) -> u16 {
+    let (_, reply) = run.sent(at, at + TURN);
+    let pdu = rtu::checked(&reply).unwrap_or_else(|| panic!("{reply:02x?} at {at} ns"));
+    let [1, 3, 2, high, low] = *pdu else { panic!("{pdu:02x?} at {at} ns") };
+    u16::from_be_bytes([high, low])
+}

@@ -1,0 +1,113 @@
+//! Saved registers in the Pico's flash, and power that fails.
+
+use std::collections::BTreeSet;
+
+use standin_protocol::modbus::rtu;
+use standin_tests::md3::at;
+
+use crate::play::{Did, MS, Nanos, Run, Script};
+use crate::{TURN, expect_written, image, value, write};
+
+/// A save takes this at most, with its flash.
+const SAVE: Nanos = 500 * MS;
+/// Start-up of a drive whose EEPROM is bad (section 2 of the MD3's guide): 5 s of red light, then 2.5 s.
+const START: Nanos = 8_000 * MS;
+
+/// Writes the user register and saves (7.20, 7.23); returns when that is over.
+fn save(script: &mut Script, at: Nanos, user: u16) -> Nanos {
+    write(script, at, &[(at::USER, user), (at::EEPROM, 1)]) + SAVE
+}
+
+/// Power goes and comes back; the user register and the state of the EEPROM are read when the drive has
+/// started. Returns when, and when that is over.
+fn restart(script: &mut Script, at: Nanos) -> (Nanos, Nanos) {
+    script.at(at, "power off");
+    script.at(at + MS, "power on");
+    let asked = at + START;
+    script.hear(asked, &rtu::read(1, at::USER, 1));
+    script.hear(asked + TURN, &rtu::read(1, at::EEPROM, 1));
+    (asked, asked + 2 * TURN)
+}
+
+fn bytes(run: &Run, from: Nanos, to: Nanos) -> u64 {
+    let ops = run.did.iter().filter(|(at, _)| (from..to).contains(at));
+    ops.map(|(_, did)| match did {
+        Did::Erased(_) => 4_096,
+        Did::Programmed(_, bytes) => u64::from(*bytes),
+        _ => 0,
+    })
+    .sum()
+}
+
+#[test]
+#[ignore = "needs the emulator and the image of the board: `cargo xtask test` brings both"]
+fn what_was_saved_is_there_after_the_power_was_off() {
+    let mut script = Script::fast();
+    let saved = save(&mut script, 20 * MS, 0x1234);
+    // Not saved.
+    let written = write(&mut script, saved, &[(at::USER, 0x5678)]);
+    let (asked, end) = restart(&mut script, written);
+    let run = script.play(&image(), end);
+    expect_written(&run, 20 * MS, &[(at::USER, 0x1234), (at::EEPROM, 1)]);
+    assert_eq!(value(&run, asked), 0x1234);
+    // 7.20: the status of a good CRC is 0x9a.
+    assert_eq!(value(&run, asked + TURN), 0x9a00);
+}
+
+#[test]
+#[ignore = "needs the emulator and the image of the board: `cargo xtask test` brings both"]
+fn power_that_fails_in_a_save_leaves_the_old_the_new_or_a_bad_memory() {
+    // One run without a cut, to know what a save does to the flash.
+    let mut whole = Script::fast();
+    let begun = save(&mut whole, 20 * MS, 0x1111);
+    let done = save(&mut whole, begun, 0x2222);
+    let all = bytes(&whole.play(&image(), done), begun, done);
+    assert!(all > 0, "a save writes to the flash");
+
+    let mut seen = BTreeSet::new();
+    let mut order = Vec::new();
+    for cut in (0..=all).step_by(usize::try_from(all / 24).expect("a few bytes").max(1)) {
+        let mut script = Script::fast();
+        let begun = save(&mut script, 20 * MS, 0x1111);
+        script.at(begun, format_args!("cut {cut}"));
+        let done = save(&mut script, begun, 0x2222);
+        let (asked, end) = restart(&mut script, done);
+        let run = script.play(&image(), end);
+        let outcome = match (value(&run, asked), value(&run, asked + TURN)) {
+            (0x1111, 0x9a00) => "old",
+            (0x2222, 0x9a00) => "new",
+            // 7.20: 0xf1 says that the CRC was bad; the registers have their defaults.
+            (0x0000, 0xf100) => "bad",
+            other => panic!("cut after {cut} bytes: {other:04x?}"),
+        };
+        if seen.insert(outcome) {
+            order.push((cut, outcome));
+        }
+    }
+    println!("a save programs {all} bytes; memory by the byte at which the power failed: {order:?}");
+    assert_eq!(order.first().map(|(_, outcome)| *outcome), Some("old"));
+    assert_eq!(order.last().map(|(_, outcome)| *outcome), Some("new"));
+}
+
+#[test]
+#[ignore = "needs the emulator and the image of the board: `cargo xtask test` brings both"]
+fn many_saves_wear_all_sectors_alike() {
+    let mut script = Script::fast();
+    let mut at = 20 * MS;
+    for n in 0..300 {
+        at = save(&mut script, at, n);
+    }
+    let (asked, end) = restart(&mut script, at);
+    let run = script.play(&image(), end);
+    assert_eq!(value(&run, asked), 299);
+    let mut erased = std::collections::BTreeMap::<u32, u32>::new();
+    for (_, did) in &run.did {
+        if let Did::Erased(offset) = did {
+            *erased.entry(*offset).or_default() += 1;
+        }
+    }
+    println!("300 saves erased {erased:x?}");
+    let (least, most) = (erased.values().min(), erased.values().max());
+    assert!(erased.len() >= 4, "{erased:x?}");
+    assert!(most <= least.map(|least| least + 1).as_ref(), "{erased:x?}");
+}

@@ -1,0 +1,155 @@
+//! A batch in the virtual time of an emulated Pico: a script of what is done to it, and what it did.
+//!
+//! `tests/pico/play.mjs` defines both. Instants are nanoseconds since the board first got power.
+
+use std::fmt::{Display, Write as _};
+use std::io::Write as _;
+use std::path::Path;
+use std::process::{Command, Stdio};
+
+/// Instants and times, in nanoseconds.
+pub(crate) type Nanos = u64;
+
+/// A millisecond.
+pub(crate) const MS: Nanos = 1_000_000;
+/// A microsecond.
+pub(crate) const US: Nanos = 1_000;
+
+/// The jumper that is low at the start for no start-up delay (firmware/boards/rp2040/README.md).
+const FAST: u8 = 22;
+
+/// What is done to a board.
+#[derive(Clone, Default)]
+pub(crate) struct Script(String);
+
+/// What a board did.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) enum Did {
+    /// A character began to leave.
+    Sent(u8),
+    /// The board drives a pin low or high, or lets it go.
+    Pin(u8, Drive),
+    /// It begins to erase the sector at this offset.
+    Erased(u32),
+    /// It begins to program so many bytes at this offset.
+    Programmed(u32, u32),
+    /// Its power went.
+    PowerOff,
+    /// The watchdog reset it.
+    Watchdog,
+}
+
+/// How a pin is driven.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) enum Drive {
+    Low,
+    High,
+    Float,
+}
+
+/// A run.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub(crate) struct Run {
+    /// What the board did, in the order of time.
+    pub(crate) did: Vec<(Nanos, Did)>,
+    /// What it cost: the lines that begin with `stat`.
+    pub(crate) figures: Vec<String>,
+}
+
+impl Script {
+    /// Of a board with the jumper for no start-up delay.
+    pub(crate) fn fast() -> Self {
+        let mut script = Self::default();
+        script.at(0, format_args!("pin {FAST} low"));
+        script
+    }
+
+    /// Something is done at `at`, not before what has been said already.
+    pub(crate) fn at(&mut self, at: Nanos, what: impl Display) {
+        writeln!(self.0, "{}.{:03} {what}", at / US, at % US).expect("a string takes all");
+    }
+
+    /// Characters come back to back; the stop bit of the first one ends at `at`.
+    pub(crate) fn hear(&mut self, at: Nanos, bytes: &[u8]) {
+        let bytes: String = bytes.iter().map(|byte| format!(" {byte:02x}")).collect();
+        self.at(at, format_args!("rx{bytes}"));
+    }
+
+    /// Plays it to an image until `end`.
+    pub(crate) fn play(&self, image: &Path, end: Nanos) -> Run {
+        let mut script = self.clone();
+        script.at(end, "end");
+        let program = Path::new(env!("CARGO_MANIFEST_DIR")).join("pico/play.mjs");
+        let mut node = Command::new("node")
+            .arg(program)
+            .arg(image)
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .spawn()
+            .expect("node starts");
+        let mut stdin = node.stdin.take().expect("it is piped");
+        stdin.write_all(script.0.as_bytes()).expect("node reads");
+        drop(stdin);
+        let output = node.wait_with_output().expect("node ends");
+        assert!(output.status.success(), "the emulator failed");
+        Run::parse(&String::from_utf8(output.stdout).expect("it prints text"))
+    }
+}
+
+impl Run {
+    fn parse(text: &str) -> Self {
+        let mut run = Self { did: Vec::new(), figures: Vec::new() };
+        for line in text.lines() {
+            let (at, what) = line.split_once(' ').expect("two words");
+            if at == "stat" {
+                run.figures.push(what.to_owned());
+            } else {
+                let at = at.parse().expect("an instant");
+                run.did.push((at, parse(what).unwrap_or_else(|| panic!("at {at} ns: {what}"))));
+            }
+        }
+        run
+    }
+
+    /// What was sent in that time, and when it began.
+    pub(crate) fn sent(&self, from: Nanos, to: Nanos) -> (Nanos, Vec<u8>) {
+        let sent = self.did.iter().filter_map(|(at, did)| match did {
+            Did::Sent(byte) if (from..to).contains(at) => Some((*at, *byte)),
+            _ => None,
+        });
+        let (times, bytes): (Vec<_>, Vec<_>) = sent.unzip();
+        (times.first().copied().unwrap_or(0), bytes)
+    }
+
+    /// The instants at which a pin rose, or fell.
+    pub(crate) fn edges(&self, pin: u8, drive: Drive) -> Vec<Nanos> {
+        let edges = self.did.iter().filter(|(_, did)| *did == Did::Pin(pin, drive));
+        edges.map(|(at, _)| *at).collect()
+    }
+}
+
+/// What a line says; `None` if it complains.
+fn parse(what: &str) -> Option<Did> {
+    let words: Vec<&str> = what.split(' ').collect();
+    Some(match words.as_slice() {
+        ["tx", byte] => Did::Sent(u8::from_str_radix(byte, 16).ok()?),
+        ["pin", pin, level] => {
+            let drive = match *level {
+                "low" => Drive::Low,
+                "high" => Drive::High,
+                "float" => Drive::Float,
+                _ => return None,
+            };
+            Did::Pin(pin.parse().ok()?, drive)
+        }
+        ["flash", "erase", offset, ..] => Did::Erased(hex(offset)?),
+        ["flash", "program", offset, bytes] => Did::Programmed(hex(offset)?, bytes.parse().ok()?),
+        ["power", "off"] => Did::PowerOff,
+        ["reset", "watchdog"] => Did::Watchdog,
+        _ => return None,
+    })
+}
+
+fn hex(number: &str) -> Option<u32> {
+    u32::from_str_radix(number.strip_prefix("0x")?, 16).ok()
+}
