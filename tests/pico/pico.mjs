@@ -1,0 +1,140 @@
+// A Raspberry Pi Pico in virtual time.
+
+import { Chip } from './chip.mjs';
+import { Clock } from './clock.mjs';
+import { ENTRY_CYCLES, awakes } from './core.mjs';
+import { loadElf } from './elf.mjs';
+import { Flash } from './flash.mjs';
+import { Stats } from './stats.mjs';
+
+/** What RAM holds after power-on: nothing that an image could take for zeros. */
+const NOISE = 0xa5;
+
+/** A board: the chip, its flash, its pins, and the line of UART0. Time stands still between calls of {@link run}. */
+export class Pico {
+  /**
+   * @param {object} [tell]
+   * @param {(line: string) => void} [tell.say] told what the board does: `pin 3 high`, `flash erase 0x1ff000`, `reset
+   *   watchdog`, `error …`; `clock.nanos` says when
+   * @param {(byte: number) => void} [tell.sent] told each character at the instant at which its start bit begins
+   */
+  constructor({ say = () => {}, sent = () => {} } = {}) {
+    this.say = say;
+    this.sent = sent;
+    this.clock = new Clock();
+    this.stats = new Stats();
+    this.flash = new Flash(this.clock, (line) => say(`flash ${line}`));
+    this.flash.onCut = () => this.powerOff();
+    this.flash.onIdle = () => this.flashIsIdle();
+    /** Pins that the world drives: number to level. */
+    this.driven = new Map();
+    /** @type {?Chip} */
+    this.chip = null;
+  }
+
+  /** Puts an ELF file into flash. */
+  load(path) {
+    loadElf(path, this.flash.bytes);
+  }
+
+  /** Turns power on: the image starts, and RAM has lost everything. Does nothing if power is on. */
+  powerOn() {
+    if (this.chip) return;
+    this.chip = new Chip(this);
+    this.chip.sram.fill(NOISE);
+    this.stats.restart();
+  }
+
+  /** Turns power off; the flash is left as it is in this instant, a page or a sector under way partly done. */
+  powerOff() {
+    if (!this.chip) return;
+    this.say('power off');
+    this.chip.turnOff();
+    this.chip = null;
+    this.flash.powerFails();
+  }
+
+  /** Resets the chip; RAM and flash keep what they hold, and the flash goes on with what it does. */
+  reset(cause) {
+    this.say(`reset ${cause}`);
+    const before = this.chip;
+    before.turnOff();
+    this.chip = new Chip(this);
+    this.chip.sram.set(before.sram);
+    this.chip.watchdog.scratchData.set(before.watchdog.scratchData);
+    this.chip.watchdog.reason = cause === 'watchdog' ? before.watchdog.reason : 0;
+    this.stats.restart();
+  }
+
+  /** Makes the CPU loop for ever with interrupts off. */
+  hang() {
+    if (this.chip) this.chip.hung = true;
+  }
+
+  /**
+   * The world drives a pin, or lets go of it.
+   *
+   * @param {number} number 0 to 29
+   * @param {?boolean} level high or low; `null` lets the pin float
+   */
+  drive(number, level) {
+    if (level === null) this.driven.delete(number);
+    else this.driven.set(number, level);
+    this.chip?.pins.changed(number);
+  }
+
+  /**
+   * The last stop bit of a character has just ended on UART0's receive line.
+   *
+   * @param {number} byte its data
+   * @param {number} [errors] of `ERROR` in uart.mjs
+   */
+  receive(byte, errors = 0) {
+    const heard = this.chip?.pins.receives && this.chip.uart[0].receive(byte, errors);
+    if (!heard) this.say(`unheard ${byte.toString(16).padStart(2, '0')}`);
+  }
+
+  /** ns of a character on UART0's line in its present format and rate; 0 if there is none. */
+  get characterNanos() {
+    return this.chip?.uart[0].characterNanos ?? 0;
+  }
+
+  /**
+   * Lets the board run until an instant, or to the end of the instruction in which it falls.
+   *
+   * @param {number} until ns since the first power-on
+   */
+  run(until) {
+    const { clock, stats } = this;
+    while (clock.nanos < until) {
+      const { chip } = this;
+      if (!chip || chip.hung) {
+        clock.advanceTo(Math.min(clock.next, until));
+        continue;
+      }
+      const { core } = chip;
+      if (core.waiting) {
+        if (awakes(core, chip.waitsForFlash)) core.waiting = false;
+        else {
+          clock.advanceTo(Math.min(clock.next, until));
+          continue;
+        }
+      }
+      let cycles = ENTRY_CYCLES;
+      if (!(core.interruptsUpdated && core.checkForInterrupts())) {
+        cycles = core.executeInstruction();
+        stats.instructions++;
+        if (core.registers[13] < stats.lowestSp) stats.lowestSp = core.registers[13];
+      }
+      stats.cycles += cycles;
+      const now = clock.nanos + cycles * chip.cycleNanos;
+      if (now >= clock.next) clock.advanceTo(now);
+      else clock.nanos = now;
+    }
+  }
+
+  /** @private */
+  flashIsIdle() {
+    if (this.chip?.waitsForFlash) this.chip.core.waiting = this.chip.waitsForFlash = false;
+  }
+}

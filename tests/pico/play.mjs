@@ -1,0 +1,94 @@
+// A batch run: plays a script to an image and prints what the board does. Two runs print the same.
+//
+//   node play.mjs <image.elf> [--flash <file>] [--stack <low> <high>] < script
+//
+// --flash   the flash is read from this file before, if it exists, and written to it after; the image is put over it
+// --stack   prints how much of the stack between these addresses was used
+//
+// Script, one event a line, times in µs since the first power-on, ascending, `#` begins a comment:
+//
+//   1000.0 rx 01 03 00        characters; the stop bit of the first ends then, the others follow at the line's rate
+//   1000.0 spoiled parity 55  a character received with an error: framing (if not said), parity or break
+//   1000.0 pin 5 low          the world drives a pin low or high, or lets it float
+//   1000.0 power off          and `on` again: a new reset with RAM lost and flash kept
+//   1000.0 cut 3              power fails when the flash has erased or programmed 3 more bytes and begins the next
+//   1000.0 hang               the CPU loops for ever with interrupts off
+//   9000.0 end                the last line
+//
+// Prints `<ns> <what>`, ns since the first power-on:
+//
+//   tx 01                     a character; its start bit begins then
+//   pin 3 high                the chip drives a pin high, or low, or lets go of it (float)
+//   flash erase 0x1ff000      begins; `block` behind it if it is one of 64 KiB
+//   flash program 0x1ff000 256
+//   reset watchdog            or `request`, by software
+//   unheard 55                a character came when UART0 was not listening
+//   power off                 after `cut`, or by the script
+//   error …, warning …        what the chip would not bear, and what rp2040js does not know
+//
+// and at the end, for the thread and for every exception that came, `stat …` in instructions and cycles.
+
+import { existsSync, readFileSync, writeFileSync } from 'node:fs';
+import { parseArgs } from 'node:util';
+
+import { FLASH_SIZE } from './flash.mjs';
+import { Pico } from './pico.mjs';
+import { readScript } from './script.mjs';
+
+/**
+ * Runs an image against a script.
+ *
+ * @param {object} job
+ * @param {(board: Pico) => void} job.load puts the image into flash
+ * @param {string} job.script see above
+ * @param {[number, number]} [job.stack] lowest address of the stack, and the one above its highest
+ * @returns {{output: string, board: Pico}} what is to be printed, and the board in its last state
+ */
+export function play({ load, script, stack }) {
+  const { events, end } = readScript(script);
+  const lines = [];
+  const say = (line) => lines.push(`${Math.round(board.clock.nanos)} ${line}`);
+  const board = new Pico({ say, sent: (byte) => say(`tx ${byte.toString(16).padStart(2, '0')}`) });
+  load(board);
+  board.powerOn();
+  for (const { nanos, act } of events) board.clock.createAlarm(() => act(board, nanos)).schedule(nanos);
+  board.run(end);
+  lines.push(...board.stats.lines());
+  if (stack) {
+    const low = Math.max(board.stats.lowest, stack[0]);
+    lines.push(`stat stack ${stack[1] - Math.min(low, stack[1])} of ${stack[1] - stack[0]}`);
+  }
+  return { output: `${lines.join('\n')}\n`, board };
+}
+
+function main() {
+  const { values, positionals } = parseArgs({
+    allowPositionals: true,
+    options: { flash: { type: 'string' }, stack: { type: 'boolean' } },
+  });
+  const [image, ...addresses] = positionals;
+  const stack = values.stack ? addresses.map(Number) : undefined;
+  if (!image || addresses.length !== (stack ? 2 : 0)) {
+    throw new Error('usage: node play.mjs <image.elf> [--flash <file>] [--stack <low> <high>] < script');
+  }
+  const load = (board) => {
+    if (values.flash && existsSync(values.flash)) {
+      const content = readFileSync(values.flash);
+      if (content.length !== FLASH_SIZE) throw new Error(`${values.flash} must have ${FLASH_SIZE} bytes`);
+      board.flash.bytes.set(content);
+    }
+    board.load(image);
+  };
+  const { output, board } = play({ load, stack, script: readFileSync(0, 'utf8') });
+  if (values.flash) writeFileSync(values.flash, board.flash.bytes);
+  process.stdout.write(output);
+}
+
+if (import.meta.filename === process.argv[1]) {
+  try {
+    main();
+  } catch (error) {
+    console.error(`error: ${error.message}`);
+    process.exitCode = 1;
+  }
+}
