@@ -4,6 +4,7 @@
 //! cargo xtask test    everything that must hold, and first whatever the checks need
 //! cargo xtask docs    write the generated references in docs/
 //! cargo xtask sizes   link every drive without panics and print how large it is
+//! cargo xtask pico    run a drive on an emulated Raspberry Pi Pico
 //! ```
 
 mod board;
@@ -11,6 +12,7 @@ mod checks;
 mod docs;
 mod image;
 mod panic_free;
+mod pico;
 mod report;
 mod tools;
 
@@ -26,6 +28,7 @@ usage: cargo xtask <command>
   test    run every check; installs what the checks need, or says what to install
   docs    write the generated references in docs/
   sizes   link every drive for Cortex-M without any panic and print how large it is
+  pico    run a drive on an emulated Raspberry Pi Pico, its serial line on a TCP port: `pico md3`
 ";
 
 fn main() -> ExitCode {
@@ -35,6 +38,7 @@ fn main() -> ExitCode {
         ["test"] => shell().and_then(|sh| checks::all(&sh)),
         ["docs"] => shell().and_then(|sh| docs::write(&sh)).map(|()| true),
         ["sizes"] => shell().and_then(|sh| sizes(&sh)).map(|()| true),
+        ["pico", kind] => shell().and_then(|sh| pico::run(&sh, kind)).map(|()| true),
         [] | ["help" | "--help" | "-h"] => {
             print!("{USAGE}");
             Ok(true)

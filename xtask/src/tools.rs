@@ -31,10 +31,20 @@ pub(crate) enum Tool {
     Valgrind,
     /// Python with `venv`, and in it the masters of `tests/foreign/requirements.txt`.
     Python,
+    /// Node and npm, and in `tests/pico/node_modules` the emulator that its lock file names.
+    Node,
 }
 
-const ALL: [Tool; 7] =
-    [Tool::Rustfmt, Tool::Clippy, Tool::ThumbTargets, Tool::Qemu, Tool::Mbpoll, Tool::Valgrind, Tool::Python];
+const ALL: [Tool; 8] = [
+    Tool::Rustfmt,
+    Tool::Clippy,
+    Tool::ThumbTargets,
+    Tool::Qemu,
+    Tool::Mbpoll,
+    Tool::Valgrind,
+    Tool::Python,
+    Tool::Node,
+];
 
 /// The tools that could not be brought, each with what to install.
 pub(crate) struct Missing(Vec<(Tool, String)>);
@@ -54,9 +64,14 @@ impl Missing {
 
 /// Brings every tool that is not here, as far as it may.
 pub(crate) fn bring(sh: &Shell) -> Missing {
+    bring_only(sh, &ALL)
+}
+
+/// Brings those of `tools` that are not here, as far as it may.
+pub(crate) fn bring_only(sh: &Shell, tools: &[Tool]) -> Missing {
     let mut apt = Apt { updated: false };
     let mut missing = Vec::new();
-    for tool in ALL {
+    for &tool in tools {
         if tool.is_here(sh) {
             continue;
         }
@@ -83,6 +98,7 @@ impl Tool {
             Self::Mbpoll => "mbpoll",
             Self::Valgrind => "valgrind",
             Self::Python => "a Python environment with pymodbus and minimalmodbus",
+            Self::Node => "Node 20 with npm and the emulator of the Pico",
         }
     }
 
@@ -96,6 +112,7 @@ impl Tool {
             Self::Mbpoll => "apt-get install mbpoll",
             Self::Valgrind => "apt-get install valgrind",
             Self::Python => "apt-get install python3 python3-venv",
+            Self::Node => "apt-get install nodejs npm",
         }
     }
 
@@ -108,6 +125,7 @@ impl Tool {
             Self::Mbpoll => cmd!(sh, "mbpoll -V").quiet().ignore_status().output().is_ok(),
             Self::Valgrind => runs(sh, "valgrind"),
             Self::Python => environment_is_current(sh),
+            Self::Node => runs(sh, "node") && emulator_is_current(sh),
         }
     }
 
@@ -126,6 +144,13 @@ impl Tool {
                     apt.install(sh, "python3-venv")?;
                 }
                 make_environment(sh)
+            }
+            Self::Node => {
+                if !runs(sh, "node") || !runs(sh, "npm") {
+                    apt.install(sh, "nodejs")?;
+                    apt.install(sh, "npm")?;
+                }
+                Ok(cmd!(sh, "npm ci --prefix {PICO} --no-audit --no-fund").run()?)
             }
         }
     }
@@ -187,4 +212,19 @@ fn make_environment(sh: &Shell) -> Result<()> {
     // Last, so that an installation that broke off is begun again.
     sh.copy_file(REQUIREMENTS, environment.join("requirements.txt"))
         .with_context(|| format!("cannot finish {}", environment.display()))
+}
+
+/// The emulated Pico: programs for Node.
+const PICO: &str = "tests/pico";
+
+/// Whether the packages are those of the lock file: npm notes after an installation what it has installed.
+fn emulator_is_current(sh: &Shell) -> bool {
+    let note = sh.read_file(format!("{PICO}/node_modules/.package-lock.json"));
+    let wanted = sh.read_file(format!("{PICO}/package-lock.json"));
+    note.is_ok_and(|note| wanted.is_ok_and(|wanted| integrities(&note) == integrities(&wanted)))
+}
+
+/// The check sums of the packages in a lock file.
+fn integrities(lock: &str) -> Vec<&str> {
+    lock.lines().map(str::trim).filter(|line| line.starts_with("\"integrity\"")).collect()
 }
