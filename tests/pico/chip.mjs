@@ -81,7 +81,9 @@ export class Chip extends RP2040 {
     this.watchdog = this.peripherals[0x40058];
     this.watchdog.onWatchdogTrigger = () => {
       if (this.peripherals[0x40010].wdsel & PROC0) board.reset('watchdog');
-      else say('error the watchdog resets nothing: PSM.WDSEL does not name the processor');
+      else this.stop('the watchdog resets nothing: PSM.WDSEL does not name the processor');
+      // rp2040js would call again at once.
+      this.watchdog.alarm.enable = false;
     };
 
     // The ring oscillator until the image chooses otherwise; time per cycle follows.
@@ -148,14 +150,10 @@ export class Chip extends RP2040 {
     if (this.isWritable(address >>> 0)) super.writeUint8(address >>> 0, value);
   }
 
-  /** @private A read of the flash window: ends the run of the CPU, as on the chip, if the flash cannot answer. */
+  /** @private Whether a read of the flash window can be answered. */
   inFlash(address) {
     if (this.xip && !this.board.flash.busy) return true;
-    if (!this.hung) {
-      const why = this.board.flash.busy ? 'the flash is busy' : 'the flash window is closed';
-      this.board.say(`error read of ${hex(address)} at ${hex(this.core.PC)} while ${why}`);
-    }
-    this.hung = true;
+    this.complain(`read while ${this.board.flash.busy ? 'the flash is busy' : 'the flash window is closed'}`, address);
     return false;
   }
 
@@ -166,9 +164,9 @@ export class Chip extends RP2040 {
     return !isMemory;
   }
 
-  /** @private */
+  /** @private An access that would fault on the chip, or read nonsense: the CPU stops. */
   complain(what, address) {
-    this.board.say(`error ${what}: ${hex(address)} at ${hex(this.core.PC)}`);
+    if (!this.hung) this.stop(`${what}: ${hex(address)} at ${hex(this.core.PC)}`);
   }
 
   /** @private What the ROM asks for. */

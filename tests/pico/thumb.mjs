@@ -52,7 +52,7 @@ export function assemble(text, origin) {
     else if (list[1]?.startsWith('=')) {
       const entry = { word: list[1].slice(1), at: 0 };
       pool.push(entry);
-      place(2, (at) => [0x4800 | (register(list[0]) << 8) | ((entry.at - ((at + 4) & ~3)) >> 2)]);
+      place(2, (at) => [0x4800 | (register(list[0]) << 8) | within(255, (entry.at - ((at + 4) & ~3)) >> 2, statement)]);
     } else {
       const wide = ['bl', 'msr', 'mrs', 'dsb'].includes(mnemonic);
       place(wide ? 4 : 2, (at) => encode(statement, mnemonic, rest, list, at, value));
@@ -101,14 +101,14 @@ function encode(statement, mnemonic, rest, list, at, value) {
     case 'mov':
       return [0x4600 | ((register(a) & 8) << 4) | (register(b) << 3) | (register(a) & 7)];
     case 'movs':
-      return [0x2000 | (register(a) << 8) | immediate(b)];
+      return [0x2000 | (register(a) << 8) | within(255, immediate(b), statement)];
     case 'cmp':
       return [b.startsWith('#') ? 0x2800 | (register(a) << 8) | immediate(b) : 0x4280 | (register(b) << 3) | register(a)];
     case 'adds':
     case 'subs': {
       const minus = mnemonic === 'subs';
       if (c) return [(minus ? 0x1a00 : 0x1800) | (register(c) << 6) | (register(b) << 3) | register(a)];
-      return [(minus ? 0x3800 : 0x3000) | (register(a) << 8) | immediate(b)];
+      return [(minus ? 0x3800 : 0x3000) | (register(a) << 8) | within(255, immediate(b), statement)];
     }
     case 'lsls':
       return [(immediate(c) << 6) | (register(b) << 3) | register(a)];
@@ -120,14 +120,22 @@ function encode(statement, mnemonic, rest, list, at, value) {
     case 'pop':
       return [0xbc00 | registers(rest.replace('pc', 'r8'))];
   }
-  if (mnemonic in CONDITIONS) return [0xd000 | (CONDITIONS[mnemonic] << 8) | ((distance(a) >> 1) & 0xff)];
+  if (mnemonic in CONDITIONS) {
+    const halfwords = within(255, (distance(a) >> 1) + 128, statement) - 128;
+    return [0xd000 | (CONDITIONS[mnemonic] << 8) | (halfwords & 0xff)];
+  }
   if (mnemonic in ALU) return [0x4000 | (ALU[mnemonic] << 6) | (register(b) << 3) | register(a)];
   if (mnemonic in MEMORY) {
     const [opcode, size] = MEMORY[mnemonic];
     const [, base, offset = '#0'] = /\[(\w+)(?:,\s*(#\w+))?\]/.exec(rest);
-    return [opcode | ((immediate(offset) / size) << 6) | (register(base) << 3) | register(a)];
+    return [opcode | (within(31, immediate(offset) / size, statement) << 6) | (register(base) << 3) | register(a)];
   }
   throw new Error(`cannot assemble \`${statement}\``);
+}
+
+function within(most, number, statement) {
+  if (number < 0 || number > most) throw new Error(`out of reach: \`${statement}\``);
+  return number;
 }
 
 function register(name) {
