@@ -5,6 +5,7 @@ import { RP2040 } from 'rp2040js';
 import { ChipClock } from './clock.mjs';
 import { correctCore } from './core.mjs';
 import { FLASH_SIZE } from './flash.mjs';
+import { guard } from './guards.mjs';
 import { Pins } from './pins.mjs';
 import { CALL, ROM, bits, isValidBoot2 } from './rom.mjs';
 import { Timer } from './timer.mjs';
@@ -85,6 +86,8 @@ export class Chip extends RP2040 {
       // rp2040js would call again at once.
       this.watchdog.alarm.enable = false;
     };
+
+    guard(this, (what, address) => this.complain(what, address));
 
     // The ring oscillator until the image chooses otherwise; time per cycle follows.
     this.clkSys = this.clocks.sysFreq;

@@ -259,6 +259,23 @@ irq13:  ldr     r1, =0x400140f0
   }
 });
 
+test('a peripheral in reset, and a TIMER without its tick, stop the image that uses them', () => {
+  const use = (unreset, address) => run(`
+main:   ${unreset}
+        ldr     r1, =${address}
+        ldr     r0, [r1]
+stop:   b       stop
+`, MS).said.map(([, line]) => line.replace(/ at 0x\w+$/, ''));
+  const unreset = `
+        ldr     r1, =0x4000c000
+        movs    r0, #0
+        str     r0, [r1]`;
+  assert.deepEqual(use('', '0x40034018'), ['error access to a peripheral in reset: 0x40034018']);
+  assert.deepEqual(use(unreset, '0x40034018'), []);
+  assert.match(use(unreset, '0x40054028')[0], /^error TIMER counts no microseconds: .* divides 6500000 Hz by 0: /);
+  assert.deepEqual(use(AT_125_MHZ, '0x40054028'), []);
+});
+
 test('UDF is a hard fault, said aloud and taken', () => {
   const { said, word } = run(`
 main:   movs    r0, #0

@@ -39,18 +39,29 @@ export function image(source) {
   };
 }
 
-/** Statements that make clk_sys and clk_peri 125 MHz, so that a cycle takes 8 ns; clobbers r0 and r1. */
+/**
+ * Statements that take everything out of reset and make clk_sys and clk_peri 125 MHz, so that a cycle takes 8 ns,
+ * and TIMER count microseconds; clobber r0 and r1.
+ */
 export const AT_125_MHZ = `
+        ldr     r1, =0x4000c000         ; RESETS
+        movs    r0, #0
+        str     r0, [r1]
         ldr     r1, =0x40028000         ; PLL_SYS: 12 MHz * 125 / 6 / 2
         movs    r0, #125
         str     r0, [r1, #8]
         ldr     r0, =0x00062000
         str     r0, [r1, #12]
         ldr     r1, =0x40008000         ; CLOCKS
+        movs    r0, #2
+        str     r0, [r1, #0x30]         ; clk_ref from the crystal
         movs    r0, #1
         str     r0, [r1, #0x3c]         ; clk_sys from PLL_SYS
         ldr     r0, =0x800
         str     r0, [r1, #0x48]         ; clk_peri from clk_sys
+        ldr     r1, =0x40058000         ; WATCHDOG: a tick every 12 cycles of clk_ref
+        ldr     r0, =0x20c
+        str     r0, [r1, #0x2c]
 `;
 
 /** Statements that set GP0 and GP1 up for UART0 and enable it; clobbers r0 and r1. */

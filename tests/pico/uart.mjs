@@ -160,7 +160,6 @@ export class Pl011 extends BasePeripheral {
         break;
       case REG.dmacr:
         this.dmacr = value & 7;
-        if (this.dmacr) this.error('DMA is not emulated');
         break;
       default:
         super.writeUint32(offset, value);
