@@ -287,6 +287,18 @@ test('two runs print the same, and what they print is right', () => {
   assert.equal(lines.at(-1), 'stat stack 40 of 4096', '32 bytes of the exception frame and two words');
 });
 
+test('instructions between marks are counted without those of interrupts', () => {
+  const measured = (between) => {
+    const source = ECHO.replace('sleep:', `mov r10, r10\n${between}\nmov r11, r11\nsleep:`);
+    const { output } = play({ load: image(source), script: '450 rx 31\n9000 end', marks: true });
+    return output.trim().split('\n').at(-1);
+  };
+  assert.equal(measured('nop\nnop\nnop'), 'stat marked times 1 least 3 worst 3 total 3');
+  // 2 to begin with and 3 a round; the character comes in the middle.
+  const loop = 'ldr r2, =50000\nmovs r3, #0\nround: subs r2, #1\ncmp r2, #0\nbne round';
+  assert.equal(measured(loop), `stat marked times 1 least 150002 worst 150002 total 150002`);
+});
+
 test('a script that cannot be read is refused with its line', () => {
   const attempt = (script) => () => play({ load: () => {}, script });
   assert.throws(attempt('1 rx 0g\n2 end'), /^Error: script, line 1: `0g`/);

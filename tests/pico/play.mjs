@@ -1,9 +1,10 @@
 // A batch run: plays a script to an image and prints what the board does. Two runs print the same.
 //
-//   node play.mjs <image.elf> [--flash <file>] [--stack <low> <high>] < script
+//   node play.mjs <image.elf> [--flash <file>] [--stack <low> <high>] [--marks] < script
 //
 // --flash   the flash is read from this file before, if it exists, and written to it after; the image is put over it
 // --stack   prints how much of the stack between these addresses was used
+// --marks   counts the instructions between `mov r10, r10` and `mov r11, r11`, without those of interrupts
 //
 // Script, one event a line, times in µs since the first power-on, ascending, `#` begins a comment:
 //
@@ -26,7 +27,8 @@
 //   power off                 after `cut`, or by the script
 //   error …, warning …        what the chip would not bear, and what rp2040js does not know
 //
-// and at the end, for the thread and for every exception that came, `stat …` in instructions and cycles.
+// and at the end, for the thread and for every exception that came, `stat …` in instructions and cycles. An exception's
+// count is without those that interrupt it; its cycles are with its entry and without its last instruction.
 
 import { existsSync, readFileSync, writeFileSync } from 'node:fs';
 import { parseArgs } from 'node:util';
@@ -42,13 +44,15 @@ import { readScript } from './script.mjs';
  * @param {(board: Pico) => void} job.load puts the image into flash
  * @param {string} job.script see above
  * @param {[number, number]} [job.stack] lowest address of the stack, and the one above its highest
+ * @param {boolean} [job.marks] whether to count between marks
  * @returns {{output: string, board: Pico}} what is to be printed, and the board in its last state
  */
-export function play({ load, script, stack }) {
+export function play({ load, script, stack, marks = false }) {
   const { events, end } = readScript(script);
   const lines = [];
   const say = (line) => lines.push(`${Math.round(board.clock.nanos)} ${line}`);
   const board = new Pico({ say, sent: (byte) => say(`tx ${byte.toString(16).padStart(2, '0')}`) });
+  board.looksForMarks = marks;
   load(board);
   board.powerOn();
   for (const { nanos, act } of events) board.clock.createAlarm(() => act(board, nanos)).schedule(nanos);
@@ -64,12 +68,12 @@ export function play({ load, script, stack }) {
 function main() {
   const { values, positionals } = parseArgs({
     allowPositionals: true,
-    options: { flash: { type: 'string' }, stack: { type: 'boolean' } },
+    options: { flash: { type: 'string' }, stack: { type: 'boolean' }, marks: { type: 'boolean' } },
   });
   const [image, ...addresses] = positionals;
   const stack = values.stack ? addresses.map(Number) : undefined;
   if (!image || addresses.length !== (stack ? 2 : 0)) {
-    throw new Error('usage: node play.mjs <image.elf> [--flash <file>] [--stack <low> <high>] < script');
+    throw new Error('usage: node play.mjs <image.elf> [--flash <file>] [--stack <low> <high>] [--marks] < script');
   }
   const load = (board) => {
     if (values.flash && existsSync(values.flash)) {
@@ -79,7 +83,7 @@ function main() {
     }
     board.load(image);
   };
-  const { output, board } = play({ load, stack, script: readFileSync(0, 'utf8') });
+  const { output, board } = play({ load, stack, marks: values.marks, script: readFileSync(0, 'utf8') });
   if (values.flash) writeFileSync(values.flash, board.flash.bytes);
   process.stdout.write(output);
 }

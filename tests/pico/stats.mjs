@@ -1,5 +1,8 @@
 // How many instructions and cycles an image spends where.
 
+/** The instructions `mov r10, r10` and `mov r11, r11`, which do nothing: the begin and the end of what is measured. */
+const MARKS = { begin: 0x46d2, end: 0x46db };
+
 /** Counts per exception (0 is the thread); an exception's count is without those that interrupt it. */
 export class Stats {
   /** Instructions executed since the first reset. */
@@ -16,6 +19,32 @@ export class Stats {
     this.lowestBefore = Infinity;
     /** @private Interrupted activities, the present one last. */
     this.active = [this.frame(0)];
+    /** @private Stretches between marks. */
+    this.marked = { times: 0, least: Infinity, worst: 0, total: 0 };
+  }
+
+  /**
+   * Looks for a mark, of which the begin and the end belong to the same activity.
+   *
+   * @param {number} opcode of the instruction to be executed next
+   */
+  look(opcode) {
+    if (opcode === MARKS.begin) {
+      this.pause(0);
+      const frame = this.active.at(-1);
+      frame.begun = frame.instructions + 1;
+    } else if (opcode === MARKS.end) {
+      this.pause(0);
+      const frame = this.active.at(-1);
+      const count = frame.instructions - frame.begun;
+      if (Number.isNaN(count)) return;
+      frame.begun = NaN;
+      const { marked } = this;
+      marked.times += 1;
+      marked.least = Math.min(marked.least, count);
+      marked.worst = Math.max(marked.worst, count);
+      marked.total += count;
+    }
   }
 
   /** The chip starts anew: whatever it was in is over. */
@@ -61,13 +90,16 @@ export class Stats {
   lines() {
     this.settle();
     const numbers = [...this.perException.keys()].sort((a, b) => a - b);
-    return numbers.map((number) => {
+    const lines = numbers.map((number) => {
       const sum = this.perException.get(number);
       const total = `total ${sum.instructions} cycles ${sum.cycles}`;
       if (number === 0) return `stat thread ${total}`;
       const worst = `worst ${sum.worstInstructions} cycles ${sum.worstCycles}`;
       return `stat exception ${number} times ${sum.times} ${worst} ${total}`;
     });
+    const { times, least, worst, total } = this.marked;
+    if (times) lines.push(`stat marked times ${times} least ${least} worst ${worst} total ${total}`);
+    return lines;
   }
 
   /** @private Adds what is not over yet. */
@@ -82,7 +114,7 @@ export class Stats {
   /** @private */
   frame(exception) {
     const since = { sinceInstructions: this.instructions, sinceCycles: this.cycles };
-    return { exception, instructions: 0, cycles: 0, ...since };
+    return { exception, instructions: 0, cycles: 0, begun: NaN, ...since };
   }
 
   /** @private */

@@ -7,7 +7,7 @@ use xshell::{Shell, cmd};
 
 use crate::report::Report;
 use crate::tools::{self, Tool};
-use crate::{board, docs, panic_free};
+use crate::{board, docs, panic_free, pico};
 
 /// The crates that only a board, or a linker, can build.
 const BARE: [&str; 2] = ["panic-free", "standin-lm3s6965"];
@@ -38,6 +38,7 @@ pub(crate) fn all(sh: &Shell) -> Result<bool> {
     report.check("no panics on Cortex-M", &[Tool::ThumbTargets], panic_free::check);
     report.check("image of the board", &[Tool::ThumbTargets], board::build);
     report.check("board under QEMU", &[Tool::ThumbTargets, Tool::Qemu], board::run);
+    report.check("emulated Pico", &[Tool::Node], pico::check_emulator);
     Ok(report.finish())
 }
 

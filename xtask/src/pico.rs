@@ -34,6 +34,15 @@ pub(crate) fn run(sh: &Shell, kind: &str) -> Result<()> {
     Ok(cmd!(sh, "node tests/pico/serve.mjs {image}").quiet().run()?)
 }
 
+/// Lets the emulator's own tests say whether it is true to the chip.
+///
+/// # Errors
+///
+/// If one of them fails.
+pub(crate) fn check_emulator(sh: &Shell) -> Result<()> {
+    Ok(cmd!(sh, "npm test --prefix tests/pico --silent").run()?)
+}
+
 /// Where the image of a kind lies once it is built.
 fn image(sh: &Shell, kind: &str) -> PathBuf {
     target_dir(sh).join(TARGET).join("firmware").join(kind)
