@@ -68,6 +68,12 @@ export class Pico {
     this.stats.restart();
   }
 
+  /** Says what a word of the memory holds. */
+  peek(address) {
+    const hex = (word) => word.toString(16).padStart(8, '0');
+    if (this.chip) this.say(`peek ${hex(address)} ${hex(this.chip.readUint32(address))}`);
+  }
+
   /** Makes the CPU loop for ever with interrupts off. */
   hang() {
     if (this.chip) this.chip.hung = true;

@@ -13,6 +13,7 @@
 //   1000.0 pin 5 low          the world drives a pin low or high, or lets it float
 //   1000.0 power off          and `on` again: a new reset with RAM lost and flash kept
 //   1000.0 cut 3              power fails when the flash has erased or programmed 3 more bytes and begins the next
+//   1000.0 peek 20001234      prints a word of the memory
 //   1000.0 hang               the CPU loops for ever with interrupts off
 //   9000.0 end                the last line
 //
@@ -24,6 +25,7 @@
 //   flash program 0x1ff000 256
 //   reset watchdog            or `request`, by software
 //   unheard 55                a character came when UART0 was not listening
+//   peek 20001234 0000000a    what is in that word
 //   power off                 after `cut`, or by the script
 //   error …, warning …        what the chip would not bear, and what rp2040js does not know
 //

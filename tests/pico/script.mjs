@@ -27,6 +27,10 @@ const ACTIONS = {
     const bytes = parse(count, /^\d+$/, 10);
     return (board) => board.flash.cutAfter(bytes);
   },
+  peek: ([address]) => {
+    const place = parse(address, /^[0-9a-f]{8}$/i, 16);
+    return (board) => board.peek(place);
+  },
   hang: () => (board) => board.hang(),
   end: () => () => {},
 };

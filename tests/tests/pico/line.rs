@@ -3,8 +3,8 @@
 use standin_protocol::modbus::rtu;
 use standin_tests::md3::at;
 
-use crate::play::{Drive, MS, Nanos, Script, US};
-use crate::{CHARACTER, TURN, expect_written, image, pin, write};
+use crate::play::{Drive, Nanos, Script, US};
+use crate::{CHARACTER, START, TURN, expect_written, image, pin, write};
 
 /// A rate of the line: the code of 7.22, a character, t1.5 and t3.5 of the Modbus serial line specification,
 /// 2.5.1.1.
@@ -32,13 +32,13 @@ const TOLERANCE: i64 = 2;
 fn answered(rate: &Rate, edge: Nanos, request: impl Fn(&mut Script, Nanos, Nanos)) -> Vec<i64> {
     let mut script = Script::fast();
     let set_up = [(at::SERIAL_PORT, rate.code)];
-    let first = write(&mut script, 10 * MS, &set_up);
+    let first = write(&mut script, START, &set_up);
     let instants = |n: i64| first + (n + AROUND) as u64 * TURN;
     for n in -AROUND..=AROUND {
         request(&mut script, instants(n), edge.saturating_add_signed(n * US as i64));
     }
     let run = script.play(&image(), instants(AROUND + 1));
-    expect_written(&run, 10 * MS, &set_up);
+    expect_written(&run, START, &set_up);
     let reply = rtu::frame(1, &[3, 2, 0x27, 0x10]);
     (-AROUND..=AROUND)
         .filter(|&n| {
@@ -93,7 +93,7 @@ fn a_silence_of_t35_ends_a_frame() {
 #[ignore = "needs the emulator and the image of the board: `cargo xtask test` brings both"]
 fn the_transceiver_is_turned_around_in_time() {
     let mut script = Script::fast();
-    let asked = 20 * MS;
+    let asked = START;
     script.hear(asked, &question());
     let run = script.play(&image(), asked + TURN);
     let (begins, reply) = run.sent(asked, asked + TURN);

@@ -33,6 +33,9 @@ fn image() -> PathBuf {
 /// A character of 9600 8E1, 11 bits.
 const CHARACTER: Nanos = 11_000_000_000 / 9_600;
 
+/// When a board that started at 0 is asked first: it copies itself to RAM before.
+const START: Nanos = 40 * MS;
+
 /// How long a request of one register and its reply take at 9600 baud, with t3.5 behind both.
 const TURN: Nanos = 40 * MS;
 

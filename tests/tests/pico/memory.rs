@@ -6,12 +6,12 @@ use standin_protocol::modbus::rtu;
 use standin_tests::md3::at;
 
 use crate::play::{Did, MS, Nanos, Run, Script};
-use crate::{TURN, expect_written, image, value, write};
+use crate::{START, TURN, expect_written, image, value, write};
 
 /// A save takes this at most, with its flash.
 const SAVE: Nanos = 500 * MS;
 /// Start-up of a drive whose EEPROM is bad (section 2 of the MD3's guide): 5 s of red light, then 2.5 s.
-const START: Nanos = 8_000 * MS;
+const START_UP: Nanos = 8_000 * MS;
 
 /// Writes the user register and saves (7.20, 7.23); returns when that is over.
 fn save(script: &mut Script, at: Nanos, user: u16) -> Nanos {
@@ -23,7 +23,7 @@ fn save(script: &mut Script, at: Nanos, user: u16) -> Nanos {
 fn restart(script: &mut Script, at: Nanos) -> (Nanos, Nanos) {
     script.at(at, "power off");
     script.at(at + MS, "power on");
-    let asked = at + START;
+    let asked = at + START_UP;
     script.hear(asked, &rtu::read(1, at::USER, 1));
     script.hear(asked + TURN, &rtu::read(1, at::EEPROM, 1));
     (asked, asked + 2 * TURN)
@@ -43,12 +43,12 @@ fn bytes(run: &Run, from: Nanos, to: Nanos) -> u64 {
 #[ignore = "needs the emulator and the image of the board: `cargo xtask test` brings both"]
 fn what_was_saved_is_there_after_the_power_was_off() {
     let mut script = Script::fast();
-    let saved = save(&mut script, 20 * MS, 0x1234);
+    let saved = save(&mut script, START, 0x1234);
     // Not saved.
     let written = write(&mut script, saved, &[(at::USER, 0x5678)]);
     let (asked, end) = restart(&mut script, written);
     let run = script.play(&image(), end);
-    expect_written(&run, 20 * MS, &[(at::USER, 0x1234), (at::EEPROM, 1)]);
+    expect_written(&run, START, &[(at::USER, 0x1234), (at::EEPROM, 1)]);
     assert_eq!(value(&run, asked), 0x1234);
     // 7.20: the status of a good CRC is 0x9a.
     assert_eq!(value(&run, asked + TURN), 0x9a00);
@@ -59,7 +59,7 @@ fn what_was_saved_is_there_after_the_power_was_off() {
 fn power_that_fails_in_a_save_leaves_the_old_the_new_or_a_bad_memory() {
     // One run without a cut, to know what a save does to the flash.
     let mut whole = Script::fast();
-    let begun = save(&mut whole, 20 * MS, 0x1111);
+    let begun = save(&mut whole, START, 0x1111);
     let done = save(&mut whole, begun, 0x2222);
     let all = bytes(&whole.play(&image(), done), begun, done);
     assert!(all > 0, "a save writes to the flash");
@@ -68,7 +68,7 @@ fn power_that_fails_in_a_save_leaves_the_old_the_new_or_a_bad_memory() {
     let mut order = Vec::new();
     for cut in (0..=all).step_by(usize::try_from(all / 24).expect("a few bytes").max(1)) {
         let mut script = Script::fast();
-        let begun = save(&mut script, 20 * MS, 0x1111);
+        let begun = save(&mut script, START, 0x1111);
         script.at(begun, format_args!("cut {cut}"));
         let done = save(&mut script, begun, 0x2222);
         let (asked, end) = restart(&mut script, done);
@@ -93,7 +93,7 @@ fn power_that_fails_in_a_save_leaves_the_old_the_new_or_a_bad_memory() {
 #[ignore = "needs the emulator and the image of the board: `cargo xtask test` brings both"]
 fn many_saves_wear_all_sectors_alike() {
     let mut script = Script::fast();
-    let mut at = 20 * MS;
+    let mut at = START;
     for n in 0..300 {
         at = save(&mut script, at, n);
     }

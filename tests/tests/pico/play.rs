@@ -33,6 +33,8 @@ pub(crate) enum Did {
     Erased(u32),
     /// It begins to program so many bytes at this offset.
     Programmed(u32, u32),
+    /// This word of its memory was looked at.
+    Peeked(u32),
     /// Its power went.
     PowerOff,
     /// The watchdog reset it.
@@ -144,6 +146,7 @@ fn parse(what: &str) -> Option<Did> {
         }
         ["flash", "erase", offset, ..] => Did::Erased(hex(offset)?),
         ["flash", "program", offset, bytes] => Did::Programmed(hex(offset)?, bytes.parse().ok()?),
+        ["peek", _, word] => Did::Peeked(u32::from_str_radix(word, 16).ok()?),
         ["power", "off"] => Did::PowerOff,
         ["reset", "watchdog"] => Did::Watchdog,
         _ => return None,
