@@ -80,3 +80,35 @@ export const uart = (lcrH, integer, fraction) => `
         ldr     r0, =0x301
         str     r0, [r1, #0x30]
 `;
+
+/** A program that sends back what it receives, 115200 baud 8N1, in the interrupt. */
+export const ECHO = `
+main:   ${AT_125_MHZ} ${uart(0x60, 67, 52)}
+        movs    r0, #16
+        str     r0, [r1, #0x38]
+        ldr     r0, =0xe000e100
+        ldr     r2, =0x100000
+        str     r2, [r0]
+sleep:  wfi
+        b       sleep
+irq20:  push    {r4, lr}
+        ldr     r1, =0x40034000
+        ldr     r0, [r1]
+        str     r0, [r1]
+        pop     {r4, pc}
+`;
+
+/** The ELF file of an image, one segment for the beginning of the flash. */
+export function elf(source) {
+  const flash = new Uint8Array(4096).fill(0xff);
+  image(source)({ flash: { bytes: flash } });
+  const header = new DataView(new ArrayBuffer(84));
+  header.setUint32(0, 0x7f454c46);
+  const little = (offset, ...words) => words.forEach((word, index) => header.setUint32(offset + 4 * index, word, true));
+  header.setUint16(18, 40, true); // ARM
+  little(28, 52); // one program header, of 32 bytes, there
+  header.setUint16(42, 32, true);
+  header.setUint16(44, 1, true);
+  little(52, 1, 84, 0x20000000, 0x10000000, flash.length, flash.length);
+  return Buffer.concat([new Uint8Array(header.buffer), flash]);
+}

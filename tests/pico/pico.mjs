@@ -128,18 +128,25 @@ export class Pico {
           continue;
         }
       }
-      let cycles = ENTRY_CYCLES;
-      if (!(core.interruptsUpdated && core.checkForInterrupts())) {
-        if (looksForMarks) stats.look(chip.readUint16(core.PC));
-        cycles = core.executeInstruction();
+      if (core.interruptsUpdated && core.checkForInterrupts()) this.spend(ENTRY_CYCLES);
+      const { registers } = core;
+      while (clock.nanos < until && !core.waiting && !core.interruptsUpdated && !chip.hung && this.chip === chip) {
+        if (looksForMarks) stats.look(chip.readUint16(registers[15]));
+        const cycles = core.executeInstruction();
         stats.instructions++;
-        if (core.registers[13] < stats.lowestSp) stats.lowestSp = core.registers[13];
+        if (registers[13] < stats.lowestSp) stats.lowestSp = registers[13];
+        stats.cycles += cycles;
+        const now = clock.nanos + cycles * chip.cycleNanos;
+        if (now >= clock.next) clock.advanceTo(now);
+        else clock.nanos = now;
       }
-      stats.cycles += cycles;
-      const now = clock.nanos + cycles * chip.cycleNanos;
-      if (now >= clock.next) clock.advanceTo(now);
-      else clock.nanos = now;
     }
+  }
+
+  /** @private */
+  spend(cycles) {
+    this.stats.cycles += cycles;
+    this.clock.advanceTo(this.clock.nanos + cycles * this.chip.cycleNanos);
   }
 
   /** @private */

@@ -3,13 +3,12 @@
 import assert from 'node:assert/strict';
 import { test } from 'node:test';
 
-import { AT_125_MHZ, STACK_TOP, image, uart } from './images.mjs';
+import { AT_125_MHZ, ECHO, STACK_TOP, image } from './images.mjs';
 import { Pico } from './pico.mjs';
 import { play } from './play.mjs';
 
 const MS = 1e6;
 const RAM = 0x20000000;
-const EIGHT_N_1 = 0x60;
 
 /** Statements that call a function of the ROM; what it takes in r0 to r3 comes from `setUp`. */
 const rom = (code, setUp) => `
@@ -180,6 +179,17 @@ test('a cut in an erase leaves the flash partly erased and the board without pow
   assert.equal(said.at(-1)[1], 'flash program 0x001000 256');
 });
 
+test('a reset in an erase waits for the flash before it boots', () => {
+  const { board, said } = start(FLASHING);
+  board.run(20 * MS);
+  board.reset('watchdog');
+  board.run(60 * MS);
+  const lines = said.filter(([, line]) => !line.startsWith('pin'));
+  const erases = lines.filter(([, line]) => line.startsWith('flash erase'));
+  assert.deepEqual(lines.map(([, line]) => line), ['flash erase 0x001000', 'reset watchdog', 'flash erase 0x001000']);
+  assert.ok(erases[1][0] > erases[0][0] + 45 * MS);
+});
+
 /** Counts its starts in RAM word 0 and the watchdog's scratch 0; then lets the watchdog come after 500 µs. */
 const WATCHED = `
 main:   ${AT_125_MHZ}
@@ -240,23 +250,6 @@ test('power off and on is a new start with the flash of before', () => {
   assert.equal(word(0), 0xa5a5a5a6);
   assert.equal(board.flash.bytes[0x100000], 1);
 });
-
-/** Sends back what it receives, in the interrupt. */
-const ECHO = `
-main:   ${AT_125_MHZ} ${uart(EIGHT_N_1, 67, 52)}
-        movs    r0, #16
-        str     r0, [r1, #0x38]
-        ldr     r0, =0xe000e100
-        ldr     r2, =0x100000
-        str     r2, [r0]
-sleep:  wfi
-        b       sleep
-irq20:  push    {r4, lr}
-        ldr     r1, =0x40034000
-        ldr     r0, [r1]
-        str     r0, [r1]
-        pop     {r4, pc}
-`;
 
 test('two runs print the same, and what they print is right', () => {
   const script = `

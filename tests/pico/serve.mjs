@@ -2,8 +2,8 @@
 //
 //   node serve.mjs <image.elf> [port]
 //
-// What comes from TCP is put on the line back to back at its rate, as a master's frame would be. One client after the
-// other; ends when stdin ends, and so with the process that started it. Runs slower than real time, and says so, if
+// What comes from TCP is put on the line back to back at its rate, as a master's frame would be. One client at a time,
+// the latest; ends when stdin ends, and so with the process that started it. Runs slower than real time, and says so, if
 // the machine is too slow.
 
 import { createServer } from 'node:net';
@@ -14,6 +14,8 @@ import { Pico } from './pico.mjs';
 const SLICE = 2;
 /** How far it may be behind before the time lost is given up, in ms. */
 const MOST_BEHIND = 100;
+/** How long it may take to set its UART up, in ms of its own time. */
+const LONGEST_START = 1000;
 
 /** Characters from TCP on their way to the receive line, back to back. */
 class Line {
@@ -47,18 +49,18 @@ function main() {
   const board = new Pico({ say: said, sent: (byte) => client?.write(Uint8Array.of(byte)) });
   board.load(image);
   board.powerOn();
+  startUp(board);
   const line = new Line(board);
 
   const server = createServer((socket) => {
-    if (client) {
-      socket.destroy();
-      return;
-    }
+    client?.destroy();
     client = socket;
     socket.setNoDelay(true);
     socket.on('data', (bytes) => line.put(bytes));
     socket.on('error', () => {});
-    socket.on('close', () => (client = null));
+    socket.on('close', () => {
+      if (client === socket) client = null;
+    });
   });
   server.on('error', (error) => {
     console.error(`error: cannot listen on port ${port}: ${error.message}`);
@@ -71,6 +73,12 @@ function main() {
   process.stdin.on('end', () => process.exit(0)).resume();
 
   keepPace(board);
+}
+
+/** Runs the board until its UART has a rate, and a little more, so that the first frame does not come too early. */
+function startUp(board) {
+  while (!board.characterNanos && board.clock.nanos < LONGEST_START * 1e6) board.run(board.clock.nanos + 1e6);
+  board.run(board.clock.nanos + 1e6);
 }
 
 /** Lets the board's time follow real time for ever. */
