@@ -117,8 +117,9 @@ function correctInterrupts(core, ppb, on) {
 function correctOverflow(core) {
   const MOST = 0x7fffffff;
   // The operands as rp2040js passes them: with the carry added, so that only the instruction tells the two apart.
+  // Its PC is odd from the beginning of a handler to the next branch.
   const carried = (opcode) => {
-    const instruction = core.readUint16(core.PC - 2);
+    const instruction = core.readUint16((core.PC & ~1) - 2);
     return instruction >> 6 === opcode ? instruction : undefined;
   };
   const { substractUpdateFlags, addUpdateFlags } = core;
