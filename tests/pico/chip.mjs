@@ -113,7 +113,9 @@ export class Chip extends RP2040 {
       if (address & 3) this.complain('unaligned read', address);
       return this.ram32[ram >> 2];
     }
-    if (address >>> 26 === 4) return this.inFlash(address) ? this.flashView.getUint32(address & (FLASH_SIZE - 4), true) : 0;
+    if (address >>> 26 === 4) {
+      return this.inFlash(address) ? this.flashView.getUint32(address & (FLASH_SIZE - 4), true) : 0;
+    }
     return super.readUint32(address);
   }
 

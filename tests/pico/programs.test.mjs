@@ -17,7 +17,8 @@ const image = join(directory, 'echo');
 writeFileSync(image, elf(ECHO));
 after(() => rmSync(directory, { recursive: true }));
 
-const play = (args, input) => spawnSync(process.execPath, [join(here, 'play.mjs'), ...args], { input, encoding: 'utf8' });
+const play = (args, input) =>
+  spawnSync(process.execPath, [join(here, 'play.mjs'), ...args], { input, encoding: 'utf8' });
 
 test('play reads and writes the flash of a file', () => {
   const file = join(directory, 'flash');

@@ -68,7 +68,8 @@ function characters(board, at, bytes) {
   if (!bytes.length) return;
   board.receive(bytes[0]);
   const next = at + board.characterNanos;
-  board.clock.createAlarm(() => characters(board, next, bytes.slice(1))).schedule(Math.max(next - board.clock.nanos, 0));
+  const alarm = board.clock.createAlarm(() => characters(board, next, bytes.slice(1)));
+  alarm.schedule(Math.max(next - board.clock.nanos, 0));
 }
 
 function parse(word, form, base) {

@@ -3,8 +3,8 @@
 //   node serve.mjs <image.elf> [port]
 //
 // What comes from TCP is put on the line back to back at its rate, as a master's frame would be. One client at a time,
-// the latest; ends when stdin ends, and so with the process that started it. Runs slower than real time, and says so, if
-// the machine is too slow.
+// the latest; ends when stdin ends, and so with the process that started it. Runs slower than real time, and says so,
+// if the machine is too slow.
 
 import { createServer } from 'node:net';
 

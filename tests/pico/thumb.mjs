@@ -1,11 +1,15 @@
 // A little assembler for ARMv6-M, enough for the boot ROM and for the images of the tests.
 
-const CONDITIONS = { beq: 0, bne: 1, bhs: 2, blo: 3, bmi: 4, bpl: 5, bhi: 8, bls: 9, bge: 10, blt: 11, bgt: 12, ble: 13 };
+const CONDITIONS = {
+  beq: 0, bne: 1, bhs: 2, blo: 3, bmi: 4, bpl: 5, bhi: 8, bls: 9, bge: 10, blt: 11, bgt: 12, ble: 13,
+};
 const SPECIAL = { msp: 8, primask: 16 };
 const FIXED = { nop: 0xbf00, wfi: 0xbf30, wfe: 0xbf20, 'cpsid i': 0xb672, 'cpsie i': 0xb662 };
 const ALU = { ands: 0, eors: 1, adcs: 5, sbcs: 6, tst: 8, orrs: 12, muls: 13, bics: 14 };
 /** Opcode and size in bytes of the loads and stores with an immediate offset. */
-const MEMORY = { str: [0x6000, 4], ldr: [0x6800, 4], strb: [0x7000, 1], ldrb: [0x7800, 1], strh: [0x8000, 2], ldrh: [0x8800, 2] };
+const MEMORY = {
+  str: [0x6000, 4], ldr: [0x6800, 4], strb: [0x7000, 1], ldrb: [0x7800, 1], strh: [0x8000, 2], ldrh: [0x8800, 2],
+};
 
 /**
  * Assembles a program.
@@ -103,7 +107,8 @@ function encode(statement, mnemonic, rest, list, at, value) {
     case 'movs':
       return [0x2000 | (register(a) << 8) | within(255, immediate(b), statement)];
     case 'cmp':
-      return [b.startsWith('#') ? 0x2800 | (register(a) << 8) | immediate(b) : 0x4280 | (register(b) << 3) | register(a)];
+      if (b.startsWith('#')) return [0x2800 | (register(a) << 8) | within(255, immediate(b), statement)];
+      return [0x4280 | (register(b) << 3) | register(a)];
     case 'adds':
     case 'subs': {
       const minus = mnemonic === 'subs';

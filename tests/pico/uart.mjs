@@ -11,7 +11,9 @@ const FR = { busy: 1 << 3, rxEmpty: 1 << 4, txFull: 1 << 5, rxFull: 1 << 6, txEm
 const LCR = { parity: 1 << 1, twoStops: 1 << 3, fifo: 1 << 4 };
 const CR = { enable: 1 << 0, tx: 1 << 8, rx: 1 << 9 };
 /** Interrupt bits. */
-export const INT = { rx: 1 << 4, tx: 1 << 5, timeout: 1 << 6, framing: 1 << 7, parity: 1 << 8, break: 1 << 9, overrun: 1 << 10 };
+export const INT = {
+  rx: 1 << 4, tx: 1 << 5, timeout: 1 << 6, framing: 1 << 7, parity: 1 << 8, break: 1 << 9, overrun: 1 << 10,
+};
 /** What may be wrong with a received character: bits of DR. */
 export const ERROR = { framing: 1 << 8, parity: 1 << 9, break: 1 << 10, overrun: 1 << 11 };
 

@@ -4,7 +4,8 @@ import { test } from 'node:test';
 import { Clock } from './clock.mjs';
 import { ERROR, INT, Pl011 } from './uart.mjs';
 
-const [DR, FR, IBRD, FBRD, LCR_H, CR, IFLS, IMSC, RIS, MIS, ICR] = [0, 0x18, 0x24, 0x28, 0x2c, 0x30, 0x34, 0x38, 0x3c, 0x40, 0x44];
+const [DR, FR, IBRD, FBRD, LCR_H, CR] = [0, 0x18, 0x24, 0x28, 0x2c, 0x30];
+const [IFLS, IMSC, RIS, MIS, ICR] = [0x34, 0x38, 0x3c, 0x40, 0x44];
 const [BUSY, RXFE, TXFF, RXFF, TXFE] = [1 << 3, 1 << 4, 1 << 5, 1 << 6, 1 << 7];
 const [PEN, STP2, FEN, EIGHT] = [1 << 1, 1 << 3, 1 << 4, 3 << 5];
 // 125 MHz / (16 * (67 + 52/64)) = 115207 baud: 8680 ns a bit.

@@ -1,8 +1,9 @@
 //! The Raspberry Pi Pico, emulated for people: `cargo xtask pico <kind>`.
 
 use std::path::PathBuf;
+use std::process::{Command, Stdio};
 
-use anyhow::{Result, bail};
+use anyhow::{Context, Result, bail, ensure};
 use xshell::{Shell, cmd};
 
 use crate::checks::target_dir;
@@ -13,8 +14,8 @@ const TARGET: &str = "thumbv6m-none-eabi";
 /// The binaries of [`PACKAGE`], one per kind of drive.
 const BINARIES: &str = "firmware/boards/rp2040/src/bin";
 
-/// Builds the image of a kind of drive and runs it at the pace of real time, its UART0 on a TCP port, until stdin
-/// ends or the process is stopped.
+/// Builds the image of a kind of drive and runs it at the pace of real time, its UART0 on a TCP port, until the
+/// process is stopped.
 ///
 /// # Errors
 ///
@@ -31,7 +32,17 @@ pub(crate) fn run(sh: &Shell, kind: &str) -> Result<()> {
     cmd!(sh, "cargo build --profile firmware --package {PACKAGE} --bin {kind} --target {TARGET}").run()?;
     let image = image(sh, kind);
     println!("connect a Modbus RTU master over TCP to the address below; Ctrl-C ends the board");
-    Ok(cmd!(sh, "node tests/pico/serve.mjs {image}").quiet().run()?)
+    serve(cmd!(sh, "node tests/pico/serve.mjs {image}").into())
+}
+
+/// Runs the board until it ends. It ends when its stdin does: when this process is gone, however it went.
+fn serve(mut board: Command) -> Result<()> {
+    let mut board = board.stdin(Stdio::piped()).spawn().context("cannot start node")?;
+    let held = board.stdin.take();
+    let status = board.wait()?;
+    drop(held);
+    ensure!(status.success(), "the emulated Pico ended with {status}");
+    Ok(())
 }
 
 /// Lets the emulator's own tests say whether it is true to the chip.
