@@ -4,7 +4,7 @@ import { RP2040 } from 'rp2040js';
 
 import { ChipClock } from './clock.mjs';
 import { correctCore } from './core.mjs';
-import { FLASH_SIZE } from './flash.mjs';
+import { BLOCK, FLASH_SIZE } from './flash.mjs';
 import { guard } from './guards.mjs';
 import { Pins } from './pins.mjs';
 import { CALL, ROM, bits, isValidBoot2 } from './rom.mjs';
@@ -192,7 +192,7 @@ export class Chip extends RP2040 {
         this.xip = true;
         return;
       case CALL.erase:
-        this.operate(() => board.flash.erase(r0, r1));
+        this.operate(() => board.flash.erase(r0, r1, r2 === BLOCK));
         return;
       case CALL.program:
         this.operate(() => {

@@ -7,7 +7,8 @@ export const SECTOR = 4096;
 /** Bytes that one program operation takes at most. */
 export const PAGE = 256;
 
-const BLOCK = 65536;
+/** Bytes of the blocks that can be erased at once. */
+export const BLOCK = 65536;
 /** Typical times in ns (W25Q16JV data sheet 9.6). */
 const TIME = { sector: 45_000_000, block: 150_000_000, page: 400_000 };
 
@@ -39,15 +40,16 @@ export class Flash {
   }
 
   /**
-   * Erases whole sectors, or 64 KiB blocks where they fit.
+   * Erases whole sectors.
    *
    * @param {number} from offset in bytes, a multiple of 4096
    * @param {number} count bytes, a multiple of 4096
+   * @param {boolean} [byBlocks] whether 64 KiB blocks are erased at once where they fit
    */
-  erase(from, count) {
+  erase(from, count, byBlocks = false) {
     this.check('erase', from, count, SECTOR);
     for (let at = from; at < from + count; ) {
-      const size = at % BLOCK === 0 && from + count - at >= BLOCK ? BLOCK : SECTOR;
+      const size = byBlocks && at % BLOCK === 0 && from + count - at >= BLOCK ? BLOCK : SECTOR;
       const line = size === SECTOR ? `erase ${hex(at)}` : `erase ${hex(at)} block`;
       const nanos = size === SECTOR ? TIME.sector : TIME.block;
       this.steps.push({ at, size, nanos, line, byte: () => 0xff });

@@ -20,7 +20,7 @@ function flash() {
 test('a sector is erased in 45 ms, one after the other, a block in 150 ms', () => {
   const { clock, said, chip } = flash();
   chip.bytes.fill(0);
-  chip.erase(0x0f000, 0x12000);
+  chip.erase(0x0f000, 0x12000, true);
   clock.advanceTo(239 * MS);
   assert.equal(chip.busy, true);
   clock.advanceTo(240 * MS);
@@ -29,6 +29,15 @@ test('a sector is erased in 45 ms, one after the other, a block in 150 ms', () =
   assert.equal(chip.bytes[0x0efff], 0);
   assert.ok(chip.bytes.subarray(0x0f000, 0x21000).every((byte) => byte === 0xff));
   assert.equal(chip.bytes[0x21000], 0);
+});
+
+test('without blocks every sector takes its 45 ms', () => {
+  const { clock, chip } = flash();
+  chip.erase(0x10000, 0x10000);
+  clock.advanceTo(16 * 45 * MS - 1);
+  assert.equal(chip.busy, true);
+  clock.advanceTo(16 * 45 * MS);
+  assert.equal(chip.busy, false);
 });
 
 test('programming takes 0.4 ms a page and only clears bits', () => {

@@ -27,7 +27,8 @@
 //   unheard 55                a character came when UART0 was not listening
 //   peek 20001234 0000000a    what is in that word
 //   power off                 after `cut`, or by the script
-//   error …, warning …        what the chip would not bear, and what rp2040js does not know
+//   error …                   what the chip would not bear; the CPU stops, or takes its hard fault
+//   warning …                 what rp2040js does not know; said once
 //
 // and at the end, for the thread and for every exception that came, `stat …` in instructions and cycles. An exception's
 // count is without those that interrupt it; its cycles are with its entry and without its last instruction.
