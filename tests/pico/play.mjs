@@ -57,8 +57,10 @@ export function play({ load, script, stack, marks = false }) {
   const board = new Pico({ say, sent: (byte) => say(`tx ${byte.toString(16).padStart(2, '0')}`) });
   board.looksForMarks = marks;
   load(board);
-  board.powerOn();
   for (const { nanos, act } of events) board.clock.createAlarm(() => act(board, nanos)).schedule(nanos);
+  // What is said of the instant 0, a jumper for example, is there before power is.
+  board.clock.advanceTo(0);
+  board.powerOn();
   board.run(end);
   lines.push(...board.stats.lines());
   if (stack) {
