@@ -7,7 +7,8 @@ use crate::checks::target_dir;
 use crate::image::{self, Image};
 
 const TARGET: &str = "thumbv7m-none-eabi";
-const IMAGE: &str = "standin-lm3s6965";
+const PACKAGE: &str = "standin-lm3s6965";
+const IMAGE: &str = "md3";
 
 /// Lints the crates that only a board, or a linker, can build.
 pub(crate) fn clippy(sh: &Shell, bare: &[&str]) -> Result<()> {
@@ -16,7 +17,7 @@ pub(crate) fn clippy(sh: &Shell, bare: &[&str]) -> Result<()> {
 
 /// Builds the image, which links only if nothing in it can panic, and looks where it lies.
 pub(crate) fn build(sh: &Shell) -> Result<()> {
-    cmd!(sh, "cargo build --release --package {IMAGE} --target {TARGET}").run()?;
+    cmd!(sh, "cargo build --release --package {PACKAGE} --target {TARGET}").run()?;
     let image = Image::of(sh, TARGET, IMAGE)?;
     image.expect_at(".vector_table", 0)?;
     image.expect_at(".data", 0x2000_0000)?;

@@ -46,6 +46,18 @@ impl End {
         }
     }
 
+    /// Whether the drive pulls it low or lets it go, but never drives it high.
+    #[must_use]
+    pub fn is_open_drain(self, spec: &Spec) -> bool {
+        match self {
+            Self::Pin(Pin(place)) => spec
+                .pins
+                .get(usize::from(place))
+                .is_some_and(|pin| pin.role == Role::Output && pin.rest == Level::Float),
+            Self::Fault(_) => false,
+        }
+    }
+
     /// What a change of its level is to the drive.
     #[must_use]
     pub const fn edge(self, high: bool) -> Caught {

@@ -1,56 +1,172 @@
-//! Output pins (8.5 of the datasheet).
+//! Pins (8.5 of the datasheet).
 
 use core::convert::Infallible;
 
 use embedded_hal::digital::{ErrorType, OutputPin};
+use standin_board::Release;
 
+use crate::inputs;
 use crate::registers::Register;
 
-/// GPIO port A.
-pub(crate) const PORT_A: usize = 0x4000_4000;
-/// GPIO port B.
-pub(crate) const PORT_B: usize = 0x4000_5000;
-/// GPIO port D.
-pub(crate) const PORT_D: usize = 0x4000_7000;
-/// GPIO port F.
-pub(crate) const PORT_F: usize = 0x4002_5000;
+/// A port of eight pins.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub struct Port(usize);
+
+/// Port A.
+pub const A: Port = Port(0x4000_4000);
+/// Port B.
+pub const B: Port = Port(0x4000_5000);
+/// Port C.
+pub const C: Port = Port(0x4000_6000);
+/// Port D.
+pub const D: Port = Port(0x4000_7000);
+/// Port E.
+pub const E: Port = Port(0x4002_4000);
+/// Port F.
+pub const F: Port = Port(0x4002_5000);
+/// Port G.
+pub const G: Port = Port(0x4002_6000);
 
 const DIR: usize = 0x400;
+const IBE: usize = 0x408;
+const IM: usize = 0x410;
+const RIS: usize = 0x414;
+const MIS: usize = 0x418;
+const ICR: usize = 0x41C;
 const AFSEL: usize = 0x420;
 const ODR: usize = 0x50C;
+const PUR: usize = 0x510;
+const PDR: usize = 0x514;
 const DEN: usize = 0x51C;
 
-/// An output pin.
-pub(crate) struct Output {
-    /// The port's data register as its address masks it: this pin alone.
-    data: Register,
+impl Port {
+    /// Its pin `n`, 0 to 7.
+    #[must_use]
+    pub const fn pin(self, n: u32) -> Gpio {
+        Gpio { port: self, bit: 1 << (n & 7) }
+    }
+
+    /// Whether pins that listen have changed, a bit each.
+    pub(crate) fn changed(self) -> u32 {
+        self.register(MIS).read()
+    }
+
+    /// Hands pins to the peripheral behind them.
+    pub(crate) fn give(self, pins: u32) {
+        self.register(AFSEL).set(pins);
+        self.register(DEN).set(pins);
+    }
+
+    const fn register(self, offset: usize) -> Register {
+        Register::at(self.0, offset)
+    }
+}
+
+/// A pin of a port.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub struct Gpio {
+    port: Port,
     bit: u32,
 }
 
-impl Output {
-    /// A pin that is driven both ways, low at first.
-    pub(crate) fn push_pull(port: usize, pin: u32) -> Self {
-        let bit = 1 << pin;
-        let data = Register::at(port, (bit << 2) as usize);
-        data.write(0);
-        Register::at(port, DIR).set(bit);
-        Register::at(port, DEN).set(bit);
-        Self { data, bit }
+impl Gpio {
+    /// Makes it an output that is driven both ways, low at first.
+    pub(crate) fn push_pull(self) {
+        self.write(false);
+        self.drive(true);
+        self.register(DEN).set(self.bit);
     }
 
-    /// A pin that is pulled low or let go, let go at first.
-    pub(crate) fn open_drain(port: usize, pin: u32) -> Self {
-        Register::at(port, ODR).set(1 << pin);
-        let output = Self::push_pull(port, pin);
-        output.data.write(output.bit);
-        output
+    /// Makes it an output that is pulled low or let go, let go at first.
+    pub(crate) fn open_drain(self) {
+        self.register(ODR).set(self.bit);
+        self.push_pull();
+        self.write(true);
+    }
+
+    /// Makes it an input that is pulled up or down.
+    pub(crate) fn pulled(self, high: bool) {
+        self.register(if high { PUR } else { PDR }).set(self.bit);
+        self.register(DEN).set(self.bit);
+    }
+
+    /// Makes it an input that rests high or low where nothing is wired to it. QEMU knows no pull-ups, but
+    /// remembers what an input was driven to as an output. As an open drain that lets go, it harms nobody.
+    pub(crate) fn resting(self, high: bool) {
+        if high {
+            self.open_drain();
+            self.drive(false);
+            self.register(ODR).clear(self.bit);
+        }
+        self.pulled(high);
+    }
+
+    /// Makes it an output, or an input again.
+    pub(crate) fn drive(self, driven: bool) {
+        let direction = self.register(DIR);
+        if driven { direction.set(self.bit) } else { direction.clear(self.bit) }
+    }
+
+    /// Its level; of an output, the one it is driven to.
+    #[inline]
+    pub(crate) fn is_high(self) -> bool {
+        self.data().read() != 0
+    }
+
+    #[inline]
+    pub(crate) fn write(self, high: bool) {
+        self.data().write(if high { self.bit } else { 0 });
+    }
+
+    /// Whether it is in a mask of its port's pins.
+    pub(crate) fn is_in(self, port: Port, pins: u32) -> bool {
+        self.port == port && pins & self.bit != 0
+    }
+
+    /// Interrupts at both edges from now on, or not any more.
+    pub(crate) fn listen(self, listens: bool) {
+        let mask = self.register(IM);
+        if listens {
+            self.register(IBE).set(self.bit);
+            self.register(ICR).write(self.bit);
+            mask.set(self.bit);
+        } else {
+            mask.clear(self.bit);
+        }
+    }
+
+    /// Its level, with no edge of it left untold.
+    pub(crate) fn settle(self) -> bool {
+        loop {
+            self.register(ICR).write(self.bit);
+            let high = self.is_high();
+            if self.register(RIS).read() & self.bit == 0 {
+                return high;
+            }
+        }
+    }
+
+    /// The port's data register as its address masks it: this pin alone.
+    const fn data(self) -> Register {
+        self.register((self.bit << 2) as usize)
+    }
+
+    const fn register(self, offset: usize) -> Register {
+        Register::at(self.port.0, offset)
     }
 }
 
-/// Hands pins to the peripheral behind them.
-pub(crate) fn give(port: usize, pins: u32) {
-    Register::at(port, AFSEL).set(pins);
-    Register::at(port, DEN).set(pins);
+/// A pin as the drive drives it.
+pub(crate) struct Output {
+    gpio: Gpio,
+    /// It is an input while released.
+    both: bool,
+}
+
+impl Output {
+    pub(crate) const fn new(gpio: Gpio, both: bool) -> Self {
+        Self { gpio, both }
+    }
 }
 
 impl ErrorType for Output {
@@ -59,12 +175,20 @@ impl ErrorType for Output {
 
 impl OutputPin for Output {
     fn set_low(&mut self) -> Result<(), Infallible> {
-        self.data.write(0);
+        self.gpio.write(false);
         Ok(())
     }
 
     fn set_high(&mut self) -> Result<(), Infallible> {
-        self.data.write(self.bit);
+        self.gpio.write(true);
         Ok(())
+    }
+}
+
+impl Release for Output {
+    fn release(&mut self, released: bool) {
+        if self.both {
+            inputs::release(self.gpio, released);
+        }
     }
 }

@@ -1,0 +1,141 @@
+//! What interrupts catch, and the input pins among them.
+
+use core::cell::RefCell;
+
+use critical_section::Mutex;
+use heapless::Vec;
+use lm3s6965::interrupt;
+use standin_board::{End, Queue};
+use standin_firmware::device::Instant;
+use standin_firmware::shell::Caught;
+
+use crate::clock;
+use crate::gpio::{self, Gpio, Port};
+
+/// Input pins that a board may have.
+const MOST: usize = 16;
+
+/// What was caught and not yet told the drive. A request has 8 characters.
+pub(crate) static CAUGHT: Queue<(Instant, Caught), 128> = Queue::new();
+
+/// What inputs are wired to.
+static INPUTS: Mutex<RefCell<Vec<Input, MOST>>> = Mutex::new(RefCell::new(Vec::new()));
+
+struct Input {
+    gpio: Gpio,
+    end: End,
+    /// As the drive knows it.
+    high: bool,
+}
+
+impl Input {
+    /// Tells the drive of a change; of a pulse that is over already, both edges.
+    fn changed(&mut self, at: Instant) {
+        let high = self.gpio.settle();
+        if high == self.high {
+            self.tell(at, !high);
+        }
+        self.tell(at, high);
+    }
+
+    /// Tells the drive of a level that it does not know. If there is no room, it still does not.
+    fn tell(&mut self, at: Instant, high: bool) {
+        if high != self.high && CAUGHT.push((at, self.end.edge(high))) {
+            self.high = high;
+        }
+    }
+}
+
+/// An input, and how it rests.
+pub(crate) fn add(gpio: Gpio, end: End, rests_high: bool) {
+    with(|inputs| {
+        let _ = inputs.push(Input { gpio, end, high: rests_high });
+    });
+}
+
+/// Tells which inputs do not rest, and listens to all of them from now on.
+pub(crate) fn begin() {
+    with(|inputs| {
+        for input in inputs {
+            input.gpio.listen(true);
+            let high = input.gpio.settle();
+            input.tell(clock::now(), high);
+        }
+    });
+}
+
+/// Makes a pin an input again, or an output.
+pub(crate) fn release(gpio: Gpio, released: bool) {
+    with(|inputs| {
+        gpio.drive(!released);
+        gpio.listen(released);
+        if released && let Some(input) = inputs.iter_mut().find(|input| input.gpio == gpio) {
+            let high = gpio.settle();
+            input.tell(clock::now(), high);
+        }
+    });
+}
+
+/// Whether anything waits to be told.
+pub(crate) fn any() -> bool {
+    !CAUGHT.is_empty()
+}
+
+/// The oldest thing caught, if it is not after `until`.
+pub(crate) fn caught(until: Instant) -> Option<(Instant, Caught)> {
+    CAUGHT.pop_if(|(at, _)| *at <= until)
+}
+
+fn edges(port: Port) {
+    let at = clock::now();
+    let pins = port.changed();
+    with(|inputs| {
+        for input in inputs.iter_mut().filter(|input| input.gpio.is_in(port, pins)) {
+            input.changed(at);
+        }
+    });
+}
+
+/// Inside a critical section nobody else has borrowed them.
+fn with(act: impl FnOnce(&mut Vec<Input, MOST>)) {
+    critical_section::with(|cs| {
+        if let Ok(mut inputs) = INPUTS.borrow(cs).try_borrow_mut() {
+            act(&mut inputs);
+        }
+    });
+}
+
+#[interrupt]
+fn GPIOA() {
+    edges(gpio::A);
+}
+
+#[interrupt]
+fn GPIOB() {
+    edges(gpio::B);
+}
+
+#[interrupt]
+fn GPIOC() {
+    edges(gpio::C);
+}
+
+#[interrupt]
+fn GPIOD() {
+    edges(gpio::D);
+}
+
+#[interrupt]
+fn GPIOE() {
+    edges(gpio::E);
+}
+
+#[interrupt]
+fn GPIOF() {
+    edges(gpio::F);
+}
+
+#[interrupt]
+fn GPIOG() {
+    edges(gpio::G);
+}

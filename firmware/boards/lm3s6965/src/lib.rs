@@ -1,0 +1,163 @@
+//! Drives on the Stellaris LM3S6965 evaluation board (`lm3s6965evb` in QEMU).
+//!
+//! Each binary is one kind of drive: it says which pin of the board is which of the drive, and calls
+//! [`run`]. What all have in common is here: UART0 is the bus, UART1 says one line when the drive has
+//! power, a timer makes STEP and DIR. `README.md` has the pins.
+//!
+//! Interrupts have two priorities: the step timer's, and above the loop all the others.
+//!
+//! Datasheet: *Stellaris LM3S6965 Microcontroller*, DS-LM3S6965; its sections stand beside the code.
+//! Built optimised only: there the linker proves that nothing can panic.
+#![no_std]
+
+mod bus;
+mod clock;
+pub mod gpio;
+mod inputs;
+mod registers;
+mod saved;
+mod steps;
+mod timer;
+mod uart;
+mod watchdog;
+
+use core::panic::PanicInfo;
+
+use cortex_m::peripheral::{NVIC, SCB};
+use cortex_m::{Peripherals, asm};
+use cortex_m_rt::{ExceptionFrame, exception};
+use lm3s6965::Interrupt;
+use standin_board::{End, Hands};
+use standin_firmware::device::{Boot, Device, Instant, Spec};
+use standin_firmware::motion::Follower;
+use standin_firmware::shell::{Caught, Inputs, Shell};
+
+use self::gpio::{Gpio, Output};
+pub use self::saved::Saved;
+
+/// A jumper to ground: no start-up delay.
+const FAST: Gpio = gpio::B.pin(6);
+
+/// Interrupts that the step timer's may interrupt.
+const LESS_URGENT: [Interrupt; 10] = [
+    Interrupt::UART0,
+    Interrupt::TIMER_0A,
+    Interrupt::TIMER_2A,
+    Interrupt::GPIOA,
+    Interrupt::GPIOB,
+    Interrupt::GPIOC,
+    Interrupt::GPIOD,
+    Interrupt::GPIOE,
+    Interrupt::GPIOF,
+    Interrupt::GPIOG,
+];
+
+/// Runs a drive with these saved registers, whose pins and faults, by their names, are wired to these
+/// pins of the board.
+pub fn run<D: Device, const MEMORY: usize, const PINS: usize>(
+    device: D,
+    saved: &'static Saved<MEMORY>,
+    wires: [(&str, Gpio); PINS],
+) -> ! {
+    if let Some(mut core) = Peripherals::take() {
+        clock::start(&mut core.SYST);
+        unmask(&mut core.NVIC);
+    }
+    watchdog::start();
+    bus::start();
+    steps::start();
+    let spec = device.spec();
+    let pins = wires.map(|(name, gpio)| wire(spec, name, gpio));
+    FAST.pulled(true);
+    // Time for the pull-ups: 20 µs.
+    asm::delay(1_000);
+    let boot = Boot { seed: 0, fast: !FAST.is_high() };
+    inputs::begin();
+
+    let hands = Hands {
+        bus: bus::Sender,
+        pins,
+        memory: saved.begin(),
+        axis: &steps::AXIS,
+        follower: Follower::new(),
+        caught: &inputs::CAUGHT,
+    };
+    let mut shell = Shell::<_, _, _, MEMORY>::new(device, Ears, hands, boot);
+    uart::say_power(spec.kind);
+    loop {
+        watchdog::feed();
+        if shell.turn().is_err() {
+            clock::sleep_until(shell.deadline().min(clock::now() + watchdog::PATIENCE));
+        }
+    }
+}
+
+/// Lets interrupts come.
+fn unmask(nvic: &mut NVIC) {
+    /// The hardware has the upper three bits.
+    const BELOW: u8 = 1 << 5;
+    for interrupt in LESS_URGENT {
+        // SAFETY: critical sections are made by PRIMASK, whatever the priorities.
+        unsafe { nvic.set_priority(interrupt, BELOW) };
+        // SAFETY: no critical section relies on an interrupt's mask.
+        unsafe { NVIC::unmask(interrupt) };
+    }
+    // SAFETY: as above.
+    unsafe { NVIC::unmask(Interrupt::TIMER_1A) };
+}
+
+/// Makes a pin of the board what the drive calls `name`.
+fn wire(spec: &Spec, name: &str, gpio: Gpio) -> (Option<End>, Output) {
+    let end = End::of(spec, name);
+    let is_input = end.is_some_and(|end| end.is_input(spec));
+    if let Some(end) = end {
+        if is_input {
+            let rests_high = end.rests_high(spec);
+            gpio.resting(rests_high);
+            inputs::add(gpio, end, rests_high);
+        } else if end.is_open_drain(spec) {
+            gpio.open_drain();
+        } else {
+            gpio.push_pull();
+        }
+    }
+    (end, Output::new(gpio, is_input))
+}
+
+/// What the board hears.
+struct Ears;
+
+impl Inputs for Ears {
+    fn now(&self) -> Instant {
+        clock::now()
+    }
+
+    fn caught(&mut self, until: Instant) -> Option<(Instant, Caught)> {
+        inputs::caught(until)
+    }
+}
+
+/// Nothing can be right after that: the board starts again.
+#[exception]
+unsafe fn HardFault(_: &ExceptionFrame) -> ! {
+    SCB::sys_reset()
+}
+
+#[cfg(not(feature = "defmt"))]
+unsafe extern "C" {
+    /// Never defined: an image that can panic does not link.
+    safe fn a_panic_can_happen() -> !;
+}
+
+#[cfg(not(feature = "defmt"))]
+#[panic_handler]
+fn panic(_: &PanicInfo<'_>) -> ! {
+    a_panic_can_happen()
+}
+
+/// `defmt` itself may panic.
+#[cfg(feature = "defmt")]
+#[panic_handler]
+fn panic(_: &PanicInfo<'_>) -> ! {
+    SCB::sys_reset()
+}

@@ -1,0 +1,90 @@
+//! STEP and DIR, and the timer that makes them.
+
+use core::sync::atomic::{AtomicBool, Ordering};
+
+use cortex_m::peripheral::{NVIC, SYST};
+use lm3s6965::{Interrupt, interrupt};
+use standin_board::{Axis, Timer};
+use standin_firmware::device::Instant;
+use standin_firmware::motion::{HIGH, StepDir, StepTimer};
+
+use crate::clock;
+use crate::gpio::{self, Gpio};
+use crate::timer::{OneShot, STEP as TIMER};
+
+const STEP: Gpio = gpio::B.pin(3);
+const DIR: Gpio = gpio::B.pin(4);
+
+/// The axis.
+pub(crate) static AXIS: Axis<Steps> = Axis::new(Pins { rose: 0 });
+
+/// What the axis wants is further ahead than the timer goes.
+static FAR: AtomicBool = AtomicBool::new(false);
+
+/// Makes both pins outputs, low.
+pub(crate) fn start() {
+    STEP.push_pull();
+    DIR.push_pull();
+}
+
+#[interrupt]
+fn TIMER_1A() {
+    TIMER.acknowledge();
+    if FAR.load(Ordering::Relaxed) {
+        let _ = (&AXIS).with(|_| ());
+    } else {
+        AXIS.fire();
+    }
+}
+
+/// The step timer.
+pub(crate) struct Steps;
+
+impl Timer for Steps {
+    type Pins = Pins;
+
+    fn now() -> Instant {
+        clock::now()
+    }
+
+    fn set(at: Instant) -> bool {
+        TIMER.stop();
+        // One that has come in the critical section of the loop is not wanted any more.
+        NVIC::unpend(Interrupt::TIMER_1A);
+        if at == Instant::NEVER {
+            return true;
+        }
+        let now = clock::now();
+        if at <= now {
+            return false;
+        }
+        let ahead = at.since(now);
+        FAR.store(ahead > OneShot::LONGEST, Ordering::Relaxed);
+        TIMER.start(ahead);
+        true
+    }
+}
+
+/// The pins of the axis.
+pub(crate) struct Pins {
+    /// What SysTick showed when STEP rose.
+    rose: u32,
+}
+
+impl StepDir for Pins {
+    fn rise(&mut self) {
+        STEP.write(true);
+        self.rose = SYST::get_current();
+    }
+
+    fn fall(&mut self) {
+        // 25 cycles are 8 ticks.
+        const CYCLES: u32 = HIGH.ticks() as u32 * 25 / 8;
+        while clock::cycles_since(self.rose) < CYCLES {}
+        STEP.write(false);
+    }
+
+    fn turn(&mut self, forward: bool) {
+        DIR.write(forward);
+    }
+}

@@ -1,0 +1,65 @@
+//! Timers that come once (10.6).
+
+use standin_firmware::device::Duration;
+
+use crate::clock::CYCLES_PER_MS;
+use crate::registers::Register;
+
+/// Wakes the loop.
+pub(crate) const WAKE: OneShot = OneShot(0x4003_0000);
+/// Makes the steps.
+pub(crate) const STEP: OneShot = OneShot(0x4003_1000);
+/// Comes when the bus has sent its last character.
+pub(crate) const SENT: OneShot = OneShot(0x4003_2000);
+
+/// A general-purpose timer in its 32-bit mode, the only one that QEMU has.
+#[derive(Clone, Copy)]
+pub(crate) struct OneShot(usize);
+
+impl OneShot {
+    /// The longest span, 85 s.
+    pub(crate) const LONGEST: Duration = Duration::from_ticks((u32::MAX / 25 * 8) as u64);
+
+    /// Before anything else.
+    pub(crate) fn prepare(self) {
+        const ONE_SHOT: u32 = 1;
+        self.control().write(0);
+        self.register(0x000).write(0);
+        self.register(0x004).write(ONE_SHOT);
+        self.register(0x018).write(1);
+    }
+
+    /// Comes after `span`, at most [`LONGEST`](Self::LONGEST).
+    pub(crate) fn start(self, span: Duration) {
+        const _: () = assert!(CYCLES_PER_MS == 50_000, "25 cycles are 8 ticks");
+        let ticks = span.min(Self::LONGEST).ticks() as u32;
+        let cycles = ticks / 8 * 25 + (ticks % 8 * 25).div_ceil(8);
+        self.control().write(0);
+        self.register(0x028).write(cycles.max(1));
+        self.control().write(1);
+    }
+
+    /// Does not come any more.
+    pub(crate) fn stop(self) {
+        self.control().write(0);
+        self.acknowledge();
+    }
+
+    /// Whether it is still to come.
+    pub(crate) fn is_running(self) -> bool {
+        self.control().read() & 1 != 0
+    }
+
+    /// It has come.
+    pub(crate) fn acknowledge(self) {
+        self.register(0x024).write(1);
+    }
+
+    const fn control(self) -> Register {
+        self.register(0x00C)
+    }
+
+    const fn register(self, offset: usize) -> Register {
+        Register::at(self.0, offset)
+    }
+}

@@ -1,0 +1,27 @@
+//! The watchdog (11.4): a board that hangs starts again.
+
+use standin_firmware::device::Duration;
+
+use crate::clock::HZ;
+use crate::registers::Register;
+
+const WATCHDOG: usize = 0x4000_0000;
+const LOAD: Register = Register::at(WATCHDOG, 0x000);
+const CONTROL: Register = Register::at(WATCHDOG, 0x008);
+const CLEAR: Register = Register::at(WATCHDOG, 0x00C);
+
+/// How often it must be fed at least. It forgives once, and resets the board after twice that time.
+pub(crate) const PATIENCE: Duration = Duration::millis(500);
+
+/// Starts it; nothing but a reset ends it.
+pub(crate) fn start() {
+    const INTERRUPT: u32 = 1 << 0;
+    const RESET: u32 = 1 << 1;
+    LOAD.write(HZ / 2);
+    CONTROL.write(INTERRUPT | RESET);
+}
+
+/// The loop turns.
+pub(crate) fn feed() {
+    CLEAR.write(1);
+}
