@@ -14,6 +14,7 @@ mod bus;
 mod clock;
 pub mod gpio;
 mod inputs;
+mod log;
 mod registers;
 mod saved;
 mod steps;
@@ -83,7 +84,7 @@ pub fn run<D: Device, const MEMORY: usize, const PINS: usize>(
         caught: &inputs::CAUGHT,
     };
     let mut shell = Shell::<_, _, _, MEMORY>::new(device, Ears, hands, boot);
-    uart::say_power(spec.kind);
+    log::power(spec.kind, boot);
     loop {
         watchdog::feed();
         if shell.turn().is_err() {

@@ -1,6 +1,4 @@
-//! UARTs (12.6), and the one that has a word for whoever brings the board up.
-//!
-//! The FIFOs are off, so that an interrupt sees, and stamps, every character by itself.
+//! UARTs (12.6). The FIFOs are off, so that an interrupt sees, and stamps, every character by itself.
 
 use standin_firmware::device::Line;
 use standin_protocol::line::Parity;
@@ -10,11 +8,8 @@ use crate::registers::Register;
 
 /// The drive's bus.
 pub(crate) const BUS: Uart = Uart(0x4000_C000);
-/// Says what happens at the start.
+/// For whoever brings the board up.
 pub(crate) const LOG: Uart = Uart(0x4000_D000);
-
-/// What [`LOG`] speaks.
-const LOG_LINE: Line = Line::new(115_200, 8, Parity::None, 1);
 
 /// Flags: nothing received, no room to send, something being sent.
 const RX_EMPTY: u32 = 1 << 4;
@@ -93,16 +88,5 @@ impl Uart {
 
     const fn register(self, offset: usize) -> Register {
         Register::at(self.0, offset)
-    }
-}
-
-/// Says that the drive has power, in a line on [`LOG`].
-pub(crate) fn say_power(kind: &str) {
-    LOG.set_line(LOG_LINE);
-    for text in ["standin: ", kind, " has power\r\n"] {
-        for byte in text.bytes() {
-            while !LOG.has_room() {}
-            LOG.send(byte);
-        }
     }
 }

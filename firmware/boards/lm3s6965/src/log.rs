@@ -1,0 +1,60 @@
+//! What the board says of itself: a line on UART1 and, with the feature `defmt`, more over the debug probe.
+
+use standin_firmware::device::{Boot, Line};
+use standin_protocol::line::Parity;
+
+use crate::gpio;
+use crate::uart::LOG;
+
+const LINE: Line = Line::new(115_200, 8, Parity::None, 1);
+
+/// A drive has power.
+pub(crate) fn power(kind: &str, boot: Boot) {
+    gpio::D.give(0b1100);
+    LOG.set_line(LINE);
+    for text in ["standin: ", kind, " has power\r\n"] {
+        for byte in text.bytes() {
+            while !LOG.has_room() {}
+            LOG.send(byte);
+        }
+    }
+    probe::power(kind, boot);
+}
+
+#[cfg(feature = "defmt")]
+mod probe {
+    use defmt_rtt as _;
+    use standin_firmware::device::Boot;
+
+    use crate::clock;
+    use crate::registers::Register;
+
+    /// Why the board started (5.5).
+    const RESC: Register = Register::at(0x400F_E000, 0x05C);
+
+    defmt::timestamp!("{=u64:us}", clock::now().ticks() / 16);
+
+    pub(super) fn power(kind: &str, boot: Boot) {
+        defmt::info!("{} has power, fast: {}; {}", kind, boot.fast, take_reset());
+    }
+
+    fn take_reset() -> &'static str {
+        let causes = RESC.read();
+        RESC.write(0);
+        match causes {
+            _ if causes & 1 << 1 != 0 => "power came",
+            _ if causes & 1 << 3 != 0 => "the watchdog bit",
+            _ if causes & 1 << 4 != 0 => "a fault or a debugger",
+            _ if causes & 1 << 2 != 0 => "the supply broke down",
+            _ if causes & 1 << 0 != 0 => "the reset button",
+            _ => "for no known reason",
+        }
+    }
+}
+
+#[cfg(not(feature = "defmt"))]
+mod probe {
+    use standin_firmware::device::Boot;
+
+    pub(super) fn power(_kind: &str, _boot: Boot) {}
+}
