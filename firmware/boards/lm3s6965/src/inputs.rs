@@ -15,8 +15,11 @@ use crate::gpio::{self, Gpio, Port};
 /// Input pins that a board may have.
 const MOST: usize = 16;
 
-/// What was caught and not yet told the drive. A request has 8 characters.
-pub(crate) static CAUGHT: Queue<(Instant, Caught), 128> = Queue::new();
+/// Things that may be caught before the drive is told of the first one. A request has 8 characters.
+pub(crate) const MOST_CAUGHT: usize = 128;
+
+/// What was caught and not yet told the drive.
+pub(crate) static CAUGHT: Queue<(Instant, Caught), MOST_CAUGHT> = Queue::new();
 
 /// What inputs are wired to.
 static INPUTS: Mutex<RefCell<Vec<Input, MOST>>> = Mutex::new(RefCell::new(Vec::new()));

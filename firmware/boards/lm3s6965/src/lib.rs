@@ -33,8 +33,11 @@ use standin_firmware::device::{Boot, Device, Instant, Spec};
 use standin_firmware::motion::Follower;
 use standin_firmware::shell::{Caught, Inputs, Shell};
 
+use self::bus::Sender;
 use self::gpio::{Gpio, Output};
+use self::saved::Memory;
 pub use self::saved::Saved;
+use self::steps::Steps;
 
 /// A jumper to ground: no start-up delay.
 const FAST: Gpio = gpio::B.pin(6);
@@ -53,13 +56,33 @@ const LESS_URGENT: [Interrupt; 10] = [
     Interrupt::GPIOG,
 ];
 
+/// A drive on this board.
+type Board<D, const MEMORY: usize, const PINS: usize> =
+    Shell<D, Ears, Hands<Sender, Output, Memory<MEMORY>, Steps, PINS, { inputs::MOST_CAUGHT }>, MEMORY>;
+
 /// Runs a drive with these saved registers, whose pins and faults, by their names, are wired to these
 /// pins of the board.
 pub fn run<D: Device, const MEMORY: usize, const PINS: usize>(
-    device: D,
+    drive: fn() -> D,
     saved: &'static Saved<MEMORY>,
-    wires: [(&str, Gpio); PINS],
+    wires: &[(&str, Gpio); PINS],
 ) -> ! {
+    let mut shell = start(drive, saved, wires);
+    loop {
+        watchdog::feed();
+        if shell.turn().is_err() {
+            clock::sleep_until(shell.deadline().min(clock::now() + watchdog::PATIENCE));
+        }
+    }
+}
+
+/// Gives the drive power. What that needs of the stack is not needed any more when it returns.
+#[inline(never)]
+fn start<D: Device, const MEMORY: usize, const PINS: usize>(
+    drive: fn() -> D,
+    saved: &'static Saved<MEMORY>,
+    wires: &[(&str, Gpio); PINS],
+) -> Board<D, MEMORY, PINS> {
     if let Some(mut core) = Peripherals::take() {
         clock::start(&mut core.SYST);
         unmask(&mut core.NVIC);
@@ -67,7 +90,8 @@ pub fn run<D: Device, const MEMORY: usize, const PINS: usize>(
     watchdog::start();
     bus::start();
     steps::start();
-    let spec = device.spec();
+    let drive = drive();
+    let spec = drive.spec();
     let pins = wires.map(|(name, gpio)| wire(spec, name, gpio));
     FAST.pulled(true);
     // Time for the pull-ups: 20 µs.
@@ -76,21 +100,16 @@ pub fn run<D: Device, const MEMORY: usize, const PINS: usize>(
     inputs::begin();
 
     let hands = Hands {
-        bus: bus::Sender,
+        bus: Sender,
         pins,
         memory: saved.begin(),
         axis: &steps::AXIS,
         follower: Follower::new(),
         caught: &inputs::CAUGHT,
     };
-    let mut shell = Shell::<_, _, _, MEMORY>::new(device, Ears, hands, boot);
+    let shell = Shell::new(drive, Ears, hands, boot);
     log::power(spec.kind, boot);
-    loop {
-        watchdog::feed();
-        if shell.turn().is_err() {
-            clock::sleep_until(shell.deadline().min(clock::now() + watchdog::PATIENCE));
-        }
-    }
+    shell
 }
 
 /// Lets interrupts come.

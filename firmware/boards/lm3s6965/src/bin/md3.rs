@@ -29,5 +29,5 @@ static SAVED: Saved<MEMORY> = Saved::new();
 
 #[entry]
 fn main() -> ! {
-    run(Md3::new(), &SAVED, WIRES)
+    run(Md3::new, &SAVED, &WIRES)
 }
