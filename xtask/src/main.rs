@@ -5,6 +5,7 @@
 //! cargo xtask docs    write the generated references in docs/
 //! cargo xtask sizes   link every drive without panics and print how large it is
 //! cargo xtask pico    run a drive on an emulated Raspberry Pi Pico
+//! cargo xtask qemu    run a drive on an emulated LM3S6965 board
 //! ```
 
 mod board;
@@ -13,6 +14,7 @@ mod docs;
 mod image;
 mod panic_free;
 mod pico;
+mod qemu;
 mod report;
 mod tools;
 
@@ -29,6 +31,7 @@ usage: cargo xtask <command>
   docs    write the generated references in docs/
   sizes   link every drive for Cortex-M without any panic and print how large it is
   pico    run a drive on an emulated Raspberry Pi Pico, its serial line on a TCP port: `pico md3`
+  qemu    run a drive on an LM3S6965 board under QEMU, its serial line on a TCP port: `qemu md3`
 ";
 
 fn main() -> ExitCode {
@@ -39,6 +42,7 @@ fn main() -> ExitCode {
         ["docs"] => shell().and_then(|sh| docs::write(&sh)).map(|()| true),
         ["sizes"] => shell().and_then(|sh| sizes(&sh)).map(|()| true),
         ["pico", kind] => shell().and_then(|sh| pico::run(&sh, kind)).map(|()| true),
+        ["qemu", kind] => shell().and_then(|sh| qemu::run(&sh, kind)).map(|()| true),
         [] | ["help" | "--help" | "-h"] => {
             print!("{USAGE}");
             Ok(true)
