@@ -4,6 +4,7 @@
 //! no bytes, so nothing is said of gaps; a master that hears nothing asks again, as masters do.
 
 use std::io::{BufRead, BufReader, Read, Write};
+use std::net::{TcpListener, TcpStream};
 use std::process::{Child, ChildStdin, Command, Stdio};
 use std::sync::mpsc::{Receiver, channel};
 use std::thread;
@@ -22,15 +23,24 @@ struct Board {
     qemu: Child,
     bus: ChildStdin,
     heard: Receiver<u8>,
+    /// What it says on its UART1.
+    said: Receiver<String>,
+    /// QEMU's own protocol for tests.
+    control: TcpStream,
 }
 
 impl Board {
-    /// Starts the image and waits until it says that the drive has power.
-    fn boot() -> Self {
+    /// Starts the image and waits until it says that the drive has power. A `watchdog` is nothing for a
+    /// machine that may be busy for a second.
+    fn boot(watchdog: bool) -> Self {
+        let control = TcpListener::bind("127.0.0.1:0").expect("a port is free");
+        let qtest = format!("tcp:{}", control.local_addr().expect("it is bound"));
+        let action = if watchdog { "watchdog=reset" } else { "watchdog=none" };
         let image = std::env::var("STANDIN_BOARD").expect("STANDIN_BOARD names the image");
         let mut qemu = Command::new("setpriv")
             .args(["--pdeathsig", "KILL", "qemu-system-arm", "-M", "lm3s6965evb", "-display", "none"])
             .args(["-monitor", "none", "-serial", "stdio", "-serial", "file:/dev/stderr", "-kernel", &image])
+            .args(["-accel", "tcg", "-qtest", &qtest, "-qtest-log", "none", "-action", action])
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
             .stderr(Stdio::piped())
@@ -38,16 +48,30 @@ impl Board {
             .expect("qemu-system-arm starts");
         let bus = qemu.stdin.take().expect("it is piped");
         let out = BufReader::new(qemu.stdout.take().expect("it is piped"));
-        let said = BufReader::new(qemu.stderr.take().expect("it is piped"));
+        let lines = BufReader::new(qemu.stderr.take().expect("it is piped"));
 
         let (hear, heard) = channel();
         thread::spawn(move || out.bytes().map_while(Result::ok).try_for_each(|byte| hear.send(byte)));
-        let (say, lines) = channel();
-        thread::spawn(move || said.lines().map_while(Result::ok).try_for_each(|line| say.send(line)));
+        let (say, said) = channel();
+        thread::spawn(move || lines.lines().map_while(Result::ok).try_for_each(|line| say.send(line)));
 
-        let board = Self { qemu, bus, heard };
-        while lines.recv_timeout(10 * PATIENCE).expect("the board boots") != "standin: md3 has power" {}
+        let (control, _) = control.accept().expect("QEMU calls");
+        let board = Self { qemu, bus, heard, said, control };
+        board.wait_for_power();
         board
+    }
+
+    /// Waits until it says that the drive has power, again or for the first time.
+    fn wait_for_power(&self) {
+        while self.said.recv_timeout(10 * PATIENCE).expect("the board boots") != "standin: md3 has power" {}
+    }
+
+    /// Puts a word into a register of the hardware.
+    fn poke(&mut self, address: u32, word: u32) {
+        let mut done = String::new();
+        writeln!(self.control, "writel {address:#x} {word:#x}").expect("QEMU listens");
+        BufReader::new(&self.control).read_line(&mut done).expect("QEMU answers");
+        assert_eq!(done.trim_end(), "OK");
     }
 
     /// The answer to a request.
@@ -96,7 +120,7 @@ fn answer(pdu: &[u8]) -> Vec<u8> {
 #[test]
 #[ignore = "needs QEMU and the image of the board: `cargo xtask test` brings both"]
 fn the_board_answers() {
-    let mut board = Board::boot();
+    let mut board = Board::boot(false);
     // Chapter 7: SpeedHigh and SpeedLow of a new drive.
     assert_eq!(board.ask(&rtu::read(1, at::SPEED, 2)), answer(&[3, 4, 0x00, 0x00, 0x13, 0x88]));
     // 6.2, 7.23.
@@ -115,4 +139,20 @@ fn the_board_answers() {
     // 7.22: the UART changes its rate behind the reply, and goes on.
     board.write(at::SERIAL_PORT, 0x25);
     assert_eq!(board.ask(&rtu::read(1, at::SERIAL_PORT, 1)), answer(&[3, 2, 0, 0x25]));
+}
+
+#[test]
+#[ignore = "needs QEMU and the image of the board: `cargo xtask test` brings both"]
+fn a_board_that_hangs_starts_again_with_what_it_saved() {
+    /// Control of SysTick in every Cortex-M3 (ARMv7-M B3.3.3): 0 stops the clock by which the loop wakes.
+    const SYST_CSR: u32 = 0xE000_E010;
+
+    let mut board = Board::boot(true);
+    board.write(at::USER, 0x1234);
+    board.write(at::EEPROM, 1);
+    board.wait_for(at::EEPROM, 0);
+    board.write(at::USER, 0x5678);
+    board.poke(SYST_CSR, 0);
+    board.wait_for_power();
+    assert_eq!(board.ask(&rtu::read(1, at::USER, 1)), answer(&[3, 2, 0x12, 0x34]));
 }
