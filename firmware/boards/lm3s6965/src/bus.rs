@@ -61,7 +61,7 @@ fn UART0() {
         let was_full = TO_SEND.is_full();
         let Some(byte) = TO_SEND.pop() else {
             if DE.is_high() && !SENT.is_running() {
-                end();
+                end(character());
             }
             return;
         };
@@ -77,15 +77,19 @@ fn UART0() {
 fn TIMER_2A() {
     SENT.acknowledge();
     if TO_SEND.is_empty() {
-        end();
+        end(Duration::from_ticks(character().ticks() >> 4));
     }
 }
 
-/// The last character is in the shift register, or has left.
-fn end() {
+fn character() -> Duration {
+    critical_section::with(|cs| CHARACTER.borrow(cs).get())
+}
+
+/// Everything has left, or the last character is still in the shift register: then looks `again` later.
+fn end(again: Duration) {
     critical_section::with(|cs| {
         if BUS.is_busy() {
-            SENT.start(CHARACTER.borrow(cs).get());
+            SENT.start(again);
             return;
         }
         DE.write(false);

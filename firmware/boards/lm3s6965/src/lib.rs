@@ -4,7 +4,7 @@
 //! [`run`]. What all have in common is here: UART0 is the bus, UART1 says one line when the drive has
 //! power, a timer makes STEP and DIR. `README.md` has the pins.
 //!
-//! Interrupts have two priorities: the step timer's, and above the loop all the others.
+//! Interrupts have two priorities: that of the step timer and of SysTick, and below it all the others.
 //!
 //! Datasheet: *Stellaris LM3S6965 Microcontroller*, DS-LM3S6965; its sections stand beside the code.
 //! Built optimised only: there the linker proves that nothing can panic.
@@ -42,7 +42,7 @@ use self::steps::Steps;
 /// A jumper to ground: no start-up delay.
 const FAST: Gpio = gpio::B.pin(6);
 
-/// Interrupts that the step timer's may interrupt.
+/// Interrupts below the step timer's.
 const LESS_URGENT: [Interrupt; 10] = [
     Interrupt::UART0,
     Interrupt::TIMER_0A,
