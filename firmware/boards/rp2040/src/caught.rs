@@ -10,7 +10,7 @@ use standin_firmware::shell::{Caught, Inputs};
 use crate::clock;
 
 /// As many as fit.
-pub(crate) const ROOM: usize = 128;
+pub(crate) const ROOM: usize = 256;
 
 /// What was caught.
 pub(crate) static QUEUE: Queue<(Instant, Caught), ROOM> = Queue::new();
