@@ -39,7 +39,7 @@ use defmt_rtt as _;
 use standin_board::Hands;
 use standin_firmware::device::{Boot, Device};
 use standin_firmware::motion::Follower;
-use standin_firmware::shell::Shell;
+use standin_firmware::shell::{Outputs, Shell};
 
 pub use pins::{Wire, gp};
 
@@ -69,7 +69,11 @@ pub fn run<D: Device, const MEMORY: usize, const WIRES: usize>(device: D, wires:
         follower: Follower::new(),
         caught: &caught::QUEUE,
     };
-    let mut shell = Shell::<_, _, _, MEMORY>::new(device, Ears, hands, boot);
+    serve(Shell::<_, _, _, MEMORY>::new(device, Ears, hands, boot))
+}
+
+#[inline(never)]
+fn serve<D: Device, O: Outputs, const MEMORY: usize>(mut shell: Shell<D, Ears, O, MEMORY>) -> ! {
     if let Some(mut core) = Peripherals::take() {
         clock::unmask(&mut core.NVIC);
     }

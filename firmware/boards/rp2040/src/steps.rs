@@ -9,14 +9,14 @@ use crate::clock::{self, Alarm};
 use crate::pins;
 
 /// The axis of the board.
-pub(crate) static AXIS: Axis<Steps> = Axis::new(StepPins { rose: 0, fell: 0 });
+pub(crate) static AXIS: Axis<Steps> = Axis::new(StepPins { rose: 0, ready: 0 });
 
 static ALARM: Alarm = Alarm::new(0);
 
 const STEP: u32 = 1 << 3;
 const DIR: u32 = 1 << 4;
 
-/// What STEP stays high or low for at least, in µs of which the first has begun: 2 to 3 µs.
+/// What a level of STEP or DIR lasts before STEP changes, in µs of which the first has begun: 2 to 3 µs.
 const STAYS: u32 = 3;
 
 /// Drives STEP and DIR low.
@@ -51,14 +51,14 @@ fn TIMER_IRQ_0() {
 pub(crate) struct StepPins {
     /// When STEP rose last.
     rose: u32,
-    /// When it fell.
-    fell: u32,
+    /// When it fell or DIR changed, if that was later.
+    ready: u32,
 }
 
 impl StepDir for StepPins {
     #[inline]
     fn rise(&mut self) {
-        wait(self.fell);
+        wait(self.ready);
         pins::set_high(STEP);
         self.rose = clock::micros_low();
     }
@@ -67,11 +67,16 @@ impl StepDir for StepPins {
     fn fall(&mut self) {
         wait(self.rose);
         pins::set_low(STEP);
-        self.fell = clock::micros_low();
+        self.ready = clock::micros_low();
     }
 
     fn turn(&mut self, forward: bool) {
-        if forward { pins::set_high(DIR) } else { pins::set_low(DIR) }
+        if forward {
+            pins::set_high(DIR)
+        } else {
+            pins::set_low(DIR)
+        }
+        self.ready = clock::micros_low();
     }
 }
 
