@@ -154,19 +154,19 @@ impl Alarm {
     /// not come.
     #[inline]
     pub(crate) fn set(&self, micros: u64) -> bool {
-        /// TIMER compares 32 bits, so to what is far it goes in hops.
-        const HOP: u64 = 1 << 31;
         critical_section::with(|cs| self.due.borrow(cs).set(micros));
-        self.clear();
+        INTR.write(1 << self.number);
         if micros == u64::MAX {
+            ARMED.write(1 << self.number);
             return true;
         }
-        let hop = micros.min(self::micros() + HOP);
-        Register::at(ALARM, 4 * self.number).write(hop as u32);
-        // It comes when the clock reaches just that, so only if that still lies ahead.
-        let comes = self::micros() < hop;
+        // TIMER compares the lower half, when it changes: it comes if this still lies ahead, and now and
+        // then before if it is far.
+        Register::at(ALARM, 4 * self.number).write(micros as u32);
+        let comes = self::micros() < micros;
         if !comes {
-            self.clear();
+            ARMED.write(1 << self.number);
+            INTR.write(1 << self.number);
         }
         comes
     }
@@ -177,11 +177,6 @@ impl Alarm {
         INTR.write(1 << self.number);
         let due = critical_section::with(|cs| self.due.borrow(cs).get());
         micros() >= due || !self.set(due)
-    }
-
-    fn clear(&self) {
-        ARMED.write(1 << self.number);
-        INTR.write(1 << self.number);
     }
 }
 

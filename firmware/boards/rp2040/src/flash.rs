@@ -117,7 +117,7 @@ impl NorFlash for Flash {
 
     async fn erase(&mut self, from: u32, to: u32) -> Result<(), NorFlashErrorKind> {
         check(from, Some(to))?;
-        if from as usize % SECTOR != 0 || to as usize % SECTOR != 0 {
+        if ![from, to].iter().all(|at| (*at as usize).is_multiple_of(SECTOR)) {
             return Err(NorFlashErrorKind::NotAligned);
         }
         for sector in (from..to).step_by(SECTOR) {
