@@ -204,6 +204,9 @@ fn IO_IRQ_BANK0() {
     let at = clock::now();
     for bank in 0..GPIOS.div_ceil(8) {
         let flags = Register::at(STATUS, 4 * bank as usize).read();
+        if flags == 0 {
+            continue;
+        }
         Register::at(RAISED, 4 * bank as usize).write(flags);
         for place in (0..8).filter(|place| flags >> (4 * place) & (FELL | ROSE) != 0) {
             tell(at, 8 * bank + place, flags >> (4 * place));
