@@ -1,16 +1,19 @@
-//! Drives on the Raspberry Pi Pico: what every image of this board has in common.
+//! Drives on the Raspberry Pi Pico.
+//!
+//! Each binary is one kind of drive: it says which pin of the board is which of the drive, and calls
+//! [`run`]. What all have in common is here.
 //!
 //! README.md shows how it is wired. Sections beside the code are those of the *RP2040 Datasheet*; those of
 //! the flash chip are in *W25Q16JV*.
 //!
 //! | module | what it holds |
 //! |---|---|
-//! | [`md3`] | how an MD3 is wired |
+//! | [`wires`] | which pins are what of a drive |
 //! | `boot` | from the reset to a program in RAM |
 //! | [`run`] | the loop |
 //! | `clock` | the system clock, time, alarms, sleep |
 //! | `caught` | what interrupts have for the loop |
-//! | `uart` | the bus |
+//! | `bus` | UART0, and the direction of RS-485 |
 //! | `pins` | levels and edges |
 //! | `steps` | STEP and DIR |
 //! | `saved`, `flash` | saved registers |
@@ -19,16 +22,16 @@
 #![no_std]
 
 mod boot;
+mod bus;
 mod caught;
 mod clock;
 mod flash;
-pub mod md3;
 mod pins;
 mod registers;
 mod saved;
 mod steps;
-mod uart;
 mod watchdog;
+pub mod wires;
 
 use core::panic::PanicInfo;
 
@@ -41,11 +44,11 @@ use standin_firmware::device::{Boot, Device};
 use standin_firmware::motion::Follower;
 use standin_firmware::shell::{Outputs, Shell};
 
-pub use pins::{Wire, gp};
+pub use self::pins::Wire;
 
 use self::caught::Ears;
+use self::pins::gp;
 use self::saved::Saved;
-use self::uart::Sender;
 
 /// To ground while the board starts: no start-up delay.
 const FAST: u32 = gp(22);
@@ -58,11 +61,11 @@ pub fn run<D: Device, const MEMORY: usize, const WIRES: usize>(device: D, wires:
     clock::start();
     watchdog::start();
     steps::start();
-    uart::start();
+    bus::start();
     let spec = device.spec();
     let boot = Boot { fast: pins::is_tied(FAST), ..Boot::default() };
     let hands = Hands {
-        bus: Sender,
+        bus: bus::Sender,
         pins: pins::start(spec, wires),
         memory: Saved::<MEMORY>::new(spec.kind),
         axis: &steps::AXIS,

@@ -15,12 +15,12 @@ use crate::{caught, clock};
 /// Pins of the chip.
 const GPIOS: u32 = 30;
 
-/// What of a drive is wired to which pins of the board, a bit each: several show an output alike.
-pub type Wire = (u32, &'static str);
+/// What of a drive, by its name, is wired to which pins of the board, a bit each: several show an output
+/// alike.
+pub type Wire = (&'static str, u32);
 
 /// The bit of pin `GPn`.
-#[must_use]
-pub const fn gp(n: u32) -> u32 {
+pub(crate) const fn gp(n: u32) -> u32 {
     1 << n
 }
 
@@ -87,7 +87,7 @@ pub(crate) fn is_tied(pin: u32) -> bool {
 
 /// Wires what `spec` knows by the names of `wires`. All of it is let go, and what does not rest is told.
 pub(crate) fn start<const N: usize>(spec: &Spec, wires: [Wire; N]) -> [(Option<End>, Pin); N] {
-    let wired = wires.map(|(gpios, name)| (End::of(spec, name), Pin { gpios, released: true }));
+    let wired = wires.map(|(name, gpios)| (End::of(spec, name), Pin { gpios, released: true }));
     for (end, pin) in &wired {
         let Some(end) = *end else { continue };
         let high = end.rests_high(spec);

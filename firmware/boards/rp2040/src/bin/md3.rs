@@ -3,10 +3,10 @@
 #![no_main]
 
 use cortex_m_rt::entry;
-use standin_firmware::md3::Md3;
-use standin_rp2040::{md3, run};
+use standin_firmware::md3::{MEMORY, Md3};
+use standin_rp2040::{run, wires};
 
 #[entry]
 fn main() -> ! {
-    run::<_, { md3::MEMORY }, _>(Md3::new(), md3::WIRES)
+    run::<_, MEMORY, _>(Md3::new(), wires::MD3)
 }
