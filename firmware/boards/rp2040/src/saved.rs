@@ -8,8 +8,6 @@ use core::pin::pin;
 use core::task::{Context, Poll, Waker};
 
 use embedded_storage::{ReadStorage, Storage};
-use embedded_storage_async::nor_flash::NorFlashErrorKind;
-use sequential_storage::Error;
 use sequential_storage::cache::{Cache, Uncached};
 use sequential_storage::map::{MapConfig, MapStorage};
 
@@ -40,28 +38,41 @@ impl<const MEMORY: usize> Saved<MEMORY> {
         let config = const { MapConfig::new(flash::RANGE) };
         let mut saved =
             Self { map: MapStorage::new(Flash, config, Cache::new_uncached()), key, bytes: [0xFF; MEMORY] };
-        let mut item = [0; ITEM];
-        match wait(saved.map.fetch_item::<&[u8]>(&mut item, &key)) {
-            Ok(Some(bytes)) if bytes.len() == MEMORY => {
-                for (place, byte) in saved.bytes.iter_mut().zip(bytes) {
-                    *place = *byte;
-                }
-            }
-            Ok(_) => {}
-            Err(_) => {
-                let _ = wait(saved.map.erase_all());
+        match saved.find() {
+            Ok(Some(bytes)) => saved.bytes = bytes,
+            Ok(None) => {}
+            Err(Unreadable) => {
+                let _ = saved.erase();
             }
         }
         saved
     }
 
-    fn store(&mut self) -> Result<(), Error<NorFlashErrorKind>> {
-        wait(self.map.store_item(&mut [0; ITEM], &self.key, &self.bytes.as_slice()))
+    /// What lies in flash, if it is a memory of that kind.
+    fn find(&mut self) -> Result<Option<[u8; MEMORY]>, Unreadable> {
+        let mut item = [0; ITEM];
+        let found = wait(self.map.fetch_item::<&[u8]>(&mut item, &self.key)).map_err(|_| Unreadable)?;
+        Ok(found.and_then(|bytes| bytes.try_into().ok()))
+    }
+
+    /// Writes the memory, and looks whether it is found again.
+    fn store(&mut self) -> Result<(), Unreadable> {
+        let stored = wait(self.map.store_item(&mut [0; ITEM], &self.key, &self.bytes.as_slice()));
+        let found = stored.map_err(|_| Unreadable).and_then(|()| self.find())?;
+        if found == Some(self.bytes) { Ok(()) } else { Err(Unreadable) }
+    }
+
+    fn erase(&mut self) -> Result<(), Unreadable> {
+        wait(self.map.erase_all()).map_err(|_| Unreadable)
     }
 }
 
+/// The flash holds something else than saved registers, or is broken.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Unreadable;
+
 impl<const MEMORY: usize> ReadStorage for Saved<MEMORY> {
-    type Error = Error<NorFlashErrorKind>;
+    type Error = Unreadable;
 
     fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), Self::Error> {
         for (byte, stored) in bytes.iter_mut().zip(self.bytes.iter().skip(offset as usize)) {
@@ -80,9 +91,8 @@ impl<const MEMORY: usize> Storage for Saved<MEMORY> {
         for (stored, byte) in self.bytes.iter_mut().skip(offset as usize).zip(bytes) {
             *stored = *byte;
         }
-        self.store().or_else(|_| {
-            // Something else than saved registers is in the way.
-            wait(self.map.erase_all())?;
+        self.store().or_else(|Unreadable| {
+            self.erase()?;
             self.store()
         })
     }
