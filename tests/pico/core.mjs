@@ -17,6 +17,8 @@ export const ENTRY_CYCLES = 15;
  *   that was pending before. {@link awakes} says when the core wakes.
  * - An interrupt stays pending when its line falls before it is taken, one set pending by software is taken once,
  *   and ICPR clears either; here pending was the state of the line.
+ * - Bit 0 of a vector is not part of the handler's address; here it was, and a jump table in a handler was read one
+ *   byte off.
  * - SBCS and ADCS set V wrongly where the operand is 0x7FFFFFFF and the carry makes it 0x80000000.
  * - BKPT and UDF are hard faults; AIRCR resets; here they did nothing.
  *
@@ -105,6 +107,7 @@ function correctInterrupts(core, ppb, on) {
   const { exceptionEntry, exceptionReturn } = core;
   core.exceptionEntry = function (exception) {
     exceptionEntry.call(this, exception);
+    this.PC &= ~1;
     on.entered(exception);
   };
   core.exceptionReturn = function (value) {

@@ -1,0 +1,12 @@
+//! An MD3 of 1.8 A on the Pico.
+#![no_std]
+#![no_main]
+
+use cortex_m_rt::entry;
+use standin_firmware::md3::{MEMORY, Md3};
+use standin_rp2040::{run, wires};
+
+#[entry]
+fn main() -> ! {
+    run::<_, MEMORY, _>(Md3::low(), wires::MD3)
+}

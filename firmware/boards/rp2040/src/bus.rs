@@ -1,0 +1,209 @@
+//! UART0 as the drive's bus, with a transceiver whose direction is GP2 (4.2).
+//!
+//! The FIFOs are off, so that the interrupt sees, and stamps, every character by itself.
+
+use core::cell::Cell;
+use core::convert::Infallible;
+
+use cortex_m::peripheral::NVIC;
+use critical_section::Mutex;
+use embedded_io::{ErrorType, Write, WriteReady};
+use rp2040_pac::{Interrupt, interrupt};
+use standin_board::{Bus, Queue};
+use standin_firmware::device::{Line, Port};
+use standin_firmware::shell::Caught;
+use standin_protocol::line::Parity;
+
+use crate::clock::{self, Alarm, HZ};
+use crate::registers::Register;
+use crate::{caught, pins};
+
+const UART: usize = 0x4003_4000;
+const DATA: Register = Register::at(UART, 0x00);
+const FLAGS: Register = Register::at(UART, 0x18);
+const DIVISOR: Register = Register::at(UART, 0x24);
+const DIVISOR_64THS: Register = Register::at(UART, 0x28);
+const FORMAT: Register = Register::at(UART, 0x2C);
+const CONTROL: Register = Register::at(UART, 0x30);
+const INTERRUPT_MASK: Register = Register::at(UART, 0x38);
+const INTERRUPT_CLEAR: Register = Register::at(UART, 0x44);
+
+/// Flags: nothing received, no room to send, something being sent.
+const RX_EMPTY: u32 = 1 << 4;
+const TX_FULL: u32 = 1 << 5;
+const BUSY: u32 = 1 << 3;
+/// Interrupts: a character has come, there is room to send.
+const RX: u32 = 1 << 4;
+const TX: u32 = 1 << 5;
+
+/// TX and RX, GP0 and GP1.
+const PINS: u32 = pins::gp(0) | pins::gp(1);
+/// The transceiver sends while this is high.
+const DE: u32 = pins::gp(2);
+
+/// Characters that wait to be sent: one of the longest frames.
+static TO_SEND: Queue<u8, 256> = Queue::new();
+/// When sending may be over.
+static END: Alarm = Alarm::new(2);
+static STATE: Mutex<Cell<State>> =
+    Mutex::new(Cell::new(State { turn: Turn::Hear, line: Line::new(9_600, 8, Parity::None, 1), next: None }));
+
+#[derive(Clone, Copy)]
+struct State {
+    turn: Turn,
+    line: Line,
+    /// What the line becomes when all has left.
+    next: Option<Line>,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Turn {
+    Hear,
+    Send,
+    /// The last character is on its way.
+    End,
+}
+
+fn state() -> State {
+    critical_section::with(|cs| STATE.borrow(cs).get())
+}
+
+fn update(change: impl FnOnce(&mut State)) {
+    critical_section::with(|cs| {
+        let mut state = STATE.borrow(cs).get();
+        change(&mut state);
+        STATE.borrow(cs).set(state);
+    });
+}
+
+/// Starts the UART; the drive sets the line.
+pub(crate) fn start() {
+    pins::drive_low(DE);
+    pins::give_to_uart(PINS);
+    set_line(state().line);
+    INTERRUPT_MASK.write(RX | TX);
+}
+
+/// Sets the line; a character under way is lost.
+fn set_line(line: Line) {
+    const ENABLE: u32 = 1 << 0 | 1 << 8 | 1 << 9;
+    // 64ths of the clock's cycles in a sixteenth of a bit.
+    let divisor = (4 * HZ + line.baud / 2).checked_div(line.baud).unwrap_or(u32::MAX);
+    let parity = match line.parity {
+        Parity::None => 0,
+        Parity::Odd => 1 << 1,
+        Parity::Even => 1 << 1 | 1 << 2,
+    };
+    let stop = u32::from(line.stop == 2) << 3;
+    let data = if line.data == 7 { 2 << 5 } else { 3 << 5 };
+    CONTROL.write(0);
+    DIVISOR.write(divisor >> 6);
+    DIVISOR_64THS.write(divisor & 0x3F);
+    FORMAT.write(data | stop | parity);
+    CONTROL.write(ENABLE);
+    update(|state| state.line = line);
+}
+
+#[interrupt]
+fn UART0_IRQ() {
+    let at = clock::now();
+    INTERRUPT_CLEAR.write(RX | TX);
+    while FLAGS.read() & RX_EMPTY == 0 {
+        let character = DATA.read();
+        if state().turn == Turn::Hear {
+            // Should the loop ever be that late, the frame is short of a character, and its CRC tells.
+            let _ = caught::QUEUE.push((at, heard(character)));
+        }
+    }
+    send();
+}
+
+fn heard(character: u32) -> Caught {
+    const ERRORS: u32 = 0xF00;
+    match character & ERRORS {
+        0 => Caught::Byte(Port(0), (character & 0xFF) as u8),
+        _ => Caught::Spoiled(Port(0)),
+    }
+}
+
+/// Gives the UART what it has room for. Behind the last character it asks for an alarm when that has left:
+/// there is no interrupt for it.
+fn send() {
+    while FLAGS.read() & TX_FULL == 0 {
+        let Some(byte) = TO_SEND.pop() else {
+            if state().turn == Turn::Send {
+                update(|state| state.turn = Turn::End);
+                let end = clock::now() + state().line.character();
+                if !END.set(clock::nearest(end) + 1) {
+                    NVIC::pend(Interrupt::TIMER_IRQ_2);
+                }
+            }
+            return;
+        };
+        pins::set_high(DE);
+        update(|state| state.turn = Turn::Send);
+        DATA.write(u32::from(byte));
+    }
+}
+
+#[interrupt]
+fn TIMER_IRQ_2() {
+    /// Between two looks whether the last stop bit has left, in µs.
+    const PAUSE: u64 = 2;
+    if !END.has_come() || state().turn != Turn::End {
+        return;
+    }
+    if FLAGS.read() & BUSY != 0 {
+        if !END.set(clock::micros() + PAUSE) {
+            NVIC::pend(Interrupt::TIMER_IRQ_2);
+        }
+        return;
+    }
+    END.set(u64::MAX);
+    pins::set_low(DE);
+    if let Some(line) = state().next {
+        set_line(line);
+    }
+    update(|state| (state.turn, state.next) = (Turn::Hear, None));
+    caught::bus_has_room();
+}
+
+/// The sending half of the bus.
+pub(crate) struct Sender;
+
+impl Bus for Sender {
+    fn set_line(&mut self, line: Line) {
+        critical_section::with(|_| {
+            if state().turn == Turn::Hear && TO_SEND.is_empty() {
+                set_line(line);
+            } else {
+                update(|state| state.next = Some(line));
+            }
+        });
+    }
+}
+
+impl ErrorType for Sender {
+    type Error = Infallible;
+}
+
+impl WriteReady for Sender {
+    fn write_ready(&mut self) -> Result<bool, Infallible> {
+        // What comes behind a change of the line waits for it.
+        Ok(!TO_SEND.is_full() && state().next.is_none())
+    }
+}
+
+impl Write for Sender {
+    fn write(&mut self, bytes: &[u8]) -> Result<usize, Infallible> {
+        let written = bytes.iter().take_while(|byte| TO_SEND.push(**byte)).count();
+        // The interrupt takes the first one, and comes again whenever there is room.
+        NVIC::pend(Interrupt::UART0_IRQ);
+        Ok(written)
+    }
+
+    fn flush(&mut self) -> Result<(), Infallible> {
+        while state().turn != Turn::Hear || !TO_SEND.is_empty() {}
+        Ok(())
+    }
+}

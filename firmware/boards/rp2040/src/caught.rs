@@ -1,0 +1,44 @@
+//! What interrupts have for the loop.
+
+use core::cell::Cell;
+
+use critical_section::Mutex;
+use standin_board::Queue;
+use standin_firmware::device::Instant;
+use standin_firmware::shell::{Caught, Inputs};
+
+use crate::clock;
+
+/// As many as fit.
+pub(crate) const ROOM: usize = 256;
+
+/// What was caught.
+pub(crate) static QUEUE: Queue<(Instant, Caught), ROOM> = Queue::new();
+
+/// Whether the bus takes more to send than it did.
+static BUS_HAS_ROOM: Mutex<Cell<bool>> = Mutex::new(Cell::new(false));
+
+/// Tells the loop to look at the bus again.
+pub(crate) fn bus_has_room() {
+    critical_section::with(|cs| BUS_HAS_ROOM.borrow(cs).set(true));
+}
+
+/// Whether there is anything for the loop.
+pub(crate) fn is_there() -> bool {
+    !QUEUE.is_empty() || critical_section::with(|cs| BUS_HAS_ROOM.borrow(cs).get())
+}
+
+/// What the board hears.
+pub(crate) struct Ears;
+
+impl Inputs for Ears {
+    fn now(&self) -> Instant {
+        // Asked once in a turn, before the loop looks at the bus.
+        critical_section::with(|cs| BUS_HAS_ROOM.borrow(cs).set(false));
+        clock::past()
+    }
+
+    fn caught(&mut self, until: Instant) -> Option<(Instant, Caught)> {
+        QUEUE.pop_if(|(at, _)| *at <= until)
+    }
+}

@@ -1,0 +1,146 @@
+//! The end of the flash, for saved registers, by the functions of the boot ROM (2.8.3.1.3).
+//!
+//! They wait while the flash is at work. Interrupts do not: everything that they need is in RAM.
+
+use core::mem::transmute_copy;
+use core::ops::Range;
+use core::ptr;
+
+use embedded_storage_async::nor_flash::{ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash};
+
+use crate::watchdog;
+
+const SECTOR: usize = 4096;
+const PAGE: usize = 256;
+/// Bytes of the chip.
+const CAPACITY: usize = 2 << 20;
+/// Where it is read.
+const WINDOW: usize = 0x1000_0000;
+
+/// The part of it that is ours: the last four sectors; `pico.x` leaves them out.
+pub(crate) const RANGE: Range<u32> = (CAPACITY - 4 * SECTOR) as u32..CAPACITY as u32;
+
+/// The flash chip.
+pub(crate) struct Flash;
+
+impl Flash {
+    /// Lets the boot ROM do something to the chip, and makes it readable again.
+    fn command(act: impl FnOnce()) {
+        type Plain = extern "C" fn();
+        watchdog::feed();
+        // SAFETY: "connect_internal_flash" takes nothing.
+        let connect: Plain = unsafe { rom(*b"IF") };
+        // SAFETY: nor does "flash_exit_xip".
+        let exit: Plain = unsafe { rom(*b"EX") };
+        // SAFETY: nor does "flash_flush_cache".
+        let flush: Plain = unsafe { rom(*b"FC") };
+        // SAFETY: nor does "flash_enter_cmd_xip".
+        let enter: Plain = unsafe { rom(*b"CX") };
+        connect();
+        exit();
+        act();
+        flush();
+        enter();
+    }
+
+    fn erase_sectors(from: u32, count: usize) {
+        /// A block that is erased as a whole where it fits, and the chip's command for that.
+        const BLOCK: (u32, u8) = (1 << 16, 0xD8);
+        // SAFETY: "flash_range_erase" takes these.
+        let erase: extern "C" fn(u32, usize, u32, u8) = unsafe { rom(*b"RE") };
+        Self::command(|| erase(from, count, BLOCK.0, BLOCK.1));
+    }
+
+    fn program_page(at: u32, page: &[u8; PAGE]) {
+        // SAFETY: "flash_range_program" takes these, and reads so many bytes.
+        let program: extern "C" fn(u32, *const u8, usize) = unsafe { rom(*b"RP") };
+        Self::command(|| program(at, page.as_ptr(), PAGE));
+    }
+}
+
+/// A function of the boot ROM by its two letters (2.8.3).
+///
+/// # Safety
+/// `F` is a pointer to a function as the datasheet declares that one.
+unsafe fn rom<F>(letters: [u8; 2]) -> F {
+    /// Half-words of the ROM: where its functions are listed, and the function that looks one up.
+    const FUNCTIONS: *const u16 = ptr::without_provenance(0x14);
+    const LOOKUP: *const u16 = ptr::without_provenance(0x18);
+    // SAFETY: the ROM is always there.
+    let functions = usize::from(unsafe { FUNCTIONS.read_volatile() });
+    // SAFETY: as above.
+    let lookup = usize::from(unsafe { LOOKUP.read_volatile() });
+    // SAFETY: it takes the list and the letters, and returns an address.
+    let lookup: extern "C" fn(usize, u32) -> usize = unsafe { transmute_copy(&lookup) };
+    let function = lookup(functions, u32::from(u16::from_le_bytes(letters)));
+    // SAFETY: an address is as wide as a pointer to a function; every version of the ROM has these.
+    unsafe { transmute_copy(&function) }
+}
+
+/// Whether `from..to` is in the part that is ours.
+fn check(from: u32, to: Option<u32>) -> Result<(), NorFlashErrorKind> {
+    match to {
+        Some(to) if RANGE.start <= from && from <= to && to <= RANGE.end => Ok(()),
+        _ => Err(NorFlashErrorKind::OutOfBounds),
+    }
+}
+
+fn end(from: u32, bytes: &[u8]) -> Option<u32> {
+    u32::try_from(bytes.len()).ok().and_then(|count| from.checked_add(count))
+}
+
+impl ErrorType for Flash {
+    type Error = NorFlashErrorKind;
+}
+
+impl ReadNorFlash for Flash {
+    const READ_SIZE: usize = 1;
+
+    async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), NorFlashErrorKind> {
+        check(offset, end(offset, bytes))?;
+        for (at, byte) in (WINDOW + offset as usize..).zip(bytes) {
+            let at: *const u8 = ptr::without_provenance(at);
+            // SAFETY: it lies in the window; nobody writes to the chip at the same time.
+            *byte = unsafe { at.read_volatile() };
+        }
+        Ok(())
+    }
+
+    fn capacity(&self) -> usize {
+        CAPACITY
+    }
+}
+
+impl NorFlash for Flash {
+    const WRITE_SIZE: usize = 1;
+    const ERASE_SIZE: usize = SECTOR;
+
+    async fn erase(&mut self, from: u32, to: u32) -> Result<(), NorFlashErrorKind> {
+        check(from, Some(to))?;
+        if ![from, to].iter().all(|at| (*at as usize).is_multiple_of(SECTOR)) {
+            return Err(NorFlashErrorKind::NotAligned);
+        }
+        for sector in (from..to).step_by(SECTOR) {
+            Self::erase_sectors(sector, SECTOR);
+        }
+        Ok(())
+    }
+
+    async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), NorFlashErrorKind> {
+        check(offset, end(offset, bytes))?;
+        let (mut at, mut rest) = (offset, bytes);
+        while !rest.is_empty() {
+            // Programming 1 changes nothing.
+            let mut page = [0xFF; PAGE];
+            let place = at as usize % PAGE;
+            let count = rest.len().min(PAGE - place);
+            for (byte, new) in page.iter_mut().skip(place).zip(rest) {
+                *byte = *new;
+            }
+            Self::program_page(at - place as u32, &page);
+            at += count as u32;
+            rest = rest.get(count..).unwrap_or(&[]);
+        }
+        Ok(())
+    }
+}

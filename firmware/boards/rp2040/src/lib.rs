@@ -1,0 +1,99 @@
+//! Drives on the Raspberry Pi Pico.
+//!
+//! Each binary is one kind of drive: it says which pin of the board is which of the drive, and calls
+//! [`run`]. What all have in common is here.
+//!
+//! README.md shows how it is wired. Sections beside the code are those of the *RP2040 Datasheet*; those of
+//! the flash chip are in *W25Q16JV*.
+//!
+//! | module | what it holds |
+//! |---|---|
+//! | [`wires`] | which pins are what of a drive |
+//! | `boot` | from the reset to a program in RAM |
+//! | [`run`] | the loop |
+//! | `clock` | the system clock, time, alarms, sleep |
+//! | `caught` | what interrupts have for the loop |
+//! | `bus` | UART0, and the direction of RS-485 |
+//! | `pins` | levels and edges |
+//! | `steps` | STEP and DIR |
+//! | `saved`, `flash` | saved registers |
+//! | `watchdog` | the watchdog |
+//! | `registers` | registers of the hardware |
+#![no_std]
+
+mod boot;
+mod bus;
+mod caught;
+mod clock;
+mod flash;
+mod pins;
+mod registers;
+mod saved;
+mod steps;
+mod watchdog;
+pub mod wires;
+
+use core::panic::PanicInfo;
+
+use cortex_m::Peripherals;
+use cortex_m_rt::exception;
+#[cfg(feature = "defmt")]
+use defmt_rtt as _;
+use standin_board::Hands;
+use standin_firmware::device::{Boot, Device};
+use standin_firmware::motion::Follower;
+use standin_firmware::shell::{Outputs, Shell};
+
+pub use self::pins::Wire;
+
+use self::caught::Ears;
+use self::pins::gp;
+use self::saved::Saved;
+
+/// To ground while the board starts: no start-up delay.
+const FAST: u32 = gp(22);
+
+#[cfg(feature = "defmt")]
+defmt::timestamp!("{=u64:us}", clock::micros());
+
+/// Gives `device` power and serves it for ever. `MEMORY` is at least what its spec says.
+pub fn run<D: Device, const MEMORY: usize, const WIRES: usize>(device: D, wires: [Wire; WIRES]) -> ! {
+    clock::start();
+    watchdog::start();
+    steps::start();
+    bus::start();
+    let spec = device.spec();
+    let boot = Boot { fast: pins::is_tied(FAST), ..Boot::default() };
+    let hands = Hands {
+        bus: bus::Sender,
+        pins: pins::start(spec, wires),
+        memory: Saved::<MEMORY>::new(spec.kind),
+        axis: &steps::AXIS,
+        follower: Follower::new(),
+        caught: &caught::QUEUE,
+    };
+    serve(Shell::<_, _, _, MEMORY>::new(device, Ears, hands, boot))
+}
+
+#[inline(never)]
+fn serve<D: Device, O: Outputs, const MEMORY: usize>(mut shell: Shell<D, Ears, O, MEMORY>) -> ! {
+    if let Some(mut core) = Peripherals::take() {
+        clock::unmask(&mut core.NVIC);
+    }
+    loop {
+        watchdog::feed();
+        if shell.turn().is_err() {
+            clock::sleep_until(shell.deadline());
+        }
+    }
+}
+
+#[panic_handler]
+fn panic(_: &PanicInfo<'_>) -> ! {
+    watchdog::reset()
+}
+
+#[exception(trampoline = false)]
+unsafe fn HardFault() -> ! {
+    watchdog::reset()
+}

@@ -1,0 +1,237 @@
+//! Pins: levels that the drive drives, and edges that it hears.
+
+use core::cell::Cell;
+use core::convert::Infallible;
+
+use critical_section::Mutex;
+use embedded_hal::digital::{ErrorType, OutputPin};
+use rp2040_pac::interrupt;
+use standin_board::{End, Release};
+use standin_firmware::device::{Instant, Spec};
+
+use crate::registers::Register;
+use crate::{caught, clock};
+
+/// Pins of the chip.
+const GPIOS: u32 = 30;
+
+/// What of a drive, by its name, is wired to which pins of the board, a bit each: several show an output
+/// alike.
+pub type Wire = (&'static str, u32);
+
+/// The bit of pin `GPn`.
+pub(crate) const fn gp(n: u32) -> u32 {
+    1 << n
+}
+
+/// Single-cycle IO (2.3.1.7).
+const SIO: usize = 0xD000_0000;
+const IN: Register = Register::at(SIO, 0x04);
+const OUT_SET: Register = Register::at(SIO, 0x14);
+const OUT_CLEAR: Register = Register::at(SIO, 0x18);
+const DRIVEN_SET: Register = Register::at(SIO, 0x24);
+const DRIVEN_CLEAR: Register = Register::at(SIO, 0x28);
+
+/// What the pins are for, and their interrupts (2.19.6.1).
+const IO: usize = 0x4001_4000;
+/// Registers of the interrupts: of eight pins each, four bits a pin.
+const RAISED: usize = IO + 0xF0;
+const ENABLED: usize = IO + 0x100;
+const STATUS: usize = IO + 0x120;
+const FELL: u32 = 0b0100;
+const ROSE: u32 = 0b1000;
+
+/// Pulls (2.19.6.3).
+const PADS: usize = 0x4001_C000;
+
+/// Functions of a pin (2.19.2).
+const FUNCTION_UART: u32 = 2;
+const FUNCTION_SIO: u32 = 5;
+
+/// What each pin is to the drive, if it looks at it.
+static ENDS: [Mutex<Cell<Option<End>>>; GPIOS as usize] =
+    [const { Mutex::new(Cell::new(None)) }; GPIOS as usize];
+/// Levels as the drive knows them, a bit each.
+static TOLD: Mutex<Cell<u32>> = Mutex::new(Cell::new(0));
+
+/// Drives pins high.
+#[inline]
+pub(crate) fn set_high(pins: u32) {
+    OUT_SET.write(pins);
+}
+
+/// Drives pins low.
+#[inline]
+pub(crate) fn set_low(pins: u32) {
+    OUT_CLEAR.write(pins);
+}
+
+/// Makes pins outputs, low at first.
+pub(crate) fn drive_low(pins: u32) {
+    OUT_CLEAR.write(pins);
+    DRIVEN_SET.write(pins);
+    each(pins, |gpio| use_as(gpio, FUNCTION_SIO, false));
+}
+
+/// Hands pins to the UART behind them, pulled up.
+pub(crate) fn give_to_uart(pins: u32) {
+    each(pins, |gpio| use_as(gpio, FUNCTION_UART, true));
+}
+
+/// Whether a jumper ties a pin to ground.
+pub(crate) fn is_tied(pin: u32) -> bool {
+    each(pin, |gpio| use_as(gpio, FUNCTION_SIO, true));
+    settle();
+    IN.read() & pin == 0
+}
+
+/// Wires what `spec` knows by the names of `wires`. All of it is let go, and what does not rest is told.
+pub(crate) fn start<const N: usize>(spec: &Spec, wires: [Wire; N]) -> [(Option<End>, Pin); N] {
+    let wired = wires.map(|(name, gpios)| (End::of(spec, name), Pin { gpios, released: true }));
+    for (end, pin) in &wired {
+        let Some(end) = *end else { continue };
+        let high = end.rests_high(spec);
+        each(pin.gpios, |gpio| use_as(gpio, FUNCTION_SIO, high));
+        if end.is_input(spec) {
+            critical_section::with(|cs| {
+                each(pin.gpios, |gpio| {
+                    if let Some(place) = ENDS.get(gpio as usize) {
+                        place.borrow(cs).set(Some(end));
+                    }
+                });
+                let told = TOLD.borrow(cs);
+                told.set(if high { told.get() | pin.gpios } else { told.get() & !pin.gpios });
+            });
+        }
+    }
+    settle();
+    for (_, pin) in &wired {
+        pin.listen(true);
+    }
+    wired
+}
+
+fn each(pins: u32, act: impl FnMut(u32)) {
+    (0..GPIOS).filter(|gpio| pins & gp(*gpio) != 0).for_each(act);
+}
+
+fn use_as(gpio: u32, function: u32, pulled_up: bool) {
+    const INPUT: u32 = 1 << 6;
+    const SCHMITT: u32 = 1 << 1;
+    const PULL_UP: u32 = 1 << 3;
+    const PULL_DOWN: u32 = 1 << 2;
+    let pull = if pulled_up { PULL_UP } else { PULL_DOWN };
+    Register::at(PADS, 4 + 4 * gpio as usize).write(INPUT | SCHMITT | pull);
+    Register::at(IO, 4 + 8 * gpio as usize).write(function);
+}
+
+/// Lets pulls charge what is wired.
+fn settle() {
+    const MICROS: u32 = 100;
+    let since = clock::micros_low();
+    while clock::micros_low().wrapping_sub(since) < MICROS {}
+}
+
+/// What is at the end of a wire, as the drive drives it.
+pub(crate) struct Pin {
+    gpios: u32,
+    released: bool,
+}
+
+impl Pin {
+    /// Hears edges, or does not. What has changed meanwhile is told.
+    fn listen(&self, on: bool) {
+        each(self.gpios, |gpio| {
+            let (bank, shift) = (gpio as usize / 8 * 4, gpio % 8 * 4);
+            let enabled = Register::at(ENABLED, bank);
+            critical_section::with(|cs| {
+                if ENDS.get(gpio as usize).is_none_or(|end| end.borrow(cs).get().is_none()) {
+                    return;
+                }
+                if on {
+                    Register::at(RAISED, bank).write((FELL | ROSE) << shift);
+                    enabled.set((FELL | ROSE) << shift);
+                    tell(clock::now(), gpio, 0);
+                } else {
+                    enabled.clear((FELL | ROSE) << shift);
+                }
+            });
+        });
+    }
+
+    /// Drives a level, unless released. Here, and not as soon as it is no longer released, so that it
+    /// never drives the level of before.
+    fn drive(&self) {
+        if !self.released {
+            DRIVEN_SET.write(self.gpios);
+        }
+    }
+}
+
+impl ErrorType for Pin {
+    type Error = Infallible;
+}
+
+impl OutputPin for Pin {
+    fn set_low(&mut self) -> Result<(), Infallible> {
+        set_low(self.gpios);
+        self.drive();
+        Ok(())
+    }
+
+    fn set_high(&mut self) -> Result<(), Infallible> {
+        set_high(self.gpios);
+        self.drive();
+        Ok(())
+    }
+}
+
+impl Release for Pin {
+    /// Drives from its next level on.
+    fn release(&mut self, released: bool) {
+        if released != self.released {
+            self.released = released;
+            if released {
+                DRIVEN_CLEAR.write(self.gpios);
+            }
+            self.listen(released);
+        }
+    }
+}
+
+#[interrupt]
+fn IO_IRQ_BANK0() {
+    let at = clock::now();
+    for bank in 0..GPIOS.div_ceil(8) {
+        let flags = Register::at(STATUS, 4 * bank as usize).read();
+        if flags == 0 {
+            continue;
+        }
+        Register::at(RAISED, 4 * bank as usize).write(flags);
+        for place in (0..8).filter(|place| flags >> (4 * place) & (FELL | ROSE) != 0) {
+            tell(at, 8 * bank + place, flags >> (4 * place));
+        }
+    }
+}
+
+/// Tells the drive how a pin came from the level that it knows to the present one: past the edges of
+/// `flags`, which were raised before this level was read.
+fn tell(at: Instant, gpio: u32, flags: u32) {
+    critical_section::with(|cs| {
+        let Some(end) = ENDS.get(gpio as usize).and_then(|end| end.borrow(cs).get()) else { return };
+        let told = TOLD.borrow(cs);
+        let is_told_high = || told.get() & gp(gpio) != 0;
+        let high = IN.read() & gp(gpio) != 0;
+        let first = match flags & (FELL | ROSE) {
+            FELL => false,
+            ROSE => true,
+            0 => high,
+            _ => !is_told_high(),
+        };
+        for high in [first, high] {
+            if high != is_told_high() && caught::QUEUE.push((at, end.edge(high))) {
+                told.set(told.get() ^ gp(gpio));
+            }
+        }
+    });
+}

@@ -1,0 +1,53 @@
+//! The watchdog (4.7), which also counts the microseconds of TIMER.
+
+use crate::clock::CRYSTAL_MHZ;
+use crate::registers::Register;
+
+const WATCHDOG: usize = 0x4005_8000;
+const CTRL: Register = Register::at(WATCHDOG, 0x00);
+const LOAD: Register = Register::at(WATCHDOG, 0x04);
+const TICK: Register = Register::at(WATCHDOG, 0x2C);
+/// What a reset by the watchdog resets (2.13.5).
+const PSM_WDSEL: Register = Register::at(0x4001_0000, 0x8);
+
+const TRIGGER: u32 = 1 << 31;
+const ENABLE: u32 = 1 << 30;
+/// It stands still while a debugger holds a core.
+const PAUSE: u32 = 0b111 << 24;
+
+/// How long it waits: a second. The slowest erase of a sector takes 0.4 s (flash chip, 9.6).
+const MICROS: u32 = 1_000_000;
+
+/// Starts to count microseconds from the crystal.
+pub(crate) fn tick() {
+    const RUN: u32 = 1 << 9;
+    TICK.write(CRYSTAL_MHZ | RUN);
+}
+
+/// Starts to watch.
+pub(crate) fn start() {
+    CTRL.clear(ENABLE);
+    select();
+    feed();
+    CTRL.write(PAUSE | ENABLE);
+}
+
+/// All is well.
+pub(crate) fn feed() {
+    // It counts down by two in a microsecond (RP2040-E1).
+    LOAD.write(2 * MICROS);
+}
+
+/// Resets the board.
+pub(crate) fn reset() -> ! {
+    select();
+    CTRL.set(TRIGGER);
+    loop {
+        cortex_m::asm::nop();
+    }
+}
+
+/// A reset spares the oscillators alone.
+fn select() {
+    PSM_WDSEL.write(0x1_FFFC);
+}
