@@ -4,7 +4,7 @@ use standin_protocol::modbus::rtu;
 use standin_tests::md3::at;
 
 use crate::play::{Did, MS, Script};
-use crate::{TURN, image, value};
+use crate::{START, TURN, image, value};
 
 #[test]
 #[ignore = "needs the emulator and the image of the board: `cargo xtask test` brings both"]
@@ -23,7 +23,7 @@ fn a_board_that_hangs_starts_its_drive_again() {
 #[ignore = "needs the emulator and the image of the board: `cargo xtask test` brings both"]
 fn two_runs_are_the_same() {
     let mut script = Script::fast();
-    script.hear(20 * MS, &rtu::write(1, at::MOTION, 1));
+    script.hear(START, &rtu::write(1, at::MOTION, 1));
     let run = script.play(&image(), 400 * MS);
     assert!(run.did.len() > 100, "it moves");
     assert_eq!(script.play(&image(), 400 * MS), run);
