@@ -68,6 +68,7 @@ pub fn run<D: Device, const MEMORY: usize, const PINS: usize>(
     wires: &[(&str, Gpio); PINS],
 ) -> ! {
     let mut shell = start(drive, saved, wires);
+    log::power(shell.device().spec().kind);
     loop {
         watchdog::feed();
         if shell.turn().is_err() {
@@ -107,9 +108,7 @@ fn start<D: Device, const MEMORY: usize, const PINS: usize>(
         follower: Follower::new(),
         caught: &inputs::CAUGHT,
     };
-    let shell = Shell::new(drive, Ears, hands, boot);
-    log::power(spec.kind, boot);
-    shell
+    Shell::new(drive, Ears, hands, boot)
 }
 
 /// Lets interrupts come.

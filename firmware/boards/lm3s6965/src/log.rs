@@ -1,6 +1,6 @@
 //! What the board says of itself: a line on UART1 and, with the feature `defmt`, more over the debug probe.
 
-use standin_firmware::device::{Boot, Line};
+use standin_firmware::device::Line;
 use standin_protocol::line::Parity;
 
 use crate::gpio;
@@ -9,7 +9,7 @@ use crate::uart::LOG;
 const LINE: Line = Line::new(115_200, 8, Parity::None, 1);
 
 /// A drive has power.
-pub(crate) fn power(kind: &str, boot: Boot) {
+pub(crate) fn power(kind: &str) {
     gpio::D.give(0b1100);
     LOG.set_line(LINE);
     for text in ["standin: ", kind, " has power\r\n"] {
@@ -18,13 +18,12 @@ pub(crate) fn power(kind: &str, boot: Boot) {
             LOG.send(byte);
         }
     }
-    probe::power(kind, boot);
+    probe::power(kind);
 }
 
 #[cfg(feature = "defmt")]
 mod probe {
     use defmt_rtt as _;
-    use standin_firmware::device::Boot;
 
     use crate::clock;
     use crate::registers::Register;
@@ -34,8 +33,8 @@ mod probe {
 
     defmt::timestamp!("{=u64:us}", clock::now().ticks() / 16);
 
-    pub(super) fn power(kind: &str, boot: Boot) {
-        defmt::info!("{} has power, fast: {}; {}", kind, boot.fast, take_reset());
+    pub(super) fn power(kind: &str) {
+        defmt::info!("{} has power: {}", kind, take_reset());
     }
 
     fn take_reset() -> &'static str {
@@ -54,7 +53,5 @@ mod probe {
 
 #[cfg(not(feature = "defmt"))]
 mod probe {
-    use standin_firmware::device::Boot;
-
-    pub(super) fn power(_kind: &str, _boot: Boot) {}
+    pub(super) fn power(_kind: &str) {}
 }
