@@ -17,8 +17,10 @@ const CAPACITY: usize = 2 << 20;
 /// Where it is read.
 const WINDOW: usize = 0x1000_0000;
 
-/// The part of it that is ours: the last four sectors; `pico.x` leaves them out.
-pub(crate) const RANGE: Range<u32> = (CAPACITY - 4 * SECTOR) as u32..CAPACITY as u32;
+/// Sectors that are ours: the last ones. `pico.x` leaves them out.
+pub(crate) const SECTORS: usize = 4;
+/// Where they are.
+pub(crate) const RANGE: Range<u32> = (CAPACITY - SECTORS * SECTOR) as u32..CAPACITY as u32;
 
 /// The flash chip.
 pub(crate) struct Flash;

@@ -8,20 +8,29 @@ use core::pin::pin;
 use core::task::{Context, Poll, Waker};
 
 use embedded_storage::{ReadStorage, Storage};
-use sequential_storage::cache::{Cache, Uncached};
+use sequential_storage::cache::Cache;
+use sequential_storage::cache::key_pointers::ArrayKeyPointers;
+use sequential_storage::cache::page_pointers::ArrayPagePointers;
+use sequential_storage::cache::page_states::ArrayPageStates;
 use sequential_storage::map::{MapConfig, MapStorage};
 
-use crate::flash::{self, Flash};
+use crate::flash::{self, Flash, SECTORS};
 
 /// The kind of drive, as far as it fits.
 type Key = [u8; 16];
+
+/// What is known of the flash: without it, making room in a sector takes a search for each of its items.
+type Known = Cache<ArrayPageStates<SECTORS>, ArrayPagePointers<SECTORS>, ArrayKeyPointers<Key, KINDS>, Key>;
+type Map = MapStorage<Key, Flash, Known>;
+/// Kinds of drives whose items are found without a search.
+const KINDS: usize = 2;
 
 /// Bytes that an item takes at most.
 const ITEM: usize = 128;
 
 /// The non-volatile memory of a drive.
 pub(crate) struct Saved<const MEMORY: usize> {
-    map: MapStorage<Key, Flash, Cache<Uncached, Uncached, Uncached, Key>>,
+    map: Map,
     key: Key,
     bytes: [u8; MEMORY],
 }
@@ -35,9 +44,7 @@ impl<const MEMORY: usize> Saved<MEMORY> {
         for (place, letter) in key.iter_mut().zip(kind.bytes()) {
             *place = letter;
         }
-        let config = const { MapConfig::new(flash::RANGE) };
-        let mut saved =
-            Self { map: MapStorage::new(Flash, config, Cache::new_uncached()), key, bytes: [0xFF; MEMORY] };
+        let mut saved = Self { map: open(), key, bytes: [0xFF; MEMORY] };
         match saved.find() {
             Ok(Some(bytes)) => saved.bytes = bytes,
             Ok(None) => {}
@@ -48,8 +55,9 @@ impl<const MEMORY: usize> Saved<MEMORY> {
         saved
     }
 
-    /// What lies in flash, if it is a memory of that kind.
+    /// What lies in flash, if it is a memory of that kind: as found after a reset, with nothing known.
     fn find(&mut self) -> Result<Option<[u8; MEMORY]>, Unreadable> {
+        self.map = open();
         let mut item = [0; ITEM];
         let found = wait(self.map.fetch_item::<&[u8]>(&mut item, &self.key)).map_err(|_| Unreadable)?;
         Ok(found.and_then(|bytes| bytes.try_into().ok()))
@@ -65,6 +73,12 @@ impl<const MEMORY: usize> Saved<MEMORY> {
     fn erase(&mut self) -> Result<(), Unreadable> {
         wait(self.map.erase_all()).map_err(|_| Unreadable)
     }
+}
+
+fn open() -> Map {
+    let config = const { MapConfig::new(flash::RANGE) };
+    let known = Known::new(ArrayPageStates::new(), ArrayPagePointers::new(), ArrayKeyPointers::new());
+    Map::new(Flash, config, known)
 }
 
 /// The flash holds something else than saved registers, or is broken.
