@@ -42,13 +42,15 @@ use defmt_rtt as _;
 use standin_board::Hands;
 use standin_firmware::device::{Boot, Device};
 use standin_firmware::motion::Follower;
-use standin_firmware::shell::{Outputs, Shell};
+use standin_firmware::shell::Shell;
 
 pub use self::pins::Wire;
 
+use self::bus::Sender;
 use self::caught::Ears;
-use self::pins::gp;
+use self::pins::{Pin, gp};
 use self::saved::Saved;
+use self::steps::Steps;
 
 /// To ground while the board starts: no start-up delay.
 const FAST: u32 = gp(22);
@@ -56,36 +58,47 @@ const FAST: u32 = gp(22);
 #[cfg(feature = "defmt")]
 defmt::timestamp!("{=u64:us}", clock::micros());
 
-/// Gives `device` power and serves it for ever. `MEMORY` is at least what its spec says.
-pub fn run<D: Device, const MEMORY: usize, const WIRES: usize>(device: D, wires: [Wire; WIRES]) -> ! {
-    clock::start();
-    watchdog::start();
-    steps::start();
-    bus::start();
-    let spec = device.spec();
-    let boot = Boot { fast: pins::is_tied(FAST), ..Boot::default() };
-    let hands = Hands {
-        bus: bus::Sender,
-        pins: pins::start(spec, wires),
-        memory: Saved::<MEMORY>::new(spec.kind),
-        axis: &steps::AXIS,
-        follower: Follower::new(),
-        caught: &caught::QUEUE,
-    };
-    serve(Shell::<_, _, _, MEMORY>::new(device, Ears, hands, boot))
-}
+/// A drive on this board.
+type Board<D, const MEMORY: usize, const WIRES: usize> =
+    Shell<D, Ears, Hands<Sender, Pin, Saved<MEMORY>, Steps, WIRES, { caught::ROOM }>, MEMORY>;
 
-#[inline(never)]
-fn serve<D: Device, O: Outputs, const MEMORY: usize>(mut shell: Shell<D, Ears, O, MEMORY>) -> ! {
-    if let Some(mut core) = Peripherals::take() {
-        clock::unmask(&mut core.NVIC);
-    }
+/// Runs a drive whose pins and faults are wired like that. `MEMORY` is at least what its spec says.
+pub fn run<D: Device, const MEMORY: usize, const WIRES: usize>(drive: fn() -> D, wires: &[Wire; WIRES]) -> ! {
+    let mut shell: Board<D, MEMORY, WIRES> = start(drive, wires);
     loop {
         watchdog::feed();
         if shell.turn().is_err() {
             clock::sleep_until(shell.deadline());
         }
     }
+}
+
+/// Gives the drive power. What that needs of the stack is not needed any more when it returns.
+#[inline(never)]
+fn start<D: Device, const MEMORY: usize, const WIRES: usize>(
+    drive: fn() -> D,
+    wires: &[Wire; WIRES],
+) -> Board<D, MEMORY, WIRES> {
+    clock::start();
+    watchdog::start();
+    steps::start();
+    bus::start();
+    let drive = drive();
+    let spec = drive.spec();
+    let boot = Boot { fast: pins::is_tied(FAST), ..Boot::default() };
+    let hands = Hands {
+        bus: Sender,
+        pins: pins::start(spec, wires),
+        memory: Saved::new(spec.kind),
+        axis: &steps::AXIS,
+        follower: Follower::new(),
+        caught: &caught::QUEUE,
+    };
+    let shell = Shell::new(drive, Ears, hands, boot);
+    if let Some(mut core) = Peripherals::take() {
+        clock::unmask(&mut core.NVIC);
+    }
+    shell
 }
 
 #[panic_handler]

@@ -86,7 +86,7 @@ pub(crate) fn is_tied(pin: u32) -> bool {
 }
 
 /// Wires what `spec` knows by the names of `wires`. All of it is let go, and what does not rest is told.
-pub(crate) fn start<const N: usize>(spec: &Spec, wires: [Wire; N]) -> [(Option<End>, Pin); N] {
+pub(crate) fn start<const N: usize>(spec: &Spec, wires: &[Wire; N]) -> [(Option<End>, Pin); N] {
     let wired = wires.map(|(name, gpios)| (End::of(spec, name), Pin { gpios, released: true }));
     for (end, pin) in &wired {
         let Some(end) = *end else { continue };

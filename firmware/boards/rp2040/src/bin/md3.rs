@@ -8,5 +8,5 @@ use standin_rp2040::{run, wires};
 
 #[entry]
 fn main() -> ! {
-    run::<_, MEMORY, _>(Md3::new(), wires::MD3)
+    run::<_, MEMORY, _>(Md3::new, &wires::MD3)
 }
