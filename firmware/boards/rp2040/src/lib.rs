@@ -18,6 +18,7 @@
 //! | `steps` | STEP and DIR |
 //! | `saved`, `flash` | saved registers |
 //! | `watchdog` | the watchdog |
+//! | `log` | what shows over a debug probe |
 //! | `registers` | registers of the hardware |
 #![no_std]
 
@@ -26,6 +27,7 @@ mod bus;
 mod caught;
 mod clock;
 mod flash;
+mod log;
 mod pins;
 mod registers;
 mod saved;
@@ -37,8 +39,6 @@ use core::panic::PanicInfo;
 
 use cortex_m::Peripherals;
 use cortex_m_rt::exception;
-#[cfg(feature = "defmt")]
-use defmt_rtt as _;
 use standin_board::Hands;
 use standin_firmware::device::{Boot, Device};
 use standin_firmware::motion::Follower;
@@ -54,9 +54,6 @@ use self::steps::Steps;
 
 /// To ground while the board starts: no start-up delay.
 const FAST: u32 = gp(22);
-
-#[cfg(feature = "defmt")]
-defmt::timestamp!("{=u64:us}", clock::micros());
 
 /// A drive on this board.
 type Board<D, const MEMORY: usize, const WIRES: usize> =
@@ -95,6 +92,7 @@ fn start<D: Device, const MEMORY: usize, const WIRES: usize>(
         caught: &caught::QUEUE,
     };
     let shell = Shell::new(drive, Ears, hands, boot);
+    log::power(spec.kind, boot);
     if let Some(mut core) = Peripherals::take() {
         clock::unmask(&mut core.NVIC);
     }

@@ -1,0 +1,34 @@
+//! What the board says of itself: with the feature `defmt` a line over the debug probe, else nothing.
+
+pub(crate) use self::probe::power;
+
+#[cfg(feature = "defmt")]
+mod probe {
+    use defmt_rtt as _;
+    use standin_firmware::device::Boot;
+
+    use crate::clock;
+    use crate::registers::Register;
+
+    /// Why the watchdog reset the board, if it did (4.7.6).
+    const REASON: Register = Register::at(0x4005_8000, 0x08);
+
+    defmt::timestamp!("{=u64:us}", clock::micros());
+
+    /// A drive has power.
+    pub(crate) fn power(kind: &str, boot: Boot) {
+        let cause = match REASON.read() & 0b11 {
+            0 => "power, the RUN pin or a debugger",
+            0b01 => "the loop hung",
+            _ => "a fault or a panic",
+        };
+        defmt::info!("{} has power, fast: {}; reset by: {}", kind, boot.fast, cause);
+    }
+}
+
+#[cfg(not(feature = "defmt"))]
+mod probe {
+    use standin_firmware::device::Boot;
+
+    pub(crate) fn power(_kind: &str, _boot: Boot) {}
+}
