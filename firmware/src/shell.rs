@@ -10,7 +10,6 @@ use embedded_hal::digital::{OutputPin, PinState};
 use embedded_io::{Write, WriteReady};
 use embedded_storage::{ReadStorage, Storage};
 use heapless::{Deque, Vec};
-use standin_protocol::modbus::Frame;
 
 use crate::device::{
     Axis, Boot, Device, Duration, Encoder, Fault, Input, Instant, Level, Line, Note, Output, Pin, Plan, Port,
@@ -20,7 +19,9 @@ use crate::device::{
 /// Pins that may wave at a time.
 const WAVES: usize = 8;
 /// Messages that may wait to be sent.
-const MESSAGES: usize = 4;
+const MESSAGES: usize = 8;
+/// Characters that may wait to be sent: those of the longest message, and of a few short ones.
+const CHARACTERS: usize = 384;
 
 /// What an interrupt caught.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -105,6 +106,8 @@ struct Hands<O, const MEMORY: usize> {
     memory: [u8; MEMORY],
     waves: Vec<Wave, WAVES>,
     messages: Deque<Message, MESSAGES>,
+    /// Of all messages, in their order.
+    characters: Deque<u8, CHARACTERS>,
     failures: u32,
 }
 
@@ -121,33 +124,36 @@ struct Wave {
 }
 
 /// A message that leaves a port.
-#[derive(Clone, Debug)]
+#[derive(Clone, Copy, Debug)]
 struct Message {
     port: Port,
     /// When its first character may leave.
     from: Instant,
-    bytes: Frame,
-    sent: usize,
+    begun: bool,
+    /// Characters that have not left.
+    left: usize,
     /// What the line becomes behind it.
     then: Option<Line>,
 }
 
 impl<D: Device, I: Inputs, O: Outputs, const MEMORY: usize> Shell<D, I, O, MEMORY> {
-    /// Gives `device` power.
-    pub fn new(device: D, inputs: I, mut outputs: O, boot: Boot) -> Self {
-        let mut memory = [0xFF; MEMORY];
-        let stored = outputs.memory().capacity().min(MEMORY);
-        let readable = memory.get_mut(..stored).is_some_and(|bytes| outputs.memory().read(0, bytes).is_ok());
+    /// `device` on a board, without power.
+    pub const fn new(device: D, inputs: I, outputs: O) -> Self {
         let hands = Hands {
             outputs,
-            memory,
+            memory: [0xFF; MEMORY],
             waves: Vec::new(),
             messages: Deque::new(),
-            failures: u32::from(!readable),
+            characters: Deque::new(),
+            failures: 0,
         };
-        let mut shell = Self { device, inputs, hands };
-        shell.device.power_on(shell.inputs.now(), boot, &mut shell.hands);
-        shell
+        Self { device, inputs, hands }
+    }
+
+    /// Gives the drive power, once: reads the non-volatile memory, and starts.
+    pub fn power_on(&mut self, boot: Boot) {
+        self.hands.recall();
+        self.device.power_on(self.inputs.now(), boot, &mut self.hands);
     }
 
     /// Does everything that is due, in the order of its stamps.
@@ -201,11 +207,18 @@ impl<D: Device, I: Inputs, O: Outputs, const MEMORY: usize> Shell<D, I, O, MEMOR
 }
 
 impl<O: Outputs, const MEMORY: usize> Hands<O, MEMORY> {
+    fn recall(&mut self) {
+        let memory = self.outputs.memory();
+        let stored = memory.capacity().min(MEMORY);
+        let readable = self.memory.get_mut(..stored).is_some_and(|bytes| memory.read(0, bytes).is_ok());
+        self.failures = self.failures.saturating_add(u32::from(!readable));
+    }
+
     fn deadline(&self) -> Instant {
         let waves = self.waves.iter().map(|wave| wave.due).min().unwrap_or(Instant::NEVER);
         match self.messages.front() {
             // One that has begun waits for room in the port's buffer, and its interrupt tells.
-            Some(Message { from, sent: 0, .. }) => waves.min(*from),
+            Some(Message { from, begun: false, .. }) => waves.min(*from),
             _ => waves,
         }
     }
@@ -243,24 +256,33 @@ impl<O: Outputs, const MEMORY: usize> Hands<O, MEMORY> {
     fn send(&mut self, now: Instant) -> bool {
         let mut moved = false;
         while let Some(message) = self.messages.front_mut().filter(|message| message.from <= now) {
-            let rest = message.bytes.get(message.sent..).unwrap_or(&[]);
+            message.begun = true;
+            let (next, _) = self.characters.as_slices();
+            let next = next.get(..message.left).unwrap_or(next);
             let written = match self.outputs.serial(message.port) {
-                Some(serial) if !rest.is_empty() => match serial.write_ready() {
+                Some(serial) if !next.is_empty() => match serial.write_ready() {
                     Ok(false) => break,
-                    Ok(true) => serial.write(rest),
+                    Ok(true) => serial.write(next),
                     Err(error) => Err(error),
                 },
-                _ => Ok(rest.len()),
+                _ => Ok(next.len()),
             };
             moved = true;
-            match written {
-                Ok(n) if n < rest.len() => message.sent += n,
-                _ => {
-                    self.failures = self.failures.saturating_add(u32::from(written.is_err()));
-                    if let Some(line) = message.then {
-                        self.outputs.set_line(message.port, line);
-                    }
-                    self.messages.pop_front();
+            // What a port refuses is lost: the rest of a message would only be half of it.
+            self.failures = self.failures.saturating_add(u32::from(written.is_err()));
+            let gone = written.unwrap_or(message.left).min(message.left);
+            if gone == 0 && message.left > 0 {
+                break;
+            }
+            message.left -= gone;
+            let Message { port, left, then, .. } = *message;
+            for _ in 0..gone {
+                self.characters.pop_front();
+            }
+            if left == 0 {
+                self.messages.pop_front();
+                if let Some(line) = then {
+                    self.outputs.set_line(port, line);
                 }
             }
         }
@@ -272,10 +294,12 @@ impl<O: Outputs, const MEMORY: usize> Sink for Hands<O, MEMORY> {
     fn put(&mut self, at: Instant, output: Output<'_>) {
         match output {
             Output::Bytes { port, bytes } => {
-                let queued = Frame::from_slice(bytes).is_ok_and(|bytes| {
-                    let message = Message { port, from: at, bytes, sent: 0, then: None };
-                    self.messages.push_back(message).is_ok()
-                });
+                let message = Message { port, from: at, begun: false, left: bytes.len(), then: None };
+                let fits = bytes.len() <= CHARACTERS - self.characters.len().min(CHARACTERS);
+                let queued = fits && self.messages.push_back(message).is_ok();
+                if queued {
+                    self.characters.extend(bytes.iter().copied());
+                }
                 self.failures = self.failures.saturating_add(u32::from(!queued));
             }
             Output::Line { port, line } => {

@@ -382,7 +382,8 @@ mod tests {
         const MEMORY: usize = 54;
         let board = md3_board();
         let boot = Boot { fast: true, ..Boot::default() };
-        let mut shell: Shell<_, _, _, MEMORY> = Shell::new(Md3::new(), board.clone(), board.outputs(), boot);
+        let mut shell: Shell<_, _, _, MEMORY> = Shell::new(Md3::new(), board.clone(), board.outputs());
+        shell.power_on(boot);
         let character = Duration::from_ticks(18_333);
         let mut at = Instant::ZERO;
         for byte in rtu::read(1, 0x14, 10) {

@@ -129,8 +129,11 @@ struct Player<D, M, const MEMORY: usize> {
 
 impl<D: Device, M: Fn() -> D, const MEMORY: usize> Player<D, M, MEMORY> {
     fn power(&mut self, on: bool) {
-        let shell = || Shell::new((self.device)(), self.board.clone(), self.board.outputs(), self.boot);
-        self.shell = on.then(shell);
+        self.shell = on.then(|| {
+            let mut shell = Shell::new((self.device)(), self.board.clone(), self.board.outputs());
+            shell.power_on(self.boot);
+            shell
+        });
     }
 
     /// The line in force when all that was caught so far has been judged.

@@ -35,9 +35,7 @@ use standin_firmware::shell::{Caught, Inputs, Shell};
 
 use self::bus::Sender;
 use self::gpio::{Gpio, Output};
-use self::saved::Memory;
 pub use self::saved::Saved;
-use self::steps::Steps;
 
 /// A jumper to ground: no start-up delay.
 const FAST: Gpio = gpio::B.pin(6);
@@ -56,10 +54,6 @@ const LESS_URGENT: [Interrupt; 10] = [
     Interrupt::GPIOG,
 ];
 
-/// A drive on this board.
-type Board<D, const MEMORY: usize, const PINS: usize> =
-    Shell<D, Ears, Hands<Sender, Output, Memory<MEMORY>, Steps, PINS, { inputs::MOST_CAUGHT }>, MEMORY>;
-
 /// Runs a drive with these saved registers, whose pins and faults, by their names, are wired to these
 /// pins of the board.
 pub fn run<D: Device, const MEMORY: usize, const PINS: usize>(
@@ -67,23 +61,6 @@ pub fn run<D: Device, const MEMORY: usize, const PINS: usize>(
     saved: &'static Saved<MEMORY>,
     wires: &[(&str, Gpio); PINS],
 ) -> ! {
-    let mut shell = start(drive, saved, wires);
-    log::power(shell.device().spec().kind);
-    loop {
-        watchdog::feed();
-        if shell.turn().is_err() {
-            clock::sleep_until(shell.deadline().min(clock::now() + watchdog::PATIENCE));
-        }
-    }
-}
-
-/// Gives the drive power. What that needs of the stack is not needed any more when it returns.
-#[inline(never)]
-fn start<D: Device, const MEMORY: usize, const PINS: usize>(
-    drive: fn() -> D,
-    saved: &'static Saved<MEMORY>,
-    wires: &[(&str, Gpio); PINS],
-) -> Board<D, MEMORY, PINS> {
     if let Some(mut core) = Peripherals::take() {
         clock::start(&mut core.SYST);
         unmask(&mut core.NVIC);
@@ -108,7 +85,15 @@ fn start<D: Device, const MEMORY: usize, const PINS: usize>(
         follower: Follower::new(),
         caught: &inputs::CAUGHT,
     };
-    Shell::new(drive, Ears, hands, boot)
+    let mut shell = Shell::<_, _, _, MEMORY>::new(drive, Ears, hands);
+    shell.power_on(boot);
+    log::power(spec.kind);
+    loop {
+        watchdog::feed();
+        if shell.turn().is_err() {
+            clock::sleep_until(shell.deadline().min(clock::now() + watchdog::PATIENCE));
+        }
+    }
 }
 
 /// Lets interrupts come.

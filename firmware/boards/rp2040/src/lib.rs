@@ -48,34 +48,14 @@ pub use self::pins::Wire;
 
 use self::bus::Sender;
 use self::caught::Ears;
-use self::pins::{Pin, gp};
+use self::pins::gp;
 use self::saved::Saved;
-use self::steps::Steps;
 
 /// To ground while the board starts: no start-up delay.
 const FAST: u32 = gp(22);
 
-/// A drive on this board.
-type Board<D, const MEMORY: usize, const WIRES: usize> =
-    Shell<D, Ears, Hands<Sender, Pin, Saved<MEMORY>, Steps, WIRES, { caught::ROOM }>, MEMORY>;
-
 /// Runs a drive whose pins and faults are wired like that. `MEMORY` is at least what its spec says.
 pub fn run<D: Device, const MEMORY: usize, const WIRES: usize>(drive: fn() -> D, wires: &[Wire; WIRES]) -> ! {
-    let mut shell: Board<D, MEMORY, WIRES> = start(drive, wires);
-    loop {
-        watchdog::feed();
-        if shell.turn().is_err() {
-            clock::sleep_until(shell.deadline());
-        }
-    }
-}
-
-/// Gives the drive power. What that needs of the stack is not needed any more when it returns.
-#[inline(never)]
-fn start<D: Device, const MEMORY: usize, const WIRES: usize>(
-    drive: fn() -> D,
-    wires: &[Wire; WIRES],
-) -> Board<D, MEMORY, WIRES> {
     clock::start();
     watchdog::start();
     steps::start();
@@ -86,17 +66,23 @@ fn start<D: Device, const MEMORY: usize, const WIRES: usize>(
     let hands = Hands {
         bus: Sender,
         pins: pins::start(spec, wires),
-        memory: Saved::new(spec.kind),
+        memory: Saved::<MEMORY>::new(spec.kind),
         axis: &steps::AXIS,
         follower: Follower::new(),
         caught: &caught::QUEUE,
     };
-    let shell = Shell::new(drive, Ears, hands, boot);
+    let mut shell = Shell::<_, _, _, MEMORY>::new(drive, Ears, hands);
+    shell.power_on(boot);
     log::power(spec.kind, boot);
     if let Some(mut core) = Peripherals::take() {
         clock::unmask(&mut core.NVIC);
     }
-    shell
+    loop {
+        watchdog::feed();
+        if shell.turn().is_err() {
+            clock::sleep_until(shell.deadline());
+        }
+    }
 }
 
 #[panic_handler]
