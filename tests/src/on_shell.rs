@@ -64,6 +64,24 @@ fn levels(orders: &[(Instant, Did)], end: Instant) -> Vec<(Instant, bool)> {
 /// If the trace does to the drive what cannot be done to a board.
 #[must_use]
 pub fn play<D: Device, const MEMORY: usize>(trace: &Trace, device: impl Fn() -> D) -> Vec<(Instant, Seen)> {
+    let board = run::<D, MEMORY>(trace, device);
+    let seen = board.done().iter().map(|(at, done)| (*at, as_seen(*at, done))).collect();
+    sorted(seen)
+}
+
+/// What a trace asks of the motor: plans and steps without a plan, as the shell hands them to a board.
+///
+/// # Panics
+/// As [`play`].
+#[must_use]
+pub fn motion<D: Device, const MEMORY: usize>(trace: &Trace, device: impl Fn() -> D) -> Vec<(Instant, Done)> {
+    let moves = |done: &Done| matches!(done, Done::Planned(..) | Done::Stepped(..));
+    let board = run::<D, MEMORY>(trace, device);
+    board.done().iter().filter(|(_, done)| moves(done)).cloned().collect()
+}
+
+/// The board on which a trace was played to its end.
+fn run<D: Device, const MEMORY: usize>(trace: &Trace, device: impl Fn() -> D) -> Board {
     let [drive] = trace.drives.as_slice() else { panic!("a board has one drive") };
     let board = Board::new(drive.spec, drive.memory.clone());
     let boot = Boot { seed: trace.seed, fast: drive.boot_fast };
@@ -95,8 +113,7 @@ pub fn play<D: Device, const MEMORY: usize>(trace: &Trace, device: impl Fn() -> 
     }
     player.go(trace.end);
     assert_eq!(player.shell.map_or(0, |shell| shell.failures()), 0, "something on the board failed");
-    let seen = player.board.done().iter().map(|(at, done)| (*at, as_seen(*at, done))).collect();
-    sorted(seen)
+    player.board
 }
 
 fn as_seen(at: Instant, done: &Done) -> Seen {

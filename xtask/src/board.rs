@@ -31,3 +31,10 @@ pub(crate) fn run(sh: &Shell) -> Result<()> {
     let test = cmd!(sh, "cargo test --package standin-tests --test qemu -- --ignored");
     Ok(test.env("STANDIN_BOARD", image).run()?)
 }
+
+/// Plays the golden traces on the images under QEMU.
+pub(crate) fn golden(sh: &Shell) -> Result<()> {
+    let images = target_dir(sh).join(TARGET).join("release");
+    let test = cmd!(sh, "cargo test --package standin-tests --test qemu_golden -- --ignored --nocapture");
+    Ok(test.env("STANDIN_IMAGES", images).run()?)
+}

@@ -38,6 +38,7 @@ pub(crate) fn all(sh: &Shell) -> Result<bool> {
     report.check("no panics on Cortex-M", &[Tool::ThumbTargets], panic_free::check);
     report.check("image of the board", &[Tool::ThumbTargets], board::build);
     report.check("board under QEMU", &[Tool::ThumbTargets, Tool::Qemu], board::run);
+    report.check("golden traces on the board", &[Tool::ThumbTargets, Tool::Qemu], board::golden);
     report.check("emulated Pico", &[Tool::Node], pico::check_emulator);
     Ok(report.finish())
 }

@@ -1,0 +1,141 @@
+//! What a trace says that the board shows, as it can be asked at any instant.
+
+use standin_firmware::device::{Duration, Instant, Line, Pin};
+use standin_sim::hal::Done;
+use standin_sim::trace::{Did, Trace};
+use standin_tests::on_shell::{self, Seen};
+
+/// What a trace expects.
+pub(crate) struct Expected {
+    /// What leaves the bus, and from when on.
+    pub(crate) replies: Vec<(Instant, Vec<u8>)>,
+    /// The settings of the line, and from when on.
+    lines: Vec<(Instant, Line)>,
+    /// The changes of each pin, which is low at first.
+    pins: Vec<Vec<(Instant, bool)>>,
+    motion: Vec<(Instant, Done)>,
+    /// What its memory holds at the end.
+    pub(crate) memory: Vec<u8>,
+}
+
+impl Expected {
+    /// Of a trace with one drive, and what it asks of the motor.
+    pub(crate) fn of(trace: &Trace, motion: Vec<(Instant, Done)>) -> Self {
+        let [drive] = trace.drives.as_slice() else { panic!("a board has one drive") };
+        let mut expected = Self {
+            replies: Vec::new(),
+            lines: Vec::new(),
+            pins: vec![Vec::new(); drive.spec.pins.len()],
+            motion,
+            memory: drive.memory.clone(),
+        };
+        for (at, seen) in on_shell::expected(trace) {
+            match seen {
+                Seen::Pin(Pin(pin), high) => {
+                    let changes = &mut expected.pins[usize::from(pin)];
+                    // There and back at one instant is nothing.
+                    if changes.pop_if(|(last, _)| *last == at).is_none() {
+                        changes.push((at, high));
+                    }
+                }
+                Seen::Did(Did::Bytes { bytes, .. }) => expected.replies.push((at, bytes)),
+                Seen::Did(Did::Line { line, .. }) => expected.lines.push((at, line)),
+                Seen::Did(Did::Store { offset, bytes }) => {
+                    expected.memory[usize::from(offset)..][..bytes.len()].copy_from_slice(&bytes);
+                }
+                // Motion comes as plans; currents and duties have no pin.
+                Seen::Did(_) => {}
+            }
+        }
+        expected
+    }
+
+    /// The settings of the line at `at`.
+    pub(crate) fn line(&self, at: Instant) -> Line {
+        let line = self.lines.iter().rev().find(|(from, _)| *from < at);
+        line.expect("a drive says which line it has when it gets power").1
+    }
+
+    /// The level of a pin at `at`.
+    pub(crate) fn level(&self, pin: Pin, at: Instant) -> bool {
+        let change = self.pins[usize::from(pin.0)].iter().rev().find(|(from, _)| *from <= at);
+        change.is_some_and(|(_, high)| *high)
+    }
+
+    /// Whether a pin has that level at any time after `after` and before `before`.
+    pub(crate) fn has_level(&self, pin: Pin, high: bool, after: Instant, before: Instant) -> bool {
+        self.level(pin, after) == high
+            || self.pins[usize::from(pin.0)]
+                .iter()
+                .any(|(at, level)| *level == high && (after..before).contains(at))
+    }
+
+    /// Steps made at `at` since the beginning: each plan until the next one.
+    pub(crate) fn steps(&self, at: Instant) -> i32 {
+        let ends = self.motion.iter().skip(1).map(|(next, _)| *next).chain([Instant::NEVER]);
+        let parts = self.motion.iter().zip(ends).take_while(|((from, _), _)| *from <= at);
+        parts
+            .map(|((from, done), end)| match done {
+                Done::Planned(_, plan) => plan.position_at(end.min(at)) - plan.position_at(*from),
+                Done::Stepped(_, steps) => *steps,
+                _ => 0,
+            })
+            .sum()
+    }
+
+    /// When the motor was told something last, and whether it stood then.
+    pub(crate) fn told(&self, at: Instant) -> Option<(Instant, bool)> {
+        let index = self.motion.iter().take_while(|(from, _)| *from <= at).count().checked_sub(1)?;
+        let (told, _) = self.motion[index];
+        let stood = index.checked_sub(1).is_none_or(|before| match &self.motion[before].1 {
+            Done::Planned(_, plan) => plan.end() <= told,
+            _ => true,
+        });
+        Some((told, stood))
+    }
+
+    /// Whether the motor is given a plan at any time from `after` to `at`.
+    pub(crate) fn plans(&self, after: Instant, at: Instant) -> bool {
+        let plan = |done: &Done| matches!(done, Done::Planned(..));
+        self.motion.iter().any(|(from, done)| plan(done) && (after..=at).contains(from))
+    }
+
+    /// The instants between `after` and `before` at which the motor is told something else.
+    pub(crate) fn turns(&self, after: Instant, before: Instant) -> impl Iterator<Item = Instant> {
+        self.motion.iter().map(|(at, _)| *at).filter(move |at| (after..before).contains(at))
+    }
+
+    /// The steps that may slip because a board takes each plan up to `late` after its instant: those of
+    /// the old plan, and those of the new one, that are due in between.
+    pub(crate) fn slips(&self, at: Instant, late: Duration) -> i32 {
+        let plans = self.motion.iter().take_while(|(from, _)| *from <= at);
+        let plans: Vec<_> = plans
+            .filter_map(|(from, done)| match done {
+                Done::Planned(_, plan) => Some((*from, plan)),
+                _ => None,
+            })
+            .collect();
+        plans
+            .windows(2)
+            .filter_map(|pair| match pair {
+                [(_, old), (from, new)] => {
+                    let due = |plan: &standin_firmware::device::Plan| {
+                        (plan.position_at(*from + late) - plan.position_at(*from)).abs()
+                    };
+                    // What stands still loses nothing: the new plan is made later as a whole.
+                    let moved = old.position_at(*from) != old.position_at(Instant::NEVER);
+                    Some(if moved { due(old) + due(new) } else { 0 })
+                }
+                _ => None,
+            })
+            .sum()
+    }
+
+    /// When something is due to be seen.
+    pub(crate) fn instants(&self) -> impl Iterator<Item = Instant> {
+        let replies = self.replies.iter().map(|(at, _)| *at);
+        let pins = self.pins.iter().flatten().map(|(at, _)| *at);
+        let motion = self.motion.iter().map(|(at, _)| *at);
+        replies.chain(pins).chain(motion)
+    }
+}

@@ -1,0 +1,36 @@
+//! The pin-out of the board, typed by hand from its README: a wrong wire in an image fails its traces.
+
+use crate::machine::Gpio;
+
+/// A jumper that is low at reset: no start-up delay.
+pub(crate) const FAST: Gpio = Gpio('B', 6);
+/// The direction of the RS-485 transceiver: it sends while this is high.
+pub(crate) const DE: Gpio = Gpio('B', 5);
+/// The pulses of the axis.
+pub(crate) const STEP: Gpio = Gpio('B', 3);
+/// Their direction: high is forward.
+pub(crate) const DIR: Gpio = Gpio('B', 4);
+
+/// What a kind has where: its pins and its faults, by their names. `None` if there is no image of it.
+pub(crate) fn wiring(kind: &str) -> Option<&'static [(&'static str, Gpio)]> {
+    match kind {
+        "md3" | "md3-low" => Some(&MD3),
+        _ => None,
+    }
+}
+
+static MD3: [(&str, Gpio); 13] = [
+    ("J2.2", Gpio('D', 4)),
+    ("J2.3", Gpio('D', 5)),
+    ("J2.4", Gpio('D', 6)),
+    ("J2.5", Gpio('D', 7)),
+    ("J2.9", Gpio('C', 4)),
+    ("J2.10", Gpio('C', 5)),
+    ("J2.12", Gpio('C', 6)),
+    ("J3.7", Gpio('B', 1)),
+    ("J3.8", Gpio('B', 2)),
+    ("D5", Gpio('B', 0)),
+    ("D6", Gpio('F', 0)),
+    ("over_temperature", Gpio('A', 7)),
+    ("over_current", Gpio('G', 0)),
+];
