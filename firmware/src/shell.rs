@@ -297,8 +297,8 @@ impl<O: Outputs, const MEMORY: usize> Sink for Hands<O, MEMORY> {
                 let message = Message { port, from: at, begun: false, left: bytes.len(), then: None };
                 let fits = bytes.len() <= CHARACTERS - self.characters.len().min(CHARACTERS);
                 let queued = fits && self.messages.push_back(message).is_ok();
-                if queued {
-                    self.characters.extend(bytes.iter().copied());
+                for &byte in bytes.iter().filter(|_| queued) {
+                    let _ = self.characters.push_back(byte);
                 }
                 self.failures = self.failures.saturating_add(u32::from(!queued));
             }
