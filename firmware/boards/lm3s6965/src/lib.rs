@@ -35,7 +35,9 @@ use standin_firmware::shell::{Caught, Inputs, Shell};
 
 use self::bus::Sender;
 use self::gpio::{Gpio, Output};
+use self::saved::Memory;
 pub use self::saved::Saved;
+use self::steps::Steps;
 
 /// A jumper to ground: no start-up delay.
 const FAST: Gpio = gpio::B.pin(6);
@@ -54,6 +56,10 @@ const LESS_URGENT: [Interrupt; 10] = [
     Interrupt::GPIOG,
 ];
 
+/// A drive on this board.
+type Board<D, const MEMORY: usize, const PINS: usize> =
+    Shell<D, Ears, Hands<Sender, Output, Memory<MEMORY>, Steps, PINS, { inputs::MOST_CAUGHT }>, MEMORY>;
+
 /// Runs a drive with these saved registers, whose pins and faults, by their names, are wired to these
 /// pins of the board.
 pub fn run<D: Device, const MEMORY: usize, const PINS: usize>(
@@ -68,32 +74,40 @@ pub fn run<D: Device, const MEMORY: usize, const PINS: usize>(
     watchdog::start();
     bus::start();
     steps::start();
-    let drive = drive();
-    let spec = drive.spec();
-    let pins = wires.map(|(name, gpio)| wire(spec, name, gpio));
+    let mut shell: Board<D, MEMORY, PINS> = assemble(drive, saved, wires);
     FAST.pulled(true);
     // Time for the pull-ups: 20 µs.
     asm::delay(1_000);
     let boot = Boot { seed: 0, fast: !FAST.is_high() };
     inputs::begin();
-
-    let hands = Hands {
-        bus: Sender,
-        pins,
-        memory: saved.begin(),
-        axis: &steps::AXIS,
-        follower: Follower::new(),
-        caught: &inputs::CAUGHT,
-    };
-    let mut shell = Shell::<_, _, _, MEMORY>::new(drive, Ears, hands);
     shell.power_on(boot);
-    log::power(spec.kind);
+    log::power(shell.device().spec().kind);
     loop {
         watchdog::feed();
         if shell.turn().is_err() {
             clock::sleep_until(shell.deadline().min(clock::now() + watchdog::PATIENCE));
         }
     }
+}
+
+/// Puts the drive on the board. What that needs of the stack is free again when it returns.
+#[inline(never)]
+fn assemble<D: Device, const MEMORY: usize, const PINS: usize>(
+    drive: fn() -> D,
+    saved: &'static Saved<MEMORY>,
+    wires: &[(&str, Gpio); PINS],
+) -> Board<D, MEMORY, PINS> {
+    let drive = drive();
+    let spec = drive.spec();
+    let hands = Hands {
+        bus: Sender,
+        pins: wires.map(|(name, gpio)| wire(spec, name, gpio)),
+        memory: saved.begin(),
+        axis: &steps::AXIS,
+        follower: Follower::new(),
+        caught: &inputs::CAUGHT,
+    };
+    Shell::new(drive, Ears, hands)
 }
 
 /// Lets interrupts come.

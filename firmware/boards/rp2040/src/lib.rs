@@ -48,11 +48,16 @@ pub use self::pins::Wire;
 
 use self::bus::Sender;
 use self::caught::Ears;
-use self::pins::gp;
+use self::pins::{Pin, gp};
 use self::saved::Saved;
+use self::steps::Steps;
 
 /// To ground while the board starts: no start-up delay.
 const FAST: u32 = gp(22);
+
+/// A drive on this board.
+type Board<D, const MEMORY: usize, const WIRES: usize> =
+    Shell<D, Ears, Hands<Sender, Pin, Saved<MEMORY>, Steps, WIRES, { caught::ROOM }>, MEMORY>;
 
 /// Runs a drive whose pins and faults are wired like that. `MEMORY` is at least what its spec says.
 pub fn run<D: Device, const MEMORY: usize, const WIRES: usize>(drive: fn() -> D, wires: &[Wire; WIRES]) -> ! {
@@ -60,20 +65,10 @@ pub fn run<D: Device, const MEMORY: usize, const WIRES: usize>(drive: fn() -> D,
     watchdog::start();
     steps::start();
     bus::start();
-    let drive = drive();
-    let spec = drive.spec();
     let boot = Boot { fast: pins::is_tied(FAST), ..Boot::default() };
-    let hands = Hands {
-        bus: Sender,
-        pins: pins::start(spec, wires),
-        memory: Saved::<MEMORY>::new(spec.kind),
-        axis: &steps::AXIS,
-        follower: Follower::new(),
-        caught: &caught::QUEUE,
-    };
-    let mut shell = Shell::<_, _, _, MEMORY>::new(drive, Ears, hands);
+    let mut shell: Board<D, MEMORY, WIRES> = assemble(drive, wires);
     shell.power_on(boot);
-    log::power(spec.kind, boot);
+    log::power(shell.device().spec().kind, boot);
     if let Some(mut core) = Peripherals::take() {
         clock::unmask(&mut core.NVIC);
     }
@@ -83,6 +78,25 @@ pub fn run<D: Device, const MEMORY: usize, const WIRES: usize>(drive: fn() -> D,
             clock::sleep_until(shell.deadline());
         }
     }
+}
+
+/// Puts the drive on the board. What that needs of the stack is free again when it returns.
+#[inline(never)]
+fn assemble<D: Device, const MEMORY: usize, const WIRES: usize>(
+    drive: fn() -> D,
+    wires: &[Wire; WIRES],
+) -> Board<D, MEMORY, WIRES> {
+    let drive = drive();
+    let spec = drive.spec();
+    let hands = Hands {
+        bus: Sender,
+        pins: pins::start(spec, wires),
+        memory: Saved::new(spec.kind),
+        axis: &steps::AXIS,
+        follower: Follower::new(),
+        caught: &caught::QUEUE,
+    };
+    Shell::new(drive, Ears, hands)
 }
 
 #[panic_handler]
