@@ -81,7 +81,7 @@ fn steps(name: &CStr, step: fn(), skipped: u32, counted: u32) {
     }
     group(name);
     for _ in 0..counted {
-        count(|| step());
+        count(step);
     }
 }
 
