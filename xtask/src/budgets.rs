@@ -19,7 +19,7 @@ const fn most(what: &'static str, most: [u64; 2], why: &'static str) -> Budget {
 const REACHED: &str = "what has been reached, and a little for another compiler";
 const AIM: &str = "the aim for what runs at every step";
 const FLASH: &str = "what has been reached; the aim is 32 KiB";
-const RAM: &str = "the aim is 8 KiB; on the rp2040 it is what has been reached";
+const RAM: &str = "what has been reached; the aim is 8 KiB";
 const RESERVED: &str = "what the board's map reserves";
 const NO_PANIC: &str =
     "our drivers cannot panic; the rp2040 has them from the crate that keeps saved registers in its flash";
@@ -27,14 +27,14 @@ const NO_PANIC: &str =
 /// Every budget.
 pub(crate) const BUDGETS: &[Budget] = &[
     most("md3: flash, bytes", [47_616, 63_488], FLASH),
-    most("md3: RAM with its stack, bytes", [8_192, 22_016], RAM),
-    most("md3: stack, bytes", [3_072, 16_384], RESERVED),
+    most("md3: RAM with its stack, bytes", [11_776, 22_016], RAM),
+    most("md3: stack, bytes", [8_192, 16_384], RESERVED),
     most("md3: calls of a panic", [0, 19], NO_PANIC),
     most("md3 without a board: flash, bytes", [36_352, 39_168], REACHED),
     most("md3 without a board: RAM, bytes", [768, 768], REACHED),
     most("md3-low: flash, bytes", [47_616, 63_488], FLASH),
-    most("md3-low: RAM with its stack, bytes", [8_192, 22_016], RAM),
-    most("md3-low: stack, bytes", [3_072, 16_384], RESERVED),
+    most("md3-low: RAM with its stack, bytes", [11_776, 22_016], RAM),
+    most("md3-low: stack, bytes", [8_192, 16_384], RESERVED),
     most("md3-low: calls of a panic", [0, 19], NO_PANIC),
     most("md3-low without a board: flash, bytes", [36_352, 39_168], REACHED),
     most("md3-low without a board: RAM, bytes", [768, 768], REACHED),
