@@ -35,7 +35,7 @@ pub(crate) const BOARDS: [Board; 2] = [
         package: "standin-rp2040",
         target: "thumbv6m-none-eabi",
         // The image runs from RAM, behind its stack.
-        vectors: 0x2000_4000,
+        vectors: 0x2000_3000,
         ram: 0x2000_0000,
     },
 ];

@@ -14,6 +14,7 @@ mod checks;
 mod counted;
 mod docs;
 mod image;
+mod interrupts;
 mod panic_free;
 mod pico;
 mod qemu;

@@ -4,12 +4,12 @@ use anyhow::{Result, ensure};
 use xshell::Shell;
 
 use crate::board::{BOARDS, PROFILE};
-use crate::budgets::{BUDGETS, Budget};
+use crate::budgets::{BUDGETS, Budget, NO_BUDGET};
 use crate::checks;
 use crate::counted::{self, Group, PROCESSORS};
 use crate::docs::kinds;
 use crate::image::{Image, Sizes};
-use crate::panic_free;
+use crate::{interrupts, panic_free};
 
 /// Builds what is measured, and checks it; the names of the drives come from the built `standin`.
 pub(crate) fn print(sh: &Shell) -> Result<()> {
@@ -24,6 +24,12 @@ pub(crate) fn check(sh: &Shell) -> Result<()> {
     let mut table = Table::default();
     for kind in &kinds {
         sizes(sh, kind, &mut table)?;
+    }
+    // Those of the rp2040 are counted with its emulator.
+    let worst = interrupts::worst(sh)?;
+    table.put(0, "md3: stack in use, bytes".to_owned(), worst.stack);
+    for (interrupt, most) in worst.interrupts {
+        table.put(0, format!("{interrupt}, at worst"), most);
     }
     for (place, processor) in PROCESSORS.iter().enumerate() {
         for group in counted::groups(sh, processor, "motion", "md3")? {
@@ -84,7 +90,11 @@ impl Table {
         for (what, values) in &self.0 {
             print!("{what:<66}");
             for (place, value) in values.iter().enumerate() {
-                print!(" {:>9} {:>9}", shown(*value), shown(budget(what).map(|budget| budget.most[place])));
+                print!(
+                    " {:>9} {:>9}",
+                    shown(*value),
+                    shown(budget(what).map(|budget| budget.most[place]).filter(|most| *most != NO_BUDGET))
+                );
             }
             println!();
         }
@@ -105,6 +115,7 @@ impl Table {
                         ));
                     }
                     (Some(_), None) => wrong.push(format!("{what}: it has no budget")),
+                    (None, Some(Budget { most, .. })) if most[place] == NO_BUDGET => {}
                     (None, _) => wrong.push(format!("{what} was not measured on the {}", name(place))),
                 }
             }
