@@ -7,10 +7,10 @@ use xshell::{Shell, cmd};
 
 use crate::report::Report;
 use crate::tools::{self, Tool};
-use crate::{board, docs, panic_free, pico};
+use crate::{board, docs, panic_free, pico, size};
 
 /// The crates that only a board, or a linker, can build.
-const BARE: [&str; 2] = ["panic-free", "standin-lm3s6965"];
+const BARE: [&str; 4] = ["counted", "panic-free", "standin-lm3s6965", "standin-rp2040"];
 
 /// Runs every check; whether none failed.
 pub(crate) fn all(sh: &Shell) -> Result<bool> {
@@ -22,21 +22,22 @@ pub(crate) fn all(sh: &Shell) -> Result<bool> {
         let host = bare("--exclude");
         Ok(cmd!(sh, "cargo clippy --workspace {host...} --all-targets -- -D warnings").run()?)
     });
-    report.check("clippy for the board", &[Tool::Clippy, Tool::ThumbTargets], |sh| {
-        board::clippy(sh, &bare("--package"))
-    });
+    report.check("clippy for the board", &[Tool::Clippy, Tool::ThumbTargets], |sh| board::clippy(sh, &BARE));
     report.check("rustdoc", &[], |sh| {
         let host = bare("--exclude");
         let doc = cmd!(sh, "cargo doc --workspace {host...} --no-deps --document-private-items");
         Ok(doc.env("RUSTDOCFLAGS", "-D warnings").run()?)
     });
     report.check("tests", &[], |sh| Ok(cmd!(sh, "cargo test").run()?));
+    report.check("tests of the tools", &[], |sh| {
+        Ok(cmd!(sh, "cargo test --package insncount --package xtask").run()?)
+    });
     report.check("build", &[], build);
     report.check("generated documents", &[], docs::check);
     report.check("foreign masters", &[Tool::Python], |sh| pytest(sh, &["tests/foreign", "--ignore", MBPOLL]));
     report.check("mbpoll", &[Tool::Python, Tool::Mbpoll], |sh| pytest(sh, &[MBPOLL]));
     report.check("no panics on Cortex-M", &[Tool::ThumbTargets], panic_free::check);
-    report.check("image of the board", &[Tool::ThumbTargets], board::build);
+    report.check("sizes and counts", &[Tool::ThumbTargets, Tool::Qemu], size::check);
     report.check("board under QEMU", &[Tool::ThumbTargets, Tool::Qemu], board::run);
     report.check("golden traces on the board", &[Tool::ThumbTargets, Tool::Qemu], board::golden);
     report.check("emulated Pico", &[Tool::Node], pico::check_emulator);

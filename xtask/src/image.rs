@@ -1,51 +1,140 @@
 //! Reads linked programs.
 
-use anyhow::{Result, ensure};
-use object::{Object, ObjectSection, SectionFlags, SectionKind, elf};
+use anyhow::{Context, Result, ensure};
+use object::{Object, ObjectSection, ObjectSymbol, SectionFlags, SectionKind, elf};
 use xshell::Shell;
 
 use crate::checks::target_dir;
 
-/// A program in the release profile.
+/// A program for a Cortex-M.
 pub(crate) struct Image(Vec<u8>);
 
+/// What a program takes, in bytes.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Sizes {
+    /// Code, constants, and what variables begin with.
+    pub(crate) flash: u64,
+    /// Variables, and the stack where one is reserved.
+    pub(crate) ram: u64,
+    /// The stack of it.
+    pub(crate) stack: u64,
+}
+
 impl Image {
-    /// The program of a target.
-    pub(crate) fn of(sh: &Shell, target: &str, program: &str) -> Result<Self> {
-        Ok(Self(sh.read_binary_file(target_dir(sh).join(target).join("release").join(program))?))
+    /// The program that cargo has built in a profile for a target.
+    pub(crate) fn of(sh: &Shell, target: &str, profile: &str, program: &str) -> Result<Self> {
+        let path = target_dir(sh).join(target).join(profile).join(program);
+        Ok(Self(sh.read_binary_file(path)?))
     }
 
-    /// Bytes of code, of constants, and of RAM.
-    pub(crate) fn sizes(&self) -> Result<[u64; 3]> {
-        let (mut text, mut constants, mut ram) = (0, 0, 0);
-        for section in object::File::parse(self.0.as_slice())?.sections() {
+    pub(crate) fn sizes(&self) -> Result<Sizes> {
+        let (mut flash, mut ram) = (0, 0);
+        let file = self.file()?;
+        for section in file.sections() {
             let SectionFlags::Elf { sh_flags } = section.flags() else { continue };
             let has = |flag: u32| sh_flags & u64::from(flag) != 0;
-            match section.kind() {
-                _ if !has(elf::SHF_ALLOC) => {}
-                SectionKind::Text => text += section.size(),
-                _ if has(elf::SHF_WRITE) => ram += section.size(),
-                _ => constants += section.size(),
+            if !has(elf::SHF_ALLOC) {
+                continue;
+            }
+            if section.kind() != SectionKind::UninitializedData {
+                flash += section.size();
+            }
+            if has(elf::SHF_WRITE) {
+                ram += section.size();
             }
         }
-        Ok([text, constants, ram])
+        let stack = match (self.symbol("_stack_start"), self.symbol("_stack_end")) {
+            (Ok(top), Ok(bottom)) => top.saturating_sub(bottom),
+            // A program that is only linked.
+            _ => 0,
+        };
+        Ok(Sizes { flash, ram: ram + stack, stack })
     }
 
-    /// Fails unless a section begins at `address`.
-    pub(crate) fn expect_at(&self, section: &str, address: u64) -> Result<()> {
-        let file = object::File::parse(self.0.as_slice())?;
-        let found = file.section_by_name(section).map(|section| section.address());
-        ensure!(found == Some(address), "{section} lies at {found:#x?}, not at {address:#x}");
+    /// Fails unless the vector table is at `vectors`, and the stack is the bottom of the RAM at `ram`, with
+    /// nothing else in it.
+    pub(crate) fn expect_map(&self, vectors: u64, ram: u64) -> Result<()> {
+        let file = self.file()?;
+        let table = self.symbol("__vector_table")?;
+        ensure!(table == vectors, "the vector table is at {table:#x}, not at {vectors:#x}");
+        let (bottom, top) = (self.symbol("_stack_end")?, self.symbol("_stack_start")?);
+        ensure!(
+            bottom == ram && bottom < top,
+            "the stack is {bottom:#x}..{top:#x}, not the RAM from {ram:#x}"
+        );
+        let mut begins_with = None;
+        for section in file.sections().filter(|section| section.size() > 0) {
+            let SectionFlags::Elf { sh_flags } = section.flags() else { continue };
+            if sh_flags & u64::from(elf::SHF_ALLOC) == 0 {
+                continue;
+            }
+            let (name, begin) = (section.name()?, section.address());
+            let end = begin + section.size();
+            ensure!(end <= bottom || begin >= top, "{name} lies in the stack");
+            ensure!(sh_flags & u64::from(elf::SHF_WRITE) == 0 || begin >= top, "{name} does not lie in RAM");
+            begins_with = begins_with.or(section.data_range(vectors, 4)?);
+        }
+        let begins_with = begins_with.and_then(|bytes| bytes.first_chunk()).copied().map(u32::from_le_bytes);
+        ensure!(begins_with.map(u64::from) == Some(top), "the processor does not begin with that stack");
         Ok(())
     }
+
+    /// The value of a symbol.
+    pub(crate) fn symbol(&self, name: &str) -> Result<u64> {
+        let file = self.file()?;
+        let symbol = file.symbols().find(|symbol| symbol.name() == Ok(name));
+        Ok(symbol.with_context(|| format!("there is no symbol `{name}`"))?.address())
+    }
+
+    /// How many places in the code call a function that panics.
+    pub(crate) fn panic_sites(&self) -> Result<u64> {
+        let file = self.file()?;
+        let panics: Vec<u64> = file
+            .symbols()
+            .filter(|symbol| symbol.name().is_ok_and(|name| name.contains("9panicking")))
+            .map(|symbol| symbol.address() & !1)
+            .collect();
+        let mut sites = 0;
+        for section in file.sections().filter(|section| section.kind() == SectionKind::Text) {
+            let code = section.data()?;
+            let here = (section.address()..).step_by(2);
+            let targets = here.zip(code.windows(4).step_by(2)).filter_map(|(at, code)| branch(at, code));
+            sites += targets.filter(|target| panics.contains(target)).count() as u64;
+        }
+        Ok(sites)
+    }
+
+    fn file(&self) -> Result<object::File<'_>> {
+        Ok(object::File::parse(self.0.as_slice())?)
+    }
 }
 
-/// The head of a table of sizes.
-pub(crate) fn head() -> String {
-    format!("{:<16} {:<20} {:>8} {:>8} {:>8}\n", "bytes", "", ".text", ".rodata", "RAM")
+/// Where a `bl` or a `b.w` at this address leads (ARM DDI 0403, A7.7.12 and A7.7.18).
+fn branch(at: u64, code: &[u8]) -> Option<u64> {
+    let [a, b, c, d] = *code else { return None };
+    let (first, second) = (u32::from(u16::from_le_bytes([a, b])), u32::from(u16::from_le_bytes([c, d])));
+    if first & 0xF800 != 0xF000 || second & 0x9000 != 0x9000 {
+        return None;
+    }
+    let sign = first >> 10 & 1;
+    let [high, low] = [second >> 13 & 1, second >> 11 & 1].map(|bit| bit ^ sign ^ 1);
+    let offset = sign << 24 | high << 23 | low << 22 | (first & 0x3FF) << 12 | (second & 0x7FF) << 1;
+    // 25 bits with their sign.
+    let offset = i64::from((offset << 7).cast_signed() >> 7);
+    Some((at + 4).wrapping_add_signed(offset))
 }
 
-/// A line of it.
-pub(crate) fn row(name: &str, target: &str, [text, constants, ram]: [u64; 3]) -> String {
-    format!("{name:<16} {target:<20} {text:>8} {constants:>8} {ram:>8}\n")
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// As `arm-none-eabi-objdump` shows them.
+    #[test]
+    fn branches_lead_where_a_disassembler_says() {
+        assert_eq!(branch(0x218, &[0x02, 0xF0, 0x17, 0xFE]), Some(0x2E4A), "bl");
+        assert_eq!(branch(0x100, &[0xFF, 0xF7, 0xFE, 0xFF]), Some(0x100), "bl to itself");
+        assert_eq!(branch(0x100, &[0xFF, 0xF7, 0x7E, 0xBF]), Some(0), "b.w");
+        assert_eq!(branch(0x100, &[0x00, 0xF0, 0x02, 0x80]), None, "beq.w");
+        assert_eq!(branch(0x100, &[0xBF, 0xF3, 0x4F, 0x8F]), None, "dsb");
+    }
 }

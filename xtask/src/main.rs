@@ -3,19 +3,23 @@
 //! ```text
 //! cargo xtask test    everything that must hold, and first whatever the checks need
 //! cargo xtask docs    write the generated references in docs/
-//! cargo xtask sizes   link every drive without panics and print how large it is
 //! cargo xtask pico    run a drive on an emulated Raspberry Pi Pico
 //! cargo xtask qemu    run a drive on an emulated LM3S6965 board
+//! cargo xtask size    measure what each drive costs on each board, and print it
 //! ```
 
 mod board;
+mod budgets;
 mod checks;
+mod counted;
 mod docs;
 mod image;
+mod interrupts;
 mod panic_free;
 mod pico;
 mod qemu;
 mod report;
+mod size;
 mod tools;
 
 use std::path::Path;
@@ -29,9 +33,9 @@ usage: cargo xtask <command>
 
   test    run every check; installs what the checks need, or says what to install
   docs    write the generated references in docs/
-  sizes   link every drive for Cortex-M without any panic and print how large it is
   pico    run a drive on an emulated Raspberry Pi Pico, its serial line on a TCP port: `pico md3`
   qemu    run a drive on an LM3S6965 board under QEMU, its serial line on a TCP port: `qemu md3`
+  size    print what each drive costs on each board; fail if one costs too much
 ";
 
 fn main() -> ExitCode {
@@ -40,9 +44,9 @@ fn main() -> ExitCode {
     let done = match words.as_slice() {
         ["test"] => shell().and_then(|sh| checks::all(&sh)),
         ["docs"] => shell().and_then(|sh| docs::write(&sh)).map(|()| true),
-        ["sizes"] => shell().and_then(|sh| sizes(&sh)).map(|()| true),
         ["pico", kind] => shell().and_then(|sh| pico::run(&sh, kind)).map(|()| true),
         ["qemu", kind] => shell().and_then(|sh| qemu::run(&sh, kind)).map(|()| true),
+        ["size"] => shell().and_then(|sh| size::print(&sh)).map(|()| true),
         [] | ["help" | "--help" | "-h"] => {
             print!("{USAGE}");
             Ok(true)
@@ -60,12 +64,6 @@ fn main() -> ExitCode {
             ExitCode::FAILURE
         }
     }
-}
-
-/// Links everything for Cortex-M; the names of the drives come from the built `standin`.
-fn sizes(sh: &Shell) -> Result<()> {
-    checks::build(sh)?;
-    panic_free::check(sh)
 }
 
 /// A shell in the root of the repository.

@@ -3,36 +3,42 @@
 use anyhow::{Result, bail, ensure};
 use xshell::{Cmd, Shell, cmd};
 
+use crate::board::PROFILE;
 use crate::docs::kinds;
-use crate::image::{self, Image};
 use crate::tools::THUMB_TARGETS;
 
 /// What the panic handler calls and nobody defines.
 const UNDEFINED: &str = "a_panic_can_happen";
 
-/// Links everything, proves that a panic would not link, and prints sizes.
+/// Cargo's profiles in which nothing may panic: what tests build, and what is flashed.
+const PROFILES: [&str; 2] = ["release", PROFILE];
+
+/// Links everything, and proves that a panic would not link.
 pub(crate) fn check(sh: &Shell) -> Result<()> {
     let kinds = kinds(sh)?;
-    let mut table = image::head();
-    for target in THUMB_TARGETS {
-        refuses_a_panic(sh, target)?;
+    for (target, profile) in THUMB_TARGETS.iter().flat_map(|target| PROFILES.map(|profile| (target, profile)))
+    {
+        refuses_a_panic(sh, target, profile)?;
         for program in ["protocol", "motion", "shell"] {
-            link(sh, target, program, None)?;
-            table += &image::row(program, target, Image::of(sh, target, program)?.sizes()?);
+            link(sh, target, profile, program, None)?;
         }
         for kind in &kinds {
-            link(sh, target, "drive", Some(kind))?;
-            table += &image::row(kind, target, Image::of(sh, target, "drive")?.sizes()?);
+            link(sh, target, profile, "drive", Some(kind))?;
         }
     }
-    print!("{table}");
     Ok(())
 }
 
 /// Links a program; where a panic is left, the linker says who can reach it.
-fn link(sh: &Shell, target: &str, program: &str, drive: Option<&str>) -> Result<()> {
+pub(crate) fn link(
+    sh: &Shell,
+    target: &str,
+    profile: &str,
+    program: &str,
+    drive: Option<&str>,
+) -> Result<()> {
     let link = || {
-        let link = rustc(sh, target, program);
+        let link = rustc(sh, target, profile, program);
         drive.into_iter().fold(link, |link, kind| link.env("DRIVE", kind))
     };
     if link().run().is_err() {
@@ -43,17 +49,18 @@ fn link(sh: &Shell, target: &str, program: &str, drive: Option<&str>) -> Result<
 }
 
 /// The link must fail, for that one reason, as soon as one panic can happen.
-fn refuses_a_panic(sh: &Shell, target: &str) -> Result<()> {
-    let output = rustc(sh, target, "protocol").args(["--features", "panic"]).ignore_status().output()?;
+fn refuses_a_panic(sh: &Shell, target: &str, profile: &str) -> Result<()> {
+    let output =
+        rustc(sh, target, profile, "protocol").args(["--features", "panic"]).ignore_status().output()?;
     let errors = String::from_utf8_lossy(&output.stderr);
     ensure!(!output.status.success(), "a program that can panic links for {target}: the test proves nothing");
     if !errors.contains(&format!("undefined symbol: {UNDEFINED}")) {
         bail!("a program that can panic fails for another reason:\n{errors}");
     }
-    println!("{target}: a panic does not link, as it must");
+    println!("{target}, {profile}: a panic does not link, as it must");
     Ok(())
 }
 
-fn rustc<'a>(sh: &'a Shell, target: &str, program: &str) -> Cmd<'a> {
-    cmd!(sh, "cargo rustc --release --package panic-free --bin {program} --target {target}")
+fn rustc<'a>(sh: &'a Shell, target: &str, profile: &str, program: &str) -> Cmd<'a> {
+    cmd!(sh, "cargo rustc --quiet --profile {profile} --package panic-free --bin {program} --target {target}")
 }

@@ -52,12 +52,16 @@ struct Leg {
     first: u64,
     /// Tick from which the next one is counted: that of the last, were it not for the seam before the first.
     base: u64,
-    /// Steps that are still to come after the first; `u64::MAX` without end.
-    more: u64,
+    /// Steps that are still to come in this lap.
+    more: u32,
+    /// Laps after this one, of [`LAP`] steps each: a small core counts 32 bits in fewer instructions.
+    laps: u32,
     /// Whether the position grows.
     forward: bool,
     pace: Pace,
 }
+
+const LAP: u32 = u32::MAX;
 
 /// How the steps of a leg follow each other.
 #[derive(Clone, Copy, Debug)]
@@ -107,6 +111,22 @@ impl Walker {
         }
     }
 
+    /// The next step: [`next`](Iterator::next) for an interrupt that has no time for a call.
+    #[inline(always)]
+    pub fn step(&mut self) -> Option<Step> {
+        let leg = &mut self.leg;
+        if leg.more == 0 && !leg.begin_lap() {
+            return self.turn();
+        }
+        leg.more -= 1;
+        let interval = match &mut leg.pace {
+            Pace::Ramp(ramp) => ramp.next(),
+            Pace::Cruise(cruise) => cruise.next(),
+        };
+        leg.base = leg.base.wrapping_add(u64::from(interval));
+        Some(Step { at: Instant::from_ticks(leg.base), forward: leg.forward })
+    }
+
     /// On to the next leg, and its first step.
     #[cold]
     fn turn(&mut self) -> Option<Step> {
@@ -118,17 +138,8 @@ impl Walker {
 impl Iterator for Walker {
     type Item = Step;
 
-    #[inline]
     fn next(&mut self) -> Option<Step> {
-        let leg = &mut self.leg;
-        let Some(more) = leg.more.checked_sub(1) else { return self.turn() };
-        leg.more = more;
-        let interval = match &mut leg.pace {
-            Pace::Ramp(ramp) => ramp.next(),
-            Pace::Cruise(cruise) => cruise.next(),
-        };
-        leg.base = leg.base.wrapping_add(u64::from(interval));
-        Some(Step { at: Instant::from_ticks(leg.base), forward: leg.forward })
+        self.step()
     }
 }
 
@@ -185,8 +196,8 @@ impl<'a> Stretch<'a> {
             }
             _ => None,
         };
-        if let Some(more) = steps.checked_sub(1) {
-            push(self.leg(more));
+        if let Some(others) = steps.checked_sub(1) {
+            push(self.leg(others));
         }
         if let Some(tick) = closing {
             push(Leg::single(tick, !segment.back));
@@ -194,8 +205,8 @@ impl<'a> Stretch<'a> {
         stand.unwrap_or(position)
     }
 
-    /// Its next step, and `more` after it.
-    fn leg(&self, more: u64) -> Leg {
+    /// Its next step, and `others` after it.
+    fn leg(&self, others: u64) -> Leg {
         let Self { segment, begin, since, made } = *self;
         let start = begin.saturating_add(since);
         let motion = Motion::of(segment, since, made + 1);
@@ -207,14 +218,24 @@ impl<'a> Stretch<'a> {
             (ticks, Pace::Ramp(Ramp::from(motion.after(ticks).next_step())))
         };
         let base = start.wrapping_add_signed(ticks);
-        Leg { first: base.max(start), base, more, forward: !segment.back, pace }
+        let (laps, more) = ((others / u64::from(LAP)) as u32, (others % u64::from(LAP)) as u32);
+        Leg { first: base.max(start), base, more, laps, forward: !segment.back, pace }
     }
 }
 
 impl Leg {
+    /// Begins the next lap, if there is one.
+    #[cold]
+    fn begin_lap(&mut self) -> bool {
+        let Some(laps) = self.laps.checked_sub(1) else { return false };
+        self.laps = laps;
+        self.more = LAP;
+        true
+    }
+
     /// One step.
     const fn single(tick: u64, forward: bool) -> Self {
-        Self { first: tick, base: tick, more: 0, forward, pace: Pace::Cruise(Cruise::STANDING) }
+        Self { first: tick, base: tick, more: 0, laps: 0, forward, pace: Pace::Cruise(Cruise::STANDING) }
     }
 }
 
@@ -296,11 +317,13 @@ struct Ramp {
     motion: Motion,
     /// The longest interval that [`Motion::shortly_after`] can do.
     short: u32,
-    /// The last interval, in 1/16 tick.
+    /// The last interval, in 1/64 tick.
     interval: i32,
-    /// How long after its tick the last step was due, in 1/16 tick.
+    /// How long after its tick the last step was due, in 1/64 tick.
     part: i32,
-    /// When the next step may be due, in 1/16 tick from the last one's tick.
+    /// [`STEP`]: a Cortex-M3 has it from here in one instruction, and as a constant in four.
+    step: i64,
+    /// When the next step may be due, in 1/64 tick from the last one's tick.
     guess: i32,
 }
 
@@ -314,13 +337,21 @@ impl Ramp {
         let second = motion.ticks() as i32;
         // As if the one before had been twice as long: the third is looked for from half of it on, and
         // is never far below that.
-        Self { motion, short: motion.short(), interval: 32 * second, part: 0, guess: 16 * second }
+        Self {
+            motion,
+            step: STEP,
+            short: motion.short(),
+            // Too much only where this was the last step.
+            interval: second.saturating_mul(128),
+            part: 0,
+            guess: second.saturating_mul(64),
+        }
     }
 
     /// Ticks to the next step.
     #[inline]
     fn next(&mut self) -> u32 {
-        let d = (self.guess >> 4).cast_unsigned();
+        let d = (self.guess >> 6).cast_unsigned();
         if d <= self.short {
             let there = self.motion.shortly_after(d);
             if there.is_nearest() {
@@ -333,12 +364,12 @@ impl Ramp {
     /// On to the step in `d` ticks, where it is `there`.
     #[inline]
     fn step(&mut self, d: u32, there: Motion) -> u32 {
-        let part = sixteenths(there.due, d);
-        let interval = (d << 4).cast_signed() + part - self.part;
-        self.guess = 2 * interval - self.interval + part + 8;
+        let part = parts(there.due, d);
+        let interval = (d << 6).cast_signed() + part - self.part;
+        self.guess = 2 * interval - self.interval + part + 32;
         self.interval = interval;
         self.part = part;
-        self.motion = there.next_step();
+        self.motion = Motion { due: there.due + self.step, ..there };
         d
     }
 
@@ -349,7 +380,7 @@ impl Ramp {
         let Self { motion, short, .. } = *self;
         let after = |d| if d <= short { motion.shortly_after(d) } else { motion.after(i64::from(d)) };
         // Close to standstill they shrink less and less, but hardly to a half.
-        let mut d = (self.guess.max(self.interval >> 1) >> 4).cast_unsigned();
+        let mut d = (self.guess.max(self.interval >> 1) >> 6).cast_unsigned();
         let mut there = after(d);
         let (mut early, mut late) = (0, u32::MAX);
         for _ in 0..TRIES {
@@ -369,14 +400,14 @@ impl Ramp {
     }
 }
 
-/// The time in which `phase` passes at the speed of a step in `d` ticks, in 1/16 tick; for a phase
+/// The time in which `phase` passes at the speed of a step in `d` ticks, in 1/64 tick; for a phase
 /// that passes within a tick.
 #[inline]
-fn sixteenths(phase: i64, d: u32) -> i32 {
-    /// 2³³ · 16 / STEP, in 2⁻²⁵.
+fn parts(phase: i64, d: u32) -> i32 {
+    /// 2³³ · 64 / STEP, in 2⁻²³.
     const RATE: i32 = ((1 << 62) / STEP as u64) as i32;
     let high = ((phase >> 18) as i32 * d.cast_signed()) >> 15;
-    (high * RATE) >> 25
+    (high * RATE) >> 23
 }
 
 /// The same for any phase, in whole ticks.
@@ -428,7 +459,7 @@ impl Cruise {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::motion::Rates;
+    use crate::motion::{MAX_ACCELERATION, Rates};
     use fixed::types::{I24F8, U24F8};
     use proptest::prelude::*;
 
@@ -447,6 +478,22 @@ mod tests {
         }
         if made < most {
             assert_eq!(plan.position_at(Instant::NEVER), position, "{plan:?}: steps are missing");
+        }
+    }
+
+    #[test]
+    fn a_leg_of_several_laps_goes_on() {
+        let plan = Plan::rest(at(0), 0).towards(at(0), I24F8::from_num(8_000_000), MAX_ACCELERATION);
+        let later = at(1 << 36);
+        let mut all = Walker::new(&plan, later);
+        let mut lap = all.clone();
+        assert_eq!((all.leg.more, all.others.len()), (0, 1), "the cruise is left");
+        all.next();
+        lap.next();
+        assert!(all.leg.laps > 0);
+        lap.leg.more = 2;
+        for _ in 0..10 {
+            assert_eq!(lap.next(), all.next());
         }
     }
 

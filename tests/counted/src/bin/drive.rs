@@ -1,0 +1,169 @@
+//! What a byte costs a drive on its board, and what a request costs it.
+#![no_std]
+#![no_main]
+
+use core::cell::Cell;
+use core::convert::Infallible;
+
+use cortex_m_rt::entry;
+use counted::{count, done, group};
+use embedded_hal::digital::{self, OutputPin};
+use embedded_io::{Write, WriteReady};
+use embedded_storage::{ReadStorage, Storage};
+use standin_firmware::device::{Boot, Device, Duration, Instant, Line, Pin, Port};
+use standin_firmware::shell::{Caught, Inputs, Outputs, Shell};
+use standin_protocol::modbus::rtu;
+
+/// Place of the drive in the list of all.
+const PLACE: usize = match usize::from_str_radix(env!("PLACE"), 10) {
+    Ok(place) => place,
+    Err(_) => panic!("the build script says a number"),
+};
+
+/// More than any drive has.
+const MEMORY: usize = 512;
+
+type DriveShell<'a, D> = Shell<D, &'a Board, Hands<'a>, MEMORY>;
+
+#[entry]
+fn main() -> ! {
+    let mut place = 0..;
+    macro_rules! pick {
+        ($($make:expr),* $(,)?) => {
+            $(if place.next() == Some(PLACE) {
+                measure($make());
+            })*
+        };
+    }
+    standin_firmware::devices!(pick);
+    done()
+}
+
+/// Asks a drive with its factory settings for ten registers.
+fn measure<D: Device>(drive: D) {
+    const STARTED: Duration = Duration::secs(10);
+    let port = drive.spec().ports.first().and_then(|port| port.line);
+    let character = port.expect("the drive has a serial port").character();
+    let board = Board::default();
+    let boot = Boot { seed: 0, fast: true };
+    let mut shell = DriveShell::<D>::new(drive, &board, Hands(&board), boot);
+    while shell.deadline() <= Instant::ZERO + STARTED {
+        board.now.set(shell.deadline());
+        turn(&mut shell);
+    }
+    board.now.set(Instant::ZERO + STARTED);
+
+    let request = rtu::read(1, 0, 10);
+    group(c"byte received");
+    for byte in request {
+        board.now.set(board.now.get() + character);
+        board.caught.set(Some(Caught::Byte(Port(0), byte)));
+        count(|| turn(&mut shell));
+    }
+    group(c"request of 10 registers");
+    board.now.set(shell.deadline());
+    count(|| turn(&mut shell));
+    assert_eq!(board.said.get(), (25, [1, 3, 20]), "the drive answers at once, and has ten registers");
+}
+
+#[inline(never)]
+fn turn<D: Device>(shell: &mut DriveShell<'_, D>) {
+    // What it says is whether to sleep now.
+    let _ = shell.turn();
+}
+
+/// A board that has just what is needed.
+#[derive(Default)]
+struct Board {
+    now: Cell<Instant>,
+    caught: Cell<Option<Caught>>,
+    /// How long what the drive said last was, and how it began.
+    said: Cell<(usize, [u8; 3])>,
+}
+
+impl Inputs for &Board {
+    fn now(&self) -> Instant {
+        self.now.get()
+    }
+
+    fn caught(&mut self, _until: Instant) -> Option<(Instant, Caught)> {
+        self.caught.take().map(|caught| (self.now.get(), caught))
+    }
+}
+
+/// What the drive does to the board.
+struct Hands<'a>(&'a Board);
+
+impl Outputs for Hands<'_> {
+    type Serial = Self;
+    type Pin = Self;
+    type Memory = Self;
+
+    fn serial(&mut self, _port: Port) -> Option<&mut Self> {
+        Some(self)
+    }
+
+    fn set_line(&mut self, _port: Port, _line: Line) {}
+
+    fn pin(&mut self, _pin: Pin) -> Option<&mut Self> {
+        Some(self)
+    }
+
+    fn memory(&mut self) -> &mut Self {
+        self
+    }
+}
+
+impl digital::ErrorType for Hands<'_> {
+    type Error = Infallible;
+}
+
+impl OutputPin for Hands<'_> {
+    fn set_low(&mut self) -> Result<(), Infallible> {
+        Ok(())
+    }
+
+    fn set_high(&mut self) -> Result<(), Infallible> {
+        Ok(())
+    }
+}
+
+impl embedded_io::ErrorType for Hands<'_> {
+    type Error = Infallible;
+}
+
+impl WriteReady for Hands<'_> {
+    fn write_ready(&mut self) -> Result<bool, Infallible> {
+        Ok(true)
+    }
+}
+
+impl Write for Hands<'_> {
+    fn write(&mut self, bytes: &[u8]) -> Result<usize, Infallible> {
+        let begin = bytes.first_chunk().copied().unwrap_or_default();
+        self.0.said.set((bytes.len(), begin));
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> Result<(), Infallible> {
+        Ok(())
+    }
+}
+
+impl ReadStorage for Hands<'_> {
+    type Error = Infallible;
+
+    fn read(&mut self, _offset: u32, _bytes: &mut [u8]) -> Result<(), Infallible> {
+        Ok(())
+    }
+
+    fn capacity(&self) -> usize {
+        0
+    }
+}
+
+impl Storage for Hands<'_> {
+    fn write(&mut self, _offset: u32, _bytes: &[u8]) -> Result<(), Infallible> {
+        Ok(())
+    }
+}

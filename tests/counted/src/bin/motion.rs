@@ -1,0 +1,154 @@
+//! What a step costs, and a plan.
+#![no_std]
+#![no_main]
+
+use core::cell::UnsafeCell;
+use core::ffi::CStr;
+use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+
+use cortex_m_rt::entry;
+use counted::{count, done, group, opaque};
+use fixed::types::{I24F8, U24F8};
+use standin_firmware::device::{Instant, Plan};
+use standin_firmware::motion::{Follower, Rates, StepDir, StepTimer, Stepper, Walker};
+
+/// What an interrupt and the loop share on a board.
+struct Shared<T>(UnsafeCell<T>);
+
+// SAFETY: this program has no interrupts.
+unsafe impl<T> Sync for Shared<T> {}
+
+impl<T> Shared<T> {
+    const fn new(value: T) -> Self {
+        Self(UnsafeCell::new(value))
+    }
+
+    #[inline(always)]
+    fn with<R>(&self, act: impl FnOnce(&mut T) -> R) -> R {
+        // SAFETY: nothing that this program does in here comes back here.
+        act(unsafe { &mut *self.0.get() })
+    }
+}
+
+static WALKER: Shared<Walker> = Shared::new(Walker::done());
+static STEPPER: Shared<Stepper<Pins>> = Shared::new(Stepper::new(Pins));
+
+/// The registers of a timer and of two pins.
+static COMPARE: AtomicU32 = AtomicU32::new(0);
+static STEP: AtomicBool = AtomicBool::new(false);
+static DIRECTION: AtomicBool = AtomicBool::new(false);
+
+#[entry]
+fn main() -> ! {
+    let fast = || towards(800_000_000);
+    WALKER.with(|walker| *walker = Walker::new(&towards(10_000), Instant::ZERO));
+    steps(c"step, one of the first 100 at 10,000 steps/s²", walk, 0, 100);
+    steps(c"step in a ramp at 10,000 steps/s²", walk, 900, 10_000);
+    WALKER.with(|walker| *walker = Walker::new(&towards(500_000), Instant::ZERO));
+    steps(c"step in a ramp at 500,000 steps/s²", walk, 200, 1_000);
+    WALKER.with(|walker| *walker = Walker::new(&fast(), Instant::ZERO));
+    steps(c"step in a cruise", walk, 10, 1_000);
+    WALKER.with(|walker| *walker = Walker::new(&profile(), Instant::ZERO));
+    steps(c"step of a move of 10,000", walk, 0, 10_000);
+
+    follow(&towards(500_000));
+    steps(c"step and its pulse in a ramp at 500,000 steps/s²", fire, 200, 1_000);
+    follow(&fast());
+    steps(c"step and its pulse in a cruise", fire, 10, 1_000);
+
+    group(c"plan of a move");
+    count(|| plan(profile));
+    group(c"plan of a jog");
+    count(|| plan(|| towards(10_000)));
+    group(c"plan of a reversal");
+    let jog = opaque(towards(10_000));
+    count(|| {
+        plan(|| {
+            jog.towards(
+                opaque(Instant::from_ticks(16_000_000)),
+                opaque(I24F8::from_num(-40_000)),
+                opaque(10_000),
+            )
+        })
+    });
+    done()
+}
+
+/// Leaves out the first `skipped` steps, and counts as many as `counted`.
+fn steps(name: &CStr, step: fn(), skipped: u32, counted: u32) {
+    for _ in 0..skipped {
+        step();
+    }
+    group(name);
+    for _ in 0..counted {
+        count(step);
+    }
+}
+
+/// An interrupt that asks a walker for the next step.
+#[inline(never)]
+fn walk() {
+    if let Some(step) = WALKER.with(Walker::step) {
+        COMPARE.store(step.at.ticks() as u32, Ordering::Relaxed);
+        DIRECTION.store(step.forward, Ordering::Relaxed);
+    }
+}
+
+/// An interrupt that makes a pulse.
+#[inline(never)]
+fn fire() {
+    let due = STEPPER.with(Stepper::fire);
+    COMPARE.store(due.ticks() as u32, Ordering::Relaxed);
+}
+
+/// A plan and its first step, as the loop prepares them.
+#[inline(never)]
+fn plan(plan: impl FnOnce() -> Plan) {
+    let mut walker = Walker::new(&opaque(plan()), Instant::ZERO);
+    opaque(walker.next());
+}
+
+/// From standstill to 40,000 steps/s.
+fn towards(acceleration: u32) -> Plan {
+    Plan::rest(Instant::ZERO, 0).towards(Instant::ZERO, opaque(I24F8::from_num(40_000)), opaque(acceleration))
+}
+
+/// The move of a new MD3, but longer.
+fn profile() -> Plan {
+    let rates = Rates::even(opaque(U24F8::from_num(5_000)), opaque(10_000));
+    Plan::profile(Instant::ZERO, 0, opaque(10_000), rates)
+}
+
+fn follow(plan: &Plan) {
+    opaque(Follower::new().follow(&mut Timer, plan));
+}
+
+struct Pins;
+
+impl StepDir for Pins {
+    fn rise(&mut self) {
+        STEP.store(true, Ordering::Relaxed);
+    }
+
+    fn fall(&mut self) {
+        STEP.store(false, Ordering::Relaxed);
+    }
+
+    fn turn(&mut self, forward: bool) {
+        DIRECTION.store(forward, Ordering::Relaxed);
+    }
+}
+
+struct Timer;
+
+impl StepTimer for Timer {
+    type Pins = Pins;
+
+    fn now(&self) -> Instant {
+        Instant::ZERO
+    }
+
+    fn with<R>(&mut self, act: impl FnOnce(&mut Stepper<Pins>) -> R) -> Option<R> {
+        Some(STEPPER.with(act))
+    }
+}

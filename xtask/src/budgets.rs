@@ -1,0 +1,69 @@
+//! What a drive may cost. `cargo xtask size` measures every line, and fails where one costs more, or where
+//! something is measured that has no line here.
+
+/// What something may cost at most.
+#[derive(Debug)]
+pub(crate) struct Budget {
+    /// What is measured: instructions, if it does not say something else.
+    pub(crate) what: &'static str,
+    /// On a Cortex-M3 and the lm3s6965, and on a Cortex-M0+ and the rp2040.
+    pub(crate) most: [u64; 2],
+    /// Why so much.
+    pub(crate) why: &'static str,
+}
+
+const fn most(what: &'static str, most: [u64; 2], why: &'static str) -> Budget {
+    Budget { what, most, why }
+}
+
+/// Stands for what is not measured on a board, or depends on the host there.
+pub(crate) const NO_BUDGET: u64 = u64::MAX;
+
+const REACHED: &str = "what has been reached, and a little for another compiler";
+const AIM: &str = "the aim for what runs at every step";
+const HOST: &str = "QEMU's UART brings as many characters at once as the host has sent";
+const FLASH: &str = "what has been reached; the aim is 32 KiB";
+const RAM: &str = "what has been reached; the aim is 8 KiB";
+const RESERVED: &str = "what the board's map reserves";
+const NO_PANIC: &str =
+    "our drivers cannot panic; the rp2040 has them from the crate that keeps saved registers in its flash";
+
+/// Every budget.
+pub(crate) const BUDGETS: &[Budget] = &[
+    most("md3: flash, bytes", [47_616, 63_488], FLASH),
+    most("md3: RAM with its stack, bytes", [15_872, 17_920], RAM),
+    most("md3: stack, bytes", [12_288, 12_288], RESERVED),
+    most("md3: calls of a panic", [0, 30], NO_PANIC),
+    most("md3 without a board: flash, bytes", [36_352, 39_168], REACHED),
+    most("md3 without a board: RAM, bytes", [768, 768], REACHED),
+    most("md3-low: flash, bytes", [47_616, 63_488], FLASH),
+    most("md3-low: RAM with its stack, bytes", [15_872, 17_920], RAM),
+    most("md3-low: stack, bytes", [12_288, 12_288], RESERVED),
+    most("md3-low: calls of a panic", [0, 30], NO_PANIC),
+    most("md3-low without a board: flash, bytes", [36_352, 39_168], REACHED),
+    most("md3-low without a board: RAM, bytes", [768, 768], REACHED),
+    most("md3: stack in use, bytes", [12_288, NO_BUDGET], RESERVED),
+    most("bus's interrupt, at worst", [NO_BUDGET, NO_BUDGET], HOST),
+    most("clock's interrupt, at worst", [40, NO_BUDGET], REACHED),
+    most("step, one of the first 100 at 10,000 steps/s²", [240, 415], REACHED),
+    most("step, one of the first 100 at 10,000 steps/s², at worst", [615, 1_650], REACHED),
+    most("step in a ramp at 10,000 steps/s²", [80, 150], AIM),
+    most("step in a ramp at 10,000 steps/s², at worst", [220, 365], REACHED),
+    most("step in a ramp at 500,000 steps/s²", [80, 150], AIM),
+    most("step in a ramp at 500,000 steps/s², at worst", [220, 365], REACHED),
+    most("step in a cruise", [30, 33], REACHED),
+    most("step of a move of 10,000", [47, 60], REACHED),
+    most("step of a move of 10,000, at worst", [660, 2_000], REACHED),
+    most("step and its pulse in a ramp at 500,000 steps/s²", [135, 225], REACHED),
+    most("step and its pulse in a ramp at 500,000 steps/s², at worst", [275, 485], REACHED),
+    most("step and its pulse in a cruise", [90, 155], REACHED),
+    most("plan of a move", [29_500, 57_000], REACHED),
+    most("plan of a jog", [15_500, 32_000], REACHED),
+    most("plan of a reversal", [23_000, 47_000], REACHED),
+    most("md3: byte received", [610, 1_200], REACHED),
+    most("md3: byte received, at worst", [620, 1_250], REACHED),
+    most("md3: request of 10 registers", [1_850, 2_600], REACHED),
+    most("md3-low: byte received", [610, 1_200], REACHED),
+    most("md3-low: byte received, at worst", [620, 1_250], REACHED),
+    most("md3-low: request of 10 registers", [1_850, 2_600], REACHED),
+];

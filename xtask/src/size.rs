@@ -1,0 +1,145 @@
+//! The table of what a drive costs, measured and compared with its [budgets](crate::budgets).
+
+use anyhow::{Result, ensure};
+use xshell::Shell;
+
+use crate::board::{BOARDS, PROFILE};
+use crate::budgets::{BUDGETS, Budget, NO_BUDGET};
+use crate::checks;
+use crate::counted::{self, Group, PROCESSORS};
+use crate::docs::kinds;
+use crate::image::{Image, Sizes};
+use crate::{interrupts, panic_free};
+
+/// Builds what is measured, and checks it; the names of the drives come from the built `standin`.
+pub(crate) fn print(sh: &Shell) -> Result<()> {
+    checks::build(sh)?;
+    check(sh)
+}
+
+/// Measures everything, prints the table, and fails if something costs too much.
+pub(crate) fn check(sh: &Shell) -> Result<()> {
+    counted::check(sh)?;
+    let kinds = kinds(sh)?;
+    let mut table = Table::default();
+    for kind in &kinds {
+        sizes(sh, kind, &mut table)?;
+    }
+    // Those of the rp2040 are counted with its emulator.
+    let worst = interrupts::worst(sh)?;
+    table.put(0, "md3: stack in use, bytes".to_owned(), worst.stack);
+    for (interrupt, most) in worst.interrupts {
+        table.put(0, format!("{interrupt}, at worst"), most);
+    }
+    for (place, processor) in PROCESSORS.iter().enumerate() {
+        for group in counted::groups(sh, processor, "motion", "md3")? {
+            table.instructions(place, &group.name, &group);
+        }
+        for kind in &kinds {
+            for group in counted::groups(sh, processor, "drive", kind)? {
+                table.instructions(place, &format!("{kind}: {}", group.name), &group);
+            }
+        }
+    }
+    table.print();
+    table.judge()
+}
+
+/// The images with a kind of drive, and the drive alone.
+fn sizes(sh: &Shell, kind: &str, table: &mut Table) -> Result<()> {
+    for (place, board) in BOARDS.iter().enumerate() {
+        let image = board.image(sh, kind)?;
+        let Sizes { flash, ram, stack } = image.sizes()?;
+        table.put(place, format!("{kind}: flash, bytes"), flash);
+        table.put(place, format!("{kind}: RAM with its stack, bytes"), ram);
+        table.put(place, format!("{kind}: stack, bytes"), stack);
+        table.put(place, format!("{kind}: calls of a panic"), image.panic_sites()?);
+    }
+    for (place, processor) in PROCESSORS.iter().enumerate() {
+        panic_free::link(sh, processor.target, PROFILE, "drive", Some(kind))?;
+        let Sizes { flash, ram, .. } = Image::of(sh, processor.target, PROFILE, "drive")?.sizes()?;
+        table.put(place, format!("{kind} without a board: flash, bytes"), flash);
+        table.put(place, format!("{kind} without a board: RAM, bytes"), ram);
+    }
+    Ok(())
+}
+
+/// What was measured, in its order, at up to two places: see [`Budget`].
+#[derive(Default)]
+struct Table(Vec<(String, [Option<u64>; 2])>);
+
+impl Table {
+    fn put(&mut self, place: usize, what: String, value: u64) {
+        let row = self.0.iter().position(|(known, _)| *known == what).unwrap_or_else(|| {
+            self.0.push((what, [None; 2]));
+            self.0.len() - 1
+        });
+        self.0[row].1[place] = Some(value);
+    }
+
+    fn instructions(&mut self, place: usize, what: &str, group: &Group) {
+        self.put(place, what.to_owned(), group.mean);
+        if group.most != group.mean {
+            self.put(place, format!("{what}, at worst"), group.most);
+        }
+    }
+
+    fn print(&self) {
+        println!("{:<66} {:>19} {:>19}", "instructions, or what is said", "M3, lm3s6965", "M0+, rp2040");
+        println!("{:<66} {:>9} {:>9} {:>9} {:>9}", "", "measured", "at most", "measured", "at most");
+        for (what, values) in &self.0 {
+            print!("{what:<66}");
+            for (place, value) in values.iter().enumerate() {
+                print!(
+                    " {:>9} {:>9}",
+                    shown(*value),
+                    shown(budget(what).map(|budget| budget.most[place]).filter(|most| *most != NO_BUDGET))
+                );
+            }
+            println!();
+        }
+    }
+
+    /// Fails for everything that is too much, was not measured, or has no budget.
+    fn judge(&self) -> Result<()> {
+        let mut wrong = Vec::new();
+        for (what, values) in &self.0 {
+            for (place, value) in values.iter().enumerate() {
+                match (value, budget(what)) {
+                    (Some(value), Some(budget)) if *value <= budget.most[place] => {}
+                    (Some(value), Some(Budget { most, why, .. })) => {
+                        wrong.push(format!(
+                            "{what} on the {}: {value}, at most {} ({why})",
+                            name(place),
+                            most[place]
+                        ));
+                    }
+                    (Some(_), None) => wrong.push(format!("{what}: it has no budget")),
+                    (None, Some(Budget { most, .. })) if most[place] == NO_BUDGET => {}
+                    (None, _) => wrong.push(format!("{what} was not measured on the {}", name(place))),
+                }
+            }
+        }
+        let measured = |what| self.0.iter().any(|(known, _)| known == what);
+        wrong.extend(
+            BUDGETS
+                .iter()
+                .filter(|budget| !measured(budget.what))
+                .map(|budget| format!("{}: it has a budget, but nobody measured it", budget.what)),
+        );
+        ensure!(wrong.is_empty(), "xtask/src/budgets.rs does not hold:\n  {}", wrong.join("\n  "));
+        Ok(())
+    }
+}
+
+fn budget(what: &str) -> Option<&'static Budget> {
+    BUDGETS.iter().find(|budget| budget.what == what)
+}
+
+fn name(place: usize) -> &'static str {
+    BOARDS[place].name
+}
+
+fn shown(value: Option<u64>) -> String {
+    value.map_or_else(String::new, |value| value.to_string())
+}
