@@ -10,6 +10,8 @@
 //! [`Input::Slipped`](crate::device::Input::Slipped). A plan that begins at standstill loses none: it is
 //! made later as a whole.
 
+use core::mem;
+
 use standin_protocol::time::{Duration, Instant};
 
 use super::{Plan, Step, Walker};
@@ -162,6 +164,16 @@ pub struct Follower {
     plan: Plan,
     /// Steps that the pulses are ahead of the plan's position.
     offset: i32,
+    next: Course,
+}
+
+/// A plan on its way to the stepper.
+#[derive(Debug)]
+struct Course {
+    walker: Walker,
+    next: Step,
+    /// Before `next`.
+    position: i32,
 }
 
 impl Default for Follower {
@@ -174,7 +186,8 @@ impl Follower {
     /// Of an axis that stands.
     #[must_use]
     pub fn new() -> Self {
-        Self { plan: Plan::rest(Instant::ZERO, 0), offset: 0 }
+        let next = Course { walker: Walker::done(), next: NONE, position: 0 };
+        Self { plan: Plan::rest(Instant::ZERO, 0), offset: 0, next }
     }
 
     /// From now on the axis follows `plan`. Returns how many steps more than planned it has made by then,
@@ -184,7 +197,8 @@ impl Follower {
         let offset = self.made(start).wrapping_sub(plan.position_at(start));
         let stands = |stepper: &mut Stepper<_>| stepper.next.at == Instant::NEVER;
         let stood = self.plan.end() <= start && timer.with(stands) == Some(true);
-        let mut course = Course::new(plan, if stood { start } else { timer.now() });
+        let course = &mut self.next;
+        course.take(plan, if stood { start } else { timer.now() });
         if !stood {
             // Most of what has gone by meanwhile, with the interrupt let in.
             course.skip(timer.now());
@@ -199,7 +213,7 @@ impl Follower {
                 }
                 course.skip(now);
             }
-            stepper.walker = course.walker;
+            mem::swap(&mut stepper.walker, &mut course.walker);
             stepper.next = course.next;
             stepper.schedule();
             stepper.made.wrapping_sub(course.position).wrapping_sub(offset)
@@ -215,19 +229,12 @@ impl Follower {
     }
 }
 
-/// A plan on its way to the stepper.
-struct Course {
-    walker: Walker,
-    next: Step,
-    /// Before `next`.
-    position: i32,
-}
-
 impl Course {
-    fn new(plan: &Plan, after: Instant) -> Self {
-        let mut walker = Walker::new(plan, after);
-        let next = walker.next().unwrap_or(NONE);
-        Self { walker, next, position: plan.position_at(after) }
+    /// What `plan` does after `after`.
+    fn take(&mut self, plan: &Plan, after: Instant) {
+        self.walker.follow(plan, after);
+        self.next = self.walker.next().unwrap_or(NONE);
+        self.position = plan.position_at(after);
     }
 
     /// Leaves out the steps up to `now`.

@@ -74,8 +74,23 @@ impl Walker {
     /// Of `plan`, from its first step later than `after`; one before the plan's start acts as that.
     #[must_use]
     pub fn new(plan: &Plan, after: Instant) -> Self {
+        let mut walker = Self::done();
+        walker.follow(plan, after);
+        walker
+    }
+
+    /// Without any step.
+    #[must_use]
+    pub const fn done() -> Self {
+        Self { leg: Leg::single(0, true), others: Legs::new() }
+    }
+
+    /// Forgets what it had; now it is that of `plan`, as [`new`](Self::new). A walker takes a few hundred
+    /// bytes, and boards have small stacks.
+    pub fn follow(&mut self, plan: &Plan, after: Instant) {
+        self.leg = Leg::single(0, true);
+        self.others.clear();
         let after = after.max(plan.start()).ticks();
-        let mut legs = Legs::new();
         let mut end = plan.start().ticks();
         // Where the last segment left the axis.
         let mut position = 0;
@@ -92,15 +107,8 @@ impl Walker {
                 Some(next) => Some(next.from),
                 None => Some(plan.position_at(Instant::NEVER)),
             };
-            position = stretch.walk(stand, &mut legs);
+            position = stretch.walk(stand, &mut self.others);
         }
-        Self { leg: Leg::single(0, true), others: legs }
-    }
-
-    /// Without any step.
-    #[must_use]
-    pub const fn done() -> Self {
-        Self { leg: Leg::single(0, true), others: Legs::new() }
     }
 
     /// Makes every step that is still to come later by `late`.
