@@ -4,6 +4,7 @@ use anyhow::{Context, Result};
 use xshell::{Shell, cmd};
 
 use crate::checks::target_dir;
+use crate::docs::kinds;
 use crate::image::Image;
 
 /// Cargo's profile of what is flashed.
@@ -78,7 +79,11 @@ pub(crate) fn run(sh: &Shell) -> Result<()> {
 
 /// Plays the golden traces on the images under QEMU.
 pub(crate) fn golden(sh: &Shell) -> Result<()> {
-    let images = target_dir(sh).join(TARGET).join("release");
+    let [board, _] = &BOARDS;
+    for kind in kinds(sh)? {
+        board.image(sh, &kind)?;
+    }
+    let images = target_dir(sh).join(board.target).join(PROFILE);
     let test = cmd!(sh, "cargo test --package standin-tests --test qemu_golden -- --ignored --nocapture");
     Ok(test.env("STANDIN_IMAGES", images).run()?)
 }

@@ -124,7 +124,7 @@ impl<P: StepDir> Stepper<P> {
             self.direct -= self.direct.signum();
         } else {
             self.made = self.made.wrapping_add(way(self.next));
-            self.next = self.walker.step().unwrap_or(NONE);
+            self.next = self.walker.next().unwrap_or(NONE);
         }
     }
 

@@ -119,22 +119,6 @@ impl Walker {
         }
     }
 
-    /// The next step: [`next`](Iterator::next) for an interrupt that has no time for a call.
-    #[inline(always)]
-    pub fn step(&mut self) -> Option<Step> {
-        let leg = &mut self.leg;
-        if leg.more == 0 && !leg.begin_lap() {
-            return self.turn();
-        }
-        leg.more -= 1;
-        let interval = match &mut leg.pace {
-            Pace::Ramp(ramp) => ramp.next(),
-            Pace::Cruise(cruise) => cruise.next(),
-        };
-        leg.base = leg.base.wrapping_add(u64::from(interval));
-        Some(Step { at: Instant::from_ticks(leg.base), forward: leg.forward })
-    }
-
     /// On to the next leg, and its first step.
     #[cold]
     fn turn(&mut self) -> Option<Step> {
@@ -146,8 +130,20 @@ impl Walker {
 impl Iterator for Walker {
     type Item = Step;
 
+    // Always, because an interrupt asks for every step, and a call costs it ten instructions.
+    #[inline(always)]
     fn next(&mut self) -> Option<Step> {
-        self.step()
+        let leg = &mut self.leg;
+        if leg.more == 0 && !leg.begin_lap() {
+            return self.turn();
+        }
+        leg.more -= 1;
+        let interval = match &mut leg.pace {
+            Pace::Ramp(ramp) => ramp.next(),
+            Pace::Cruise(cruise) => cruise.next(),
+        };
+        leg.base = leg.base.wrapping_add(u64::from(interval));
+        Some(Step { at: Instant::from_ticks(leg.base), forward: leg.forward })
     }
 }
 

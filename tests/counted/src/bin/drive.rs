@@ -46,7 +46,8 @@ fn measure<D: Device>(drive: D) {
     let character = port.expect("the drive has a serial port").character();
     let board = Board::default();
     let boot = Boot { seed: 0, fast: true };
-    let mut shell = DriveShell::<D>::new(drive, &board, Hands(&board), boot);
+    let mut shell = DriveShell::<D>::new(drive, &board, Hands(&board));
+    shell.power_on(boot);
     while shell.deadline() <= Instant::ZERO + STARTED {
         board.now.set(shell.deadline());
         turn(&mut shell);

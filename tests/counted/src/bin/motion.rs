@@ -88,7 +88,7 @@ fn steps(name: &CStr, step: fn(), skipped: u32, counted: u32) {
 /// An interrupt that asks a walker for the next step.
 #[inline(never)]
 fn walk() {
-    if let Some(step) = WALKER.with(Walker::step) {
+    if let Some(step) = WALKER.with(Iterator::next) {
         COMPARE.store(step.at.ticks() as u32, Ordering::Relaxed);
         DIRECTION.store(step.forward, Ordering::Relaxed);
     }
