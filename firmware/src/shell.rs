@@ -17,11 +17,11 @@ use crate::device::{
 };
 
 /// Pins that may wave at a time.
-const WAVES: usize = 8;
+const WAVES: usize = 4;
 /// Messages that may wait to be sent.
-const MESSAGES: usize = 8;
-/// Characters that may wait to be sent: those of the longest message, and of a few short ones.
-const CHARACTERS: usize = 384;
+const MESSAGES: usize = 4;
+/// Characters that may wait to be sent: those of the longest message, and of a short one.
+const CHARACTERS: usize = 272;
 
 /// What an interrupt caught.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]

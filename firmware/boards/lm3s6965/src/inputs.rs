@@ -16,7 +16,7 @@ use crate::gpio::{self, Gpio, Port};
 const MOST: usize = 16;
 
 /// Things that may be caught before the drive is told of the first one. A request has 8 characters.
-pub(crate) const MOST_CAUGHT: usize = 128;
+pub(crate) const MOST_CAUGHT: usize = 112;
 
 /// What was caught and not yet told the drive.
 pub(crate) static CAUGHT: Queue<(Instant, Caught), MOST_CAUGHT> = Queue::new();
