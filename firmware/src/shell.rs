@@ -107,8 +107,16 @@ struct Hands<O, const MEMORY: usize> {
     waves: Vec<Wave, WAVES>,
     messages: Deque<Message, MESSAGES>,
     /// Of all messages, in their order.
-    characters: Deque<u8, CHARACTERS>,
+    characters: Characters,
     failures: u32,
+}
+
+/// Characters in a row, taken from the front.
+#[derive(Debug)]
+struct Characters {
+    kept: Vec<u8, CHARACTERS>,
+    /// How many of them have left.
+    gone: usize,
 }
 
 /// A pin that repeats.
@@ -144,7 +152,7 @@ impl<D: Device, I: Inputs, O: Outputs, const MEMORY: usize> Shell<D, I, O, MEMOR
             memory: [0xFF; MEMORY],
             waves: Vec::new(),
             messages: Deque::new(),
-            characters: Deque::new(),
+            characters: Characters { kept: Vec::new(), gone: 0 },
             failures: 0,
         };
         Self { device, inputs, hands }
@@ -257,8 +265,7 @@ impl<O: Outputs, const MEMORY: usize> Hands<O, MEMORY> {
         let mut moved = false;
         while let Some(message) = self.messages.front_mut().filter(|message| message.from <= now) {
             message.begun = true;
-            let (next, _) = self.characters.as_slices();
-            let next = next.get(..message.left).unwrap_or(next);
+            let next = self.characters.front(message.left);
             let written = match self.outputs.serial(message.port) {
                 Some(serial) if !next.is_empty() => match serial.write_ready() {
                     Ok(false) => break,
@@ -276,9 +283,7 @@ impl<O: Outputs, const MEMORY: usize> Hands<O, MEMORY> {
             }
             message.left -= gone;
             let Message { port, left, then, .. } = *message;
-            for _ in 0..gone {
-                self.characters.pop_front();
-            }
+            self.characters.take(gone);
             if left == 0 {
                 self.messages.pop_front();
                 if let Some(line) = then {
@@ -290,16 +295,42 @@ impl<O: Outputs, const MEMORY: usize> Hands<O, MEMORY> {
     }
 }
 
+impl Characters {
+    /// Puts some at the end; `false` if they do not fit.
+    fn push(&mut self, bytes: &[u8]) -> bool {
+        let rest = self.kept.get(self.gone..).unwrap_or(&[]);
+        if rest.is_empty() {
+            self.kept.clear();
+            self.gone = 0;
+        } else if bytes.len() > CHARACTERS - self.kept.len()
+            && let Ok(rest) = Vec::from_slice(rest)
+        {
+            self.kept = rest;
+            self.gone = 0;
+        }
+        self.kept.extend_from_slice(bytes).is_ok()
+    }
+
+    /// Those at the front, at most that many.
+    fn front(&self, most: usize) -> &[u8] {
+        let rest = self.kept.get(self.gone..).unwrap_or(&[]);
+        rest.get(..most).unwrap_or(rest)
+    }
+
+    /// They have left.
+    fn take(&mut self, count: usize) {
+        self.gone += count;
+    }
+}
+
 impl<O: Outputs, const MEMORY: usize> Sink for Hands<O, MEMORY> {
     fn put(&mut self, at: Instant, output: Output<'_>) {
         match output {
             Output::Bytes { port, bytes } => {
                 let message = Message { port, from: at, begun: false, left: bytes.len(), then: None };
-                let fits = bytes.len() <= CHARACTERS - self.characters.len().min(CHARACTERS);
-                let queued = fits && self.messages.push_back(message).is_ok();
-                for &byte in bytes.iter().filter(|_| queued) {
-                    let _ = self.characters.push_back(byte);
-                }
+                let queued = !self.messages.is_full()
+                    && self.characters.push(bytes)
+                    && self.messages.push_back(message).is_ok();
                 self.failures = self.failures.saturating_add(u32::from(!queued));
             }
             Output::Line { port, line } => {
