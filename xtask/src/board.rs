@@ -1,11 +1,14 @@
 //! The boards: their images, and what lies where in them.
 
-use anyhow::{Context, Result};
+use std::path::PathBuf;
+
+use anyhow::{Context, Result, bail};
 use xshell::{Shell, cmd};
 
 use crate::checks::target_dir;
 use crate::docs::kinds;
 use crate::image::Image;
+use crate::tools::{self, Tool};
 
 /// Cargo's profile of what is flashed.
 pub(crate) const PROFILE: &str = "firmware";
@@ -36,10 +39,15 @@ pub(crate) const BOARDS: [Board; 2] = [
         package: "standin-rp2040",
         target: "thumbv6m-none-eabi",
         // The image runs from RAM, behind its stack.
-        vectors: 0x2000_3000,
+        vectors: 0x2000_1C00,
         ram: 0x2000_0000,
     },
 ];
+
+/// The board that QEMU emulates.
+pub(crate) const LM3S6965: &Board = &BOARDS[0];
+/// The Raspberry Pi Pico.
+pub(crate) const RP2040: &Board = &BOARDS[1];
 
 /// Lints the crates that only a board, or a linker, can build.
 pub(crate) fn clippy(sh: &Shell, bare: &[&str]) -> Result<()> {
@@ -49,41 +57,100 @@ pub(crate) fn clippy(sh: &Shell, bare: &[&str]) -> Result<()> {
         let others: Vec<&str> = others.collect();
         let packages = bare.iter().filter(|bare| !others.contains(bare)).flat_map(|bare| ["--package", bare]);
         cmd!(sh, "cargo clippy --release {packages...} --target {target} -- -D warnings").run()?;
+        let logs = cmd!(sh, "cargo clippy --release --package {package} --features defmt --target {target}");
+        logs.args(["--", "-D", "warnings"]).run()?;
+    }
+    Ok(())
+}
+
+/// Builds the images that log, one of each board: their linker scripts are others.
+pub(crate) fn logging(sh: &Shell) -> Result<()> {
+    for Board { package, target, .. } in &BOARDS {
+        // Beside the others, which keep their names.
+        let build = cmd!(sh, "cargo build --profile {PROFILE} --package {package} --features defmt");
+        build
+            .args(["--bin", "md3", "--target", target, "--target-dir"])
+            .arg(target_dir(sh).join("defmt"))
+            .run()?;
     }
     Ok(())
 }
 
 impl Board {
+    /// The kinds of drive that it has an image of, in order of their names.
+    pub(crate) fn kinds(&self, sh: &Shell) -> Result<Vec<String>> {
+        let mut kinds: Vec<String> = sh
+            .read_dir(format!("firmware/boards/{}/src/bin", self.name))?
+            .iter()
+            .filter_map(|path| Some(path.file_stem()?.to_str()?.to_owned()))
+            .collect();
+        kinds.sort();
+        Ok(kinds)
+    }
+
+    /// Where its images lie once they are built, each with the name of its kind.
+    pub(crate) fn images(&self, sh: &Shell) -> PathBuf {
+        target_dir(sh).join(self.target).join(PROFILE)
+    }
+
+    /// Builds the image with a kind of drive.
+    pub(crate) fn build(&self, sh: &Shell, kind: &str) -> Result<PathBuf> {
+        let Self { package, target, .. } = self;
+        let build = cmd!(sh, "cargo build --quiet --profile {PROFILE} --package {package} --bin {kind}");
+        build.args(["--target", target]).run()?;
+        Ok(self.images(sh).join(kind))
+    }
+
     /// Builds the image with a kind of drive, and looks where everything in it lies.
     pub(crate) fn image(&self, sh: &Shell, kind: &str) -> Result<Image> {
-        let Self { name, package, target, vectors, ram } = self;
-        cmd!(
-            sh,
-            "cargo build --quiet --profile {PROFILE} --package {package} --bin {kind} --target {target}"
-        )
-        .run()?;
-        let image = Image::of(sh, target, PROFILE, kind)?;
-        image.expect_map(*vectors, *ram).with_context(|| format!("{kind} on {name}"))?;
+        self.build(sh, kind)?;
+        let image = Image::of(sh, self.target, PROFILE, kind)?;
+        image.expect_map(self.vectors, self.ram).with_context(|| format!("{kind} on {}", self.name))?;
         Ok(image)
+    }
+
+    /// Builds the image that a person wants to run, after what that needs.
+    ///
+    /// # Errors
+    ///
+    /// If there is no image of that kind, if it does not build, or if a tool is missing.
+    pub(crate) fn image_for(&self, sh: &Shell, kind: &str, needed: &[Tool]) -> Result<PathBuf> {
+        let kinds = self.kinds(sh)?;
+        if !kinds.iter().any(|known| known == kind) {
+            bail!("there is no drive `{kind}` for the {}; there are: {}", self.name, kinds.join(", "));
+        }
+        if let Some(remedy) = tools::bring_only(sh, needed).of(needed) {
+            bail!("{remedy}");
+        }
+        self.build(sh, kind)
+    }
+
+    /// Builds every image. Each kind of drive has one.
+    fn all(&self, sh: &Shell) -> Result<PathBuf> {
+        for kind in kinds(sh)? {
+            self.build(sh, &kind)?;
+        }
+        Ok(self.images(sh))
     }
 }
 
-/// Asks the image under QEMU.
+/// Asks an image under QEMU.
 pub(crate) fn run(sh: &Shell) -> Result<()> {
-    let [board, _] = &BOARDS;
-    board.image(sh, "md3")?;
-    let image = target_dir(sh).join(board.target).join(PROFILE).join("md3");
+    let image = LM3S6965.build(sh, "md3")?;
     let test = cmd!(sh, "cargo test --package standin-tests --test qemu -- --ignored");
     Ok(test.env("STANDIN_BOARD", image).run()?)
 }
 
 /// Plays the golden traces on the images under QEMU.
 pub(crate) fn golden(sh: &Shell) -> Result<()> {
-    let [board, _] = &BOARDS;
-    for kind in kinds(sh)? {
-        board.image(sh, &kind)?;
-    }
-    let images = target_dir(sh).join(board.target).join(PROFILE);
+    let images = LM3S6965.all(sh)?;
     let test = cmd!(sh, "cargo test --package standin-tests --test qemu_golden -- --ignored --nocapture");
+    Ok(test.env("STANDIN_IMAGES", images).run()?)
+}
+
+/// What only the exact time of the emulated Pico can prove.
+pub(crate) fn pico(sh: &Shell) -> Result<()> {
+    let images = RP2040.all(sh)?;
+    let test = cmd!(sh, "cargo test --package standin-tests --test pico -- --ignored --nocapture");
     Ok(test.env("STANDIN_IMAGES", images).run()?)
 }

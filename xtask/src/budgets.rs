@@ -21,9 +21,10 @@ pub(crate) const NO_BUDGET: u64 = u64::MAX;
 
 const REACHED: &str = "what has been reached, and a little for another compiler";
 const AIM: &str = "the aim for what runs at every step";
+const LATE: &str = "the first steps of a ramp, far apart, are searched for; QEMU brings the timer late, so it is not counted there";
 const HOST: &str = "QEMU's UART brings as many characters at once as the host has sent";
 const FLASH: &str = "what has been reached; the aim is 32 KiB";
-const RAM: &str = "what has been reached; the aim is 8 KiB";
+const RAM: &str = "the aim; the rp2040 has more, and waits for its flash: 256 things may be caught meanwhile";
 const RESERVED: &str = "what the board's map reserves";
 const NO_PANIC: &str =
     "our drivers cannot panic; the rp2040 has them from the crate that keeps saved registers in its flash";
@@ -31,20 +32,22 @@ const NO_PANIC: &str =
 /// Every budget.
 pub(crate) const BUDGETS: &[Budget] = &[
     most("md3: flash, bytes", [47_616, 63_488], FLASH),
-    most("md3: RAM with its stack, bytes", [15_872, 17_920], RAM),
-    most("md3: stack, bytes", [12_288, 12_288], RESERVED),
+    most("md3: RAM with its stack, bytes", [8_192, 12_288], RAM),
+    most("md3: stack, bytes", [5_120, 7_168], RESERVED),
     most("md3: calls of a panic", [0, 30], NO_PANIC),
     most("md3 without a board: flash, bytes", [36_352, 39_168], REACHED),
     most("md3 without a board: RAM, bytes", [768, 768], REACHED),
     most("md3-low: flash, bytes", [47_616, 63_488], FLASH),
-    most("md3-low: RAM with its stack, bytes", [15_872, 17_920], RAM),
-    most("md3-low: stack, bytes", [12_288, 12_288], RESERVED),
+    most("md3-low: RAM with its stack, bytes", [8_192, 12_288], RAM),
+    most("md3-low: stack, bytes", [5_120, 7_168], RESERVED),
     most("md3-low: calls of a panic", [0, 30], NO_PANIC),
     most("md3-low without a board: flash, bytes", [36_352, 39_168], REACHED),
     most("md3-low without a board: RAM, bytes", [768, 768], REACHED),
-    most("md3: stack in use, bytes", [12_288, NO_BUDGET], RESERVED),
-    most("bus's interrupt, at worst", [NO_BUDGET, NO_BUDGET], HOST),
-    most("clock's interrupt, at worst", [40, NO_BUDGET], REACHED),
+    most("md3: stack in use, bytes", [5_120, 7_168], RESERVED),
+    most("md3: bus's interrupt, at worst", [NO_BUDGET, 460], HOST),
+    most("md3: clock's interrupt, at worst", [40, NO_BUDGET], REACHED),
+    most("md3: step's interrupt, with the wait for its pulse, at worst", [NO_BUDGET, 2_000], LATE),
+    most("md3: pins' interrupt, at worst", [NO_BUDGET, 600], REACHED),
     most("step, one of the first 100 at 10,000 steps/s²", [240, 415], REACHED),
     most("step, one of the first 100 at 10,000 steps/s², at worst", [615, 1_650], REACHED),
     most("step in a ramp at 10,000 steps/s²", [80, 150], AIM),

@@ -22,7 +22,7 @@ pub(crate) fn all(sh: &Shell) -> Result<bool> {
         let host = bare("--exclude");
         Ok(cmd!(sh, "cargo clippy --workspace {host...} --all-targets -- -D warnings").run()?)
     });
-    report.check("clippy for the board", &[Tool::Clippy, Tool::ThumbTargets], |sh| board::clippy(sh, &BARE));
+    report.check("clippy for the boards", &[Tool::Clippy, Tool::ThumbTargets], |sh| board::clippy(sh, &BARE));
     report.check("rustdoc", &[], |sh| {
         let host = bare("--exclude");
         let doc = cmd!(sh, "cargo doc --workspace {host...} --no-deps --document-private-items");
@@ -34,13 +34,22 @@ pub(crate) fn all(sh: &Shell) -> Result<bool> {
     });
     report.check("build", &[], build);
     report.check("generated documents", &[], docs::check);
-    report.check("foreign masters", &[Tool::Python], |sh| pytest(sh, &["tests/foreign", "--ignore", MBPOLL]));
+    report.check("foreign masters", &[Tool::Python], |sh| {
+        pytest(sh, &["tests/foreign", "--ignore", MBPOLL, "--ignore", BOARDS])
+    });
     report.check("mbpoll", &[Tool::Python, Tool::Mbpoll], |sh| pytest(sh, &[MBPOLL]));
     report.check("no panics on Cortex-M", &[Tool::ThumbTargets], panic_free::check);
     report.check("sizes and counts", &[Tool::ThumbTargets, Tool::Qemu], size::check);
-    report.check("board under QEMU", &[Tool::ThumbTargets, Tool::Qemu], board::run);
-    report.check("golden traces on the board", &[Tool::ThumbTargets, Tool::Qemu], board::golden);
-    report.check("emulated Pico", &[Tool::Node], pico::check_emulator);
+    report.check("LM3S6965 under QEMU", &[Tool::ThumbTargets, Tool::Qemu], board::run);
+    report.check("golden traces on LM3S6965", &[Tool::ThumbTargets, Tool::Qemu], board::golden);
+    report.check("emulator of the Pico", &[Tool::Node], pico::check_emulator);
+    report.check("emulated Pico", &[Tool::ThumbTargets, Tool::Node], board::pico);
+    report.check(
+        "pymodbus and the boards",
+        &[Tool::ThumbTargets, Tool::Python, Tool::Qemu, Tool::Node],
+        |sh| pytest(sh, &[BOARDS]),
+    );
+    report.check("images that log", &[Tool::ThumbTargets], board::logging);
     Ok(report.finish())
 }
 
@@ -55,6 +64,7 @@ pub(crate) fn build(sh: &Shell) -> Result<()> {
 }
 
 const MBPOLL: &str = "tests/foreign/test_mbpoll.py";
+const BOARDS: &str = "tests/foreign/test_boards.py";
 
 /// Lets masters that we did not write talk to the binary.
 fn pytest(sh: &Shell, which: &[&str]) -> Result<()> {

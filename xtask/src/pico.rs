@@ -1,18 +1,12 @@
 //! The Raspberry Pi Pico, emulated for people: `cargo xtask pico <kind>`.
 
-use std::path::PathBuf;
 use std::process::{Command, Stdio};
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result, ensure};
 use xshell::{Shell, cmd};
 
-use crate::checks::target_dir;
-use crate::tools::{self, Tool};
-
-const PACKAGE: &str = "standin-rp2040";
-const TARGET: &str = "thumbv6m-none-eabi";
-/// The binaries of [`PACKAGE`], one per kind of drive.
-const BINARIES: &str = "firmware/boards/rp2040/src/bin";
+use crate::board::RP2040;
+use crate::tools::Tool;
 
 /// Builds the image of a kind of drive and runs it at the pace of real time, its UART0 on a TCP port, until the
 /// process is stopped.
@@ -21,16 +15,7 @@ const BINARIES: &str = "firmware/boards/rp2040/src/bin";
 ///
 /// If there is no image of that kind, if it does not build, or if something to build or emulate it with is missing.
 pub(crate) fn run(sh: &Shell, kind: &str) -> Result<()> {
-    let kinds = kinds(sh)?;
-    if !kinds.iter().any(|known| known == kind) {
-        bail!("there is no drive `{kind}` for the Pico; there are: {}", kinds.join(", "));
-    }
-    let needed = [Tool::ThumbTargets, Tool::Node];
-    if let Some(remedy) = tools::bring_only(sh, &needed).of(&needed) {
-        bail!("{remedy}");
-    }
-    cmd!(sh, "cargo build --profile firmware --package {PACKAGE} --bin {kind} --target {TARGET}").run()?;
-    let image = image(sh, kind);
+    let image = RP2040.image_for(sh, kind, &[Tool::ThumbTargets, Tool::Node])?;
     println!("connect a Modbus RTU master over TCP to the address below; Ctrl-C ends the board");
     serve(cmd!(sh, "node tests/pico/serve.mjs {image}").into())
 }
@@ -52,21 +37,4 @@ fn serve(mut board: Command) -> Result<()> {
 /// If one of them fails.
 pub(crate) fn check_emulator(sh: &Shell) -> Result<()> {
     Ok(cmd!(sh, "npm test --prefix tests/pico --silent").run()?)
-}
-
-/// Where the image of a kind lies once it is built.
-fn image(sh: &Shell, kind: &str) -> PathBuf {
-    target_dir(sh).join(TARGET).join("firmware").join(kind)
-}
-
-/// The kinds of drive there is an image of, in order of their names.
-fn kinds(sh: &Shell) -> Result<Vec<String>> {
-    let mut kinds: Vec<String> = sh
-        .read_dir(BINARIES)?
-        .iter()
-        .filter(|path| path.extension().is_some_and(|extension| extension == "rs"))
-        .filter_map(|path| Some(path.file_stem()?.to_str()?.to_owned()))
-        .collect();
-    kinds.sort();
-    Ok(kinds)
 }

@@ -25,11 +25,11 @@ pub(crate) fn check(sh: &Shell) -> Result<()> {
     for kind in &kinds {
         sizes(sh, kind, &mut table)?;
     }
-    // Those of the rp2040 are counted with its emulator.
-    let worst = interrupts::worst(sh)?;
-    table.put(0, "md3: stack in use, bytes".to_owned(), worst.stack);
-    for (interrupt, most) in worst.interrupts {
-        table.put(0, format!("{interrupt}, at worst"), most);
+    for (place, worst) in interrupts::worst(sh)?.into_iter().enumerate() {
+        table.put(place, "md3: stack in use, bytes".to_owned(), worst.stack);
+        for (interrupt, most) in worst.interrupts {
+            table.put(place, format!("md3: {interrupt}, at worst"), most);
+        }
     }
     for (place, processor) in PROCESSORS.iter().enumerate() {
         for group in counted::groups(sh, processor, "motion", "md3")? {

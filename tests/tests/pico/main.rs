@@ -1,7 +1,7 @@
 //! The Pico's image in the exact virtual time of its emulator: what the line, the step timer and the flash
 //! of a board do, which a bench cannot tell.
 //!
-//! `cargo xtask test` builds the images, names their folder in `STANDIN_PICO`, and runs this. The pins are
+//! `cargo xtask test` builds the images, names their folder in `STANDIN_IMAGES`, and runs this. The pins are
 //! those of firmware/boards/rp2040/README.md, typed by hand.
 #![allow(missing_docs, reason = "a test")]
 
@@ -26,7 +26,7 @@ mod pin {
 
 /// The image of an MD3.
 fn image() -> PathBuf {
-    let folder = std::env::var_os("STANDIN_PICO").expect("STANDIN_PICO names the folder of the images");
+    let folder = std::env::var_os("STANDIN_IMAGES").expect("STANDIN_IMAGES names the folder of the images");
     PathBuf::from(folder).join("md3")
 }
 
