@@ -118,13 +118,13 @@ fn serve<M: Map>(pdu: &[u8], rules: &Rules, map: &mut M, reply: &mut Frame) -> R
     match Request::parse(pdu).ok_or(Refusal::Drop(Why::Length))? {
         Request::Read { function, first, count } => read(function, first, count, rules, map, reply)?,
         Request::WriteSingle { function, address, value } => {
-            let space = if function == WRITE_SINGLE_COIL { Space::Coil } else { Space::Holding };
-            let value = match (space, value) {
-                (Space::Coil, 0xFF00) => 1,
-                (Space::Coil, 0x0000) | (Space::Holding, _) => value,
-                _ => return Err(rules.bad_quantity.into()),
+            let (space, values) = match (function, value) {
+                (WRITE_SINGLE_COIL, 0xFF00) => (Space::Coil, [1, 0]),
+                (WRITE_SINGLE_COIL, 0x0000) => (Space::Coil, [0, 0]),
+                (WRITE_SINGLE_COIL, _) => return Err(rules.bad_quantity.into()),
+                _ => (Space::Holding, value.to_be_bytes()),
             };
-            write(space, address, 1, |_| value, rules, map)?;
+            write(space, address, 1, &values, rules, map)?;
             let _ = reply.extend_from_slice(pdu);
         }
         Request::WriteMultiple { function, first, count, values, bytes } => {
@@ -136,16 +136,8 @@ fn serve<M: Map>(pdu: &[u8], rules: &Rules, map: &mut M, reply: &mut Frame) -> R
             if count == 0 || count > rules.most_written || values.len() != expected {
                 return Err(rules.bad_quantity.into());
             }
-            if coils {
-                let bit = |n: usize| values.get(n / 8).map_or(0, |byte| u16::from(byte >> (n % 8) & 1));
-                write(Space::Coil, first, count, bit, rules, map)?;
-            } else {
-                let word = |n: usize| match values.get(2 * n..).and_then(<[u8]>::first_chunk) {
-                    Some(&word) => u16::from_be_bytes(word),
-                    None => 0,
-                };
-                write(Space::Holding, first, count, word, rules, map)?;
-            }
+            let space = if coils { Space::Coil } else { Space::Holding };
+            write(space, first, count, values, rules, map)?;
             let _ = reply.extend_from_slice(pdu.get(..5).unwrap_or(pdu));
         }
         Request::Other { .. } => return Err(Exception::IllegalFunction.into()),
@@ -199,16 +191,21 @@ fn read<M: Map>(
     Ok(())
 }
 
-/// Functions 5, 6, 15 and 16: judge everything, then store everything, then say so.
+/// Functions 5, 6, 15 and 16: judge everything, then store everything, then say so. `values` are as 15 and
+/// 16 bring them: bits of coils from the lowest one up, words with the high byte first.
 fn write<M: Map>(
     space: Space,
     first: u16,
     count: u16,
-    word: impl Fn(usize) -> u16,
+    values: &[u8],
     rules: &Rules,
     map: &mut M,
 ) -> Result<(), Exception> {
     let table = M::Register::TABLE;
+    let word = |n: usize| match space {
+        Space::Coil => values.get(n / 8).map_or(0, |byte| u16::from(byte >> (n % 8) & 1)),
+        _ => values.get(2 * n..).and_then(<[u8]>::first_chunk).map_or(0, |&word| u16::from_be_bytes(word)),
+    };
     for part in Parts::new(table, space, first, count) {
         let part = part?;
         let row = table.rows.get(part.row).ok_or(Exception::IllegalDataAddress)?;
