@@ -155,15 +155,16 @@ impl Plan {
     /// Standing at `position`.
     #[must_use]
     pub fn rest(at: Instant, position: i32) -> Self {
-        Self::of(at, [Segment { from: position, ..Segment::default() }])
+        Self::of(at, &[Segment { from: position, ..Segment::default() }])
     }
 
-    fn of<const N: usize>(start: Instant, list: [Segment; N]) -> Self {
-        let mut segments = [Segment::default(); 3];
-        for (place, segment) in segments.iter_mut().zip(list) {
-            *place = segment;
+    fn of(start: Instant, list: &[Segment]) -> Self {
+        let mut plan = Self { start, segments: Default::default(), count: 0 };
+        for (place, segment) in plan.segments.iter_mut().zip(list) {
+            *place = *segment;
+            plan.count += 1;
         }
-        Self { start, segments, count: (N & 3) as u8 }
+        plan
     }
 
     /// From standstill at `from`, exactly `steps` steps: ramp up, cruise, ramp down; without a cruise
@@ -203,7 +204,7 @@ impl Plan {
             let end = half_ticks.div_ceil(2);
             let stop = divided(u128::from(end) * u128::from(a.get()), sum) as u64;
             let up = Segment { ticks: end - stop, a: up.get().cast_signed(), ..first };
-            return Self::of(at, [up, ending(stop)]);
+            return Self::of(at, &[up, ending(stop)]);
         }
         // way/2·speed, and what the ramps lose: (speed − start)²·(1/a + 1/b)/2·speed.
         let whole = divided(way, twice_speed);
@@ -215,7 +216,7 @@ impl Plan {
         let [up, cruise] = first.reach(speed.cast_signed(), up, false);
         let up = Segment { ticks: up.ticks.min(end - stop), ..up };
         let cruise = Segment { ticks: end - stop - up.ticks, ..cruise };
-        Self::of(at, [up, cruise, ending(stop)])
+        Self::of(at, &[up, cruise, ending(stop)])
     }
 
     /// From what this plan does at `at`, a ramp to the signed `speed` in steps/s, and on at that speed
@@ -232,7 +233,7 @@ impl Plan {
         let target = top(speed.unsigned_abs()).cast_signed();
         let back = speed < 0;
         if now.h != 0 && speed != 0 && back == now.back {
-            return Self::of(at, now.reach(target, a, target < now.h));
+            return Self::of(at, &now.reach(target, a, target < now.h));
         }
         let stop = Segment { ticks: whole_ticks(now.h.cast_unsigned(), a), a: -a.get().cast_signed(), ..now };
         // It stands a part of a tick before the last whole one, and there the phase is forgotten.
@@ -245,12 +246,12 @@ impl Plan {
         };
         let turned = Segment { from: turn, back, ..Segment::default() };
         if speed == 0 {
-            return Self::of(at, [stop, turned]);
+            return Self::of(at, &[stop, turned]);
         }
         let h = -stop.speed(stop.ticks);
         let rest = vertex(h.cast_unsigned(), a).cast_signed();
         let [up, cruise] = Segment { h, rest, ..turned }.reach(target, a, false);
-        Self::of(at, [stop, up, cruise])
+        Self::of(at, &[stop, up, cruise])
     }
 
     /// Standing where this plan is at `at`.
