@@ -548,22 +548,11 @@ impl Table {
     /// the first four count.
     #[must_use]
     pub fn assemble(&self, shape: Shape, word: impl Fn(usize) -> u16) -> i64 {
-        let pair = || {
-            let (high, low) = match self.layout.order {
-                Order::HighFirst => (word(0), word(1)),
-                Order::LowFirst => (word(1), word(0)),
-            };
-            u32::from(high) << 16 | u32::from(low)
-        };
+        let value = self.downward(shape).fold(0, |value, n| value << 16 | i64::from(word(n)));
         match shape {
-            Shape::Bit | Shape::U8 | Shape::U16 => i64::from(word(0)),
-            Shape::I16 => i64::from(word(0).cast_signed()),
-            Shape::U32 => i64::from(pair()),
-            Shape::I32 => i64::from(pair().cast_signed()),
-            Shape::Words(words) => {
-                let words = usize::from(words).min(4);
-                (0..words).fold(0, |value, n| value | i64::from(word(n)) << self.shift(n, words))
-            }
+            Shape::I16 => i64::from(value as i16),
+            Shape::I32 => i64::from(value as i32),
+            _ => value,
         }
     }
 
@@ -571,23 +560,20 @@ impl Table {
     pub fn put(&self, words: &mut [u16], row: usize, value: i64) {
         let Some(shape) = self.rows.get(row).map(|row| row.shape) else { return };
         let place = self.place(row);
-        let mut word = |n: usize, value: i64| {
+        let mut rest = value;
+        for n in self.downward(shape).rev() {
             if let Some(word) = words.get_mut(place.wrapping_add(n)) {
-                *word = (value & 0xFFFF).cast_unsigned() as u16;
+                *word = (rest & 0xFFFF).cast_unsigned() as u16;
             }
-        };
-        let count = usize::from(shape.words()).min(4);
-        for n in 0..count {
-            word(n, value >> self.shift(n, count));
+            rest >>= 16;
         }
     }
 
-    /// Bits below the `n`th of `words` words, in bus order.
-    fn shift(&self, n: usize, words: usize) -> usize {
-        match self.layout.order {
-            Order::HighFirst => 16 * words.saturating_sub(n + 1),
-            Order::LowFirst => 16 * n,
-        }
+    /// Places in bus order of a value's words, the highest one first.
+    fn downward(&self, shape: Shape) -> impl DoubleEndedIterator<Item = usize> {
+        let count = usize::from(shape.words()).min(4);
+        let low_first = self.layout.order == Order::LowFirst;
+        (0..count).map(move |n| if low_first { count - 1 - n } else { n })
     }
 
     /// Whether any row wants to be brought up to date before it is read.
