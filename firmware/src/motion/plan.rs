@@ -125,6 +125,15 @@ impl Segment {
         Self { ticks, h: self.speed(d), ..self }.at_phase(self.phase(d))
     }
 
+    /// The last `ticks` of a way of which this is the beginning: the acceleration `down` run backwards from
+    /// its end, where it is as fast as here.
+    #[inline(never)]
+    fn ending(self, way: i128, ticks: u64, down: NonZero<u32>) -> Self {
+        let backwards = Self { a: down.get().cast_signed(), ..self };
+        let stop = Self { ticks, a: -backwards.a, h: backwards.speed(ticks), ..self };
+        stop.at_phase(way - backwards.phase(ticks))
+    }
+
     /// From the beginning of this segment a ramp up to the speed `target`, or down to it, and the cruise
     /// at it.
     #[inline(never)]
@@ -158,6 +167,7 @@ impl Plan {
         Self::of(at, &[Segment { from: position, ..Segment::default() }])
     }
 
+    #[inline(never)]
     fn of(start: Instant, list: &[Segment]) -> Self {
         let mut plan = Self { start, segments: Default::default(), count: 0 };
         for (place, segment) in plan.segments.iter_mut().zip(list) {
@@ -172,11 +182,11 @@ impl Plan {
     /// is that of its last step. No speed or no acceleration is no motion.
     #[must_use]
     pub fn profile(at: Instant, from: i32, steps: i32, rates: Rates) -> Self {
-        let (Some(up), Some(down)) = (limited(rates.up), limited(rates.down)) else {
-            return Self::rest(at, from);
-        };
         let speed = top(rates.speed);
-        let Some(twice_speed) = NonZero::new(2 * speed).filter(|_| steps != 0) else {
+        let twice_speed = NonZero::new(2 * speed).filter(|_| steps != 0);
+        let (Some(up), Some(down), Some(twice_speed)) =
+            (limited(rates.up), limited(rates.down), twice_speed)
+        else {
             return Self::rest(at, from);
         };
         let start = top(rates.start).min(speed);
@@ -188,12 +198,7 @@ impl Plan {
         let change = u128::from(speed - start);
 
         let first = Segment { from, back: steps < 0, h: start.cast_signed(), ..Segment::default() };
-        // The last `ticks` of the way: the acceleration run backwards from its end.
-        let ending = |ticks: u64| {
-            let backwards = Segment { a: down.get().cast_signed(), ..first };
-            let stop = Segment { ticks, a: -backwards.a, h: backwards.speed(ticks), ..first };
-            stop.at_phase(way.cast_signed() - backwards.phase(ticks))
-        };
+        let ending = |ticks| first.ending(way.cast_signed(), ticks, down);
 
         // Both ramps take (speed² − start²)·(1/a + 1/b) of the way.
         let ramps = change * u128::from(speed + start) * sum.get();
@@ -364,14 +369,30 @@ fn vertex(h: u64, a: NonZero<u32>) -> u64 {
 
 /// Whole steps in `phase`, which is not negative but for what was rounded.
 fn steps_in(phase: i128) -> u64 {
-    const A_STEP: NonZero<u128> = NonZero::new(STEP as u128).unwrap();
-    divided(phase.max(0).cast_unsigned(), A_STEP) as u64
+    /// What is left of [`STEP`] without its factors of 2: 5¹².
+    const ODD: u64 = (STEP >> STEP.trailing_zeros()).cast_unsigned();
+    // Two digits of 32 bits: a division of 128 is as long as all of a plan.
+    let phase = phase.max(0).cast_unsigned() >> STEP.trailing_zeros();
+    let (high, low) = ((phase >> 32) as u64, phase as u32);
+    (high / ODD) << 32 | (high % ODD << 32 | u64::from(low)) / ODD
 }
 
-/// The one long division, which takes half a kilobyte wherever it is inlined.
+/// The one long division. That of the language is faster where the quotient is long, and takes a kilobyte.
 #[inline(never)]
 fn divided(number: u128, by: NonZero<u128>) -> u128 {
-    number / by
+    let mut part = by.get();
+    let (mut rest, mut quotient) = (number, 0);
+    let bits = part.leading_zeros().saturating_sub(number.leading_zeros());
+    part <<= bits;
+    for _ in 0..=bits {
+        quotient <<= 1;
+        if let Some(less) = rest.checked_sub(part) {
+            rest = less;
+            quotient |= 1;
+        }
+        part >>= 1;
+    }
+    quotient
 }
 
 #[cfg(test)]
