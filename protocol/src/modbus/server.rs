@@ -10,7 +10,7 @@ use super::pdu::{
 };
 use super::rtu;
 use super::{Frame, Why};
-use crate::registers::{Register, Space, Table};
+use crate::registers::{Entries, Register, Space};
 
 /// What a manual says about its bus.
 #[derive(Clone, Copy, Debug)]
@@ -163,10 +163,10 @@ fn read<M: Map>(
         READ_INPUT_REGISTERS => Space::Input,
         _ => Space::Holding,
     };
-    let table = M::Register::TABLE;
-    let range = table.readable(space, first, count).ok_or(Exception::IllegalDataAddress)?;
-    if table.has_live() {
-        for row in table.live_rows_at(&range) {
+    let entries = M::Register::ENTRIES;
+    let range = entries.readable(space, first, count).ok_or(Exception::IllegalDataAddress)?;
+    if entries.has_live() {
+        for row in entries.live_rows_at(&range) {
             if let Some(register) = M::Register::from_row(row) {
                 map.refresh(register);
             }
@@ -201,34 +201,34 @@ fn write<M: Map>(
     rules: &Rules,
     map: &mut M,
 ) -> Result<(), Exception> {
-    let table = M::Register::TABLE;
+    let entries = M::Register::ENTRIES;
     let word = |n: usize| match space {
         Space::Coil => values.get(n / 8).map_or(0, |byte| u16::from(byte >> (n % 8) & 1)),
         _ => values.get(2 * n..).and_then(<[u8]>::first_chunk).map_or(0, |&word| u16::from_be_bytes(word)),
     };
-    for part in Parts::new(table, space, first, count) {
+    for part in Parts::new(entries, space, first, count) {
         let part = part?;
-        let row = table.rows.get(part.row).ok_or(Exception::IllegalDataAddress)?;
+        let row = entries.list.get(part.row).ok_or(Exception::IllegalDataAddress)?;
         if !row.access.writes() {
             return Err(rules.read_only);
         }
         let whole = part.words == row.shape.words();
-        if table.layout.objects && !whole {
+        if entries.layout.objects && !whole {
             return Err(rules.bad_quantity);
         }
         // Halves are judged when the value is used.
-        if whole && !row.accepts(table.assemble(row.shape, |n| word(part.offset + n))) {
+        if whole && !row.accepts(entries.assemble(row.shape, |n| word(part.offset + n))) {
             return Err(rules.bad_value);
         }
     }
-    for part in Parts::new(table, space, first, count).flatten() {
-        let place = table.place(part.row) + usize::from(part.first);
+    for part in Parts::new(entries, space, first, count).flatten() {
+        let place = entries.place(part.row) + usize::from(part.first);
         let words = map.words_mut().get_mut(place..).unwrap_or(&mut []);
         for (n, target) in words.iter_mut().take(usize::from(part.words)).enumerate() {
             *target = word(part.offset + n);
         }
     }
-    for part in Parts::new(table, space, first, count).flatten() {
+    for part in Parts::new(entries, space, first, count).flatten() {
         if let Some(register) = M::Register::from_row(part.row) {
             map.written(register);
         }
@@ -249,7 +249,7 @@ struct Part {
 
 /// The parts of a write, one for each row it touches.
 struct Parts {
-    table: &'static Table,
+    entries: &'static Entries,
     space: Space,
     address: u16,
     left: u16,
@@ -257,8 +257,8 @@ struct Parts {
 }
 
 impl Parts {
-    fn new(table: &'static Table, space: Space, address: u16, count: u16) -> Self {
-        Self { table, space, address, left: count, offset: 0 }
+    fn new(entries: &'static Entries, space: Space, address: u16, count: u16) -> Self {
+        Self { entries, space, address, left: count, offset: 0 }
     }
 }
 
@@ -269,13 +269,13 @@ impl Iterator for Parts {
         if self.left == 0 {
             return None;
         }
-        let Some((row, first)) = self.table.at(self.space, self.address) else {
+        let Some((row, first)) = self.entries.at(self.space, self.address) else {
             self.left = 0;
             return Some(Err(Exception::IllegalDataAddress));
         };
-        let room = self.table.rows.get(row).map_or(1, |row| row.shape.words()).saturating_sub(first);
+        let room = self.entries.list.get(row).map_or(1, |row| row.shape.words()).saturating_sub(first);
         // Of an object the whole quantity is meant for this row, be it right or wrong.
-        let words = if self.table.layout.objects { self.left } else { room.min(self.left) };
+        let words = if self.entries.layout.objects { self.left } else { room.min(self.left) };
         let part = Part { row, first, words, offset: self.offset };
         self.offset += usize::from(words);
         self.left -= words;
