@@ -184,8 +184,7 @@ impl Plan {
     pub fn profile(at: Instant, from: i32, steps: i32, rates: Rates) -> Self {
         let speed = top(rates.speed);
         let twice_speed = NonZero::new(2 * speed).filter(|_| steps != 0);
-        let (Some(up), Some(down), Some(twice_speed)) =
-            (limited(rates.up), limited(rates.down), twice_speed)
+        let (Some(up), Some(down), Some(twice_speed)) = (limited(rates.up), limited(rates.down), twice_speed)
         else {
             return Self::rest(at, from);
         };
@@ -194,28 +193,28 @@ impl Plan {
         let (a, b) = (NonZero::<u64>::from(up), NonZero::<u64>::from(down));
         // 1/a + 1/b = sum/product
         let (sum, product) = (a.saturating_add(b.get()), a.saturating_mul(b));
-        let [sum, product, twice_speed] = [sum, product, twice_speed].map(NonZero::<u128>::from);
+        let long = |number: NonZero<u64>| u128::from(number.get());
         let change = u128::from(speed - start);
 
         let first = Segment { from, back: steps < 0, h: start.cast_signed(), ..Segment::default() };
         let ending = |ticks| first.ending(way.cast_signed(), ticks, down);
 
         // Both ramps take (speed² − start²)·(1/a + 1/b) of the way.
-        let ramps = change * u128::from(speed + start) * sum.get();
-        if divided(ramps + product.get() - 1, product) > way {
+        let ramps = change * u128::from(speed + start) * long(sum);
+        if divided(ramps + long(product) - 1, product) > way {
             // As if one ramp did it all, with a·b/(a + b): way = t·(2·start + t·a·b/(a + b)).
-            let (start, way) = (4 * u128::from(start) * sum.get(), 4 * way * sum.get());
-            let half_ticks = least(|t| u128::from(t) * (start + u128::from(t) * product.get()) > way) - 1;
+            let (start, way) = (4 * u128::from(start) * long(sum), 4 * way * long(sum));
+            let half_ticks = least(|t| u128::from(t) * (start + u128::from(t) * long(product)) > way) - 1;
             let end = half_ticks.div_ceil(2);
-            let stop = divided(u128::from(end) * u128::from(a.get()), sum) as u64;
+            let stop = divided(u128::from(end) * long(a), sum) as u64;
             let up = Segment { ticks: end - stop, a: up.get().cast_signed(), ..first };
             return Self::of(at, &[up, ending(stop)]);
         }
         // way/2·speed, and what the ramps lose: (speed − start)²·(1/a + 1/b)/2·speed.
         let whole = divided(way, twice_speed);
-        let part = way - whole * twice_speed.get();
-        let lost = part * product.get() + change * change * sum.get();
-        let half = twice_speed.get() * product.get() / 2;
+        let part = way - whole * long(twice_speed);
+        let lost = part * long(product) + change * change * long(sum);
+        let half = long(twice_speed) * long(product) / 2;
         let end = (whole + divided(divided(lost + half, product), twice_speed)) as u64;
         let stop = ((speed - start) / b).min(end);
         let [up, cruise] = first.reach(speed.cast_signed(), up, false);
@@ -379,8 +378,8 @@ fn steps_in(phase: i128) -> u64 {
 
 /// The one long division. That of the language is faster where the quotient is long, and takes a kilobyte.
 #[inline(never)]
-fn divided(number: u128, by: NonZero<u128>) -> u128 {
-    let mut part = by.get();
+fn divided(number: u128, by: NonZero<u64>) -> u128 {
+    let mut part = u128::from(by.get());
     let (mut rest, mut quotient) = (number, 0);
     let bits = part.leading_zeros().saturating_sub(number.leading_zeros());
     part <<= bits;
