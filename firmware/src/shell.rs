@@ -239,6 +239,13 @@ impl<O: Outputs, const MEMORY: usize> Hands<O, MEMORY> {
         result.ok()
     }
 
+    /// Gives a pin a level, and no wave.
+    fn hold(&mut self, pin: Pin, level: Level) {
+        self.waves.retain(|wave| wave.pin != pin);
+        self.outputs.release(pin, level == Level::Float);
+        self.level(pin, level != Level::Low);
+    }
+
     fn level(&mut self, pin: Pin, high: bool) {
         if let Some(pin) = self.outputs.pin(pin) {
             let result = pin.set_state(PinState::from(high));
@@ -342,15 +349,9 @@ impl<O: Outputs, const MEMORY: usize> Sink for Hands<O, MEMORY> {
                     None => self.outputs.set_line(port, line),
                 }
             }
-            Output::Level { pin, level } => {
-                self.waves.retain(|wave| wave.pin != pin);
-                self.outputs.release(pin, level == Level::Float);
-                self.level(pin, level != Level::Low);
-            }
+            Output::Level { pin, level } => self.hold(pin, level),
             Output::Wave { pin, period, high } => {
-                self.waves.retain(|wave| wave.pin != pin);
-                self.outputs.release(pin, false);
-                self.level(pin, true);
+                self.hold(pin, Level::High);
                 let period = period.max(Duration::TICK);
                 let wave = Wave { pin, period, high, due: at + high, rises: false };
                 let result = self.waves.push(wave);
