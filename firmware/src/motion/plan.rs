@@ -163,6 +163,7 @@ pub struct Plan {
 impl Plan {
     /// Standing at `position`.
     #[must_use]
+    #[inline(never)]
     pub fn rest(at: Instant, position: i32) -> Self {
         Self::of(at, &[Segment { from: position, ..Segment::default() }])
     }
@@ -300,6 +301,7 @@ impl Plan {
 
     /// When it stands again; [`Instant::NEVER`] if it goes on without end.
     #[must_use]
+    #[inline(never)]
     pub fn end(&self) -> Instant {
         self.segments().iter().fold(self.start, |at, segment| at + Duration::from_ticks(segment.ticks))
     }
@@ -367,6 +369,7 @@ fn vertex(h: u64, a: NonZero<u32>) -> u64 {
 }
 
 /// Whole steps in `phase`, which is not negative but for what was rounded.
+#[inline(never)]
 fn steps_in(phase: i128) -> u64 {
     /// What is left of [`STEP`] without its factors of 2: 5¹².
     const ODD: u64 = (STEP >> STEP.trailing_zeros()).cast_unsigned();
