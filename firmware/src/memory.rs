@@ -48,9 +48,9 @@ pub fn reset(entries: &Entries, bank: &mut [u16]) {
 
 /// Brings the saved words of an image that passes into a bank; bits that are not saved are cleared.
 pub fn load(entries: &Entries, memory: &[u8], bank: &mut [u16]) {
-    for ((place, mask), word) in saved_words(entries).zip(memory.chunks_exact(2)) {
-        if let (Some(target), [high, low]) = (bank.get_mut(place), word) {
-            *target = u16::from_be_bytes([*high, *low]) & mask;
+    for ((place, mask), word) in saved_words(entries).zip(memory.as_chunks().0) {
+        if let Some(target) = bank.get_mut(place) {
+            *target = u16::from_be_bytes(*word) & mask;
         }
     }
 }
@@ -63,8 +63,8 @@ pub fn begin<const BYTES: usize>(
     out: &mut dyn Sink,
 ) -> [u8; 2] {
     let mut memory = [0; BYTES];
-    for ((place, mask), word) in saved_words(entries).zip(memory.chunks_exact_mut(2)) {
-        word.copy_from_slice(&(bank.get(place).copied().unwrap_or(0) & mask).to_be_bytes());
+    for ((place, mask), word) in saved_words(entries).zip(memory.as_chunks_mut().0) {
+        *word = (bank.get(place).copied().unwrap_or(0) & mask).to_be_bytes();
     }
     let mut right = [0; 2];
     if let Some((image, sum)) = memory.split_last_chunk_mut::<2>() {
