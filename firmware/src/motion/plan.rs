@@ -170,12 +170,11 @@ impl Plan {
 
     #[inline(never)]
     fn of(start: Instant, list: &[Segment]) -> Self {
-        let mut plan = Self { start, segments: Default::default(), count: 0 };
-        for (place, segment) in plan.segments.iter_mut().zip(list) {
+        let mut segments = [Segment::default(); 3];
+        for (place, segment) in segments.iter_mut().zip(list) {
             *place = *segment;
-            plan.count += 1;
         }
-        plan
+        Self { start, segments, count: (list.len() & 3) as u8 }
     }
 
     /// From standstill at `from`, exactly `steps` steps: ramp up, cruise, ramp down; without a cruise
