@@ -13,7 +13,7 @@ use heapless::{Deque, Vec};
 
 use crate::device::{
     Axis, Boot, Device, Duration, Encoder, Fault, Input, Instant, Level, Line, Note, Output, Pin, Plan, Port,
-    Sink, advance, feed,
+    Sink, feed, wake,
 };
 
 /// Pins that may wave at a time.
@@ -190,9 +190,9 @@ impl<D: Device, I: Inputs, O: Outputs, const MEMORY: usize> Shell<D, I, O, MEMOR
                 Caught::Fault(fault, on) => Input::Fault { fault, on },
                 Caught::Slipped(axis, steps) => Input::Slipped { axis, steps },
             };
-            feed(&mut self.device, at, input, &mut self.hands);
+            self.due = feed(&mut self.device, self.due, at, input, &mut self.hands);
         }
-        self.due = advance(&mut self.device, now, core::iter::empty(), &mut self.hands);
+        self.due = wake(&mut self.device, self.due, now, true, &mut self.hands);
         idle &= !self.hands.wave(now);
         idle &= !self.hands.send(now);
         if idle { Err(nb::Error::WouldBlock) } else { Ok(()) }
