@@ -426,26 +426,39 @@ pub fn advance<'a, D: Device + ?Sized>(
     inputs: impl Iterator<Item = (Instant, Input<'a>)>,
     out: &mut dyn Sink,
 ) -> Instant {
+    let mut due = device.deadline();
     for (at, input) in inputs {
-        feed(device, at, input, out);
+        due = feed(device, due, at, input, out);
     }
-    wake(device, now, true, out)
+    wake(device, due, now, true, out)
 }
 
-/// One input of [`advance`]: the deadlines before it, then `input`. For whoever cannot lend all
-/// inputs at once.
-pub fn feed<D: Device + ?Sized>(device: &mut D, at: Instant, input: Input<'_>, out: &mut dyn Sink) {
-    wake(device, at, false, out);
+/// One input of [`advance`]: the deadlines before it, of which `due` is the first, then `input`. Returns
+/// the next deadline. For whoever cannot lend all inputs at once.
+pub fn feed<D: Device + ?Sized>(
+    device: &mut D,
+    due: Instant,
+    at: Instant,
+    input: Input<'_>,
+    out: &mut dyn Sink,
+) -> Instant {
+    wake(device, due, at, false, out);
     device.input(at, input, out);
+    device.deadline()
 }
 
-/// Wakes `device` at its deadlines before `now`, and at `now` if `inclusive`.
-fn wake<D: Device + ?Sized>(device: &mut D, now: Instant, inclusive: bool, out: &mut dyn Sink) -> Instant {
-    loop {
-        let due = device.deadline();
-        if due > now || (due == now && !inclusive) || due == Instant::NEVER {
-            return due;
-        }
+/// Wakes `device` at its deadlines, of which `due` is the first, before `now`, and at `now` if `inclusive`.
+/// Returns the next one.
+pub(crate) fn wake<D: Device + ?Sized>(
+    device: &mut D,
+    mut due: Instant,
+    now: Instant,
+    inclusive: bool,
+    out: &mut dyn Sink,
+) -> Instant {
+    while due < now || (due == now && inclusive && due != Instant::NEVER) {
         device.timeout(due, out);
+        due = device.deadline();
     }
+    due
 }

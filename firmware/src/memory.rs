@@ -5,7 +5,7 @@
 //! when its time is over: power lost in between leaves a memory that does not pass.
 
 use standin_protocol::modbus::rtu::crc;
-use standin_protocol::registers::Table;
+use standin_protocol::registers::Entries;
 
 use crate::device::{Instant, Output, Sink};
 
@@ -40,26 +40,31 @@ pub fn content(memory: &[u8], words: usize) -> Content {
 }
 
 /// Brings the saved rows of a bank to their factory values.
-pub fn reset(table: &Table, bank: &mut [u16]) {
-    for (index, row) in table.rows.iter().enumerate().filter(|(_, row)| row.saved != 0) {
-        table.put(bank, index, row.reset);
+pub fn reset(entries: &Entries, bank: &mut [u16]) {
+    for (index, row) in entries.list.iter().enumerate().filter(|(_, row)| row.saved != 0) {
+        entries.put(bank, index, row.reset);
     }
 }
 
 /// Brings the saved words of an image that passes into a bank; bits that are not saved are cleared.
-pub fn load(table: &Table, memory: &[u8], bank: &mut [u16]) {
-    for ((place, mask), word) in saved_words(table).zip(memory.chunks_exact(2)) {
-        if let (Some(target), [high, low]) = (bank.get_mut(place), word) {
-            *target = u16::from_be_bytes([*high, *low]) & mask;
+pub fn load(entries: &Entries, memory: &[u8], bank: &mut [u16]) {
+    for ((place, mask), word) in saved_words(entries).zip(memory.as_chunks().0) {
+        if let Some(target) = bank.get_mut(place) {
+            *target = u16::from_be_bytes(*word) & mask;
         }
     }
 }
 
 /// Stores the image of a bank with a wrong CRC, and returns the right one for [`finish`].
-pub fn begin<const BYTES: usize>(table: &Table, bank: &[u16], at: Instant, out: &mut dyn Sink) -> [u8; 2] {
+pub fn begin<const BYTES: usize>(
+    entries: &Entries,
+    bank: &[u16],
+    at: Instant,
+    out: &mut dyn Sink,
+) -> [u8; 2] {
     let mut memory = [0; BYTES];
-    for ((place, mask), word) in saved_words(table).zip(memory.chunks_exact_mut(2)) {
-        word.copy_from_slice(&(bank.get(place).copied().unwrap_or(0) & mask).to_be_bytes());
+    for ((place, mask), word) in saved_words(entries).zip(memory.as_chunks_mut().0) {
+        *word = (bank.get(place).copied().unwrap_or(0) & mask).to_be_bytes();
     }
     let mut right = [0; 2];
     if let Some((image, sum)) = memory.split_last_chunk_mut::<2>() {
@@ -76,9 +81,9 @@ pub fn finish<const BYTES: usize>(crc: [u8; 2], at: Instant, out: &mut dyn Sink)
 }
 
 /// Place in the bank and saved bits of every saved word.
-fn saved_words(table: &Table) -> impl Iterator<Item = (usize, u16)> + '_ {
-    table.rows.iter().enumerate().filter(|(_, row)| row.saved != 0).flat_map(|(index, row)| {
-        let place = table.place(index);
+fn saved_words(entries: &Entries) -> impl Iterator<Item = (usize, u16)> + '_ {
+    entries.list.iter().enumerate().filter(|(_, row)| row.saved != 0).flat_map(|(index, row)| {
+        let place = entries.place(index);
         (0..usize::from(row.shape.words())).map(move |n| (place + n, row.saved))
     })
 }

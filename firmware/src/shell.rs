@@ -13,7 +13,7 @@ use heapless::{Deque, Vec};
 
 use crate::device::{
     Axis, Boot, Device, Duration, Encoder, Fault, Input, Instant, Level, Line, Note, Output, Pin, Plan, Port,
-    Sink, advance, feed,
+    Sink, feed, wake,
 };
 
 /// Pins that may wave at a time.
@@ -94,6 +94,8 @@ pub trait Outputs {
 #[derive(Debug)]
 pub struct Shell<D, I, O, const MEMORY: usize> {
     device: D,
+    /// The device's deadline, which takes a while to ask for.
+    due: Instant,
     inputs: I,
     hands: Hands<O, MEMORY>,
 }
@@ -155,13 +157,14 @@ impl<D: Device, I: Inputs, O: Outputs, const MEMORY: usize> Shell<D, I, O, MEMOR
             characters: Characters { kept: Vec::new(), gone: 0 },
             failures: 0,
         };
-        Self { device, inputs, hands }
+        Self { device, due: Instant::NEVER, inputs, hands }
     }
 
     /// Gives the drive power, once: reads the non-volatile memory, and starts.
     pub fn power_on(&mut self, boot: Boot) {
         self.hands.recall();
         self.device.power_on(self.inputs.now(), boot, &mut self.hands);
+        self.due = self.device.deadline();
     }
 
     /// Does everything that is due, in the order of its stamps.
@@ -171,7 +174,7 @@ impl<D: Device, I: Inputs, O: Outputs, const MEMORY: usize> Shell<D, I, O, MEMOR
     /// until something is caught.
     pub fn turn(&mut self) -> nb::Result<(), Infallible> {
         let now = self.inputs.now();
-        let mut idle = self.device.deadline() > now;
+        let mut idle = self.due > now;
         while let Some((at, caught)) = self.inputs.caught(now) {
             idle = false;
             let character;
@@ -187,9 +190,9 @@ impl<D: Device, I: Inputs, O: Outputs, const MEMORY: usize> Shell<D, I, O, MEMOR
                 Caught::Fault(fault, on) => Input::Fault { fault, on },
                 Caught::Slipped(axis, steps) => Input::Slipped { axis, steps },
             };
-            feed(&mut self.device, at, input, &mut self.hands);
+            self.due = feed(&mut self.device, self.due, at, input, &mut self.hands);
         }
-        advance(&mut self.device, now, core::iter::empty(), &mut self.hands);
+        self.due = wake(&mut self.device, self.due, now, true, &mut self.hands);
         idle &= !self.hands.wave(now);
         idle &= !self.hands.send(now);
         if idle { Err(nb::Error::WouldBlock) } else { Ok(()) }
@@ -198,7 +201,7 @@ impl<D: Device, I: Inputs, O: Outputs, const MEMORY: usize> Shell<D, I, O, MEMOR
     /// When something is due next, should nothing be caught before.
     #[must_use]
     pub fn deadline(&self) -> Instant {
-        self.device.deadline().min(self.hands.deadline())
+        self.due.min(self.hands.deadline())
     }
 
     /// The drive.
@@ -234,6 +237,13 @@ impl<O: Outputs, const MEMORY: usize> Hands<O, MEMORY> {
     fn count<T, E>(&mut self, result: Result<T, E>) -> Option<T> {
         self.failures = self.failures.saturating_add(u32::from(result.is_err()));
         result.ok()
+    }
+
+    /// Gives a pin a level, and no wave.
+    fn hold(&mut self, pin: Pin, level: Level) {
+        self.waves.retain(|wave| wave.pin != pin);
+        self.outputs.release(pin, level == Level::Float);
+        self.level(pin, level != Level::Low);
     }
 
     fn level(&mut self, pin: Pin, high: bool) {
@@ -339,15 +349,9 @@ impl<O: Outputs, const MEMORY: usize> Sink for Hands<O, MEMORY> {
                     None => self.outputs.set_line(port, line),
                 }
             }
-            Output::Level { pin, level } => {
-                self.waves.retain(|wave| wave.pin != pin);
-                self.outputs.release(pin, level == Level::Float);
-                self.level(pin, level != Level::Low);
-            }
+            Output::Level { pin, level } => self.hold(pin, level),
             Output::Wave { pin, period, high } => {
-                self.waves.retain(|wave| wave.pin != pin);
-                self.outputs.release(pin, false);
-                self.level(pin, true);
+                self.hold(pin, Level::High);
                 let period = period.max(Duration::TICK);
                 let wave = Wave { pin, period, high, due: at + high, rises: false };
                 let result = self.waves.push(wave);

@@ -307,9 +307,9 @@ mod tests {
     use super::*;
     use standin_firmware::device::{Ends, PortSpec};
     use standin_protocol::line::{Line, Parity};
-    use standin_protocol::registers::{Layout, Table};
+    use standin_protocol::registers::{Entries, Layout, Table};
 
-    static EMPTY: Table = Table::new(&[], Layout::HighFirst, &[], &[]);
+    static EMPTY: Table = Table { rows: &[], entries: &Entries::new(&[], Layout::HighFirst, &[], &[]) };
     static PORTS: &[PortSpec] = &[
         PortSpec { name: "rs485", ends: Ends::Silence, line: Some(Line::new(9_600, 8, Parity::Even, 1)) },
         PortSpec { name: "modbus", ends: Ends::Mbap, line: None },

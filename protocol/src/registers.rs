@@ -8,7 +8,7 @@
 //! *The table decides what is legal; one `match` in the drive decides what it means.*
 
 use core::marker::PhantomData;
-use core::ops::Range;
+use core::ops::{Deref, Range};
 
 /// Which word of a value of several words has the lower address.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -164,16 +164,10 @@ pub enum Legal {
     OneOf(&'static [i64]),
 }
 
-/// One row of a register map. Built by the words of [`registers!`](crate::registers!).
+/// What a bus and a drive go by of a [`Row`].
 #[derive(Clone, Copy, Debug)]
 #[non_exhaustive]
-pub struct Row {
-    /// The manual's name.
-    pub name: &'static str,
-    /// What it is, with its unit: the rustdoc of the row.
-    pub doc: &'static str,
-    /// The section of the manual.
-    pub section: &'static str,
+pub struct Entry {
     /// Its address space.
     pub space: Space,
     /// Its address there; of several words the lowest.
@@ -196,8 +190,31 @@ pub struct Row {
     pub streams: bool,
     /// Which variants of the product have it, a bit each.
     pub variants: u8,
+}
+
+/// One row of a register map: an [`Entry`], and what people read of it, which no board needs. Built by the
+/// words of [`registers!`](crate::registers!).
+#[derive(Clone, Copy, Debug)]
+#[non_exhaustive]
+pub struct Row {
+    /// The manual's name.
+    pub name: &'static str,
+    /// What it is, with its unit: the rustdoc of the row.
+    pub doc: &'static str,
+    /// The section of the manual.
+    pub section: &'static str,
     /// Why it is not modelled; empty if it is.
     pub missing: &'static str,
+    /// All else.
+    pub entry: Entry,
+}
+
+impl Deref for Row {
+    type Target = Entry;
+
+    fn deref(&self) -> &Entry {
+        &self.entry
+    }
 }
 
 impl Row {
@@ -206,10 +223,7 @@ impl Row {
             Space::Coil | Space::Discrete => Shape::Bit,
             Space::Input | Space::Holding | Space::Setting => Shape::U16,
         };
-        Self {
-            name: "",
-            doc: "",
-            section,
+        let entry = Entry {
             space,
             address,
             access,
@@ -221,8 +235,8 @@ impl Row {
             live: false,
             streams: false,
             variants: u8::MAX,
-            missing: "",
-        }
+        };
+        Self { name: "", doc: "", section, missing: "", entry }
     }
 
     /// A holding register to read and write.
@@ -283,7 +297,7 @@ impl Row {
     }
 
     const fn shaped(mut self, shape: Shape) -> Self {
-        self.shape = shape;
+        self.entry.shape = shape;
         self
     }
 
@@ -320,28 +334,28 @@ impl Row {
     /// Refuses what is not in `least..=greatest`.
     #[must_use]
     pub const fn range(mut self, least: i64, greatest: i64) -> Self {
-        self.legal = Legal::Range(least, greatest);
+        self.entry.legal = Legal::Range(least, greatest);
         self
     }
 
     /// Refuses what is not in `codes`.
     #[must_use]
     pub const fn one_of(mut self, codes: &'static [i64]) -> Self {
-        self.legal = Legal::OneOf(codes);
+        self.entry.legal = Legal::OneOf(codes);
         self
     }
 
     /// Accepts everything and limits it to `least..=greatest` when it is used.
     #[must_use]
     pub const fn clamped(mut self, least: i64, greatest: i64) -> Self {
-        self.clamp = Some((least, greatest));
+        self.entry.clamp = Some((least, greatest));
         self
     }
 
     /// The factory value, where it is not 0.
     #[must_use]
     pub const fn reset(mut self, value: i64) -> Self {
-        self.reset = value;
+        self.entry.reset = value;
         self
     }
 
@@ -354,28 +368,28 @@ impl Row {
     /// Of which a save keeps these bits.
     #[must_use]
     pub const fn saved_bits(mut self, mask: u16) -> Self {
-        self.saved = mask;
+        self.entry.saved = mask;
         self
     }
 
     /// Brought up to date before each read.
     #[must_use]
     pub const fn live(mut self) -> Self {
-        self.live = true;
+        self.entry.live = true;
         self
     }
 
     /// Which the bus may have sent again and again.
     #[must_use]
     pub const fn streams(mut self) -> Self {
-        self.streams = true;
+        self.entry.streams = true;
         self
     }
 
     /// Which only these variants of the product have, a bit each.
     #[must_use]
     pub const fn only(mut self, variants: u8) -> Self {
-        self.variants = variants;
+        self.entry.variants = variants;
         self
     }
 
@@ -385,7 +399,9 @@ impl Row {
         self.missing = reason;
         self
     }
+}
 
+impl Entry {
     /// Whether a write may bring `value`.
     #[must_use]
     pub const fn accepts(&self, value: i64) -> bool {
@@ -440,6 +456,23 @@ pub struct Run {
 pub struct Table {
     /// Its rows, in the manual's order.
     pub rows: &'static [Row],
+    /// What a bus and a drive go by of them.
+    pub entries: &'static Entries,
+}
+
+impl Deref for Table {
+    type Target = Entries;
+
+    fn deref(&self) -> &Entries {
+        self.entries
+    }
+}
+
+/// What a bus and a drive go by of a [`Table`].
+#[derive(Debug)]
+pub struct Entries {
+    /// Those of its rows, in their order.
+    pub list: &'static [Entry],
     /// How it uses addresses.
     pub layout: Layout,
     /// Place of each row's first word in the bank.
@@ -460,29 +493,46 @@ pub struct Named {
 }
 
 impl Table {
-    /// For [`registers!`](crate::registers!).
-    #[doc(hidden)]
-    #[must_use]
-    #[expect(clippy::indexing_slicing, reason = "only ever evaluated by the compiler")]
-    pub const fn new(
-        rows: &'static [Row],
-        layout: Layout,
-        places: &'static [u16],
-        runs: &'static [Run],
-    ) -> Self {
-        let (mut live, mut i) = (false, 0);
-        while i < rows.len() {
-            live |= rows[i].live;
-            i += 1;
-        }
-        Self { rows, layout, places, runs, live }
-    }
-
     /// The same map with other rows of the same shapes at the same addresses: of a product's variant
     /// with other factory values.
     #[must_use]
     pub const fn with_rows(&self, rows: &'static [Row]) -> Self {
         Self { rows, ..*self }
+    }
+
+    /// The row of that name, or the half of it that `…High` or `…Low` names.
+    #[must_use]
+    pub fn find(&self, name: &str) -> Option<Named> {
+        let whole = |name: &str| self.rows.iter().position(|row| row.name == name);
+        if let Some(row) = whole(name) {
+            return Some(Named { row, word: None });
+        }
+        let half = |suffix: &str, first: Order| {
+            let row = whole(name.strip_suffix(suffix)?)?;
+            let pair = self.rows.get(row)?.shape.words() == 2;
+            pair.then_some(Named { row, word: Some(u16::from(self.layout.order != first)) })
+        };
+        half("High", Order::HighFirst).or_else(|| half("Low", Order::LowFirst))
+    }
+}
+
+impl Entries {
+    /// For [`registers!`](crate::registers!).
+    #[doc(hidden)]
+    #[must_use]
+    #[expect(clippy::indexing_slicing, reason = "only ever evaluated by the compiler")]
+    pub const fn new(
+        list: &'static [Entry],
+        layout: Layout,
+        places: &'static [u16],
+        runs: &'static [Run],
+    ) -> Self {
+        let (mut live, mut i) = (false, 0);
+        while i < list.len() {
+            live |= list[i].live;
+            i += 1;
+        }
+        Self { list, layout, places, runs, live }
     }
 
     /// Place of a row's first word in the bank.
@@ -512,7 +562,7 @@ impl Table {
     /// The row that holds `address`, and which of its words that is.
     #[must_use]
     pub fn at(&self, space: Space, address: u16) -> Option<(usize, u16)> {
-        for (index, row) in self.rows.iter().enumerate() {
+        for (index, row) in self.list.iter().enumerate() {
             let word = address.wrapping_sub(row.address);
             if word < row.addresses(self.layout) && row.space == space {
                 return Some((index, word));
@@ -521,25 +571,10 @@ impl Table {
         None
     }
 
-    /// The row of that name, or the half of it that `…High` or `…Low` names.
-    #[must_use]
-    pub fn find(&self, name: &str) -> Option<Named> {
-        let whole = |name: &str| self.rows.iter().position(|row| row.name == name);
-        if let Some(row) = whole(name) {
-            return Some(Named { row, word: None });
-        }
-        let half = |suffix: &str, first: Order| {
-            let row = whole(name.strip_suffix(suffix)?)?;
-            let pair = self.rows.get(row)?.shape.words() == 2;
-            pair.then_some(Named { row, word: Some(u16::from(self.layout.order != first)) })
-        };
-        half("High", Order::HighFirst).or_else(|| half("Low", Order::LowFirst))
-    }
-
     /// The value of a row of which `words` are the bank.
     #[must_use]
     pub fn value(&self, words: &[u16], row: usize) -> i64 {
-        let Some(shape) = self.rows.get(row).map(|row| row.shape) else { return 0 };
+        let Some(shape) = self.list.get(row).map(|row| row.shape) else { return 0 };
         let place = self.place(row);
         self.assemble(shape, |n| words.get(place.wrapping_add(n)).copied().unwrap_or(0))
     }
@@ -548,46 +583,32 @@ impl Table {
     /// the first four count.
     #[must_use]
     pub fn assemble(&self, shape: Shape, word: impl Fn(usize) -> u16) -> i64 {
-        let pair = || {
-            let (high, low) = match self.layout.order {
-                Order::HighFirst => (word(0), word(1)),
-                Order::LowFirst => (word(1), word(0)),
-            };
-            u32::from(high) << 16 | u32::from(low)
-        };
+        let value = self.downward(shape).fold(0, |value, n| value << 16 | i64::from(word(n)));
         match shape {
-            Shape::Bit | Shape::U8 | Shape::U16 => i64::from(word(0)),
-            Shape::I16 => i64::from(word(0).cast_signed()),
-            Shape::U32 => i64::from(pair()),
-            Shape::I32 => i64::from(pair().cast_signed()),
-            Shape::Words(words) => {
-                let words = usize::from(words).min(4);
-                (0..words).fold(0, |value, n| value | i64::from(word(n)) << self.shift(n, words))
-            }
+            Shape::I16 => i64::from(value as i16),
+            Shape::I32 => i64::from(value as i32),
+            _ => value,
         }
     }
 
     /// Puts `value` into a row's words in the bank, cut to its shape.
     pub fn put(&self, words: &mut [u16], row: usize, value: i64) {
-        let Some(shape) = self.rows.get(row).map(|row| row.shape) else { return };
+        let Some(shape) = self.list.get(row).map(|row| row.shape) else { return };
         let place = self.place(row);
-        let mut word = |n: usize, value: i64| {
+        let mut rest = value;
+        for n in self.downward(shape).rev() {
             if let Some(word) = words.get_mut(place.wrapping_add(n)) {
-                *word = (value & 0xFFFF).cast_unsigned() as u16;
+                *word = (rest & 0xFFFF).cast_unsigned() as u16;
             }
-        };
-        let count = usize::from(shape.words()).min(4);
-        for n in 0..count {
-            word(n, value >> self.shift(n, count));
+            rest >>= 16;
         }
     }
 
-    /// Bits below the `n`th of `words` words, in bus order.
-    fn shift(&self, n: usize, words: usize) -> usize {
-        match self.layout.order {
-            Order::HighFirst => 16 * words.saturating_sub(n + 1),
-            Order::LowFirst => 16 * n,
-        }
+    /// Places in bus order of a value's words, the highest one first.
+    fn downward(&self, shape: Shape) -> impl DoubleEndedIterator<Item = usize> {
+        let count = usize::from(shape.words()).min(4);
+        let low_first = self.layout.order == Order::LowFirst;
+        (0..count).map(move |n| if low_first { count - 1 - n } else { n })
     }
 
     /// Whether any row wants to be brought up to date before it is read.
@@ -599,7 +620,7 @@ impl Table {
     /// The live rows with words at these places of the bank.
     pub fn live_rows_at(&self, places: &Range<usize>) -> impl Iterator<Item = usize> + use<'_> {
         let (start, end) = (places.start, places.end);
-        self.rows.iter().enumerate().filter_map(move |(index, row)| {
+        self.list.iter().enumerate().filter_map(move |(index, row)| {
             let place = self.place(index);
             let touched = place < end && start < place + usize::from(row.shape.words());
             (row.live && touched).then_some(index)
@@ -611,6 +632,8 @@ impl Table {
 pub trait Register: Copy + 'static {
     /// The map it names the rows of.
     const TABLE: &'static Table;
+    /// What a bus and a drive go by of it.
+    const ENTRIES: &'static Entries;
 
     /// Its row.
     fn row(self) -> usize;
@@ -637,8 +660,8 @@ impl<R: Register, const WORDS: usize> Bank<R, WORDS> {
     #[must_use]
     pub fn factory() -> Self {
         let mut bank = Self { words: [0; WORDS], registers: PhantomData };
-        for (index, row) in R::TABLE.rows.iter().enumerate() {
-            R::TABLE.put(&mut bank.words, index, row.reset);
+        for (index, row) in R::ENTRIES.list.iter().enumerate() {
+            R::ENTRIES.put(&mut bank.words, index, row.reset);
         }
         bank
     }
@@ -646,25 +669,25 @@ impl<R: Register, const WORDS: usize> Bank<R, WORDS> {
     /// The value of a register, as written.
     #[must_use]
     pub fn get(&self, register: R) -> i64 {
-        R::TABLE.value(&self.words, register.row())
+        R::ENTRIES.value(&self.words, register.row())
     }
 
     /// The value of a register as it acts: within the limits of its row.
     #[must_use]
     pub fn limited(&self, register: R) -> i64 {
         let value = self.get(register);
-        R::TABLE.rows.get(register.row()).map_or(value, |row| row.limited(value))
+        R::ENTRIES.list.get(register.row()).map_or(value, |row| row.limited(value))
     }
 
     /// The first word of a register: all of it where it has one.
     #[must_use]
     pub fn word(&self, register: R) -> u16 {
-        self.words.get(R::TABLE.place(register.row())).copied().unwrap_or(0)
+        self.words.get(R::ENTRIES.place(register.row())).copied().unwrap_or(0)
     }
 
     /// Sets a register, past all rules.
     pub fn set(&mut self, register: R, value: i64) {
-        R::TABLE.put(&mut self.words, register.row(), value);
+        R::ENTRIES.put(&mut self.words, register.row(), value);
     }
 
     /// All words, in the order of the table.
@@ -685,9 +708,9 @@ impl<R: Register, const WORDS: usize> Bank<R, WORDS> {
 pub const fn check(rows: &[Row], layout: Layout) {
     let mut i = 0;
     while i < rows.len() {
-        let row = &rows[i];
+        let Row { doc, section, entry: row, .. } = &rows[i];
         let (least, greatest) = row.shape.limits();
-        if row.doc.is_empty() || row.section.is_empty() {
+        if doc.is_empty() || section.is_empty() {
             panic!("a row says what it is and which section of the manual describes it");
         }
         if !row.accepts(row.reset) && !matches!(row.access, Access::WriteOnly) {
@@ -711,7 +734,7 @@ pub const fn check(rows: &[Row], layout: Layout) {
         }
         let mut j = 0;
         while j < i {
-            let other = &rows[j];
+            let other = &rows[j].entry;
             if row.space as u8 == other.space as u8
                 && row.variants & other.variants != 0
                 && row.address < other.address + other.addresses(layout)
@@ -725,6 +748,20 @@ pub const fn check(rows: &[Row], layout: Layout) {
     }
 }
 
+/// What a bus and a drive go by of a map's rows.
+#[doc(hidden)]
+#[must_use]
+#[expect(clippy::indexing_slicing, reason = "only ever evaluated by the compiler")]
+pub const fn entries<const N: usize>(rows: &[Row; N]) -> [Entry; N] {
+    let mut entries = [Row::setting(0, "").entry; N];
+    let mut i = 0;
+    while i < N {
+        entries[i] = rows[i].entry;
+        i += 1;
+    }
+    entries
+}
+
 /// Words in the bank of a map.
 #[doc(hidden)]
 #[must_use]
@@ -732,7 +769,7 @@ pub const fn check(rows: &[Row], layout: Layout) {
 pub const fn word_count(rows: &[Row]) -> usize {
     let (mut words, mut i) = (0, 0);
     while i < rows.len() {
-        words += rows[i].shape.words() as usize;
+        words += rows[i].entry.shape.words() as usize;
         i += 1;
     }
     words
@@ -745,8 +782,8 @@ pub const fn word_count(rows: &[Row]) -> usize {
 pub const fn saved_word_count(rows: &[Row]) -> usize {
     let (mut words, mut i) = (0, 0);
     while i < rows.len() {
-        if rows[i].saved != 0 {
-            words += rows[i].shape.words() as usize;
+        if rows[i].entry.saved != 0 {
+            words += rows[i].entry.shape.words() as usize;
         }
         i += 1;
     }
@@ -762,7 +799,7 @@ pub const fn places<const N: usize>(rows: &[Row; N]) -> [u16; N] {
     let (mut place, mut i) = (0, 0);
     while i < N {
         places[i] = place;
-        place += rows[i].shape.words();
+        place += rows[i].entry.shape.words();
         i += 1;
     }
     places
@@ -775,7 +812,7 @@ pub const fn places<const N: usize>(rows: &[Row; N]) -> [u16; N] {
 pub const fn run_count(rows: &[Row], layout: Layout) -> usize {
     let (mut count, mut i) = (0, 0);
     while i < rows.len() {
-        if readable(&rows[i]) && (i == 0 || !continues(&rows[i - 1], &rows[i], layout)) {
+        if readable(&rows[i].entry) && (i == 0 || !continues(&rows[i - 1].entry, &rows[i].entry, layout)) {
             count += 1;
         }
         i += 1;
@@ -791,9 +828,9 @@ pub const fn runs<const N: usize>(rows: &[Row], layout: Layout) -> [Run; N] {
     let mut runs = [Run { space: Space::Holding, first: 0, addresses: 0, words: 0, place: 0 }; N];
     let (mut count, mut place, mut i) = (0, 0, 0);
     while i < rows.len() {
-        let row = &rows[i];
+        let row = &rows[i].entry;
         if readable(row) {
-            if i == 0 || !continues(&rows[i - 1], row, layout) {
+            if i == 0 || !continues(&rows[i - 1].entry, row, layout) {
                 runs[count] = Run { space: row.space, first: row.address, addresses: 0, words: 0, place };
                 count += 1;
             }
@@ -807,12 +844,12 @@ pub const fn runs<const N: usize>(rows: &[Row], layout: Layout) -> [Run; N] {
 }
 
 /// Whether any bus may read a row.
-const fn readable(row: &Row) -> bool {
+const fn readable(row: &Entry) -> bool {
     row.access.reads() && !matches!(row.space, Space::Setting)
 }
 
 /// Whether one read may go on from `row` into `next`.
-const fn continues(row: &Row, next: &Row, layout: Layout) -> bool {
+const fn continues(row: &Entry, next: &Entry, layout: Layout) -> bool {
     !layout.objects
         && readable(row)
         && row.space as u8 == next.space as u8
@@ -904,13 +941,21 @@ macro_rules! registers {
         impl $crate::registers::Register for $Reg {
             const TABLE: &'static $crate::registers::Table = {
                 static ROWS: [$crate::registers::Row; $Reg::ROWS.len()] = $Reg::ROWS;
+                static TABLE: $crate::registers::Table =
+                    $crate::registers::Table { rows: &ROWS, entries: $Reg::ENTRIES };
+                &TABLE
+            };
+
+            const ENTRIES: &'static $crate::registers::Entries = {
+                static LIST: [$crate::registers::Entry; $Reg::ROWS.len()] =
+                    $crate::registers::entries(&$Reg::ROWS);
                 static PLACES: [u16; $Reg::ROWS.len()] = $crate::registers::places(&$Reg::ROWS);
                 static RUNS: [$crate::registers::Run;
                     $crate::registers::run_count(&$Reg::ROWS, $Reg::LAYOUT)] =
                     $crate::registers::runs(&$Reg::ROWS, $Reg::LAYOUT);
-                static TABLE: $crate::registers::Table =
-                    $crate::registers::Table::new(&ROWS, $Reg::LAYOUT, &PLACES, &RUNS);
-                &TABLE
+                static ENTRIES: $crate::registers::Entries =
+                    $crate::registers::Entries::new(&LIST, $Reg::LAYOUT, &PLACES, &RUNS);
+                &ENTRIES
             };
 
             fn row(self) -> usize {

@@ -123,7 +123,8 @@ fn run(make: Make, script: &[(u64, Event)], fast: bool, eager: &[bool], piece: u
             Event::Edge(pin, high) => Input::Edge { pin: Pin(*pin), high: *high },
             Event::Fault(fault, on) => Input::Fault { fault: Fault(*fault), on: *on },
         };
-        standin_firmware::device::feed(&mut *drive, *at, input, &mut log);
+        let due = drive.deadline();
+        standin_firmware::device::feed(&mut *drive, due, *at, input, &mut log);
     }
     advance(&mut *drive, at + Duration::secs(10), core::iter::empty(), &mut log);
     log.lines

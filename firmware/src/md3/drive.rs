@@ -269,7 +269,7 @@ impl Drive {
         value: i64,
         out: &mut dyn Sink,
     ) -> Result<(), Refused> {
-        let row = Reg::TABLE.rows.get(reg.row()).ok_or(Refused::NoSuchRegister)?;
+        let row = Reg::ENTRIES.list.get(reg.row()).ok_or(Refused::NoSuchRegister)?;
         if !row.accepts(value) {
             return Err(Refused::OutOfRange);
         }
@@ -281,7 +281,7 @@ impl Drive {
                 return Err(Refused::BadMemory);
             }
             self.bank.set(reg, value);
-            let crc = memory::begin::<MEMORY>(Reg::TABLE, self.bank.words(), at, out);
+            let crc = memory::begin::<MEMORY>(Reg::ENTRIES, self.bank.words(), at, out);
             memory::finish::<MEMORY>(crc, at, out);
         } else {
             self.bank.set(reg, value);

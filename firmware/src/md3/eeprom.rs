@@ -45,8 +45,8 @@ impl Eeprom {
     pub(super) fn load(&mut self, words: &mut [u16], out: &dyn Sink) -> bool {
         let content = memory::content(out.memory(), Reg::SAVED_WORDS);
         match content {
-            Content::New => memory::reset(Reg::TABLE, words),
-            Content::Good => memory::load(Reg::TABLE, out.memory(), words),
+            Content::New => memory::reset(Reg::ENTRIES, words),
+            Content::Good => memory::load(Reg::ENTRIES, out.memory(), words),
             Content::Bad => {}
         }
         let passed = content != Content::Bad;
@@ -57,7 +57,7 @@ impl Eeprom {
     /// Begins to save the registers; nothing while a save runs.
     pub(super) fn save(&mut self, at: Instant, words: &[u16], out: &mut dyn Sink) {
         if self.save.is_none() {
-            let crc = memory::begin::<MEMORY>(Reg::TABLE, words, at, out);
+            let crc = memory::begin::<MEMORY>(Reg::ENTRIES, words, at, out);
             self.save = Some(Save { crc, due: at + SAVE });
         }
     }

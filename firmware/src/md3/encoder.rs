@@ -318,7 +318,7 @@ impl Filter {
 }
 
 /// Clocks of the noise filter, in the order of their codes (7.11).
-const FILTER_HZ: [u64; 8] =
+const FILTER_HZ: [u32; 8] =
     [40_000_000, 20_000_000, 10_000_000, 2_500_000, 1_250_000, 625_000, 312_500, 156_250];
 
 /// Three clock periods of the filter, in whole ticks, rounded up; zero if it is disabled (7.11).
@@ -327,6 +327,6 @@ fn lasting(configuration: u16) -> Duration {
         return Duration::ZERO;
     }
     let hz = FILTER_HZ.get(usize::from(configuration >> 6 & 7));
-    let ticks = hz.and_then(|hz| (3 * TICKS_PER_SECOND + hz - 1).checked_div(*hz));
-    Duration::from_ticks(ticks.unwrap_or(0))
+    let ticks = hz.and_then(|hz| (3 * TICKS_PER_SECOND as u32 + hz - 1).checked_div(*hz));
+    Duration::from_ticks(ticks.unwrap_or(0).into())
 }

@@ -240,7 +240,7 @@ pub(super) struct Pwm {
 }
 
 /// The frequencies in Hz of the motor control parameter and their duty cycle steps (7.2).
-const PWM: [(u64, u32); 9] = [
+const PWM: [(u32, u32); 9] = [
     (500, 40_000),
     (1_000, 20_000),
     (2_000, 40_000),
@@ -259,8 +259,8 @@ pub(super) fn pwm(setting: u16) -> Option<Pwm> {
         return None;
     }
     let (hz, range) = PWM.get(usize::from(setting >> motor::PARAMETER_AT & 0x1F)).or(PWM.last())?;
-    let period = Duration::from_ticks(TICKS_PER_SECOND.checked_div(*hz)?);
-    Some(Pwm { period, range: NonZeroU32::new(*range)? })
+    let ticks = (TICKS_PER_SECOND as u32).checked_div(*hz)?;
+    Some(Pwm { period: Duration::from_ticks(ticks.into()), range: NonZeroU32::new(*range)? })
 }
 
 /// The rows of the low current version: it is another product (7.21).

@@ -125,6 +125,15 @@ impl Segment {
         Self { ticks, h: self.speed(d), ..self }.at_phase(self.phase(d))
     }
 
+    /// The last `ticks` of a way of which this is the beginning: the acceleration `down` run backwards from
+    /// its end, where it is as fast as here.
+    #[inline(never)]
+    fn ending(self, way: i128, ticks: u64, down: NonZero<u32>) -> Self {
+        let backwards = Self { a: down.get().cast_signed(), ..self };
+        let stop = Self { ticks, a: -backwards.a, h: backwards.speed(ticks), ..self };
+        stop.at_phase(way - backwards.phase(ticks))
+    }
+
     /// From the beginning of this segment a ramp up to the speed `target`, or down to it, and the cruise
     /// at it.
     #[inline(never)]
@@ -154,16 +163,18 @@ pub struct Plan {
 impl Plan {
     /// Standing at `position`.
     #[must_use]
+    #[inline(never)]
     pub fn rest(at: Instant, position: i32) -> Self {
-        Self::of(at, [Segment { from: position, ..Segment::default() }])
+        Self::of(at, &[Segment { from: position, ..Segment::default() }])
     }
 
-    fn of<const N: usize>(start: Instant, list: [Segment; N]) -> Self {
+    #[inline(never)]
+    fn of(start: Instant, list: &[Segment]) -> Self {
         let mut segments = [Segment::default(); 3];
         for (place, segment) in segments.iter_mut().zip(list) {
-            *place = segment;
+            *place = *segment;
         }
-        Self { start, segments, count: (N & 3) as u8 }
+        Self { start, segments, count: (list.len() & 3) as u8 }
     }
 
     /// From standstill at `from`, exactly `steps` steps: ramp up, cruise, ramp down; without a cruise
@@ -171,11 +182,10 @@ impl Plan {
     /// is that of its last step. No speed or no acceleration is no motion.
     #[must_use]
     pub fn profile(at: Instant, from: i32, steps: i32, rates: Rates) -> Self {
-        let (Some(up), Some(down)) = (limited(rates.up), limited(rates.down)) else {
-            return Self::rest(at, from);
-        };
         let speed = top(rates.speed);
-        let Some(twice_speed) = NonZero::new(2 * speed).filter(|_| steps != 0) else {
+        let twice_speed = NonZero::new(2 * speed).filter(|_| steps != 0);
+        let (Some(up), Some(down), Some(twice_speed)) = (limited(rates.up), limited(rates.down), twice_speed)
+        else {
             return Self::rest(at, from);
         };
         let start = top(rates.start).min(speed);
@@ -183,39 +193,34 @@ impl Plan {
         let (a, b) = (NonZero::<u64>::from(up), NonZero::<u64>::from(down));
         // 1/a + 1/b = sum/product
         let (sum, product) = (a.saturating_add(b.get()), a.saturating_mul(b));
-        let [sum, product, twice_speed] = [sum, product, twice_speed].map(NonZero::<u128>::from);
+        let long = |number: NonZero<u64>| u128::from(number.get());
         let change = u128::from(speed - start);
 
         let first = Segment { from, back: steps < 0, h: start.cast_signed(), ..Segment::default() };
-        // The last `ticks` of the way: the acceleration run backwards from its end.
-        let ending = |ticks: u64| {
-            let backwards = Segment { a: down.get().cast_signed(), ..first };
-            let stop = Segment { ticks, a: -backwards.a, h: backwards.speed(ticks), ..first };
-            stop.at_phase(way.cast_signed() - backwards.phase(ticks))
-        };
+        let ending = |ticks| first.ending(way.cast_signed(), ticks, down);
 
         // Both ramps take (speed² − start²)·(1/a + 1/b) of the way.
-        let ramps = change * u128::from(speed + start) * sum.get();
-        if divided(ramps + product.get() - 1, product) > way {
+        let ramps = change * u128::from(speed + start) * long(sum);
+        if divided(ramps + long(product) - 1, product) > way {
             // As if one ramp did it all, with a·b/(a + b): way = t·(2·start + t·a·b/(a + b)).
-            let (start, way) = (4 * u128::from(start) * sum.get(), 4 * way * sum.get());
-            let half_ticks = least(|t| u128::from(t) * (start + u128::from(t) * product.get()) > way) - 1;
+            let (start, way) = (4 * u128::from(start) * long(sum), 4 * way * long(sum));
+            let half_ticks = least(|t| u128::from(t) * (start + u128::from(t) * long(product)) > way) - 1;
             let end = half_ticks.div_ceil(2);
-            let stop = divided(u128::from(end) * u128::from(a.get()), sum) as u64;
+            let stop = divided(u128::from(end) * long(a), sum) as u64;
             let up = Segment { ticks: end - stop, a: up.get().cast_signed(), ..first };
-            return Self::of(at, [up, ending(stop)]);
+            return Self::of(at, &[up, ending(stop)]);
         }
         // way/2·speed, and what the ramps lose: (speed − start)²·(1/a + 1/b)/2·speed.
         let whole = divided(way, twice_speed);
-        let part = way - whole * twice_speed.get();
-        let lost = part * product.get() + change * change * sum.get();
-        let half = twice_speed.get() * product.get() / 2;
+        let part = way - whole * long(twice_speed);
+        let lost = part * long(product) + change * change * long(sum);
+        let half = long(twice_speed) * long(product) / 2;
         let end = (whole + divided(divided(lost + half, product), twice_speed)) as u64;
         let stop = ((speed - start) / b).min(end);
         let [up, cruise] = first.reach(speed.cast_signed(), up, false);
         let up = Segment { ticks: up.ticks.min(end - stop), ..up };
         let cruise = Segment { ticks: end - stop - up.ticks, ..cruise };
-        Self::of(at, [up, cruise, ending(stop)])
+        Self::of(at, &[up, cruise, ending(stop)])
     }
 
     /// From what this plan does at `at`, a ramp to the signed `speed` in steps/s, and on at that speed
@@ -232,7 +237,7 @@ impl Plan {
         let target = top(speed.unsigned_abs()).cast_signed();
         let back = speed < 0;
         if now.h != 0 && speed != 0 && back == now.back {
-            return Self::of(at, now.reach(target, a, target < now.h));
+            return Self::of(at, &now.reach(target, a, target < now.h));
         }
         let stop = Segment { ticks: whole_ticks(now.h.cast_unsigned(), a), a: -a.get().cast_signed(), ..now };
         // It stands a part of a tick before the last whole one, and there the phase is forgotten.
@@ -245,12 +250,12 @@ impl Plan {
         };
         let turned = Segment { from: turn, back, ..Segment::default() };
         if speed == 0 {
-            return Self::of(at, [stop, turned]);
+            return Self::of(at, &[stop, turned]);
         }
         let h = -stop.speed(stop.ticks);
         let rest = vertex(h.cast_unsigned(), a).cast_signed();
         let [up, cruise] = Segment { h, rest, ..turned }.reach(target, a, false);
-        Self::of(at, [stop, up, cruise])
+        Self::of(at, &[stop, up, cruise])
     }
 
     /// Standing where this plan is at `at`.
@@ -295,6 +300,7 @@ impl Plan {
 
     /// When it stands again; [`Instant::NEVER`] if it goes on without end.
     #[must_use]
+    #[inline(never)]
     pub fn end(&self) -> Instant {
         self.segments().iter().fold(self.start, |at, segment| at + Duration::from_ticks(segment.ticks))
     }
@@ -362,15 +368,32 @@ fn vertex(h: u64, a: NonZero<u32>) -> u64 {
 }
 
 /// Whole steps in `phase`, which is not negative but for what was rounded.
+#[inline(never)]
 fn steps_in(phase: i128) -> u64 {
-    const A_STEP: NonZero<u128> = NonZero::new(STEP as u128).unwrap();
-    divided(phase.max(0).cast_unsigned(), A_STEP) as u64
+    /// What is left of [`STEP`] without its factors of 2: 5¹².
+    const ODD: u64 = (STEP >> STEP.trailing_zeros()).cast_unsigned();
+    // Two digits of 32 bits: a division of 128 is as long as all of a plan.
+    let phase = phase.max(0).cast_unsigned() >> STEP.trailing_zeros();
+    let (high, low) = ((phase >> 32) as u64, phase as u32);
+    (high / ODD) << 32 | (high % ODD << 32 | u64::from(low)) / ODD
 }
 
-/// The one long division, which takes half a kilobyte wherever it is inlined.
+/// The one long division. That of the language is faster where the quotient is long, and takes a kilobyte.
 #[inline(never)]
-fn divided(number: u128, by: NonZero<u128>) -> u128 {
-    number / by
+fn divided(number: u128, by: NonZero<u64>) -> u128 {
+    let mut part = u128::from(by.get());
+    let (mut rest, mut quotient) = (number, 0);
+    let bits = part.leading_zeros().saturating_sub(number.leading_zeros());
+    part <<= bits;
+    for _ in 0..=bits {
+        quotient <<= 1;
+        if let Some(less) = rest.checked_sub(part) {
+            rest = less;
+            quotient |= 1;
+        }
+        part >>= 1;
+    }
+    quotient
 }
 
 #[cfg(test)]

@@ -3,18 +3,12 @@
 /// The least number for which `holds`, which then holds for every greater one: doubled until it does,
 /// then halved. No number tried is more than twice the answer.
 pub(super) fn least(mut holds: impl FnMut(u64) -> bool) -> u64 {
-    if holds(0) {
-        return 0;
+    let (mut low, mut high) = (0, 1 << 62);
+    while low < high {
+        let tried = (2 * low).min(low + (high - low) / 2);
+        if holds(tried) { high = tried } else { low = tried + 1 }
     }
-    let (mut low, mut high) = (0, 1);
-    while high < 1 << 62 && !holds(high) {
-        (low, high) = (high, 2 * high);
-    }
-    while high - low > 1 {
-        let middle = low + (high - low) / 2;
-        if holds(middle) { high = middle } else { low = middle }
-    }
-    high
+    low
 }
 
 #[cfg(test)]

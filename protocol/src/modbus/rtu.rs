@@ -112,18 +112,29 @@ pub struct Receiver {
     state: State,
     /// End of the last character.
     last: Instant,
+    /// When the frame is over, should nothing more come; never on a silent line.
+    over: Instant,
 }
 
 impl Receiver {
     /// A receiver on a silent line.
     #[must_use]
     pub const fn new(line: Line) -> Self {
-        Self { timing: Timing::of(line), frame: Frame::new(), state: State::Idle, last: Instant::ZERO }
+        Self {
+            timing: Timing::of(line),
+            frame: Frame::new(),
+            state: State::Idle,
+            last: Instant::ZERO,
+            over: Instant::NEVER,
+        }
     }
 
     /// From the next character on the line is `line`.
     pub fn set_line(&mut self, line: Line) {
         self.timing = Timing::of(line);
+        if self.state != State::Idle {
+            self.heard(self.last);
+        }
     }
 
     /// The silences it keeps.
@@ -141,14 +152,14 @@ impl Receiver {
         if self.state == State::Receiving && self.frame.extend_from_slice(bytes).is_err() {
             self.state = State::Bad(Why::Length);
         }
-        self.last = at + self.timing.character * others as u64;
+        self.heard(at + self.timing.character * others as u64);
     }
 
     /// A character that nobody could read ended at `at`.
     pub fn spoiled(&mut self, at: Instant) {
         self.hear(at);
         self.state = State::Bad(Why::Spoiled);
-        self.last = at;
+        self.heard(at);
     }
 
     /// A character ended at `at`: what its distance from the last one means.
@@ -165,13 +176,16 @@ impl Receiver {
         }
     }
 
+    /// The last character ended at `last`: from then on the line may be silent.
+    fn heard(&mut self, last: Instant) {
+        self.last = last;
+        self.over = last + self.timing.t3_5 + self.timing.character;
+    }
+
     /// When a frame is over, should nothing more come; [`Instant::NEVER`] on a silent line.
     #[must_use]
     pub fn deadline(&self) -> Instant {
-        match self.state {
-            State::Idle => Instant::NEVER,
-            State::Receiving | State::Bad(_) => self.last + self.timing.t3_5 + self.timing.character,
-        }
+        self.over
     }
 
     /// Whether a frame is over at `at`, or before a character that ends then.
@@ -185,7 +199,9 @@ impl Receiver {
     /// # Errors
     /// Why it is no frame.
     pub fn take(&mut self) -> Option<Result<&[u8], Why>> {
-        match core::mem::replace(&mut self.state, State::Idle) {
+        let state = self.state;
+        self.clear();
+        match state {
             State::Idle => None,
             State::Receiving => Some(Ok(&self.frame)),
             State::Bad(why) => Some(Err(why)),
@@ -195,6 +211,7 @@ impl Receiver {
     /// Forgets what has come.
     pub fn clear(&mut self) {
         self.state = State::Idle;
+        self.over = Instant::NEVER;
     }
 }
 

@@ -10,7 +10,7 @@ use super::pdu::{
 };
 use super::rtu;
 use super::{Frame, Why};
-use crate::registers::{Register, Space, Table};
+use crate::registers::{Entries, Register, Space};
 
 /// What a manual says about its bus.
 #[derive(Clone, Copy, Debug)]
@@ -118,13 +118,13 @@ fn serve<M: Map>(pdu: &[u8], rules: &Rules, map: &mut M, reply: &mut Frame) -> R
     match Request::parse(pdu).ok_or(Refusal::Drop(Why::Length))? {
         Request::Read { function, first, count } => read(function, first, count, rules, map, reply)?,
         Request::WriteSingle { function, address, value } => {
-            let space = if function == WRITE_SINGLE_COIL { Space::Coil } else { Space::Holding };
-            let value = match (space, value) {
-                (Space::Coil, 0xFF00) => 1,
-                (Space::Coil, 0x0000) | (Space::Holding, _) => value,
-                _ => return Err(rules.bad_quantity.into()),
+            let (space, values) = match (function, value) {
+                (WRITE_SINGLE_COIL, 0xFF00) => (Space::Coil, [1, 0]),
+                (WRITE_SINGLE_COIL, 0x0000) => (Space::Coil, [0, 0]),
+                (WRITE_SINGLE_COIL, _) => return Err(rules.bad_quantity.into()),
+                _ => (Space::Holding, value.to_be_bytes()),
             };
-            write(space, address, 1, |_| value, rules, map)?;
+            write(space, address, 1, &values, rules, map)?;
             let _ = reply.extend_from_slice(pdu);
         }
         Request::WriteMultiple { function, first, count, values, bytes } => {
@@ -136,16 +136,8 @@ fn serve<M: Map>(pdu: &[u8], rules: &Rules, map: &mut M, reply: &mut Frame) -> R
             if count == 0 || count > rules.most_written || values.len() != expected {
                 return Err(rules.bad_quantity.into());
             }
-            if coils {
-                let bit = |n: usize| values.get(n / 8).map_or(0, |byte| u16::from(byte >> (n % 8) & 1));
-                write(Space::Coil, first, count, bit, rules, map)?;
-            } else {
-                let word = |n: usize| match values.get(2 * n..).and_then(<[u8]>::first_chunk) {
-                    Some(&word) => u16::from_be_bytes(word),
-                    None => 0,
-                };
-                write(Space::Holding, first, count, word, rules, map)?;
-            }
+            let space = if coils { Space::Coil } else { Space::Holding };
+            write(space, first, count, values, rules, map)?;
             let _ = reply.extend_from_slice(pdu.get(..5).unwrap_or(pdu));
         }
         Request::Other { .. } => return Err(Exception::IllegalFunction.into()),
@@ -171,10 +163,10 @@ fn read<M: Map>(
         READ_INPUT_REGISTERS => Space::Input,
         _ => Space::Holding,
     };
-    let table = M::Register::TABLE;
-    let range = table.readable(space, first, count).ok_or(Exception::IllegalDataAddress)?;
-    if table.has_live() {
-        for row in table.live_rows_at(&range) {
+    let entries = M::Register::ENTRIES;
+    let range = entries.readable(space, first, count).ok_or(Exception::IllegalDataAddress)?;
+    if entries.has_live() {
+        for row in entries.live_rows_at(&range) {
             if let Some(register) = M::Register::from_row(row) {
                 map.refresh(register);
             }
@@ -199,39 +191,44 @@ fn read<M: Map>(
     Ok(())
 }
 
-/// Functions 5, 6, 15 and 16: judge everything, then store everything, then say so.
+/// Functions 5, 6, 15 and 16: judge everything, then store everything, then say so. `values` are as 15 and
+/// 16 bring them: bits of coils from the lowest one up, words with the high byte first.
 fn write<M: Map>(
     space: Space,
     first: u16,
     count: u16,
-    word: impl Fn(usize) -> u16,
+    values: &[u8],
     rules: &Rules,
     map: &mut M,
 ) -> Result<(), Exception> {
-    let table = M::Register::TABLE;
-    for part in Parts::new(table, space, first, count) {
+    let entries = M::Register::ENTRIES;
+    let word = |n: usize| match space {
+        Space::Coil => values.get(n / 8).map_or(0, |byte| u16::from(byte >> (n % 8) & 1)),
+        _ => values.get(2 * n..).and_then(<[u8]>::first_chunk).map_or(0, |&word| u16::from_be_bytes(word)),
+    };
+    for part in Parts::new(entries, space, first, count) {
         let part = part?;
-        let row = table.rows.get(part.row).ok_or(Exception::IllegalDataAddress)?;
+        let row = entries.list.get(part.row).ok_or(Exception::IllegalDataAddress)?;
         if !row.access.writes() {
             return Err(rules.read_only);
         }
         let whole = part.words == row.shape.words();
-        if table.layout.objects && !whole {
+        if entries.layout.objects && !whole {
             return Err(rules.bad_quantity);
         }
         // Halves are judged when the value is used.
-        if whole && !row.accepts(table.assemble(row.shape, |n| word(part.offset + n))) {
+        if whole && !row.accepts(entries.assemble(row.shape, |n| word(part.offset + n))) {
             return Err(rules.bad_value);
         }
     }
-    for part in Parts::new(table, space, first, count).flatten() {
-        let place = table.place(part.row) + usize::from(part.first);
+    for part in Parts::new(entries, space, first, count).flatten() {
+        let place = entries.place(part.row) + usize::from(part.first);
         let words = map.words_mut().get_mut(place..).unwrap_or(&mut []);
         for (n, target) in words.iter_mut().take(usize::from(part.words)).enumerate() {
             *target = word(part.offset + n);
         }
     }
-    for part in Parts::new(table, space, first, count).flatten() {
+    for part in Parts::new(entries, space, first, count).flatten() {
         if let Some(register) = M::Register::from_row(part.row) {
             map.written(register);
         }
@@ -252,7 +249,7 @@ struct Part {
 
 /// The parts of a write, one for each row it touches.
 struct Parts {
-    table: &'static Table,
+    entries: &'static Entries,
     space: Space,
     address: u16,
     left: u16,
@@ -260,8 +257,8 @@ struct Parts {
 }
 
 impl Parts {
-    fn new(table: &'static Table, space: Space, address: u16, count: u16) -> Self {
-        Self { table, space, address, left: count, offset: 0 }
+    fn new(entries: &'static Entries, space: Space, address: u16, count: u16) -> Self {
+        Self { entries, space, address, left: count, offset: 0 }
     }
 }
 
@@ -272,13 +269,13 @@ impl Iterator for Parts {
         if self.left == 0 {
             return None;
         }
-        let Some((row, first)) = self.table.at(self.space, self.address) else {
+        let Some((row, first)) = self.entries.at(self.space, self.address) else {
             self.left = 0;
             return Some(Err(Exception::IllegalDataAddress));
         };
-        let room = self.table.rows.get(row).map_or(1, |row| row.shape.words()).saturating_sub(first);
+        let room = self.entries.list.get(row).map_or(1, |row| row.shape.words()).saturating_sub(first);
         // Of an object the whole quantity is meant for this row, be it right or wrong.
-        let words = if self.table.layout.objects { self.left } else { room.min(self.left) };
+        let words = if self.entries.layout.objects { self.left } else { room.min(self.left) };
         let part = Part { row, first, words, offset: self.offset };
         self.offset += usize::from(words);
         self.left -= words;

@@ -51,10 +51,16 @@ impl<T: Timer> StepTimer for &Axis<T> {
     fn with<R>(&mut self, act: impl FnOnce(&mut Stepper<T::Pins>) -> R) -> Option<R> {
         self.lend(|stepper| {
             let result = act(stepper);
-            while !T::set(stepper.due()) {
-                stepper.fire();
-            }
+            set::<T>(stepper);
             result
         })
+    }
+}
+
+/// Sets the timer to what the stepper wants, and does what is due by then.
+#[inline(never)]
+fn set<T: Timer>(stepper: &mut Stepper<T::Pins>) {
+    while !T::set(stepper.due()) {
+        stepper.fire();
     }
 }
