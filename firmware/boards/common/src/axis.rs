@@ -48,9 +48,9 @@ impl<T: Timer> StepTimer for &Axis<T> {
         T::now()
     }
 
-    fn with<R>(&mut self, act: impl FnOnce(&mut Stepper<T::Pins>) -> R) -> Option<R> {
+    fn with<R>(&mut self, act: impl FnOnce(&mut Stepper<T::Pins>, Instant) -> R) -> Option<R> {
         self.lend(|stepper| {
-            let result = act(stepper);
+            let result = act(stepper, T::now());
             set::<T>(stepper);
             result
         })

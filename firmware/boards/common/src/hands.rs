@@ -88,7 +88,6 @@ where
     }
 
     fn step(&mut self, _axis: device::Axis, steps: i32) {
-        let now = T::now();
-        let _ = self.axis.with(|stepper| stepper.step(now, steps));
+        let _ = self.axis.with(|stepper, now| stepper.step(now, steps));
     }
 }

@@ -31,7 +31,7 @@ pub(crate) fn start() {
 fn TIMER_1A() {
     TIMER.acknowledge();
     if FAR.load(Ordering::Relaxed) {
-        let _ = (&AXIS).with(|_| ());
+        let _ = (&AXIS).with(|_, _| ());
     } else {
         AXIS.fire();
     }
