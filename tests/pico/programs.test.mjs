@@ -49,7 +49,9 @@ test('play says in one line what is wrong', () => {
 
 test('serve puts UART0 on a port, for one client after the other, until stdin ends', async () => {
   const server = spawn(process.execPath, [join(here, 'serve.mjs'), image], { stdio: ['pipe', 'pipe', 'inherit'] });
-  const [line] = await once(server.stdout.setEncoding('utf8'), 'data');
+  server.stdout.setEncoding('utf8');
+  let line = '';
+  while (!line.endsWith('\n')) line += (await once(server.stdout, 'data'))[0];
   const port = Number(/^pico: echo on 127\.0\.0\.1:(\d+)\n$/.exec(line)?.[1]);
   for (const frame of ['hello', 'again']) {
     const socket = connect(port, '127.0.0.1');

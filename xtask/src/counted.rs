@@ -22,6 +22,9 @@ pub(crate) const PROCESSORS: [Processor; 2] = [
     Processor { target: "thumbv6m-none-eabi", machine: "microbit" },
 ];
 
+/// Versions of QEMU that take plugins of version 1.
+const TAKES_PLUGIN: std::ops::RangeInclusive<u32> = 6..=8;
+
 /// What a group of a program took, in instructions.
 #[derive(Debug)]
 pub(crate) struct Group {
@@ -32,7 +35,19 @@ pub(crate) struct Group {
 }
 
 /// Builds the plugin. Returns where it is.
+///
+/// # Errors
+///
+/// If QEMU is one that does not take plugins of version 1 of their interface.
 pub(crate) fn plugin(sh: &Shell) -> Result<PathBuf> {
+    let version = cmd!(sh, "qemu-system-arm --version").quiet().read()?;
+    let major = version.split(' ').skip_while(|word| *word != "version").nth(1);
+    let major: u32 = major.and_then(|version| version.split('.').next()?.parse().ok()).unwrap_or(0);
+    ensure!(
+        TAKES_PLUGIN.contains(&major),
+        "instructions are counted with QEMU 6 to 8, whose plugins have version 1; this is {}",
+        version.lines().next().unwrap_or_default()
+    );
     cmd!(sh, "cargo build --quiet --release --package insncount").run()?;
     Ok(target_dir(sh).join("release/libinsncount.so"))
 }

@@ -1,6 +1,6 @@
 //! The table of what a drive costs, measured and compared with its [budgets](crate::budgets).
 
-use anyhow::{Result, ensure};
+use anyhow::{Result, bail, ensure};
 use xshell::Shell;
 
 use crate::board::{BOARDS, PROFILE};
@@ -9,10 +9,17 @@ use crate::checks;
 use crate::counted::{self, Group, PROCESSORS};
 use crate::docs::kinds;
 use crate::image::{Image, Sizes};
+use crate::tools::{self, Tool};
 use crate::{interrupts, panic_free};
+
+/// What measuring needs.
+pub(crate) const NEEDS: [Tool; 3] = [Tool::ThumbTargets, Tool::Qemu, Tool::Node];
 
 /// Builds what is measured, and checks it; the names of the drives come from the built `standin`.
 pub(crate) fn print(sh: &Shell) -> Result<()> {
+    if let Some(remedy) = tools::bring_only(sh, &NEEDS).of(&NEEDS) {
+        bail!("{remedy}");
+    }
     checks::build(sh)?;
     check(sh)
 }

@@ -17,7 +17,7 @@ use standin_protocol::modbus::rtu;
 
 use self::play::{MS, Nanos, Run, Script};
 
-/// RS-485 direction, STEP, DIR, the green light.
+/// RS-485 direction, STEP, DIR.
 mod pin {
     pub(crate) const DE: u8 = 2;
     pub(crate) const STEP: u8 = 3;

@@ -2,6 +2,7 @@
 //!
 //! `tests/pico/play.mjs` defines both. Instants are nanoseconds since the board first got power.
 
+use std::ffi::OsStr;
 use std::fmt::{Display, Write as _};
 use std::io::Write as _;
 use std::path::Path;
@@ -77,14 +78,24 @@ impl Script {
         self.at(at, format_args!("rx{bytes}"));
     }
 
-    /// Plays it to an image until `end`.
+    /// Plays it to an image until `end`, on a flash that was never used.
     pub(crate) fn play(&self, image: &Path, end: Nanos) -> Run {
+        self.play_with(image, end, &[])
+    }
+
+    /// The same with a flash that is kept in a file; nothing was ever stored in one that is not there.
+    pub(crate) fn play_on(&self, flash: &Path, image: &Path, end: Nanos) -> Run {
+        self.play_with(image, end, &["--flash".as_ref(), flash.as_os_str()])
+    }
+
+    fn play_with(&self, image: &Path, end: Nanos, options: &[&OsStr]) -> Run {
         let mut script = self.clone();
         script.at(end, "end");
         let program = Path::new(env!("CARGO_MANIFEST_DIR")).join("pico/play.mjs");
         let mut node = Command::new("node")
             .arg(program)
             .arg(image)
+            .args(options)
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
             .spawn()
