@@ -375,7 +375,8 @@ fn steps_in(phase: i128) -> u64 {
     // Two digits of 32 bits: a division of 128 is as long as all of a plan.
     let phase = phase.max(0).cast_unsigned() >> STEP.trailing_zeros();
     let (high, low) = ((phase >> 32) as u64, phase as u32);
-    (high / ODD) << 32 | (high % ODD << 32 | u64::from(low)) / ODD
+    let rest = (high % ODD) << 32 | u64::from(low);
+    ((high / ODD) << 32) | (rest / ODD)
 }
 
 /// The one long division. That of the language is faster where the quotient is long, and takes a kilobyte.
