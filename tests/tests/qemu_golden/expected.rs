@@ -1,6 +1,7 @@
 //! What a trace says that the board shows, as it can be asked at any instant.
 
 use standin_firmware::device::{Duration, Instant, Line, Pin};
+use standin_firmware::motion::Walker;
 use standin_sim::hal::Done;
 use standin_sim::trace::{Did, Trace};
 use standin_tests::on_shell::{self, Seen};
@@ -14,6 +15,8 @@ pub(crate) struct Expected {
     /// The changes of each pin, which is low at first.
     pins: Vec<Vec<(Instant, bool)>>,
     motion: Vec<(Instant, Done)>,
+    /// Each step, and whether it is forward.
+    steps: Vec<(Instant, bool)>,
     /// What its memory holds at the end.
     pub(crate) memory: Vec<u8>,
 }
@@ -26,6 +29,7 @@ impl Expected {
             replies: Vec::new(),
             lines: Vec::new(),
             pins: vec![Vec::new(); drive.spec.pins.len()],
+            steps: steps(&motion),
             motion,
             memory: drive.memory.clone(),
         };
@@ -83,6 +87,14 @@ impl Expected {
             .sum()
     }
 
+    /// Whether the motor makes steps that way between `after` and `before`. One that is late, or early by a
+    /// part of a step, may also be the one before that or the one behind.
+    pub(crate) fn goes(&self, forward: bool, after: Instant, before: Instant) -> bool {
+        let first = self.steps.partition_point(|(at, _)| *at < after).saturating_sub(1);
+        let last = self.steps.partition_point(|(at, _)| *at < before);
+        self.steps.iter().take(last + 1).skip(first).any(|(_, way)| *way == forward)
+    }
+
     /// When the motor was told something last, and whether it stood then.
     pub(crate) fn told(&self, at: Instant) -> Option<(Instant, bool)> {
         let index = self.motion.iter().take_while(|(from, _)| *from <= at).count().checked_sub(1)?;
@@ -138,4 +150,23 @@ impl Expected {
         let motion = self.motion.iter().map(|(at, _)| *at);
         replies.chain(pins).chain(motion)
     }
+}
+
+/// Each step, and whether it is forward: of each plan until the next one.
+fn steps(motion: &[(Instant, Done)]) -> Vec<(Instant, bool)> {
+    let ends = motion.iter().skip(1).map(|(next, _)| *next).chain([Instant::NEVER]);
+    let mut steps = Vec::new();
+    for ((from, done), end) in motion.iter().zip(ends) {
+        match done {
+            Done::Planned(_, plan) => {
+                let walked = Walker::new(plan, *from).take_while(|step| step.at <= end);
+                steps.extend(walked.map(|step| (step.at, step.forward)));
+            }
+            Done::Stepped(_, count) => {
+                steps.extend((0..count.unsigned_abs()).map(|_| (*from, *count > 0)));
+            }
+            _ => {}
+        }
+    }
+    steps
 }

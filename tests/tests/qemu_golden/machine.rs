@@ -4,27 +4,34 @@
 //! the processor has nothing to do, time hops to the next timer. A breakpoint on the one WFI of the image stops the
 //! machine there, and while it stops, QEMU's main loop makes that very hop, because all processors are
 //! idle. So the machine always stands at the instant at which a timer is due next, before it has come, and
-//! nothing is lost if the WFI is then skipped: its interrupt is pending, and WFI may end at any time.
+//! nothing is lost if the WFI is then skipped: WFI may end at any time.
 //!
-//! There is one exception. What comes in the few instructions between the loop's last look and its WFI is
-//! pending while time hops, where a WFI would not have waited. It is then served at the next timer, at
-//! most a millisecond late, and whatever the trace has to say about that is said by its bounds. If that
-//! timer is SysTick again, the board misses a millisecond: [`Machine::now`] notices, and the trace is
-//! played once more with instructions that take another time.
+//! What is pending already when the processor comes to its WFI must not wait for a hop. So there are two
+//! kinds of stops, and TIMER3, which no image uses and whose interrupt is off, tells them apart:
 //!
-//! TIMER3, which no image uses, makes it stand where a test wants to: its interrupt is off, so that the
-//! board sees nothing of it. Behind its instant it goes on every microsecond, so that a processor that
-//! was busy over that instant stands right after, and so that the time of an answer is seen.
+//! - While the board [runs](Machine::run) TIMER3 comes every microsecond, so that the hop to the first stop
+//!   is no longer than that. If something is pending there the board goes on at once.
+//! - Then it [sleeps](Machine::sleep): it is let go with the breakpoint before it, so that no instruction is
+//!   executed. What was due where it stood comes, and time hops again. If that was TIMER3 alone, the
+//!   hop is a long one. If it was another timer, TIMER3 is still to come within the microsecond, and says
+//!   so by not having come.
+//!
+//! There is one exception: another timer that is due in the very same nanosecond as TIMER3. It is pending
+//! behind the long hop, the machine notices that it has [`Overslept`], and the trace is played once
+//! more with instructions that take another time.
 //!
 //! Nothing of this depends on the speed of the host, and the image is the one that is flashed.
 
+use std::collections::BTreeSet;
 use std::io::{ErrorKind, Read, Write};
 use std::os::fd::OwnedFd;
 use std::os::unix::net::UnixStream;
 use std::process::{Child, Command, Stdio};
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Duration;
-use std::{env, fs, process};
+use std::{env, fmt, fs, process};
+
+use standin_firmware::device::Level;
 
 use crate::gdb::Gdb;
 use crate::image::Image;
@@ -32,21 +39,25 @@ use crate::qtest::Qtest;
 
 /// Cycles of the board's clock in a microsecond.
 pub(crate) const CYCLES_PER_US: u64 = 50;
-const CYCLES_PER_MS: u64 = 1_000 * CYCLES_PER_US;
+/// Cycles in a period of SysTick.
+const PERIOD: u64 = 100_000 * CYCLES_PER_US;
 
 /// How long the host may take from one stop to the next before it counts as hung.
 const PATIENCE: Duration = Duration::from_secs(60);
 
-/// SysTick's current value, and the register that says whether its interrupt is pending (bit 26).
+/// SysTick's current value, and the register that says which exception is pending (B3.2.4 of the ARMv7-M
+/// manual).
 const SYST_CVR: u32 = 0xE000_E018;
 const ICSR: u32 = 0xE000_ED04;
+const VECTPENDING: u32 = 0x1FF << 12;
 const PENDSTSET: u32 = 1 << 26;
 
-/// TIMER3: configuration, mode, control, interrupt mask, load.
+/// TIMER3: mode, control, what it has done, its acknowledgement, load (10.6 of the datasheet).
 const TIMER3: u32 = 0x4003_3000;
-const CFG: u32 = TIMER3;
 const TAMR: u32 = TIMER3 + 0x004;
 const CTL: u32 = TIMER3 + 0x00C;
+const RIS: u32 = TIMER3 + 0x01C;
+const ICR: u32 = TIMER3 + 0x024;
 const TAILR: u32 = TIMER3 + 0x028;
 const PERIODIC: u32 = 2;
 
@@ -57,8 +68,14 @@ const RX_EMPTY: u32 = 1 << 4;
 const LOOKS: usize = 1_000_000;
 
 /// A pin of the board: the letter of its port, and its number there.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+#[derive(Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Gpio(pub(crate) char, pub(crate) u32);
+
+impl fmt::Display for Gpio {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "P{}{}", self.0, self.1)
+    }
+}
 
 /// Where the ports A to G have their registers (8.4 of the datasheet).
 const PORTS: [u32; 7] =
@@ -83,15 +100,26 @@ pub(crate) struct Machine {
     bus: UnixStream,
     /// What QEMU calls the ports A to G.
     ports: Vec<String>,
-    /// Where the image counts milliseconds.
-    milliseconds: u32,
+    /// Where the image counts periods of SysTick.
+    periods: u32,
     sleeps_at: u32,
-    asleep: bool,
-    /// It was to stand within a microsecond.
-    soon: bool,
+    /// It stands before its WFI, and not where it starts.
+    started: bool,
+    /// Where it stood last, in cycles of its clock.
+    now: u64,
+    /// How often it stood.
+    stops: u32,
 }
 
-/// SysTick came twice before it was served once.
+/// What there is to know where the board stands.
+struct Stop {
+    /// An exception waits to be taken.
+    pending: bool,
+    /// TIMER3 has come.
+    ticked: bool,
+}
+
+/// The board slept over an interrupt.
 #[derive(Debug)]
 pub(crate) struct Overslept;
 
@@ -138,13 +166,15 @@ impl Machine {
             test: Qtest::new(test),
             bus,
             ports,
-            milliseconds: image.symbol("MILLISECONDS"),
+            periods: image.symbol("PERIODS"),
             sleeps_at: image.sleeps_at,
-            asleep: false,
-            soon: true,
+            started: false,
+            now: 0,
+            stops: 0,
         };
         let listened = machine.path(Gpio(LISTENED, 0)).to_owned();
         machine.test.listen(&listened);
+        machine.tick();
         machine
     }
 
@@ -161,43 +191,53 @@ impl Machine {
         // QEMU resets in its own time.
         let reset = (0..LOOKS).any(|_| self.gdb.pc() != slept_at);
         assert!(reset, "QEMU resets the board");
-        self.asleep = false;
+        self.started = false;
         self.test.changes();
+        self.tick();
     }
 
-    /// Lets the board run until it sleeps, which is at the latest a microsecond after it has done what it
-    /// has to; then time has gone on to its next timer.
-    pub(crate) fn run(&mut self) {
-        // WFI has two bytes.
-        self.gdb.run(self.asleep.then_some(self.sleeps_at + 2));
-        self.asleep = true;
-    }
-
-    /// The time that the board has run since its last reset, in cycles of its clock.
-    pub(crate) fn now(&mut self) -> Result<u64, Overslept> {
-        let at = self.milliseconds;
-        let words = self.test.words(&[at, at + 4, SYST_CVR, ICSR]);
-        let [low, high, left, pending] = words.try_into().expect("four words");
-        let milliseconds = u64::from(high) << 32 | u64::from(low);
-        let soon = std::mem::replace(&mut self.soon, true);
-        if !soon && pending & PENDSTSET != 0 && left <= 1 {
-            return Err(Overslept);
+    /// Lets the board run until it sleeps and nothing is pending. It stands there within a microsecond.
+    /// Returns the time since its last reset, in cycles of its clock.
+    pub(crate) fn run(&mut self) -> u64 {
+        loop {
+            // WFI has two bytes.
+            self.gdb.run(self.started.then_some(self.sleeps_at + 2));
+            self.started = true;
+            let Stop { pending, .. } = self.stop();
+            if !pending {
+                return self.now;
+            }
         }
-        // QEMU's SysTick shows 1 where it is about to wrap, and also where it just has.
-        let cycles = match (pending & PENDSTSET != 0, u64::from(left)) {
-            (false, left) => CYCLES_PER_MS.saturating_sub(left),
-            (true, 0 | 1) => CYCLES_PER_MS,
-            (true, left) => 2 * CYCLES_PER_MS - left,
-        };
-        Ok(milliseconds * CYCLES_PER_MS + cycles)
     }
 
-    /// Lets the board stand `cycles` from now at the latest, and from then on every microsecond.
-    pub(crate) fn stand_in(&mut self, cycles: u64) {
-        let cycles = u32::try_from(cycles.max(1)).unwrap_or(u32::MAX);
-        let tick = CYCLES_PER_US as u32;
-        self.soon = cycles <= tick;
-        self.test.write([(CTL, 0), (CFG, 0), (TAMR, PERIODIC), (TAILR, cycles), (CTL, 1), (TAILR, tick)]);
+    /// Lets the board, which has nothing pending, sleep until `until`, or until one of its own timers comes
+    /// before that. Returns the time as [`run`](Self::run) does, which must come next.
+    pub(crate) fn sleep(&mut self, until: u64) -> Result<u64, Overslept> {
+        let span = u32::try_from(until.saturating_sub(self.now).max(1)).unwrap_or(u32::MAX);
+        // TIMER3 takes the span when it comes, which is now.
+        self.test.write([(TAILR, span), (ICR, 1)]);
+        self.gdb.run(None);
+        let Stop { pending, ticked } = self.stop();
+        self.tick();
+        if ticked && pending { Err(Overslept) } else { Ok(self.now) }
+    }
+
+    /// TIMER3 comes every microsecond from now on.
+    fn tick(&mut self) {
+        self.test.write([(CTL, 0), (TAMR, PERIODIC), (TAILR, CYCLES_PER_US as u32), (CTL, 1)]);
+    }
+
+    /// Looks why the board stands, and when.
+    fn stop(&mut self) -> Stop {
+        self.stops += 1;
+        let at = self.periods;
+        let words = self.test.words(&[at, at + 4, SYST_CVR, ICSR, RIS]);
+        let [low, high, left, pending, ticked] = words.try_into().expect("five words");
+        let periods = (u64::from(high) << 32 | u64::from(low)) + u64::from(pending & PENDSTSET != 0);
+        // SysTick begins a period at 0, and goes on at its greatest value.
+        let cycles = if left == 0 { 0 } else { PERIOD.saturating_sub(u64::from(left)) };
+        self.now = periods * PERIOD + cycles;
+        Stop { pending: pending & VECTPENDING != 0, ticked: ticked != 0 }
     }
 
     /// A character reaches UART0.
@@ -205,6 +245,11 @@ impl Machine {
         self.bus.write_all(&[byte]).expect("QEMU listens");
         let heard = (0..LOOKS).any(|_| self.test.word(UART_FLAGS) & RX_EMPTY == 0);
         assert!(heard, "UART0 receives what is sent to it");
+    }
+
+    /// How often it stood.
+    pub(crate) fn stops(&self) -> u32 {
+        self.stops
     }
 
     /// What UART0 has sent since the last time.
@@ -227,18 +272,25 @@ impl Machine {
         self.test.drive(&path, gpio.1, high);
     }
 
-    /// Whether outputs are high, or let go.
-    pub(crate) fn levels(&mut self, gpios: &[Gpio]) -> Vec<bool> {
+    /// What outputs show.
+    pub(crate) fn levels(&mut self, gpios: &[Gpio]) -> Vec<Level> {
         /// The data register of all eight pins, and the register of directions.
         const REGISTERS: [u32; 2] = [0x3FC, 0x400];
+        let ports: BTreeSet<usize> = gpios.iter().map(|gpio| gpio.port()).collect();
         let addresses: Vec<u32> =
-            PORTS.iter().flat_map(|base| REGISTERS.map(|register| base + register)).collect();
+            ports.iter().flat_map(|port| REGISTERS.map(|register| PORTS[*port] + register)).collect();
         let words = self.test.words(&addresses);
-        let level = |gpio: &Gpio| match words.chunks_exact(2).nth(gpio.port()) {
-            Some([data, driven]) => driven >> gpio.1 & 1 == 0 || data >> gpio.1 & 1 != 0,
-            _ => unreachable!("two words of each port"),
+        let level = |gpio: &Gpio| {
+            let place = ports.iter().position(|port| *port == gpio.port());
+            let [data, driven] = place.and_then(|place| words.chunks_exact(2).nth(place))?.try_into().ok()?;
+            let is_set = |word: u32| word >> gpio.1 & 1 != 0;
+            Some(match (is_set(driven), is_set(data)) {
+                (false, _) => Level::Float,
+                (true, false) => Level::Low,
+                (true, true) => Level::High,
+            })
         };
-        gpios.iter().map(level).collect()
+        gpios.iter().map(|gpio| level(gpio).expect("two words of its port")).collect()
     }
 
     /// Changes of the outputs of port B since the last time.

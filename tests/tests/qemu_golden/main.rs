@@ -2,19 +2,22 @@
 //!
 //! `cargo xtask test` builds the images, names their folder in `STANDIN_IMAGES`, and runs this. See
 //! [`machine`] for how time is held, and [`LEFT_OUT`] for what cannot be shown here. `STANDIN_TRACE=7.15`
-//! plays only the traces that have this in their name.
-//!
-//! What it measures goes to `board-figures/lm3s6965.txt` beside what cargo builds: a name and a number a
-//! line, the worst of all traces of a kind.
+//! plays only the traces that have this in their name, and writes no [`figures`].
 
 mod expected;
+mod feed;
+mod figures;
 mod gdb;
 mod image;
+mod lag;
 mod machine;
 mod pins;
+mod place;
 mod qtest;
 mod replay;
+mod stack;
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::{env, fs, thread};
@@ -25,8 +28,9 @@ use standin_sim::trace::Trace;
 use standin_tests::on_shell;
 
 use expected::Expected;
+use figures::Figures;
 use image::Image;
-use replay::Figures;
+use pins::Wires;
 
 /// Traces that this board cannot show, and why.
 static LEFT_OUT: [(&str, &str); 2] = [
@@ -64,59 +68,77 @@ macro_rules! kinds {
 
 static KINDS: &[Kind] = standin_firmware::devices!(kinds);
 
+/// The kind of that name.
+fn kind(name: &str) -> &'static Kind {
+    let kind = KINDS.iter().find(|kind| (kind.make)().spec().kind == name);
+    kind.unwrap_or_else(|| panic!("tests/traces/{name} has traces of no drive"))
+}
+
 /// A trace, and the image that it is played on.
 struct Job {
+    /// The kind of drive: the name of the folder, and of the image.
+    kind: &'static str,
     name: String,
     path: PathBuf,
-    kind: &'static Kind,
 }
 
 impl Job {
-    fn run(&self, images: &Path) -> Figures {
-        let text = fs::read_to_string(&self.path).expect("a text");
+    fn run(&self, images: &Path, wires: &Wires) -> Figures {
+        let Self { kind: of, name, path } = self;
+        let text = fs::read_to_string(path).expect("a text");
         let make = |name: &str| KINDS.iter().map(|kind| (kind.make)()).find(|made| made.spec().kind == name);
-        let trace = Trace::parse(&text, &make).unwrap_or_else(|error| panic!("{}: {error}", self.name));
-        let image = Image::read(&images.join((self.kind.make)().spec().kind));
-        let shifts: &[u32] = if FAST.iter().any(|name| self.name.ends_with(name)) { &[0] } else { &SHIFTS };
+        let trace = Trace::parse(&text, &make).unwrap_or_else(|error| panic!("{name}: {error}"));
+        let motion = (kind(of).motion)(&trace);
+        let image = Image::read(&images.join(of));
+        let shifts: &[u32] = if FAST.iter().any(|fast| name.ends_with(fast)) { &[0] } else { &SHIFTS };
         let mut plays = shifts.iter().map(|shift| {
-            let expected = Expected::of(&trace, (self.kind.motion)(&trace));
-            replay::play(&self.name, &trace, expected, &image, *shift)
+            let expected = Expected::of(&trace, motion.clone());
+            replay::play(name, &trace, expected, wires, &image, *shift)
         });
-        plays.find_map(Result::ok).unwrap_or_else(|| panic!("{} oversleeps at any speed", self.name))
+        plays.find_map(Result::ok).unwrap_or_else(|| panic!("{name} oversleeps at any speed"))
     }
 }
 
 /// Every trace of every kind.
 fn jobs() -> Vec<Job> {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("traces");
+    let files = |path: &Path| {
+        let files = fs::read_dir(path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
+        let mut paths: Vec<PathBuf> = files.map(|file| file.expect("a file has a name").path()).collect();
+        paths.sort();
+        paths
+    };
+    let stem = |path: &Path| path.file_stem().and_then(|stem| stem.to_str()).expect("UTF-8").to_owned();
     let mut jobs = Vec::new();
-    for kind in KINDS {
-        let of = (kind.make)().spec().kind;
-        let folder = folder.join(of);
-        let files = fs::read_dir(&folder).unwrap_or_else(|error| panic!("{}: {error}", folder.display()));
-        jobs.extend(files.map(|file| {
-            let path = file.expect("a file has a name").path();
-            let stem = path.file_stem().and_then(|stem| stem.to_str()).expect("a name in UTF-8");
-            Job { name: format!("{of}/{stem}"), path: path.clone(), kind }
+    for folder in files(&Path::new(env!("CARGO_MANIFEST_DIR")).join("traces")) {
+        let kind = (kind(&stem(&folder)).make)().spec().kind;
+        jobs.extend(files(&folder).into_iter().map(|path| {
+            let name = format!("{kind}/{}", stem(&path));
+            Job { kind, name, path }
         }));
     }
-    jobs.sort_by(|a, b| a.name.cmp(&b.name));
+    for kind in KINDS.iter().map(|kind| (kind.make)().spec().kind) {
+        assert!(jobs.iter().any(|job| job.kind == kind), "a {kind} has traces");
+    }
     jobs
+}
+
+/// Where the images are.
+fn images() -> PathBuf {
+    PathBuf::from(env::var("STANDIN_IMAGES").expect("STANDIN_IMAGES names the folder of the images"))
 }
 
 #[test]
 #[ignore = "needs QEMU and the images of the board: `cargo xtask test` brings both"]
 fn golden_traces_on_the_board() {
-    let images =
-        PathBuf::from(env::var("STANDIN_IMAGES").expect("STANDIN_IMAGES names the folder of the images"));
+    let images = images();
     let only = env::var("STANDIN_TRACE").ok();
     let (left_out, mut jobs): (Vec<Job>, Vec<Job>) =
         jobs().into_iter().partition(|job| LEFT_OUT.iter().any(|(name, _)| job.name.ends_with(name)));
-    jobs.retain(|job| only.as_ref().is_none_or(|only| job.name.contains(only)));
     assert_eq!(left_out.len(), LEFT_OUT.len(), "what is left out is there");
     for (name, why) in &LEFT_OUT {
         println!("not here: {name}: {why}");
     }
+    jobs.retain(|job| only.as_ref().is_none_or(|only| job.name.contains(only)));
 
     let waiting = Mutex::new(jobs.iter());
     let done = Mutex::new(Vec::new());
@@ -126,42 +148,35 @@ fn golden_traces_on_the_board() {
                 loop {
                     let next = waiting.lock().expect("nobody panics while it takes a job").next();
                     let Some(job) = next else { return };
-                    let figures = job.run(&images);
-                    println!(
-                        "{:<44} {:>8.1} ms, {:>6.2} µs late, {:>6.1} µs with a plan, boot {:>6.1} µs, {:>6} steps, {:>6} stops, stack {}",
-                        job.name,
-                        figures.time.ticks() as f64 / 16e3,
-                        figures.latency.ticks() as f64 / 16.0,
-                        figures.planning.ticks() as f64 / 16.0,
-                        figures.boot.ticks() as f64 / 16.0,
-                        figures.steps,
-                        figures.stops,
-                        figures.stack
-                    );
-                    let mut done = done.lock().expect("nobody panics while it adds one");
-                    done.push(((job.kind.make)().spec().kind, figures));
+                    let figures = job.run(&images, &pins::wires(job.kind));
+                    println!("{:<40} {figures}", job.name);
+                    done.lock().expect("nobody panics while it adds one").push((job.kind, figures));
                 }
             });
         }
     });
     let done = done.into_inner().expect("all threads are over");
     assert_eq!(done.len(), jobs.len(), "every trace was played");
-    keep(&done);
+    if only.is_none() {
+        let mut worst = BTreeMap::<_, Figures>::new();
+        for (kind, figures) in done {
+            let before = worst.entry(kind).or_default();
+            *before = before.worst(figures);
+        }
+        figures::keep(worst.into_iter());
+    }
 }
 
-/// Writes down the worst figures of each kind.
-fn keep(done: &[(&str, Figures)]) {
-    let mut text = String::new();
-    for kind in KINDS.iter().map(|kind| (kind.make)().spec().kind) {
-        let of = || done.iter().filter(|(of, _)| *of == kind).map(|(_, figures)| figures);
-        let worst = |figure: fn(&Figures) -> u64| of().map(figure).max().unwrap_or(0);
-        let micros = |figure: u64| figure.div_ceil(16);
-        text += &format!("{kind}.stack_bytes {}\n", worst(|figures| u64::from(figures.stack)));
-        text += &format!("{kind}.boot_us {}\n", micros(worst(|figures| figures.boot.ticks())));
-        text += &format!("{kind}.latency_us {}\n", micros(worst(|figures| figures.latency.ticks())));
-        text += &format!("{kind}.planning_us {}\n", micros(worst(|figures| figures.planning.ticks())));
-    }
-    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).with_file_name("board-figures");
-    fs::create_dir_all(&folder).expect("a folder");
-    fs::write(folder.join("lm3s6965.txt"), text).expect("written");
+/// The names of the two are exchanged on the board, so that one of them moves when the other should.
+#[test]
+#[ignore = "needs QEMU and the images of the board: `cargo xtask test` brings both"]
+#[should_panic(expected = "J3.8 (PB1) is Low")]
+fn two_exchanged_pins_do_not_pass() {
+    let job = jobs().into_iter().find(|job| job.name == "md3/7.15-disable").expect("it is there");
+    let exchanged = pins::wires(job.kind).into_iter().map(|(name, gpio)| match name {
+        "J3.7" => ("J3.8", gpio),
+        "J3.8" => ("J3.7", gpio),
+        _ => (name, gpio),
+    });
+    job.run(&images(), &exchanged.collect());
 }

@@ -11,11 +11,14 @@ pub(crate) const STEP: Gpio = Gpio('B', 3);
 /// Their direction: high is forward.
 pub(crate) const DIR: Gpio = Gpio('B', 4);
 
-/// What a kind has where: its pins and its faults, by their names. `None` if there is no image of it.
-pub(crate) fn wiring(kind: &str) -> Option<&'static [(&'static str, Gpio)]> {
+/// What of a drive is where: its pins and its faults, by their names.
+pub(crate) type Wires = Vec<(&'static str, Gpio)>;
+
+/// The wires of a kind.
+pub(crate) fn wires(kind: &str) -> Wires {
     match kind {
-        "md3" | "md3-low" => Some(&MD3),
-        _ => None,
+        "md3" | "md3-low" => MD3.to_vec(),
+        _ => panic!("the pin-out of a {kind} is missing here"),
     }
 }
 

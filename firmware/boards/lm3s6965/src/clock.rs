@@ -1,7 +1,7 @@
 //! The system clock, the time since it started, and sleep.
 //!
-//! SysTick counts milliseconds and the cycles inside one; a timer wakes the loop at a deadline. Time
-//! is not read from such a timer: QEMU's do not show their count.
+//! SysTick counts cycles, and its interrupt periods of them; a timer wakes the loop at a deadline. Time is
+//! not read from such a timer: QEMU's do not show their count.
 
 use core::cell::Cell;
 
@@ -19,8 +19,8 @@ use crate::{bus, inputs};
 
 /// Cycles in a second.
 pub(crate) const HZ: u32 = 50_000_000;
-/// Cycles in a millisecond.
-pub(crate) const CYCLES_PER_MS: u32 = HZ / 1_000;
+/// Cycles in a period of SysTick, 0.1 s; it can count 2^24.
+const PERIOD: u32 = HZ / 10;
 
 /// System control (5.5).
 const SYSTEM: usize = 0x400F_E000;
@@ -33,9 +33,9 @@ const RCGC1: Register = Register::at(SYSTEM, 0x104);
 /// Clock gates of the ports A to G.
 const RCGC2: Register = Register::at(SYSTEM, 0x108);
 
-/// Whole milliseconds since the start. A debugger finds them by this name.
-#[unsafe(export_name = "MILLISECONDS")]
-static MILLISECONDS: Mutex<Cell<u64>> = Mutex::new(Cell::new(0));
+/// Whole periods of SysTick since the start. A debugger finds them by this name.
+#[unsafe(export_name = "PERIODS")]
+static PERIODS: Mutex<Cell<u64>> = Mutex::new(Cell::new(0));
 
 /// Runs the processor at 50 MHz from the board's crystal of 8 MHz, gives the peripherals their
 /// clock, and starts to count.
@@ -57,40 +57,42 @@ pub(crate) fn start(systick: &mut SYST) {
     RCGC2.set(0b111_1111);
 
     systick.set_clock_source(SystClkSource::Core);
-    systick.set_reload(CYCLES_PER_MS - 1);
+    systick.set_reload(PERIOD - 1);
     systick.clear_current();
     systick.enable_interrupt();
     systick.enable_counter();
-    // It shows 0 until its first cycle, which would be a millisecond.
-    while SYST::get_current() == 0 {}
 
     for timer in [WAKE, STEP, SENT] {
         timer.prepare();
     }
 }
 
-/// Now; in an interrupt, too. The one of SysTick has the highest priority, so that it is either still
-/// pending or has counted.
+/// Now; in an interrupt, too. That of SysTick is above the others or their equal, so that a period that is
+/// over is still pending or has been counted.
 pub(crate) fn now() -> Instant {
-    let (milliseconds, cycles) = critical_section::with(|cs| {
-        let milliseconds = MILLISECONDS.borrow(cs).get();
+    /// 50 cycles are 16 ticks.
+    const TICKS: u64 = ticks(PERIOD);
+    const _: () = assert!(HZ == 50_000_000 && ticks(PERIOD) == Duration::millis(100).ticks());
+    let (periods, left) = critical_section::with(|cs| {
+        let counted = PERIODS.borrow(cs).get();
         let left = SYST::get_current();
-        if SCB::is_pendst_pending() {
-            // A millisecond that is over and not yet counted. At 0 the next one begins.
-            let left = SYST::get_current();
-            (milliseconds + 1, if left == 0 { 0 } else { CYCLES_PER_MS.saturating_sub(left) })
-        } else {
-            (milliseconds, CYCLES_PER_MS.saturating_sub(left))
-        }
+        // If one is over, what SysTick showed may be of before.
+        if SCB::is_pendst_pending() { (counted + 1, SYST::get_current()) } else { (counted, left) }
     });
-    // 16 ticks in a microsecond, 50 cycles.
-    Instant::from(Duration::millis(milliseconds)) + Duration::from_ticks(u64::from(cycles * 8 / 25))
+    // A period begins at 0, from where SysTick goes on to its greatest value.
+    let cycles = if left == 0 { 0 } else { PERIOD.saturating_sub(left) };
+    Instant::from_ticks(periods * TICKS + ticks(cycles))
 }
 
-/// Cycles since SysTick showed `from`, less than a millisecond ago.
+/// Whole ticks in `cycles` of a period.
+const fn ticks(cycles: u32) -> u64 {
+    (cycles * 8 / 25) as u64
+}
+
+/// Cycles since SysTick showed `from`, less than a period ago.
 pub(crate) fn cycles_since(from: u32) -> u32 {
     let left = SYST::get_current();
-    if left <= from { from - left } else { from + CYCLES_PER_MS - left }
+    if left <= from { from - left } else { from + PERIOD - left }
 }
 
 /// Sleeps until something is caught, the bus has room again, or `deadline` has come; steps alone wake
@@ -123,7 +125,7 @@ fn TIMER_0A() {
 #[exception]
 fn SysTick() {
     critical_section::with(|cs| {
-        let milliseconds = MILLISECONDS.borrow(cs);
-        milliseconds.set(milliseconds.get().wrapping_add(1));
+        let periods = PERIODS.borrow(cs);
+        periods.set(periods.get().wrapping_add(1));
     });
 }

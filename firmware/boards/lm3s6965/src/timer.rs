@@ -2,7 +2,7 @@
 
 use standin_firmware::device::Duration;
 
-use crate::clock::CYCLES_PER_MS;
+use crate::clock::HZ;
 use crate::registers::Register;
 
 /// Wakes the loop.
@@ -31,7 +31,7 @@ impl OneShot {
 
     /// Comes after `span`, at most [`LONGEST`](Self::LONGEST).
     pub(crate) fn start(self, span: Duration) {
-        const _: () = assert!(CYCLES_PER_MS == 50_000, "25 cycles are 8 ticks");
+        const _: () = assert!(HZ == 50_000_000, "25 cycles are 8 ticks");
         let ticks = span.min(Self::LONGEST).ticks() as u32;
         let cycles = ticks / 8 * 25 + (ticks % 8 * 25).div_ceil(8);
         self.control().write(0);

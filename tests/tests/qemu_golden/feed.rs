@@ -1,0 +1,68 @@
+//! What a trace does to the board.
+
+use std::fmt;
+
+use standin_firmware::device::{Fault, Instant, Spec};
+use standin_sim::trace::{Event, Fed, Power, Trace};
+
+use crate::expected::Expected;
+use crate::machine::Gpio;
+
+/// What is done to the board.
+#[derive(Clone, Copy)]
+pub(crate) enum Act {
+    /// The bus hears one.
+    Character(u8),
+    /// An input goes low or high.
+    Drive(&'static str, Gpio, bool),
+    /// Power comes or goes.
+    Power(bool),
+}
+
+impl fmt::Display for Act {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Character(byte) => write!(f, "the character {byte:02X}"),
+            Self::Drive(name, gpio, high) => {
+                write!(f, "{name} ({gpio}) {}", if *high { "high" } else { "low" })
+            }
+            Self::Power(on) => write!(f, "power {}", if *on { "on" } else { "off" }),
+        }
+    }
+}
+
+/// What a trace feeds, in the order of time, each character at its own instant.
+pub(crate) fn acts(
+    trace: &Trace,
+    expected: &Expected,
+    spec: &'static Spec,
+    gpio: &dyn Fn(&str) -> Option<Gpio>,
+) -> Vec<(Instant, Act)> {
+    let wired = |name: &str| gpio(name).unwrap_or_else(|| panic!("{name} is not wired"));
+    let mut acts = Vec::new();
+    for entry in trace.events() {
+        let Event::Fed(fed) = &entry.event else { continue };
+        match fed {
+            Fed::Bytes { bytes, .. } => {
+                let character = expected.line(entry.at).character();
+                acts.extend(
+                    (0..).zip(bytes).map(|(n, byte)| (entry.at + character * n, Act::Character(*byte))),
+                );
+            }
+            Fed::Edge { pin, high } => {
+                let name = spec.pins[usize::from(pin.0)].name;
+                acts.push((entry.at, Act::Drive(name, wired(name), *high)));
+            }
+            Fed::Fault { fault: Fault(fault), on } => {
+                let name = spec.faults[usize::from(*fault)];
+                acts.push((entry.at, Act::Drive(name, wired(name), !on)));
+            }
+            Fed::Power(power @ (Power::On | Power::Off)) => {
+                acts.push((entry.at, Act::Power(*power == Power::On)));
+            }
+            other => panic!("nobody can do this to the board: {other:?}"),
+        }
+    }
+    acts.sort_by_key(|(at, _)| *at);
+    acts
+}

@@ -1,0 +1,49 @@
+//! Where the motor is, if a board makes its plans a little late.
+
+use standin_firmware::device::{Duration, Instant};
+
+use crate::expected::Expected;
+use crate::replay::{PLANNING, earlier};
+
+/// How far behind its instants the board makes a plan that it began late: one from standstill as a whole,
+/// so that each step is late by the same span. One that replaces another joins in where it is; there an
+/// input that was heard a little late also moves the way that follows by a part of a step, and close to
+/// standstill that is long: there one step more or less is right.
+#[derive(Default)]
+pub(crate) struct Lag {
+    /// When the motor was told last, and whether it stood then.
+    told: Option<(Instant, bool)>,
+    /// The spans, in microseconds, that explain all that was seen since.
+    possible: Vec<u64>,
+}
+
+impl Lag {
+    /// Whether one lag explains that, and all that was seen of the plan before: so many steps were made
+    /// by an instant after `since` and before `now`.
+    pub(crate) fn explains(&mut self, expected: &Expected, made: i32, since: Instant, now: Instant) -> bool {
+        let told = expected.told(now);
+        if told != self.told {
+            self.told = told;
+            self.possible = (0..=PLANNING.ticks() / Duration::micros(1).ticks()).collect();
+        }
+        let far = earlier(since, PLANNING);
+        let (told, stood) = told.unwrap_or((Instant::ZERO, true));
+        if earlier(now, PLANNING) <= told || !stood {
+            let turns = expected.turns(far, now);
+            let positions = [far, now].into_iter().chain(turns).map(|at| expected.steps(at));
+            let (low, high) =
+                positions.fold((i32::MAX, i32::MIN), |(low, high), at| (low.min(at), high.max(at)));
+            let aside = i32::from(!stood);
+            return (low - aside..=high + aside).contains(&made);
+        }
+        if expected.steps(far) == made && expected.steps(now) == made {
+            return true;
+        }
+        self.possible.retain(|lag| {
+            let lag = Duration::micros(*lag);
+            let [from, to] = [since, now].map(|at| expected.steps(earlier(at, lag)));
+            (from.min(to)..=from.max(to)).contains(&made)
+        });
+        !self.possible.is_empty()
+    }
+}

@@ -1,0 +1,24 @@
+//! Where in a trace something is, for messages.
+
+use standin_firmware::device::{Duration, Instant};
+use standin_sim::trace::Trace;
+
+/// A trace by its name and its lines.
+pub(crate) struct Places {
+    name: String,
+    lines: Vec<(Instant, usize)>,
+}
+
+impl Places {
+    pub(crate) fn of(name: &str, trace: &Trace) -> Self {
+        let lines = trace.events().map(|entry| (entry.at, entry.line)).collect();
+        Self { name: name.to_owned(), lines }
+    }
+
+    /// The name of the trace, the instant as traces write it, and the last line up to then.
+    pub(crate) fn at(&self, at: Instant) -> String {
+        let line = self.lines.iter().rev().find(|(from, _)| *from <= at).map_or(1, |(_, line)| *line);
+        let ms = at.ticks() as f64 / Duration::millis(1).ticks() as f64;
+        format!("{}, {ms:.6} ms, line {line}", self.name)
+    }
+}

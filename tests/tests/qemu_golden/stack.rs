@@ -1,0 +1,28 @@
+//! How deep the stack goes.
+
+use crate::image::Image;
+use crate::machine::Machine;
+
+/// The memory below the stack, painted before the start.
+pub(crate) struct Stack {
+    begin: u32,
+    end: u32,
+}
+
+impl Stack {
+    const PAINT: u8 = 0xA5;
+
+    /// Paints it, before the board starts.
+    pub(crate) fn paint(machine: &mut Machine, image: &Image) -> Self {
+        let (begin, end) = (image.symbol("_stack_end"), image.symbol("_stack_start"));
+        machine.memory().put(begin, &vec![Self::PAINT; (end - begin) as usize]);
+        Self { begin, end }
+    }
+
+    /// The bytes of it that were ever used.
+    pub(crate) fn used(&self, machine: &mut Machine) -> u32 {
+        let painted = machine.memory().bytes(self.begin, (self.end - self.begin) as usize);
+        let untouched = painted.iter().take_while(|byte| **byte == Self::PAINT).count();
+        self.end - self.begin - untouched as u32
+    }
+}
