@@ -8,24 +8,33 @@ use crate::replay::{PLANNING, earlier};
 /// How far behind its instants the board makes a plan that it began late: one from standstill as a whole,
 /// so that each step is late by the same span. One that replaces another joins in where it is; there an
 /// input that was heard a little late also moves the way that follows by a part of a step, and close to
-/// standstill that is long: there one step more or less is right.
+/// standstill that is long: there one step more or less is right, and it stands there until it joins in again.
 #[derive(Default)]
 pub(crate) struct Lag {
     /// When the motor was told last, and whether it stood then.
     told: Option<(Instant, bool)>,
     /// The spans, in microseconds, that explain all that was seen since.
     possible: Vec<u64>,
+    /// Steps made by the last look.
+    made: i32,
+    /// Of these, the one that is right and not in the trace.
+    aside: i32,
 }
 
 impl Lag {
     /// Whether one lag explains that, and all that was seen of the plan before: so many steps were made
     /// by an instant after `since` and before `now`.
     pub(crate) fn explains(&mut self, expected: &Expected, made: i32, since: Instant, now: Instant) -> bool {
+        let before = std::mem::replace(&mut self.made, made);
         let told = expected.told(now);
         if told != self.told {
+            if let (Some((_, false)), Some((at, true))) = (self.told, told) {
+                self.aside = before - expected.steps(at);
+            }
             self.told = told;
             self.possible = (0..=PLANNING.ticks() / Duration::micros(1).ticks()).collect();
         }
+        let made = made - self.aside;
         let far = earlier(since, PLANNING);
         let (told, stood) = told.unwrap_or((Instant::ZERO, true));
         if earlier(now, PLANNING) <= told || !stood {
