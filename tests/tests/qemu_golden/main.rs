@@ -19,6 +19,7 @@ mod stack;
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+use std::process::Command;
 use std::sync::Mutex;
 use std::{env, fs, thread};
 
@@ -44,8 +45,8 @@ static LEFT_OUT: [(&str, &str); 2] = [
     ),
 ];
 
-/// What an instruction takes, as a power of two of ns: 16 ns, about what it takes on the board; other
-/// times if the board [oversleeps](machine::Overslept).
+/// What an instruction takes, as a power of two of ns: 16 ns, about what it takes on the board. The others
+/// are for when the board [oversleeps](machine::Overslept).
 static SHIFTS: [u32; 4] = [4, 3, 2, 1];
 /// Traces with edges closer together than the loop takes for one. The board is only touched while it
 /// sleeps, so there an instruction takes 1 ns.
@@ -93,7 +94,11 @@ impl Job {
         let shifts: &[u32] = if FAST.iter().any(|fast| name.ends_with(fast)) { &[0] } else { &SHIFTS };
         let mut plays = shifts.iter().map(|shift| {
             let expected = Expected::of(&trace, motion.clone());
-            replay::play(name, &trace, expected, wires, &image, *shift)
+            let played = replay::play(name, &trace, expected, wires, &image, *shift);
+            if played.is_err() {
+                println!("{name} oversleeps with 2^{shift} ns an instruction");
+            }
+            played
         });
         plays.find_map(Result::ok).unwrap_or_else(|| panic!("{name} oversleeps at any speed"))
     }
@@ -122,6 +127,15 @@ fn jobs() -> Vec<Job> {
     jobs
 }
 
+/// Keeps this thread, and every QEMU that it starts, on one processor: they wait for each other all the
+/// time, and wake each other up much faster there. Where that cannot be had, they are slower.
+fn stay_on(cpu: usize) {
+    let thread = fs::read_link("/proc/thread-self");
+    if let Some(thread) = thread.as_ref().ok().and_then(|path| path.file_name()) {
+        let _ = Command::new("taskset").arg("-cp").arg(cpu.to_string()).arg(thread).output();
+    }
+}
+
 /// Where the images are.
 fn images() -> PathBuf {
     PathBuf::from(env::var("STANDIN_IMAGES").expect("STANDIN_IMAGES names the folder of the images"))
@@ -143,12 +157,14 @@ fn golden_traces_on_the_board() {
     let waiting = Mutex::new(jobs.iter());
     let done = Mutex::new(Vec::new());
     thread::scope(|scope| {
-        for _ in 0..thread::available_parallelism().map_or(1, usize::from) {
-            scope.spawn(|| {
+        let (waiting, done, images) = (&waiting, &done, &images);
+        for cpu in 0..thread::available_parallelism().map_or(1, usize::from) {
+            scope.spawn(move || {
+                stay_on(cpu);
                 loop {
                     let next = waiting.lock().expect("nobody panics while it takes a job").next();
                     let Some(job) = next else { return };
-                    let figures = job.run(&images, &pins::wires(job.kind));
+                    let figures = job.run(images, &pins::wires(job.kind));
                     println!("{:<40} {figures}", job.name);
                     done.lock().expect("nobody panics while it adds one").push((job.kind, figures));
                 }

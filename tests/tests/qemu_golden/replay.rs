@@ -20,12 +20,13 @@ use crate::pins::{DE, DIR, FAST, STEP, Wires};
 use crate::place::Places;
 use crate::stack::Stack;
 
-/// How long after its instant the board may do a thing, or hear one: interrupts and the loop.
-const LATENCY: Duration = Duration::micros(250);
+/// How long after its instant the board may do a thing, or hear one: interrupts and the loop. This bound
+/// and the next two are for the speed of its code: the instructions that take so long at 16 ns each.
+const LATENCY: Duration = Duration::micros(200);
 /// How long if the motor is given a new plan then, which the loop computes before it does anything else.
-pub(crate) const PLANNING: Duration = Duration::millis(1);
+pub(crate) const PLANNING: Duration = Duration::micros(700);
 /// How long it may take from its first instruction until it has done all that it does at power-on.
-const BOOT: Duration = Duration::millis(1);
+const BOOT: Duration = Duration::micros(450);
 
 /// A replay under way.
 struct Replay {
