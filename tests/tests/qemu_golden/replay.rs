@@ -120,7 +120,7 @@ impl Replay {
         self.figures.boot = self.figures.boot.max(boot);
         for (name, gpio) in [("STEP", STEP), ("DIR", DIR), ("DE", DE)] {
             let [level] = self.machine.levels(&[gpio])[..] else { unreachable!("one level of one pin") };
-            assert_ne!(level, Level::Float, "{}: {name} is an output", self.here());
+            assert_eq!(level, Level::Low, "{}: {name} begins driven low", self.here());
         }
     }
 

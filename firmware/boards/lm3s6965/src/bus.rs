@@ -15,12 +15,13 @@ use standin_board::{Bus, Queue};
 use standin_firmware::device::{Duration, Line, Port};
 use standin_firmware::shell::Caught;
 
-use crate::clock;
 use crate::gpio::{self, Gpio};
-use crate::inputs::CAUGHT;
 use crate::timer::SENT;
 use crate::uart::BUS;
+use crate::{caught, clock};
 
+/// What the transceiver hears. Behind it is the UART's output.
+const RX: Gpio = gpio::A.pin(0);
 /// The direction of the transceiver: it sends while this is high.
 const DE: Gpio = gpio::B.pin(5);
 
@@ -36,6 +37,8 @@ static ROOM: AtomicBool = AtomicBool::new(false);
 /// Starts to listen.
 pub(crate) fn start() {
     DE.push_pull();
+    // A transceiver may let it go while it sends.
+    RX.pulled(true);
     gpio::A.give(0b11);
     BUS.listen();
 }
@@ -54,7 +57,7 @@ fn UART0() {
         if !DE.is_high() {
             let caught = character.map_or(Caught::Spoiled(Port(0)), |byte| Caught::Byte(Port(0), byte));
             // Should the loop ever be that late, the frame is short of a character, and its CRC tells.
-            let _ = CAUGHT.push((at, caught));
+            let _ = caught::QUEUE.push((at, caught));
         }
     }
     while BUS.has_room() {

@@ -15,7 +15,7 @@ use standin_firmware::device::{Duration, Instant};
 
 use crate::registers::Register;
 use crate::timer::{SENT, STEP, WAKE};
-use crate::{bus, inputs};
+use crate::{bus, caught};
 
 /// Cycles in a second.
 pub(crate) const HZ: u32 = 50_000_000;
@@ -95,17 +95,16 @@ pub(crate) fn cycles_since(from: u32) -> u32 {
     if left <= from { from - left } else { from + PERIOD - left }
 }
 
-/// Sleeps until something is caught, the bus has room again, or `deadline` has come; steps alone wake
-/// nobody. A debugger finds it by this name.
+/// Sleeps until something is caught, the bus has room again, or `deadline`, at most
+/// [`OneShot::LONGEST`](crate::timer::OneShot::LONGEST) ahead, has come; steps alone wake nobody. A debugger finds it by this name.
 #[inline(never)]
 #[unsafe(export_name = "sleep_until")]
 pub(crate) fn sleep_until(deadline: Instant) {
-    // Should the timer be too short for it, SysTick comes often enough.
     WAKE.start(deadline.since(now()));
     loop {
         // What comes between the look and the sleep ends the sleep, and is served behind it.
         cortex_m::interrupt::disable();
-        let over = inputs::any() || bus::take_room() || now() >= deadline;
+        let over = !caught::QUEUE.is_empty() || bus::take_room() || now() >= deadline;
         if !over {
             asm::wfi();
         }

@@ -1,25 +1,18 @@
-//! What interrupts catch, and the input pins among them.
+//! Input pins.
 
 use core::cell::RefCell;
 
 use critical_section::Mutex;
 use heapless::Vec;
 use lm3s6965::interrupt;
-use standin_board::{End, Queue};
+use standin_board::End;
 use standin_firmware::device::Instant;
-use standin_firmware::shell::Caught;
 
-use crate::clock;
 use crate::gpio::{self, Gpio, Port};
+use crate::{caught, clock};
 
 /// Input pins that a board may have.
 const MOST: usize = 16;
-
-/// Things that may be caught before the drive is told of the first one. A request has 8 characters.
-pub(crate) const MOST_CAUGHT: usize = 112;
-
-/// What was caught and not yet told the drive.
-pub(crate) static CAUGHT: Queue<(Instant, Caught), MOST_CAUGHT> = Queue::new();
 
 /// What inputs are wired to.
 static INPUTS: Mutex<RefCell<Vec<Input, MOST>>> = Mutex::new(RefCell::new(Vec::new()));
@@ -43,7 +36,7 @@ impl Input {
 
     /// Tells the drive of a level that it does not know. If there is no room, it still does not.
     fn tell(&mut self, at: Instant, high: bool) {
-        if high != self.high && CAUGHT.push((at, self.end.edge(high))) {
+        if high != self.high && caught::QUEUE.push((at, self.end.edge(high))) {
             self.high = high;
         }
     }
@@ -77,16 +70,6 @@ pub(crate) fn release(gpio: Gpio, released: bool) {
             input.tell(clock::now(), high);
         }
     });
-}
-
-/// Whether anything waits to be told.
-pub(crate) fn any() -> bool {
-    !CAUGHT.is_empty()
-}
-
-/// The oldest thing caught, if it is not after `until`.
-pub(crate) fn caught(until: Instant) -> Option<(Instant, Caught)> {
-    CAUGHT.pop_if(|(at, _)| *at <= until)
 }
 
 fn edges(port: Port) {

@@ -11,6 +11,7 @@
 #![no_std]
 
 mod bus;
+mod caught;
 mod clock;
 pub mod gpio;
 mod inputs;
@@ -21,6 +22,7 @@ mod steps;
 mod timer;
 mod uart;
 mod watchdog;
+pub mod wires;
 
 use core::panic::PanicInfo;
 
@@ -29,15 +31,17 @@ use cortex_m::{Peripherals, asm};
 use cortex_m_rt::{ExceptionFrame, exception};
 use lm3s6965::Interrupt;
 use standin_board::{End, Hands};
-use standin_firmware::device::{Boot, Device, Instant, Spec};
+use standin_firmware::device::{Boot, Device, Spec};
 use standin_firmware::motion::Follower;
-use standin_firmware::shell::{Caught, Inputs, Shell};
+use standin_firmware::shell::Shell;
 
 use self::bus::Sender;
+use self::caught::Ears;
 use self::gpio::{Gpio, Output};
 use self::saved::Memory;
 pub use self::saved::Saved;
 use self::steps::Steps;
+use self::wires::Wire;
 
 /// A jumper to ground: no start-up delay.
 const FAST: Gpio = gpio::B.pin(6);
@@ -57,15 +61,15 @@ const LESS_URGENT: [Interrupt; 10] = [
 ];
 
 /// A drive on this board.
-type Board<D, const MEMORY: usize, const PINS: usize> =
-    Shell<D, Ears, Hands<Sender, Output, Memory<MEMORY>, Steps, PINS, { inputs::MOST_CAUGHT }>, MEMORY>;
+type Board<D, const MEMORY: usize, const WIRES: usize> =
+    Shell<D, Ears, Hands<Sender, Output, Memory<MEMORY>, Steps, WIRES, { caught::ROOM }>, MEMORY>;
 
 /// Runs a drive with these saved registers, whose pins and faults, by their names, are wired to these
 /// pins of the board.
-pub fn run<D: Device, const MEMORY: usize, const PINS: usize>(
+pub fn run<D: Device, const MEMORY: usize, const WIRES: usize>(
     drive: fn() -> D,
     saved: &'static Saved<MEMORY>,
-    wires: &[(&str, Gpio); PINS],
+    wires: &[Wire; WIRES],
 ) -> ! {
     if let Some(mut core) = Peripherals::take() {
         clock::start(&mut core.SYST);
@@ -74,7 +78,7 @@ pub fn run<D: Device, const MEMORY: usize, const PINS: usize>(
     watchdog::start();
     bus::start();
     steps::start();
-    let mut shell: Board<D, MEMORY, PINS> = assemble(drive, saved, wires);
+    let mut shell: Board<D, MEMORY, WIRES> = assemble(drive, saved, wires);
     FAST.pulled(true);
     // Time for the pull-ups: 20 µs.
     asm::delay(1_000);
@@ -85,18 +89,18 @@ pub fn run<D: Device, const MEMORY: usize, const PINS: usize>(
     loop {
         watchdog::feed();
         if shell.turn().is_err() {
-            clock::sleep_until(shell.deadline().min(clock::now() + watchdog::PATIENCE));
+            clock::sleep_until(shell.deadline().min(clock::now() + watchdog::NAP));
         }
     }
 }
 
 /// Puts the drive on the board. What that needs of the stack is free again when it returns.
 #[inline(never)]
-fn assemble<D: Device, const MEMORY: usize, const PINS: usize>(
+fn assemble<D: Device, const MEMORY: usize, const WIRES: usize>(
     drive: fn() -> D,
     saved: &'static Saved<MEMORY>,
-    wires: &[(&str, Gpio); PINS],
-) -> Board<D, MEMORY, PINS> {
+    wires: &[Wire; WIRES],
+) -> Board<D, MEMORY, WIRES> {
     let drive = drive();
     let spec = drive.spec();
     let hands = Hands {
@@ -105,7 +109,7 @@ fn assemble<D: Device, const MEMORY: usize, const PINS: usize>(
         memory: saved.begin(),
         axis: &steps::AXIS,
         follower: Follower::new(),
-        caught: &inputs::CAUGHT,
+        caught: &caught::QUEUE,
     };
     Shell::new(drive, Ears, hands)
 }
@@ -140,19 +144,6 @@ fn wire(spec: &Spec, name: &str, gpio: Gpio) -> (Option<End>, Output) {
         }
     }
     (end, Output::new(gpio, is_input))
-}
-
-/// What the board hears.
-struct Ears;
-
-impl Inputs for Ears {
-    fn now(&self) -> Instant {
-        clock::now()
-    }
-
-    fn caught(&mut self, until: Instant) -> Option<(Instant, Caught)> {
-        inputs::caught(until)
-    }
 }
 
 /// Nothing can be right after that: the board starts again.

@@ -10,7 +10,7 @@ const LINE: Line = Line::new(115_200, 8, Parity::None, 1);
 
 /// A drive has power.
 pub(crate) fn power(kind: &str) {
-    gpio::D.give(0b1100);
+    gpio::D.give(1 << 3);
     LOG.set_line(LINE);
     for text in ["standin: ", kind, " has power\r\n"] {
         for byte in text.bytes() {

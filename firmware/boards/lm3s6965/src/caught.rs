@@ -1,0 +1,26 @@
+//! What interrupts have for the loop.
+
+use standin_board::Queue;
+use standin_firmware::device::Instant;
+use standin_firmware::shell::{Caught, Inputs};
+
+use crate::clock;
+
+/// Things that may be caught before the drive is told of the first one. A request has 8 characters.
+pub(crate) const ROOM: usize = 112;
+
+/// What was caught.
+pub(crate) static QUEUE: Queue<(Instant, Caught), ROOM> = Queue::new();
+
+/// What the board hears.
+pub(crate) struct Ears;
+
+impl Inputs for Ears {
+    fn now(&self) -> Instant {
+        clock::now()
+    }
+
+    fn caught(&mut self, until: Instant) -> Option<(Instant, Caught)> {
+        QUEUE.pop_if(|(at, _)| *at <= until)
+    }
+}

@@ -1,0 +1,23 @@
+//! Which pins of the board are what of a drive.
+
+use crate::gpio::{A, B, C, D, F, G, Gpio};
+
+/// What of a drive, by its name, is wired to which pin of the board.
+pub type Wire = (&'static str, Gpio);
+
+/// An MD3, by the names of its manual.
+pub const MD3: [Wire; 13] = [
+    ("J2.2", D.pin(4)),
+    ("J2.3", D.pin(5)),
+    ("J2.4", D.pin(6)),
+    ("J2.5", D.pin(7)),
+    ("J2.9", C.pin(4)),
+    ("J2.10", C.pin(5)),
+    ("J2.12", C.pin(6)),
+    ("J3.7", B.pin(1)),
+    ("J3.8", B.pin(2)),
+    ("D5", B.pin(0)),
+    ("D6", F.pin(0)),
+    ("over_temperature", A.pin(7)),
+    ("over_current", G.pin(0)),
+];
