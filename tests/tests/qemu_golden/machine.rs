@@ -12,9 +12,9 @@
 //! - While the board [runs](Machine::run) TIMER3 comes every microsecond, so that the hop to the first stop
 //!   is no longer than that. If something is pending there the board goes on at once.
 //! - Then it [sleeps](Machine::sleep): it is let go with the breakpoint before it, so that no instruction is
-//!   executed. What was due where it stood comes, and time hops again. If that was TIMER3 alone, the
-//!   hop is a long one. If it was another timer, TIMER3 is still to come within the microsecond, and says
-//!   so by not having come.
+//!   executed. What was due where it stood comes, and time hops again. If that was TIMER3 alone, it takes
+//!   its new span, and the hop is a long one. If it was another timer, TIMER3 has not come yet, the hop is
+//!   still no longer than a microsecond, and the board must run first.
 //!
 //! There is one exception: another timer that is due in the very same nanosecond as TIMER3. It is pending
 //! behind the long hop, the machine notices that it has [`Overslept`], and the trace is played once
