@@ -8,7 +8,8 @@ use crate::replay::{PLANNING, earlier};
 /// How far behind its instants the board makes a plan that it began late: one from standstill as a whole,
 /// so that each step is late by the same span. One that replaces another joins in where it is; there an
 /// input that was heard a little late also moves the way that follows by a part of a step, and close to
-/// standstill that is long: there one step more or less is right, and it stands there until it joins in again.
+/// standstill that is long: there one step more or less is right for each that joined in, and it still is
+/// when the motor stands.
 #[derive(Default)]
 pub(crate) struct Lag {
     /// When the motor was told last, and whether it stood then.
@@ -17,8 +18,10 @@ pub(crate) struct Lag {
     possible: Vec<u64>,
     /// Steps made by the last look.
     made: i32,
-    /// Of these, the one that is right and not in the trace.
+    /// Of these, those that are right and not in the trace.
     aside: i32,
+    /// Plans that joined in since the motor stood.
+    joined: i32,
 }
 
 impl Lag {
@@ -28,8 +31,13 @@ impl Lag {
         let before = std::mem::replace(&mut self.made, made);
         let told = expected.told(now);
         if told != self.told {
-            if let (Some((_, false)), Some((at, true))) = (self.told, told) {
-                self.aside = before - expected.steps(at);
+            match told {
+                Some((at, true)) if self.joined > 0 => {
+                    self.aside = before - expected.steps(at);
+                    self.joined = 0;
+                }
+                Some((_, false)) => self.joined += 1,
+                _ => {}
             }
             self.told = told;
             self.possible = (0..=PLANNING.ticks() / Duration::micros(1).ticks()).collect();
@@ -42,8 +50,7 @@ impl Lag {
             let positions = [far, now].into_iter().chain(turns).map(|at| expected.steps(at));
             let (low, high) =
                 positions.fold((i32::MAX, i32::MIN), |(low, high), at| (low.min(at), high.max(at)));
-            let aside = i32::from(!stood);
-            return (low - aside..=high + aside).contains(&made);
+            return (low - self.joined..=high + self.joined).contains(&made);
         }
         if expected.steps(far) == made && expected.steps(now) == made {
             return true;

@@ -71,14 +71,18 @@ pub fn run<D: Device, const MEMORY: usize, const WIRES: usize>(
     saved: &'static Saved<MEMORY>,
     wires: &[Wire; WIRES],
 ) -> ! {
-    if let Some(mut core) = Peripherals::take() {
+    let mut core = Peripherals::take();
+    if let Some(core) = &mut core {
         clock::start(&mut core.SYST);
-        unmask(&mut core.NVIC);
     }
     watchdog::start();
     bus::start();
     steps::start();
     let mut shell: Board<D, MEMORY, WIRES> = assemble(drive, saved, wires);
+    // Not before: the stack is nowhere as deep as while the drive is put on the board.
+    if let Some(core) = &mut core {
+        unmask(&mut core.NVIC);
+    }
     FAST.pulled(true);
     // Time for the pull-ups: 20 µs.
     asm::delay(1_000);
