@@ -7,7 +7,7 @@ use standin_firmware::shell::{Caught, Inputs};
 use crate::clock;
 
 /// Things that may be caught before the drive is told of the first one. A request has 8 characters.
-pub(crate) const ROOM: usize = 112;
+pub(crate) const ROOM: usize = 80;
 
 /// What was caught.
 pub(crate) static QUEUE: Queue<(Instant, Caught), ROOM> = Queue::new();
