@@ -8,9 +8,11 @@
 mod axis;
 mod hands;
 mod queue;
+mod slips;
 mod wire;
 
 pub use axis::{Axis, Timer};
-pub use hands::{Bus, Hands, Release, SLIPPED};
+pub use hands::{Bus, Hands, Release};
 pub use queue::Queue;
+pub use slips::{SLIPPED, untold};
 pub use wire::End;

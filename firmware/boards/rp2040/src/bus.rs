@@ -41,8 +41,10 @@ const PINS: u32 = pins::gp(0) | pins::gp(1);
 /// The transceiver sends while this is high.
 const DE: u32 = pins::gp(2);
 
-/// Characters that wait to be sent: one of the longest frames.
-static TO_SEND: Queue<u8, 256> = Queue::new();
+/// Characters that may wait to be sent: one of the longest frames.
+const MOST: usize = 256;
+/// Characters that wait to be sent.
+static TO_SEND: Queue<u8, MOST> = Queue::new();
 /// When sending may be over.
 static END: Alarm = Alarm::new(2);
 static STATE: Mutex<Cell<State>> =
@@ -143,6 +145,10 @@ fn send() {
         pins::set_high(DE);
         update(|state| state.turn = Turn::Send);
         DATA.write(u32::from(byte));
+        // In time for what does not fit to be sent without a pause.
+        if TO_SEND.len() == MOST / 2 {
+            caught::bus_has_room();
+        }
     }
 }
 

@@ -7,9 +7,10 @@ use standin_board::Queue;
 use standin_firmware::device::Instant;
 use standin_firmware::shell::{Caught, Inputs};
 
-use crate::clock;
+use crate::{clock, pins};
 
-/// As many as fit.
+/// Things that may wait, of 24 bytes each: a request of the longest kind, or all that a line of 57,600 baud
+/// brings in the 45 ms in which a sector is erased.
 pub(crate) const ROOM: usize = 256;
 
 /// What was caught.
@@ -39,6 +40,10 @@ impl Inputs for Ears {
     }
 
     fn caught(&mut self, until: Instant) -> Option<(Instant, Caught)> {
-        QUEUE.pop_if(|(at, _)| *at <= until)
+        let first = QUEUE.pop_if(|(at, _)| *at <= until);
+        if first.is_none() && QUEUE.is_empty() {
+            pins::tell_missed();
+        }
+        first.or_else(|| standin_board::untold().map(|slipped| (until, slipped)))
     }
 }

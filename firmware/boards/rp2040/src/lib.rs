@@ -57,7 +57,7 @@ const FAST: u32 = gp(22);
 
 /// A drive on this board.
 type Board<D, const MEMORY: usize, const WIRES: usize> =
-    Shell<D, Ears, Hands<Sender, Pin, Saved<MEMORY>, Steps, WIRES, { caught::ROOM }>, MEMORY>;
+    Shell<D, Ears, Hands<Sender, Pin, Saved<MEMORY>, Steps, WIRES>, MEMORY>;
 
 /// Runs a drive whose pins and faults are wired like that. `MEMORY` is at least what its spec says.
 pub fn run<D: Device, const MEMORY: usize, const WIRES: usize>(drive: fn() -> D, wires: &[Wire; WIRES]) -> ! {
@@ -94,7 +94,6 @@ fn assemble<D: Device, const MEMORY: usize, const WIRES: usize>(
         memory: Saved::new(spec.kind),
         axis: &steps::AXIS,
         follower: Follower::new(),
-        caught: &caught::QUEUE,
     };
     Shell::new(drive, Ears, hands)
 }

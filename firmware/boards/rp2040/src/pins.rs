@@ -53,6 +53,8 @@ static ENDS: [Mutex<Cell<Option<End>>>; GPIOS as usize] =
     [const { Mutex::new(Cell::new(None)) }; GPIOS as usize];
 /// Levels as the drive knows them, a bit each.
 static TOLD: Mutex<Cell<u32>> = Mutex::new(Cell::new(0));
+/// There was no room to tell a level.
+static MISSED: Mutex<Cell<bool>> = Mutex::new(Cell::new(false));
 
 /// Drives pins high.
 #[inline]
@@ -229,9 +231,32 @@ fn tell(at: Instant, gpio: u32, flags: u32) {
             _ => !is_told_high(),
         };
         for high in [first, high] {
-            if high != is_told_high() && caught::QUEUE.push((at, end.edge(high))) {
+            if high == is_told_high() {
+                continue;
+            }
+            if caught::QUEUE.push((at, end.edge(high))) {
                 told.set(told.get() ^ gp(gpio));
+            } else {
+                MISSED.borrow(cs).set(true);
             }
         }
     });
+}
+
+/// Tells levels that there was no room to tell. The edges between are lost.
+pub(crate) fn tell_missed() {
+    if critical_section::with(|cs| MISSED.borrow(cs).replace(false)) {
+        for gpio in 0..GPIOS {
+            critical_section::with(|_| {
+                if is_heard(gpio) {
+                    tell(clock::now(), gpio, 0);
+                }
+            });
+        }
+    }
+}
+
+/// Whether edges of a pin interrupt.
+fn is_heard(gpio: u32) -> bool {
+    Register::at(ENABLED, gpio as usize / 8 * 4).read() >> (gpio % 8 * 4) & (FELL | ROSE) != 0
 }
