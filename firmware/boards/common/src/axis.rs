@@ -6,8 +6,7 @@ use critical_section::Mutex;
 use standin_firmware::device::{Duration, Instant};
 use standin_firmware::motion::{StepDir, StepTimer, Stepper};
 
-/// How far ahead the timer is set for a pulse that is overdue. The pulses before it leave so much for whatever
-/// else interrupts.
+/// How far ahead the timer is set for a pulse that is overdue: so much is left for what else interrupts.
 const BREATH: Duration = Duration::micros(2);
 
 /// The step timer of a board.
@@ -36,16 +35,7 @@ impl<T: Timer> Axis<T> {
     /// one that is overdue by then waits until the interrupt comes again, so that others are served between.
     #[inline]
     pub fn fire(&self) {
-        self.lend(|stepper| Self::set(stepper.fire()));
-    }
-
-    /// Sets the timer to `due`, or to as soon as it can come.
-    #[inline]
-    fn set(due: Instant) {
-        let mut at = due;
-        while !T::set(at) {
-            at = T::now() + BREATH;
-        }
+        self.lend(|stepper| set::<T>(stepper.fire()));
     }
 
     fn lend<R>(&self, act: impl FnOnce(&mut Stepper<T::Pins>) -> R) -> Option<R> {
@@ -65,16 +55,16 @@ impl<T: Timer> StepTimer for &Axis<T> {
     fn with<R>(&mut self, act: impl FnOnce(&mut Stepper<T::Pins>, Instant) -> R) -> Option<R> {
         self.lend(|stepper| {
             let result = act(stepper, T::now());
-            set::<T>(stepper);
+            set::<T>(stepper.due());
             result
         })
     }
 }
 
-/// Sets the timer to what the stepper wants, and does what is due by then.
-#[inline(never)]
-fn set<T: Timer>(stepper: &mut Stepper<T::Pins>) {
-    while !T::set(stepper.due()) {
-        stepper.fire();
+/// Sets the timer to `due`, or to as soon as it comes.
+fn set<T: Timer>(due: Instant) {
+    let mut at = due;
+    while !T::set(at) {
+        at = T::now() + BREATH;
     }
 }
