@@ -14,9 +14,11 @@ use standin_firmware::device::{Line, Port};
 use standin_firmware::shell::Caught;
 use standin_protocol::line::Parity;
 
-use crate::clock::{self, Alarm, HZ};
+use crate::clock::HZ;
 use crate::registers::Register;
-use crate::{caught, pins};
+use crate::timer::{self, Alarm};
+use crate::wires::DE;
+use crate::{caught, pins, wires};
 
 const UART: usize = 0x4003_4000;
 const DATA: Register = Register::at(UART, 0x00);
@@ -35,11 +37,6 @@ const BUSY: u32 = 1 << 3;
 /// Interrupts: a character has come, there is room to send.
 const RX: u32 = 1 << 4;
 const TX: u32 = 1 << 5;
-
-/// TX and RX, GP0 and GP1.
-const PINS: u32 = pins::gp(0) | pins::gp(1);
-/// The transceiver sends while this is high.
-const DE: u32 = pins::gp(2);
 
 /// Characters that may wait to be sent: one of the longest frames.
 const MOST: usize = 256;
@@ -81,13 +78,12 @@ fn update(change: impl FnOnce(&mut State)) {
 /// Starts the UART; the drive sets the line.
 pub(crate) fn start() {
     pins::drive_low(DE);
-    pins::give_to_uart(PINS);
-    set_line(state().line);
+    pins::give_to_uart(wires::TX | wires::RX);
     INTERRUPT_MASK.write(RX | TX);
 }
 
-/// Sets the line; a character under way is lost.
-fn set_line(line: Line) {
+/// Sets the line now; a character under way is lost.
+fn configure(line: Line) {
     const ENABLE: u32 = 1 << 0 | 1 << 8 | 1 << 9;
     // 64ths of the clock's cycles in a sixteenth of a bit.
     let divisor = (4 * HZ + line.baud / 2).checked_div(line.baud).unwrap_or(u32::MAX);
@@ -108,7 +104,7 @@ fn set_line(line: Line) {
 
 #[interrupt]
 fn UART0_IRQ() {
-    let at = clock::now();
+    let at = timer::now();
     INTERRUPT_CLEAR.write(RX | TX);
     while FLAGS.read() & RX_EMPTY == 0 {
         let character = DATA.read();
@@ -135,8 +131,8 @@ fn send() {
         let Some(byte) = TO_SEND.pop() else {
             if state().turn == Turn::Send {
                 update(|state| state.turn = Turn::End);
-                let end = clock::now() + state().line.character();
-                if !END.set(clock::nearest(end) + 1) {
+                let end = timer::now() + state().line.character();
+                if !END.set(timer::nearest(end) + 1) {
                     NVIC::pend(Interrupt::TIMER_IRQ_2);
                 }
             }
@@ -160,7 +156,7 @@ fn TIMER_IRQ_2() {
         return;
     }
     if FLAGS.read() & BUSY != 0 {
-        if !END.set(clock::micros() + PAUSE) {
+        if !END.set(timer::micros() + PAUSE) {
             NVIC::pend(Interrupt::TIMER_IRQ_2);
         }
         return;
@@ -168,7 +164,7 @@ fn TIMER_IRQ_2() {
     END.set(u64::MAX);
     pins::set_low(DE);
     if let Some(line) = state().next {
-        set_line(line);
+        configure(line);
     }
     update(|state| (state.turn, state.next) = (Turn::Hear, None));
     caught::bus_has_room();
@@ -181,7 +177,7 @@ impl Bus for Sender {
     fn set_line(&mut self, line: Line) {
         critical_section::with(|_| {
             if state().turn == Turn::Hear && TO_SEND.is_empty() {
-                set_line(line);
+                configure(line);
             } else {
                 update(|state| state.next = Some(line));
             }

@@ -10,7 +10,7 @@ use standin_board::{End, Release};
 use standin_firmware::device::{Instant, Spec};
 
 use crate::registers::Register;
-use crate::{caught, clock};
+use crate::{caught, timer};
 
 /// Pins of the chip.
 const GPIOS: u32 = 30;
@@ -130,8 +130,8 @@ fn use_as(gpio: u32, function: u32, pulled_up: bool) {
 /// Lets pulls charge what is wired.
 fn settle() {
     const MICROS: u32 = 100;
-    let since = clock::micros_low();
-    while clock::micros_low().wrapping_sub(since) < MICROS {}
+    let since = timer::micros_low();
+    while timer::micros_low().wrapping_sub(since) < MICROS {}
 }
 
 /// What is at the end of a wire, as the drive drives it.
@@ -153,7 +153,7 @@ impl Pin {
                 if on {
                     Register::at(RAISED, bank).write((FELL | ROSE) << shift);
                     enabled.set((FELL | ROSE) << shift);
-                    tell(clock::now(), gpio, 0);
+                    tell(timer::now(), gpio, 0);
                 } else {
                     enabled.clear((FELL | ROSE) << shift);
                 }
@@ -203,7 +203,7 @@ impl Release for Pin {
 
 #[interrupt]
 fn IO_IRQ_BANK0() {
-    let at = clock::now();
+    let at = timer::now();
     for bank in 0..GPIOS.div_ceil(8) {
         let flags = Register::at(STATUS, 4 * bank as usize).read();
         if flags == 0 {
@@ -249,7 +249,7 @@ pub(crate) fn tell_missed() {
         for gpio in 0..GPIOS {
             critical_section::with(|_| {
                 if is_heard(gpio) {
-                    tell(clock::now(), gpio, 0);
+                    tell(timer::now(), gpio, 0);
                 }
             });
         }
