@@ -9,7 +9,7 @@ use cortex_m::peripheral::NVIC;
 use critical_section::Mutex;
 use embedded_io::{ErrorType, Write, WriteReady};
 use rp2040_pac::{Interrupt, interrupt};
-use standin_board::{Bus, Queue};
+use standin_board::{Bus, Pl011, Queue};
 use standin_firmware::device::{Line, Port};
 use standin_firmware::shell::Caught;
 use standin_protocol::line::Parity;
@@ -29,14 +29,6 @@ const FORMAT: Register = Register::at(UART, 0x2C);
 const CONTROL: Register = Register::at(UART, 0x30);
 const INTERRUPT_MASK: Register = Register::at(UART, 0x38);
 const INTERRUPT_CLEAR: Register = Register::at(UART, 0x44);
-
-/// Flags: nothing received, no room to send, something being sent.
-const RX_EMPTY: u32 = 1 << 4;
-const TX_FULL: u32 = 1 << 5;
-const BUSY: u32 = 1 << 3;
-/// Interrupts: a character has come, there is room to send.
-const RX: u32 = 1 << 4;
-const TX: u32 = 1 << 5;
 
 /// Characters that may wait to be sent: one of the longest frames.
 const MOST: usize = 256;
@@ -79,37 +71,29 @@ fn update(change: impl FnOnce(&mut State)) {
 pub(crate) fn start() {
     pins::drive_low(DE);
     pins::give_to_uart(wires::TX | wires::RX);
-    INTERRUPT_MASK.write(RX | TX);
+    INTERRUPT_MASK.write(Pl011::RX | Pl011::TX);
 }
 
 /// Sets the line now; a character under way is lost.
 fn configure(line: Line) {
-    const ENABLE: u32 = 1 << 0 | 1 << 8 | 1 << 9;
-    // 64ths of the clock's cycles in a sixteenth of a bit.
-    let divisor = (4 * HZ + line.baud / 2).checked_div(line.baud).unwrap_or(u32::MAX);
-    let parity = match line.parity {
-        Parity::None => 0,
-        Parity::Odd => 1 << 1,
-        Parity::Even => 1 << 1 | 1 << 2,
-    };
-    let stop = u32::from(line.stop == 2) << 3;
-    let data = if line.data == 7 { 2 << 5 } else { 3 << 5 };
+    let Pl011 { divisor, divisor_64ths, format } = Pl011::new(HZ, line);
     CONTROL.write(0);
-    DIVISOR.write(divisor >> 6);
-    DIVISOR_64THS.write(divisor & 0x3F);
-    FORMAT.write(data | stop | parity);
-    CONTROL.write(ENABLE);
+    DIVISOR.write(divisor);
+    DIVISOR_64THS.write(divisor_64ths);
+    FORMAT.write(format);
+    CONTROL.write(Pl011::ENABLE);
     update(|state| state.line = line);
 }
 
 #[interrupt]
 fn UART0_IRQ() {
     let at = timer::now();
-    INTERRUPT_CLEAR.write(RX | TX);
-    while FLAGS.read() & RX_EMPTY == 0 {
+    INTERRUPT_CLEAR.write(Pl011::RX | Pl011::TX);
+    while FLAGS.read() & Pl011::RX_EMPTY == 0 {
         let character = DATA.read();
         if state().turn == Turn::Hear {
-            // Should the loop ever be that late, the frame is short of a character, and its CRC tells.
+            // Should the loop be so late that there is no room, the frame is short of a character, and its CRC
+            // tells.
             let _ = caught::QUEUE.push((at, heard(character)));
         }
     }
@@ -117,8 +101,7 @@ fn UART0_IRQ() {
 }
 
 fn heard(character: u32) -> Caught {
-    const ERRORS: u32 = 0xF00;
-    match character & ERRORS {
+    match character & Pl011::ERRORS {
         0 => Caught::Byte(Port(0), (character & 0xFF) as u8),
         _ => Caught::Spoiled(Port(0)),
     }
@@ -127,7 +110,7 @@ fn heard(character: u32) -> Caught {
 /// Gives the UART what it has room for. Behind the last character it asks for an alarm when that has left:
 /// there is no interrupt for it.
 fn send() {
-    while FLAGS.read() & TX_FULL == 0 {
+    while FLAGS.read() & Pl011::TX_FULL == 0 {
         let Some(byte) = TO_SEND.pop() else {
             if state().turn == Turn::Send {
                 update(|state| state.turn = Turn::End);
@@ -155,7 +138,7 @@ fn TIMER_IRQ_2() {
     if !END.has_come() || state().turn != Turn::End {
         return;
     }
-    if FLAGS.read() & BUSY != 0 {
+    if FLAGS.read() & Pl011::BUSY != 0 {
         if !END.set(timer::micros() + PAUSE) {
             NVIC::pend(Interrupt::TIMER_IRQ_2);
         }
