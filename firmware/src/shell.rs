@@ -3,6 +3,11 @@
 //! Interrupts catch what happens and stamp it; the loop calls [`Shell::turn`] until it would block,
 //! arms a timer at [`Shell::deadline`] and sleeps. What a board must plug in is [`Inputs`] and
 //! [`Outputs`]; the simulator plugs in virtual wires, so that the very same loop runs on a host.
+//!
+//! A board takes its time. A move that it begins late is made later as a whole, and the drive, which goes
+//! by its own clock, must not believe that it is over before it is. So the shell puts the drive's time
+//! behind the board's by as much. The same helps where a drive asks for more than the board can do, say an
+//! endless row of moves shorter than planning one takes: its time waits, and the bus is still served.
 
 use core::convert::Infallible;
 
@@ -13,7 +18,7 @@ use heapless::{Deque, Vec};
 
 use crate::device::{
     Axis, Boot, Device, Duration, Encoder, Fault, Input, Instant, Level, Line, Note, Output, Pin, Plan, Port,
-    Sink, feed, wake,
+    Sink, feed,
 };
 
 /// Pins that may wave at a time.
@@ -27,7 +32,7 @@ const CHARACTERS: usize = 272;
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Caught {
-    /// A character; its stamp is the end of its stop bit.
+    /// A character; its stamp is the end of its stop bit, or the instant within it when the UART hands it over.
     Byte(Port, u8),
     /// A character that could not be read.
     Spoiled(Port),
@@ -77,8 +82,11 @@ pub trait Outputs {
     /// The non-volatile memory.
     fn memory(&mut self) -> &mut Self::Memory;
 
-    /// The motion of an axis from now on; nothing where no steps are made.
-    fn plan(&mut self, _axis: Axis, _plan: &Plan) {}
+    /// The motion of an axis from now on; nothing where no steps are made. Returns how much later than
+    /// planned all of it will be made.
+    fn plan(&mut self, _axis: Axis, _plan: &Plan) -> Duration {
+        Duration::ZERO
+    }
 
     /// Steps of an axis without a plan, made now; nothing where no steps are made.
     fn step(&mut self, _axis: Axis, _steps: i32) {}
@@ -90,12 +98,17 @@ pub trait Outputs {
     fn duty(&mut self, _axis: Axis, _duty: i32) {}
 }
 
+/// How late a drive may be told that it is due, before its time waits.
+const PATIENCE: Duration = Duration::millis(100);
+
 /// A drive on a board. `MEMORY` is at least [`Spec::memory`](crate::device::Spec::memory).
 #[derive(Debug)]
 pub struct Shell<D, I, O, const MEMORY: usize> {
     device: D,
     /// The device's deadline, which takes a while to ask for.
     due: Instant,
+    /// The last thing that it was told, in its time.
+    past: Instant,
     inputs: I,
     hands: Hands<O, MEMORY>,
 }
@@ -110,6 +123,8 @@ struct Hands<O, const MEMORY: usize> {
     messages: Deque<Message, MESSAGES>,
     /// Of all messages, in their order.
     characters: Characters,
+    /// How far the drive's time is behind the board's.
+    behind: Duration,
     failures: u32,
 }
 
@@ -155,27 +170,29 @@ impl<D: Device, I: Inputs, O: Outputs, const MEMORY: usize> Shell<D, I, O, MEMOR
             waves: Vec::new(),
             messages: Deque::new(),
             characters: Characters { kept: Vec::new(), gone: 0 },
+            behind: Duration::ZERO,
             failures: 0,
         };
-        Self { device, due: Instant::NEVER, inputs, hands }
+        Self { device, due: Instant::NEVER, past: Instant::ZERO, inputs, hands }
     }
 
     /// Gives the drive power, once: reads the non-volatile memory, and starts.
     pub fn power_on(&mut self, boot: Boot) {
         self.hands.recall();
-        self.device.power_on(self.inputs.now(), boot, &mut self.hands);
+        self.past = self.inputs.now();
+        self.device.power_on(self.past, boot, &mut self.hands);
         self.due = self.device.deadline();
     }
 
-    /// Does everything that is due, in the order of its stamps.
+    /// Does what is due up to one deadline of the drive, in the order of its stamps.
     ///
     /// # Errors
     /// [`nb::Error::WouldBlock`] if nothing was: sleep until the [`deadline`](Self::deadline), or
     /// until something is caught.
     pub fn turn(&mut self) -> nb::Result<(), Infallible> {
         let now = self.inputs.now();
-        let mut idle = self.due > now;
-        while let Some((at, caught)) = self.inputs.caught(now) {
+        let mut idle = true;
+        while let Some((at, caught)) = self.inputs.caught(now.min(self.due())) {
             idle = false;
             let character;
             let input = match caught {
@@ -190,9 +207,17 @@ impl<D: Device, I: Inputs, O: Outputs, const MEMORY: usize> Shell<D, I, O, MEMOR
                 Caught::Fault(fault, on) => Input::Fault { fault, on },
                 Caught::Slipped(axis, steps) => Input::Slipped { axis, steps },
             };
+            self.past = self.past.max(at - self.hands.behind);
+            let at = self.past;
             self.due = feed(&mut self.device, self.due, at, input, &mut self.hands);
         }
-        self.due = wake(&mut self.device, self.due, now, true, &mut self.hands);
+        if self.due() <= now {
+            idle = false;
+            self.hands.wait_for(self.due, now);
+            self.past = self.due;
+            self.device.timeout(self.due, &mut self.hands);
+            self.due = self.device.deadline();
+        }
         idle &= !self.hands.wave(now);
         idle &= !self.hands.send(now);
         if idle { Err(nb::Error::WouldBlock) } else { Ok(()) }
@@ -201,7 +226,12 @@ impl<D: Device, I: Inputs, O: Outputs, const MEMORY: usize> Shell<D, I, O, MEMOR
     /// When something is due next, should nothing be caught before.
     #[must_use]
     pub fn deadline(&self) -> Instant {
-        self.due.min(self.hands.deadline())
+        self.due().min(self.hands.deadline())
+    }
+
+    /// The drive's deadline, as the board's clock shows it.
+    fn due(&self) -> Instant {
+        self.due + self.hands.behind
     }
 
     /// The drive.
@@ -231,6 +261,14 @@ impl<O: Outputs, const MEMORY: usize> Hands<O, MEMORY> {
             // One that has begun waits for room in the port's buffer, and its interrupt tells.
             Some(Message { from, begun: false, .. }) => waves.min(*from),
             _ => waves,
+        }
+    }
+
+    /// The drive asks for more than the board can do: it gets less time.
+    fn wait_for(&mut self, due: Instant, now: Instant) {
+        let late = now.since(due + self.behind);
+        if late > PATIENCE {
+            self.behind = self.behind + late;
         }
     }
 
@@ -335,6 +373,7 @@ impl Characters {
 
 impl<O: Outputs, const MEMORY: usize> Sink for Hands<O, MEMORY> {
     fn put(&mut self, at: Instant, output: Output<'_>) {
+        let at = at + self.behind;
         match output {
             Output::Bytes { port, bytes } => {
                 let message = Message { port, from: at, begun: false, left: bytes.len(), then: None };
@@ -364,7 +403,10 @@ impl<O: Outputs, const MEMORY: usize> Sink for Hands<O, MEMORY> {
                 let result = self.outputs.memory().write(u32::from(offset), bytes);
                 self.count(result);
             }
-            Output::Plan { axis, plan } => self.outputs.plan(axis, plan),
+            Output::Plan { axis, plan } => {
+                let late = self.outputs.plan(axis, &plan.delayed(self.behind));
+                self.behind = self.behind + late;
+            }
             Output::Step { axis, steps } => self.outputs.step(axis, steps),
             Output::Current { axis, ma } => self.outputs.current(axis, ma),
             Output::Duty { axis, duty } => self.outputs.duty(axis, duty),

@@ -215,8 +215,9 @@ impl Outputs for SimOutputs {
         &mut self.memory
     }
 
-    fn plan(&mut self, axis: Axis, plan: &Plan) {
+    fn plan(&mut self, axis: Axis, plan: &Plan) -> Duration {
         self.done(Done::Planned(axis, *plan));
+        Duration::ZERO
     }
 
     fn step(&mut self, axis: Axis, steps: i32) {

@@ -6,5 +6,5 @@ mod stepper;
 mod walker;
 
 pub use plan::{MAX_ACCELERATION, MAX_SPEED, Plan, Rates, Segment};
-pub use stepper::{CYCLE, Follower, HIGH, SETUP, StepDir, StepTimer, Stepper};
+pub use stepper::{CYCLE, Followed, Follower, HIGH, SETUP, StepDir, StepTimer, Stepper};
 pub use walker::{Step, Walker};

@@ -292,6 +292,12 @@ impl Plan {
         rest
     }
 
+    /// The same, later by `late`.
+    #[must_use]
+    pub fn delayed(&self, late: Duration) -> Self {
+        Self { start: self.start + late, ..*self }
+    }
+
     /// When it began.
     #[must_use]
     pub fn start(&self) -> Instant {

@@ -8,7 +8,7 @@
 //! has. So a plan comes late: steps of the old one have been made that the new one does not know, or it
 //! begins with steps that nobody made. The follower finds out how many, for
 //! [`Input::Slipped`](crate::device::Input::Slipped). A plan that begins at standstill loses none: it is
-//! made later as a whole, unless another one comes before that is over.
+//! made later as a whole, and the drive's time waits for that ([`shell`](crate::shell)).
 
 use core::mem;
 
@@ -162,6 +162,15 @@ pub struct Follower {
     next: Course,
 }
 
+/// How an axis follows a plan.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub struct Followed {
+    /// How many steps more than planned it has made.
+    pub slipped: i32,
+    /// How much later than planned it makes all of it.
+    pub late: Duration,
+}
+
 /// A plan on its way to the stepper.
 #[derive(Debug)]
 struct Course {
@@ -185,9 +194,8 @@ impl Follower {
         Self { plan: Plan::rest(Instant::ZERO, 0), offset: 0, next }
     }
 
-    /// From now on the axis follows `plan`. Returns how many steps more than planned it has made by then,
-    /// because it learns of the plan after its start.
-    pub fn follow(&mut self, timer: &mut impl StepTimer, plan: &Plan) -> i32 {
+    /// From now on the axis follows `plan`, of which it learns after its start.
+    pub fn follow(&mut self, timer: &mut impl StepTimer, plan: &Plan) -> Followed {
         let start = plan.start();
         let offset = self.made(start).wrapping_sub(plan.position_at(start));
         let stands = |stepper: &mut Stepper<_>, _| stepper.next.at == Instant::NEVER;
@@ -198,9 +206,10 @@ impl Follower {
             // Most of what has gone by meanwhile, with the interrupt let in.
             course.skip(timer.now());
         }
-        let slipped = timer.with(|stepper, now| {
+        let followed = timer.with(|stepper, now| {
+            let mut late = Duration::ZERO;
             if stood {
-                course.delay(now);
+                late = course.delay(now);
             } else {
                 while stepper.due <= now {
                     stepper.fire();
@@ -210,11 +219,11 @@ impl Follower {
             mem::swap(&mut stepper.walker, &mut course.walker);
             stepper.next = course.next;
             stepper.schedule();
-            stepper.made.wrapping_sub(course.position).wrapping_sub(offset)
+            Followed { slipped: stepper.made.wrapping_sub(course.position).wrapping_sub(offset), late }
         });
-        let Some(slipped) = slipped else { return 0 };
-        (self.plan, self.offset) = (*plan, offset.wrapping_add(slipped));
-        slipped
+        let Some(followed) = followed else { return Followed::default() };
+        (self.plan, self.offset) = (plan.delayed(followed.late), offset.wrapping_add(followed.slipped));
+        followed
     }
 
     /// Steps made by `at` if all went as planned.
@@ -239,14 +248,14 @@ impl Course {
         }
     }
 
-    /// Makes all of it later, if it would have begun by `now`.
-    fn delay(&mut self, now: Instant) {
-        let from = now + LEAD;
-        if self.next.at < from {
-            let late = from.since(self.next.at);
+    /// Makes all of it later, if it would have begun by `now`. Returns by how much.
+    fn delay(&mut self, now: Instant) -> Duration {
+        let late = (now + LEAD).since(self.next.at);
+        if late > Duration::ZERO {
             self.walker.delay(late);
-            self.next.at = from;
+            self.next.at += late;
         }
+        late
     }
 }
 
@@ -350,7 +359,7 @@ mod tests {
     fn dir_turns_5_us_before_the_step() {
         let mut timer = Timer::new(0);
         let plan = Plan::profile(at(0), 0, 2, Rates::even(U24F8::from_num(1_000), 1_000_000));
-        assert_eq!(Follower::new().follow(&mut timer, &plan), 0);
+        assert_eq!(Follower::new().follow(&mut timer, &plan), Followed::default());
         timer.run(u64::MAX - 1);
         let steps: Vec<u64> = Walker::new(&plan, at(0)).map(|step| step.at.ticks()).collect();
         let expected =
@@ -376,7 +385,7 @@ mod tests {
         timer.now.set(16_000);
         let rates = Rates { start: U24F8::from_num(10_000), ..Rates::even(U24F8::from_num(20_000), 100_000) };
         let plan = Plan::profile(at(0), 0, 500, rates);
-        assert_eq!(Follower::new().follow(&mut timer, &plan), 0);
+        let followed = Follower::new().follow(&mut timer, &plan);
         timer.run(u64::MAX - 1);
         let rises = timer.at.iter().filter(|(_, seen)| matches!(seen, Seen::Rise(_))).map(|(at, _)| *at);
         let rises: Vec<u64> = rises.collect();
@@ -384,25 +393,28 @@ mod tests {
         assert_eq!((rises.len(), rises[0]), (500, 16_000 + LEAD.ticks()));
         let intervals = |ticks: &[u64]| ticks.windows(2).map(|pair| pair[1] - pair[0]).collect::<Vec<_>>();
         assert_eq!(intervals(&rises), intervals(&planned));
+        let late = Duration::from_ticks(rises[0] - planned[0]);
+        assert_eq!(followed, Followed { slipped: 0, late });
     }
 
     #[test]
-    fn a_move_that_another_one_cuts_short_is_told() {
-        // The first one is over when the second one begins; the board learns of it 1 ms late, so its last
-        // steps are not yet made then.
+    fn moves_in_a_row_lose_nothing_if_time_waits_for_them() {
         let mut timer = Timer::new(0);
         let mut follower = Follower::new();
         let rates = Rates { start: U24F8::from_num(10_000), ..Rates::even(U24F8::from_num(20_000), 100_000) };
-        let first = Plan::profile(at(0), 0, 500, rates);
-        timer.now.set(16_000);
-        let mut slipped = follower.follow(&mut timer, &first);
-        let end = first.end();
-        timer.run(end.ticks());
-        let second = Plan::profile(end, 500, -500, rates);
-        slipped += follower.follow(&mut timer, &second);
-        assert!(slipped < 0, "what was not made is told");
+        let (mut start, mut position) = (Instant::ZERO, 0);
+        for steps in [500, -500, 2, -2, 1] {
+            let plan = Plan::profile(start, position, steps, rates);
+            // The board learns of each 1 ms late.
+            timer.run(start.ticks() + 16_000);
+            let Followed { slipped, late } = follower.follow(&mut timer, &plan);
+            assert_eq!(slipped, 0);
+            assert!(late > Duration::ZERO);
+            start = plan.end() + late;
+            position += steps;
+        }
         timer.run(u64::MAX - 1);
-        assert_eq!(timer.position(), slipped);
+        assert_eq!(timer.position(), 1);
     }
 
     proptest! {
@@ -420,7 +432,9 @@ mod tests {
                 start += wait;
                 plan = plan.towards(at(start), I24F8::from_num(speed), acceleration);
                 timer.run(start);
-                prop_assert_eq!(follower.follow(&mut timer, &plan), 0);
+                let Followed { slipped, late } = follower.follow(&mut timer, &plan);
+                prop_assert_eq!(slipped, 0);
+                plan = plan.delayed(late);
             }
             timer.run(start + 4_000_000);
             prop_assert_eq!(timer.position(), plan.position_at(at(start + 4_000_000)));
@@ -436,12 +450,14 @@ mod tests {
             let mut follower = Follower::new();
             let mut plan = Plan::rest(at(0), 0);
             let (mut start, mut slipped) = (0, 0);
-            // In the end it stands, so that what is made later has been made, too.
+            // In the end it stands.
             for (wait, speed, late) in turns.into_iter().chain([(0, 0, 0)]) {
                 start = (start + wait).max(timer.now.get());
                 plan = plan.towards(at(start), I24F8::from_num(speed), acceleration);
                 timer.run(start + late);
-                slipped += follower.follow(&mut timer, &plan);
+                let followed = follower.follow(&mut timer, &plan);
+                slipped += followed.slipped;
+                plan = plan.delayed(followed.late);
             }
             timer.run(u64::MAX - 1);
             prop_assert_eq!(timer.position(), plan.position_at(Instant::NEVER) + slipped);

@@ -8,6 +8,7 @@
 mod line;
 mod memory;
 mod motion;
+mod pins;
 mod play;
 mod reset;
 

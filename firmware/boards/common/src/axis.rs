@@ -3,8 +3,11 @@
 use core::cell::RefCell;
 
 use critical_section::Mutex;
-use standin_firmware::device::Instant;
+use standin_firmware::device::{Duration, Instant};
 use standin_firmware::motion::{StepDir, StepTimer, Stepper};
+
+/// How far ahead the timer is set for a pulse that is overdue: so much is left for what else interrupts.
+const BREATH: Duration = Duration::micros(2);
 
 /// The step timer of a board.
 pub trait Timer {
@@ -15,7 +18,7 @@ pub trait Timer {
     fn now() -> Instant;
 
     /// Asks for the interrupt at the timer's tick nearest to `at`; at [`Instant::NEVER`] it does not come.
-    /// `false` if that tick has gone by: then it may not come either.
+    /// `false` if that tick has gone by: then it does not come.
     fn set(at: Instant) -> bool;
 }
 
@@ -28,10 +31,11 @@ impl<T: Timer> Axis<T> {
         Self(Mutex::new(RefCell::new(Stepper::new(pins))))
     }
 
-    /// What the timer's interrupt does, when it comes at what it was [set](Timer::set) to.
+    /// What the timer's interrupt does, when it comes at what it was [set](Timer::set) to: one pulse. Another
+    /// one that is overdue by then waits until the interrupt comes again, so that others are served between.
     #[inline]
     pub fn fire(&self) {
-        self.lend(|stepper| while !T::set(stepper.fire()) {});
+        self.lend(|stepper| set::<T>(stepper.fire()));
     }
 
     fn lend<R>(&self, act: impl FnOnce(&mut Stepper<T::Pins>) -> R) -> Option<R> {
@@ -51,16 +55,16 @@ impl<T: Timer> StepTimer for &Axis<T> {
     fn with<R>(&mut self, act: impl FnOnce(&mut Stepper<T::Pins>, Instant) -> R) -> Option<R> {
         self.lend(|stepper| {
             let result = act(stepper, T::now());
-            set::<T>(stepper);
+            set::<T>(stepper.due());
             result
         })
     }
 }
 
-/// Sets the timer to what the stepper wants, and does what is due by then.
-#[inline(never)]
-fn set<T: Timer>(stepper: &mut Stepper<T::Pins>) {
-    while !T::set(stepper.due()) {
-        stepper.fire();
+/// Sets the timer to `due`, or to as soon as it comes.
+fn set<T: Timer>(due: Instant) {
+    let mut at = due;
+    while !T::set(at) {
+        at = T::now() + BREATH;
     }
 }

@@ -1,20 +1,15 @@
 //! What a board does for its drive.
 
-use core::sync::atomic::{AtomicI32, Ordering};
-
 use embedded_hal::digital::OutputPin;
 use embedded_io::{Write, WriteReady};
 use embedded_storage::Storage;
-use standin_firmware::device::{self, Instant, Line, Pin, Plan, Port};
-use standin_firmware::motion::{Follower, StepTimer};
-use standin_firmware::shell::{Caught, Outputs};
+use standin_firmware::device::{self, Duration, Line, Pin, Plan, Port};
+use standin_firmware::motion::{Followed, Follower, StepTimer};
+use standin_firmware::shell::Outputs;
 
 use crate::axis::{Axis, Timer};
-use crate::queue::Queue;
+use crate::slips;
 use crate::wire::End;
-
-/// Steps that slipped since the start, for whoever debugs: the drive knows them by its own count.
-pub static SLIPPED: AtomicI32 = AtomicI32::new(0);
 
 /// The sending half of a board's UART.
 pub trait Bus: Write + WriteReady {
@@ -29,7 +24,7 @@ pub trait Release: OutputPin {
 }
 
 /// The outputs of a board with one bus, one axis and `PINS` wires.
-pub struct Hands<B, P, M, T: Timer + 'static, const PINS: usize, const CAUGHT: usize> {
+pub struct Hands<B, P, M, T: Timer + 'static, const PINS: usize> {
     /// The bus.
     pub bus: B,
     /// Where each pin goes; `None` if the drive has nothing of that name.
@@ -40,11 +35,9 @@ pub struct Hands<B, P, M, T: Timer + 'static, const PINS: usize, const CAUGHT: u
     pub axis: &'static Axis<T>,
     /// What gives it its plans.
     pub follower: Follower,
-    /// Where steps that slipped are told.
-    pub caught: &'static Queue<(Instant, Caught), CAUGHT>,
 }
 
-impl<B, P, M, T, const PINS: usize, const CAUGHT: usize> Outputs for Hands<B, P, M, T, PINS, CAUGHT>
+impl<B, P, M, T, const PINS: usize> Outputs for Hands<B, P, M, T, PINS>
 where
     B: Bus,
     P: Release,
@@ -77,14 +70,10 @@ where
         &mut self.memory
     }
 
-    fn plan(&mut self, axis: device::Axis, plan: &Plan) {
-        let slipped = self.follower.follow(&mut self.axis, plan);
-        if slipped != 0 {
-            let before = SLIPPED.load(Ordering::Relaxed);
-            SLIPPED.store(before.wrapping_add(slipped), Ordering::Relaxed);
-            // Stamped and queued at once, so that stamps ascend.
-            critical_section::with(|_| self.caught.push((T::now(), Caught::Slipped(axis, slipped))));
-        }
+    fn plan(&mut self, _axis: device::Axis, plan: &Plan) -> Duration {
+        let Followed { slipped, late } = self.follower.follow(&mut self.axis, plan);
+        slips::add(slipped);
+        late
     }
 
     fn step(&mut self, _axis: device::Axis, steps: i32) {

@@ -7,10 +7,14 @@
 
 mod axis;
 mod hands;
+mod pl011;
 mod queue;
+mod slips;
 mod wire;
 
 pub use axis::{Axis, Timer};
-pub use hands::{Bus, Hands, Release, SLIPPED};
+pub use hands::{Bus, Hands, Release};
+pub use pl011::Pl011;
 pub use queue::Queue;
+pub use slips::{SLIPPED, untold};
 pub use wire::End;

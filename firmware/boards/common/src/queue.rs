@@ -18,6 +18,7 @@ impl<T, const N: usize> Queue<T, N> {
     }
 
     /// Puts a thing at the end; `false` if there is no room.
+    #[must_use]
     pub fn push(&self, thing: T) -> bool {
         self.with(|queue| queue.push_back(thing).ok()).is_some()
     }
@@ -30,6 +31,11 @@ impl<T, const N: usize> Queue<T, N> {
     /// Takes the first thing if it is one of those.
     pub fn pop_if(&self, is: impl FnOnce(&T) -> bool) -> Option<T> {
         self.with(|queue| if is(queue.front()?) { queue.pop_front() } else { None })
+    }
+
+    /// How many wait.
+    pub fn len(&self) -> usize {
+        self.with(|queue| Some(queue.len())).unwrap_or(N)
     }
 
     /// Whether nothing waits.

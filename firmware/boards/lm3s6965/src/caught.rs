@@ -4,7 +4,7 @@ use standin_board::Queue;
 use standin_firmware::device::Instant;
 use standin_firmware::shell::{Caught, Inputs};
 
-use crate::clock;
+use crate::{clock, inputs};
 
 /// Things that may be caught before the drive is told of the first one. A request has 8 characters.
 pub(crate) const ROOM: usize = 80;
@@ -21,6 +21,10 @@ impl Inputs for Ears {
     }
 
     fn caught(&mut self, until: Instant) -> Option<(Instant, Caught)> {
-        QUEUE.pop_if(|(at, _)| *at <= until)
+        let first = QUEUE.pop_if(|(at, _)| *at <= until);
+        if first.is_none() && QUEUE.is_empty() {
+            inputs::tell_missed();
+        }
+        first.or_else(|| standin_board::untold().map(|slipped| (until, slipped)))
     }
 }

@@ -22,6 +22,8 @@ struct Input {
     end: End,
     /// As the drive knows it.
     high: bool,
+    /// Whether it has changed since, and there was no room to tell.
+    missed: bool,
 }
 
 impl Input {
@@ -36,7 +38,8 @@ impl Input {
 
     /// Tells the drive of a level that it does not know. If there is no room, it still does not.
     fn tell(&mut self, at: Instant, high: bool) {
-        if high != self.high && caught::QUEUE.push((at, self.end.edge(high))) {
+        self.missed = high != self.high && !caught::QUEUE.push((at, self.end.edge(high)));
+        if !self.missed {
             self.high = high;
         }
     }
@@ -45,7 +48,7 @@ impl Input {
 /// An input, and how it rests.
 pub(crate) fn add(gpio: Gpio, end: End, rests_high: bool) {
     with(|inputs| {
-        let _ = inputs.push(Input { gpio, end, high: rests_high });
+        let _ = inputs.push(Input { gpio, end, high: rests_high, missed: false });
     });
 }
 
@@ -65,8 +68,21 @@ pub(crate) fn release(gpio: Gpio, released: bool) {
     with(|inputs| {
         gpio.drive(!released);
         gpio.listen(released);
-        if released && let Some(input) = inputs.iter_mut().find(|input| input.gpio == gpio) {
-            let high = gpio.settle();
+        if let Some(input) = inputs.iter_mut().find(|input| input.gpio == gpio) {
+            input.missed = false;
+            if released {
+                let high = gpio.settle();
+                input.tell(clock::now(), high);
+            }
+        }
+    });
+}
+
+/// Tells what there was no room for: levels as they are now.
+pub(crate) fn tell_missed() {
+    with(|inputs| {
+        for input in inputs.iter_mut().filter(|input| input.missed) {
+            let high = input.gpio.settle();
             input.tell(clock::now(), high);
         }
     });

@@ -62,7 +62,7 @@ const LESS_URGENT: [Interrupt; 10] = [
 
 /// A drive on this board.
 type Board<D, const MEMORY: usize, const WIRES: usize> =
-    Shell<D, Ears, Hands<Sender, Output, Memory<MEMORY>, Steps, WIRES, { caught::ROOM }>, MEMORY>;
+    Shell<D, Ears, Hands<Sender, Output, Memory<MEMORY>, Steps, WIRES>, MEMORY>;
 
 /// Runs a drive with these saved registers, whose pins and faults, by their names, are wired to these
 /// pins of the board.
@@ -113,7 +113,6 @@ fn assemble<D: Device, const MEMORY: usize, const WIRES: usize>(
         memory: saved.begin(),
         axis: &steps::AXIS,
         follower: Follower::new(),
-        caught: &caught::QUEUE,
     };
     Shell::new(drive, Ears, hands)
 }

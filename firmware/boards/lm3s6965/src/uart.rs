@@ -1,7 +1,7 @@
 //! UARTs (12.6). The FIFOs are off, so that an interrupt sees, and stamps, every character by itself.
 
+use standin_board::Pl011;
 use standin_firmware::device::Line;
-use standin_protocol::line::Parity;
 
 use crate::clock::HZ;
 use crate::registers::Register;
@@ -25,21 +25,12 @@ pub(crate) struct Uart(usize);
 impl Uart {
     /// Sets the line; a character under way is lost.
     pub(crate) fn set_line(self, line: Line) {
-        const ENABLE: u32 = 1 << 0 | 1 << 8 | 1 << 9;
-        // 64ths of the clock's cycles in a sixteenth of a bit.
-        let divisor = (4 * HZ + line.baud / 2).checked_div(line.baud).unwrap_or(u32::MAX);
-        let parity = match line.parity {
-            Parity::None => 0,
-            Parity::Odd => 1 << 1,
-            Parity::Even => 1 << 1 | 1 << 2,
-        };
-        let stop = u32::from(line.stop == 2) << 3;
-        let data = if line.data == 7 { 2 << 5 } else { 3 << 5 };
+        let Pl011 { divisor, divisor_64ths, format } = Pl011::new(HZ, line);
         self.control().write(0);
-        self.register(0x024).write(divisor >> 6);
-        self.register(0x028).write(divisor & 0x3F);
-        self.register(0x02C).write(data | stop | parity);
-        self.control().write(ENABLE);
+        self.register(0x024).write(divisor);
+        self.register(0x028).write(divisor_64ths);
+        self.register(0x02C).write(format);
+        self.control().write(Pl011::ENABLE);
     }
 
     /// Interrupts when a character has come, and when there is room to send.

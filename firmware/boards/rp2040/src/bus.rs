@@ -9,14 +9,16 @@ use cortex_m::peripheral::NVIC;
 use critical_section::Mutex;
 use embedded_io::{ErrorType, Write, WriteReady};
 use rp2040_pac::{Interrupt, interrupt};
-use standin_board::{Bus, Queue};
+use standin_board::{Bus, Pl011, Queue};
 use standin_firmware::device::{Line, Port};
 use standin_firmware::shell::Caught;
 use standin_protocol::line::Parity;
 
-use crate::clock::{self, Alarm, HZ};
+use crate::clock::HZ;
 use crate::registers::Register;
-use crate::{caught, pins};
+use crate::timer::{self, Alarm};
+use crate::wires::DE;
+use crate::{caught, pins, wires};
 
 const UART: usize = 0x4003_4000;
 const DATA: Register = Register::at(UART, 0x00);
@@ -28,21 +30,10 @@ const CONTROL: Register = Register::at(UART, 0x30);
 const INTERRUPT_MASK: Register = Register::at(UART, 0x38);
 const INTERRUPT_CLEAR: Register = Register::at(UART, 0x44);
 
-/// Flags: nothing received, no room to send, something being sent.
-const RX_EMPTY: u32 = 1 << 4;
-const TX_FULL: u32 = 1 << 5;
-const BUSY: u32 = 1 << 3;
-/// Interrupts: a character has come, there is room to send.
-const RX: u32 = 1 << 4;
-const TX: u32 = 1 << 5;
-
-/// TX and RX, GP0 and GP1.
-const PINS: u32 = pins::gp(0) | pins::gp(1);
-/// The transceiver sends while this is high.
-const DE: u32 = pins::gp(2);
-
-/// Characters that wait to be sent: one of the longest frames.
-static TO_SEND: Queue<u8, 256> = Queue::new();
+/// Characters that may wait to be sent: one of the longest frames.
+const MOST: usize = 256;
+/// Characters that wait to be sent.
+static TO_SEND: Queue<u8, MOST> = Queue::new();
 /// When sending may be over.
 static END: Alarm = Alarm::new(2);
 static STATE: Mutex<Cell<State>> =
@@ -79,39 +70,30 @@ fn update(change: impl FnOnce(&mut State)) {
 /// Starts the UART; the drive sets the line.
 pub(crate) fn start() {
     pins::drive_low(DE);
-    pins::give_to_uart(PINS);
-    set_line(state().line);
-    INTERRUPT_MASK.write(RX | TX);
+    pins::give_to_uart(wires::TX | wires::RX);
+    INTERRUPT_MASK.write(Pl011::RX | Pl011::TX);
 }
 
-/// Sets the line; a character under way is lost.
-fn set_line(line: Line) {
-    const ENABLE: u32 = 1 << 0 | 1 << 8 | 1 << 9;
-    // 64ths of the clock's cycles in a sixteenth of a bit.
-    let divisor = (4 * HZ + line.baud / 2).checked_div(line.baud).unwrap_or(u32::MAX);
-    let parity = match line.parity {
-        Parity::None => 0,
-        Parity::Odd => 1 << 1,
-        Parity::Even => 1 << 1 | 1 << 2,
-    };
-    let stop = u32::from(line.stop == 2) << 3;
-    let data = if line.data == 7 { 2 << 5 } else { 3 << 5 };
+/// Sets the line now; a character under way is lost.
+fn configure(line: Line) {
+    let Pl011 { divisor, divisor_64ths, format } = Pl011::new(HZ, line);
     CONTROL.write(0);
-    DIVISOR.write(divisor >> 6);
-    DIVISOR_64THS.write(divisor & 0x3F);
-    FORMAT.write(data | stop | parity);
-    CONTROL.write(ENABLE);
+    DIVISOR.write(divisor);
+    DIVISOR_64THS.write(divisor_64ths);
+    FORMAT.write(format);
+    CONTROL.write(Pl011::ENABLE);
     update(|state| state.line = line);
 }
 
 #[interrupt]
 fn UART0_IRQ() {
-    let at = clock::now();
-    INTERRUPT_CLEAR.write(RX | TX);
-    while FLAGS.read() & RX_EMPTY == 0 {
+    let at = timer::now();
+    INTERRUPT_CLEAR.write(Pl011::RX | Pl011::TX);
+    while FLAGS.read() & Pl011::RX_EMPTY == 0 {
         let character = DATA.read();
         if state().turn == Turn::Hear {
-            // Should the loop ever be that late, the frame is short of a character, and its CRC tells.
+            // Should the loop be so late that there is no room, the frame is short of a character, and its CRC
+            // tells.
             let _ = caught::QUEUE.push((at, heard(character)));
         }
     }
@@ -119,8 +101,7 @@ fn UART0_IRQ() {
 }
 
 fn heard(character: u32) -> Caught {
-    const ERRORS: u32 = 0xF00;
-    match character & ERRORS {
+    match character & Pl011::ERRORS {
         0 => Caught::Byte(Port(0), (character & 0xFF) as u8),
         _ => Caught::Spoiled(Port(0)),
     }
@@ -129,12 +110,12 @@ fn heard(character: u32) -> Caught {
 /// Gives the UART what it has room for. Behind the last character it asks for an alarm when that has left:
 /// there is no interrupt for it.
 fn send() {
-    while FLAGS.read() & TX_FULL == 0 {
+    while FLAGS.read() & Pl011::TX_FULL == 0 {
         let Some(byte) = TO_SEND.pop() else {
             if state().turn == Turn::Send {
                 update(|state| state.turn = Turn::End);
-                let end = clock::now() + state().line.character();
-                if !END.set(clock::nearest(end) + 1) {
+                let end = timer::now() + state().line.character();
+                if !END.set(timer::nearest(end) + 1) {
                     NVIC::pend(Interrupt::TIMER_IRQ_2);
                 }
             }
@@ -143,6 +124,10 @@ fn send() {
         pins::set_high(DE);
         update(|state| state.turn = Turn::Send);
         DATA.write(u32::from(byte));
+        // In time for what does not fit to be sent without a pause.
+        if TO_SEND.len() == MOST / 2 {
+            caught::bus_has_room();
+        }
     }
 }
 
@@ -153,8 +138,8 @@ fn TIMER_IRQ_2() {
     if !END.has_come() || state().turn != Turn::End {
         return;
     }
-    if FLAGS.read() & BUSY != 0 {
-        if !END.set(clock::micros() + PAUSE) {
+    if FLAGS.read() & Pl011::BUSY != 0 {
+        if !END.set(timer::micros() + PAUSE) {
             NVIC::pend(Interrupt::TIMER_IRQ_2);
         }
         return;
@@ -162,7 +147,7 @@ fn TIMER_IRQ_2() {
     END.set(u64::MAX);
     pins::set_low(DE);
     if let Some(line) = state().next {
-        set_line(line);
+        configure(line);
     }
     update(|state| (state.turn, state.next) = (Turn::Hear, None));
     caught::bus_has_room();
@@ -175,7 +160,7 @@ impl Bus for Sender {
     fn set_line(&mut self, line: Line) {
         critical_section::with(|_| {
             if state().turn == Turn::Hear && TO_SEND.is_empty() {
-                set_line(line);
+                configure(line);
             } else {
                 update(|state| state.next = Some(line));
             }

@@ -7,9 +7,10 @@ use standin_board::Queue;
 use standin_firmware::device::Instant;
 use standin_firmware::shell::{Caught, Inputs};
 
-use crate::clock;
+use crate::{pins, timer};
 
-/// As many as fit.
+/// Things that may wait, of 24 bytes each: a request of the longest kind, or all that a line of 57,600 baud
+/// brings in the 45 ms in which a sector is erased.
 pub(crate) const ROOM: usize = 256;
 
 /// What was caught.
@@ -23,6 +24,11 @@ pub(crate) fn bus_has_room() {
     critical_section::with(|cs| BUS_HAS_ROOM.borrow(cs).set(true));
 }
 
+/// The loop is about to look at the bus.
+pub(crate) fn look_at_bus() {
+    critical_section::with(|cs| BUS_HAS_ROOM.borrow(cs).set(false));
+}
+
 /// Whether there is anything for the loop.
 pub(crate) fn is_there() -> bool {
     !QUEUE.is_empty() || critical_section::with(|cs| BUS_HAS_ROOM.borrow(cs).get())
@@ -33,12 +39,14 @@ pub(crate) struct Ears;
 
 impl Inputs for Ears {
     fn now(&self) -> Instant {
-        // Asked once in a turn, before the loop looks at the bus.
-        critical_section::with(|cs| BUS_HAS_ROOM.borrow(cs).set(false));
-        clock::past()
+        timer::past()
     }
 
     fn caught(&mut self, until: Instant) -> Option<(Instant, Caught)> {
-        QUEUE.pop_if(|(at, _)| *at <= until)
+        let first = QUEUE.pop_if(|(at, _)| *at <= until);
+        if first.is_none() && QUEUE.is_empty() {
+            pins::tell_missed();
+        }
+        first.or_else(|| standin_board::untold().map(|slipped| (until, slipped)))
     }
 }

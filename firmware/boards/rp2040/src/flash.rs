@@ -1,7 +1,9 @@
 //! The end of the flash, for saved registers, by the functions of the boot ROM (2.8.3.1.3).
 //!
-//! They wait while the flash is at work. Interrupts do not: everything that they need is in RAM.
+//! They wait while the flash is at work, and so does the loop. Interrupts do not: everything that they need is
+//! in RAM. What they catch meanwhile must fit into the queue (`caught`).
 
+use core::arch::global_asm;
 use core::mem::transmute_copy;
 use core::ops::Range;
 use core::ptr;
@@ -17,10 +19,13 @@ const CAPACITY: usize = 2 << 20;
 /// Where it is read.
 const WINDOW: usize = 0x1000_0000;
 
-/// Sectors that are ours: the last ones. `pico.x` leaves them out.
+/// Sectors that are ours: the last ones.
 pub(crate) const SECTORS: usize = 4;
 /// Where they are.
 pub(crate) const RANGE: Range<u32> = (CAPACITY - SECTORS * SECTOR) as u32..CAPACITY as u32;
+
+// For `pico.x`, which has the image end there.
+global_asm!(".global __saved", ".set __saved, {}", const WINDOW + RANGE.start as usize);
 
 /// The flash chip.
 pub(crate) struct Flash;

@@ -8,10 +8,11 @@
 //!
 //! | module | what it holds |
 //! |---|---|
-//! | [`wires`] | which pins are what of a drive |
+//! | [`wires`] | which pins are what |
 //! | `boot` | from the reset to a program in RAM |
 //! | [`run`] | the loop |
-//! | `clock` | the system clock, time, alarms, sleep |
+//! | `clock` | the system clock |
+//! | `timer` | time, alarms, sleep |
 //! | `caught` | what interrupts have for the loop |
 //! | `bus` | UART0, and the direction of RS-485 |
 //! | `pins` | levels and edges |
@@ -32,13 +33,16 @@ mod pins;
 mod registers;
 mod saved;
 mod steps;
+mod timer;
 mod watchdog;
 pub mod wires;
 
 use core::panic::PanicInfo;
 
 use cortex_m::Peripherals;
+use cortex_m::peripheral::NVIC;
 use cortex_m_rt::exception;
+use rp2040_pac::Interrupt;
 use standin_board::Hands;
 use standin_firmware::device::{Boot, Device};
 use standin_firmware::motion::Follower;
@@ -48,34 +52,33 @@ pub use self::pins::Wire;
 
 use self::bus::Sender;
 use self::caught::Ears;
-use self::pins::{Pin, gp};
+use self::pins::Pin;
 use self::saved::Saved;
 use self::steps::Steps;
 
-/// To ground while the board starts: no start-up delay.
-const FAST: u32 = gp(22);
-
 /// A drive on this board.
 type Board<D, const MEMORY: usize, const WIRES: usize> =
-    Shell<D, Ears, Hands<Sender, Pin, Saved<MEMORY>, Steps, WIRES, { caught::ROOM }>, MEMORY>;
+    Shell<D, Ears, Hands<Sender, Pin, Saved<MEMORY>, Steps, WIRES>, MEMORY>;
 
 /// Runs a drive whose pins and faults are wired like that. `MEMORY` is at least what its spec says.
 pub fn run<D: Device, const MEMORY: usize, const WIRES: usize>(drive: fn() -> D, wires: &[Wire; WIRES]) -> ! {
     clock::start();
+    timer::start();
     watchdog::start();
     steps::start();
     bus::start();
-    let boot = Boot { fast: pins::is_tied(FAST), ..Boot::default() };
+    let boot = Boot { fast: pins::is_tied(wires::FAST), ..Boot::default() };
     let mut shell: Board<D, MEMORY, WIRES> = assemble(drive, wires);
     shell.power_on(boot);
     log::power(shell.device().spec().kind, boot);
     if let Some(mut core) = Peripherals::take() {
-        clock::unmask(&mut core.NVIC);
+        unmask(&mut core.NVIC);
     }
     loop {
         watchdog::feed();
+        caught::look_at_bus();
         if shell.turn().is_err() {
-            clock::sleep_until(shell.deadline());
+            timer::sleep_until(shell.deadline());
         }
     }
 }
@@ -94,9 +97,26 @@ fn assemble<D: Device, const MEMORY: usize, const WIRES: usize>(
         memory: Saved::new(spec.kind),
         axis: &steps::AXIS,
         follower: Follower::new(),
-        caught: &caught::QUEUE,
     };
     Shell::new(drive, Ears, hands)
+}
+
+/// Lets interrupts come. Nothing delays a step but a critical section. What stamps or sends is of one priority,
+/// so that stamps ascend. The alarm of the loop only has to end its sleep.
+fn unmask(nvic: &mut NVIC) {
+    let priorities = [
+        (Interrupt::TIMER_IRQ_0, 0x00),
+        (Interrupt::UART0_IRQ, 0x40),
+        (Interrupt::IO_IRQ_BANK0, 0x40),
+        (Interrupt::TIMER_IRQ_2, 0x40),
+        (Interrupt::TIMER_IRQ_1, 0xC0),
+    ];
+    for (interrupt, priority) in priorities {
+        // SAFETY: no critical section of this crate relies on priorities.
+        unsafe { nvic.set_priority(interrupt, priority) };
+        // SAFETY: none relies on the interrupt's mask.
+        unsafe { NVIC::unmask(interrupt) };
+    }
 }
 
 #[panic_handler]

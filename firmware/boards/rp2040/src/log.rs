@@ -7,17 +7,13 @@ mod probe {
     use defmt_rtt as _;
     use standin_firmware::device::Boot;
 
-    use crate::clock;
-    use crate::registers::Register;
+    use crate::{timer, watchdog};
 
-    /// Why the watchdog reset the board, if it did (4.7.6).
-    const REASON: Register = Register::at(0x4005_8000, 0x08);
-
-    defmt::timestamp!("{=u64:us}", clock::micros());
+    defmt::timestamp!("{=u64:us}", timer::micros());
 
     /// A drive has power.
     pub(crate) fn power(kind: &str, boot: Boot) {
-        let cause = match REASON.read() & 0b11 {
+        let cause = match watchdog::reason() {
             0 => "power, the RUN pin or a debugger",
             0b01 => "the loop hung",
             _ => "a fault or a panic",

@@ -10,7 +10,7 @@ use standin_board::{End, Release};
 use standin_firmware::device::{Instant, Spec};
 
 use crate::registers::Register;
-use crate::{caught, clock};
+use crate::{caught, timer};
 
 /// Pins of the chip.
 const GPIOS: u32 = 30;
@@ -53,6 +53,8 @@ static ENDS: [Mutex<Cell<Option<End>>>; GPIOS as usize] =
     [const { Mutex::new(Cell::new(None)) }; GPIOS as usize];
 /// Levels as the drive knows them, a bit each.
 static TOLD: Mutex<Cell<u32>> = Mutex::new(Cell::new(0));
+/// There was no room to tell a level.
+static MISSED: Mutex<Cell<bool>> = Mutex::new(Cell::new(false));
 
 /// Drives pins high.
 #[inline]
@@ -128,8 +130,8 @@ fn use_as(gpio: u32, function: u32, pulled_up: bool) {
 /// Lets pulls charge what is wired.
 fn settle() {
     const MICROS: u32 = 100;
-    let since = clock::micros_low();
-    while clock::micros_low().wrapping_sub(since) < MICROS {}
+    let since = timer::micros_low();
+    while timer::micros_low().wrapping_sub(since) < MICROS {}
 }
 
 /// What is at the end of a wire, as the drive drives it.
@@ -151,7 +153,7 @@ impl Pin {
                 if on {
                     Register::at(RAISED, bank).write((FELL | ROSE) << shift);
                     enabled.set((FELL | ROSE) << shift);
-                    tell(clock::now(), gpio, 0);
+                    tell(timer::now(), gpio, 0);
                 } else {
                     enabled.clear((FELL | ROSE) << shift);
                 }
@@ -201,7 +203,7 @@ impl Release for Pin {
 
 #[interrupt]
 fn IO_IRQ_BANK0() {
-    let at = clock::now();
+    let at = timer::now();
     for bank in 0..GPIOS.div_ceil(8) {
         let flags = Register::at(STATUS, 4 * bank as usize).read();
         if flags == 0 {
@@ -229,9 +231,32 @@ fn tell(at: Instant, gpio: u32, flags: u32) {
             _ => !is_told_high(),
         };
         for high in [first, high] {
-            if high != is_told_high() && caught::QUEUE.push((at, end.edge(high))) {
+            if high == is_told_high() {
+                continue;
+            }
+            if caught::QUEUE.push((at, end.edge(high))) {
                 told.set(told.get() ^ gp(gpio));
+            } else {
+                MISSED.borrow(cs).set(true);
             }
         }
     });
+}
+
+/// Tells levels that there was no room to tell. The edges between are lost.
+pub(crate) fn tell_missed() {
+    if critical_section::with(|cs| MISSED.borrow(cs).replace(false)) {
+        for gpio in 0..GPIOS {
+            critical_section::with(|_| {
+                if is_heard(gpio) {
+                    tell(timer::now(), gpio, 0);
+                }
+            });
+        }
+    }
+}
+
+/// Whether edges of a pin interrupt.
+fn is_heard(gpio: u32) -> bool {
+    Register::at(ENABLED, gpio as usize / 8 * 4).read() >> (gpio % 8 * 4) & (FELL | ROSE) != 0
 }

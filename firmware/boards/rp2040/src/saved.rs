@@ -2,7 +2,7 @@
 //!
 //! The drive stores bytes here and there. What is written is always the whole memory, as one item behind the
 //! last one: so a power cut leaves it as it was before that store or as it is after it, and all sectors wear
-//! alike. Each kind of drive has an item of its own.
+//! alike. Only where a store fails is everything erased for another try. Each kind of drive has an item of its own.
 
 use core::pin::pin;
 use core::task::{Context, Poll, Waker};
@@ -22,7 +22,7 @@ type Key = [u8; 16];
 /// What is known of the flash: without it, making room in a sector takes a search for each of its items.
 type Known = Cache<ArrayPageStates<SECTORS>, ArrayPagePointers<SECTORS>, ArrayKeyPointers<Key, KINDS>, Key>;
 type Map = MapStorage<Key, Flash, Known>;
-/// Kinds of drives whose items are found without a search.
+/// Kinds of drives whose items are found without a search. Those of more take longer to find, and are found.
 const KINDS: usize = 2;
 
 /// Bytes that an item takes at most.
@@ -105,6 +105,7 @@ impl<const MEMORY: usize> Storage for Saved<MEMORY> {
         for (stored, byte) in self.bytes.iter_mut().skip(offset as usize).zip(bytes) {
             *stored = *byte;
         }
+        // Worn out, or not ours: erased as a whole it may take the memory after all.
         self.store().or_else(|Unreadable| {
             self.erase()?;
             self.store()

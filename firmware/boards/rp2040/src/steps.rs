@@ -1,23 +1,21 @@
-//! The step timer: TIMER's first alarm, STEP on GP3 and DIR on GP4.
+//! The step timer: TIMER's first alarm, with STEP and DIR.
 
 use rp2040_pac::interrupt;
 use standin_board::{Axis, Timer};
 use standin_firmware::device::Instant;
-use standin_firmware::motion::StepDir;
+use standin_firmware::motion::{HIGH, StepDir};
 
-use crate::clock::{self, Alarm};
 use crate::pins;
+use crate::timer::{self, Alarm, TICKS};
+use crate::wires::{DIR, STEP};
 
 /// The axis of the board.
 pub(crate) static AXIS: Axis<Steps> = Axis::new(StepPins { rose: 0, ready: 0 });
 
 static ALARM: Alarm = Alarm::new(0);
 
-const STEP: u32 = 1 << 3;
-const DIR: u32 = 1 << 4;
-
-/// What a level of STEP or DIR lasts before STEP changes, in µs of which the first has begun: 2 to 3 µs.
-const STAYS: u32 = 3;
+/// What a level of STEP or DIR lasts before STEP changes, in µs: [`HIGH`], and one that has begun already.
+const STAYS: u32 = (HIGH.ticks() / TICKS) as u32 + 1;
 
 /// Drives STEP and DIR low.
 pub(crate) fn start() {
@@ -31,12 +29,12 @@ impl Timer for Steps {
     type Pins = StepPins;
 
     fn now() -> Instant {
-        clock::now()
+        timer::now()
     }
 
     #[inline]
     fn set(at: Instant) -> bool {
-        ALARM.set(clock::nearest(at))
+        ALARM.set(timer::nearest(at))
     }
 }
 
@@ -60,14 +58,14 @@ impl StepDir for StepPins {
     fn rise(&mut self) {
         wait(self.ready);
         pins::set_high(STEP);
-        self.rose = clock::micros_low();
+        self.rose = timer::micros_low();
     }
 
     #[inline]
     fn fall(&mut self) {
         wait(self.rose);
         pins::set_low(STEP);
-        self.ready = clock::micros_low();
+        self.ready = timer::micros_low();
     }
 
     fn turn(&mut self, forward: bool) {
@@ -76,12 +74,12 @@ impl StepDir for StepPins {
         } else {
             pins::set_low(DIR)
         }
-        self.ready = clock::micros_low();
+        self.ready = timer::micros_low();
     }
 }
 
 /// Waits for what is left of [`STAYS`].
 #[inline]
 fn wait(since: u32) {
-    while clock::micros_low().wrapping_sub(since) < STAYS {}
+    while timer::micros_low().wrapping_sub(since) < STAYS {}
 }

@@ -6,6 +6,8 @@ use crate::registers::Register;
 const WATCHDOG: usize = 0x4005_8000;
 const CTRL: Register = Register::at(WATCHDOG, 0x00);
 const LOAD: Register = Register::at(WATCHDOG, 0x04);
+#[cfg(feature = "defmt")]
+const REASON: Register = Register::at(WATCHDOG, 0x08);
 const TICK: Register = Register::at(WATCHDOG, 0x2C);
 /// What a reset by the watchdog resets (2.13.5).
 const PSM_WDSEL: Register = Register::at(0x4001_0000, 0x8);
@@ -45,6 +47,12 @@ pub(crate) fn reset() -> ! {
     loop {
         cortex_m::asm::nop();
     }
+}
+
+/// Why it reset the board (4.7.6): 0 if it did not, 1 if it was not fed, 2 after [`reset`].
+#[cfg(feature = "defmt")]
+pub(crate) fn reason() -> u32 {
+    REASON.read() & 0b11
 }
 
 /// A reset spares the oscillators alone.

@@ -1,9 +1,22 @@
-//! Which pins of the board are what of a drive.
+//! Which pins of the board are what: the only place that says so, beside README.md.
 
 use crate::pins::{Wire, gp};
 
+/// To the transceiver of the bus.
+pub(crate) const TX: u32 = gp(0);
+/// From the transceiver.
+pub(crate) const RX: u32 = gp(1);
+/// The transceiver sends while this is high.
+pub(crate) const DE: u32 = gp(2);
+/// A step where it rises.
+pub(crate) const STEP: u32 = gp(3);
+/// High forward.
+pub(crate) const DIR: u32 = gp(4);
+/// To ground while the board starts: no start-up delay.
+pub(crate) const FAST: u32 = gp(22);
+
 /// An MD3, by the names of its manual.
-pub const MD3: [Wire; 13] = [
+pub const MD3: [Wire; 13] = apart([
     ("J2.2", gp(5)),
     ("J2.3", gp(6)),
     ("J2.4", gp(7)),
@@ -18,4 +31,17 @@ pub const MD3: [Wire; 13] = [
     ("D6", gp(15) | gp(25)),
     ("over_temperature", gp(16)),
     ("over_current", gp(17)),
-];
+]);
+
+/// These wires, each at pins of its own. Two at one pin do not compile.
+const fn apart<const N: usize>(wires: [Wire; N]) -> [Wire; N] {
+    let mut taken = TX | RX | DE | STEP | DIR | FAST;
+    let mut n = 0;
+    while n < N {
+        let (_, pins) = wires[n];
+        assert!(pins & taken == 0, "two wires at one pin");
+        taken |= pins;
+        n += 1;
+    }
+    wires
+}

@@ -148,7 +148,7 @@ impl StepTimer for Timer {
         Instant::ZERO
     }
 
-    fn with<R>(&mut self, act: impl FnOnce(&mut Stepper<Pins>) -> R) -> Option<R> {
-        Some(STEPPER.with(act))
+    fn with<R>(&mut self, act: impl FnOnce(&mut Stepper<Pins>, Instant) -> R) -> Option<R> {
+        Some(STEPPER.with(|stepper| act(stepper, Instant::ZERO)))
     }
 }

@@ -111,8 +111,9 @@ impl Outputs for Anything {
         self
     }
 
-    fn plan(&mut self, _axis: Axis, plan: &Plan) {
+    fn plan(&mut self, _axis: Axis, plan: &Plan) -> Duration {
         opaque(plan);
+        opaque(Duration::ZERO)
     }
 }
 

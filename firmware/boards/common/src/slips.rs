@@ -1,0 +1,30 @@
+//! Steps that slipped, from the hands that find them to the drive.
+//!
+//! They are counted and not queued: no queue that is full can lose them.
+
+use core::sync::atomic::{AtomicI32, Ordering};
+
+use standin_firmware::device::Axis;
+use standin_firmware::shell::Caught;
+
+/// Steps that slipped since the start: a plan was taken late, and so many steps more were made. Wraps.
+pub static SLIPPED: AtomicI32 = AtomicI32::new(0);
+
+/// As many of them as the drive knows.
+static TOLD: AtomicI32 = AtomicI32::new(0);
+
+/// The only axis of a board.
+const AXIS: Axis = Axis(0);
+
+/// So many more have slipped. For the loop, as [`untold`] is.
+pub(crate) fn add(steps: i32) {
+    SLIPPED.store(SLIPPED.load(Ordering::Relaxed).wrapping_add(steps), Ordering::Relaxed);
+}
+
+/// Steps that slipped since the last time. A board tells its drive of them behind all else that it has caught.
+pub fn untold() -> Option<Caught> {
+    let all = SLIPPED.load(Ordering::Relaxed);
+    let untold = all.wrapping_sub(TOLD.load(Ordering::Relaxed));
+    TOLD.store(all, Ordering::Relaxed);
+    (untold != 0).then_some(Caught::Slipped(AXIS, untold))
+}

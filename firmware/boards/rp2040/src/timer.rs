@@ -1,0 +1,142 @@
+//! The time since the start, alarms and sleep.
+//!
+//! TIMER counts microseconds (4.6), and so all that this board does or stamps is rounded to them.
+
+use core::cell::Cell;
+
+use cortex_m::asm;
+use critical_section::Mutex;
+use rp2040_pac::interrupt;
+use standin_firmware::device::Instant;
+
+use crate::registers::Register;
+use crate::{caught, watchdog};
+
+/// Ticks of standin's time in a microsecond.
+pub(crate) const TICKS: u64 = 16;
+
+/// TIMER (4.6.5).
+const TIMER: usize = 0x4005_4000;
+const ALARM: usize = TIMER + 0x10;
+const ARMED: Register = Register::at(TIMER, 0x20);
+const RAW_HIGH: Register = Register::at(TIMER, 0x24);
+const RAW_LOW: Register = Register::at(TIMER, 0x28);
+const INTR: Register = Register::at(TIMER, 0x34);
+const INTE: Register = Register::at(TIMER, 0x38);
+
+/// Lets alarms interrupt.
+pub(crate) fn start() {
+    INTE.write(0b111);
+}
+
+/// Microseconds since the start.
+#[inline]
+pub(crate) fn micros() -> u64 {
+    loop {
+        let high = RAW_HIGH.read();
+        let low = RAW_LOW.read();
+        if RAW_HIGH.read() == high {
+            return u64::from(high) << 32 | u64::from(low);
+        }
+    }
+}
+
+/// The low half of [`micros`]: for spans.
+#[inline]
+pub(crate) fn micros_low() -> u32 {
+    RAW_LOW.read()
+}
+
+/// Now, as interrupts stamp it.
+#[inline]
+pub(crate) fn now() -> Instant {
+    Instant::from_ticks(micros() * TICKS)
+}
+
+/// The end of the last whole microsecond, for the loop: all that bears this stamp has been caught, and
+/// nothing more will be.
+pub(crate) fn past() -> Instant {
+    Instant::from_ticks((micros() * TICKS).saturating_sub(1))
+}
+
+/// The microsecond nearest to `at`; [`u64::MAX`] at [`Instant::NEVER`].
+#[inline]
+pub(crate) fn nearest(at: Instant) -> u64 {
+    if at == Instant::NEVER { u64::MAX } else { at.ticks().saturating_add(TICKS / 2) / TICKS }
+}
+
+/// An alarm of TIMER.
+pub(crate) struct Alarm {
+    number: usize,
+    /// What it is set to, in µs.
+    due: Mutex<Cell<u64>>,
+}
+
+impl Alarm {
+    /// TIMER's alarm of that number, not set.
+    pub(crate) const fn new(number: usize) -> Self {
+        Self { number, due: Mutex::new(Cell::new(u64::MAX)) }
+    }
+
+    /// Asks for the interrupt at `micros`, never at [`u64::MAX`]. `false` if that has gone by: then it does
+    /// not come.
+    #[inline]
+    pub(crate) fn set(&self, micros: u64) -> bool {
+        critical_section::with(|cs| self.due.borrow(cs).set(micros));
+        INTR.write(1 << self.number);
+        if micros == u64::MAX {
+            ARMED.write(1 << self.number);
+            return true;
+        }
+        // TIMER compares the lower half, when it changes: it comes if this still lies ahead, and now and
+        // then before if it is far.
+        Register::at(ALARM, 4 * self.number).write(micros as u32);
+        let comes = self::micros() < micros;
+        if !comes {
+            ARMED.write(1 << self.number);
+            INTR.write(1 << self.number);
+        }
+        comes
+    }
+
+    /// Its interrupt has been seen.
+    #[inline]
+    pub(crate) fn acknowledge(&self) {
+        INTR.write(1 << self.number);
+    }
+
+    /// What its interrupt does first: acknowledges it, and asks whether what it was set to has come. Else it
+    /// will come again.
+    #[inline]
+    pub(crate) fn has_come(&self) -> bool {
+        self.acknowledge();
+        let due = critical_section::with(|cs| self.due.borrow(cs).get());
+        micros() >= due || !self.set(due)
+    }
+}
+
+/// Wakes the loop.
+static WAKE: Alarm = Alarm::new(1);
+
+/// Sleeps until something was caught, or until [`past`] is `deadline`.
+#[inline(never)]
+pub(crate) fn sleep_until(deadline: Instant) {
+    /// It wakes that often to feed the watchdog, in µs.
+    const NAP: u64 = 250_000;
+    let due = deadline.ticks() / TICKS + 1;
+    while micros() < due && !caught::is_there() {
+        watchdog::feed();
+        // An interrupt that is kept out ends the sleep, so none is missed between the look and the sleep.
+        critical_section::with(|_| {
+            if !caught::is_there() && WAKE.set(due.min(micros() + NAP)) {
+                asm::wfi();
+            }
+        });
+    }
+}
+
+#[interrupt]
+fn TIMER_IRQ_1() {
+    // To come was all: the loop looks what time it is.
+    WAKE.acknowledge();
+}
