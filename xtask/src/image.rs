@@ -90,9 +90,8 @@ impl Image {
     pub(crate) fn panic_sites(&self) -> Result<u64> {
         let file = self.file()?;
         // `unwrap_failed`, `slice_index_fail` and their like call what panics for whoever calls them.
-        let panics = |name: &str| {
-            name.starts_with("_ZN4core") && (name.contains("9panicking") || name.contains("_fail"))
-        };
+        let panics =
+            |name: &str| name.contains("4core") && (name.contains("9panicking") || name.contains("_fail"));
         let panics: Vec<u64> = file
             .symbols()
             .filter(|symbol| symbol.name().is_ok_and(panics))

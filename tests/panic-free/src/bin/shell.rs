@@ -9,7 +9,7 @@ use embedded_io::{Write, WriteReady};
 use embedded_storage::{ReadStorage, Storage};
 use panic_free::{opaque, perhaps_panic};
 use standin_firmware::device::{
-    Axis, Boot, Device, Input, Instant, Line, Output, Pin, Plan, Port, Refused, Sink, Spec,
+    Axis, Boot, Device, Duration, Input, Instant, Line, Output, Pin, Plan, Port, Refused, Sink, Spec,
 };
 use standin_firmware::md3::Reg;
 use standin_firmware::shell::{Caught, Inputs, Outputs, Shell};
