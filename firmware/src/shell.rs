@@ -88,6 +88,9 @@ pub trait Outputs {
         Duration::ZERO
     }
 
+    /// The drive's time waits for so long: it will be that much further behind the board's.
+    fn wait(&mut self, _late: Duration) {}
+
     /// Steps of an axis without a plan, made now; nothing where no steps are made.
     fn step(&mut self, _axis: Axis, _steps: i32) {}
 
@@ -98,8 +101,9 @@ pub trait Outputs {
     fn duty(&mut self, _axis: Axis, _duty: i32) {}
 }
 
-/// How late a drive may be told that it is due, before its time waits.
-const PATIENCE: Duration = Duration::millis(100);
+/// How late a drive may be told that it is due, before its time waits: longer than a board's flash takes to
+/// erase a sector.
+const PATIENCE: Duration = Duration::millis(60);
 
 /// A drive on a board. `MEMORY` is at least [`Spec::memory`](crate::device::Spec::memory).
 #[derive(Debug)]
@@ -269,6 +273,7 @@ impl<O: Outputs, const MEMORY: usize> Hands<O, MEMORY> {
         let late = now.since(due + self.behind);
         if late > PATIENCE {
             self.behind = self.behind + late;
+            self.outputs.wait(late);
         }
     }
 

@@ -226,6 +226,12 @@ impl Follower {
         followed
     }
 
+    /// The drive's time has waited so long, and the pulses have not: what they are ahead now slips with the
+    /// next plan.
+    pub fn wait(&mut self, late: Duration) {
+        self.plan = self.plan.delayed(late);
+    }
+
     /// Steps made by `at` if all went as planned.
     fn made(&self, at: Instant) -> i32 {
         self.plan.position_at(at).wrapping_add(self.offset)
@@ -262,7 +268,7 @@ impl Course {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::motion::Rates;
+    use crate::motion::{MAX_ACCELERATION, Rates};
     use fixed::types::{I24F8, U24F8};
     use proptest::prelude::*;
     use std::vec::Vec;
@@ -415,6 +421,21 @@ mod tests {
         }
         timer.run(u64::MAX - 1);
         assert_eq!(timer.position(), 1);
+    }
+
+    #[test]
+    fn pulses_do_not_wait_for_the_drive() {
+        let mut timer = Timer::new(0);
+        let mut follower = Follower::new();
+        // 0.1 s at 10,000 steps/s.
+        let plan = Plan::rest(at(0), 0).towards(at(0), I24F8::from_num(10_000), MAX_ACCELERATION);
+        let Followed { late, .. } = follower.follow(&mut timer, &plan);
+        let plan = plan.delayed(late);
+        timer.run(1_600_000);
+        // The drive's time waits for 1 ms: it believes to be where it was then.
+        follower.wait(Duration::millis(1));
+        let plan = plan.delayed(Duration::millis(1)).halt(at(1_600_000));
+        assert_eq!(follower.follow(&mut timer, &plan), Followed { slipped: 10, late: Duration::ZERO });
     }
 
     proptest! {

@@ -148,3 +148,45 @@ fn a_plan_that_comes_late_slips_and_nothing_is_lost() {
     // A stamp that is off by a microsecond is a part of a step.
     assert!((made - planned - slipped).abs() <= 1, "{made} made, {planned} planned, {slipped} slipped");
 }
+
+#[test]
+#[ignore = "needs the emulator and the image of the board: `cargo xtask test` brings both"]
+fn moves_shorter_than_planning_them_lose_no_step_and_no_request() {
+    // 7.8: forward and backward for ever, two steps at a time, at the greatest acceleration.
+    let writes = [
+        (at::MOVE_STEPS, 0),
+        (at::MOVE_STEPS + 1, 2),
+        (at::SPEED, 0),
+        (at::SPEED + 1, SPEED as u16),
+        (at::ACCEL_DECEL, 0x7FFF),
+        (at::ACCEL_DECEL + 1, 0xFFFF),
+        (at::PINS, 0b1000 << 4),
+    ];
+    let mut script = Script::fast();
+    let begun = write(&mut script, START, &writes);
+    // The board has more to do than it can: it answers, but may take 100 ms.
+    let polls: Vec<Nanos> = (1..20).map(|n| begun + n * 4 * TURN).collect();
+    for &poll in &polls {
+        script.hear(poll, &rtu::read(1, at::MOVE_STEPS + 1, 1));
+    }
+    let run = script.play(&image(), begun + 20 * 4 * TURN);
+    let answer = rtu::frame(1, &[3, 2, 0, 2]);
+    for poll in polls {
+        assert_eq!(run.sent(poll, poll + 4 * TURN).1, answer.as_slice());
+    }
+    assert!(!run.did.iter().any(|(_, did)| *did == Did::Watchdog));
+    let (mut position, mut forward, mut made) = (0, false, 0);
+    for (at, did) in &run.did {
+        match did {
+            Did::Pin(pin::DIR, drive) => forward = *drive == Drive::High,
+            Did::Pin(pin::STEP, Drive::High) => {
+                position += if forward { 1 } else { -1 };
+                made += 1;
+                assert!((0..=2).contains(&position), "at {position} at {at} ns");
+            }
+            _ => {}
+        }
+    }
+    println!("{made} steps of endless moves of 2, {} a second", made * 1_000 * MS / (20 * 4 * TURN));
+    assert!(made > 1_000, "{made} steps");
+}

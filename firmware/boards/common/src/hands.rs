@@ -76,6 +76,10 @@ where
         late
     }
 
+    fn wait(&mut self, late: Duration) {
+        self.follower.wait(late);
+    }
+
     fn step(&mut self, _axis: device::Axis, steps: i32) {
         let _ = self.axis.with(|stepper, now| stepper.step(now, steps));
     }
