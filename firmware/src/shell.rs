@@ -32,7 +32,7 @@ const CHARACTERS: usize = 272;
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Caught {
-    /// A character; its stamp is the end of its stop bit, or the instant within it when the UART hands it over.
+    /// A character; its stamp is the end of its stop bit, or when the UART hands it over within that.
     Byte(Port, u8),
     /// A character that could not be read.
     Spoiled(Port),

@@ -21,7 +21,8 @@ pub(crate) fn add(steps: i32) {
     SLIPPED.store(SLIPPED.load(Ordering::Relaxed).wrapping_add(steps), Ordering::Relaxed);
 }
 
-/// Steps that slipped since the last time. A board tells its drive of them behind all else that it has caught.
+/// Steps that slipped since the last time. A board tells its drive of them behind all else that it
+/// has caught.
 pub fn untold() -> Option<Caught> {
     let all = SLIPPED.load(Ordering::Relaxed);
     let untold = all.wrapping_sub(TOLD.load(Ordering::Relaxed));

@@ -92,8 +92,7 @@ fn UART0_IRQ() {
     while FLAGS.read() & Pl011::RX_EMPTY == 0 {
         let character = DATA.read();
         if state().turn == Turn::Hear {
-            // Should the loop be so late that there is no room, the frame is short of a character, and its CRC
-            // tells.
+            // Where the loop is so late that there is no room, the CRC of the frame tells.
             let _ = caught::QUEUE.push((at, heard(character)));
         }
     }

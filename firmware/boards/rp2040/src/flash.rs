@@ -1,7 +1,7 @@
 //! The end of the flash, for saved registers, by the functions of the boot ROM (2.8.3.1.3).
 //!
-//! They wait while the flash is at work, and so does the loop. Interrupts do not: everything that they need is
-//! in RAM. What they catch meanwhile must fit into the queue (`caught`).
+//! They wait while the flash is at work, and so does the loop. Interrupts do not: everything that they need
+//! is in RAM. What they catch meanwhile must fit into the queue (`caught`).
 
 use core::arch::global_asm;
 use core::mem::transmute_copy;

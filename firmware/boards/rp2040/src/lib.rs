@@ -101,8 +101,8 @@ fn assemble<D: Device, const MEMORY: usize, const WIRES: usize>(
     Shell::new(drive, Ears, hands)
 }
 
-/// Lets interrupts come. Nothing delays a step but a critical section. What stamps or sends is of one priority,
-/// so that stamps ascend. The alarm of the loop only has to end its sleep.
+/// Lets interrupts come. Nothing delays a step but a critical section. What stamps or sends has one
+/// priority, so that stamps ascend. The alarm of the loop only has to end its sleep.
 fn unmask(nvic: &mut NVIC) {
     let priorities = [
         (Interrupt::TIMER_IRQ_0, 0x00),

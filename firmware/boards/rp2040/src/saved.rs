@@ -2,7 +2,8 @@
 //!
 //! The drive stores bytes here and there. What is written is always the whole memory, as one item behind the
 //! last one: so a power cut leaves it as it was before that store or as it is after it, and all sectors wear
-//! alike. Only where a store fails is everything erased for another try. Each kind of drive has an item of its own.
+//! alike. Only where a store fails is everything erased for another try. Each kind of drive has an item
+//! of its own.
 
 use core::pin::pin;
 use core::task::{Context, Poll, Waker};
