@@ -1,5 +1,6 @@
 // A batch run: plays a script to an image and prints what the board does. Two runs print the same.
 //
+//   npm ci                      once, in this folder; `cargo xtask pico` does it, too
 //   node play.mjs <image.elf> [--flash <file>] [--stack <low> <high>] [--marks] < script
 //
 // --flash   the flash is read from this file before, if it exists, and written to it after; the image is put over it

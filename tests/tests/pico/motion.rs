@@ -167,10 +167,11 @@ fn moves_shorter_than_planning_them_lose_no_step_and_no_request() {
     // The board has more to do than it can: it answers, but may take 100 ms.
     let polls: Vec<Nanos> = (1..20).map(|n| begun + n * 4 * TURN).collect();
     for &poll in &polls {
-        script.hear(poll, &rtu::read(1, at::MOVE_STEPS + 1, 1));
+        script.hear(poll, &rtu::read(1, at::SPEED + 1, 1));
     }
     let run = script.play(&image(), begun + 20 * 4 * TURN);
-    let answer = rtu::frame(1, &[3, 2, 0, 2]);
+    let [high, low] = (SPEED as u16).to_be_bytes();
+    let answer = rtu::frame(1, &[3, 2, high, low]);
     for poll in polls {
         assert_eq!(run.sent(poll, poll + 4 * TURN).1, answer.as_slice());
     }
