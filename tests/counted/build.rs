@@ -10,6 +10,5 @@ fn main() {
         // The nRF51822 of a micro:bit. The default map is that of the LM3S6965.
         println!("cargo::rustc-link-arg-bins=--defsym=_ram_length=0x4000");
     }
-    println!("cargo::rerun-if-changed=../panic-free/place.rs");
     println!("cargo::rerun-if-changed=../../memory.x");
 }
