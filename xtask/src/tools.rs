@@ -112,7 +112,7 @@ impl Tool {
             Self::Mbpoll => "apt-get install mbpoll",
             Self::Valgrind => "apt-get install valgrind",
             Self::Python => "apt-get install python3 python3-venv",
-            Self::Node => "apt-get install nodejs npm",
+            Self::Node => "apt-get install nodejs npm, or from nodejs.org if that is older than Node 20",
         }
     }
 
@@ -125,7 +125,7 @@ impl Tool {
             Self::Mbpoll => cmd!(sh, "mbpoll -V").quiet().ignore_status().output().is_ok(),
             Self::Valgrind => runs(sh, "valgrind"),
             Self::Python => environment_is_current(sh),
-            Self::Node => runs(sh, "node") && emulator_is_current(sh),
+            Self::Node => has_node(sh) && emulator_is_current(sh),
         }
     }
 
@@ -146,14 +146,28 @@ impl Tool {
                 make_environment(sh)
             }
             Self::Node => {
-                if !runs(sh, "node") || !runs(sh, "npm") {
+                if !has_node(sh) || !runs(sh, "npm") {
                     apt.install(sh, "nodejs")?;
                     apt.install(sh, "npm")?;
                 }
-                Ok(cmd!(sh, "npm ci --prefix {PICO} --no-audit --no-fund").run()?)
+                let install = cmd!(sh, "npm ci --prefix {PICO} --no-audit --no-fund");
+                // Node knows authorities of its own; what the machine trusts is trusted here, too.
+                let trusted = std::env::var_os(TRUSTED).unwrap_or_else(|| AUTHORITIES.into());
+                Ok(install.env(TRUSTED, trusted).run()?)
             }
         }
     }
+}
+
+/// Where Node finds more authorities, and where Debian keeps those that the machine trusts.
+const TRUSTED: &str = "NODE_EXTRA_CA_CERTS";
+const AUTHORITIES: &str = "/etc/ssl/certs/ca-certificates.crt";
+
+/// Whether Node is here, and new enough for the emulator.
+fn has_node(sh: &Shell) -> bool {
+    let version = cmd!(sh, "node --version").quiet().ignore_stderr().read().unwrap_or_default();
+    let major = version.trim_start_matches('v').split('.').next().and_then(|major| major.parse().ok());
+    major.is_some_and(|major: u32| major >= 20)
 }
 
 /// Whether a program starts and answers.
