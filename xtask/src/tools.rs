@@ -98,7 +98,7 @@ impl Tool {
             Self::Mbpoll => "mbpoll",
             Self::Valgrind => "valgrind",
             Self::Python => "a Python environment with pymodbus and minimalmodbus",
-            Self::Node => "Node 20 with npm and the emulator of the Pico",
+            Self::Node => "Node (20 or newer) with npm, or the emulator of the Pico,",
         }
     }
 
@@ -112,7 +112,7 @@ impl Tool {
             Self::Mbpoll => "apt-get install mbpoll",
             Self::Valgrind => "apt-get install valgrind",
             Self::Python => "apt-get install python3 python3-venv",
-            Self::Node => "apt-get install nodejs npm, or from nodejs.org if that is older than Node 20",
+            Self::Node => "apt-get install nodejs npm",
         }
     }
 
