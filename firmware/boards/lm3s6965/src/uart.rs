@@ -11,12 +11,8 @@ pub(crate) const BUS: Uart = Uart(0x4000_C000);
 /// For whoever brings the board up.
 pub(crate) const LOG: Uart = Uart(0x4000_D000);
 
-/// Flags: nothing received, no room to send, something being sent.
-const RX_EMPTY: u32 = 1 << 4;
-const TX_FULL: u32 = 1 << 5;
-const BUSY: u32 = 1 << 3;
-/// Interrupts: a character has come, there is room to send.
-const INTERRUPTS: u32 = 1 << 4 | 1 << 5;
+/// A character has come, and there is room to send.
+const INTERRUPTS: u32 = Pl011::RX | Pl011::TX;
 
 /// A UART.
 #[derive(Clone, Copy)]
@@ -44,21 +40,20 @@ impl Uart {
 
     /// The next character; `Err` if it could not be read.
     pub(crate) fn receive(self) -> Option<Result<u8, ()>> {
-        const ERRORS: u32 = 0xF00;
-        if self.flags() & RX_EMPTY != 0 {
+        if self.flags() & Pl011::RX_EMPTY != 0 {
             return None;
         }
         let character = self.data().read();
-        Some(if character & ERRORS == 0 { Ok((character & 0xFF) as u8) } else { Err(()) })
+        Some(if character & Pl011::ERRORS == 0 { Ok((character & 0xFF) as u8) } else { Err(()) })
     }
 
     pub(crate) fn has_room(self) -> bool {
-        self.flags() & TX_FULL == 0
+        self.flags() & Pl011::TX_FULL == 0
     }
 
     /// Whether the last stop bit has not left yet.
     pub(crate) fn is_busy(self) -> bool {
-        self.flags() & BUSY != 0
+        self.flags() & Pl011::BUSY != 0
     }
 
     pub(crate) fn send(self, byte: u8) {
