@@ -11,6 +11,8 @@ pub(crate) struct Stack {
 
 impl Stack {
     const PAINT: u8 = 0xA5;
+    /// What must be left of it: for an interrupt that might have come in the deepest place.
+    const SPARE: u32 = 256;
 
     /// Paints it, before the board starts.
     pub(crate) fn paint(machine: &mut Machine, image: &Image) -> Self {
@@ -20,9 +22,13 @@ impl Stack {
     }
 
     /// The bytes of it that were ever used.
+    ///
+    /// # Panics
+    /// If hardly any are left.
     pub(crate) fn used(&self, machine: &mut Machine) -> u32 {
         let painted = machine.memory().bytes(self.begin, (self.end - self.begin) as usize);
-        let untouched = painted.iter().take_while(|byte| **byte == Self::PAINT).count();
-        self.end - self.begin - untouched as u32
+        let untouched = painted.iter().take_while(|byte| **byte == Self::PAINT).count() as u32;
+        assert!(untouched >= Self::SPARE, "{untouched} bytes of the stack are left");
+        self.end - self.begin - untouched
     }
 }
