@@ -98,7 +98,7 @@ impl Tool {
             Self::Mbpoll => "mbpoll",
             Self::Valgrind => "valgrind",
             Self::Python => "a Python environment with pymodbus and minimalmodbus",
-            Self::Node => "Node (20 or newer) with npm, or the emulator of the Pico,",
+            Self::Node => "Node 20 with the emulator of the Pico",
         }
     }
 
