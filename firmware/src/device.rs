@@ -7,7 +7,7 @@
 
 pub use standin_protocol::line::Line;
 pub use standin_protocol::modbus::Why;
-use standin_protocol::registers::Table;
+use standin_protocol::registers::{Named, Row, Table};
 pub use standin_protocol::time::{Duration, Instant};
 
 pub use crate::motion::Plan;
@@ -324,6 +324,9 @@ pub enum Role {
     Both,
     /// An analogue input.
     Analogue,
+    /// The drive reads it as a level or as a voltage: it is told edges of what is driven low, high or
+    /// not at all, and the voltage of what is driven to one.
+    Mixed,
     /// A light.
     Led,
 }
@@ -380,12 +383,30 @@ pub struct Spec {
     pub faults: &'static [&'static str],
     /// Bytes of its non-volatile memory.
     pub memory: u16,
-    /// Its registers.
+    /// Its registers, with those of all variants of the product.
     pub registers: &'static Table,
+    /// Which variant it is, as in [`Entry::variants`](standin_protocol::registers::Entry::variants).
+    pub variant: u8,
     /// The row that holds its bus address.
     pub address: Option<usize>,
     /// Its modelled limits that no row tells.
     pub not_modelled: &'static [&'static str],
+}
+
+impl Spec {
+    /// The rows that this variant of the product has, and their places in the table.
+    pub fn rows(&self) -> impl DoubleEndedIterator<Item = (usize, &'static Row)> + Clone + use<> {
+        let variant = self.variant;
+        self.registers.rows.iter().enumerate().filter(move |(_, row)| row.variants & variant != 0)
+    }
+
+    /// What [`Table::find`] finds by its name, if this variant of the product has it.
+    #[must_use]
+    pub fn find(&self, name: &str) -> Option<Named> {
+        let named = self.registers.find(name)?;
+        let row = self.registers.rows.get(named.row)?;
+        (row.variants & self.variant != 0).then_some(named)
+    }
 }
 
 /// A drive, or anything else that sits on a bench.

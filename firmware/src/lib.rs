@@ -2,10 +2,12 @@
 //!
 //! | module | what it holds |
 //! |---|---|
+//! | [`counter`] | the LS7366R, and what counts edges |
 //! | [`device`] | the contract between a drive and the world: read this first |
 //! | [`md3`] | US Digital MD3, stepper drive |
 //! | [`memory`] | saved registers and their CRC |
 //! | [`motion`] | plans: position and speed at any instant, and every step |
+//! | [`qsb`] | US Digital QSB, encoder adapter |
 //! | [`shell`] | the main loop of a board, over embedded-hal, embedded-io and nb |
 //!
 //! No `std`, no clock, no socket, no board, no float, no heap, no `unsafe`, no panic.
@@ -25,10 +27,12 @@
 #[cfg(test)]
 extern crate std;
 
+pub mod counter;
 pub mod device;
 pub mod md3;
 pub mod memory;
 pub mod motion;
+pub mod qsb;
 pub mod shell;
 
 /// The one list of drives: hands a constructor of each kind, of type `fn() -> impl Device`, to a
@@ -39,6 +43,9 @@ macro_rules! devices {
         $then! {
             $crate::md3::Md3::new,
             $crate::md3::Md3::low,
+            $crate::qsb::Qsb::d,
+            $crate::qsb::Qsb::m,
+            $crate::qsb::Qsb::s,
         }
     };
 }

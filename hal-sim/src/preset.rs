@@ -179,6 +179,7 @@ mod tests {
             faults: &[],
             memory: 0,
             registers: Reg::TABLE,
+            variant: u8::MAX,
             address: Some(0),
             not_modelled: &[],
         }

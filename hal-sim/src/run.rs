@@ -327,6 +327,7 @@ mod tests {
             faults: &[],
             memory: 0,
             registers: &EMPTY,
+            variant: u8::MAX,
             address: None,
             not_modelled: &[],
         }

@@ -39,6 +39,7 @@ static SPEC: Spec = Spec {
     faults: &["stall"],
     memory: 10,
     registers: Reg::TABLE,
+    variant: u8::MAX,
     address: None,
     not_modelled: &[],
 };

@@ -48,6 +48,7 @@ static COUNTER: Spec = Spec {
     faults: &[],
     memory: 0,
     registers: Show::TABLE,
+    variant: u8::MAX,
     address: None,
     not_modelled: &[],
 };

@@ -43,6 +43,7 @@ static SPEC: Spec = Spec {
     faults: &[],
     memory: 0,
     registers: Reg::TABLE,
+    variant: u8::MAX,
     address: None,
     not_modelled: &[],
 };

@@ -1,0 +1,5 @@
+//! What counts edges: the LS7366R.
+
+mod ls7366r;
+
+pub use ls7366r::{Channel, Ls7366r};

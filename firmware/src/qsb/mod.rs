@@ -1,0 +1,132 @@
+//! US Digital QSB: an adapter from an encoder to a serial port, with an LS7366R inside.
+//!
+//! Follows the *QSB Command List* 1.28; words in capitals are the titles of its registers. Three variants:
+//! the QSB-D for a differential encoder, with one digital line; the QSB-S for a single-ended encoder; the
+//! QSB-M as the QSB-S, with four digital lines, two of which may step a motor.
+
+mod registers;
+
+pub use self::registers::Reg;
+use self::registers::variant;
+use crate::device::{
+    Axis, AxisSpec, Boot, Device, EncoderSpec, Ends, Input, Instant, Level, Pin, PinSpec, Port, PortSpec,
+    Refused, Role, Sink, Spec,
+};
+use crate::memory;
+use standin_protocol::registers::Register;
+
+const USB: Port = Port(0);
+const AXIS: Axis = Axis(0);
+const A: Pin = Pin(0);
+const B: Pin = Pin(1);
+const I: Pin = Pin(2);
+/// By another name the contact of A, where a PWM encoder's output goes.
+const PWM: Pin = Pin(3);
+/// By another name the contact of A, where an analogue encoder's output goes.
+const ANALOG: Pin = Pin(4);
+const DIO0: Pin = Pin(5);
+const DIO1: Pin = Pin(6);
+const DIO2: Pin = Pin(7);
+
+/// Bytes of the non-volatile memory.
+pub const MEMORY: usize = memory::bytes(Reg::SAVED_WORDS) as usize;
+
+const fn pin(name: &'static str, role: Role, rest: Level) -> PinSpec {
+    PinSpec { name, role, rest }
+}
+
+/// All variants begin alike: those of the QSB-S, then DIO0 of the QSB-D, then the rest.
+#[rustfmt::skip]
+static PINS: [PinSpec; 9] = [
+    pin("A", Role::Mixed, Level::High),
+    pin("B", Role::Input, Level::High),
+    pin("I", Role::Input, Level::Low),
+    pin("PWM", Role::Input, Level::High),
+    pin("ANALOG", Role::Analogue, Level::Low),
+    pin("DIO0", Role::Both, Level::High),
+    pin("DIO1", Role::Both, Level::High),
+    pin("DIO2", Role::Both, Level::High),
+    pin("DIO3", Role::Both, Level::High),
+];
+
+static QSB_D: Spec = spec("qsb-d", "US Digital QSB-D encoder to USB adapter, differential", variant::D);
+static QSB_M: Spec = spec("qsb-m", "US Digital QSB-M encoder to USB adapter with motor drive", variant::M);
+static QSB_S: Spec = spec("qsb-s", "US Digital QSB-S encoder to USB adapter, single-ended", variant::S);
+
+/// What all variants have in common.
+const fn spec(kind: &'static str, product: &'static str, variant: u8) -> Spec {
+    let (single, _) = PINS.split_at(5);
+    let (differential, _) = PINS.split_at(6);
+    Spec {
+        kind,
+        product,
+        manual: "QSB Command List 1.28",
+        ports: &[PortSpec { name: "usb", ends: Ends::Character, line: Some(registers::FACTORY_LINE) }],
+        pins: match variant {
+            variant::S => single,
+            variant::D => differential,
+            _ => &PINS,
+        },
+        axes: match variant {
+            variant::M => &[AxisSpec { name: "motor", step_dir: Some((DIO1, DIO2)) }],
+            _ => &[],
+        },
+        encoders: &[EncoderSpec { a: A, b: B, index: I }],
+        faults: &[],
+        memory: MEMORY as u16,
+        registers: Reg::TABLE,
+        variant,
+        address: None,
+        not_modelled: &[],
+    }
+}
+
+/// A QSB.
+#[derive(Clone, Debug)]
+pub struct Qsb {
+    spec: &'static Spec,
+}
+
+impl Qsb {
+    /// A QSB-D without power.
+    #[must_use]
+    pub fn d() -> Self {
+        Self { spec: &QSB_D }
+    }
+
+    /// A QSB-M without power.
+    #[must_use]
+    pub fn m() -> Self {
+        Self { spec: &QSB_M }
+    }
+
+    /// A QSB-S without power.
+    #[must_use]
+    pub fn s() -> Self {
+        Self { spec: &QSB_S }
+    }
+}
+
+impl Device for Qsb {
+    fn spec(&self) -> &'static Spec {
+        self.spec
+    }
+
+    fn power_on(&mut self, _at: Instant, _boot: Boot, _out: &mut dyn Sink) {}
+
+    fn input(&mut self, _at: Instant, _input: Input<'_>, _out: &mut dyn Sink) {}
+
+    fn deadline(&self) -> Instant {
+        Instant::NEVER
+    }
+
+    fn timeout(&mut self, _at: Instant, _out: &mut dyn Sink) {}
+
+    fn peek(&self, _at: Instant, _row: usize) -> i64 {
+        0
+    }
+
+    fn poke(&mut self, _at: Instant, _row: usize, _value: i64, _out: &mut dyn Sink) -> Result<(), Refused> {
+        Err(Refused::ReadOnly)
+    }
+}
