@@ -6,6 +6,7 @@
 //! | [`bus`] | serial lines: whose turn it is, and when each character is where |
 //! | [`hal`] | a board that is not there: embedded-hal, embedded-io and embedded-storage on virtual time |
 //! | [`pulses`] | step pulses, from the plans of an axis |
+//! | [`spi`] | chips on an SPI bus |
 //! | [`trace`] | what happened, as text that people read and write |
 //! | [`replay`] | a trace once more, and the first difference |
 //! | [`vcd`] | waveforms of the pins |
@@ -19,6 +20,7 @@ pub mod pulses;
 pub mod replay;
 mod schedule;
 mod seat;
+pub mod spi;
 #[cfg(test)]
 mod toy;
 pub mod trace;

@@ -1,5 +1,8 @@
 //! The chip as a slave on SPI.
 
+#[cfg(test)]
+mod tests;
+
 use super::Ls7366r;
 
 /// What SS/ low begins: an instruction and its data. SS/ high, which ends it, is dropping this.
