@@ -1,0 +1,91 @@
+//! Edges that an LS7366R counts per second, through its public `edge`, in every mode.
+//!
+//! Time is the least of many runs. Instructions are counted by valgrind.
+
+#[path = "support/count.rs"]
+mod count;
+#[path = "support/mod.rs"]
+mod support;
+
+use std::hint::black_box;
+
+use standin_firmware::counter::Channel::{A, B};
+use standin_firmware::counter::Ls7366r;
+use standin_firmware::device::{Duration, Instant};
+
+use support::{line, took};
+
+/// DTR, which the counts of range-limit and modulo-n meet.
+const DTR: u32 = 999;
+/// Between two edges, which is what the slower of the two filters lets through.
+const GAP: Duration = Duration::from_ticks(3);
+/// What each measurement counts: whole cycles, and more than it needs to reach DTR.
+const EDGES: u64 = 1_000_000;
+
+/// A mode, and how often it counts in 1,000 edges.
+struct Mode {
+    name: &'static str,
+    mdr0: u8,
+    counts: u64,
+}
+
+const MODES: [Mode; 9] = [
+    Mode { name: "x1", mdr0: 0x01, counts: 250 },
+    Mode { name: "x2", mdr0: 0x02, counts: 500 },
+    Mode { name: "x4", mdr0: 0x03, counts: 1_000 },
+    Mode { name: "x4, slow filter", mdr0: 0x83, counts: 1_000 },
+    Mode { name: "x4, single-cycle", mdr0: 0x07, counts: 1_000 },
+    Mode { name: "x4, range-limit", mdr0: 0x0B, counts: 0 },
+    Mode { name: "x4, modulo-n", mdr0: 0x0F, counts: 0 },
+    Mode { name: "x4, index held low", mdr0: 0x43, counts: 1_000 },
+    Mode { name: "non-quadrature", mdr0: 0x00, counts: 500 },
+];
+
+/// Counts so many edges up.
+fn run(mode: &Mode, edges: u64) {
+    // INDEX/ is low, but acts only where it is looked at synchronously.
+    let mut counter = Ls7366r::new(false, true, mode.mdr0 & 0x40 == 0);
+    let quadrature = mode.mdr0 & 3 != 0;
+    counter.set_mdr0(mode.mdr0);
+    counter.set_dtr(DTR);
+    let cycle = if quadrature {
+        [(B, false), (A, true), (B, true), (A, false)]
+    } else {
+        [(A, true), (A, false), (A, true), (A, false)]
+    };
+    let cycle = black_box(cycle);
+    let mut at = black_box(Instant::ZERO);
+    for _ in 0..edges / 4 {
+        for (channel, high) in cycle {
+            at += GAP;
+            counter.edge(at, channel, high);
+        }
+    }
+    counter.timeout(at + GAP);
+    let expected = match mode.mdr0 & 0x0C {
+        // A thousand counts go from 0 to 0.
+        0x0C => 0,
+        0x08 => u64::from(DTR),
+        _ => mode.counts * edges / 1_000,
+    };
+    assert_eq!(u64::from(black_box(counter).cntr()), expected, "{}", mode.name);
+}
+
+fn main() {
+    if let Some((name, edges)) = count::wanted() {
+        let mode = MODES.iter().find(|mode| mode.name == name).expect("a mode of this benchmark");
+        run(mode, edges);
+        return;
+    }
+    println!("one edge");
+    let mut all_counted = true;
+    for mode in &MODES {
+        let least = (0..50).map(|_| took(|| run(mode, EDGES))).min().unwrap_or_default();
+        let ns = least.as_nanos() as f64 / EDGES as f64;
+        let instructions = count::instructions(mode.name, 4_000, 104_000);
+        all_counted &= instructions.is_some();
+        let million = 1_000.0 / ns;
+        line(mode.name, &format!("{million:.0} million/s, {ns:.1} ns, {}", count::counted(instructions)));
+    }
+    count::warn_unless(all_counted);
+}
