@@ -2,4 +2,4 @@
 
 mod ls7366r;
 
-pub use ls7366r::{Channel, Ls7366r};
+pub use ls7366r::{Channel, Ls7366r, status};
