@@ -5,9 +5,11 @@
 //! QSB-M as the QSB-S, with four digital lines, two of which may step a motor.
 
 mod adapter;
+mod answer;
 mod clock;
 mod command;
 mod encoder;
+mod meaning;
 mod motor;
 mod port;
 mod registers;
