@@ -26,12 +26,12 @@ const FACTORY: [(&str, u32); 18] = [
 
 #[test]
 fn factory_values_by_variant() {
-    let lacks: [(fn() -> Qsb, &[&str], &str); 3] = [
-        (Qsb::d, &["0F", "10", "11", "12", "13"], "r 14 0000100E !"),
+    let variants = [
+        (Qsb::d as fn() -> Qsb, &["0F", "10", "11", "12", "13"][..], "r 14 0000100E !"),
         (Qsb::m, &[], "r 14 0000110E !"),
         (Qsb::s, &["01", "02", "0F", "10", "11", "12", "13"], "r 14 0000120E !"),
     ];
-    for (make, lacks, version) in lacks {
+    for (make, lacks, version) in variants {
         let mut bed = Bed::ready(make());
         for (register, value) in FACTORY {
             let answer = bed.ask(&std::format!("R{register}"));
