@@ -36,9 +36,13 @@ impl Adapter {
             variant::M => 1,
             _ => 2,
         };
-        let serial = self.bank.get(Reg::SerialNumber);
-        let digits = [10_000, 1_000, 100, 10, 1].map(|unit| serial / unit % 10);
-        digits.into_iter().fold(0, |version, digit| version << 4 | digit) << 12 | product << 8 | FIRMWARE
+        let mut version = product << 8 | FIRMWARE;
+        let mut serial = self.bank.get(Reg::SerialNumber);
+        for digit in 3..8 {
+            version |= serial % 10 << (4 * digit);
+            serial /= 10;
+        }
+        version
     }
 
     /// Writes a value that the register's row accepts, and does what that means, in the list's order.
