@@ -1,4 +1,5 @@
 //! Scripts with times: half of acceleration times time squared, computed by hand.
+#![allow(clippy::float_arithmetic, reason = "the model of the state knows neither plans nor ticks")]
 
 use std::vec;
 use std::vec::Vec;
@@ -374,21 +375,25 @@ fn quit_stands_at_once() {
 #[test]
 fn what_may_be_ordered_when() {
     // Whether a move and a jog may; the others always may.
-    let scripts: [(&[(u64, Order)], u64, bool, bool); 8] = [
-        (&[], 0, true, true),
-        (&[(0, Order::Move)], 700, false, false),
-        (&[(0, Order::Move), (700, Order::Pause)], 800, false, false),
-        (&[(0, Order::Move), (700, Order::Pause)], 1_500, false, false),
-        (&[(0, Order::Move), (700, Order::Stop)], 800, false, false),
+    let moves = (0, Order::Move);
+    let jogs = (0, Order::Jog);
+    let paused = (700, Order::Pause);
+    let stopped = (700, Order::Stop);
+    for (script, ms, may_move, may_jog) in [
+        (vec![], 0, true, true),
+        (vec![moves], 700, false, false),
+        (vec![moves, paused], 800, false, false),
+        (vec![moves, paused], 1_500, false, false),
+        (vec![moves, stopped], 800, false, false),
         // At the very instant of its end it is over.
-        (&[(0, Order::Move), (700, Order::Stop)], 900, true, true),
-        (&[(0, Order::Jog)], 700, false, true),
-        (&[(0, Order::Jog), (700, Order::Pause)], 1_500, false, true),
-    ];
-    for (script, ms, may_move, may_jog) in scripts {
+        (vec![moves, stopped], 900, true, true),
+        (vec![jogs], 700, false, true),
+        (vec![jogs, paused], 1_500, false, true),
+        (vec![jogs, stopped], 800, false, true),
+    ] {
         for order in ORDERS {
             let mut bed = Bed::new();
-            for (ms, order) in script {
+            for (ms, order) in &script {
                 bed.order_at(*ms, *order);
             }
             bed.run_until(Instant::from(ms.millis()) - Duration::TICK);
