@@ -347,7 +347,8 @@ pub struct PinSpec {
 pub struct AxisSpec {
     /// Its name.
     pub name: &'static str,
-    /// The pins that carry its step pulses and its direction.
+    /// The pins that carry its step pulses and its direction. Where they are [`Role::Both`], a plan takes
+    /// them, low until its first step; a level or a wave put at one of them takes that one back.
     pub step_dir: Option<(Pin, Pin)>,
 }
 

@@ -7,9 +7,12 @@
 //! step. Steps without a plan are passed through as they come, at most one every 4 µs; what comes
 //! closer follows behind.
 //!
+//! STEP and DIR may serve other purposes, too: a level or a wave that the device puts at one of them takes
+//! it, and a plan takes them back. They are low then until its first step.
+//!
 //! There is no clock here: whoever listens says how far time has come.
 
-use standin_firmware::device::{Axis, Duration, Instant, Plan};
+use standin_firmware::device::{Axis, Duration, Instant, Level, Pin, Plan};
 use standin_firmware::motion::{CYCLE, HIGH, SETUP, Step, Walker};
 
 use crate::trace::{Did, Event, Fed, Power, Trace};
@@ -21,6 +24,41 @@ pub(crate) enum StepDir {
     Step,
     /// High forward.
     Dir,
+}
+
+impl StepDir {
+    /// Which of the pins `step` and `dir` that one is.
+    pub(crate) fn at((step, dir): (Pin, Pin), pin: Pin) -> Option<Self> {
+        match pin {
+            _ if pin == step => Some(Self::Step),
+            _ if pin == dir => Some(Self::Dir),
+            _ => None,
+        }
+    }
+}
+
+/// Outputs that serve another purpose at present.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Lent {
+    pub(crate) step: bool,
+    pub(crate) dir: bool,
+}
+
+impl Lent {
+    /// Whether that one is lent.
+    pub(crate) fn has(self, output: StepDir) -> bool {
+        match output {
+            StepDir::Step => self.step,
+            StepDir::Dir => self.dir,
+        }
+    }
+
+    pub(crate) fn add(&mut self, output: StepDir) {
+        match output {
+            StepDir::Step => self.step = true,
+            StepDir::Dir => self.dir = true,
+        }
+    }
 }
 
 /// A change of STEP or DIR.
@@ -64,6 +102,8 @@ pub(crate) struct Shaper {
     powered: bool,
     step: bool,
     dir: bool,
+    /// Outputs whose edges nobody sees until the next plan.
+    pub(crate) lent: Lent,
 }
 
 impl Shaper {
@@ -74,8 +114,11 @@ impl Shaper {
         shaper
     }
 
-    /// From `at` on the axis follows `plan`. A pulse that is high still falls.
+    /// From `at` on the axis follows `plan`. A pulse that is high still falls. Outputs that were lent are
+    /// low.
     pub(crate) fn plan(&mut self, at: Instant, plan: &Plan) {
+        let lent = std::mem::take(&mut self.lent);
+        (self.step, self.dir) = (self.step && !lent.step, self.dir && !lent.dir);
         let walker = self.walker.insert(Walker::new(plan, at));
         self.planned = walker.next();
         (self.since, self.powered) = (at, true);
@@ -89,7 +132,7 @@ impl Shaper {
 
     /// Power goes: both outputs fall, and nothing more comes.
     pub(crate) fn power_off(&mut self, at: Instant) {
-        *self = Self { since: at, step: self.step, dir: self.dir, ..Self::default() };
+        *self = Self { since: at, step: self.step, dir: self.dir, lent: self.lent, ..Self::default() };
     }
 
     /// Whether an output is high.
@@ -167,8 +210,10 @@ impl Shaper {
 
 /// The edges of an axis in a recording, in the order of time, up to `until`.
 fn edges(trace: &Trace, drive: usize, axis: Axis, until: Instant) -> Edges<'_> {
+    let spec = trace.drives.get(drive).and_then(|drive| drive.spec.axes.get(usize::from(axis.0)));
+    let pins = spec.and_then(|axis| axis.step_dir);
     let news = trace.events().filter(move |entry| entry.drive == drive && entry.at <= until);
-    let news = news.filter_map(move |entry| Some((entry.at, News::of(&entry.event, axis)?)));
+    let news = news.filter_map(move |entry| Some((entry.at, News::of(&entry.event, axis, pins)?)));
     Edges { news: Box::new(news), next: None, shaper: Shaper::default(), until }
 }
 
@@ -186,14 +231,19 @@ struct Edges<'a> {
 enum News<'a> {
     Plan(&'a Plan),
     Steps(i32),
+    /// The device uses an output itself, and that is its level.
+    Lent(StepDir, bool),
     PowerOff,
 }
 
 impl<'a> News<'a> {
-    fn of(event: &'a Event, axis: Axis) -> Option<Self> {
+    fn of(event: &'a Event, axis: Axis, pins: Option<(Pin, Pin)>) -> Option<Self> {
+        let output = |pin| pins.and_then(|pins| StepDir::at(pins, pin));
         match event {
             Event::Did(Did::Plan { axis: of, plan }) if *of == axis => Some(Self::Plan(plan)),
             Event::Did(Did::Step { axis: of, steps }) if *of == axis => Some(Self::Steps(*steps)),
+            Event::Did(Did::Level { pin, level }) => Some(Self::Lent(output(*pin)?, *level == Level::High)),
+            Event::Did(Did::Wave { pin, .. }) => Some(Self::Lent(output(*pin)?, true)),
             Event::Did(Did::PowerOff) | Event::Fed(Fed::Power(Power::Off)) => Some(Self::PowerOff),
             _ => None,
         }
@@ -214,13 +264,31 @@ impl Iterator for Edges<'_> {
         loop {
             self.next = self.next.take().or_else(|| self.news.next());
             let until = self.next.map_or(self.until, |(at, _)| at);
-            if let Some(edge) = self.shaper.take(until) {
-                return Some(edge);
+            while let Some(edge) = self.shaper.take(until) {
+                if !self.shaper.lent.has(edge.output) {
+                    return Some(edge);
+                }
             }
-            match self.next.take()? {
-                (at, News::Plan(plan)) => self.shaper.plan(at, plan),
-                (at, News::Steps(steps)) => self.shaper.steps(at, steps),
-                (at, News::PowerOff) => self.shaper.power_off(at),
+            let (at, news) = self.next.take()?;
+            match news {
+                News::Plan(plan) => {
+                    let falls = self.shaper.lent.dir;
+                    self.shaper.plan(at, plan);
+                    if falls {
+                        return Some(Edge { at, output: StepDir::Dir, high: false });
+                    }
+                }
+                News::Steps(steps) => self.shaper.steps(at, steps),
+                News::Lent(output, high) => {
+                    let cut = self.shaper.is_high(output) && !self.shaper.lent.has(output);
+                    self.shaper.lent.add(output);
+                    match output {
+                        StepDir::Dir => return Some(Edge { at, output, high }),
+                        StepDir::Step if cut => return Some(Edge { at, output, high: false }),
+                        StepDir::Step => {}
+                    }
+                }
+                News::PowerOff => self.shaper.power_off(at),
             }
         }
     }

@@ -246,7 +246,8 @@ impl<W: Write> Waves<W> {
     fn make_pulses(&mut self, place: usize) {
         let Motor { step, dir, shaper, .. } = &mut self.motors[place];
         while shaper.take(self.now).is_some() {}
-        for (place, output) in [(*step, StepDir::Step), (*dir, StepDir::Dir)] {
+        let outputs = [(*step, StepDir::Step), (*dir, StepDir::Dir)];
+        for (place, output) in outputs.into_iter().filter(|(_, output)| !shaper.lent.has(*output)) {
             let wire = &mut self.wires[place];
             (wire.known, wire.drives) = (true, Drives::Level(level_of(shaper.is_high(output))));
             self.changed.push(place);
@@ -275,6 +276,11 @@ impl<W: Write> Waves<W> {
     /// A drive does something with a pin.
     fn drive(&mut self, drive: usize, pin: Pin, drives: Drives) {
         let Some(place) = self.place(drive, pin) else { return };
+        for motor in self.drives[drive].motors.clone() {
+            let Motor { step, dir, shaper, .. } = &mut self.motors[motor];
+            shaper.lent.step |= *step == place;
+            shaper.lent.dir |= *dir == place;
+        }
         let wire = &mut self.wires[place];
         (wire.known, wire.drives) = (true, drives);
         self.edges.set(place as u32, drives.next_edge(self.now));

@@ -161,7 +161,7 @@ impl Motor {
                 self.slow_down(at, State::Pauses(motion, None), with.acceleration(), out);
             }
             (Order::Pause, State::Pauses(motion, _)) => self.state = State::Pauses(motion, None),
-            // From full speed nothing but a stop ends on a given step: that a move goes on must wait.
+            // A profile begins at standstill: a move that is to go on waits for that.
             (Order::Resume, State::Pauses(motion @ Motion::Move { .. }, _)) => {
                 self.state = State::Pauses(motion, Some(with.acceleration()));
             }

@@ -140,7 +140,9 @@ impl Bench {
         let made = self.now - Duration::TICK;
         let Some((pin, level)) = self.seats[place as usize].take_edge(axis, number, made) else { return };
         self.foresee(place, axis);
-        self.arrive(place, pin, level);
+        if let Some(level) = level {
+            self.arrive(place, pin, level);
+        }
     }
 
     /// Sends the next edge of a wave on its way, if somebody is wired to it.

@@ -1,11 +1,11 @@
 //! Axes of a device: where they are, and who listens to their pulses.
 
-use standin_firmware::device::{AxisSpec, Instant, Level, Pin, Plan};
+use standin_firmware::device::{AxisSpec, Duration, Instant, Level, Pin, PinSpec, Plan, Role};
 use standin_firmware::motion::HIGH;
 
 use crate::bench::Motion;
 use crate::drives::level_of;
-use crate::pulses::{Shaper, StepDir};
+use crate::pulses::{Lent, Shaper, StepDir};
 
 /// What is known of an axis.
 pub(super) struct AxisState {
@@ -23,10 +23,17 @@ pub(super) struct AxisState {
     pub(super) shaper: Option<Shaper>,
     /// How often the next edge has changed.
     changes: u32,
+    /// Which of STEP and DIR serve the device for other purposes, too.
+    shared: Lent,
+    /// Which do at present.
+    lent: Lent,
 }
 
 impl AxisState {
-    pub(super) fn new(spec: &AxisSpec) -> Self {
+    pub(super) fn new(spec: &AxisSpec, pins: &[PinSpec]) -> Self {
+        let is_shared = |pin: Pin| pins.get(usize::from(pin.0)).is_some_and(|pin| pin.role == Role::Both);
+        let shared = spec.step_dir.map(|(step, dir)| Lent { step: is_shared(step), dir: is_shared(dir) });
+        let shared = shared.unwrap_or_default();
         Self {
             step_dir: spec.step_dir,
             plan: Plan::rest(Instant::ZERO, 0),
@@ -37,6 +44,8 @@ impl AxisState {
             duty: 0,
             shaper: None,
             changes: 0,
+            shared,
+            lent: shared,
         }
     }
 
@@ -51,10 +60,30 @@ impl AxisState {
         self.stepped = Some(false);
     }
 
-    /// From `at` on it follows `plan`.
+    /// From `at` on it follows `plan`, and has all its outputs.
     pub(super) fn follow(&mut self, at: Instant, plan: &Plan) {
-        self.forward = self.forward_at(at);
+        self.forward = self.forward_at(at) && !self.lent.has(StepDir::Dir);
         (self.plan, self.steps, self.stepped) = (*plan, 0, None);
+        self.lent = Lent::default();
+    }
+
+    /// The device itself uses an output until the next plan; whether it can.
+    pub(super) fn lend(&mut self, output: StepDir) -> bool {
+        let is_shared = self.shared.has(output);
+        if is_shared {
+            self.lent.add(output);
+            if let Some(shaper) = &mut self.shaper {
+                shaper.lent.add(output);
+            }
+        }
+        is_shared
+    }
+
+    /// The pins that are lent.
+    pub(super) fn lent(&self) -> impl Iterator<Item = Pin> + use<> {
+        let lent = self.lent;
+        let pins = self.step_dir.map(|(step, dir)| [(step, StepDir::Step), (dir, StepDir::Dir)]);
+        pins.into_iter().flatten().filter(move |(_, output)| lent.has(*output)).map(|(pin, _)| pin)
     }
 
     /// Steps without a plan, signed.
@@ -74,28 +103,29 @@ impl AxisState {
         }
     }
 
-    /// Whether a pin is its STEP or DIR.
-    pub(super) fn is_at(&self, pin: Pin) -> bool {
-        self.step_dir.is_some_and(|(step, dir)| step == pin || dir == pin)
+    /// Which of its outputs a pin is.
+    pub(super) fn output(&self, pin: Pin) -> Option<StepDir> {
+        StepDir::at(self.step_dir?, pin)
     }
 
-    /// The level of STEP or DIR; `None` for any other pin.
+    /// The level of STEP or DIR; `None` for any other pin, and while it is lent.
     pub(super) fn level(&self, at: Instant, pin: Pin, powered: bool) -> Option<Level> {
-        let (step, _) = self.step_dir.filter(|_| self.is_at(pin))?;
+        let output = self.output(pin).filter(|output| !self.lent.has(*output))?;
         let mut shaper = match &self.shaper {
             Some(shaper) => shaper.clone(),
             // No pulse is longer.
             None => self.pulses(self.plan.start().max(at - HIGH), powered),
         };
         while shaper.take(at).is_some() {}
-        let output = if pin == step { StepDir::Step } else { StepDir::Dir };
         Some(level_of(shaper.is_high(output)))
     }
 
     /// Somebody is wired to the pulses from now on.
     pub(super) fn listen(&mut self, at: Instant, powered: bool) {
         if self.shaper.is_none() {
-            self.shaper = Some(self.pulses(at, powered));
+            let mut shaper = self.pulses(at, powered);
+            shaper.lent = self.lent;
+            self.shaper = Some(shaper);
         }
     }
 
@@ -110,8 +140,9 @@ impl AxisState {
         Some((self.shaper.as_ref()?.due(), self.changes))
     }
 
-    /// The edge that was foreseen under that number, if it comes by `until`.
-    pub(super) fn take_edge(&mut self, number: u32, until: Instant) -> Option<(Pin, Level)> {
+    /// The edge that was foreseen under that number, if it comes by `until`; no level while the pin is
+    /// lent.
+    pub(super) fn take_edge(&mut self, number: u32, until: Instant) -> Option<(Pin, Option<Level>)> {
         if self.changes != number {
             return None;
         }
@@ -119,23 +150,31 @@ impl AxisState {
     }
 
     /// The next edge for whoever is wired to the pulses, if it comes by `until`: of which pin, when,
-    /// and to which level.
-    pub(super) fn take(&mut self, until: Instant) -> Option<(Pin, Instant, Level)> {
+    /// and to which level, if it is not lent.
+    pub(super) fn take(&mut self, until: Instant) -> Option<(Pin, Instant, Option<Level>)> {
         let (step, dir) = self.step_dir?;
         let edge = self.shaper.as_mut()?.take(until)?;
         let pin = if edge.output == StepDir::Step { step } else { dir };
-        Some((pin, edge.at, level_of(edge.high)))
+        Some((pin, edge.at, (!self.lent.has(edge.output)).then(|| level_of(edge.high))))
     }
 
     /// Whether the last step by `at` was forward.
     fn forward_at(&self, at: Instant) -> bool {
-        let speed = self.plan.speed_at(at);
-        let moved = self.plan.position_at(at).wrapping_sub(self.plan.position_at(self.plan.start()));
-        match self.stepped {
-            _ if speed != 0 => speed > 0,
-            Some(forward) => forward,
-            None if moved != 0 => moved > 0,
-            None => self.forward,
+        if let Some(forward) = self.stepped
+            && self.plan.end() <= at
+        {
+            return forward;
         }
+        let mut forward = self.forward;
+        let (mut begin, mut from) = (self.plan.start(), self.plan.position_at(self.plan.start()));
+        for segment in self.plan.segments() {
+            let end = at.min(begin + Duration::from_ticks(segment.ticks));
+            let to = self.plan.position_at(end);
+            if from != to {
+                forward = !segment.back;
+            }
+            (begin, from) = (end, to);
+        }
+        forward
     }
 }

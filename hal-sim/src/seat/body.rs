@@ -150,7 +150,7 @@ impl Body {
             dead: false,
             dice: Dice::new(seed, &format!("power cuts of {name}")),
             pins: spec.pins.iter().map(PinState::new).collect(),
-            axes: spec.axes.iter().map(AxisState::new).collect(),
+            axes: spec.axes.iter().map(|axis| AxisState::new(axis, spec.pins)).collect(),
             encoders: spec.encoders.iter().map(|_| EncoderState::default()).collect(),
             ports: spec.ports.iter().map(PortState::new).collect(),
             faults: vec![false; spec.faults.len()],
@@ -213,6 +213,7 @@ impl Body {
                 self.drive(pin, at, Drives::Wave { since: at, period, high }, tape.outbox);
             }
             Output::Plan { axis, plan } => {
+                self.take_back(axis, at, tape.outbox);
                 self.shape(axis, at, tape.outbox, |shaper| shaper.plan(at, plan));
                 if let Some(axis) = self.axis(axis) {
                     axis.follow(at, plan);
@@ -262,8 +263,9 @@ impl Body {
         let Some(state) = self.pins.get_mut(usize::from(pin.0)) else { return };
         state.drives = drives;
         state.changes = state.changes.wrapping_add(1);
-        // Pulses and their direction come from the axis.
-        if !state.drives_wires.is_empty() && !self.axes.iter().any(|axis| axis.is_at(pin)) {
+        let is_wired = !state.drives_wires.is_empty();
+        let is_its = self.lend(pin, at, outbox);
+        if is_wired && is_its {
             let moved = match drives {
                 Drives::Level(level) => Moved::Pin { pin, at, level },
                 Drives::Wave { .. } => Moved::Wave { pin },
@@ -272,12 +274,33 @@ impl Body {
         }
     }
 
+    /// An axis leaves a pin to the device, if it can; where pulses have pins of their own, they stay there.
+    fn lend(&mut self, pin: Pin, at: Instant, outbox: &mut Outbox) -> bool {
+        for axis in (0..self.axes.len() as u8).map(Axis) {
+            let Some(output) = self.axis(axis).and_then(|axis| axis.output(pin)) else { continue };
+            self.shape(axis, at, outbox, |_| {});
+            return self.axis(axis).is_some_and(|axis| axis.lend(output));
+        }
+        true
+    }
+
+    /// An axis takes its pins from the device, and they are low.
+    fn take_back(&mut self, axis: Axis, at: Instant, outbox: &mut Outbox) {
+        let Some(state) = self.axes.get(usize::from(axis.0)) else { return };
+        for pin in state.lent() {
+            let Some(state) = self.pins.get_mut(usize::from(pin.0)) else { continue };
+            state.drives = Drives::NOTHING;
+            state.changes = state.changes.wrapping_add(1);
+            outbox.moved.push((self.seat, Moved::Pin { pin, at, level: Level::Low }));
+        }
+    }
+
     /// Something happens to an axis: if somebody listens, its edges up to then come first.
     fn shape(&mut self, axis: Axis, at: Instant, outbox: &mut Outbox, happens: impl FnOnce(&mut Shaper)) {
         let Some(state) = self.axes.get_mut(usize::from(axis.0)) else { return };
         let mut moves = |state: &mut AxisState| {
             while let Some((pin, at, level)) = state.take(at) {
-                outbox.moved.push((self.seat, Moved::Pin { pin, at, level }));
+                outbox.moved.extend(level.map(|level| (self.seat, Moved::Pin { pin, at, level })));
             }
         };
         moves(state);

@@ -275,7 +275,7 @@ impl Seated {
         }
     }
 
-    /// The level of STEP or DIR; `None` for any other pin.
+    /// The level of STEP or DIR; `None` for any other pin, and while the device uses it itself.
     fn pulses_at(&self, at: Instant, pin: Pin) -> Option<Level> {
         self.body.axes.iter().find_map(|axis| axis.level(at, pin, self.body.powered))
     }
@@ -297,7 +297,11 @@ impl Seated {
 
     /// The axis of which a pin is STEP or DIR.
     pub(crate) fn axis_at(&self, pin: Pin) -> Option<Axis> {
-        (0..).map(Axis).zip(&self.body.axes).find(|(_, axis)| axis.is_at(pin)).map(|(axis, _)| axis)
+        (0..)
+            .map(Axis)
+            .zip(&self.body.axes)
+            .find(|(_, axis)| axis.output(pin).is_some())
+            .map(|(axis, _)| axis)
     }
 
     /// Somebody is wired to the pulses of an axis from now on.
@@ -313,8 +317,14 @@ impl Seated {
         self.body.axis(axis)?.next_edge()
     }
 
-    /// The edge of an axis that was foreseen under that number, and due by `until`.
-    pub(crate) fn take_edge(&mut self, axis: Axis, number: u32, until: Instant) -> Option<(Pin, Level)> {
+    /// The edge of an axis that was foreseen under that number, and due by `until`; no level while the
+    /// device uses the pin itself.
+    pub(crate) fn take_edge(
+        &mut self,
+        axis: Axis,
+        number: u32,
+        until: Instant,
+    ) -> Option<(Pin, Option<Level>)> {
         self.body.axis(axis)?.take_edge(number, until)
     }
 
@@ -324,3 +334,6 @@ impl Seated {
         axis.map(|axis| axis.motion(at)).unwrap_or_default()
     }
 }
+
+#[cfg(test)]
+mod tests;

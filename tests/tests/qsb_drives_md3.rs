@@ -1,0 +1,239 @@
+//! The motor drive of a QSB-M, wired to the step and direction inputs of an MD3: what the one counts the
+//! other makes.
+#![allow(missing_docs, reason = "a test")]
+
+use standin_firmware::device::{Axis, Duration, Instant, Level, Pin, Port};
+use standin_firmware::md3::Md3;
+use standin_firmware::qsb::Qsb;
+use standin_protocol::time::Span;
+use standin_sim::bench::{Bench, Client, Seat, Settings, Setup};
+use standin_sim::pulses::Pulse;
+use standin_sim::trace::TraceKeep;
+
+const AXIS: Axis = Axis(0);
+
+/// MD STATUS: active, and what it does.
+const READY: u32 = 0x11;
+const MOVING: u32 = 0x12;
+const PAUSED: u32 = 0x14;
+const JOGGING: u32 = 0x18;
+
+/// A QSB-M whose DIO1 and DIO2 step an MD3, and a client at its port.
+struct Bed {
+    bench: Bench,
+    qsb: Seat,
+    md3: Seat,
+    client: Client,
+    /// Where the MD3 stood when the QSB stood at 0.
+    offset: i32,
+}
+
+impl Bed {
+    /// With the motor drive active.
+    fn new() -> Self {
+        let mut bench = Bench::with(Settings { trace: TraceKeep::All, ..Settings::default() });
+        let setup = || Setup { boot_fast: true, ..Setup::default() };
+        let qsb = bench.seat("qsb", Box::new(Qsb::m()), setup()).unwrap();
+        let md3 = bench.seat("md3", Box::new(Md3::new()), setup()).unwrap();
+        bench.run_until(10.millis());
+        let wires = [("DIO1", "J2.4"), ("DIO2", "J2.5")];
+        for (from, to) in wires {
+            let (from, to) = (pin(&bench, qsb, from), pin(&bench, md3, to));
+            bench.wire((qsb, from), (md3, to));
+        }
+        let client = bench.connect(bench.bus(qsb, Port(0)).unwrap());
+        bench.run_until(20.millis());
+        let mut banner = Vec::new();
+        bench.receive(client, &mut banner);
+        let mut bed = Self { bench, qsb, md3, client, offset: 0 };
+        assert_eq!(bed.stepped(), 0, "the lines are let go, and the MD3 pulls both up");
+        bed.ask("W162");
+        // An MD3 steps when J2.4 falls, and so it does here; J2.5 was still high, which is forward.
+        assert_eq!(bed.stepped(), 1);
+        bed.offset = 1;
+        bed
+    }
+
+    /// Sends a command, and returns the data of its reply.
+    #[track_caller]
+    fn ask(&mut self, command: &str) -> u32 {
+        self.bench.send(self.client, format!("{command}\r").as_bytes());
+        self.bench.run_until(self.bench.now() + 5.millis());
+        let mut reply = Vec::new();
+        self.bench.receive(self.client, &mut reply);
+        let reply = String::from_utf8(reply).unwrap();
+        let (letter, register) = (command[..1].to_lowercase(), &command[1..3]);
+        let data = reply
+            .strip_prefix(&format!("{letter} {register} "))
+            .and_then(|reply| reply.strip_suffix(" !\r\n"))
+            .unwrap_or_else(|| panic!("{reply:?} to {command:?}"));
+        u32::from_str_radix(data, 16).unwrap()
+    }
+
+    /// Sets rates and steps.
+    fn set(&mut self, rate: u16, acceleration: u32, steps: i32) {
+        self.ask(&format!("W0F{rate:X}"));
+        self.ask(&format!("W10{acceleration:X}"));
+        self.ask(&format!("W11{steps:08X}"));
+    }
+
+    /// Jogs at that rate, from now on.
+    fn jog(&mut self, rate: i32) {
+        self.ask(&format!("W12{rate:08X}"));
+        self.ask("W169");
+        assert_eq!(self.ask("R13"), JOGGING);
+    }
+
+    fn wait(&mut self, span: Duration) {
+        self.bench.run_until(self.bench.now() + span);
+    }
+
+    /// Waits until MD STATUS is that, for a minute at most.
+    #[track_caller]
+    fn until(&mut self, status: u32) {
+        let end = self.bench.now() + 60.secs();
+        while self.ask("R13") != status {
+            assert!(self.bench.now() < end, "MD STATUS never becomes {status:02X}");
+        }
+    }
+
+    /// Steps that the MD3 has made since the motor drive was activated.
+    fn stepped(&self) -> i32 {
+        self.bench.motion(self.md3, AXIS).position - self.offset
+    }
+
+    /// Asserts that both stand there.
+    #[track_caller]
+    fn both_stand_at(&mut self, position: i32) {
+        // The MD3 steps when a pulse is over.
+        self.wait(10.micros());
+        assert_eq!((self.bench.motion(self.qsb, AXIS).position, self.stepped()), (position, position));
+    }
+
+    fn pulses(&self) -> Vec<Pulse> {
+        self.bench.pulses(self.qsb.step()).collect()
+    }
+
+    fn level(&self, name: &str) -> Level {
+        self.bench.level(self.qsb, pin(&self.bench, self.qsb, name))
+    }
+}
+
+fn pin(bench: &Bench, seat: Seat, name: &str) -> Pin {
+    let mut names = bench.spec(seat).pins.iter().map(|pin| pin.name);
+    Pin(names.position(|pin| pin == name).expect("the manual has that pin") as u8)
+}
+
+#[test]
+fn moves_of_a_qsb_are_moves_of_the_md3() {
+    let mut bed = Bed::new();
+    let mut position = 0;
+    let moves = [
+        (13_000, 360_000, 26_000),
+        (13_000, 360_000, -40_000),
+        (32, 64, 5),
+        (1_000, 100_000, -1),
+        (13_000, 64, 2_000),
+        (5_000, 20_000, 0),
+    ];
+    for (rate, acceleration, steps) in moves {
+        bed.set(rate, acceleration, steps);
+        bed.ask("W168");
+        bed.until(READY);
+        position += steps;
+        bed.both_stand_at(position);
+    }
+    let made: i32 = bed.pulses().iter().map(|pulse| if pulse.forward { 1 } else { -1 }).sum();
+    assert_eq!(made, position);
+}
+
+#[test]
+fn pauses_lose_no_step() {
+    let mut bed = Bed::new();
+    bed.set(13_000, 40_000, 30_000);
+    bed.ask("W168");
+    // In the ramp up, in the cruise, and resumed before it stands.
+    for (ms, stands) in [(100, true), (1_000, true), (700, false)] {
+        bed.wait(ms.millis());
+        bed.ask("W166");
+        if stands {
+            bed.until(PAUSED);
+            let position = bed.stepped();
+            bed.wait(500.millis());
+            assert_eq!(bed.stepped(), position);
+        }
+        bed.ask("W167");
+        assert_eq!(bed.ask("R13"), MOVING);
+    }
+    // In its own ramp down, which ends on the last step: nothing is left to resume.
+    bed.wait(1_000.millis());
+    assert!((28_000..30_000).contains(&bed.stepped()), "{}", bed.stepped());
+    bed.ask("W166");
+    bed.until(PAUSED);
+    bed.both_stand_at(30_000);
+    bed.ask("W167");
+    assert_eq!(bed.ask("R13"), READY);
+    assert_eq!(bed.pulses().len(), 30_000);
+}
+
+#[test]
+fn a_jog_at_13_000_makes_12_992_steps_a_second() {
+    let mut bed = Bed::new();
+    bed.set(32, 360_000, 0);
+    bed.jog(13_000);
+    bed.wait(2.secs());
+    let pulses = bed.pulses();
+    // The ramp takes 12,992²/720,000 = 234.4 steps.
+    let second = pulses[300 + 12_992].rise.since(pulses[300].rise);
+    assert!(second.ticks().abs_diff(1.secs().ticks()) <= 1, "{second:?}");
+    assert!(pulses.windows(2).all(|pair| pair[0].fall < pair[1].rise));
+    // Back by way of standstill, paused, resumed, and stopped at once.
+    bed.jog(-13_000);
+    bed.wait(3.secs());
+    bed.ask("W166");
+    bed.until(PAUSED);
+    let position = bed.bench.motion(bed.qsb, AXIS).position;
+    bed.both_stand_at(position);
+    bed.ask("W167");
+    bed.wait(1.secs());
+    bed.ask("W165");
+    assert_eq!(bed.ask("R13"), READY);
+    let position = bed.bench.motion(bed.qsb, AXIS).position;
+    assert!(position < 0, "{position}");
+    bed.both_stand_at(position);
+    let made: i32 = bed.pulses().iter().map(|pulse| if pulse.forward { 1 } else { -1 }).sum();
+    assert_eq!(made, position);
+}
+
+#[test]
+fn the_digital_port_has_its_lines_back_when_the_motor_drive_ends() {
+    let mut bed = Bed::new();
+    bed.set(1_000, 100_000, 100);
+    bed.ask("W168");
+    bed.until(READY);
+    assert_eq!((bed.level("DIO1"), bed.level("DIO2")), (Level::Low, Level::High));
+    // Read as step low and forward; what is written waits.
+    bed.ask("W02F00");
+    bed.ask("W019");
+    assert_eq!(bed.ask("R01"), 0xD);
+    assert_eq!((bed.level("DIO1"), bed.level("DIO2")), (Level::Low, Level::High));
+    // As they were saved: inputs, which the MD3 pulls up. A rise is no step.
+    bed.ask("W160");
+    assert_eq!((bed.level("DIO1"), bed.level("DIO2")), (Level::High, Level::High));
+    assert_eq!(bed.ask("R13"), 0x01);
+    bed.both_stand_at(100);
+    // By hand: backward, and a step.
+    bed.ask("W02F00");
+    bed.ask("W01B");
+    bed.ask("W019");
+    assert_eq!(bed.stepped(), 99);
+    // It takes them again, and the MD3 has seen no edge: DIO1 was low.
+    let at: Instant = bed.bench.now();
+    bed.ask("W162");
+    assert_eq!(bed.stepped(), 99);
+    bed.ask("W168");
+    bed.until(READY);
+    assert_eq!(bed.stepped(), 199);
+    let pulses = bed.pulses();
+    assert_eq!(pulses.iter().filter(|pulse| pulse.rise > at && pulse.forward).count(), 100);
+}
