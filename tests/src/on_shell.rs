@@ -100,7 +100,9 @@ fn run<D: Device, const MEMORY: usize>(trace: &Trace, device: impl Fn() -> D) ->
             }
             Fed::Spoiled { port } => player.catch(entry.at, Caught::Spoiled(*port)),
             Fed::Idle { port } => player.catch(entry.at, Caught::Idle(*port)),
+            Fed::Attached { port, here } => player.catch(entry.at, Caught::Attached(*port, *here)),
             Fed::Edge { pin, high } => player.catch(entry.at, Caught::Edge(*pin, *high)),
+            Fed::Millivolts { pin, mv } => player.catch(entry.at, Caught::Millivolts(*pin, *mv)),
             Fed::Fault { fault, on } => player.catch(entry.at, Caught::Fault(*fault, *on)),
             Fed::Slipped { axis, steps } => player.catch(entry.at, Caught::Slipped(*axis, *steps)),
             Fed::Power(power @ (Power::On | Power::Off)) => {
