@@ -146,11 +146,7 @@ struct Hands<O, const MEMORY: usize, const CHARACTERS: usize> {
 
 /// Characters in a row, taken from the front.
 #[derive(Debug)]
-struct Characters<const N: usize> {
-    kept: Vec<u8, N>,
-    /// How many of them have left.
-    gone: usize,
-}
+struct Characters<const N: usize>(Deque<u8, N>);
 
 /// A pin that repeats.
 #[derive(Clone, Copy, Debug)]
@@ -189,7 +185,7 @@ impl<D: Device, I: Inputs, O: Outputs, const MEMORY: usize, const CHARACTERS: us
             memory: [0xFF; MEMORY],
             waves: Vec::new(),
             messages: Deque::new(),
-            characters: Characters { kept: Vec::new(), gone: 0 },
+            characters: Characters(Deque::new()),
             character: Duration::ZERO,
             behind: Duration::ZERO,
             failures: 0,
@@ -197,10 +193,11 @@ impl<D: Device, I: Inputs, O: Outputs, const MEMORY: usize, const CHARACTERS: us
         Self { device, due: Instant::NEVER, past: Instant::ZERO, inputs, hands }
     }
 
-    /// Gives the drive power, once: reads the non-volatile memory, and starts.
-    pub fn power_on(&mut self, boot: Boot) {
+    /// Gives the drive power at `at`, once: reads the non-volatile memory, and starts. A board has power since
+    /// its clock began to count.
+    pub fn power_on(&mut self, at: Instant, boot: Boot) {
         self.hands.recall();
-        self.past = self.inputs.now();
+        self.past = at;
         self.device.power_on(self.past, boot, &mut self.hands);
         self.due = self.device.deadline();
     }
@@ -388,28 +385,21 @@ impl<O: Outputs, const MEMORY: usize, const CHARACTERS: usize> Hands<O, MEMORY, 
 impl<const N: usize> Characters<N> {
     /// Puts some at the end; `false` if they do not fit.
     fn push(&mut self, bytes: &[u8]) -> bool {
-        let rest = self.kept.get(self.gone..).unwrap_or(&[]);
-        if rest.is_empty() {
-            self.kept.clear();
-            self.gone = 0;
-        } else if bytes.len() > N - self.kept.len()
-            && let Ok(rest) = Vec::from_slice(rest)
-        {
-            self.kept = rest;
-            self.gone = 0;
-        }
-        self.kept.extend_from_slice(bytes).is_ok()
+        bytes.len() <= N.saturating_sub(self.0.len())
+            && bytes.iter().all(|byte| self.0.push_back(*byte).is_ok())
     }
 
-    /// Those at the front, at most that many.
+    /// Some of those at the front, at most that many; none only if there are none.
     fn front(&self, most: usize) -> &[u8] {
-        let rest = self.kept.get(self.gone..).unwrap_or(&[]);
-        rest.get(..most).unwrap_or(rest)
+        let (front, _) = self.0.as_slices();
+        front.get(..most).unwrap_or(front)
     }
 
     /// They have left.
     fn take(&mut self, count: usize) {
-        self.gone += count;
+        for _ in 0..count {
+            self.0.pop_front();
+        }
     }
 }
 

@@ -384,7 +384,7 @@ mod tests {
         let board = md3_board();
         let boot = Boot { fast: true, ..Boot::default() };
         let mut shell: Shell<_, _, _, MEMORY> = Shell::new(Md3::new(), board.clone(), board.outputs());
-        shell.power_on(boot);
+        shell.power_on(Instant::ZERO, boot);
         let character = Duration::from_ticks(18_333);
         let mut at = Instant::ZERO;
         for byte in rtu::read(1, 0x14, 10) {

@@ -1,7 +1,7 @@
 //! A golden trace on the shell of a board, over the simulated hardware.
 
 use standin_firmware::device::{Boot, Device, Duration, Instant, Level, Line, Pin};
-use standin_firmware::shell::{ANSWERS, Caught, Shell};
+use standin_firmware::shell::{ANSWERS, Caught, Inputs, Shell};
 use standin_sim::hal::{Board, Done, SimOutputs};
 use standin_sim::trace::{Course, Did, Event, Fed, Power, Trace};
 
@@ -173,7 +173,7 @@ impl<D: Device, M: Fn() -> D, const MEMORY: usize> Player<D, M, MEMORY> {
     fn power(&mut self, on: bool) {
         self.shell = on.then(|| {
             let mut shell = Shell::new((self.device)(), self.board.clone(), self.board.outputs());
-            shell.power_on(self.boot);
+            shell.power_on(self.board.now(), self.boot);
             shell
         });
     }

@@ -74,7 +74,9 @@ impl Expected {
                 Event::Did(Did::Bytes { bytes, .. }) => {
                     let follows = expected.replies.last().filter(|_| free == entry.at);
                     let earliest = follows.map_or(entry.at, |before| before.earliest);
-                    free = entry.at + expected.line(entry.at).character() * bytes.len() as u64;
+                    // The line that it says when it gets power holds at once.
+                    let line = expected.line(entry.at + Duration::TICK);
+                    free = entry.at + line.character() * bytes.len() as u64;
                     expected.replies.push(Reply { at: entry.at, earliest, bytes: bytes.clone() });
                 }
                 Event::Did(Did::Level { pin, .. }) => expected.given[usize::from(pin.0)].push(entry.at),

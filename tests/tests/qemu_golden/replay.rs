@@ -35,6 +35,8 @@ struct Replay {
     places: Places,
     /// The pins that the drive shows, by their place and their name, and where they are.
     wires: Vec<(Pin, &'static str, Gpio)>,
+    /// STEP and DIR are at pins of their own.
+    has_axis_pins: bool,
     /// What each input is driven to, for the next reset.
     inputs: Vec<(Gpio, bool)>,
     /// When the board's clock was 0.
@@ -83,11 +85,13 @@ pub(crate) fn play(
     inputs.extend(heard.filter_map(|pin| Some((gpio(pin.name)?, pin.rest != Level::Low))));
     inputs.extend(spec.faults.iter().chain(&["DTR"]).filter_map(|name| Some((gpio(name)?, true))));
 
+    let has_axis_pins = !spec.axes.is_empty() && expected.shared_step().is_none();
     let mut replay = Replay {
         machine,
         expected,
         places: Places::of(name, trace),
         wires: shown,
+        has_axis_pins,
         inputs,
         origin: drive.from,
         powered: true,
@@ -120,8 +124,7 @@ impl Replay {
         let boot = self.now.since(self.origin);
         assert!(boot < BOOT, "{}: the board starts in {boot:?}", self.here());
         self.figures.boot = self.figures.boot.max(boot);
-        let axis =
-            [("STEP", STEP), ("DIR", DIR)].into_iter().filter(|_| self.expected.shared_step().is_none());
+        let axis = [("STEP", STEP), ("DIR", DIR)].into_iter().filter(|_| self.has_axis_pins);
         for (name, gpio) in axis.chain([("DE", DE)]) {
             let [level] = self.machine.levels(&[gpio])[..] else { unreachable!("one level of one pin") };
             assert_eq!(level, Level::Low, "{}: {name} begins driven low", self.here());
@@ -132,8 +135,7 @@ impl Replay {
     fn go(&mut self, acts: &[(Instant, Act)], end: Instant) -> Result<(), Overslept> {
         // What is due is looked for when it must have happened.
         let due = self.expected.instants().filter(|at| *at <= end);
-        let mut stands: BTreeSet<Instant> =
-            due.map(|at| at + self.patience(at) + self.figures.boot).collect();
+        let mut stands: BTreeSet<Instant> = due.map(|at| at + self.patience(at)).collect();
         stands.extend(acts.iter().map(|(at, _)| *at));
         stands.insert(end + PLANNING);
 
@@ -209,7 +211,12 @@ impl Replay {
 
     /// How late the board may be at `at`.
     fn patience(&self, at: Instant) -> Duration {
-        if self.expected.plans(earlier(at, PLANNING), at) { PLANNING } else { LATENCY }
+        match at {
+            _ if self.expected.plans(earlier(at, PLANNING), at) => PLANNING,
+            // What it does at power-on.
+            _ if at == self.origin => BOOT,
+            _ => LATENCY,
+        }
     }
 
     /// What was due at `at` happens now.
@@ -231,8 +238,7 @@ impl Replay {
 
     /// Compares pins.
     fn check_levels(&mut self) {
-        // The drive has power a little after the board's clock starts, and counts its waves from there.
-        let after = earlier(self.now, self.patience(self.now) + self.figures.boot);
+        let after = earlier(self.now, self.patience(self.now));
         let gpios: Vec<Gpio> = self.wires.iter().map(|(_, _, gpio)| *gpio).collect();
         let levels = self.machine.levels(&gpios);
         for ((pin, name, gpio), level) in self.wires.iter().zip(levels) {

@@ -31,7 +31,7 @@ use cortex_m::{Peripherals, asm};
 use cortex_m_rt::{ExceptionFrame, exception};
 use lm3s6965::Interrupt;
 use standin_board::{AxisPins, End, Hands, is_full_duplex};
-use standin_firmware::device::{Boot, Device, Spec};
+use standin_firmware::device::{Boot, Device, Instant, Spec};
 use standin_firmware::motion::Follower;
 use standin_firmware::shell::Shell;
 
@@ -86,7 +86,7 @@ pub fn run<D: Device, const MEMORY: usize, const CHARACTERS: usize, const WIRES:
     asm::delay(1_000);
     let boot = Boot { seed: 0, fast: !FAST.is_high() };
     inputs::begin();
-    shell.power_on(boot);
+    shell.power_on(Instant::ZERO, boot);
     log::power(shell.device().spec().kind);
     loop {
         watchdog::feed();

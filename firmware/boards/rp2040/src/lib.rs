@@ -44,7 +44,7 @@ use cortex_m::peripheral::NVIC;
 use cortex_m_rt::exception;
 use rp2040_pac::Interrupt;
 use standin_board::{AxisPins, Hands, is_full_duplex};
-use standin_firmware::device::{Boot, Device};
+use standin_firmware::device::{Boot, Device, Instant};
 use standin_firmware::motion::Follower;
 use standin_firmware::shell::Shell;
 
@@ -71,7 +71,7 @@ pub fn run<D: Device, const MEMORY: usize, const CHARACTERS: usize, const WIRES:
     watchdog::start();
     let boot = Boot { fast: pins::is_tied(wires::FAST), ..Boot::default() };
     let mut shell: Board<D, MEMORY, CHARACTERS, WIRES> = assemble(drive, wires);
-    shell.power_on(boot);
+    shell.power_on(Instant::ZERO, boot);
     log::power(shell.device().spec().kind, boot);
     if let Some(mut core) = Peripherals::take() {
         unmask(&mut core.NVIC);

@@ -48,7 +48,7 @@ fn measure<D: Device>(drive: D) {
     let board = Board::default();
     let boot = Boot { seed: 0, fast: true };
     let mut shell = DriveShell::<D>::new(drive, &board, Hands(&board));
-    shell.power_on(boot);
+    shell.power_on(Instant::ZERO, boot);
     while shell.deadline() <= Instant::ZERO + STARTED {
         board.now.set(shell.deadline());
         turn(&mut shell);
