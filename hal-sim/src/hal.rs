@@ -344,7 +344,8 @@ mod tests {
     use embedded_io::{Write, WriteReady};
     use standin_firmware::device::{Boot, Device};
     use standin_firmware::md3::Md3;
-    use standin_firmware::shell::Shell;
+    use standin_firmware::qsb::Qsb;
+    use standin_firmware::shell::{ANSWERS, ONE_ANSWER, Shell};
     use standin_protocol::modbus::rtu;
 
     fn md3_board() -> Board {
@@ -384,7 +385,7 @@ mod tests {
         let board = md3_board();
         let boot = Boot { fast: true, ..Boot::default() };
         let mut shell: Shell<_, _, _, MEMORY> = Shell::new(Md3::new(), board.clone(), board.outputs());
-        shell.power_on(boot);
+        shell.power_on(Instant::ZERO, boot);
         let character = Duration::from_ticks(18_333);
         let mut at = Instant::ZERO;
         for byte in rtu::read(1, 0x14, 10) {
@@ -408,5 +409,64 @@ mod tests {
         assert!(matches!(sent[..], [(at, Done::Sent(Port(0), bytes))]
             if *at == reply && bytes.len() == 25 && rtu::checked(bytes).is_some()));
         assert_eq!(shell.failures(), 0);
+    }
+
+    /// Asks a QSB-M for its version, so many times without a pause, with a loop that comes only when all has been
+    /// caught; so many characters may wait. Returns what left its UART, once the banner is gone, and the failures.
+    fn ask_at_once<const CHARACTERS: usize>(commands: usize) -> (Vec<(Instant, Vec<u8>)>, u32) {
+        const MEMORY: usize = standin_firmware::qsb::MEMORY;
+        let board = Board::new(Qsb::m().spec(), vec![0xFF; MEMORY]);
+        let boot = Boot { fast: true, ..Boot::default() };
+        let mut shell: Shell<_, _, _, MEMORY, CHARACTERS> =
+            Shell::new(Qsb::m(), board.clone(), board.outputs());
+        shell.power_on(Instant::ZERO, boot);
+        while shell.turn().is_ok() {}
+        let begin = Instant::ZERO + Duration::secs(1);
+        for (n, byte) in (0..).zip("R14\r".repeat(commands).bytes()) {
+            board.catch(begin + CHARACTER * n, Caught::Byte(Port(0), byte));
+        }
+        board.set_now(begin + Duration::secs(1));
+        loop {
+            while shell.turn().is_ok() {}
+            let next = shell.deadline().min(board.room_at());
+            if next == Instant::NEVER {
+                break;
+            }
+            board.set_now(next);
+        }
+        let sent = |(at, done): &(Instant, Done)| match done {
+            Done::Sent(_, bytes) if *at >= begin => Some((*at, bytes.clone())),
+            _ => None,
+        };
+        let sent = board.done().iter().filter_map(sent).collect();
+        (sent, shell.failures())
+    }
+
+    /// Of 230,400 8N1: 694.4 ticks, rounded.
+    const CHARACTER: Duration = Duration::from_ticks(694);
+    const ANSWER: &[u8] = b"r 14 0000110E !\r\n";
+
+    #[test]
+    fn answers_without_a_pause_need_room_for_their_characters_only() {
+        const COMMANDS: usize = ANSWERS / ANSWER.len();
+        let (sent, failures) = ask_at_once::<ANSWERS>(COMMANDS);
+        let all: Vec<u8> = sent.iter().flat_map(|(_, bytes)| bytes.clone()).collect();
+        assert_eq!(all, ANSWER.repeat(COMMANDS));
+        assert_eq!(failures, 0);
+        for pair in sent.windows(2) {
+            let [(at, bytes), (next, _)] = pair else { unreachable!("two") };
+            assert_eq!(*next, *at + CHARACTER * bytes.len() as u64, "there is no pause");
+        }
+    }
+
+    #[test]
+    fn an_answer_that_does_not_fit_is_lost_as_a_whole_and_counted() {
+        const FIT: usize = ONE_ANSWER / ANSWER.len();
+        let (sent, failures) = ask_at_once::<ONE_ANSWER>(FIT + 10);
+        let all: Vec<u8> = sent.into_iter().flat_map(|(_, bytes)| bytes).collect();
+        assert_eq!(all.len() % ANSWER.len(), 0);
+        assert_eq!(all, ANSWER.repeat(all.len() / ANSWER.len()));
+        assert!(failures > 0, "all of it fits");
+        assert_eq!(all.len() / ANSWER.len() + failures as usize, FIT + 10);
     }
 }

@@ -10,6 +10,7 @@ mod memory;
 mod motion;
 mod pins;
 mod play;
+mod qsb;
 mod reset;
 
 use std::path::PathBuf;
@@ -27,8 +28,13 @@ mod pin {
 
 /// The image of an MD3.
 fn image() -> PathBuf {
+    image_of("md3")
+}
+
+/// The image of a kind of drive.
+fn image_of(kind: &str) -> PathBuf {
     let folder = std::env::var_os("STANDIN_IMAGES").expect("STANDIN_IMAGES names the folder of the images");
-    PathBuf::from(folder).join("md3")
+    PathBuf::from(folder).join(kind)
 }
 
 /// A character of 9600 8E1, 11 bits.

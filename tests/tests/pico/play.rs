@@ -134,6 +134,12 @@ impl Run {
         (times.first().copied().unwrap_or(0), bytes)
     }
 
+    /// When each character that was sent in that time began.
+    pub(crate) fn times_sent(&self, from: Nanos, to: Nanos) -> Vec<Nanos> {
+        let sent = self.did.iter().filter(|(at, did)| matches!(did, Did::Sent(_)) && (from..to).contains(at));
+        sent.map(|(at, _)| *at).collect()
+    }
+
     /// The instants at which a pin rose, or fell.
     pub(crate) fn edges(&self, pin: u8, drive: Drive) -> Vec<Nanos> {
         let edges = self.did.iter().filter(|(_, did)| *did == Did::Pin(pin, drive));

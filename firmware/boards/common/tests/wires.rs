@@ -1,9 +1,10 @@
 //! Queues, and what the names of wires stand for.
 #![allow(missing_docs, reason = "a test")]
 
-use standin_board::{End, Queue};
-use standin_firmware::device::{Device, Fault, Pin};
+use standin_board::{AxisPins, End, Queue, is_full_duplex};
+use standin_firmware::device::{Device, Fault, Pin, Port};
 use standin_firmware::md3::Md3;
+use standin_firmware::qsb::Qsb;
 use standin_firmware::shell::Caught;
 
 #[test]
@@ -47,4 +48,33 @@ fn a_fault_is_there_while_its_wire_is_low() {
     assert_eq!(End::Fault(Fault(1)).edge(false), Caught::Fault(Fault(1), true));
     assert_eq!(End::Fault(Fault(1)).edge(true), Caught::Fault(Fault(1), false));
     assert_eq!(End::Pin(Pin(3)).edge(true), Caught::Edge(Pin(3), true));
+}
+
+#[test]
+fn the_names_of_a_qsb_are_its_pins_and_dtr() {
+    let qsb = Qsb::m();
+    let spec = qsb.spec();
+    let end = |name| End::of(spec, name).unwrap_or_else(|| panic!("a QSB has no {name}"));
+    for name in ["A", "B", "DIO1", "DTR"] {
+        assert!(end(name).is_input(spec) && end(name).rests_high(spec), "{name}");
+    }
+    assert!(end("I").is_input(spec) && !end("I").rests_high(spec));
+    assert_eq!(End::of(Qsb::s().spec(), "DIO0"), None);
+    // A QSB learns of its host, an MD3 on its bus does not.
+    assert_eq!(End::of(Md3::new().spec(), "DTR"), None);
+    assert!(is_full_duplex(spec) && !is_full_duplex(Md3::new().spec()));
+    // DTR# is low while the host is there.
+    assert_eq!(end("DTR").edge(false), Caught::Attached(Port(0), true));
+    assert_eq!(end("DTR").edge(true), Caught::Attached(Port(0), false));
+}
+
+#[test]
+fn an_axis_has_pins_of_its_own_unless_they_are_wired_as_others() {
+    let (md3, qsb) = (Md3::new(), Qsb::m());
+    let wired = |name| [End::of(qsb.spec(), "A"), End::of(qsb.spec(), name)].into_iter();
+    let Some(End::Pin(dio2)) = End::of(qsb.spec(), "DIO2") else { panic!("a QSB-M has DIO2") };
+    assert_eq!(AxisPins::of(qsb.spec(), wired("DIO2")), AxisPins::Shared(dio2));
+    assert_eq!(AxisPins::of(Qsb::s().spec(), wired("DIO2")), AxisPins::None);
+    let wired = ["J2.4", "D5"].map(|name| End::of(md3.spec(), name));
+    assert_eq!(AxisPins::of(md3.spec(), wired.into_iter()), AxisPins::Own);
 }

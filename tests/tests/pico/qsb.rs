@@ -1,0 +1,176 @@
+//! A QSB: edges counted by interrupts, a line that talks both ways at once, and a motor whose pins are those of
+//! the digital port.
+
+use crate::image_of;
+use crate::play::{Drive, MS, Nanos, Run, Script};
+
+/// A, B, I and DTR; DIO1 and DIO2, which are STEP and DIR of the motor drive.
+const A: u8 = 5;
+const B: u8 = 6;
+const I: u8 = 7;
+const DTR: u8 = 8;
+const DIO1: u8 = 3;
+const DIO2: u8 = 4;
+
+/// When it is told the first thing: the board has copied itself to RAM and said its banner.
+const START: Nanos = 40 * MS;
+/// A command and its answer take less.
+const TURN: Nanos = 3 * MS;
+/// A character of 230,400 8N1.
+const CHARACTER: Nanos = 10_000_000_000 / 230_400;
+
+/// Says lines one after the other, from `at` on; returns when all are answered.
+fn say(script: &mut Script, mut at: Nanos, lines: &[&str]) -> Nanos {
+    for line in lines {
+        script.hear(at, format!("{line}\r").as_bytes());
+        at += TURN;
+    }
+    at
+}
+
+/// Lets so many of these levels come one after the other, over and over, at `rate` a second. Returns when that
+/// is over.
+fn edges(script: &mut Script, mut at: Nanos, levels: &[(u8, &str)], edges: usize, rate: u64) -> Nanos {
+    for (pin, level) in levels.iter().cycle().take(edges) {
+        script.at(at, format_args!("pin {pin} {level}"));
+        at += 1_000 * MS / rate;
+    }
+    at
+}
+
+/// The lines that it says in that time.
+fn said(run: &Run, from: Nanos, to: Nanos) -> Vec<String> {
+    let text = String::from_utf8(run.sent(from, to).1).expect("it says ASCII");
+    assert!(text.is_empty() || text.ends_with("\r\n"), "{text:?}");
+    text.lines().map(str::to_owned).collect()
+}
+
+/// Plays to the image of a QSB-M until `end`.
+fn play(script: &Script, end: Nanos) -> Run {
+    script.play(&image_of("qsb-m"), end)
+}
+
+/// A cycle with A before B, which rest high: it counts up.
+const UP: [(u8, &str); 4] = [(A, "low"), (B, "low"), (A, "high"), (B, "high")];
+/// B before A: down.
+const DOWN: [(u8, &str); 4] = [(B, "low"), (A, "low"), (B, "high"), (A, "high")];
+
+/// What R0E answers when `count` edges of a cycle have come at `rate` a second, in x4, free-running; `before`
+/// that these lines were said.
+fn counted(before: &[&str], cycle: &[(u8, &str)], count: usize, rate: u64) -> String {
+    let mut script = Script::fast();
+    let begin = say(&mut script, START, &["W0303"]);
+    let begin = say(&mut script, begin, before);
+    let over = edges(&mut script, begin, cycle, count, rate) + 5 * MS;
+    // A read ends a stream; a record may be on its way.
+    let asked = say(&mut script, over, &["R0E"]);
+    let end = say(&mut script, asked, &["R0E"]);
+    let run = play(&script, end);
+    said(&run, asked, end).concat()
+}
+
+#[test]
+#[ignore = "needs the emulator and the image of the board: `cargo xtask test` brings both"]
+fn edges_at_the_promised_rate_are_all_counted() {
+    // The rates are those of firmware/boards/rp2040/README.md. A queue of 256 hides no lag of 3 % in so many.
+    const EDGES: usize = 10_000;
+    assert_eq!(counted(&[], &UP, EDGES, 70_000), "r 0E 00002710 !");
+    assert_eq!(counted(&[], &DOWN, EDGES, 70_000), "r 0E FFFFD8F0 !");
+    // While it streams 512 values a second.
+    assert_eq!(counted(&["W0C1", "S0E"], &UP, EDGES, 60_000), "r 0E 00002710 !");
+}
+
+#[test]
+#[ignore = "needs the emulator and the image of the board: `cargo xtask test` brings both"]
+fn the_index_clears_the_count() {
+    let mut script = Script::fast();
+    // x4, free-running; a asynchronous index clears CNTR (MDR0 B5:4 = 10).
+    let begin = say(&mut script, START, &["W0323"]);
+    let over = edges(&mut script, begin, &UP, 10, 10_000);
+    let over = edges(&mut script, over, &[(I, "high"), (I, "low")], 2, 10_000);
+    let over = edges(&mut script, over, &[(A, "high"), (B, "high"), (A, "low")], 3, 10_000);
+    let end = say(&mut script, over, &["R0E"]);
+    let run = play(&script, end);
+    assert_eq!(said(&run, over, end), ["r 0E 00000003 !"]);
+}
+
+#[test]
+#[ignore = "needs the emulator and the image of the board: `cargo xtask test` brings both"]
+fn it_hears_while_it_speaks_and_answers_a_burst_back_to_back() {
+    const COMMANDS: usize = 60;
+    let mut script = Script::fast();
+    script.hear(START, "R14\r".repeat(COMMANDS).as_bytes());
+    let end = START + 60 * MS;
+    let run = play(&script, end);
+    assert_eq!(said(&run, START, end), ["r 14 0000110E !"; COMMANDS]);
+    let all = COMMANDS * "r 14 0000110E !\r\n".len();
+    let times: Vec<Nanos> = run.times_sent(START, end);
+    let span = times[all - 1] - times[0];
+    let least = (all - 1) as Nanos * CHARACTER;
+    // A line of which the UART's divisor is rounded is faster by a part of a thousand, and a pause is not one.
+    assert!(span > least - least / 500 && span < least + CHARACTER, "{span} ns, not {least}");
+    assert!(run.edges(2, Drive::High).is_empty(), "there is no transceiver to turn around");
+}
+
+#[test]
+#[ignore = "needs the emulator and the image of the board: `cargo xtask test` brings both"]
+fn a_stream_that_never_pauses_never_falls_behind() {
+    let mut script = Script::fast();
+    // As fast as it can, for 3 s.
+    say(&mut script, START, &["W0C0", "S0E"]);
+    let asked = START + 3_000 * MS;
+    script.hear(asked, b"R0E\r");
+    let end = asked + 10 * MS;
+    let run = play(&script, end);
+    let answers = said(&run, START, end);
+    let records = answers.iter().filter(|line| line.starts_with("s 0E ")).count();
+    println!("{records} records in 3 s");
+    // 17 characters take 0.738 ms.
+    assert!(records > 4_000, "{records} records");
+    assert_eq!(answers.last().map(String::as_str), Some("r 0E 00000000 !"));
+    // The rest of the command, of a record, and the answer. A UART that takes as long as 230,400 baud say, and
+    // not as the drive reckons in ticks, would be 2 ms behind by now.
+    let patience = (3 + 17 + 17) * CHARACTER + MS / 10;
+    assert!(run.sent(asked + patience, end).1.is_empty(), "the answer is late");
+}
+
+#[test]
+#[ignore = "needs the emulator and the image of the board: `cargo xtask test` brings both"]
+fn the_motor_takes_two_lines_of_the_port_and_gives_them_back() {
+    let mut script = Script::fast();
+    // Both let go at first. 100 steps forward; the lines come back and are pulled low; 50 steps backward and
+    // 50 forward.
+    let active = say(&mut script, START, &["W0F3E8", "W1164", "W162", "W168"]);
+    let low = say(&mut script, active + 400 * MS, &["W160", "W02600", "W010"]);
+    let again = say(&mut script, low, &["W162", "W11FFFFFFCE", "W168"]);
+    let forward = say(&mut script, again + 400 * MS, &["W1132", "W168"]);
+    let end = forward + 400 * MS;
+    let run = play(&script, end);
+
+    let (mut position, mut is_forward, mut least) = (0, false, 0);
+    for (_, did) in &run.did {
+        match did {
+            crate::play::Did::Pin(DIO2, drive) => is_forward = *drive == Drive::High,
+            crate::play::Did::Pin(DIO1, Drive::High) => {
+                position += if is_forward { 1 } else { -1 };
+                least = position.min(least);
+            }
+            _ => {}
+        }
+    }
+    assert_eq!((position, least), (100, 0), "100 forward, 50 back and forward again");
+    let drives = |pin| run.edges(pin, Drive::Float).len();
+    assert_eq!((drives(DIO1), drives(DIO2)), (1, 1), "let go when the motor drive ended");
+}
+
+#[test]
+#[ignore = "needs the emulator and the image of the board: `cargo xtask test` brings both"]
+fn dtr_resets_it() {
+    let mut script = Script::fast();
+    let begin = say(&mut script, START, &["W0B5"]);
+    script.at(begin, format_args!("pin {DTR} low"));
+    let asked = begin + 100 * MS;
+    let end = say(&mut script, asked, &["R0B"]);
+    let run = play(&script, end);
+    assert_eq!(said(&run, START, end), ["w 0B 00000005 !", "QSB-M  0E!", "r 0B 00000000 !"]);
+}
