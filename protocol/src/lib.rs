@@ -6,6 +6,7 @@
 //! | [`mod@line`] | baud, parity, stop bits, and how long a character takes |
 //! | [`mod@registers`] | a register map declared once, as a table |
 //! | [`modbus`] | requests, replies, RTU framing, and a server for a map and its rules |
+//! | [`text`] | lines of ASCII |
 //!
 //! No `std`, no heap, no `unsafe`, no float, and no input makes anything here panic; `cargo xtask
 //! test` proves the last by linking it for two Cortex-M targets without a panic handler.
@@ -28,4 +29,5 @@ extern crate std;
 pub mod line;
 pub mod modbus;
 pub mod registers;
+pub mod text;
 pub mod time;

@@ -24,6 +24,7 @@
 #[cfg(test)]
 mod tests;
 
+use crate::counter::{Channel, Filter};
 use standin_protocol::time::{Duration, Instant, TICKS_PER_SECOND};
 
 /// Bits of QuadratureEncoderConfiguration (7.11); gating is 5:4, the filter's frequency 8:6.
@@ -32,17 +33,6 @@ const BY_MAX_COUNT: u16 = 1 << 1;
 const X4: u16 = 1 << 2;
 const SWAP: u16 = 1 << 3;
 const FILTER: u16 = 1 << 9;
-
-/// An input of the encoder.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(super) enum Channel {
-    /// J2 pin 10.
-    A,
-    /// J2 pin 12.
-    B,
-    /// J2 pin 9.
-    Index,
-}
 
 /// Quadrature counter of J2 pins 9, 10, 12 (7.11 to 7.14).
 #[derive(Clone, Debug)]
@@ -65,7 +55,7 @@ impl Encoder {
     /// After power-on: both counts are 0, open pins are low. Until it is configured, it only follows levels.
     pub(super) fn new() -> Self {
         Self {
-            filter: Filter { lasting: Duration::ZERO, due: [Instant::NEVER; 3] },
+            filter: Filter::new(),
             decoding: Decoding::new(0, 0, false),
             a: false,
             b: false,
@@ -82,7 +72,6 @@ impl Encoder {
     /// stay.
     pub(super) fn configure(&mut self, at: Instant, configuration: u16, max_count: u16, enabled: bool) {
         self.timeout(at);
-        self.filter.lasting = lasting(configuration);
         self.decoding = Decoding::new(configuration, max_count, enabled);
     }
 
@@ -94,7 +83,7 @@ impl Encoder {
             Channel::B => self.b,
             Channel::Index => self.index,
         };
-        if self.filter.passes(at, channel, high != present) {
+        if self.filter.passes(at, channel, high != present, self.decoding.lasting) {
             self.change(channel);
         }
     }
@@ -224,6 +213,8 @@ struct Decoding {
     x4: bool,
     swapped: bool,
     gating: u16,
+    /// How long the filter wants a level to last; zero while it is off.
+    lasting: Duration,
     /// Edges of pin A and of pin B count.
     counts_a: bool,
     counts_b: bool,
@@ -242,6 +233,7 @@ impl Decoding {
             x4: is(X4),
             swapped: is(SWAP),
             gating: configuration >> 4 & 3,
+            lasting: lasting(configuration),
             counts_a: enabled && (is(X4) || !is(SWAP)),
             counts_b: enabled && (is(X4) || is(SWAP)),
             clears: is(ENABLE_INDEX) && !is(BY_MAX_COUNT),
@@ -264,56 +256,6 @@ impl Decoding {
                 (false, 2) => !b,
                 (false, _) => b,
             }
-    }
-}
-
-/// The noise filter (7.11).
-#[derive(Clone, Debug)]
-struct Filter {
-    /// How long a new level must last; zero while the filter is off.
-    lasting: Duration,
-    /// When the other level of A, B and index will have lasted; [`Instant::NEVER`] if it is not there.
-    due: [Instant; 3],
-}
-
-impl Filter {
-    /// A pin has a level, `other` than the one that holds: whether it takes effect at once.
-    fn passes(&mut self, at: Instant, channel: Channel, other: bool) -> bool {
-        let Some(due) = self.due.get_mut(channel as usize) else { return false };
-        if !other {
-            *due = Instant::NEVER;
-            return false;
-        }
-        if *due != Instant::NEVER {
-            return false;
-        }
-        if self.lasting != Duration::ZERO {
-            *due = at + self.lasting;
-        }
-        self.lasting == Duration::ZERO
-    }
-
-    fn deadline(&self) -> Instant {
-        let [a, b, index] = self.due;
-        a.min(b).min(index)
-    }
-
-    /// Takes out the level that is due first, of several A before B before index, if that is not after
-    /// `at`.
-    fn take(&mut self, at: Instant) -> Option<Channel> {
-        let first = self.deadline();
-        if first > at || first == Instant::NEVER {
-            return None;
-        }
-        let channels = [Channel::A, Channel::B, Channel::Index];
-        let (due, channel) = self.due.iter_mut().zip(channels).find(|(due, _)| **due == first)?;
-        *due = Instant::NEVER;
-        Some(channel)
-    }
-
-    fn forget_a_and_b(&mut self) {
-        let [a, b, _] = &mut self.due;
-        (*a, *b) = (Instant::NEVER, Instant::NEVER);
     }
 }
 

@@ -2,11 +2,11 @@
 
 use super::PORT_BITS;
 use super::drive::{Drive, State};
-use super::encoder::Channel;
 use super::motion::Motion;
 use super::pins::{Mode, Pin2, Pin3};
 use super::registers::Reg;
 use super::registers::io_port::{J2_2, J2_3, J2_4, J2_5, J2_9, J2_10, J2_12};
+use crate::counter::Channel;
 use crate::device::{Duration, Instant, Pin, Sink};
 
 /// Step pulses that follow each other faster are lost: 250 kHz (7.8).

@@ -4,16 +4,33 @@
 //! the QSB-D for a differential encoder, with one digital line; the QSB-S for a single-ended encoder; the
 //! QSB-M as the QSB-S, with four digital lines, two of which may step a motor.
 
+mod adapter;
+mod answer;
+mod clock;
+mod command;
+mod encoder;
+mod meaning;
+mod motor;
+mod port;
 mod registers;
+mod saved;
+mod serial;
+mod stream;
+#[cfg(test)]
+mod tests;
 
+use standin_protocol::registers::{Bank, Register};
+use standin_protocol::text::Lines;
+
+use self::adapter::Adapter;
+use self::command::LINE_CHARACTERS;
 pub use self::registers::Reg;
 use self::registers::variant;
 use crate::device::{
-    Axis, AxisSpec, Boot, Device, EncoderSpec, Ends, Input, Instant, Level, Pin, PinSpec, Port, PortSpec,
-    Refused, Role, Sink, Spec,
+    Axis, AxisSpec, Boot, Device, EncoderSpec, Ends, Input, Instant, Level, Note, Output, Pin, PinSpec, Port,
+    PortSpec, Refused, Role, Sink, Spec, Why,
 };
 use crate::memory;
-use standin_protocol::registers::Register;
 
 const USB: Port = Port(0);
 const AXIS: Axis = Axis(0);
@@ -27,6 +44,15 @@ const ANALOG: Pin = Pin(4);
 const DIO0: Pin = Pin(5);
 const DIO1: Pin = Pin(6);
 const DIO2: Pin = Pin(7);
+const DIO3: Pin = Pin(8);
+/// The digital port, from bit 0 on.
+const DIO: [Pin; 4] = [DIO0, DIO1, DIO2, DIO3];
+
+/// Empties what has come of a command.
+const BACKSPACE: u8 = 0x08;
+
+/// The registers of a QSB.
+type Words = Bank<Reg, { Reg::WORDS }>;
 
 /// Bytes of the non-volatile memory.
 pub const MEMORY: usize = memory::bytes(Reg::SAVED_WORDS) as usize;
@@ -84,49 +110,90 @@ const fn spec(kind: &'static str, product: &'static str, variant: u8) -> Spec {
 /// A QSB.
 #[derive(Clone, Debug)]
 pub struct Qsb {
-    spec: &'static Spec,
+    lines: Lines<LINE_CHARACTERS>,
+    adapter: Adapter,
 }
 
 impl Qsb {
     /// A QSB-D without power.
     #[must_use]
     pub fn d() -> Self {
-        Self { spec: &QSB_D }
+        Self::of(&QSB_D)
     }
 
     /// A QSB-M without power.
     #[must_use]
     pub fn m() -> Self {
-        Self { spec: &QSB_M }
+        Self::of(&QSB_M)
     }
 
     /// A QSB-S without power.
     #[must_use]
     pub fn s() -> Self {
-        Self { spec: &QSB_S }
+        Self::of(&QSB_S)
+    }
+
+    fn of(spec: &'static Spec) -> Self {
+        Self { lines: Lines::new(), adapter: Adapter::new(spec) }
+    }
+
+    /// A character, or `None` for one that nobody could read.
+    fn hear(&mut self, at: Instant, character: Option<u8>, out: &mut dyn Sink) {
+        if !self.adapter.listens(at, out) {
+            out.put(at, Output::Note(Note::Dropped { port: USB, why: Why::Starting }));
+            return;
+        }
+        match character {
+            None => self.lines.spoil(),
+            Some(BACKSPACE) => self.lines.clear(),
+            Some(character) => {
+                if let Some(line) = self.lines.push(character) {
+                    self.adapter.execute(at, &line, out);
+                }
+            }
+        }
     }
 }
 
 impl Device for Qsb {
     fn spec(&self) -> &'static Spec {
-        self.spec
+        self.adapter.spec
     }
 
-    fn power_on(&mut self, _at: Instant, _boot: Boot, _out: &mut dyn Sink) {}
+    fn power_on(&mut self, at: Instant, boot: Boot, out: &mut dyn Sink) {
+        self.lines.clear();
+        self.adapter.power_on(at, boot.fast, out);
+    }
 
-    fn input(&mut self, _at: Instant, _input: Input<'_>, _out: &mut dyn Sink) {}
+    fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Sink) {
+        match input {
+            Input::Bytes { bytes, .. } => {
+                for character in bytes {
+                    self.hear(at, Some(*character), out);
+                }
+            }
+            Input::Spoiled { .. } => self.hear(at, None, out),
+            Input::Attached { here: true, .. } => {
+                self.lines.clear();
+                self.adapter.reset(at, out);
+            }
+            _ => self.adapter.input(at, input, out),
+        }
+    }
 
     fn deadline(&self) -> Instant {
-        Instant::NEVER
+        self.adapter.deadline()
     }
 
-    fn timeout(&mut self, _at: Instant, _out: &mut dyn Sink) {}
-
-    fn peek(&self, _at: Instant, _row: usize) -> i64 {
-        0
+    fn timeout(&mut self, at: Instant, out: &mut dyn Sink) {
+        self.adapter.timeout(at, out);
     }
 
-    fn poke(&mut self, _at: Instant, _row: usize, _value: i64, _out: &mut dyn Sink) -> Result<(), Refused> {
-        Err(Refused::ReadOnly)
+    fn peek(&self, at: Instant, row: usize) -> i64 {
+        self.adapter.peek(at, row)
+    }
+
+    fn poke(&mut self, at: Instant, row: usize, value: i64, out: &mut dyn Sink) -> Result<(), Refused> {
+        self.adapter.poke(at, row, value, out)
     }
 }

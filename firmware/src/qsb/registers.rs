@@ -68,13 +68,31 @@ standin_protocol::registers! {
         /// Printed on the device: what VERSION begins with.
         SerialNumber = setting(0, "VERSION").u32().range(0, 99_999).reset(1).saved(),
         /// Which of the eight rates of command A is set.
-        BaudRate = setting(1, "COMMAND A").u8().range(0, 7).reset(6),
+        BaudRate = setting(1, "COMMAND A").u8().range(0, 7).reset(6).saved(),
         /// The motor drive is active after a reset, as command 3 saved it.
         MotorDrive = setting(2, "COMMAND 3").u8().range(0, 1).saved().only(M),
         /// What streams after a reset, as command 3 saved it: bits 0 DIG I/O, 1 CAPTURE, 2 STR,
         /// 3 READ ENCODER, 4 MD STATUS.
         Streams = setting(3, "COMMAND 3").u8().range(0, 0x1F).saved(),
     }
+}
+
+/// Places in DIG I/O CONFIG of the bits of DIO0, and a bit.
+pub(super) mod config {
+    pub(in crate::qsb) const FALLING: u16 = 0;
+    pub(in crate::qsb) const CAPTURES: u16 = 4;
+    pub(in crate::qsb) const OUTPUTS: u16 = 8;
+    pub(in crate::qsb) const PULSE: u16 = 1 << 12;
+}
+
+/// Bits of MDR1 that the counter does not have, or that are not for it.
+pub(super) mod mdr1 {
+    /// The counter has 32 bits, whatever is written.
+    pub(in crate::qsb) const WIDTH: u16 = 0b11;
+    pub(in crate::qsb) const INVERT_INDEX: u16 = 1 << 3;
+    /// Overflow, underflow, match and index, in the places of the counter's flags.
+    pub(in crate::qsb) const TRIGGERS: u16 = 0xF0;
+    pub(in crate::qsb) const COUNT_DOWN: u16 = 1 << 8;
 }
 
 /// The line of a new QSB.

@@ -1,0 +1,274 @@
+//! The adapter from reset to reset: what it holds, and what happens to it.
+//!
+//! | file | what of the adapter |
+//! |---|---|
+//! | `answer` | what is answered, and how it leaves |
+//! | `clock` | the clock of 512 Hz, and TIME STAMP |
+//! | `command` | commands and responses as text |
+//! | `encoder` | MODE: what READ ENCODER brings |
+//! | `meaning` | what a register reads, and what a write of it means |
+//! | `motor` | the motor drive |
+//! | `port` | the digital port, captures, the pulse of a trigger |
+//! | `saved` | what outlasts a reset |
+//! | `serial` | texts that leave, one behind the other |
+//! | `stream` | what is sent without being asked for |
+
+use standin_protocol::registers::{Bank, Entry};
+
+use super::clock::Clock;
+use super::encoder::Pwm;
+use super::motor::Motor;
+use super::registers::{Reg, mdr1, variant};
+use super::saved::Save;
+use super::serial::Serial;
+use super::stream::{self, Streams};
+use super::{A, ANALOG, B, I, PWM, Words};
+use crate::counter::{Channel, Ls7366r, status};
+use crate::device::{Duration, Input, Instant, Sink, Spec};
+
+/// From a reset to the banner; the list does not say.
+const STARTUP: Duration = Duration::millis(50);
+
+/// Whether the adapter listens.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+enum State {
+    /// It never had power.
+    Off,
+    /// Until the banner, which comes at that instant.
+    Starting(Instant),
+    Ready,
+}
+
+/// What comes from outside, which outlasts a reset.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Pins {
+    pub(super) a: bool,
+    b: bool,
+    index: bool,
+    /// Voltage at A.
+    pub(super) mv: i32,
+    /// DIO3 to DIO0.
+    pub(super) dio: u8,
+}
+
+impl Pins {
+    /// Nothing is connected.
+    const OPEN: Self = Self { a: true, b: true, index: false, mv: 0, dio: 0xF };
+}
+
+/// A QSB without the receiving half of its port.
+#[derive(Clone, Debug)]
+pub(super) struct Adapter {
+    pub(super) spec: &'static Spec,
+    state: State,
+    /// No start-up delay.
+    fast: bool,
+    pub(super) pins: Pins,
+    /// The registers; DIG I/O is what was written to it.
+    pub(super) bank: Words,
+    pub(super) clock: Clock,
+    pub(super) serial: Serial,
+    pub(super) counter: Ls7366r,
+    pub(super) pwm: Pwm,
+    /// Lines of the port that it pulls low, a bit each; those of the motor drive are not among them.
+    pub(super) pulled: u8,
+    /// When the pulse of a trigger ends, which inverts DIO0.
+    pub(super) pulse: Option<Instant>,
+    pub(super) streams: Streams,
+    pub(super) motor: Motor,
+    pub(super) save: Option<Save>,
+}
+
+impl Adapter {
+    pub(super) fn new(spec: &'static Spec) -> Self {
+        let at = Instant::ZERO;
+        Self {
+            spec,
+            state: State::Off,
+            fast: false,
+            pins: Pins::OPEN,
+            bank: Bank::factory(),
+            clock: Clock::new(at),
+            serial: Serial::new(at),
+            counter: Ls7366r::new(true, true, true),
+            pwm: Pwm::default(),
+            pulled: 0,
+            pulse: None,
+            streams: Streams::new(),
+            motor: Motor::new(at),
+            save: None,
+        }
+    }
+
+    /// Power comes.
+    pub(super) fn power_on(&mut self, at: Instant, fast: bool, out: &mut dyn Sink) {
+        *self = Self { motor: Motor::new(at), fast, ..Self::new(self.spec) };
+        self.start(at, out);
+    }
+
+    /// A reset by the host, which cuts no save.
+    pub(super) fn reset(&mut self, at: Instant, out: &mut dyn Sink) {
+        if !self.has_run() {
+            return;
+        }
+        self.finish_save(at, out);
+        self.motor.deactivate(at, out);
+        let motor = self.motor.clone();
+        *self = Self { pins: self.pins, serial: self.serial, motor, fast: self.fast, ..Self::new(self.spec) };
+        self.start(at, out);
+    }
+
+    fn start(&mut self, at: Instant, out: &mut dyn Sink) {
+        self.bank = self.stored(out);
+        self.clock = Clock::new(at);
+        self.serial.set_rate(at, self.rate(), out);
+        self.release_port(at, out);
+        self.state = State::Starting(if self.fast { at } else { at + STARTUP });
+    }
+
+    /// Whether a character that ends now is heard.
+    pub(super) fn listens(&mut self, at: Instant, out: &mut dyn Sink) -> bool {
+        if let State::Starting(ready) = self.state
+            && ready <= at
+        {
+            self.ready(at, out);
+        }
+        self.is_ready()
+    }
+
+    /// Whether it ever had power.
+    pub(super) fn has_run(&self) -> bool {
+        self.state != State::Off
+    }
+
+    /// Whether it has started.
+    pub(super) fn is_ready(&self) -> bool {
+        self.state == State::Ready
+    }
+
+    /// The start is over.
+    fn ready(&mut self, at: Instant, out: &mut dyn Sink) {
+        self.state = State::Ready;
+        self.counter = Ls7366r::new(self.pins.a, self.pins.b, self.index_level());
+        for reg in [Reg::Mdr0, Reg::Mdr1, Reg::Dtr] {
+            self.configure_counter(at, reg);
+        }
+        self.counter.clear_status();
+        self.show_port(at, out);
+        if self.has_motor() && self.bank.word(Reg::MotorDrive) != 0 {
+            self.motor.activate(at, out);
+        }
+        let product = match self.spec.variant {
+            variant::D => b'D',
+            variant::S => b'S',
+            _ => b'M',
+        };
+        let [tens, ones] = *b"0E";
+        self.serial.send(
+            at,
+            &[b'Q', b'S', b'B', b'-', product, b' ', b' ', tens, ones, b'!', b'\r', b'\n'],
+            out,
+        );
+        self.resume_streams(at);
+    }
+
+    pub(super) fn deadline(&self) -> Instant {
+        let starting = match self.state {
+            State::Starting(ready) => ready,
+            State::Off | State::Ready => Instant::NEVER,
+        };
+        let counter = if self.watches_counter() { self.counter.deadline() } else { Instant::NEVER };
+        starting
+            .min(counter)
+            .min(self.save_due())
+            .min(self.pulse_due())
+            .min(self.motor.deadline())
+            .min(self.stream_due())
+    }
+
+    pub(super) fn timeout(&mut self, at: Instant, out: &mut dyn Sink) {
+        self.look(at, out);
+        if self.save_due() <= at {
+            self.finish_save(at, out);
+        }
+        if self.pulse_due() <= at {
+            self.end_pulse(at, out);
+        }
+        if self.motor.deadline() <= at {
+            self.motor.timeout(at, out);
+        }
+        if self.stream_due() <= at {
+            self.stream(at, out);
+        }
+        self.listens(at, out);
+        self.look_for_changes(at);
+    }
+
+    /// A pin, or what a board has counted.
+    pub(super) fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Sink) {
+        match input {
+            Input::Edge { pin: A | PWM, high } => self.level(at, high),
+            Input::Edge { pin: B, high } => {
+                self.pins.b = high;
+                self.count(at, Channel::B, high);
+            }
+            Input::Edge { pin: I, high } => {
+                self.pins.index = high;
+                self.count(at, Channel::Index, self.index_level());
+            }
+            Input::Edge { pin, high } => self.line_edge(at, pin, high, out),
+            Input::Millivolts { pin: A | ANALOG, mv } => self.voltage(at, mv),
+            Input::Count { steps, a, b, .. } => {
+                (self.pins.a, self.pins.b) = (a, b);
+                if self.is_ready() {
+                    self.counter.take_steps(steps, a, b);
+                }
+            }
+            Input::Slipped { steps, .. } => self.motor.slipped(steps),
+            _ => {}
+        }
+        if self.watches_counter() {
+            self.look(at, out);
+        }
+        self.look_for_changes(at);
+    }
+
+    /// A level at an input of the counter.
+    pub(super) fn count(&mut self, at: Instant, channel: Channel, high: bool) {
+        if self.is_ready() {
+            self.counter.edge(at, channel, high);
+        }
+    }
+
+    /// The level of INDEX/.
+    pub(super) fn index_level(&self) -> bool {
+        self.pins.index == (self.bank.word(Reg::Mdr1) & mdr1::INVERT_INDEX != 0)
+    }
+
+    /// Whether something is to happen when the counter does.
+    fn watches_counter(&self) -> bool {
+        let triggers = self.bank.word(Reg::Mdr1) & mdr1::TRIGGERS != 0;
+        self.is_ready() && (triggers || self.streams.running() & stream::STATUS != 0)
+    }
+
+    /// Brings the counter up to date, and does what MDR1 wants of what has happened there.
+    pub(super) fn look(&mut self, at: Instant, out: &mut dyn Sink) {
+        self.counter.timeout(at);
+        let events = u16::from(self.counter.take_events()) & self.bank.word(Reg::Mdr1) & mdr1::TRIGGERS;
+        if events & u16::from(status::IDX) != 0 {
+            self.bank.set(Reg::Capture, i64::from(self.counter.at_index()));
+        }
+        if events != 0 {
+            self.trigger(at, out);
+        }
+    }
+
+    /// Whether this variant has a row.
+    pub(super) fn has(&self, row: &Entry) -> bool {
+        row.variants & self.spec.variant != 0
+    }
+
+    pub(super) fn has_motor(&self) -> bool {
+        self.spec.variant == variant::M
+    }
+}

@@ -1,0 +1,95 @@
+//! What is answered, and how the answer leaves.
+
+use standin_protocol::registers::{Entry, Register, Shape, Space};
+use standin_protocol::text::Line;
+
+use super::USB;
+use super::adapter::Adapter;
+use super::command::{self, Command, LINE_CHARACTERS, Response, Verb};
+use super::registers::Reg;
+use crate::device::{Instant, Note, Output, Sink};
+
+impl Adapter {
+    /// A line has come: carries out its command, and answers.
+    pub(super) fn execute(&mut self, at: Instant, line: &Line<LINE_CHARACTERS>, out: &mut dyn Sink) {
+        self.look(at, out);
+        let rate = self.rate();
+        let response = match command::parse(line) {
+            Ok(command) => self.answer(at, command, out),
+            Err(register) => unsupported(register),
+        };
+        let function = line.text.first().copied().unwrap_or(0);
+        out.put(
+            at,
+            Output::Note(match response.letter {
+                code @ (b'e' | b'x') => Note::Refused { port: USB, function, code },
+                _ => Note::Request { port: USB, unit: 0, function },
+            }),
+        );
+        self.respond(at, response, out);
+        self.follow_rate(at, rate, out);
+        self.look_for_changes(at);
+    }
+
+    fn answer(&mut self, at: Instant, command: Command, out: &mut dyn Sink) -> Response {
+        let Command { verb, register } = command;
+        let Some((reg, row)) = self.find(command) else { return unsupported(register) };
+        let (letter, data) = match verb {
+            Verb::Read => {
+                self.streams.end_of(reg);
+                (b'r', self.value(at, reg) as u32)
+            }
+            Verb::Stream => {
+                self.begin_stream(at, reg);
+                (b's', self.value(at, reg) as u32)
+            }
+            Verb::Write(data) => {
+                let value = if row.shape == Shape::I32 { data.cast_signed().into() } else { data.into() };
+                let taken = row.accepts(value) && self.write(at, reg, value, out);
+                (if taken { b'w' } else { b'e' }, data)
+            }
+        };
+        Response { letter, register, data }
+    }
+
+    /// The register of a command, if this variant has it and the letter may be used with it.
+    fn find(&self, command: Command) -> Option<(Reg, &'static Entry)> {
+        let (index, _) = Reg::ENTRIES.at(Space::Holding, u16::from(command.register))?;
+        let row = Reg::ENTRIES.list.get(index)?;
+        let allowed = match command.verb {
+            Verb::Read => row.access.reads(),
+            Verb::Write(_) => row.access.writes(),
+            Verb::Stream => row.streams,
+        };
+        Reg::from_row(index).filter(|_| allowed && self.has(row)).map(|reg| (reg, row))
+    }
+
+    /// The present value of a register leaves under this letter.
+    pub(super) fn tell(&mut self, at: Instant, letter: u8, reg: Reg, out: &mut dyn Sink) {
+        let register = Reg::ENTRIES.list.get(reg.row()).map_or(0, |row| row.address as u8);
+        let data = self.value(at, reg) as u32;
+        self.respond(at, Response { letter, register, data }, out);
+    }
+
+    fn respond(&mut self, at: Instant, response: Response, out: &mut dyn Sink) {
+        let text = response.text(self.bank.word(Reg::Eor), self.clock.number(at));
+        self.serial.send(at, text.as_bytes(), out);
+    }
+
+    /// The rate of command A.
+    pub(super) fn rate(&self) -> u8 {
+        self.bank.word(Reg::BaudRate) as u8
+    }
+
+    /// Changes the line if the rate is not `before` any more.
+    pub(super) fn follow_rate(&mut self, at: Instant, before: u8, out: &mut dyn Sink) {
+        if self.rate() != before {
+            self.serial.set_rate(at, self.rate(), out);
+        }
+    }
+}
+
+/// The answer to what is not understood.
+fn unsupported(register: u8) -> Response {
+    Response { letter: b'x', register, data: 0 }
+}

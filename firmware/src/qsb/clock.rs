@@ -1,0 +1,47 @@
+//! The clock of 512 Hz that runs from the reset on.
+
+use crate::device::{Duration, Instant};
+
+/// 1/512 s, exactly.
+pub(super) const TICK: Duration = Duration::from_ticks(31_250);
+/// What the stamp of an analogue packet counts.
+const HALF_MILLISECOND: Duration = Duration::micros(500);
+
+/// What counts from the reset on, and TIME STAMP.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Clock {
+    reset: Instant,
+    /// Ticks at which TIME STAMP is 0.
+    zero: u32,
+}
+
+impl Clock {
+    pub(super) fn new(at: Instant) -> Self {
+        Self { reset: at, zero: 0 }
+    }
+
+    /// The ticks that are past.
+    pub(super) fn ticks(self, at: Instant) -> u64 {
+        at.since(self.reset) / TICK
+    }
+
+    /// When that many ticks are past.
+    pub(super) fn instant(self, ticks: u64) -> Instant {
+        self.reset + TICK * ticks
+    }
+
+    /// TIME STAMP.
+    pub(super) fn number(self, at: Instant) -> u32 {
+        (self.ticks(at) as u32).wrapping_sub(self.zero)
+    }
+
+    /// Sets TIME STAMP, and leaves the phase.
+    pub(super) fn set_number(&mut self, at: Instant, number: u32) {
+        self.zero = (self.ticks(at) as u32).wrapping_sub(number);
+    }
+
+    /// The stamp of an analogue packet.
+    pub(super) fn half_milliseconds(self, at: Instant) -> u16 {
+        (at.since(self.reset) / HALF_MILLISECOND) as u16
+    }
+}

@@ -1,0 +1,126 @@
+//! What READ ENCODER brings in each MODE.
+
+use super::adapter::Adapter;
+use super::registers::Reg;
+use crate::counter::Channel;
+use crate::device::{Duration, Instant};
+
+/// A voltage above this is a high level: the middle of TTL's 0.8 V and 2.0 V.
+const HIGH_MV: i32 = 1_400;
+/// What a logic level is as a voltage, and the end of the analogue range.
+const FULL_SCALE_MV: i32 = 5_000;
+/// A longer period is of a 12-bit encoder (250 Hz), a shorter one of a 10-bit encoder (1 kHz).
+const TWELVE_BIT: Duration = Duration::millis(2);
+/// Bit of MODE: the PWM encoder that is seen has 12 bits.
+const PWM_RESOLUTION: i64 = 1 << 4;
+
+/// Bits 1:0 of MODE.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) enum Mode {
+    Quadrature,
+    Pwm,
+    Analogue,
+}
+
+impl Mode {
+    /// How long a measurement takes (INTERVAL RATE).
+    pub(super) fn measurement(self) -> Duration {
+        match self {
+            Self::Quadrature | Self::Pwm => Duration::micros(100),
+            Self::Analogue => Duration::micros(200),
+        }
+    }
+}
+
+/// The pulse width of what comes at A.
+#[derive(Clone, Copy, Default, Debug)]
+pub(super) struct Pwm {
+    rose: Option<Instant>,
+    fell: Option<Instant>,
+    /// On time and period of the last whole period.
+    seen: Option<(Duration, Duration)>,
+}
+
+impl Pwm {
+    fn edge(&mut self, at: Instant, high: bool) {
+        if !high {
+            self.fell = Some(at);
+            return;
+        }
+        if let (Some(rose), Some(fell)) = (self.rose, self.fell) {
+            self.seen = Some((fell.since(rose), at.since(rose)));
+        }
+        (self.rose, self.fell) = (Some(at), None);
+    }
+
+    fn is_twelve_bit(self) -> bool {
+        self.seen.is_some_and(|(_, period)| period > TWELVE_BIT)
+    }
+
+    /// The position, by the formula of the encoder's data sheet (US Digital MA3).
+    fn value(self) -> u32 {
+        let (range, highest) = if self.is_twelve_bit() { (4_098, 4_095) } else { (1_026, 1_023) };
+        let value = self.seen.map_or(0, |(on, period)| on * range / period);
+        value.saturating_sub(1).min(highest) as u32
+    }
+}
+
+impl Adapter {
+    pub(super) fn mode(&self) -> Mode {
+        match self.bank.word(Reg::Mode) & 3 {
+            1 => Mode::Pwm,
+            2 => Mode::Analogue,
+            _ => Mode::Quadrature,
+        }
+    }
+
+    /// MODE as it reads.
+    pub(super) fn mode_register(&self) -> i64 {
+        let twelve_bit = if self.pwm.is_twelve_bit() { PWM_RESOLUTION } else { 0 };
+        self.bank.get(Reg::Mode) & 3 | twelve_bit
+    }
+
+    /// A voltage at A, whichever of its names was used.
+    pub(super) fn voltage(&mut self, at: Instant, mv: i32) {
+        self.pins.mv = mv;
+        self.contact(at, mv > HIGH_MV);
+    }
+
+    /// A level at A, whichever of its names was used.
+    pub(super) fn level(&mut self, at: Instant, high: bool) {
+        self.pins.mv = if high { FULL_SCALE_MV } else { 0 };
+        self.contact(at, high);
+    }
+
+    fn contact(&mut self, at: Instant, high: bool) {
+        if self.pins.a == high {
+            return;
+        }
+        self.pins.a = high;
+        self.count(at, Channel::A, high);
+        if self.mode() == Mode::Pwm {
+            self.pwm.edge(at, high);
+        }
+    }
+
+    /// The number that THRESHOLD looks at.
+    pub(super) fn encoder_value(&self) -> u32 {
+        match self.mode() {
+            Mode::Quadrature => self.counter.cntr(),
+            Mode::Pwm => self.pwm.value(),
+            Mode::Analogue => {
+                let mv = self.pins.mv.clamp(0, FULL_SCALE_MV);
+                (mv * 1_024 / FULL_SCALE_MV).min(1_023).cast_unsigned()
+            }
+        }
+    }
+
+    /// READ ENCODER as it reads.
+    pub(super) fn encoder_register(&self, at: Instant) -> u32 {
+        let value = self.encoder_value();
+        if self.mode() != Mode::Analogue {
+            return value;
+        }
+        u32::from(self.clock.half_milliseconds(at)) << 16 | u32::from(self.port(at)) << 12 | value
+    }
+}

@@ -1,0 +1,197 @@
+//! What a register reads, and what a write of it means.
+
+use standin_protocol::registers::Register;
+
+use super::adapter::Adapter;
+use super::encoder::Pwm;
+use super::motor::{Order, Settings};
+use super::registers::{Reg, mdr1, variant};
+use super::stream;
+use crate::counter::Channel;
+use crate::device::{Instant, Refused, Sink};
+
+/// Firmware, the two last digits of VERSION.
+const FIRMWARE: i64 = 0x0E;
+
+impl Adapter {
+    /// A register as it reads, with the counter up to date.
+    pub(super) fn value(&self, at: Instant, reg: Reg) -> i64 {
+        match reg {
+            Reg::Mode => self.mode_register(),
+            Reg::DigIO => self.port(at).into(),
+            Reg::Str => self.counter.status().into(),
+            Reg::Otr => self.counter.cntr().into(),
+            Reg::TimeStamp => self.clock.number(at).into(),
+            Reg::ReadEncoder => self.encoder_register(at).into(),
+            Reg::MdStatus => self.motor.status(at).into(),
+            Reg::Version => self.version(),
+            _ => self.bank.get(reg),
+        }
+    }
+
+    /// VERSION: decimal digits of the serial number, then the product and the firmware.
+    fn version(&self) -> i64 {
+        let product = match self.spec.variant {
+            variant::D => 0,
+            variant::M => 1,
+            _ => 2,
+        };
+        let serial = self.bank.get(Reg::SerialNumber);
+        let digits = [10_000, 1_000, 100, 10, 1].map(|unit| serial / unit % 10);
+        digits.into_iter().fold(0, |version, digit| version << 4 | digit) << 12 | product << 8 | FIRMWARE
+    }
+
+    /// Writes a value that the register's row accepts, and does what that means, in the list's order.
+    /// False if it is refused for another reason.
+    pub(super) fn write(&mut self, at: Instant, reg: Reg, value: i64, out: &mut dyn Sink) -> bool {
+        if reg == Reg::Command {
+            return self.command(at, value, out);
+        }
+        self.bank.set(reg, kept(reg, value));
+        match reg {
+            Reg::Mode => {
+                self.pwm = Pwm::default();
+                self.schedule(at);
+            }
+            Reg::DigIO => self.end_pulse(at, out),
+            Reg::DigIOConfig => {
+                self.bank.set(Reg::DigIO, 0xF);
+                self.end_pulse(at, out);
+            }
+            Reg::Mdr0 | Reg::Mdr1 | Reg::Dtr => self.configure_counter(at, reg),
+            Reg::ClearReg => match value {
+                0 => return self.write(at, Reg::Mdr0, 0, out),
+                1 => return self.write(at, Reg::Mdr1, 0, out),
+                2 => self.counter.clear_cntr(),
+                _ => self.counter.clear_status(),
+            },
+            Reg::LoadReg => match value {
+                0 => self.counter.load_cntr(),
+                _ => self.counter.load_otr(),
+            },
+            Reg::IntervalRate => self.schedule(at),
+            Reg::TimeStamp if value == 1 => self.clock.set_number(at, 0),
+            // The others are looked at when they are used.
+            _ => {}
+        }
+        true
+    }
+
+    /// Takes a register of the counter from the bank.
+    pub(super) fn configure_counter(&mut self, at: Instant, reg: Reg) {
+        match reg {
+            Reg::Mdr0 => self.counter.set_mdr0(self.bank.word(Reg::Mdr0) as u8),
+            Reg::Mdr1 => {
+                let mdr1 = self.bank.word(Reg::Mdr1);
+                self.counter.set_mdr1((mdr1 & !mdr1::WIDTH) as u8);
+                self.counter.set_reversed(mdr1 & mdr1::COUNT_DOWN != 0);
+                self.counter.edge(at, Channel::Index, self.index_level());
+            }
+            _ => self.counter.set_dtr(self.bank.get(Reg::Dtr) as u32),
+        }
+    }
+
+    /// COMMAND. False if it is refused: it is of another variant, or the motor cannot obey.
+    fn command(&mut self, at: Instant, value: i64, out: &mut dyn Sink) -> bool {
+        let order = match value {
+            1 => {
+                self.streams.end(stream::ENDED_BY_COMMAND);
+                return true;
+            }
+            3 => {
+                self.save_parameters(at, out);
+                return true;
+            }
+            rate if rate & 0xFF == 0x0A => {
+                self.save_rate(at, rate >> 8, out);
+                return true;
+            }
+            _ if !self.has_motor() => return false,
+            0 => {
+                self.leave_motor(at, out);
+                return true;
+            }
+            2 => {
+                self.motor.activate(at, out);
+                self.show_port(at, out);
+                return true;
+            }
+            4 => Order::Stop,
+            5 => Order::Quit,
+            6 => Order::Pause,
+            7 => Order::Resume,
+            8 => Order::Move,
+            _ => Order::Jog,
+        };
+        let settings = Settings {
+            step_rate: self.bank.word(Reg::MdStepRate),
+            acceleration: self.bank.get(Reg::MdAccel) as u32,
+            steps: self.bank.get(Reg::MdMoveSteps) as i32,
+            jog_rate: self.bank.get(Reg::MdJogRate) as i32,
+        };
+        self.motor.order(at, order, &settings, out)
+    }
+
+    /// Command 0: the motor drive ends, its streams too, and the port is as it was saved.
+    fn leave_motor(&mut self, at: Instant, out: &mut dyn Sink) {
+        self.streams.end(stream::ENDED_BY_COMMAND);
+        let stored = self.stored(out);
+        for reg in [Reg::DigIO, Reg::DigIOConfig] {
+            self.bank.set(reg, stored.get(reg));
+        }
+        let had_lines = self.motor.is_active();
+        self.motor.deactivate(at, out);
+        self.end_pulse(at, out);
+        if had_lines {
+            self.motor_left(at, out);
+        }
+    }
+
+    /// A register as it would read, past the bus.
+    pub(super) fn peek(&self, at: Instant, row: usize) -> i64 {
+        let Some(reg) = Reg::from_row(row) else { return 0 };
+        let mut then = self.clone();
+        then.counter.timeout(at);
+        then.value(at, reg)
+    }
+
+    /// Presets a register, past the bus.
+    pub(super) fn poke(
+        &mut self,
+        at: Instant,
+        row: usize,
+        value: i64,
+        out: &mut dyn Sink,
+    ) -> Result<(), Refused> {
+        let reg = Reg::from_row(row).ok_or(Refused::NoSuchRegister)?;
+        let row = Reg::ENTRIES.list.get(row).filter(|row| self.has(row)).ok_or(Refused::NoSuchRegister)?;
+        if !row.accepts(value) {
+            return Err(Refused::OutOfRange);
+        }
+        if !self.has_run() {
+            let saved = row.saved != 0;
+            return if saved { self.preset(at, reg, kept(reg, value), out) } else { Err(Refused::ReadOnly) };
+        }
+        self.look(at, out);
+        let rate = self.rate();
+        match reg {
+            // Only command 3 fills these in.
+            Reg::MotorDrive | Reg::Streams => return Err(Refused::ReadOnly),
+            Reg::TimeStamp => self.clock.set_number(at, value as u32),
+            _ if !row.access.writes() => return Err(Refused::ReadOnly),
+            _ if !self.write(at, reg, value, out) => return Err(Refused::OutOfRange),
+            _ => self.follow_rate(at, rate, out),
+        }
+        self.look_for_changes(at);
+        Ok(())
+    }
+}
+
+/// What a register keeps of a value.
+fn kept(reg: Reg, value: i64) -> i64 {
+    match reg {
+        Reg::Mode => value & 3,
+        Reg::Mdr1 => value & !i64::from(mdr1::WIDTH),
+        _ => value,
+    }
+}

@@ -1,0 +1,315 @@
+//! The motor drive of a QSB-M: moves and jogs, as step pulses on DIO1 and their direction on DIO2
+//! (COMMAND 2 and 4 to 9, MD STEP RATE to MD STATUS).
+
+use fixed::types::{I24F8, U24F8};
+
+use super::{AXIS, DIO1, DIO2};
+use crate::device::{Duration, Instant, Level, Output, Plan, Sink};
+use crate::motion::{Rates, SETUP, Walker};
+
+/// What the commands of the motor order (COMMAND 4 to 9).
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) enum Order {
+    /// Slow down, and end what runs.
+    Stop,
+    /// End what runs at once.
+    Quit,
+    /// Slow down, and keep what is left.
+    Pause,
+    /// Go on with it.
+    Resume,
+    /// Make MD MOVE STEPS.
+    Move,
+    /// Turn at MD JOG RATE until told otherwise.
+    Jog,
+}
+
+/// The registers 0F to 12, as written. An order takes of them what it needs: what is written later
+/// changes nothing that runs. Below 16 steps/s or steps/s² nothing moves: a move is over at once then, a
+/// jog stands and goes on.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) struct Settings {
+    /// MD STEP RATE, in steps/s; used in steps of 16.
+    pub(super) step_rate: u16,
+    /// MD ACCEL, in steps/s²; used in steps of 16.
+    pub(super) acceleration: u32,
+    /// MD MOVE STEPS.
+    pub(super) steps: i32,
+    /// MD JOG RATE, in steps/s; used in steps of 16, towards 0.
+    pub(super) jog_rate: i32,
+}
+
+impl Settings {
+    fn acceleration(&self) -> u32 {
+        self.acceleration & !15
+    }
+
+    fn jog(&self) -> Motion {
+        Motion::Jog { speed: I24F8::saturating_from_num(self.jog_rate / 16 * 16) }
+    }
+}
+
+/// Bits of MD STATUS.
+mod status {
+    pub(super) const READY: u8 = 1 << 0;
+    pub(super) const MOVING: u8 = 1 << 1;
+    pub(super) const PAUSED: u8 = 1 << 2;
+    pub(super) const JOGGING: u8 = 1 << 3;
+    pub(super) const ACTIVE: u8 = 1 << 4;
+}
+
+/// What the motor was ordered to do.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+enum Motion {
+    /// To the position `end`.
+    Move { end: i32, speed: U24F8 },
+    /// On and on; at speed 0 it stands, and does not end.
+    Jog { speed: I24F8 },
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+enum State {
+    /// DIO1 and DIO2 are not the motor's.
+    Inactive,
+    Ready,
+    Runs(Motion),
+    /// It slows down, and is over when it stands.
+    Stops(Motion),
+    /// It slows down, and is paused when it stands; or goes on, with the acceleration of the order that
+    /// came meanwhile.
+    Pauses(Motion, Option<u32>),
+    Paused(Motion),
+}
+
+/// The motor drive.
+#[derive(Clone, Debug)]
+pub(super) struct Motor {
+    state: State,
+    plan: Plan,
+    /// Steps that a board made beside the plan since it was made.
+    beside: i32,
+    /// The level of DIO2 until `turns`, and the other one from then on.
+    forward: bool,
+    turns: Instant,
+}
+
+impl Motor {
+    /// Inactive, at rest at position 0.
+    pub(super) fn new(at: Instant) -> Self {
+        Self {
+            state: State::Inactive,
+            plan: Plan::rest(at, 0),
+            beside: 0,
+            forward: false,
+            turns: Instant::NEVER,
+        }
+    }
+
+    /// Whether DIO1 and DIO2 are the motor's.
+    pub(super) fn is_active(&self) -> bool {
+        self.state != State::Inactive
+    }
+
+    /// Takes DIO1 and DIO2, which are low until the first step (COMMAND 2).
+    pub(super) fn activate(&mut self, at: Instant, out: &mut dyn Sink) {
+        if self.is_active() {
+            return;
+        }
+        for pin in [DIO1, DIO2] {
+            out.put(at, Output::Level { pin, level: Level::Low });
+        }
+        (self.state, self.forward, self.turns) = (State::Ready, false, Instant::NEVER);
+        self.halt(at, out);
+    }
+
+    /// Stops at once, and leaves DIO1 and DIO2 to whoever puts their levels next (COMMAND 0).
+    pub(super) fn deactivate(&mut self, at: Instant, out: &mut dyn Sink) {
+        if self.is_active() {
+            self.halt(at, out);
+            self.state = State::Inactive;
+        }
+    }
+
+    /// Carries out an order; whether it may. To stop, pause or resume what is not there is nothing to do,
+    /// and no fault. Only an active motor starts, a move only while nothing else runs or is paused, a jog
+    /// also in place of another, be that paused or slowing down.
+    pub(super) fn order(&mut self, at: Instant, order: Order, with: &Settings, out: &mut dyn Sink) -> bool {
+        self.timeout(at, out);
+        match (order, self.state) {
+            (Order::Move, State::Ready) => {
+                let end = self.position(at).wrapping_add(with.steps);
+                let speed = U24F8::from(with.step_rate & !15);
+                self.run(at, Motion::Move { end, speed }, with.acceleration(), out);
+            }
+            (Order::Move, _) | (Order::Jog, State::Inactive) => return false,
+            (Order::Jog, _) => {
+                if let Some(Motion::Move { .. }) = self.motion() {
+                    return false;
+                }
+                self.run(at, with.jog(), with.acceleration(), out);
+            }
+            (_, State::Inactive | State::Ready) => {}
+            (Order::Quit, _) => {
+                self.state = State::Ready;
+                self.halt(at, out);
+            }
+            (Order::Stop, State::Paused(_)) => self.state = State::Ready,
+            (Order::Stop, State::Runs(motion) | State::Stops(motion) | State::Pauses(motion, _)) => {
+                self.slow_down(at, State::Stops(motion), with.acceleration(), out);
+            }
+            (Order::Pause, State::Runs(motion)) => {
+                self.slow_down(at, State::Pauses(motion, None), with.acceleration(), out);
+            }
+            (Order::Pause, State::Pauses(motion, _)) => self.state = State::Pauses(motion, None),
+            // From full speed nothing but a stop ends on a given step: that a move goes on must wait.
+            (Order::Resume, State::Pauses(motion @ Motion::Move { .. }, _)) => {
+                self.state = State::Pauses(motion, Some(with.acceleration()));
+            }
+            (Order::Resume, State::Pauses(motion, _) | State::Paused(motion)) => {
+                self.run(at, motion, with.acceleration(), out);
+            }
+            (Order::Pause | Order::Resume, _) => {}
+        }
+        true
+    }
+
+    /// MD STATUS.
+    pub(super) fn status(&self, at: Instant) -> u8 {
+        let bits = match if self.over() <= at { self.next() } else { self.state } {
+            State::Inactive => return status::READY,
+            State::Ready => status::READY,
+            State::Paused(_) => status::PAUSED,
+            State::Runs(motion) | State::Stops(motion) | State::Pauses(motion, _) => match motion {
+                Motion::Move { .. } => status::MOVING,
+                Motion::Jog { .. } => status::JOGGING,
+            },
+        };
+        status::ACTIVE | bits
+    }
+
+    /// The level of DIO2: high from [`SETUP`] before a step forward to as long before one back.
+    pub(super) fn is_forward(&self, at: Instant) -> bool {
+        self.forward != (at >= self.turns)
+    }
+
+    /// When what moves comes to an end, or DIO2 changes.
+    pub(super) fn deadline(&self) -> Instant {
+        self.turns.min(self.over())
+    }
+
+    /// One of the two has come.
+    pub(super) fn timeout(&mut self, at: Instant, out: &mut dyn Sink) {
+        self.turn(at);
+        if self.over() <= at {
+            match self.state {
+                State::Pauses(motion, Some(acceleration)) => self.run(at, motion, acceleration, out),
+                _ => self.state = self.next(),
+            }
+        }
+    }
+
+    /// A board has made so many steps more than planned.
+    pub(super) fn slipped(&mut self, steps: i32) {
+        self.beside = self.beside.wrapping_add(steps);
+    }
+
+    /// What runs or is paused.
+    fn motion(&self) -> Option<Motion> {
+        match self.state {
+            State::Inactive | State::Ready => None,
+            State::Runs(motion) | State::Stops(motion) | State::Pauses(motion, _) | State::Paused(motion) => {
+                Some(motion)
+            }
+        }
+    }
+
+    /// When what moves is over, if it ends.
+    fn over(&self) -> Instant {
+        match self.state {
+            State::Runs(Motion::Move { .. }) | State::Stops(_) | State::Pauses(..) => self.plan.end(),
+            // The ramp of a jog ends where it is to stand, too, and the jog goes on.
+            State::Runs(Motion::Jog { .. }) | State::Inactive | State::Ready | State::Paused(_) => {
+                Instant::NEVER
+            }
+        }
+    }
+
+    /// What follows then.
+    fn next(&self) -> State {
+        match self.state {
+            State::Pauses(motion, Some(_)) => State::Runs(motion),
+            State::Pauses(motion, None) => State::Paused(motion),
+            _ => State::Ready,
+        }
+    }
+
+    /// Begins a motion, or goes on with it: a move stands now.
+    fn run(&mut self, at: Instant, motion: Motion, acceleration: u32, out: &mut dyn Sink) {
+        let from = self.position(at);
+        let plan = match motion {
+            Motion::Move { end, speed } => {
+                Plan::profile(at, from, end.wrapping_sub(from), Rates::even(speed, acceleration))
+            }
+            Motion::Jog { speed } => self.plan.resumed(at, from).towards(at, speed, acceleration),
+        };
+        self.state = State::Runs(motion);
+        self.go(at, plan, out);
+    }
+
+    /// A ramp to standstill as `state`, a slowing one. A move never goes beyond its last step: where the
+    /// acceleration has become too small for that, the ramp stays as it was.
+    fn slow_down(&mut self, at: Instant, state: State, acceleration: u32, out: &mut dyn Sink) {
+        self.state = state;
+        let from = self.position(at);
+        let plan = self.plan.resumed(at, from).towards(at, I24F8::ZERO, acceleration);
+        if let Some(Motion::Move { end, .. }) = self.motion() {
+            let left = |position: i32| end.wrapping_sub(position).signum();
+            if left(from) * left(plan.position_at(Instant::NEVER)) < 0 {
+                return;
+            }
+        }
+        self.go(at, plan, out);
+    }
+
+    /// Stands at once.
+    fn halt(&mut self, at: Instant, out: &mut dyn Sink) {
+        let position = self.position(at);
+        self.go(at, Plan::rest(at, position), out);
+    }
+
+    /// Follows `plan`; if that stands already, its end is now.
+    fn go(&mut self, at: Instant, plan: Plan, out: &mut dyn Sink) {
+        self.turn(at);
+        (self.plan, self.beside) = (plan, 0);
+        out.put(at, Output::Plan { axis: AXIS, plan: &self.plan });
+        self.turns = self.next_turn(at);
+        if self.over() <= at {
+            self.state = self.next();
+        }
+    }
+
+    /// Changes DIO2, if that is due.
+    fn turn(&mut self, at: Instant) {
+        if self.turns <= at {
+            self.forward = !self.forward;
+            self.turns = self.next_turn(at);
+        }
+    }
+
+    /// When DIO2 changes after `at`: [`SETUP`] before a step in the other direction, or at once.
+    fn next_turn(&self, at: Instant) -> Instant {
+        let same = self.plan.segments().iter().take_while(|segment| segment.back != self.forward);
+        let end = same.fold(self.plan.start(), |at, segment| at + Duration::from_ticks(segment.ticks));
+        match Walker::new(&self.plan, at.max(end)).next() {
+            Some(step) if step.forward != self.forward => (step.at - SETUP).max(at),
+            _ => Instant::NEVER,
+        }
+    }
+
+    fn position(&self, at: Instant) -> i32 {
+        self.plan.position_at(at).wrapping_add(self.beside)
+    }
+}
+
+#[cfg(test)]
+mod tests;

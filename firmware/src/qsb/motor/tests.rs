@@ -1,0 +1,737 @@
+//! Scripts with times: half of acceleration times time squared, computed by hand.
+#![allow(clippy::float_arithmetic, reason = "the model of the state knows neither plans nor ticks")]
+
+use std::vec;
+use std::vec::Vec;
+
+use proptest::prelude::*;
+use standin_protocol::time::Span;
+
+use super::*;
+use crate::device::Pin;
+
+/// To 2,000 steps/s in 0.2 s and 200 steps.
+const RATES: Settings = Settings { step_rate: 2_000, acceleration: 10_000, steps: 2_000, jog_rate: 2_000 };
+
+/// What a motor did.
+#[derive(Default)]
+struct World {
+    levels: Vec<(Instant, Pin, Level)>,
+    plans: Vec<(Instant, Plan)>,
+}
+
+impl Sink for World {
+    fn put(&mut self, at: Instant, output: Output<'_>) {
+        match output {
+            Output::Level { pin, level } => self.levels.push((at, pin, level)),
+            Output::Plan { axis: AXIS, plan } => self.plans.push((at, *plan)),
+            other => panic!("a motor does not {other:?}"),
+        }
+    }
+
+    fn memory(&self) -> &[u8] {
+        &[]
+    }
+}
+
+impl World {
+    fn position_at(&self, at: Instant) -> i32 {
+        let plan = self.plans.iter().rfind(|(from, _)| *from <= at);
+        plan.map_or(0, |(_, plan)| plan.position_at(at))
+    }
+
+    /// All steps up to `until`, as walked.
+    fn steps(&self, until: Instant) -> Vec<crate::motion::Step> {
+        let mut steps = Vec::new();
+        for (n, (from, plan)) in self.plans.iter().enumerate() {
+            let until = self.plans.get(n + 1).map_or(until, |(next, _)| *next);
+            steps.extend(Walker::new(plan, *from).take_while(|step| step.at <= until));
+        }
+        steps
+    }
+}
+
+/// A motor, its world, and what time it is.
+struct Bed {
+    motor: Motor,
+    world: World,
+    now: Instant,
+    settings: Settings,
+}
+
+impl Bed {
+    /// Active from the beginning.
+    fn new() -> Self {
+        let mut bed = Self::inactive();
+        bed.motor.activate(bed.now, &mut bed.world);
+        bed
+    }
+
+    fn inactive() -> Self {
+        let now = Instant::ZERO;
+        Self { motor: Motor::new(now), world: World::default(), now, settings: RATES }
+    }
+
+    fn run_until(&mut self, until: impl Into<Instant>) {
+        let until = until.into();
+        while self.motor.deadline() <= until && self.motor.deadline() < Instant::NEVER {
+            let due = self.motor.deadline();
+            assert!(due >= self.now, "nothing is due in the past");
+            self.now = due;
+            self.motor.timeout(due, &mut self.world);
+        }
+        self.now = until;
+    }
+
+    fn order(&mut self, order: Order) -> bool {
+        self.motor.order(self.now, order, &self.settings, &mut self.world)
+    }
+
+    fn order_at(&mut self, ms: u64, order: Order) {
+        self.run_until(ms.millis());
+        assert!(self.order(order), "{order:?} at {ms} ms");
+    }
+
+    fn status(&self) -> u8 {
+        self.motor.status(self.now)
+    }
+
+    fn position(&self) -> i32 {
+        self.world.position_at(self.now)
+    }
+
+    /// Asserts the position and MD STATUS then, and that the status was another just before.
+    fn becomes(&mut self, at: impl Into<Instant>, position: i32, status: u8) {
+        let at = at.into();
+        self.run_until(at - Duration::TICK);
+        assert_ne!(self.status(), status, "before {at:?}");
+        self.run_until(at);
+        assert_eq!((self.position(), self.status()), (position, status), "at {at:?}");
+    }
+
+    fn is(&mut self, ms: u64, position: i32, status: u8) {
+        self.run_until(ms.millis());
+        assert_eq!((self.position(), self.status()), (position, status), "at {ms} ms");
+    }
+}
+
+const ORDERS: [Order; 6] = [Order::Stop, Order::Quit, Order::Pause, Order::Resume, Order::Move, Order::Jog];
+
+#[test]
+fn an_inactive_motor_does_nothing_and_refuses_to_start() {
+    let mut bed = Bed::inactive();
+    for order in ORDERS {
+        assert_eq!(bed.order(order), !matches!(order, Order::Move | Order::Jog), "{order:?}");
+    }
+    bed.motor.deactivate(bed.now, &mut bed.world);
+    assert_eq!((bed.motor.is_active(), bed.status(), bed.motor.deadline()), (false, 0x01, Instant::NEVER));
+    assert!(bed.world.levels.is_empty() && bed.world.plans.is_empty());
+}
+
+#[test]
+fn an_active_motor_has_pulled_its_pins_low_and_stands() {
+    let mut bed = Bed::new();
+    let now = bed.now;
+    assert_eq!(bed.world.levels, [(now, DIO1, Level::Low), (now, DIO2, Level::Low)]);
+    assert_eq!(bed.world.plans, [(now, Plan::rest(now, 0))]);
+    bed.motor.activate(now, &mut bed.world);
+    assert_eq!((bed.world.levels.len(), bed.world.plans.len()), (2, 1));
+    assert_eq!((bed.motor.is_active(), bed.status(), bed.motor.is_forward(now)), (true, 0x11, false));
+}
+
+#[test]
+fn a_move_is_a_trapezoid() {
+    for steps in [2_000, -2_000] {
+        let mut bed = Bed::new();
+        bed.settings.steps = steps;
+        bed.order_at(0, Order::Move);
+        let sign = steps.signum();
+        bed.is(100, 50 * sign, 0x12);
+        bed.is(200, 200 * sign, 0x12);
+        bed.is(700, 1_200 * sign, 0x12);
+        // 2,000 steps at 2,000 a second, and half of each ramp.
+        bed.becomes(1_200.millis(), steps, 0x11);
+        let made = bed.world.steps(Instant::NEVER);
+        assert_eq!(made.len(), 2_000);
+        assert!(made.iter().all(|step| step.forward == (steps > 0)));
+        assert_eq!(made.last().map(|step| step.at), Some(1_200.millis().into()));
+    }
+}
+
+#[test]
+fn a_short_move_is_a_triangle() {
+    let mut bed = Bed::new();
+    bed.settings.steps = 200;
+    bed.order_at(0, Order::Move);
+    // 2·sqrt(200/10,000) s = 4,525,483.4 ticks
+    bed.becomes(Instant::from_ticks(4_525_483), 200, 0x11);
+}
+
+#[test]
+fn rates_are_used_in_steps_of_16_towards_0() {
+    let mut bed = Bed::new();
+    bed.settings = Settings { step_rate: 2_015, acceleration: 10_015, jog_rate: -2_015, ..RATES };
+    bed.order_at(0, Order::Move);
+    bed.becomes(1_200.millis(), 2_000, 0x11);
+    bed.order_at(2_000, Order::Jog);
+    bed.is(3_000, 2_000 - 200 - 1_600, 0x18);
+}
+
+#[test]
+fn at_the_limits_13_000_acts_as_12_992() {
+    let mut bed = Bed::new();
+    bed.settings = Settings { step_rate: 13_000, acceleration: 360_000, steps: 129_920, jog_rate: 13_000 };
+    bed.order_at(0, Order::Move);
+    // 10 s at 12,992 steps/s, and 12,992/360,000 s = 0.0360888... s
+    bed.becomes(Instant::from_ticks(160_577_422), 129_920, 0x11);
+}
+
+#[test]
+fn below_16_nothing_moves() {
+    for (step_rate, acceleration) in [(15, 10_000), (2_000, 15)] {
+        let mut bed = Bed::new();
+        bed.settings = Settings { step_rate, acceleration, jog_rate: -15, ..RATES };
+        assert!(bed.order(Order::Move));
+        assert_eq!(bed.status(), 0x11);
+        assert!(bed.order(Order::Jog));
+        assert!(!bed.order(Order::Move));
+        bed.is(1_000, 0, 0x18);
+        bed.order_at(1_000, Order::Stop);
+        assert_eq!(bed.status(), 0x11);
+    }
+}
+
+#[test]
+fn no_steps_are_done_at_once() {
+    let mut bed = Bed::new();
+    bed.settings.steps = 0;
+    assert!(bed.order(Order::Move));
+    assert_eq!((bed.status(), bed.motor.deadline()), (0x11, Instant::NEVER));
+}
+
+#[test]
+fn a_paused_move_makes_the_steps_that_are_left() {
+    let mut bed = Bed::new();
+    bed.order_at(0, Order::Move);
+    bed.order_at(700, Order::Pause);
+    bed.is(800, 1_200 + 150, 0x12);
+    bed.becomes(900.millis(), 1_400, 0x14);
+    // The rate of the move itself holds, and the acceleration of now: to 2,000 steps/s in 0.05 s.
+    bed.settings = Settings { step_rate: 500, acceleration: 40_000, steps: 7, jog_rate: 32 };
+    bed.order_at(2_000, Order::Resume);
+    assert_eq!(bed.status(), 0x12);
+    bed.becomes(2_350.millis(), 2_000, 0x11);
+    assert_eq!(bed.world.steps(Instant::NEVER).len(), 2_000);
+}
+
+#[test]
+fn a_move_resumed_while_it_slows_down_goes_on_when_it_stands() {
+    let mut bed = Bed::new();
+    bed.order_at(0, Order::Move);
+    bed.order_at(700, Order::Pause);
+    bed.order_at(750, Order::Resume);
+    bed.is(900, 1_400, 0x12);
+    bed.becomes(1_400.millis(), 2_000, 0x11);
+}
+
+#[test]
+fn a_pause_takes_a_resume_back() {
+    let mut bed = Bed::new();
+    bed.order_at(0, Order::Move);
+    for (ms, order) in [(700, Order::Pause), (750, Order::Resume), (800, Order::Pause)] {
+        bed.order_at(ms, order);
+    }
+    bed.becomes(900.millis(), 1_400, 0x14);
+    bed.is(5_000, 1_400, 0x14);
+}
+
+#[test]
+fn a_move_never_goes_beyond_its_last_step() {
+    for (order, status) in [(Order::Pause, 0x14), (Order::Stop, 0x11)] {
+        let mut bed = Bed::new();
+        bed.order_at(0, Order::Move);
+        // Still 1,000 steps/s, and 50 steps: at 64 steps/s² they would be 7,812.
+        bed.is(1_100, 1_950, 0x12);
+        bed.settings.acceleration = 64;
+        bed.order_at(1_100, order);
+        bed.becomes(1_200.millis(), 2_000, status);
+        bed.order_at(1_300, Order::Resume);
+        assert_eq!(bed.status(), 0x11);
+        bed.is(9_000, 2_000, 0x11);
+    }
+}
+
+#[test]
+fn a_jog_goes_on_until_it_is_stopped() {
+    let mut bed = Bed::new();
+    bed.order_at(0, Order::Jog);
+    bed.is(1_000, 1_800, 0x18);
+    bed.is(10_000, 19_800, 0x18);
+    bed.order_at(10_000, Order::Stop);
+    assert_eq!(bed.status(), 0x18);
+    bed.becomes(10_200.millis(), 20_000, 0x11);
+}
+
+#[test]
+fn a_jog_ramps_to_another_rate() {
+    let mut bed = Bed::new();
+    bed.order_at(0, Order::Jog);
+    // A rate that is only written changes nothing.
+    bed.settings.jog_rate = 1_008;
+    bed.is(1_000, 1_800, 0x18);
+    // 992 steps/s less in 0.0992 s, 149.1968 steps; then 1,008 for 0.9008 s.
+    bed.order_at(1_000, Order::Jog);
+    bed.is(2_000, 1_800 + 149 + 908, 0x18);
+    // Stands after 0.1008 s and 50.8 steps, then 50 back in 0.1 s.
+    bed.settings.jog_rate = -2_000;
+    bed.order_at(2_000, Order::Jog);
+    let turned = bed.now + 100_800.micros();
+    bed.run_until(turned);
+    let furthest = bed.position();
+    assert!((2_857 + 50..=2_857 + 51).contains(&furthest), "{furthest}");
+    bed.run_until(turned + 100.millis());
+    assert_eq!((bed.position(), bed.status()), (furthest - 50, 0x18));
+    // To 0: it stands, and still jogs.
+    bed.run_until(turned + 1_200.millis());
+    bed.settings.jog_rate = 0;
+    assert!(bed.order(Order::Jog));
+    bed.run_until(turned + 5.secs());
+    assert_eq!((bed.position(), bed.status()), (furthest - 2_400, 0x18));
+}
+
+#[test]
+fn a_paused_jog_goes_on_at_its_own_rate() {
+    let mut bed = Bed::new();
+    bed.order_at(0, Order::Jog);
+    bed.order_at(1_000, Order::Pause);
+    bed.is(1_100, 1_950, 0x18);
+    bed.becomes(1_200.millis(), 2_000, 0x14);
+    bed.settings.jog_rate = -32;
+    bed.settings.acceleration = 20_000;
+    bed.order_at(2_000, Order::Resume);
+    // 0.1 s and 100 steps of ramp
+    bed.is(3_000, 2_000 + 100 + 1_800, 0x18);
+}
+
+#[test]
+fn a_jog_resumed_while_it_slows_down_ramps_up_at_once() {
+    let mut bed = Bed::new();
+    bed.order_at(0, Order::Jog);
+    bed.order_at(1_000, Order::Pause);
+    bed.order_at(1_100, Order::Resume);
+    bed.is(1_200, 2_100, 0x18);
+    bed.is(2_200, 4_100, 0x18);
+}
+
+#[test]
+fn another_jog_ends_the_pause_of_a_jog() {
+    let mut bed = Bed::new();
+    bed.order_at(0, Order::Jog);
+    bed.order_at(1_000, Order::Pause);
+    bed.is(1_500, 2_000, 0x14);
+    bed.settings.jog_rate = -2_000;
+    bed.order_at(2_000, Order::Jog);
+    bed.is(3_000, 200, 0x18);
+}
+
+#[test]
+fn a_stop_ends_what_is_paused_or_slows_down() {
+    // While it slows down to the pause, and in the pause.
+    for ms in [800, 1_500] {
+        let mut bed = Bed::new();
+        bed.order_at(0, Order::Move);
+        bed.order_at(700, Order::Pause);
+        bed.order_at(ms, Order::Stop);
+        bed.is(1_500, 1_400, 0x11);
+        bed.order_at(1_600, Order::Resume);
+        bed.is(2_000, 1_400, 0x11);
+        // A move counts from where it stands.
+        bed.order_at(2_000, Order::Move);
+        bed.is(3_200, 3_400, 0x11);
+    }
+}
+
+#[test]
+fn what_stops_cannot_be_paused() {
+    let mut bed = Bed::new();
+    bed.order_at(0, Order::Move);
+    bed.order_at(700, Order::Stop);
+    bed.order_at(750, Order::Pause);
+    bed.order_at(800, Order::Resume);
+    bed.becomes(900.millis(), 1_400, 0x11);
+}
+
+#[test]
+fn quit_stands_at_once() {
+    for (before, at) in [(Order::Move, 700), (Order::Jog, 700)] {
+        let mut bed = Bed::new();
+        bed.order_at(0, before);
+        bed.order_at(at, Order::Quit);
+        bed.is(at, 1_200, 0x11);
+        bed.is(9_000, 1_200, 0x11);
+    }
+}
+
+#[test]
+fn what_may_be_ordered_when() {
+    // Whether a move and a jog may; the others always may.
+    let moves = (0, Order::Move);
+    let jogs = (0, Order::Jog);
+    let paused = (700, Order::Pause);
+    let stopped = (700, Order::Stop);
+    for (script, ms, may_move, may_jog) in [
+        (vec![], 0, true, true),
+        (vec![moves], 700, false, false),
+        (vec![moves, paused], 800, false, false),
+        (vec![moves, paused], 1_500, false, false),
+        (vec![moves, stopped], 800, false, false),
+        // At the very instant of its end it is over.
+        (vec![moves, stopped], 900, true, true),
+        (vec![jogs], 700, false, true),
+        (vec![jogs, paused], 1_500, false, true),
+        (vec![jogs, stopped], 800, false, true),
+    ] {
+        for order in ORDERS {
+            let mut bed = Bed::new();
+            for (ms, order) in &script {
+                bed.order_at(*ms, *order);
+            }
+            bed.run_until(Instant::from(ms.millis()) - Duration::TICK);
+            // An input comes before a deadline of the same instant.
+            bed.now += Duration::TICK;
+            let may = match order {
+                Order::Move => may_move,
+                Order::Jog => may_jog,
+                _ => true,
+            };
+            let before = (bed.status(), bed.world.plans.len());
+            assert_eq!(bed.order(order), may, "{order:?} at {ms} ms of {script:?}");
+            if !may {
+                assert_eq!((bed.status(), bed.world.plans.len()), before);
+            }
+        }
+    }
+}
+
+#[test]
+fn the_direction_changes_5_us_before_the_first_step() {
+    let mut bed = Bed::new();
+    bed.order_at(0, Order::Jog);
+    // The first step after sqrt(2/10,000) s = 226,274.2 ticks
+    let turn = Instant::from_ticks(226_274) - 5.micros();
+    assert_eq!(bed.motor.deadline(), turn);
+    assert!(!bed.motor.is_forward(turn - Duration::TICK) && bed.motor.is_forward(turn));
+    // Stands after 0.2 s, and as long after that the first step back.
+    bed.settings.jog_rate = -2_000;
+    bed.order_at(1_000, Order::Jog);
+    let turn = turn + 1_200.millis();
+    assert_eq!(bed.motor.deadline(), turn);
+    bed.run_until(turn - Duration::TICK);
+    assert!(bed.motor.is_forward(bed.now));
+    bed.run_until(turn);
+    assert!(!bed.motor.is_forward(bed.now));
+    assert_eq!(bed.motor.deadline(), Instant::NEVER);
+    // Active anew, it is low whatever it was.
+    bed.settings.jog_rate = 2_000;
+    assert!(bed.order(Order::Jog));
+    bed.run_until(5.secs());
+    assert!(bed.motor.is_forward(bed.now));
+    bed.motor.deactivate(bed.now, &mut bed.world);
+    bed.motor.activate(bed.now, &mut bed.world);
+    assert!(!bed.motor.is_forward(bed.now));
+}
+
+#[test]
+fn it_stands_where_it_is_deactivated() {
+    let mut bed = Bed::new();
+    bed.order_at(0, Order::Move);
+    bed.run_until(700.millis());
+    bed.motor.deactivate(bed.now, &mut bed.world);
+    bed.is(5_000, 1_200, 0x01);
+    bed.motor.activate(bed.now, &mut bed.world);
+    bed.is(6_000, 1_200, 0x11);
+    assert_eq!(bed.world.plans.last(), Some(&(5.secs().into(), Plan::rest(5.secs().into(), 1_200))));
+}
+
+#[test]
+fn steps_that_a_board_has_slipped_count() {
+    let mut bed = Bed::new();
+    bed.order_at(0, Order::Move);
+    bed.order_at(700, Order::Pause);
+    bed.motor.slipped(3);
+    bed.run_until(900.millis());
+    assert_eq!(bed.status(), 0x14);
+    bed.order_at(1_000, Order::Resume);
+    let (_, plan) = bed.world.plans.last().unwrap();
+    assert_eq!((plan.position_at(bed.now), plan.position_at(Instant::NEVER)), (1_403, 2_000));
+}
+
+/// What a motor should do, in seconds and steps, without plans and ticks.
+#[derive(Debug)]
+struct Model {
+    now: f64,
+    position: f64,
+    speed: f64,
+    doing: Doing,
+    /// Where a move ends, or how fast a jog is.
+    goal: f64,
+    jogs: bool,
+    /// How fast a move is.
+    rate: f64,
+    /// How long it accelerates by how much.
+    ramps: Vec<(f64, f64)>,
+    /// How far the position may be beside: each turn forgets a part of a step.
+    doubt: i32,
+}
+
+#[derive(Clone, Copy, PartialEq, Debug)]
+enum Doing {
+    Nothing,
+    Running,
+    Stopping,
+    Pausing,
+    /// With that acceleration.
+    Resuming(f64),
+    Pause,
+}
+
+impl Model {
+    fn status(&self) -> u8 {
+        match self.doing {
+            Doing::Nothing => 0x11,
+            Doing::Pause => 0x14,
+            _ if self.jogs => 0x18,
+            _ => 0x12,
+        }
+    }
+
+    /// When what it does ends by itself.
+    fn ends(&self) -> f64 {
+        let rests = matches!(self.doing, Doing::Nothing | Doing::Pause);
+        if rests || (self.jogs && self.doing == Doing::Running) {
+            return f64::INFINITY;
+        }
+        self.now + self.ramps.iter().map(|(time, _)| time).sum::<f64>()
+    }
+
+    fn pass(&mut self, until: f64) {
+        while self.now < until {
+            let (time, acceleration) = self.ramps.first().copied().unwrap_or((f64::INFINITY, 0.0));
+            let d = time.min(until - self.now);
+            if time <= until - self.now {
+                self.ramps.remove(0);
+            } else if let Some(ramp) = self.ramps.first_mut() {
+                ramp.0 -= d;
+            }
+            self.position += self.speed * d + acceleration * d * d / 2.0;
+            self.speed += acceleration * d;
+            self.now = if time <= d { self.now + time } else { until };
+        }
+    }
+
+    /// Goes on to `until`; at each end it is where the motor says that it was then.
+    fn run_until(&mut self, until: f64, world: &World) -> Result<(), TestCaseError> {
+        while self.ends() <= until {
+            let end = self.ends();
+            self.pass(end);
+            self.ramps.clear();
+            let position = world.position_at(instant(end + 1e-6));
+            prop_assert!(
+                (self.position - f64::from(position)).abs() < f64::from(self.doubt),
+                "{} instead of {:?}",
+                position,
+                self
+            );
+            (self.position, self.speed, self.doubt) = (f64::from(position), 0.0, 2);
+            match self.doing {
+                Doing::Resuming(acceleration) => self.go(acceleration),
+                Doing::Pausing => self.doing = Doing::Pause,
+                _ => {
+                    if !self.jogs && self.doing == Doing::Running {
+                        prop_assert_eq!(self.position, self.goal);
+                    }
+                    self.doing = Doing::Nothing;
+                }
+            }
+        }
+        self.pass(until);
+        Ok(())
+    }
+
+    /// Runs towards its goal.
+    fn go(&mut self, acceleration: f64) {
+        self.doing = Doing::Running;
+        if self.jogs {
+            self.ramps = vec![];
+            let mut from = self.speed;
+            if from * self.goal < 0.0 || self.goal == 0.0 {
+                self.ramps.push((from.abs() / acceleration, -from.signum() * acceleration));
+                from = 0.0;
+            }
+            let change = self.goal - from;
+            self.ramps.push((change.abs() / acceleration, change.signum() * acceleration));
+            self.doubt += 1;
+        } else {
+            let way = self.goal - self.position;
+            let up = (self.rate / acceleration).min((way.abs() / acceleration).sqrt());
+            let cruise = (way.abs() - up * up * acceleration) / (up * acceleration);
+            let a = acceleration * way.signum();
+            self.ramps = if way == 0.0 { vec![] } else { vec![(up, a), (cruise, 0.0), (up, -a)] };
+        }
+    }
+
+    fn slow(&mut self, doing: Doing, acceleration: f64) {
+        self.doing = doing;
+        let beyond = self.speed.powi(2) / 2.0 / acceleration - (self.goal - self.position).abs();
+        // On the last step or beyond it anything that moves is on its own last ramp.
+        if self.jogs || beyond < 0.5 {
+            self.ramps = vec![(self.speed.abs() / acceleration, -self.speed.signum() * acceleration)];
+        }
+    }
+
+    /// An order; `false` if it may not be. `None` if rounding decides what happens.
+    fn order(&mut self, order: Order, with: &Settings) -> Option<bool> {
+        let acceleration = f64::from(with.acceleration & !15);
+        let doing = self.doing;
+        let slows = match order {
+            Order::Stop => !matches!(doing, Doing::Nothing | Doing::Pause),
+            Order::Pause => doing == Doing::Running,
+            _ => false,
+        };
+        if slows && !self.jogs {
+            let beyond = self.speed.powi(2) / 2.0 / acceleration - (self.goal - self.position).abs();
+            if beyond.abs() < 2.0 {
+                return None;
+            }
+        }
+        match (order, doing) {
+            (Order::Move, Doing::Nothing) => {
+                (self.jogs, self.goal) = (false, self.position + f64::from(with.steps));
+                self.rate = f64::from(with.step_rate & !15);
+                self.go(acceleration);
+            }
+            (Order::Move, _) => return Some(false),
+            (Order::Jog, _) if !self.jogs && doing != Doing::Nothing => return Some(false),
+            (Order::Jog, _) => {
+                (self.jogs, self.goal) = (true, f64::from(with.jog_rate / 16 * 16));
+                self.go(acceleration);
+            }
+            (_, Doing::Nothing) => {}
+            (Order::Quit, _) => {
+                (self.doing, self.speed, self.ramps) = (Doing::Nothing, 0.0, vec![]);
+            }
+            (Order::Stop, Doing::Pause) => self.doing = Doing::Nothing,
+            (Order::Stop, _) => self.slow(Doing::Stopping, acceleration),
+            (Order::Pause, Doing::Running) => self.slow(Doing::Pausing, acceleration),
+            (Order::Pause, Doing::Resuming(_)) => self.doing = Doing::Pausing,
+            (Order::Resume, Doing::Pausing | Doing::Resuming(_)) if !self.jogs => {
+                self.doing = Doing::Resuming(acceleration);
+            }
+            (Order::Resume, Doing::Pausing | Doing::Pause) => self.go(acceleration),
+            (Order::Pause | Order::Resume, _) => {}
+        }
+        Some(true)
+    }
+}
+
+fn instant(seconds: f64) -> Instant {
+    Instant::from_ticks((seconds * 16e6).round() as u64)
+}
+
+fn settings() -> impl Strategy<Value = Settings> {
+    let rates = (32_u16..=13_000, 64_u32..=360_000, -13_000..=13_000_i32);
+    (rates, prop_oneof![-200..200_i32, -30_000..30_000]).prop_map(
+        |((step_rate, acceleration, jog_rate), steps)| Settings { step_rate, acceleration, steps, jog_rate },
+    )
+}
+
+proptest! {
+    #[test]
+    fn orders_at_any_time_do_what_a_slow_model_does(
+        orders in proptest::collection::vec(
+            (0_u64..3_000, proptest::sample::select(&ORDERS[..]), settings()), 1..30,
+        ),
+    ) {
+        let mut bed = Bed::new();
+        let mut model = Model {
+            now: 0.0, position: 0.0, speed: 0.0, doing: Doing::Nothing, goal: 0.0, jogs: false, rate: 0.0,
+            ramps: vec![], doubt: 2,
+        };
+        let mut now = 0.0;
+        for (wait, order, settings) in orders {
+            // Never so close to an end that rounding decides which comes first.
+            now += wait as f64 / 1_000.0 + 2e-4;
+            while (model.ends() - now).abs() < 1e-4 {
+                now += 2e-4;
+            }
+            bed.run_until(instant(now));
+            model.run_until(now, &bed.world)?;
+            prop_assert_eq!(bed.status(), model.status(), "{:?} at {}", model, now);
+            let beside = (model.position - f64::from(bed.position())).abs();
+            prop_assert!(beside < f64::from(model.doubt), "{} {:?}", bed.position(), model);
+            bed.settings = settings;
+            let Some(may) = model.order(order, &settings) else { return Ok(()) };
+            prop_assert_eq!(bed.order(order), may);
+            if order == Order::Quit {
+                model.position = f64::from(bed.position());
+                model.doubt = 2;
+            }
+        }
+        let steps = bed.world.steps(bed.now);
+        let made: i32 = steps.iter().map(|step| if step.forward { 1 } else { -1 }).sum();
+        prop_assert_eq!(made, bed.position());
+    }
+
+    #[test]
+    fn a_move_paused_and_resumed_any_number_of_times_makes_its_steps(
+        first in settings(),
+        pauses in proptest::collection::vec((0_u64..800_000, 0_u64..800_000, settings()), 0..8),
+    ) {
+        let mut bed = Bed::new();
+        bed.settings = first;
+        prop_assert!(bed.order(Order::Move));
+        for (runs, pauses, settings) in pauses {
+            bed.run_until(bed.now + runs.micros());
+            bed.settings = settings;
+            prop_assert!(bed.order(Order::Pause));
+            bed.run_until(bed.now + pauses.micros());
+            prop_assert!(bed.order(Order::Resume));
+        }
+        while bed.motor.deadline() < Instant::NEVER {
+            bed.run_until(bed.motor.deadline());
+        }
+        prop_assert_eq!((bed.position(), bed.status()), (first.steps, 0x11));
+        let steps = bed.world.steps(bed.now);
+        prop_assert_eq!(steps.len(), first.steps.unsigned_abs() as usize);
+        prop_assert!(steps.iter().all(|step| step.forward == (first.steps > 0)));
+    }
+
+    #[test]
+    fn the_direction_is_that_of_the_steps(
+        jogs in proptest::collection::vec((0_u64..400_000, settings()), 1..20),
+    ) {
+        let mut bed = Bed::new();
+        let mut told = vec![];
+        for (wait, settings) in jogs {
+            let until = bed.now + wait.micros();
+            while bed.motor.deadline() <= until {
+                bed.run_until(bed.motor.deadline());
+                told.push((bed.now, bed.motor.is_forward(bed.now)));
+            }
+            bed.run_until(until);
+            bed.settings = settings;
+            prop_assert!(bed.order(Order::Jog));
+        }
+        let mut forward = false;
+        let mut expected = vec![];
+        for step in bed.world.steps(bed.now) {
+            if step.forward != forward {
+                forward = step.forward;
+                expected.push((step.at - 5.micros(), forward));
+            }
+        }
+        // The last change may be ahead of its step.
+        prop_assert!(told.starts_with(&expected), "{:?} {:?}", told, expected);
+        prop_assert!(told.len() <= expected.len() + 1);
+    }
+}

@@ -1,0 +1,110 @@
+//! The digital port: levels, captures, and the pulse of a trigger.
+
+use super::adapter::Adapter;
+use super::clock::TICK;
+use super::registers::{Reg, config};
+use super::{DIO, DIO0};
+use crate::device::{Instant, Level, Output, Pin, Sink};
+
+/// DIO1 and DIO2, which the motor drive takes.
+const MOTOR_LINES: u8 = 0b0110;
+/// DIO2, the motor's direction.
+const DIRECTION: u8 = 0b0100;
+/// All lines that a QSB may have.
+const LINES: u8 = 0b1111;
+
+impl Adapter {
+    /// The lines that this variant has, a bit each.
+    fn lines(&self) -> u8 {
+        let count = self.spec.pins.len().saturating_sub(usize::from(DIO0.0));
+        DIO.iter().take(count).enumerate().fold(0, |lines, (n, _)| lines | 1 << n)
+    }
+
+    /// The lines that the motor drive has taken.
+    fn taken(&self) -> u8 {
+        if self.motor.is_active() { MOTOR_LINES } else { 0 }
+    }
+
+    /// DIG I/O as it reads: the pins.
+    pub(super) fn port(&self, at: Instant) -> u8 {
+        let outside = self.pins.dio | !self.lines();
+        let bits = outside & !self.pulled & LINES;
+        if !self.motor.is_active() {
+            return bits;
+        }
+        // A step pulse is too short to be met.
+        bits & !MOTOR_LINES | if self.motor.is_forward(at) { DIRECTION } else { 0 }
+    }
+
+    /// A level from outside changes.
+    pub(super) fn line_edge(&mut self, at: Instant, pin: Pin, high: bool, out: &mut dyn Sink) {
+        let Some(n) = DIO.iter().position(|dio| *dio == pin) else { return };
+        let line = 1 << n & self.lines();
+        if line == 0 || (self.pins.dio & line != 0) == high {
+            return;
+        }
+        self.pins.dio ^= line;
+        let config = self.bank.word(Reg::DigIOConfig);
+        let word = u16::from(line);
+        let input = config & word << config::OUTPUTS == 0 && self.taken() & line == 0;
+        let falling = config & word << config::FALLING != 0;
+        if self.is_ready() && input && config & word << config::CAPTURES != 0 && falling != high {
+            self.look(at, out);
+            self.bank.set(Reg::Capture, i64::from(self.counter.cntr()));
+        }
+    }
+
+    /// Something happened to the counter that MDR1 selects.
+    pub(super) fn trigger(&mut self, at: Instant, out: &mut dyn Sink) {
+        const PULSE: u16 = config::PULSE | 1 << config::OUTPUTS;
+        if self.bank.word(Reg::DigIOConfig) & PULSE != PULSE {
+            return;
+        }
+        match self.bank.word(Reg::IntervalRate) {
+            0 => self.bank.set(Reg::DigIO, self.bank.get(Reg::DigIO) ^ 1),
+            ticks => self.pulse = Some(at + TICK * u64::from(ticks)),
+        }
+        self.show_port(at, out);
+    }
+
+    pub(super) fn pulse_due(&self) -> Instant {
+        self.pulse.unwrap_or(Instant::NEVER)
+    }
+
+    /// The pulse of a trigger is over, or the port was written: then the pin is what was written.
+    pub(super) fn end_pulse(&mut self, at: Instant, out: &mut dyn Sink) {
+        self.pulse = None;
+        self.show_port(at, out);
+    }
+
+    /// Drives the outputs whose levels have changed; those that the motor has taken wait.
+    pub(super) fn show_port(&mut self, at: Instant, out: &mut dyn Sink) {
+        let outputs = (self.bank.word(Reg::DigIOConfig) >> config::OUTPUTS) as u8;
+        let latch = self.bank.word(Reg::DigIO) as u8 ^ u8::from(self.pulse.is_some());
+        let pulled = outputs & !latch & self.lines() & !self.taken();
+        let changed = pulled ^ self.pulled;
+        self.pulled = pulled;
+        self.put_lines(changed & !self.taken(), at, out);
+    }
+
+    /// The motor drive has given its lines back.
+    pub(super) fn motor_left(&mut self, at: Instant, out: &mut dyn Sink) {
+        self.show_port(at, out);
+        self.put_lines(MOTOR_LINES, at, out);
+    }
+
+    /// Lets all lines go, whatever they were.
+    pub(super) fn release_port(&mut self, at: Instant, out: &mut dyn Sink) {
+        self.pulled = 0;
+        self.put_lines(self.lines(), at, out);
+    }
+
+    fn put_lines(&self, lines: u8, at: Instant, out: &mut dyn Sink) {
+        for (n, pin) in DIO.into_iter().enumerate() {
+            if lines & 1 << n != 0 {
+                let level = if self.pulled & 1 << n != 0 { Level::Low } else { Level::Float };
+                out.put(at, Output::Level { pin, level });
+            }
+        }
+    }
+}

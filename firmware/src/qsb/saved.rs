@@ -1,0 +1,81 @@
+//! What outlasts a reset: the parameters of command 3, and the baud rate (COMMAND).
+
+use standin_protocol::registers::{Bank, Register};
+
+use super::adapter::Adapter;
+use super::registers::Reg;
+use super::{MEMORY, Words};
+use crate::device::{Duration, Instant, Refused, Sink};
+use crate::memory::{self, Content};
+
+/// How long a save takes; the list does not say.
+const SAVE: Duration = Duration::millis(10);
+
+/// A save that has begun.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Save {
+    crc: [u8; 2],
+    due: Instant,
+}
+
+impl Adapter {
+    /// What was saved last; of a new or a bad memory the factory's values.
+    pub(super) fn stored(&self, out: &dyn Sink) -> Words {
+        let mut words = Bank::factory();
+        // While a save runs its image is there, and only its check sum is not.
+        if self.save.is_some() || memory::content(out.memory(), Reg::SAVED_WORDS) == Content::Good {
+            memory::load(Reg::ENTRIES, out.memory(), words.words_mut());
+        }
+        words
+    }
+
+    /// Command 3.
+    pub(super) fn save_parameters(&mut self, at: Instant, out: &mut dyn Sink) {
+        self.bank.set(Reg::Streams, i64::from(self.streams.running()));
+        self.bank.set(Reg::MotorDrive, i64::from(self.motor.is_active()));
+        let words = self.bank.clone();
+        self.store(at, &words, out);
+    }
+
+    /// Command A: the rate, and nothing with it.
+    pub(super) fn save_rate(&mut self, at: Instant, rate: i64, out: &mut dyn Sink) {
+        self.bank.set(Reg::BaudRate, rate);
+        let mut words = self.stored(out);
+        words.set(Reg::BaudRate, rate);
+        self.store(at, &words, out);
+    }
+
+    fn store(&mut self, at: Instant, words: &Words, out: &mut dyn Sink) {
+        let crc = memory::begin::<MEMORY>(Reg::ENTRIES, words.words(), at, out);
+        self.save = Some(Save { crc, due: at + SAVE });
+    }
+
+    pub(super) fn save_due(&self) -> Instant {
+        self.save.map_or(Instant::NEVER, |save| save.due)
+    }
+
+    /// Ends the save that runs.
+    pub(super) fn finish_save(&mut self, at: Instant, out: &mut dyn Sink) {
+        if let Some(save) = self.save.take() {
+            memory::finish::<MEMORY>(save.crc, at, out);
+        }
+    }
+
+    /// A preset before power comes, as if saved.
+    pub(super) fn preset(
+        &self,
+        at: Instant,
+        reg: Reg,
+        value: i64,
+        out: &mut dyn Sink,
+    ) -> Result<(), Refused> {
+        if memory::content(out.memory(), Reg::SAVED_WORDS) == Content::Bad {
+            return Err(Refused::BadMemory);
+        }
+        let mut words = self.stored(out);
+        words.set(reg, value);
+        let crc = memory::begin::<MEMORY>(Reg::ENTRIES, words.words(), at, out);
+        memory::finish::<MEMORY>(crc, at, out);
+        Ok(())
+    }
+}

@@ -1,0 +1,38 @@
+//! What leaves: one text behind the other.
+
+use super::USB;
+use super::registers::{FACTORY_LINE, line};
+use crate::device::{Duration, Instant, Output, Sink};
+
+/// The sending half of the port.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Serial {
+    character: Duration,
+    /// When all that was put has left.
+    sent: Instant,
+}
+
+impl Serial {
+    pub(super) fn new(at: Instant) -> Self {
+        Self { character: FACTORY_LINE.character(), sent: at }
+    }
+
+    /// When the line is free.
+    pub(super) fn free_at(&self) -> Instant {
+        self.sent
+    }
+
+    /// Sends a text at once, or behind all that is still leaving.
+    pub(super) fn send(&mut self, at: Instant, bytes: &[u8], out: &mut dyn Sink) {
+        let from = self.sent.max(at);
+        out.put(from, Output::Bytes { port: USB, bytes });
+        self.sent = from + self.character * bytes.len() as u64;
+    }
+
+    /// Changes to a rate of command A behind all that is still leaving.
+    pub(super) fn set_rate(&mut self, at: Instant, rate: u8, out: &mut dyn Sink) {
+        let line = line(rate);
+        self.character = line.character();
+        out.put(self.sent.max(at), Output::Line { port: USB, line });
+    }
+}

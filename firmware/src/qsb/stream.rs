@@ -1,0 +1,189 @@
+//! Registers that are sent again and again.
+
+use standin_protocol::registers::Register;
+
+use super::adapter::Adapter;
+use super::registers::Reg;
+use crate::device::{Instant, Sink};
+
+/// What streams, in the order of the bits of [`Reg::Streams`].
+const STREAMS: [Reg; 5] = [Reg::DigIO, Reg::Capture, Reg::Str, Reg::ReadEncoder, Reg::MdStatus];
+/// The one that keeps time; the others wait for a change.
+const ENCODER: u8 = bit(Reg::ReadEncoder);
+/// The counter's status, which is to be looked at whenever it may change.
+pub(super) const STATUS: u8 = bit(Reg::Str);
+/// What W161 ends.
+pub(super) const ENDED_BY_COMMAND: u8 = bit(Reg::DigIO) | ENCODER | bit(Reg::MdStatus);
+/// INTERVAL RATE: no output.
+const PAUSED: u16 = 0xFFFF;
+
+/// Its bit in [`Reg::Streams`]; 0 for a register that does not stream.
+const fn bit(reg: Reg) -> u8 {
+    match reg {
+        Reg::DigIO => 1 << 0,
+        Reg::Capture => 1 << 1,
+        Reg::Str => 1 << 2,
+        Reg::ReadEncoder => 1 << 3,
+        Reg::MdStatus => 1 << 4,
+        _ => 0,
+    }
+}
+
+/// The streams that run.
+#[derive(Clone, Debug)]
+pub(super) struct Streams {
+    running: u8,
+    /// What was sent last of each; of READ ENCODER what THRESHOLD looks at.
+    sent: [u32; STREAMS.len()],
+    /// Since when one differs from what was sent, which READ ENCODER does not tell.
+    changed: Instant,
+    /// When the encoder was measured last.
+    measured: Instant,
+    /// When it is to be measured next.
+    next: Instant,
+}
+
+impl Streams {
+    pub(super) fn new() -> Self {
+        Self {
+            running: 0,
+            sent: [0; STREAMS.len()],
+            changed: Instant::NEVER,
+            measured: Instant::ZERO,
+            next: Instant::NEVER,
+        }
+    }
+
+    /// Those that run, as in [`Reg::Streams`].
+    pub(super) fn running(&self) -> u8 {
+        self.running
+    }
+
+    /// Ends some, as in [`Reg::Streams`].
+    pub(super) fn end(&mut self, streams: u8) {
+        self.running &= !streams;
+        if streams & ENCODER != 0 {
+            self.next = Instant::NEVER;
+        }
+    }
+
+    /// Ends the one of a register, if it has one.
+    pub(super) fn end_of(&mut self, reg: Reg) {
+        self.end(bit(reg));
+    }
+
+    fn set_sent(&mut self, reg: Reg, value: u32) {
+        for (name, sent) in STREAMS.into_iter().zip(&mut self.sent) {
+            if name == reg {
+                *sent = value;
+            }
+        }
+    }
+
+    fn sent(&self, reg: Reg) -> u32 {
+        STREAMS.into_iter().zip(self.sent).find_map(|(name, sent)| (name == reg).then_some(sent)).unwrap_or(0)
+    }
+}
+
+impl Adapter {
+    /// The streams that were saved, as if they had been asked for now.
+    pub(super) fn resume_streams(&mut self, at: Instant) {
+        let saved = self.bank.word(Reg::Streams) as u8;
+        for reg in STREAMS.into_iter().filter(|reg| saved & bit(*reg) != 0) {
+            let exists = Reg::ENTRIES.list.get(reg.row()).is_some_and(|row| self.has(row));
+            if exists {
+                self.begin_stream(at, reg);
+            }
+        }
+    }
+
+    /// `S`, whose answer is the first value.
+    pub(super) fn begin_stream(&mut self, at: Instant, reg: Reg) {
+        self.streams.running |= bit(reg);
+        self.was_sent(at, reg);
+    }
+
+    /// The present value of a register leaves.
+    fn was_sent(&mut self, at: Instant, reg: Reg) {
+        let value = self.compared(at, reg);
+        self.streams.set_sent(reg, value);
+        if reg == Reg::ReadEncoder {
+            self.streams.measured = at;
+            self.schedule(at);
+        }
+    }
+
+    /// What decides whether a value is news.
+    fn compared(&self, at: Instant, reg: Reg) -> u32 {
+        if reg == Reg::ReadEncoder { self.encoder_value() } else { self.value(at, reg) as u32 }
+    }
+
+    /// When the encoder is to be measured next: an interval after the last time, but not in the past.
+    pub(super) fn schedule(&mut self, at: Instant) {
+        let measured = self.streams.measured;
+        self.streams.next = match self.bank.word(Reg::IntervalRate) {
+            _ if self.streams.running & ENCODER == 0 => Instant::NEVER,
+            PAUSED => Instant::NEVER,
+            0 => (measured + self.mode().measurement()).max(at),
+            ticks => {
+                let due = self.clock.instant(self.clock.ticks(measured) + u64::from(ticks));
+                let passed = self.clock.ticks(at);
+                let now = self.clock.instant(passed);
+                due.max(if now < at { self.clock.instant(passed + 1) } else { now })
+            }
+        };
+    }
+
+    /// When there is something to send and the line is free for it.
+    pub(super) fn stream_due(&self) -> Instant {
+        let due = self.streams.changed.min(self.streams.next);
+        if due == Instant::NEVER { due } else { due.max(self.serial.free_at()) }
+    }
+
+    /// Sends one record if one is due: the lowest register that has changed, or else the encoder.
+    pub(super) fn stream(&mut self, at: Instant, out: &mut dyn Sink) {
+        if at < self.serial.free_at() {
+            return;
+        }
+        if let Some(reg) = self.changed(at) {
+            self.record(at, reg, out);
+        } else if self.streams.next <= at {
+            self.measure(at, out);
+        }
+    }
+
+    /// Something happened: whether a register differs from what was sent of it.
+    pub(super) fn look_for_changes(&mut self, at: Instant) {
+        self.streams.changed = match self.changed(at) {
+            Some(_) => self.streams.changed.min(at),
+            None => Instant::NEVER,
+        };
+    }
+
+    /// The first register that is not what was sent of it, without READ ENCODER.
+    fn changed(&self, at: Instant) -> Option<Reg> {
+        let waiting = self.streams.running & !ENCODER;
+        if waiting == 0 {
+            return None;
+        }
+        STREAMS
+            .into_iter()
+            .find(|reg| waiting & bit(*reg) != 0 && self.compared(at, *reg) != self.streams.sent(*reg))
+    }
+
+    /// Measures the encoder, and sends the value if it has gone far enough.
+    fn measure(&mut self, at: Instant, out: &mut dyn Sink) {
+        let way = self.encoder_value().wrapping_sub(self.streams.sent(Reg::ReadEncoder));
+        if way.cast_signed().unsigned_abs() >= u32::from(self.bank.word(Reg::Threshold)) {
+            self.record(at, Reg::ReadEncoder, out);
+        } else {
+            self.streams.measured = at;
+            self.schedule(at);
+        }
+    }
+
+    fn record(&mut self, at: Instant, reg: Reg, out: &mut dyn Sink) {
+        self.was_sent(at, reg);
+        self.tell(at, b's', reg, out);
+    }
+}

@@ -1,0 +1,1 @@
+//! Scripts with times: what the list says happens, and when.

@@ -1,0 +1,128 @@
+//! Lines of text, as drives take them that are spoken to in ASCII.
+
+use core::mem;
+
+use heapless::Vec;
+
+const CR: u8 = b'\r';
+const LF: u8 = b'\n';
+
+/// What is wrong with a line, whatever it says.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Flaw {
+    /// It has more characters than there is room for; the first ones are kept.
+    TooLong,
+    /// It has a character that nobody could read; none are kept.
+    Spoiled,
+}
+
+/// A line that has ended, without its end.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct Line<const N: usize> {
+    /// Its characters.
+    pub text: Vec<u8, N>,
+    /// What is wrong with it.
+    pub flaw: Option<Flaw>,
+}
+
+/// Gathers the characters of lines of up to `N` characters.
+///
+/// CR or LF ends a line. Empty lines are ignored, so CR LF and LF CR end one line as well.
+#[derive(Clone, Debug, Default)]
+pub struct Lines<const N: usize> {
+    text: Vec<u8, N>,
+    flaw: Option<Flaw>,
+}
+
+impl<const N: usize> Lines<N> {
+    /// Nothing has come yet.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self { text: Vec::new(), flaw: None }
+    }
+
+    /// A character has come; returns the line that it ends.
+    pub fn push(&mut self, character: u8) -> Option<Line<N>> {
+        if matches!(character, CR | LF) {
+            let line = Line { text: mem::take(&mut self.text), flaw: self.flaw.take() };
+            return (!line.text.is_empty() || line.flaw.is_some()).then_some(line);
+        }
+        if self.flaw.is_none() && self.text.push(character).is_err() {
+            self.flaw = Some(Flaw::TooLong);
+        }
+        None
+    }
+
+    /// A character has come that nobody could read.
+    pub fn spoil(&mut self) {
+        self.text.clear();
+        self.flaw = Some(Flaw::Spoiled);
+    }
+
+    /// Forgets what has come of a line, and what was wrong with it.
+    pub fn clear(&mut self) {
+        *self = Self::new();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::vec::Vec;
+
+    /// The lines that come out of `characters`, with what is wrong with them.
+    fn lines(characters: &[u8]) -> Vec<(Vec<u8>, Option<Flaw>)> {
+        let mut lines = Lines::<4>::new();
+        characters
+            .iter()
+            .filter_map(|character| lines.push(*character))
+            .map(|line| (line.text.to_vec(), line.flaw))
+            .collect()
+    }
+
+    #[test]
+    fn any_single_or_double_combination_of_cr_and_lf_ends_one_line() {
+        for end in ["\r", "\n", "\r\n", "\n\r"] {
+            let sent = std::format!("R0E{end}W1{end}{end}");
+            assert_eq!(lines(sent.as_bytes()), [(b"R0E".to_vec(), None), (b"W1".to_vec(), None)]);
+        }
+    }
+
+    #[test]
+    fn a_line_is_not_whole_without_its_end() {
+        assert_eq!(lines(b"R0E"), []);
+    }
+
+    #[test]
+    fn a_line_may_fill_its_room_and_no_more() {
+        assert_eq!(lines(b"1234\r"), [(b"1234".to_vec(), None)]);
+        assert_eq!(lines(b"12345\r67\r"), [(b"1234".to_vec(), Some(Flaw::TooLong)), (b"67".to_vec(), None)]);
+    }
+
+    #[test]
+    fn a_spoiled_character_spoils_its_line_only() {
+        let mut lines = Lines::<4>::new();
+        assert_eq!(lines.push(b'R'), None);
+        lines.spoil();
+        assert_eq!(lines.push(b'E'), None);
+        let spoiled = lines.push(b'\r').unwrap();
+        assert_eq!((&spoiled.text[..], spoiled.flaw), (&b""[..], Some(Flaw::Spoiled)));
+        assert_eq!(lines.push(b'R'), None);
+        assert_eq!(lines.push(b'\r').unwrap().flaw, None);
+    }
+
+    #[test]
+    fn clearing_forgets_characters_and_flaws() {
+        let mut lines = Lines::<4>::new();
+        for character in b"12345" {
+            lines.push(*character);
+        }
+        lines.clear();
+        assert_eq!(lines.push(b'\r'), None, "nothing is left of it");
+        lines.spoil();
+        lines.clear();
+        lines.push(b'R');
+        let line = lines.push(b'\n').unwrap();
+        assert_eq!((&line.text[..], line.flaw), (&b"R"[..], None));
+    }
+}
