@@ -220,7 +220,7 @@ fn run(make: Make, Script { presets, events, fast }: &Script, eager: &[bool], pi
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 128, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { cases: 256, ..ProptestConfig::default() })]
 
     #[test]
     fn late_polling_and_split_bursts_change_nothing(
