@@ -1,0 +1,255 @@
+//! What outlasts a reset.
+
+use super::*;
+
+impl Bed {
+    /// Power off and on, with nothing connected; ready at once.
+    fn cycle(&mut self) {
+        self.wait(1.secs());
+        self.power_on(Boot { fast: true, ..Boot::default() });
+        self.wait(10.millis());
+    }
+}
+
+#[test]
+fn command_3_saves_the_parameters() {
+    let mut bed = Bed::ready(Qsb::m());
+    let rows = [
+        ("00", "00000001"),
+        ("02", "00000F00"),
+        ("01", "0000000A"),
+        ("03", "00000063"),
+        ("04", "00000100"),
+        ("08", "00000064"),
+        ("0B", "00000007"),
+        ("0C", "00000100"),
+        ("0F", "000003E8"),
+        ("10", "00001000"),
+        ("11", "FFFFFFFE"),
+        ("12", "FFFFFF00"),
+        ("15", "0000000B"),
+    ];
+    for (register, value) in rows {
+        bed.write(&std::format!("W{register}{value}"));
+    }
+    bed.write("W0D1");
+    bed.write("W163");
+    bed.wait(10.millis());
+    bed.write("W0C7");
+    bed.cycle();
+    for (register, value) in rows {
+        assert_eq!(bed.ask(&std::format!("R{register}")), std::format!("r {register} {value} !"));
+    }
+    assert_eq!(bed.level(DIO0), Level::Low, "configuration first, then the outputs");
+    assert_eq!(bed.level(DIO3), Level::Float);
+}
+
+#[test]
+fn without_command_3_the_factory_values_come_back() {
+    let mut bed = Bed::ready(Qsb::s());
+    bed.write("W0C7");
+    bed.cycle();
+    assert_eq!(bed.ask("R0C"), "r 0C 0000FFFF !");
+}
+
+#[test]
+fn a_save_takes_10_ms_and_another_begins_anew() {
+    let mut bed = Bed::ready(Qsb::m());
+    bed.command_at(100.millis(), "W163");
+    bed.command_at(105.millis(), "W163");
+    bed.run_until(1.secs());
+    let at: Vec<_> = [100_u64, 105, 115].map(|ms| Instant::from(ms.millis())).to_vec();
+    assert_eq!(bed.world.stores, at);
+}
+
+#[test]
+fn a_save_that_power_cuts_leaves_the_factory_values() {
+    let mut bed = Bed::ready(Qsb::m());
+    bed.write("W0C7");
+    bed.write("W163");
+    bed.power_on(Boot { fast: true, ..Boot::default() });
+    assert_eq!(bed.ask("R0C"), "r 0C 0000FFFF !");
+}
+
+#[test]
+fn a_reset_by_the_host_cuts_no_save() {
+    let mut bed = Bed::ready(Qsb::m());
+    bed.write("W0C7");
+    bed.write("W163");
+    bed.input(bed.now, Input::Attached { port: USB, here: true });
+    bed.wait(10.millis());
+    assert_eq!(bed.ask("R0C"), "r 0C 00000007 !");
+}
+
+#[test]
+fn a_rate_saves_itself_and_nothing_else() {
+    let mut bed = Bed::ready(Qsb::m());
+    bed.write("W0C7");
+    bed.write("W163");
+    bed.write("W0C8");
+    // The save has not ended: its image is what is kept.
+    bed.write("W1640A");
+    bed.character = Duration::from_ticks(1_389);
+    bed.cycle();
+    assert_eq!(bed.world.lines.last().unwrap().1.to_string(), "115200 8N1");
+    assert_eq!(bed.ask("R0C"), "r 0C 00000007 !");
+}
+
+#[test]
+fn streams_wake_up_after_the_banner() {
+    let mut bed = Bed::ready(Qsb::m());
+    bed.write("W0C10");
+    bed.ask("S0E");
+    bed.ask("S01");
+    bed.write("W163");
+    bed.wait(1.secs());
+    let power = bed.now;
+    bed.drive.power_on(power, Boot::default(), &mut bed.world);
+    bed.texts();
+    bed.run_until(power + 100.millis());
+    bed.pin(DIO0, false);
+    bed.run_until(power + 101.millis());
+    let texts = bed.texts();
+    // The banner comes in tick 25 (48.8 ms); from there on an interval of 16.
+    assert_eq!(
+        texts,
+        [
+            (power + 50.millis(), "QSB-M  0E!".into()),
+            (power + TICK * 41, "s 0E 00000000 !".into()),
+            (power + 100.millis(), "s 01 0000000E !".into()),
+        ]
+    );
+}
+
+#[test]
+fn the_motor_drive_wakes_up() {
+    let mut bed = Bed::ready(Qsb::m());
+    bed.write("W162");
+    bed.write("W163");
+    bed.cycle();
+    assert_eq!(bed.ask("R13"), "r 13 00000011 !");
+    bed.write("W160");
+    bed.write("W163");
+    bed.cycle();
+    assert_eq!(bed.ask("R13"), "r 13 00000001 !");
+}
+
+#[test]
+fn command_0_ends_the_motor_drive_and_brings_the_saved_port_back() {
+    let mut bed = Bed::ready(Qsb::m());
+    bed.write("W02E00");
+    bed.write("W01D");
+    bed.write("W163");
+    bed.wait(20.millis());
+    bed.write("W162");
+    // DIO1 and DIO2 are the motor's: step low, direction low.
+    assert_eq!(bed.ask("R01"), "r 01 00000009 !");
+    bed.write("W02F00");
+    bed.write("W010");
+    assert_eq!(bed.ask("R01"), "r 01 00000000 !");
+    let from = bed.world.levels.len();
+    bed.write("W160");
+    assert_eq!(bed.ask("R13"), "r 13 00000001 !");
+    assert_eq!(bed.ask("R02"), "r 02 00000E00 !");
+    assert_eq!(bed.ask("R01"), "r 01 0000000D !");
+    let levels = [DIO0, DIO1, DIO2, DIO3].map(|pin| bed.levels(pin, from).last().map(|(_, level)| *level));
+    assert_eq!(levels, [Some(Level::Float), Some(Level::Low), Some(Level::Float), Some(Level::Float)]);
+}
+
+#[test]
+fn the_motor_drives_lines_are_left_alone() {
+    let mut bed = Bed::ready(Qsb::m());
+    bed.write("W162");
+    assert_eq!([bed.level(DIO1), bed.level(DIO2)], [Level::Low; 2]);
+    assert_eq!(bed.world.plans, 1);
+    let from = bed.world.levels.len();
+    for command in ["W02F00", "W010", "W01F", "W020", "W161"] {
+        bed.write(command);
+    }
+    assert_eq!(bed.levels(DIO1, from), []);
+    assert_eq!(bed.levels(DIO2, from), []);
+    assert_eq!(bed.ask("R13"), "r 13 00000011 !", "command 1 leaves the motor drive");
+}
+
+#[test]
+fn the_motor_obeys_its_commands() {
+    let mut bed = Bed::ready(Qsb::m());
+    for (command, answer) in [
+        ("W168", "e 16 00000008 !"),
+        ("W169", "e 16 00000009 !"),
+        ("W164", "w 16 00000004 !"),
+        ("W165", "w 16 00000005 !"),
+        ("W166", "w 16 00000006 !"),
+        ("W167", "w 16 00000007 !"),
+        ("W162", "w 16 00000002 !"),
+        ("W0F3E8", "w 0F 000003E8 !"),
+        ("W10186A0", "w 10 000186A0 !"),
+        ("W117D0", "w 11 000007D0 !"),
+        ("S13", "s 13 00000011 !"),
+        ("R13", "r 13 00000011 !"),
+        ("W168", "w 16 00000008 !"),
+        ("R13", "r 13 00000012 !"),
+        ("W168", "e 16 00000008 !"),
+    ] {
+        assert_eq!(bed.ask(command), answer);
+    }
+    bed.ask("S13");
+    bed.texts();
+    bed.wait(5.secs());
+    let texts: Vec<_> = bed.texts().into_iter().map(|(_, text)| text).collect();
+    assert_eq!(texts, ["s 13 00000011 !"]);
+}
+
+#[test]
+fn presets_before_power_are_saved() {
+    let mut bed = Bed::off(Qsb::m());
+    for (reg, value) in [
+        (Reg::IntervalRate, 7),
+        (Reg::SerialNumber, 99_999),
+        (Reg::BaudRate, 4),
+        (Reg::Mdr1, 0x1FF),
+        (Reg::Mode, 17),
+    ] {
+        assert_eq!(bed.poke(reg, value), Ok(()));
+    }
+    assert_eq!(bed.poke(Reg::TimeStamp, 1), Err(Refused::ReadOnly));
+    assert_eq!(bed.poke(Reg::Streams, 0x1F), Ok(()));
+    assert_eq!(bed.poke(Reg::MotorDrive, 1), Ok(()));
+    bed.power_on(Boot { fast: true, ..Boot::default() });
+    assert_eq!(bed.world.lines[0].1.to_string(), "115200 8N1");
+    bed.character = Duration::from_ticks(1_389);
+    assert_eq!(bed.ask("R0C"), "r 0C 00000007 !");
+    assert_eq!(bed.ask("R0E"), "r 0E 00000000 !");
+    assert_eq!(bed.ask("R14"), "r 14 9999910E !");
+    assert_eq!(bed.ask("R04"), "r 04 000001FC !");
+    assert_eq!(bed.ask("R00"), "r 00 00000001 !");
+    assert_eq!(bed.ask("R13"), "r 13 00000011 !");
+}
+
+#[test]
+fn a_bad_memory_is_that_of_a_new_adapter_and_refuses_presets() {
+    let mut bed = Bed::off(Qsb::d());
+    bed.world.memory.fill(0x55);
+    assert_eq!(bed.poke(Reg::IntervalRate, 7), Err(Refused::BadMemory));
+    bed.power_on(Boot { fast: true, ..Boot::default() });
+    assert_eq!(bed.ask("R03"), "r 03 0000004F !");
+    // A rate is saved with the factory's values.
+    bed.write("W0C7");
+    bed.write("W1660A");
+    bed.cycle();
+    assert_eq!(bed.ask("R0C"), "r 0C 0000FFFF !");
+    assert_eq!(bed.ask("R14"), "r 14 0000100E !");
+}
+
+#[test]
+fn what_a_variant_lacks_does_not_wake_up() {
+    let mut bed = Bed::off(Qsb::m());
+    assert_eq!(bed.poke(Reg::Streams, 0x1F), Ok(()));
+    assert_eq!(bed.poke(Reg::MotorDrive, 1), Ok(()));
+    let mut other = Bed::off(Qsb::s());
+    other.world.memory = bed.world.memory;
+    other.power_on(Boot { fast: true, ..Boot::default() });
+    other.write("W163");
+    assert_eq!(other.peek(Reg::Streams), 0b01110, "CAPTURE, STR and READ ENCODER");
+    assert_eq!(other.peek(Reg::MotorDrive), 0);
+}
