@@ -23,10 +23,15 @@ use crate::device::{
 
 /// Pins that may wave at a time.
 const WAVES: usize = 4;
-/// Messages that may wait to be sent.
+/// Messages that may wait to be sent. Those that follow each other without a pause are one.
 const MESSAGES: usize = 4;
-/// Characters that may wait to be sent: those of the longest message, and of a short one.
-const CHARACTERS: usize = 272;
+
+/// Characters that may wait to be sent, where a drive is asked again when it has answered: those of the
+/// longest message, and of a short one.
+pub const ONE_ANSWER: usize = 272;
+/// Characters that may wait to be sent, where a drive may be asked many things at once: the answers to 64
+/// commands of a QSB, which are all that a board can have caught before it answers.
+pub const ANSWERS: usize = 1_024;
 
 /// What an interrupt caught.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -38,8 +43,12 @@ pub enum Caught {
     Spoiled(Port),
     /// The UART says that the line fell silent.
     Idle(Port),
+    /// The host opened or left a port: its DTR.
+    Attached(Port, bool),
     /// An input pin changed, to high or low.
     Edge(Pin, bool),
+    /// A converter measured another voltage at an input pin, in mV.
+    Millivolts(Pin, i32),
     /// A counter in hardware: which encoder, quarter cycles since the last time, channels A and B now.
     Count(Encoder, i32, bool, bool),
     /// The cause of a fault came or went.
@@ -105,28 +114,31 @@ pub trait Outputs {
 /// erase a sector.
 const PATIENCE: Duration = Duration::millis(60);
 
-/// A drive on a board. `MEMORY` is at least [`Spec::memory`](crate::device::Spec::memory).
+/// A drive on a board. `MEMORY` is at least [`Spec::memory`](crate::device::Spec::memory); so many
+/// `CHARACTERS` may wait to be sent.
 #[derive(Debug)]
-pub struct Shell<D, I, O, const MEMORY: usize> {
+pub struct Shell<D, I, O, const MEMORY: usize, const CHARACTERS: usize = ONE_ANSWER> {
     device: D,
     /// The device's deadline, which takes a while to ask for.
     due: Instant,
     /// The last thing that it was told, in its time.
     past: Instant,
     inputs: I,
-    hands: Hands<O, MEMORY>,
+    hands: Hands<O, MEMORY, CHARACTERS>,
 }
 
 /// Everything that a drive's outputs need.
 #[derive(Debug)]
-struct Hands<O, const MEMORY: usize> {
+struct Hands<O, const MEMORY: usize, const CHARACTERS: usize> {
     outputs: O,
     /// The non-volatile memory, as the drive reads it.
     memory: [u8; MEMORY],
     waves: Vec<Wave, WAVES>,
     messages: Deque<Message, MESSAGES>,
     /// Of all messages, in their order.
-    characters: Characters,
+    characters: Characters<CHARACTERS>,
+    /// How long one takes on the line, as the drive said last.
+    character: Duration,
     /// How far the drive's time is behind the board's.
     behind: Duration,
     failures: u32,
@@ -134,8 +146,8 @@ struct Hands<O, const MEMORY: usize> {
 
 /// Characters in a row, taken from the front.
 #[derive(Debug)]
-struct Characters {
-    kept: Vec<u8, CHARACTERS>,
+struct Characters<const N: usize> {
+    kept: Vec<u8, N>,
     /// How many of them have left.
     gone: usize,
 }
@@ -159,13 +171,17 @@ struct Message {
     /// When its first character may leave.
     from: Instant,
     begun: bool,
+    /// When its last one has left, as the drive reckons.
+    until: Instant,
     /// Characters that have not left.
     left: usize,
     /// What the line becomes behind it.
     then: Option<Line>,
 }
 
-impl<D: Device, I: Inputs, O: Outputs, const MEMORY: usize> Shell<D, I, O, MEMORY> {
+impl<D: Device, I: Inputs, O: Outputs, const MEMORY: usize, const CHARACTERS: usize>
+    Shell<D, I, O, MEMORY, CHARACTERS>
+{
     /// `device` on a board, without power.
     pub const fn new(device: D, inputs: I, outputs: O) -> Self {
         let hands = Hands {
@@ -174,6 +190,7 @@ impl<D: Device, I: Inputs, O: Outputs, const MEMORY: usize> Shell<D, I, O, MEMOR
             waves: Vec::new(),
             messages: Deque::new(),
             characters: Characters { kept: Vec::new(), gone: 0 },
+            character: Duration::ZERO,
             behind: Duration::ZERO,
             failures: 0,
         };
@@ -206,7 +223,9 @@ impl<D: Device, I: Inputs, O: Outputs, const MEMORY: usize> Shell<D, I, O, MEMOR
                 }
                 Caught::Spoiled(port) => Input::Spoiled { port },
                 Caught::Idle(port) => Input::Idle { port },
+                Caught::Attached(port, here) => Input::Attached { port, here },
                 Caught::Edge(pin, high) => Input::Edge { pin, high },
+                Caught::Millivolts(pin, mv) => Input::Millivolts { pin, mv },
                 Caught::Count(encoder, steps, a, b) => Input::Count { encoder, steps, a, b },
                 Caught::Fault(fault, on) => Input::Fault { fault, on },
                 Caught::Slipped(axis, steps) => Input::Slipped { axis, steps },
@@ -251,7 +270,7 @@ impl<D: Device, I: Inputs, O: Outputs, const MEMORY: usize> Shell<D, I, O, MEMOR
     }
 }
 
-impl<O: Outputs, const MEMORY: usize> Hands<O, MEMORY> {
+impl<O: Outputs, const MEMORY: usize, const CHARACTERS: usize> Hands<O, MEMORY, CHARACTERS> {
     fn recall(&mut self) {
         let memory = self.outputs.memory();
         let stored = memory.capacity().min(MEMORY);
@@ -313,6 +332,24 @@ impl<O: Outputs, const MEMORY: usize> Hands<O, MEMORY> {
         changed
     }
 
+    /// Queues what leaves a port from `from` on; `false` if it does not fit. What begins before the message
+    /// ahead of it has left goes on with that, so that only characters need room.
+    fn queue(&mut self, port: Port, from: Instant, bytes: &[u8]) -> bool {
+        let takes = self.character * bytes.len() as u64;
+        let joins = |last: &&mut Message| last.port == port && last.then.is_none() && from <= last.until;
+        if let Some(last) = self.messages.back_mut().filter(joins) {
+            let fits = self.characters.push(bytes);
+            if fits {
+                last.left += bytes.len();
+                last.until += takes;
+            }
+            return fits;
+        }
+        let message =
+            Message { port, from, begun: false, until: from + takes, left: bytes.len(), then: None };
+        !self.messages.is_full() && self.characters.push(bytes) && self.messages.push_back(message).is_ok()
+    }
+
     /// Hands what may leave by `now` to the ports; whether anything left.
     fn send(&mut self, now: Instant) -> bool {
         let mut moved = false;
@@ -348,14 +385,14 @@ impl<O: Outputs, const MEMORY: usize> Hands<O, MEMORY> {
     }
 }
 
-impl Characters {
+impl<const N: usize> Characters<N> {
     /// Puts some at the end; `false` if they do not fit.
     fn push(&mut self, bytes: &[u8]) -> bool {
         let rest = self.kept.get(self.gone..).unwrap_or(&[]);
         if rest.is_empty() {
             self.kept.clear();
             self.gone = 0;
-        } else if bytes.len() > CHARACTERS - self.kept.len()
+        } else if bytes.len() > N - self.kept.len()
             && let Ok(rest) = Vec::from_slice(rest)
         {
             self.kept = rest;
@@ -376,18 +413,16 @@ impl Characters {
     }
 }
 
-impl<O: Outputs, const MEMORY: usize> Sink for Hands<O, MEMORY> {
+impl<O: Outputs, const MEMORY: usize, const CHARACTERS: usize> Sink for Hands<O, MEMORY, CHARACTERS> {
     fn put(&mut self, at: Instant, output: Output<'_>) {
         let at = at + self.behind;
         match output {
             Output::Bytes { port, bytes } => {
-                let message = Message { port, from: at, begun: false, left: bytes.len(), then: None };
-                let queued = !self.messages.is_full()
-                    && self.characters.push(bytes)
-                    && self.messages.push_back(message).is_ok();
+                let queued = self.queue(port, at, bytes);
                 self.failures = self.failures.saturating_add(u32::from(!queued));
             }
             Output::Line { port, line } => {
+                self.character = line.character();
                 match self.messages.iter_mut().rfind(|message| message.port == port) {
                     Some(message) => message.then = Some(line),
                     None => self.outputs.set_line(port, line),

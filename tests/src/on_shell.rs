@@ -1,7 +1,7 @@
 //! A golden trace on the shell of a board, over the simulated hardware.
 
 use standin_firmware::device::{Boot, Device, Duration, Instant, Level, Line, Pin};
-use standin_firmware::shell::{Caught, Shell};
+use standin_firmware::shell::{ANSWERS, Caught, Shell};
 use standin_sim::hal::{Board, Done, SimOutputs};
 use standin_sim::trace::{Course, Did, Event, Fed, Power, Trace};
 
@@ -100,7 +100,9 @@ fn run<D: Device, const MEMORY: usize>(trace: &Trace, device: impl Fn() -> D) ->
             }
             Fed::Spoiled { port } => player.catch(entry.at, Caught::Spoiled(*port)),
             Fed::Idle { port } => player.catch(entry.at, Caught::Idle(*port)),
+            Fed::Attached { port, here } => player.catch(entry.at, Caught::Attached(*port, *here)),
             Fed::Edge { pin, high } => player.catch(entry.at, Caught::Edge(*pin, *high)),
+            Fed::Millivolts { pin, mv } => player.catch(entry.at, Caught::Millivolts(*pin, *mv)),
             Fed::Fault { fault, on } => player.catch(entry.at, Caught::Fault(*fault, *on)),
             Fed::Slipped { axis, steps } => player.catch(entry.at, Caught::Slipped(*axis, *steps)),
             Fed::Power(power @ (Power::On | Power::Off)) => {
@@ -130,16 +132,39 @@ fn as_seen(at: Instant, done: &Done) -> Seen {
 }
 
 /// A board shows what it did in the order in which it did it; a trace has what comes with a stamp
-/// ahead earlier. By instant they agree.
+/// ahead earlier. And what leaves without a pause between is one thing on a line, however it was said. By
+/// instant they agree.
 fn sorted(mut seen: Vec<(Instant, Seen)>) -> Vec<(Instant, Seen)> {
     seen.sort_by_key(|(at, seen)| (*at, format!("{seen:?}")));
-    seen
+    let mut character = Duration::ZERO;
+    // Where the last thing said is, and when all of it has left.
+    let mut last = None;
+    let mut joined: Vec<(Instant, Seen)> = Vec::new();
+    for (at, seen) in seen {
+        match &seen {
+            Seen::Did(Did::Line { line, .. }) => character = line.character(),
+            Seen::Did(Did::Bytes { bytes, .. }) => {
+                let end = at + character * bytes.len() as u64;
+                if let Some((place, free)) = last.replace((joined.len(), end))
+                    && free == at
+                    && let (_, Seen::Did(Did::Bytes { bytes: before, .. })) = &mut joined[place]
+                {
+                    before.extend_from_slice(bytes);
+                    last = Some((place, end));
+                    continue;
+                }
+            }
+            _ => {}
+        }
+        joined.push((at, seen));
+    }
+    joined
 }
 
 /// A board, and the loop that its `main` would be.
 struct Player<D, M, const MEMORY: usize> {
     board: Board,
-    shell: Option<Shell<D, Board, SimOutputs, MEMORY>>,
+    shell: Option<Shell<D, Board, SimOutputs, MEMORY, ANSWERS>>,
     boot: Boot,
     device: M,
 }

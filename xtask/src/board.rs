@@ -125,12 +125,27 @@ impl Board {
         self.build(sh, kind)
     }
 
-    /// Builds every image. Each kind of drive has one.
+    /// Builds every image, at once. Each kind of drive has one.
     fn all(&self, sh: &Shell) -> Result<PathBuf> {
-        for kind in kinds(sh)? {
-            self.build(sh, &kind)?;
-        }
+        let Self { package, target, .. } = self;
+        let kinds = kinds(sh)?;
+        let bins = kinds.iter().flat_map(|kind| ["--bin", kind]);
+        cmd!(sh, "cargo build --quiet --profile {PROFILE} --package {package} --target {target} {bins...}")
+            .run()?;
         Ok(self.images(sh))
+    }
+}
+
+/// How a person talks to a kind of drive whose line is at `address` of this machine.
+pub(crate) fn hint(kind: &str, address: &str) -> String {
+    if kind.starts_with("qsb") {
+        format!("what it counts, with socat:\n  printf 'R0E\\r' | socat -t 1 - tcp:{address}")
+    } else {
+        format!(
+            "all registers of an md3, with mbpoll, RTU over TCP:\n  \
+             socat pty,raw,echo=0,link={kind}.tty tcp:{address} & \
+             sleep 1; mbpoll -m rtu -a 1 -b 9600 -P none -t 4:hex -r 1 -c 32 -1 {kind}.tty"
+        )
     }
 }
 

@@ -1,12 +1,12 @@
-//! The longest interrupts of an MD3's images, and their deepest stacks: counted in emulation while the drive
-//! is asked, saves, and moves at 40,000 steps/s.
+//! The longest interrupts of images, and their deepest stacks: counted in emulation while the drive is asked,
+//! saves, moves, and hears edges.
 
 use std::io::{BufRead, BufReader, Read, Write};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 
 use anyhow::{Context, Result, ensure};
-use standin_protocol::modbus::rtu;
+use standin_protocol::modbus::rtu::{self, Burst};
 use xshell::{Shell, cmd};
 
 use crate::board::{LM3S6965, RP2040};
@@ -26,10 +26,72 @@ const HANDLERS: [(&str, &str); 2] = [("UART0", BUS), ("SysTick", CLOCK)];
 /// 2.3.2).
 const EXCEPTIONS: [(u32, &str); 3] = [(16, STEPS), (16 + 13, PINS), (16 + 20, BUS)];
 
-/// What is written to an MD3: 40,000 steps/s (7.17), 500,000 steps/s² (7.19), 4,000 steps (7.16), a save
-/// (7.20), a move (7.15).
-const WRITES: [(u16, u16); 8] =
-    [(0x14, 0), (0x15, 40_000), (0x18, 7), (0x19, 41_248), (0x12, 0), (0x13, 4_000), (0x1a, 1), (MOTION, 1)];
+/// What a drive has to do while it is measured.
+pub(crate) struct Work {
+    /// The kind of drive.
+    pub(crate) kind: &'static str,
+    /// What it is told; the last thing is a move.
+    orders: fn() -> Vec<Vec<u8>>,
+    /// What it is asked until the move is over.
+    question: fn() -> Vec<u8>,
+    /// Takes an answer off what has come; `None` if it is not all there.
+    answer: fn(&mut Vec<u8>) -> Option<Vec<u8>>,
+    /// Whether that answer says that the move is over.
+    is_over: fn(&[u8]) -> bool,
+    /// What happens at pins of the Pico while it moves.
+    edges: &'static [(u8, &'static str)],
+}
+
+/// The work of an MD3, and of the drive with the most of a QSB.
+pub(crate) const WORKS: [Work; 2] = [
+    Work {
+        kind: "md3",
+        // 40,000 steps/s (7.17), 500,000 steps/s² (7.19), 4,000 steps (7.16), a save (7.20), a move (7.15).
+        orders: || {
+            let writes = [
+                (0x14, 0),
+                (0x15, 40_000),
+                (0x18, 7),
+                (0x19, 41_248),
+                (0x12, 0),
+                (0x13, 4_000),
+                (0x1a, 1),
+                (MOTION, 1),
+            ];
+            writes.map(|(register, value)| rtu::write(1, register, value).to_vec()).to_vec()
+        },
+        question: || rtu::read(1, MOTION, 1).to_vec(),
+        answer: |heard| {
+            let whole = rtu::front(heard) == Burst::Frame(heard.len());
+            whole.then(|| std::mem::take(heard))
+        },
+        is_over: |answer| answer.get(3..5) == Some(&[0, 0]),
+        // J2.4 and J2.5.
+        edges: &[(7, "low"), (8, "low"), (7, "high"), (8, "high")],
+    },
+    Work {
+        kind: "qsb-m",
+        // A save; a stream as fast as it can; the motor drive, 13,000 steps/s, 360,000 steps/s², 4,000 steps.
+        orders: || {
+            let lines =
+                ["W163\r", "W0C0\r", "S0E\r", "W162\r", "W0F32C8\r", "W1057E40\r", "W11FA0\r", "W168\r"];
+            lines.map(|line| line.as_bytes().to_vec()).to_vec()
+        },
+        question: || b"R13\r".to_vec(),
+        answer: |heard| {
+            let end = heard.iter().position(|byte| *byte == b'\n')? + 1;
+            let line: Vec<u8> = heard.drain(..end).collect();
+            // Records of the stream come between.
+            (line.first() != Some(&b's')).then_some(line)
+        },
+        // MD STATUS: enabled and ready.
+        is_over: |answer| answer.starts_with(b"r 13 00000011"),
+        // A, B and I.
+        edges: &[(5, "low"), (6, "low"), (7, "high"), (5, "high"), (6, "high"), (7, "low")],
+    },
+];
+
+/// MotionControl of an MD3.
 const MOTION: u16 = 0x11;
 
 /// What was counted: each interrupt's purpose with its most instructions, and bytes of the stack.
@@ -39,8 +101,8 @@ pub(crate) struct Worst {
 }
 
 /// On each board, in the order of [`BOARDS`](crate::board::BOARDS).
-pub(crate) fn worst(sh: &Shell) -> Result<[Worst; 2]> {
-    Ok([lm3s6965(sh)?, rp2040(sh)?])
+pub(crate) fn worst(sh: &Shell, work: &Work) -> Result<[Worst; 2]> {
+    Ok([lm3s6965(sh, work)?, rp2040(sh, work)?])
 }
 
 /// Lowest address of the stack, and the one above its highest.
@@ -56,20 +118,19 @@ fn number(log: &str, begin: &str, word: &str) -> Result<u64> {
 }
 
 /// The Pico, in exact virtual time.
-fn rp2040(sh: &Shell) -> Result<Worst> {
-    let image = RP2040.image(sh, "md3")?;
-    let path = RP2040.images(sh).join("md3");
+fn rp2040(sh: &Shell, work: &Work) -> Result<Worst> {
+    let image = RP2040.image(sh, work.kind)?;
+    let path = RP2040.images(sh).join(work.kind);
     let [low, high] = stack(&image)?.map(|address| address.to_string());
-    // FAST is low; a request every 100 ms; J2.4 and J2.5 change while it moves.
+    // FAST is low; an order every 100 ms; pins change while it moves.
     let mut script = "0 pin 22 low\n".to_owned();
     let mut at = 100_000;
-    for (register, value) in WRITES {
-        let request: String =
-            rtu::write(1, register, value).iter().map(|byte| format!(" {byte:02x}")).collect();
-        script += &format!("{at} rx{request}\n");
+    for order in (work.orders)() {
+        let order: String = order.iter().map(|byte| format!(" {byte:02x}")).collect();
+        script += &format!("{at} rx{order}\n");
         at += 100_000;
     }
-    for (pin, level) in [(7, "low"), (8, "low"), (7, "high"), (8, "high")] {
+    for (pin, level) in work.edges {
         script += &format!("{at} pin {pin} {level}\n");
         at += 100;
     }
@@ -84,9 +145,9 @@ fn rp2040(sh: &Shell) -> Result<Worst> {
 }
 
 /// The LM3S6965 under QEMU.
-fn lm3s6965(sh: &Shell) -> Result<Worst> {
-    let image = LM3S6965.image(sh, "md3")?;
-    let path = LM3S6965.images(sh).join("md3");
+fn lm3s6965(sh: &Shell, work: &Work) -> Result<Worst> {
+    let image = LM3S6965.image(sh, work.kind)?;
+    let path = LM3S6965.images(sh).join(work.kind);
     let mut plugin = counted::plugin(sh)?.display().to_string();
     for (handler, _) in HANDLERS {
         plugin += &format!(",handler={handler}:{:#x}", image.symbol(handler)?);
@@ -96,7 +157,7 @@ fn lm3s6965(sh: &Shell) -> Result<Worst> {
     let folder = sh.create_temp_dir()?;
     let log = folder.path().join("log");
     let mut qemu = start(&path, &plugin, &log)?;
-    let asked = ask(&mut qemu);
+    let asked = ask(&mut qemu, work);
     // The plugin speaks when QEMU ends in good order.
     let pid = qemu.id().to_string();
     cmd!(sh, "kill -TERM {pid}").quiet().run()?;
@@ -140,23 +201,28 @@ fn start(image: &Path, plugin: &str, log: &Path) -> Result<Child> {
         .context("qemu-system-arm does not start")
 }
 
-/// Waits until the drive has power, writes the registers, and asks until the move is over.
-fn ask(qemu: &mut Child) -> Result<()> {
+/// Waits until the drive has power, gives the orders, and asks until the move is over.
+fn ask(qemu: &mut Child, work: &Work) -> Result<()> {
     let stderr = qemu.stderr.take().context("it is piped")?;
     let says = BufReader::new(stderr).lines().map_while(Result::ok).any(|line| line.contains("has power"));
     ensure!(says, "the board does not boot");
     let mut bus = (qemu.stdin.take().context("it is piped")?, qemu.stdout.take().context("it is piped")?);
-    let mut exchange = |request: &[u8], reply: &mut [u8]| {
+    let mut heard = Vec::new();
+    let mut exchange = |request: &[u8]| {
         bus.0.write_all(request)?;
         bus.0.flush()?;
-        bus.1.read_exact(reply).context("the board does not answer")
+        loop {
+            if let Some(answer) = (work.answer)(&mut heard) {
+                return anyhow::Ok(answer);
+            }
+            let mut byte = [0];
+            bus.1.read_exact(&mut byte).context("the board does not answer")?;
+            heard.extend(byte);
+        }
     };
-    for (register, value) in WRITES {
-        exchange(&rtu::write(1, register, value), &mut [0; 8])?;
+    for order in (work.orders)() {
+        exchange(&order)?;
     }
-    let mut reply = [0; 7];
-    while reply.get(3..5) != Some(&[0, 0]) || reply[0] == 0 {
-        exchange(&rtu::read(1, MOTION, 1), &mut reply)?;
-    }
+    while !(work.is_over)(&exchange(&(work.question)())?) {}
     Ok(())
 }

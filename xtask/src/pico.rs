@@ -5,7 +5,7 @@ use std::process::{Command, Stdio};
 use anyhow::{Context, Result, ensure};
 use xshell::{Shell, cmd};
 
-use crate::board::RP2040;
+use crate::board::{RP2040, hint};
 use crate::tools::Tool;
 
 /// Builds the image of a kind of drive and runs it at the pace of real time, its UART0 on a TCP port, until the
@@ -16,7 +16,7 @@ use crate::tools::Tool;
 /// If there is no image of that kind, if it does not build, or if something to build or emulate it with is missing.
 pub(crate) fn run(sh: &Shell, kind: &str) -> Result<()> {
     let image = RP2040.image_for(sh, kind, &[Tool::ThumbTargets, Tool::Node])?;
-    println!("connect a Modbus RTU master over TCP to the address below; Ctrl-C ends the board");
+    println!("Ctrl-C ends the board; {}", hint(kind, "<the address below>"));
     serve(cmd!(sh, "node tests/pico/serve.mjs {image}").into())
 }
 

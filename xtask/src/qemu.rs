@@ -7,7 +7,7 @@ use std::process::{Command, Stdio};
 use anyhow::{Context, Result, ensure};
 use xshell::Shell;
 
-use crate::board::LM3S6965;
+use crate::board::{LM3S6965, hint};
 use crate::tools::Tool;
 
 /// Builds the image of a kind of drive and runs it, its UART0 on a free TCP port of this machine, until the
@@ -20,13 +20,7 @@ pub(crate) fn run(sh: &Shell, kind: &str) -> Result<()> {
     let image = LM3S6965.image_for(sh, kind, &[Tool::ThumbTargets, Tool::Qemu])?;
     let bus = TcpListener::bind(("127.0.0.1", 0)).context("cannot listen on 127.0.0.1")?;
     let address = bus.local_addr()?;
-    println!(
-        "{kind} is at {address}, RTU over TCP; Ctrl-C ends the board. All registers of an md3, with mbpoll:"
-    );
-    println!(
-        "  socat pty,raw,echo=0,link={kind}.tty tcp:{address} & \
-         sleep 1; mbpoll -m rtu -a 1 -b 9600 -P none -t 4:hex -r 1 -c 32 -1 {kind}.tty"
-    );
+    println!("{kind} is at {address}; Ctrl-C ends the board; {}", hint(kind, &address.to_string()));
     // QEMU dies with this process. It is handed the port as its standard input, so that nobody else can
     // have taken it meanwhile.
     let ended = Command::new("setpriv")

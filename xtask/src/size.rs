@@ -32,10 +32,13 @@ pub(crate) fn check(sh: &Shell) -> Result<()> {
     for kind in &kinds {
         sizes(sh, kind, &mut table)?;
     }
-    for (place, worst) in interrupts::worst(sh)?.into_iter().enumerate() {
-        table.put(place, "md3: stack in use, bytes".to_owned(), worst.stack);
-        for (interrupt, most) in worst.interrupts {
-            table.put(place, format!("md3: {interrupt}, at worst"), most);
+    for work in &interrupts::WORKS {
+        let kind = work.kind;
+        for (place, worst) in interrupts::worst(sh, work)?.into_iter().enumerate() {
+            table.put(place, format!("{kind}: stack in use, bytes"), worst.stack);
+            for (interrupt, most) in worst.interrupts {
+                table.put(place, format!("{kind}: {interrupt}, at worst"), most);
+            }
         }
     }
     for (place, processor) in PROCESSORS.iter().enumerate() {

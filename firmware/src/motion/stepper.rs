@@ -73,6 +73,11 @@ impl<P: StepDir> Stepper<P> {
         }
     }
 
+    /// Somebody else has the pins while it stands, and gives them back low.
+    pub fn let_go(&mut self) {
+        self.forward = false;
+    }
+
     /// When the timer must come.
     #[must_use]
     pub fn due(&self) -> Instant {

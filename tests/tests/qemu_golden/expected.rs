@@ -3,17 +3,32 @@
 use standin_firmware::device::{Duration, Instant, Line, Pin};
 use standin_firmware::motion::Walker;
 use standin_sim::hal::Done;
-use standin_sim::trace::{Did, Trace};
+use standin_sim::trace::{Did, Event, Trace};
 use standin_tests::on_shell::{self, Seen};
+
+/// What leaves the bus.
+#[derive(Clone)]
+pub(crate) struct Reply {
+    /// From when on.
+    pub(crate) at: Instant,
+    /// When what it follows without a pause begins. QEMU's UART paces nothing, so it may leave with that.
+    pub(crate) earliest: Instant,
+    /// The characters.
+    pub(crate) bytes: Vec<u8>,
+}
 
 /// What a trace expects.
 pub(crate) struct Expected {
-    /// What leaves the bus, and from when on.
-    pub(crate) replies: Vec<(Instant, Vec<u8>)>,
+    /// What leaves the bus.
+    pub(crate) replies: Vec<Reply>,
     /// The settings of the line, and from when on.
     lines: Vec<(Instant, Line)>,
     /// The changes of each pin, which is low at first.
     pins: Vec<Vec<(Instant, bool)>>,
+    /// When each pin was given a level, whether it changed or not.
+    given: Vec<Vec<Instant>>,
+    /// STEP and DIR, if they serve other purposes, too.
+    shared: Option<(Pin, Pin)>,
     motion: Vec<(Instant, Done)>,
     /// Each step, and whether it is forward.
     steps: Vec<(Instant, bool)>,
@@ -22,13 +37,15 @@ pub(crate) struct Expected {
 }
 
 impl Expected {
-    /// Of a trace with one drive, and what it asks of the motor.
-    pub(crate) fn of(trace: &Trace, motion: Vec<(Instant, Done)>) -> Self {
+    /// Of a trace with one drive, and what it asks of the motor. STEP and DIR may be `shared` pins.
+    pub(crate) fn of(trace: &Trace, motion: Vec<(Instant, Done)>, shared: Option<(Pin, Pin)>) -> Self {
         let [drive] = trace.drives.as_slice() else { panic!("a board has one drive") };
         let mut expected = Self {
             replies: Vec::new(),
             lines: Vec::new(),
             pins: vec![Vec::new(); drive.spec.pins.len()],
+            given: vec![Vec::new(); drive.spec.pins.len()],
+            shared,
             steps: steps(&motion),
             motion,
             memory: drive.memory.clone(),
@@ -42,16 +59,46 @@ impl Expected {
                         changes.push((at, high));
                     }
                 }
-                Seen::Did(Did::Bytes { bytes, .. }) => expected.replies.push((at, bytes)),
                 Seen::Did(Did::Line { line, .. }) => expected.lines.push((at, line)),
                 Seen::Did(Did::Store { offset, bytes }) => {
                     expected.memory[usize::from(offset)..][..bytes.len()].copy_from_slice(&bytes);
                 }
-                // Motion comes as plans; currents and duties have no pin.
+                // What is said is taken below, piece by piece. Motion comes as plans; currents and duties have
+                // no pin.
                 Seen::Did(_) => {}
             }
         }
+        let mut free = Instant::ZERO;
+        for entry in trace.events() {
+            match &entry.event {
+                Event::Did(Did::Bytes { bytes, .. }) => {
+                    let follows = expected.replies.last().filter(|_| free == entry.at);
+                    let earliest = follows.map_or(entry.at, |before| before.earliest);
+                    free = entry.at + expected.line(entry.at).character() * bytes.len() as u64;
+                    expected.replies.push(Reply { at: entry.at, earliest, bytes: bytes.clone() });
+                }
+                Event::Did(Did::Level { pin, .. }) => expected.given[usize::from(pin.0)].push(entry.at),
+                _ => {}
+            }
+        }
         expected
+    }
+
+    /// Whether a pin is given a level at any time after `after` and before `before`.
+    pub(crate) fn is_given(&self, pin: Pin, after: Instant, before: Instant) -> bool {
+        self.given[usize::from(pin.0)].iter().any(|at| (after..before).contains(at))
+    }
+
+    /// Whether a pin is STEP or DIR at `at`: a plan takes them, a level takes them back.
+    pub(crate) fn is_axis(&self, pin: Pin, at: Instant) -> bool {
+        let given = self.given[usize::from(pin.0)].iter().rev().find(|given| **given <= at);
+        self.shared.is_some_and(|(step, dir)| pin == step || pin == dir)
+            && self.motion.iter().any(|(from, _)| *from <= at && given.is_none_or(|given| given <= from))
+    }
+
+    /// The pin of the drive that shares its place with STEP.
+    pub(crate) fn shared_step(&self) -> Option<Pin> {
+        self.shared.map(|(step, _)| step)
     }
 
     /// The settings of the line at `at`.
@@ -145,7 +192,7 @@ impl Expected {
 
     /// When something is due to be seen.
     pub(crate) fn instants(&self) -> impl Iterator<Item = Instant> {
-        let replies = self.replies.iter().map(|(at, _)| *at);
+        let replies = self.replies.iter().map(|reply| reply.at);
         let pins = self.pins.iter().flatten().map(|(at, _)| *at);
         let motion = self.motion.iter().map(|(at, _)| *at);
         replies.chain(pins).chain(motion)

@@ -57,6 +57,9 @@ pub(crate) fn acts(
                 let name = spec.faults[usize::from(*fault)];
                 acts.push((entry.at, Act::Drive(name, wired(name), !on)));
             }
+            Fed::Attached { here, .. } => {
+                acts.push((entry.at, Act::Drive("DTR", wired("DTR"), !here)));
+            }
             Fed::Power(power @ (Power::On | Power::Off)) => {
                 acts.push((entry.at, Act::Power(*power == Power::On)));
             }

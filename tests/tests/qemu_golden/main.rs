@@ -92,7 +92,7 @@ impl Job {
         let image = Image::read(&images.join(of));
         let shifts: &[u32] = if FAST.iter().any(|fast| name.ends_with(fast)) { &[0] } else { &SHIFTS };
         let mut plays = shifts.iter().map(|shift| {
-            let expected = Expected::of(&trace, motion.clone());
+            let expected = Expected::of(&trace, motion.clone(), pins::shared(&trace, wires));
             let played = replay::play(name, &trace, expected, wires, &image, *shift);
             if played.is_err() {
                 println!("{name} oversleeps with 2^{shift} ns an instruction");

@@ -1,5 +1,8 @@
 //! The pin-out of the board, typed by hand from its README: a wrong wire in an image fails its traces.
 
+use standin_firmware::device::Pin;
+use standin_sim::trace::Trace;
+
 use crate::machine::Gpio;
 
 /// A jumper that is low at reset: no start-up delay.
@@ -18,8 +21,17 @@ pub(crate) type Wires = Vec<(&'static str, Gpio)>;
 pub(crate) fn wires(kind: &str) -> Wires {
     match kind {
         "md3" | "md3-low" => MD3.to_vec(),
+        "qsb-d" | "qsb-m" | "qsb-s" => QSB.to_vec(),
         _ => panic!("the pin-out of a {kind} is missing here"),
     }
+}
+
+/// STEP and DIR of the drive of a trace, if they are at pins that serve other purposes, too.
+pub(crate) fn shared(trace: &Trace, wires: &Wires) -> Option<(Pin, Pin)> {
+    let spec = trace.drives.first()?.spec;
+    let (step, dir) = spec.axes.first()?.step_dir?;
+    let name = spec.pins.get(usize::from(step.0))?.name;
+    wires.iter().any(|(wired, _)| *wired == name).then_some((step, dir))
 }
 
 static MD3: [(&str, Gpio); 13] = [
@@ -36,4 +48,17 @@ static MD3: [(&str, Gpio); 13] = [
     ("D6", Gpio('F', 0)),
     ("over_temperature", Gpio('A', 7)),
     ("over_current", Gpio('G', 0)),
+];
+
+static QSB: [(&str, Gpio); 9] = [
+    ("A", Gpio('D', 4)),
+    // By another name the contact of A.
+    ("PWM", Gpio('D', 4)),
+    ("B", Gpio('D', 5)),
+    ("I", Gpio('D', 6)),
+    ("DTR", Gpio('D', 7)),
+    ("DIO0", Gpio('C', 4)),
+    ("DIO1", STEP),
+    ("DIO2", DIR),
+    ("DIO3", Gpio('C', 5)),
 ];

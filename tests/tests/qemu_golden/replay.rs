@@ -10,7 +10,7 @@ use standin_firmware::device::{Duration, Instant, Level, Pin, Role};
 use standin_protocol::line::{Line, Parity};
 use standin_sim::trace::Trace;
 
-use crate::expected::Expected;
+use crate::expected::{Expected, Reply};
 use crate::feed::{self, Act};
 use crate::figures::Figures;
 use crate::image::Image;
@@ -42,7 +42,7 @@ struct Replay {
     powered: bool,
     /// Where the board stands.
     now: Instant,
-    /// What has left the bus of the reply that comes next.
+    /// What has left the bus and was not compared yet.
     sent: Vec<u8>,
     replies: usize,
     /// The level of DIR.
@@ -67,7 +67,8 @@ pub(crate) fn play(
     let [drive] = trace.drives.as_slice() else { panic!("a board has one drive") };
     let spec = drive.spec;
     let gpio = |name: &str| wires.iter().find(|(wired, _)| *wired == name).map(|(_, gpio)| *gpio);
-    let shown = (0..).map(Pin).zip(spec.pins).filter(|(_, pin)| pin.role != Role::Input);
+    let shows = |role| matches!(role, Role::Output | Role::Both | Role::Led);
+    let shown = (0..).map(Pin).zip(spec.pins).filter(|(_, pin)| shows(pin.role));
     let shown = shown.filter_map(|(pin, of)| Some((pin, of.name, gpio(of.name)?))).collect();
     let acts = feed::acts(trace, &expected, spec, &gpio);
 
@@ -77,9 +78,10 @@ pub(crate) fn play(
     machine.memory().write([(saved, 0x7374_616E), (saved + 4, 0x6469_6E21)]);
     machine.memory().put(saved + 8, &drive.memory);
     let mut inputs = vec![(FAST, !drive.boot_fast)];
-    let hears = spec.pins.iter().filter(|pin| matches!(pin.role, Role::Input | Role::Both));
-    inputs.extend(hears.filter_map(|pin| Some((gpio(pin.name)?, pin.rest != Level::Low))));
-    inputs.extend(spec.faults.iter().filter_map(|fault| Some((gpio(fault)?, true))));
+    let hears = |role| matches!(role, Role::Input | Role::Both | Role::Mixed);
+    let heard = spec.pins.iter().filter(|pin| hears(pin.role));
+    inputs.extend(heard.filter_map(|pin| Some((gpio(pin.name)?, pin.rest != Level::Low))));
+    inputs.extend(spec.faults.iter().chain(&["DTR"]).filter_map(|name| Some((gpio(name)?, true))));
 
     let mut replay = Replay {
         machine,
@@ -118,7 +120,9 @@ impl Replay {
         let boot = self.now.since(self.origin);
         assert!(boot < BOOT, "{}: the board starts in {boot:?}", self.here());
         self.figures.boot = self.figures.boot.max(boot);
-        for (name, gpio) in [("STEP", STEP), ("DIR", DIR), ("DE", DE)] {
+        let axis =
+            [("STEP", STEP), ("DIR", DIR)].into_iter().filter(|_| self.expected.shared_step().is_none());
+        for (name, gpio) in axis.chain([("DE", DE)]) {
             let [level] = self.machine.levels(&[gpio])[..] else { unreachable!("one level of one pin") };
             assert_eq!(level, Level::Low, "{}: {name} begins driven low", self.here());
         }
@@ -232,7 +236,8 @@ impl Replay {
         let gpios: Vec<Gpio> = self.wires.iter().map(|(_, _, gpio)| *gpio).collect();
         let levels = self.machine.levels(&gpios);
         for ((pin, name, gpio), level) in self.wires.iter().zip(levels) {
-            let right = self.expected.has_level(*pin, level != Level::Low, after, self.now);
+            let right = self.expected.is_axis(*pin, self.now)
+                || self.expected.has_level(*pin, level != Level::Low, after, self.now);
             assert!(right, "{}: {name} ({gpio}) is {level:?}", self.here());
         }
     }
@@ -244,23 +249,28 @@ impl Replay {
             return;
         }
         self.sent.extend(said);
-        let Some((at, reply)) = self.expected.replies.get(self.replies).cloned() else {
-            panic!("{}: nobody asked for {:02X?}", self.here(), self.sent);
-        };
-        assert!(at < self.now, "{}: {:02X?} leaves now, before it is due", self.here(), self.sent);
-        self.late(at, "a reply");
-        // The UART of QEMU paces nothing: all of it leaves at once.
-        assert_eq!(self.sent, reply, "{}: the reply", self.places.at(at));
-        self.sent.clear();
-        self.replies += 1;
+        while !self.sent.is_empty() {
+            let Some(Reply { at, earliest, bytes }) = self.expected.replies.get(self.replies).cloned() else {
+                panic!("{}: nobody asked for {:02X?}", self.here(), self.sent);
+            };
+            assert!(earliest < self.now, "{}: {:02X?} leaves now, before it is due", self.here(), self.sent);
+            self.late(at, "a reply");
+            // The UART of QEMU paces nothing: all of it leaves at once.
+            let reply: Vec<u8> = self.sent.drain(..bytes.len().min(self.sent.len())).collect();
+            assert_eq!(reply, bytes, "{}: the reply", self.places.at(at));
+            self.replies += 1;
+        }
     }
 
     /// Counts the pulses since `from`, and compares their direction and the position.
     fn count(&mut self, from: Instant) {
+        // A pin that is taken and let go shows that as a change, too.
+        let given = |pin| self.expected.is_given(pin, earlier(from, PLANNING), self.now);
+        let is_given = self.expected.shared_step().is_some_and(given);
         for (output, high) in self.machine.changes() {
             if output == DIR.1 {
                 self.forward = high;
-            } else if output == STEP.1 && high {
+            } else if output == STEP.1 && high && !is_given {
                 self.figures.steps += 1;
                 self.made += if self.forward { 1 } else { -1 };
                 let right = self.expected.goes(self.forward, earlier(from, PLANNING), self.now);

@@ -9,7 +9,7 @@ use standin_firmware::shell::Outputs;
 
 use crate::axis::{Axis, Timer};
 use crate::slips;
-use crate::wire::End;
+use crate::wire::{AxisPins, End};
 
 /// The sending half of a board's UART.
 pub trait Bus: Write + WriteReady {
@@ -33,6 +33,8 @@ pub struct Hands<B, P, M, T: Timer + 'static, const PINS: usize> {
     pub memory: M,
     /// The axis.
     pub axis: &'static Axis<T>,
+    /// Where its STEP and DIR are.
+    pub axis_pins: AxisPins,
     /// What gives it its plans.
     pub follower: Follower,
 }
@@ -61,6 +63,10 @@ where
     }
 
     fn release(&mut self, pin: Pin, released: bool) {
+        if self.axis_pins == AxisPins::Shared(pin) {
+            // It takes a level: as the axis takes it again, it is low.
+            let _ = self.axis.with(|stepper, _| stepper.let_go());
+        }
         if let Some(pin) = self.pin(pin) {
             pin.release(released);
         }

@@ -17,4 +17,4 @@ pub use hands::{Bus, Hands, Release};
 pub use pl011::Pl011;
 pub use queue::Queue;
 pub use slips::{SLIPPED, untold};
-pub use wire::End;
+pub use wire::{AxisPins, End, is_full_duplex};

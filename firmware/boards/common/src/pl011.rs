@@ -31,12 +31,13 @@ impl Pl011 {
     /// UARTDR: the character could not be read.
     pub const ERRORS: u32 = 0xF00;
 
-    /// For a clock of `hz`, up to 1 GHz. What divides it best is off by half a 64th at most.
+    /// For a clock of so many `mhz`, up to 1,000. A character takes as long as the drive believes, or a 64th of
+    /// a cycle in a sixteenth of a bit less: a drive that sends without a pause is never ahead of the UART.
     #[must_use]
-    pub fn new(hz: u32, line: Line) -> Self {
-        // A sixteenth of a bit, in 64ths of a cycle.
-        let divisor = hz.saturating_mul(4).saturating_add(line.baud / 2).checked_div(line.baud);
-        let divisor = divisor.unwrap_or(u32::MAX);
+    pub fn new(mhz: u32, line: Line) -> Self {
+        // A sixteenth of a bit, in 64ths of a cycle. A character is in ticks, 16 in a microsecond.
+        let character = u32::try_from(line.character().ticks()).unwrap_or(u32::MAX);
+        let divisor = mhz.saturating_mul(character).checked_div(4 * line.bits()).unwrap_or(u32::MAX);
         let parity = match line.parity {
             Parity::None => 0,
             Parity::Odd => 1 << 1,

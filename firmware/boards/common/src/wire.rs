@@ -1,6 +1,6 @@
 //! Where the wires of a board go.
 
-use standin_firmware::device::{Fault, Level, Pin, Role, Spec};
+use standin_firmware::device::{AxisSpec, Ends, Fault, Level, Pin, Port, PortSpec, Role, Spec};
 use standin_firmware::shell::Caught;
 
 /// What of a drive is at the end of a wire.
@@ -10,17 +10,25 @@ pub enum End {
     Pin(Pin),
     /// The cause of a fault, there while the wire is low.
     Fault(Fault),
+    /// DTR of the host at a port, which is there while the wire is low, as it is behind an RS-232 receiver or a
+    /// USB adapter.
+    Dtr(Port),
 }
 
+/// The only port of a board.
+const PORT: Port = Port(0);
+
 impl End {
-    /// What `spec` calls by that name: a pin, or else a fault.
+    /// What `spec` calls by that name: a pin, or else a fault; `DTR` of a drive that learns of its host.
     #[must_use]
     pub fn of(spec: &Spec, name: &str) -> Option<Self> {
         if let Some(place) = spec.pins.iter().position(|pin| pin.name == name) {
             return u8::try_from(place).ok().map(|place| Self::Pin(Pin(place)));
         }
-        let place = spec.faults.iter().position(|fault| *fault == name)?;
-        u8::try_from(place).ok().map(|place| Self::Fault(Fault(place)))
+        if let Some(place) = spec.faults.iter().position(|fault| *fault == name) {
+            return u8::try_from(place).ok().map(|place| Self::Fault(Fault(place)));
+        }
+        (name == "DTR" && is_full_duplex(spec)).then_some(Self::Dtr(PORT))
     }
 
     /// Whether the drive looks at it.
@@ -29,9 +37,9 @@ impl End {
         match self {
             Self::Pin(Pin(place)) => {
                 let pin = spec.pins.get(usize::from(place));
-                pin.is_some_and(|pin| matches!(pin.role, Role::Input | Role::Both))
+                pin.is_some_and(|pin| matches!(pin.role, Role::Input | Role::Both | Role::Mixed))
             }
-            Self::Fault(_) => true,
+            Self::Fault(_) | Self::Dtr(_) => true,
         }
     }
 
@@ -42,7 +50,7 @@ impl End {
             Self::Pin(Pin(place)) => {
                 spec.pins.get(usize::from(place)).is_some_and(|pin| pin.rest != Level::Low)
             }
-            Self::Fault(_) => true,
+            Self::Fault(_) | Self::Dtr(_) => true,
         }
     }
 
@@ -54,7 +62,7 @@ impl End {
                 .pins
                 .get(usize::from(place))
                 .is_some_and(|pin| pin.role == Role::Output && pin.rest == Level::Float),
-            Self::Fault(_) => false,
+            Self::Fault(_) | Self::Dtr(_) => false,
         }
     }
 
@@ -64,6 +72,41 @@ impl End {
         match self {
             Self::Pin(pin) => Caught::Edge(pin, high),
             Self::Fault(fault) => Caught::Fault(fault, !high),
+            Self::Dtr(port) => Caught::Attached(port, !high),
+        }
+    }
+}
+
+/// Whether the bus of a drive has a wire for each direction; else it has one for both, with a transceiver
+/// that must be turned around.
+#[must_use]
+pub fn is_full_duplex(spec: &Spec) -> bool {
+    matches!(spec.ports, [PortSpec { ends: Ends::Character, .. }, ..])
+}
+
+/// How STEP and DIR of a drive's axis leave the board.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum AxisPins {
+    /// There is no axis.
+    None,
+    /// At pins of their own.
+    Own,
+    /// At pins that serve other purposes, too: a plan takes them, a level takes them back. This one carries DIR.
+    Shared(Pin),
+}
+
+impl AxisPins {
+    /// Of the axis of `spec`, with what is `wired` to the board beside STEP and DIR.
+    #[must_use]
+    pub fn of(spec: &Spec, mut wired: impl Iterator<Item = Option<End>>) -> Self {
+        match spec.axes {
+            [] => Self::None,
+            [AxisSpec { step_dir: Some((_, dir)), .. }, ..]
+                if wired.any(|end| end == Some(End::Pin(*dir))) =>
+            {
+                Self::Shared(*dir)
+            }
+            _ => Self::Own,
         }
     }
 }

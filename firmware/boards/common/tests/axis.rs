@@ -9,7 +9,7 @@ use embedded_hal::digital::OutputPin;
 use embedded_io::{Write, WriteReady};
 use embedded_storage::{ReadStorage, Storage};
 use fixed::types::I24F8;
-use standin_board::{Axis, Bus, Hands, Release, Timer, untold};
+use standin_board::{Axis, AxisPins, Bus, Hands, Release, Timer, untold};
 use standin_firmware::device::{self, Duration, Instant, Line, Plan};
 use standin_firmware::motion::{Follower, StepDir, StepTimer};
 use standin_firmware::shell::{Caught, Outputs};
@@ -94,6 +94,7 @@ fn the_drive_is_told_once_of_steps_that_slipped() {
         pins: [],
         memory: Nothing,
         axis: &AXIS,
+        axis_pins: AxisPins::Own,
         follower: Follower::new(),
     };
     assert_eq!(untold(), None);

@@ -1,4 +1,5 @@
-//! The bus: UART0 behind an RS-485 transceiver, which sends while DE is high.
+//! The bus: UART0, behind an RS-485 transceiver, which sends while DE is high, or with a wire for each
+//! direction.
 //!
 //! The UART has no interrupt for the end of the last stop bit. When the last character goes to its shift
 //! register a timer is set to the time of a character, and looks whether it has gone.
@@ -31,11 +32,16 @@ static TO_SEND: Queue<u8, 256> = Queue::new();
 static THEN: Mutex<Cell<Option<Line>>> = Mutex::new(Cell::new(None));
 /// How long a character takes.
 static CHARACTER: Mutex<Cell<Duration>> = Mutex::new(Cell::new(Duration::ZERO));
+/// There is a wire for each direction: it hears while it sends, and there is nothing to turn around.
+static FULL_DUPLEX: AtomicBool = AtomicBool::new(false);
+/// Something is being sent.
+static SENDS: AtomicBool = AtomicBool::new(false);
 /// There is room where there was none.
 static ROOM: AtomicBool = AtomicBool::new(false);
 
 /// Starts to listen.
-pub(crate) fn start() {
+pub(crate) fn start(full_duplex: bool) {
+    FULL_DUPLEX.store(full_duplex, Ordering::Relaxed);
     DE.push_pull();
     // A transceiver may let it go while it sends.
     RX.pulled(true);
@@ -53,22 +59,22 @@ fn UART0() {
     let at = clock::now();
     BUS.acknowledge();
     while let Some(character) = BUS.receive() {
-        // The receiver of the transceiver is off while it sends.
-        if !DE.is_high() {
+        // The receiver of a transceiver is off while it sends.
+        if !sends() || FULL_DUPLEX.load(Ordering::Relaxed) {
             let caught = character.map_or(Caught::Spoiled(Port(0)), |byte| Caught::Byte(Port(0), byte));
-            // Should the loop ever be that late, the frame is short of a character, and its CRC tells.
+            // Should the loop ever be that late, a frame is short of a character, and its CRC tells.
             let _ = caught::QUEUE.push((at, caught));
         }
     }
     while BUS.has_room() {
         let was_full = TO_SEND.is_full();
         let Some(byte) = TO_SEND.pop() else {
-            if DE.is_high() && !SENT.is_running() {
+            if sends() && !SENT.is_running() {
                 end(character());
             }
             return;
         };
-        DE.write(true);
+        set_sends(true);
         BUS.send(byte);
         if was_full {
             ROOM.store(true, Ordering::Relaxed);
@@ -84,6 +90,16 @@ fn TIMER_2A() {
     }
 }
 
+fn sends() -> bool {
+    SENDS.load(Ordering::Relaxed)
+}
+
+/// Begins to send, or has sent all.
+fn set_sends(sends: bool) {
+    SENDS.store(sends, Ordering::Relaxed);
+    DE.write(sends && !FULL_DUPLEX.load(Ordering::Relaxed));
+}
+
 fn character() -> Duration {
     critical_section::with(|cs| CHARACTER.borrow(cs).get())
 }
@@ -95,7 +111,7 @@ fn end(again: Duration) {
             SENT.start(again);
             return;
         }
-        DE.write(false);
+        set_sends(false);
         if let Some(line) = THEN.borrow(cs).take() {
             set_line(line);
         }
@@ -114,7 +130,7 @@ pub(crate) struct Sender;
 impl Bus for Sender {
     fn set_line(&mut self, line: Line) {
         critical_section::with(|cs| {
-            if TO_SEND.is_empty() && !DE.is_high() {
+            if TO_SEND.is_empty() && !sends() {
                 set_line(line);
             } else {
                 THEN.borrow(cs).set(Some(line));
@@ -144,7 +160,7 @@ impl Write for Sender {
     }
 
     fn flush(&mut self) -> Result<(), Infallible> {
-        while !TO_SEND.is_empty() || DE.is_high() {}
+        while !TO_SEND.is_empty() || sends() {}
         Ok(())
     }
 }

@@ -93,12 +93,30 @@ impl Gpio {
     /// Makes it an input that rests high or low where nothing is wired to it. QEMU knows no pull-ups, but
     /// remembers what an input was driven to as an output. As an open drain that lets go, it harms nobody.
     pub(crate) fn resting(self, high: bool) {
-        if high {
-            self.open_drain();
-            self.drive(false);
-            self.register(ODR).clear(self.bit);
-        }
         self.pulled(high);
+        self.let_go(high);
+    }
+
+    /// Makes it an input that rests so.
+    pub(crate) fn let_go(self, high: bool) {
+        if high {
+            self.take();
+            self.write(true);
+        }
+        self.drive(false);
+        self.register(ODR).clear(self.bit);
+    }
+
+    /// Makes it an output that drives nothing high before it is [given](Self::push) a level.
+    pub(crate) fn take(self) {
+        self.register(ODR).set(self.bit);
+        self.drive(true);
+    }
+
+    /// Drives an output that was [taken](Self::take) to this level.
+    fn push(self, high: bool) {
+        self.write(high);
+        self.register(ODR).clear(self.bit);
     }
 
     /// Makes it an output, or an input again.
@@ -159,13 +177,22 @@ impl Gpio {
 /// A pin as the drive drives it.
 pub(crate) struct Output {
     gpio: Gpio,
-    /// It is an input while released.
-    both: bool,
+    /// How it rests while it is released, if it is an input then.
+    rests_high: Option<bool>,
+    released: bool,
 }
 
 impl Output {
-    pub(crate) const fn new(gpio: Gpio, both: bool) -> Self {
-        Self { gpio, both }
+    pub(crate) const fn new(gpio: Gpio, rests_high: Option<bool>) -> Self {
+        Self { gpio, rests_high, released: rests_high.is_some() }
+    }
+
+    fn set(&self, high: bool) {
+        match self.rests_high {
+            Some(_) if self.released => {}
+            Some(_) => self.gpio.push(high),
+            None => self.gpio.write(high),
+        }
     }
 }
 
@@ -175,20 +202,27 @@ impl ErrorType for Output {
 
 impl OutputPin for Output {
     fn set_low(&mut self) -> Result<(), Infallible> {
-        self.gpio.write(false);
+        self.set(false);
         Ok(())
     }
 
     fn set_high(&mut self) -> Result<(), Infallible> {
-        self.gpio.write(true);
+        self.set(true);
         Ok(())
     }
 }
 
 impl Release for Output {
     fn release(&mut self, released: bool) {
-        if self.both {
-            inputs::release(self.gpio, released);
+        if let Some(rests_high) = self.rests_high
+            && released != self.released
+        {
+            self.released = released;
+            if released {
+                inputs::let_go(self.gpio, rests_high);
+            } else {
+                inputs::take(self.gpio);
+            }
         }
     }
 }

@@ -63,17 +63,25 @@ pub(crate) fn begin() {
     });
 }
 
-/// Makes a pin an input again, or an output.
-pub(crate) fn release(gpio: Gpio, released: bool) {
+/// Makes an output an input again, that rests so.
+pub(crate) fn let_go(gpio: Gpio, rests_high: bool) {
     with(|inputs| {
-        gpio.drive(!released);
-        gpio.listen(released);
+        gpio.let_go(rests_high);
+        gpio.listen(true);
+        if let Some(input) = inputs.iter_mut().find(|input| input.gpio == gpio) {
+            let high = gpio.settle();
+            input.tell(clock::now(), high);
+        }
+    });
+}
+
+/// Makes an input an output.
+pub(crate) fn take(gpio: Gpio) {
+    with(|inputs| {
+        gpio.listen(false);
+        gpio.take();
         if let Some(input) = inputs.iter_mut().find(|input| input.gpio == gpio) {
             input.missed = false;
-            if released {
-                let high = gpio.settle();
-                input.tell(clock::now(), high);
-            }
         }
     });
 }

@@ -30,7 +30,7 @@ use cortex_m::peripheral::{NVIC, SCB};
 use cortex_m::{Peripherals, asm};
 use cortex_m_rt::{ExceptionFrame, exception};
 use lm3s6965::Interrupt;
-use standin_board::{End, Hands};
+use standin_board::{AxisPins, End, Hands, is_full_duplex};
 use standin_firmware::device::{Boot, Device, Spec};
 use standin_firmware::motion::Follower;
 use standin_firmware::shell::Shell;
@@ -61,12 +61,12 @@ const LESS_URGENT: [Interrupt; 10] = [
 ];
 
 /// A drive on this board.
-type Board<D, const MEMORY: usize, const WIRES: usize> =
-    Shell<D, Ears, Hands<Sender, Output, Memory<MEMORY>, Steps, WIRES>, MEMORY>;
+type Board<D, const MEMORY: usize, const CHARACTERS: usize, const WIRES: usize> =
+    Shell<D, Ears, Hands<Sender, Output, Memory<MEMORY>, Steps, WIRES>, MEMORY, CHARACTERS>;
 
 /// Runs a drive with these saved registers, whose pins and faults, by their names, are wired to these
-/// pins of the board.
-pub fn run<D: Device, const MEMORY: usize, const WIRES: usize>(
+/// pins of the board. So many `CHARACTERS` may wait to be sent.
+pub fn run<D: Device, const MEMORY: usize, const CHARACTERS: usize, const WIRES: usize>(
     drive: fn() -> D,
     saved: &'static Saved<MEMORY>,
     wires: &[Wire; WIRES],
@@ -76,9 +76,7 @@ pub fn run<D: Device, const MEMORY: usize, const WIRES: usize>(
         clock::start(&mut core.SYST);
     }
     watchdog::start();
-    bus::start();
-    steps::start();
-    let mut shell: Board<D, MEMORY, WIRES> = assemble(drive, saved, wires);
+    let mut shell: Board<D, MEMORY, CHARACTERS, WIRES> = assemble(drive, saved, wires);
     // Not before: the stack is nowhere as deep as while the drive is put on the board.
     if let Some(core) = &mut core {
         unmask(&mut core.NVIC);
@@ -100,18 +98,25 @@ pub fn run<D: Device, const MEMORY: usize, const WIRES: usize>(
 
 /// Puts the drive on the board. What that needs of the stack is free again when it returns.
 #[inline(never)]
-fn assemble<D: Device, const MEMORY: usize, const WIRES: usize>(
+fn assemble<D: Device, const MEMORY: usize, const CHARACTERS: usize, const WIRES: usize>(
     drive: fn() -> D,
     saved: &'static Saved<MEMORY>,
     wires: &[Wire; WIRES],
-) -> Board<D, MEMORY, WIRES> {
+) -> Board<D, MEMORY, CHARACTERS, WIRES> {
     let drive = drive();
     let spec = drive.spec();
+    bus::start(is_full_duplex(spec));
+    let pins = wires.map(|(name, gpio)| wire(spec, name, gpio));
+    let axis_pins = AxisPins::of(spec, pins.iter().map(|(end, _)| *end));
+    if axis_pins == AxisPins::Own {
+        steps::start();
+    }
     let hands = Hands {
         bus: Sender,
-        pins: wires.map(|(name, gpio)| wire(spec, name, gpio)),
+        pins,
         memory: saved.begin(),
         axis: &steps::AXIS,
+        axis_pins,
         follower: Follower::new(),
     };
     Shell::new(drive, Ears, hands)
@@ -134,10 +139,10 @@ fn unmask(nvic: &mut NVIC) {
 /// Makes a pin of the board what the drive calls `name`.
 fn wire(spec: &Spec, name: &str, gpio: Gpio) -> (Option<End>, Output) {
     let end = End::of(spec, name);
-    let is_input = end.is_some_and(|end| end.is_input(spec));
+    let input = end.filter(|end| end.is_input(spec));
+    let rests_high = input.map(|end| end.rests_high(spec));
     if let Some(end) = end {
-        if is_input {
-            let rests_high = end.rests_high(spec);
+        if let Some(rests_high) = rests_high {
             gpio.resting(rests_high);
             inputs::add(gpio, end, rests_high);
         } else if end.is_open_drain(spec) {
@@ -146,7 +151,7 @@ fn wire(spec: &Spec, name: &str, gpio: Gpio) -> (Option<End>, Output) {
             gpio.push_pull();
         }
     }
-    (end, Output::new(gpio, is_input))
+    (end, Output::new(gpio, rests_high))
 }
 
 /// Nothing can be right after that: the board starts again.

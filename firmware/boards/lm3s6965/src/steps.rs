@@ -12,8 +12,8 @@ use crate::clock;
 use crate::gpio::{self, Gpio};
 use crate::timer::{OneShot, STEP as TIMER};
 
-const STEP: Gpio = gpio::B.pin(3);
-const DIR: Gpio = gpio::B.pin(4);
+pub(crate) const STEP: Gpio = gpio::B.pin(3);
+pub(crate) const DIR: Gpio = gpio::B.pin(4);
 
 /// The axis.
 pub(crate) static AXIS: Axis<Steps> = Axis::new(Pins { rose: 0 });

@@ -21,7 +21,7 @@ pub(crate) struct Uart(usize);
 impl Uart {
     /// Sets the line; a character under way is lost.
     pub(crate) fn set_line(self, line: Line) {
-        let Pl011 { divisor, divisor_64ths, format } = Pl011::new(HZ, line);
+        let Pl011 { divisor, divisor_64ths, format } = Pl011::new(HZ / 1_000_000, line);
         self.control().write(0);
         self.register(0x024).write(divisor);
         self.register(0x028).write(divisor_64ths);

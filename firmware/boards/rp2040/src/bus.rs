@@ -1,4 +1,5 @@
-//! UART0 as the drive's bus, with a transceiver whose direction is GP2 (4.2).
+//! UART0 as the drive's bus (4.2): behind a transceiver whose direction is GP2, or with a wire for each
+//! direction.
 //!
 //! The FIFOs are off, so that the interrupt sees, and stamps, every character by itself.
 
@@ -36,12 +37,18 @@ const MOST: usize = 256;
 static TO_SEND: Queue<u8, MOST> = Queue::new();
 /// When sending may be over.
 static END: Alarm = Alarm::new(2);
-static STATE: Mutex<Cell<State>> =
-    Mutex::new(Cell::new(State { turn: Turn::Hear, line: Line::new(9_600, 8, Parity::None, 1), next: None }));
+static STATE: Mutex<Cell<State>> = Mutex::new(Cell::new(State {
+    turn: Turn::Hear,
+    full_duplex: false,
+    line: Line::new(9_600, 8, Parity::None, 1),
+    next: None,
+}));
 
 #[derive(Clone, Copy)]
 struct State {
     turn: Turn,
+    /// There is a wire for each direction: it hears while it sends, and there is nothing to turn around.
+    full_duplex: bool,
     line: Line,
     /// What the line becomes when all has left.
     next: Option<Line>,
@@ -68,7 +75,8 @@ fn update(change: impl FnOnce(&mut State)) {
 }
 
 /// Starts the UART; the drive sets the line.
-pub(crate) fn start() {
+pub(crate) fn start(full_duplex: bool) {
+    update(|state| state.full_duplex = full_duplex);
     pins::drive_low(DE);
     pins::give_to_uart(wires::TX | wires::RX);
     INTERRUPT_MASK.write(Pl011::RX | Pl011::TX);
@@ -76,7 +84,7 @@ pub(crate) fn start() {
 
 /// Sets the line now; a character under way is lost.
 fn configure(line: Line) {
-    let Pl011 { divisor, divisor_64ths, format } = Pl011::new(HZ, line);
+    let Pl011 { divisor, divisor_64ths, format } = Pl011::new(HZ / 1_000_000, line);
     CONTROL.write(0);
     DIVISOR.write(divisor);
     DIVISOR_64THS.write(divisor_64ths);
@@ -91,8 +99,9 @@ fn UART0_IRQ() {
     INTERRUPT_CLEAR.write(Pl011::RX | Pl011::TX);
     while FLAGS.read() & Pl011::RX_EMPTY == 0 {
         let character = DATA.read();
-        if state().turn == Turn::Hear {
-            // Where the loop is so late that there is no room, the CRC of the frame tells.
+        let State { turn, full_duplex, .. } = state();
+        if turn == Turn::Hear || full_duplex {
+            // Where the loop is so late that there is no room, the CRC of a frame tells.
             let _ = caught::QUEUE.push((at, heard(character)));
         }
     }
@@ -120,7 +129,9 @@ fn send() {
             }
             return;
         };
-        pins::set_high(DE);
+        if !state().full_duplex {
+            pins::set_high(DE);
+        }
         update(|state| state.turn = Turn::Send);
         DATA.write(u32::from(byte));
         // In time for what does not fit to be sent without a pause.

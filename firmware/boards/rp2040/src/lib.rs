@@ -43,7 +43,7 @@ use cortex_m::Peripherals;
 use cortex_m::peripheral::NVIC;
 use cortex_m_rt::exception;
 use rp2040_pac::Interrupt;
-use standin_board::Hands;
+use standin_board::{AxisPins, Hands, is_full_duplex};
 use standin_firmware::device::{Boot, Device};
 use standin_firmware::motion::Follower;
 use standin_firmware::shell::Shell;
@@ -57,18 +57,20 @@ use self::saved::Saved;
 use self::steps::Steps;
 
 /// A drive on this board.
-type Board<D, const MEMORY: usize, const WIRES: usize> =
-    Shell<D, Ears, Hands<Sender, Pin, Saved<MEMORY>, Steps, WIRES>, MEMORY>;
+type Board<D, const MEMORY: usize, const CHARACTERS: usize, const WIRES: usize> =
+    Shell<D, Ears, Hands<Sender, Pin, Saved<MEMORY>, Steps, WIRES>, MEMORY, CHARACTERS>;
 
-/// Runs a drive whose pins and faults are wired like that. `MEMORY` is at least what its spec says.
-pub fn run<D: Device, const MEMORY: usize, const WIRES: usize>(drive: fn() -> D, wires: &[Wire; WIRES]) -> ! {
+/// Runs a drive whose pins and faults are wired like that. `MEMORY` is at least what its spec says; so many
+/// `CHARACTERS` may wait to be sent.
+pub fn run<D: Device, const MEMORY: usize, const CHARACTERS: usize, const WIRES: usize>(
+    drive: fn() -> D,
+    wires: &[Wire; WIRES],
+) -> ! {
     clock::start();
     timer::start();
     watchdog::start();
-    steps::start();
-    bus::start();
     let boot = Boot { fast: pins::is_tied(wires::FAST), ..Boot::default() };
-    let mut shell: Board<D, MEMORY, WIRES> = assemble(drive, wires);
+    let mut shell: Board<D, MEMORY, CHARACTERS, WIRES> = assemble(drive, wires);
     shell.power_on(boot);
     log::power(shell.device().spec().kind, boot);
     if let Some(mut core) = Peripherals::take() {
@@ -85,17 +87,24 @@ pub fn run<D: Device, const MEMORY: usize, const WIRES: usize>(drive: fn() -> D,
 
 /// Puts the drive on the board. What that needs of the stack is free again when it returns.
 #[inline(never)]
-fn assemble<D: Device, const MEMORY: usize, const WIRES: usize>(
+fn assemble<D: Device, const MEMORY: usize, const CHARACTERS: usize, const WIRES: usize>(
     drive: fn() -> D,
     wires: &[Wire; WIRES],
-) -> Board<D, MEMORY, WIRES> {
+) -> Board<D, MEMORY, CHARACTERS, WIRES> {
     let drive = drive();
     let spec = drive.spec();
+    bus::start(is_full_duplex(spec));
+    let pins = pins::start(spec, wires);
+    let axis_pins = AxisPins::of(spec, pins.iter().map(|(end, _)| *end));
+    if axis_pins == AxisPins::Own {
+        steps::start();
+    }
     let hands = Hands {
         bus: Sender,
-        pins: pins::start(spec, wires),
+        pins,
         memory: Saved::new(spec.kind),
         axis: &steps::AXIS,
+        axis_pins,
         follower: Follower::new(),
     };
     Shell::new(drive, Ears, hands)

@@ -16,26 +16,46 @@ pub(crate) const DIR: u32 = gp(4);
 pub(crate) const FAST: u32 = gp(22);
 
 /// An MD3, by the names of its manual.
-pub const MD3: [Wire; 13] = apart([
-    ("J2.2", gp(5)),
-    ("J2.3", gp(6)),
-    ("J2.4", gp(7)),
-    ("J2.5", gp(8)),
-    ("J2.9", gp(9)),
-    ("J2.10", gp(10)),
-    ("J2.12", gp(11)),
-    ("J3.7", gp(12)),
-    ("J3.8", gp(13)),
-    ("D5", gp(14)),
-    // The green light, and the Pico's own.
-    ("D6", gp(15) | gp(25)),
-    ("over_temperature", gp(16)),
-    ("over_current", gp(17)),
-]);
+pub const MD3: [Wire; 13] = apart(
+    BUS | STEP | DIR,
+    [
+        ("J2.2", gp(5)),
+        ("J2.3", gp(6)),
+        ("J2.4", gp(7)),
+        ("J2.5", gp(8)),
+        ("J2.9", gp(9)),
+        ("J2.10", gp(10)),
+        ("J2.12", gp(11)),
+        ("J3.7", gp(12)),
+        ("J3.8", gp(13)),
+        ("D5", gp(14)),
+        // The green light, and the Pico's own.
+        ("D6", gp(15) | gp(25)),
+        ("over_temperature", gp(16)),
+        ("over_current", gp(17)),
+    ],
+);
 
-/// These wires, each at pins of its own. Two at one pin do not compile.
-const fn apart<const N: usize>(wires: [Wire; N]) -> [Wire; N] {
-    let mut taken = TX | RX | DE | STEP | DIR | FAST;
+/// A QSB of any variant: what one does not have stays unused. DIO1 and DIO2 are the pins of STEP and DIR.
+pub const QSB: [Wire; 8] = apart(
+    BUS,
+    [
+        ("DIO1", STEP),
+        ("DIO2", DIR),
+        ("A", gp(5)),
+        ("B", gp(6)),
+        ("I", gp(7)),
+        ("DTR", gp(8)),
+        ("DIO0", gp(9)),
+        ("DIO3", gp(10)),
+    ],
+);
+
+/// What every drive has.
+const BUS: u32 = TX | RX | DE | FAST;
+
+/// These wires, each at pins of its own, beside those that are `taken`. Two at one pin do not compile.
+const fn apart<const N: usize>(mut taken: u32, wires: [Wire; N]) -> [Wire; N] {
     let mut n = 0;
     while n < N {
         let (_, pins) = wires[n];

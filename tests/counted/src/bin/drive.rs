@@ -1,4 +1,4 @@
-//! What a byte costs a drive on its board, and what a request costs it.
+//! What a byte costs a drive on its board, and what a request or a command costs it.
 #![no_std]
 #![no_main]
 
@@ -10,7 +10,7 @@ use counted::{count, done, group};
 use embedded_hal::digital::{self, OutputPin};
 use embedded_io::{Write, WriteReady};
 use embedded_storage::{ReadStorage, Storage};
-use standin_firmware::device::{Boot, Device, Duration, Instant, Line, Pin, Port};
+use standin_firmware::device::{Boot, Device, Duration, Ends, Instant, Line, Pin, Port};
 use standin_firmware::shell::{Caught, Inputs, Outputs, Shell};
 use standin_protocol::modbus::rtu;
 
@@ -39,11 +39,12 @@ fn main() -> ! {
     done()
 }
 
-/// Asks a drive with its factory settings for ten registers.
+/// Asks a drive with its factory settings for ten registers, or one that hears lines of text for a value.
 fn measure<D: Device>(drive: D) {
     const STARTED: Duration = Duration::secs(10);
-    let port = drive.spec().ports.first().and_then(|port| port.line);
-    let character = port.expect("the drive has a serial port").character();
+    let port = drive.spec().ports.first().expect("the drive has a port");
+    let character = port.line.expect("it is a serial one").character();
+    let hears_lines = port.ends == Ends::Character;
     let board = Board::default();
     let boot = Boot { seed: 0, fast: true };
     let mut shell = DriveShell::<D>::new(drive, &board, Hands(&board));
@@ -54,17 +55,27 @@ fn measure<D: Device>(drive: D) {
     }
     board.now.set(Instant::ZERO + STARTED);
 
-    let request = rtu::read(1, 0, 10);
-    group(c"byte received");
-    for byte in request {
+    let hear = |byte| {
         board.now.set(board.now.get() + character);
         board.caught.set(Some(Caught::Byte(Port(0), byte)));
+    };
+    group(c"byte received");
+    let request = rtu::read(1, 0, 10);
+    for byte in if hears_lines { b"R0E" } else { request.as_slice() } {
+        hear(*byte);
         count(|| turn(&mut shell));
     }
-    group(c"request of 10 registers");
-    board.now.set(shell.deadline());
+    let answer = if hears_lines {
+        group(c"command R0E");
+        hear(b'\r');
+        (17, *b"r 0")
+    } else {
+        group(c"request of 10 registers");
+        board.now.set(shell.deadline());
+        (25, [1, 3, 20])
+    };
     count(|| turn(&mut shell));
-    assert_eq!(board.said.get(), (25, [1, 3, 20]), "the drive answers at once, and has ten registers");
+    assert_eq!(board.said.get(), answer, "the drive answers at once");
 }
 
 #[inline(never)]

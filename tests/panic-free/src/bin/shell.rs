@@ -21,7 +21,7 @@ struct Anything;
 /// Where the linker begins.
 #[unsafe(no_mangle)]
 extern "C" fn start() -> ! {
-    let mut shell = Shell::<_, _, _, 64>::new(Anything, Anything, Anything);
+    let mut shell = Shell::<_, _, _, 64, 272>::new(Anything, Anything, Anything);
     shell.power_on(opaque(Boot::default()));
     loop {
         let shell = opaque(&mut shell);

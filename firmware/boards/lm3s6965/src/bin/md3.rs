@@ -4,6 +4,7 @@
 
 use cortex_m_rt::entry;
 use standin_firmware::md3::{MEMORY, Md3};
+use standin_firmware::shell::ONE_ANSWER;
 use standin_lm3s6965::{Saved, run, wires};
 
 #[unsafe(export_name = "SAVED")]
@@ -12,5 +13,5 @@ static SAVED: Saved<MEMORY> = Saved::new();
 
 #[entry]
 fn main() -> ! {
-    run(Md3::new, &SAVED, &wires::MD3)
+    run::<_, MEMORY, ONE_ANSWER, _>(Md3::new, &SAVED, &wires::MD3)
 }

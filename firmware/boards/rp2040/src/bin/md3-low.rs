@@ -4,9 +4,10 @@
 
 use cortex_m_rt::entry;
 use standin_firmware::md3::{MEMORY, Md3};
+use standin_firmware::shell::ONE_ANSWER;
 use standin_rp2040::{run, wires};
 
 #[entry]
 fn main() -> ! {
-    run::<_, MEMORY, _>(Md3::low, &wires::MD3)
+    run::<_, MEMORY, ONE_ANSWER, _>(Md3::low, &wires::MD3)
 }

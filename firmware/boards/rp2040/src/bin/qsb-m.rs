@@ -1,0 +1,13 @@
+//! A QSB-M, with the motor drive, on the Pico.
+#![no_std]
+#![no_main]
+
+use cortex_m_rt::entry;
+use standin_firmware::qsb::{MEMORY, Qsb};
+use standin_firmware::shell::ANSWERS;
+use standin_rp2040::{run, wires};
+
+#[entry]
+fn main() -> ! {
+    run::<_, MEMORY, ANSWERS, _>(Qsb::m, &wires::QSB)
+}

@@ -1,0 +1,13 @@
+//! A QSB-S, for a single-ended encoder, on the Pico.
+#![no_std]
+#![no_main]
+
+use cortex_m_rt::entry;
+use standin_firmware::qsb::{MEMORY, Qsb};
+use standin_firmware::shell::ANSWERS;
+use standin_rp2040::{run, wires};
+
+#[entry]
+fn main() -> ! {
+    run::<_, MEMORY, ANSWERS, _>(Qsb::s, &wires::QSB)
+}
