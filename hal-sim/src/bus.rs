@@ -62,7 +62,8 @@ pub(crate) struct Wire {
 pub(crate) enum Turn {
     /// Nobody's, or it is given to half a message.
     Free,
-    /// A message is on its way to the drives, or they are judging it.
+    /// A message, or a character, is on its way to the drives, or they are judging it, or the client is
+    /// held back.
     Asked,
     /// A drive answers.
     Answering,
@@ -91,7 +92,7 @@ pub(crate) struct Outside {
     pub(crate) left: bool,
     pub(crate) sender: Sender,
     /// Bytes that are not on the line yet.
-    bytes: Vec<u8>,
+    bytes: VecDeque<u8>,
     /// How they came.
     arrivals: VecDeque<Arrival>,
     /// Characters for it, and when they end.
@@ -132,7 +133,7 @@ impl Outside {
 
     /// Bytes arrive.
     pub(crate) fn arrive(&mut self, at: Instant, order: u64, bytes: &[u8], sender: Sender) {
-        self.bytes.extend_from_slice(bytes);
+        self.bytes.extend(bytes);
         self.arrivals.push_back(Arrival { order, at, count: bytes.len() });
         self.sender = sender;
     }
@@ -148,15 +149,16 @@ impl Outside {
     }
 
     /// What it has for a line at `now`. Where silence ends a message it is cut where its check sum
-    /// holds; a burst that cannot become one goes as it is.
-    pub(crate) fn offer(&self, now: Instant, silence: bool, patience: Duration) -> Offer {
-        let Spoken { bytes, last, over } = self.first_burst(patience);
+    /// holds; a burst that cannot become one goes as it is. Elsewhere it is a character.
+    pub(crate) fn offer(&mut self, now: Instant, silence: bool, patience: Duration) -> Offer {
         if !silence {
-            return Offer::Message(self.bytes.len(), last);
+            return Offer::Message(1, self.arrivals.front().map_or(now, |arrival| arrival.at));
         }
+        let left = self.left;
+        let Spoken { bytes, last, over } = self.first_burst(patience);
         match rtu::front(bytes) {
             rtu::Burst::Frame(length) => Offer::Message(length, last),
-            rtu::Burst::Broken | rtu::Burst::Partial if self.left && !over => Offer::Half(Instant::NEVER),
+            rtu::Burst::Broken | rtu::Burst::Partial if left && !over => Offer::Half(Instant::NEVER),
             rtu::Burst::Broken => Offer::Message(bytes.len(), last),
             rtu::Burst::Partial => match last + patience {
                 until if over || until <= now => Offer::Message(bytes.len(), until.min(now)),
@@ -166,17 +168,18 @@ impl Outside {
     }
 
     /// What came first, up to a silence beyond `patience`.
-    fn first_burst(&self, patience: Duration) -> Spoken<'_> {
+    fn first_burst(&mut self, patience: Duration) -> Spoken<'_> {
+        let bytes = &*self.bytes.make_contiguous();
         let mut count = 0;
         let mut last = self.arrivals.front().map_or(Instant::ZERO, |arrival| arrival.at);
         for arrival in &self.arrivals {
             if arrival.at.since(last) >= patience {
-                return Spoken { bytes: &self.bytes[..count], last, over: true };
+                return Spoken { bytes: &bytes[..count], last, over: true };
             }
             count += arrival.count;
             last = arrival.at;
         }
-        Spoken { bytes: &self.bytes, last, over: false }
+        Spoken { bytes, last, over: false }
     }
 
     /// Takes the first bytes that wait.

@@ -46,7 +46,7 @@ pub(crate) fn json(spec: &Spec) -> String {
         faults: spec.faults,
         memory_bytes: spec.memory,
         address_register: spec.address.and_then(|row| spec.registers.rows.get(row)).map(|row| row.name),
-        registers: spec.registers.rows.iter().map(|row| Register::of(spec.registers, row)).collect(),
+        registers: spec.rows().map(|(_, row)| Register::of(spec.registers, row)).collect(),
         not_modelled: spec.not_modelled,
     };
     serde_json::to_string(&kind).expect("plain numbers and text")
@@ -106,6 +106,7 @@ struct Register {
     #[serde(rename = "type")]
     shape: String,
     access: &'static str,
+    streams: bool,
     least: Option<i64>,
     greatest: Option<i64>,
     codes: Option<&'static [i64]>,
@@ -131,6 +132,7 @@ impl Register {
             addresses: addresses(table, row),
             shape: shape(row),
             access: row.access.as_str(),
+            streams: row.streams,
             least: limits.map(|(least, _)| least),
             greatest: limits.map(|(_, greatest)| greatest),
             codes,
@@ -157,7 +159,7 @@ pub(crate) fn text(spec: &Spec) -> String {
 pub(crate) fn markdown(spec: &Spec) -> String {
     let mut text = format!(
         "<!-- Made by `standin describe {kind} --markdown`; not to be edited. -->\n\n# {product} (`{kind}`)\n\n\
-         After {manual}. Numbers in the column § are its sections.\n",
+         After {manual}. The column § names its sections.\n",
         kind = spec.kind,
         product = spec.product,
         manual = spec.manual,
@@ -228,13 +230,13 @@ fn sections(spec: &Spec) -> Vec<Section> {
     });
     let encoders =
         spec.encoders.iter().map(|encoder| vec![pin(encoder.a), pin(encoder.b), pin(encoder.index)]);
-    let rows = spec.registers.rows;
-    let on_the_bus = rows.iter().filter(|row| row.space != Space::Setting).map(|row| {
+    let rows = || spec.rows().map(|(_, row)| row);
+    let on_the_bus = rows().filter(|row| row.space != Space::Setting).map(|row| {
         let mut cells = vec![place(spec.registers, row)];
         cells.extend(cells_of(row));
         cells
     });
-    let settings = rows.iter().filter(|row| row.space == Space::Setting).map(cells_of);
+    let settings = rows().filter(|row| row.space == Space::Setting).map(cells_of);
     let missing = spec.not_modelled.iter().map(|what| vec![what.to_string()]);
     let sections = [
         Section { title: "Ports", columns: &["Port", "Line", "A message ends"], rows: ports.collect() },
@@ -272,12 +274,17 @@ fn cells_of(row: &Row) -> Vec<String> {
         row.name.into(),
         row.section.into(),
         shape(row),
-        row.access.as_str().into(),
+        access(row),
         values(row),
         default(row),
         saved,
         if row.missing.is_empty() { doc(row) } else { format!("{} ({})", doc(row), row.missing) },
     ]
+}
+
+/// How the bus may use it.
+fn access(row: &Row) -> String {
+    format!("{}{}", row.access.as_str(), if row.streams { "/S" } else { "" })
 }
 
 /// The factory value: words in hexadecimal, as manuals print them, longer and signed ones as numbers.
@@ -345,6 +352,7 @@ fn role(pin: &PinSpec) -> &'static str {
         Role::Output => "output",
         Role::Both => "input or output",
         Role::Analogue => "analogue input",
+        Role::Mixed => "digital or analogue input",
         Role::Led => "LED",
     }
 }

@@ -29,10 +29,13 @@ impl Preset {
     /// One sentence: there is no such register, or it does not take the value.
     pub(crate) fn new(spec: &Spec, name: &str, value: Number) -> Result<Self, String> {
         let rows = spec.registers.rows;
-        let found = spec.registers.find(name);
+        let found = spec.find(name);
         let (named, row) = found.and_then(|named| Some((named, rows.get(named.row)?))).ok_or_else(|| {
+            if spec.registers.find(name).is_some() {
+                return format!("{name} is a register of other variants; {} does not have it", spec.kind);
+            }
             let what = format!("register of {}", spec.kind);
-            nearest::unknown(&what, name, rows.iter().map(|row| row.name))
+            nearest::unknown(&what, name, spec.rows().map(|(_, row)| row.name))
         })?;
         let half = named.word.map(|word| {
             let first_is_high = spec.registers.layout.order == Order::HighFirst;
@@ -162,12 +165,14 @@ mod tests {
             Mode = rw(0x20, "3").one_of(&[0, 3]),
             /// Some of it is saved.
             Control = rw(0x21, "4").saved_bits(0x0020),
+            /// Only of another variant.
+            Jog = rw(0x22, "5").only(2),
         }
     }
 
     fn spec() -> Spec {
         use standin_protocol::registers::Register;
-        let _ = (Reg::WORDS, Reg::DeviceAddress, Reg::Speed, Reg::Mode, Reg::Control);
+        let _ = (Reg::WORDS, Reg::DeviceAddress, Reg::Speed, Reg::Mode, Reg::Control, Reg::Jog);
         Spec {
             kind: "toy",
             product: "",
@@ -179,7 +184,7 @@ mod tests {
             faults: &[],
             memory: 0,
             registers: Reg::TABLE,
-            variant: u8::MAX,
+            variant: 1,
             address: Some(0),
             not_modelled: &[],
         }
@@ -227,6 +232,14 @@ mod tests {
         assert_eq!(
             preset("Sped", "1").unwrap_err(),
             "there is no register of toy 'Sped'; the nearest is 'Speed'"
+        );
+        assert_eq!(
+            preset("Jog", "1").unwrap_err(),
+            "Jog is a register of other variants; toy does not have it"
+        );
+        assert_eq!(
+            preset("Jo", "1").unwrap_err(),
+            "there is no register of toy 'Jo'; what there is: DeviceAddress, Speed, Mode, Control"
         );
     }
 }

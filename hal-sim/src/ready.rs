@@ -126,16 +126,20 @@ impl Ready {
         text
     }
 
-    /// A command that reads the drive's registers.
+    /// A command that reads the drive's registers, or opens a terminal where somebody may type.
     fn command(&self, unit: Option<i64>) -> Option<String> {
         let by_pty = self.ports.iter().find_map(|reached| {
-            let modbus = self.spec.ports.get(usize::from(reached.port.0))?.ends == Ends::Silence;
+            let ends = self.spec.ports.get(usize::from(reached.port.0))?.ends;
             let pty = reached.addresses.iter().find_map(|address| match address {
                 Address::Pty(path) => Some(path),
                 Address::Tcp(_) => None,
             })?;
+            if ends == Ends::Character {
+                let pty = pty.display();
+                return Some(format!("python3 -m serial.tools.miniterm {pty} {}", reached.line.baud));
+            }
             let (first, count) = self.readable()?;
-            modbus.then(|| {
+            (ends == Ends::Silence).then(|| {
                 let Line { baud, parity, stop, .. } = reached.line;
                 let parity = match parity {
                     Parity::None => "none",

@@ -23,7 +23,7 @@ use standin_firmware::device::{Axis, Instant, Level, Pin, PinSpec, Role};
 use crate::drives::{Drives, level_of};
 use crate::pulses::{Shaper, StepDir};
 use crate::schedule::Tournament;
-use crate::seat::LOGIC_HIGH_MV;
+use crate::seat::{HIGH_MV, LOGIC_HIGH_MV};
 use crate::trace::{Did, Entry, Event, Fed, Group, Power, Trace};
 
 /// The unit of a file, and how many of it make a tick.
@@ -90,7 +90,7 @@ struct Wire {
     /// Whether anybody knows what it does.
     known: bool,
     drives: Drives,
-    /// What comes from outside, if something does: mV at an analogue input, else 0 or 1.
+    /// What comes from outside, if something does, in mV.
     outside: Option<i32>,
     /// What was last written.
     shown: Option<Value>,
@@ -201,7 +201,7 @@ impl<W: Write> Waves<W> {
             Event::Fed(fed) => match *fed {
                 Fed::Power(Power::On) => self.power(drive, true),
                 Fed::Power(Power::Off) => self.power(drive, false),
-                Fed::Edge { pin, high } => self.outside(drive, pin, high.into()),
+                Fed::Edge { pin, high } => self.outside(drive, pin, if high { LOGIC_HIGH_MV } else { 0 }),
                 Fed::Millivolts { pin, mv } => self.outside(drive, pin, mv),
                 _ => {}
             },
@@ -266,10 +266,10 @@ impl<W: Write> Waves<W> {
     }
 
     /// Something comes to a pin from outside.
-    fn outside(&mut self, drive: usize, pin: Pin, value: i32) {
+    fn outside(&mut self, drive: usize, pin: Pin, mv: i32) {
         let Some(place) = self.place(drive, pin) else { return };
         let wire = &mut self.wires[place];
-        (wire.known, wire.outside) = (true, Some(value));
+        (wire.known, wire.outside) = (true, Some(mv));
         self.changed.push(place);
     }
 
@@ -402,7 +402,7 @@ impl Wire {
             Level::High => logic(true),
             Level::Low => logic(false),
             Level::Float => match (self.outside, self.pin.rest) {
-                (Some(outside), _) => logic(outside != 0),
+                (Some(mv), _) => logic(mv > HIGH_MV),
                 (None, Level::Float) => Value::Bit('z'),
                 (None, rest) => logic(rest == Level::High),
             },

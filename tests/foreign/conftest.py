@@ -56,12 +56,13 @@ def write(unit, address, value):
 
 
 class Standin:
-    """A `standin run md3` that is ready."""
+    """A `standin run` that is ready."""
 
-    def __init__(self, *options):
+    def __init__(self, *options, kind="md3"):
+        self.kind = kind
         self.log = tempfile.TemporaryFile()
         self.process = subprocess.Popen(
-            [os.environ["STANDIN"], "run", "md3", "--json", *map(str, options)],
+            [os.environ["STANDIN"], "run", kind, "--json", *map(str, options)],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=self.log,
@@ -72,8 +73,9 @@ class Standin:
             self.kill()
             raise
         (device,) = ready["devices"]
-        assert (device["name"], device["kind"]) == ("md3", "md3")
-        addresses = dict(uri.split(":", 1) for uri in device["ports"]["rs485"])
+        assert (device["name"], device["kind"]) == (kind, kind)
+        (uris,) = device["ports"].values()
+        addresses = dict(uri.split(":", 1) for uri in uris)
         host, port = addresses["tcp"].rsplit(":", 1)
         self.tcp = (host, int(port))
         self.pty = addresses["pty"]
@@ -109,7 +111,7 @@ class Standin:
 
     def drive(self):
         """The state of the drive."""
-        return self.call("GET", "/api/drives/md3")
+        return self.call("GET", f"/api/drives/{self.kind}")
 
     def advance(self, seconds):
         """Moves the standing clock, after what was sent so far."""
@@ -145,8 +147,8 @@ def run():
     """Starts drives, and ends them with the test."""
     running = []
 
-    def start(*options):
-        running.append(Standin(*options))
+    def start(*options, kind="md3"):
+        running.append(Standin(*options, kind=kind))
         return running[-1]
 
     yield start

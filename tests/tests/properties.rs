@@ -4,7 +4,7 @@
 
 use proptest::prelude::*;
 use standin_firmware::device::{
-    Boot, Device, Duration, Ends, Fault, Input, Instant, Output, Pin, Port, Sink, advance,
+    Boot, Device, Duration, Encoder, Ends, Fault, Input, Instant, Output, Pin, Port, Sink, advance,
 };
 use standin_protocol::modbus::rtu;
 use standin_tests::md3::at;
@@ -39,7 +39,10 @@ enum Event {
     Bytes(Vec<u8>),
     Spoiled,
     Idle,
+    Attached(bool),
     Edge(u8, bool),
+    Millivolts(u8, i32),
+    Count(u8, i32, bool, bool),
     Fault(u8, bool),
 }
 
@@ -52,28 +55,80 @@ macro_rules! boxed {
 
 static DRIVES: &[Make] = standin_firmware::devices!(boxed);
 
-/// Requests, mostly good ones, and noise. The line stays as it is (MD3 0x1c): a script has to know how
-/// long its characters last.
+/// A command of a QSB: good, with any number of digits, half, taken back, or not meant for it.
+fn command() -> impl Strategy<Value = Vec<u8>> {
+    let letter = proptest::sample::select(b"RWSRWSQr ".to_vec());
+    let digits = proptest::collection::vec(proptest::sample::select(b"00123489AFa\x08".to_vec()), 0..12);
+    let end = proptest::sample::select(vec!["\r", "\n", "\r\n", "\n\r", "\r\r", "\x08", ""]);
+    (letter, 0_u8..0x18, digits, end).prop_map(|(letter, register, digits, end)| {
+        let mut command = vec![letter];
+        command.extend(format!("{register:02X}").bytes().chain(digits).chain(end.bytes()));
+        command
+    })
+}
+
+/// Commands of a QSB that set something going, whatever half a line is there.
+fn order() -> impl Strategy<Value = Vec<u8>> {
+    let order = proptest::sample::select(vec![
+        "W0C0\r",
+        "W0C1\r",
+        "W0CFFFF\r",
+        "W0B3\r",
+        "S0E\r",
+        "S01\r",
+        "S05\r",
+        "S06\r",
+        "S13\r",
+        "W15F\r",
+        "W161\r",
+        "W162\r",
+        "W160\r",
+        "W163\r",
+        "W168\r",
+        "W169\r",
+        "W0F3E8\r",
+        "W1140\r",
+        "W12FFFFFF00\r",
+        "W0001\r",
+        "W0002\r",
+        "W02F0\r",
+        "W02100F\r",
+        "W02F0\r",
+        "W040F0\r",
+        "W1600A\r",
+        "W1670A\r",
+    ]);
+    order.prop_map(|order| format!("\r{order}").into_bytes())
+}
+
+/// Requests, mostly good ones, and noise. The line of a drive that judges silence stays as it is (MD3
+/// 0x1c): a script has to know how long its characters last.
 fn bytes() -> impl Strategy<Value = Vec<u8>> {
     let address = (0_u16..0x22).prop_filter("changes the line", |address| *address != 0x1c);
     let request = (0_u8..3, address, any::<u16>());
     prop_oneof![
-        request.clone().prop_map(|(unit, address, value)| rtu::write(unit, address, value).to_vec()),
-        request.prop_map(|(unit, address, count)| rtu::read(unit, address, count % 40).to_vec()),
-        (0_u16..32).prop_map(|bits| rtu::write(1, at::MOTION, bits).to_vec()),
-        (0_u16..4).prop_map(|bits| rtu::write(1, at::EEPROM, bits).to_vec()),
-        proptest::collection::vec(any::<u8>(), 1..300),
-        proptest::collection::vec(prop_oneof![Just(b'0'), Just(b'1')], 1..4),
+        4 => request.clone().prop_map(|(unit, address, value)| rtu::write(unit, address, value).to_vec()),
+        4 => request.prop_map(|(unit, address, count)| rtu::read(unit, address, count % 40).to_vec()),
+        4 => (0_u16..32).prop_map(|bits| rtu::write(1, at::MOTION, bits).to_vec()),
+        2 => (0_u16..4).prop_map(|bits| rtu::write(1, at::EEPROM, bits).to_vec()),
+        1 => proptest::collection::vec(any::<u8>(), 1..300),
+        1 => proptest::collection::vec(prop_oneof![Just(b'0'), Just(b'1')], 1..4),
+        3 => command(),
+        9 => order(),
     ]
 }
 
 fn event() -> impl Strategy<Value = Event> {
     prop_oneof![
-        6 => bytes().prop_map(Event::Bytes),
-        1 => Just(Event::Spoiled),
-        1 => Just(Event::Idle),
-        1 => (any::<u8>(), any::<bool>()).prop_map(|(pin, high)| Event::Edge(pin, high)),
-        1 => (any::<u8>(), any::<bool>()).prop_map(|(fault, on)| Event::Fault(fault, on)),
+        24 => bytes().prop_map(Event::Bytes),
+        2 => Just(Event::Spoiled),
+        2 => Just(Event::Idle),
+        1 => any::<bool>().prop_map(Event::Attached),
+        12 => (0_u8..16, any::<bool>()).prop_map(|(pin, high)| Event::Edge(pin, high)),
+        4 => (0_u8..16, prop_oneof![0..6_000, any::<i32>()]).prop_map(|(pin, mv)| Event::Millivolts(pin, mv)),
+        2 => (0_u8..2, prop_oneof![-9..9, any::<i32>()], any::<bool>(), any::<bool>())
+            .prop_map(|(encoder, steps, a, b)| Event::Count(encoder, steps, a, b)),
+        4 => (0_u8..16, any::<bool>()).prop_map(|(fault, on)| Event::Fault(fault, on)),
     ]
 }
 
@@ -82,25 +137,54 @@ fn gap() -> impl Strategy<Value = u64> {
     prop_oneof![0_u64..100_000, 0_u64..3_000_000, 0_u64..100_000_000]
 }
 
-/// Events with the silences before them.
-fn script() -> impl Strategy<Value = Vec<(u64, Event)>> {
-    proptest::collection::vec((gap(), event()), 0..40)
+/// What is preset, and events with the silences before them.
+#[derive(Clone, Debug)]
+struct Script {
+    presets: Vec<(usize, i64)>,
+    events: Vec<(u64, Event)>,
+    fast: bool,
 }
+
+fn script() -> impl Strategy<Value = Script> {
+    let events = proptest::collection::vec((gap(), event()), 0..40);
+    (presets(), events, any::<bool>()).prop_map(|(presets, events, fast)| Script { presets, events, fast })
+}
+
+/// Values of registers, by their rows.
+fn presets() -> impl Strategy<Value = Vec<(usize, i64)>> {
+    proptest::collection::vec((0_usize..40, prop_oneof![0_i64..20, any::<i64>()]), 0..12)
+}
+
+/// The longest silence in a script of a drive that may stream without a pause, and behind it.
+const NOT_LONG: Duration = Duration::millis(100);
 
 /// Runs a script on a new drive and returns what it did. A drive is brought up to date before each
 /// event if `eager` says so for it; bursts are cut into pieces of `piece` characters.
-fn run(make: Make, script: &[(u64, Event)], fast: bool, eager: &[bool], piece: usize) -> Vec<String> {
+fn run(make: Make, Script { presets, events, fast }: &Script, eager: &[bool], piece: usize) -> Vec<String> {
     let mut drive = make();
     let spec = drive.spec();
     let mut log = Log { memory: vec![0xFF; usize::from(spec.memory)], lines: Vec::new() };
     let port = spec.ports.first().expect("every drive here has a port");
     let line = port.line.expect("and it is a serial one");
-    let piece = if port.ends == Ends::Silence { piece } else { 1 };
-    drive.power_on(Instant::ZERO, Boot { seed: 1, fast }, &mut log);
+    let silence = port.ends == Ends::Silence;
+    let (piece, presets, longest) = if silence {
+        // The line is one of those that could be preset.
+        (piece, [].as_slice(), Duration::secs(10))
+    } else {
+        (1, presets.as_slice(), NOT_LONG)
+    };
+    for powered in [false, true] {
+        for &(row, value) in presets {
+            let _ = drive.poke(Instant::ZERO, row, value, &mut log);
+        }
+        if !powered {
+            drive.power_on(Instant::ZERO, Boot { seed: 1, fast: *fast }, &mut log);
+        }
+    }
     let mut at = Instant::ZERO;
     let mut inputs: Vec<(Instant, Event)> = Vec::new();
-    for (gap, event) in script {
-        at += Duration::from_ticks(*gap) + line.character();
+    for (gap, event) in events {
+        at += Duration::from_ticks(*gap % longest.ticks()) + line.character();
         match event {
             Event::Bytes(bytes) => {
                 for bytes in bytes.chunks(piece) {
@@ -120,29 +204,34 @@ fn run(make: Make, script: &[(u64, Event)], fast: bool, eager: &[bool], piece: u
             Event::Bytes(bytes) => Input::Bytes { port: Port(0), bytes },
             Event::Spoiled => Input::Spoiled { port: Port(0) },
             Event::Idle => Input::Idle { port: Port(0) },
+            Event::Attached(here) => Input::Attached { port: Port(0), here: *here },
             Event::Edge(pin, high) => Input::Edge { pin: Pin(*pin), high: *high },
+            Event::Millivolts(pin, mv) => Input::Millivolts { pin: Pin(*pin), mv: *mv },
+            Event::Count(encoder, steps, a, b) => {
+                Input::Count { encoder: Encoder(*encoder), steps: *steps, a: *a, b: *b }
+            }
             Event::Fault(fault, on) => Input::Fault { fault: Fault(*fault), on: *on },
         };
         let due = drive.deadline();
         standin_firmware::device::feed(&mut *drive, due, *at, input, &mut log);
     }
-    advance(&mut *drive, at + Duration::secs(10), core::iter::empty(), &mut log);
+    advance(&mut *drive, at + longest, core::iter::empty(), &mut log);
     log.lines
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 128, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { cases: 256, ..ProptestConfig::default() })]
 
     #[test]
     fn late_polling_and_split_bursts_change_nothing(
-        script in script(), fast in any::<bool>(),
+        script in script(),
         eager in proptest::collection::vec(any::<bool>(), 1..20), piece in 1_usize..20,
     ) {
         for make in DRIVES {
-            let whole = run(*make, &script, fast, &[false], usize::MAX);
-            prop_assert_eq!(&whole, &run(*make, &script, fast, &eager, usize::MAX));
-            prop_assert_eq!(&whole, &run(*make, &script, fast, &[true], piece));
-            prop_assert_eq!(&whole, &run(*make, &script, fast, &[false], 1));
+            let whole = run(*make, &script, &[false], usize::MAX);
+            prop_assert_eq!(&whole, &run(*make, &script, &eager, usize::MAX));
+            prop_assert_eq!(&whole, &run(*make, &script, &[true], piece));
+            prop_assert_eq!(&whole, &run(*make, &script, &[false], 1));
         }
     }
 

@@ -52,7 +52,7 @@ pub(super) async fn drive_pin(
     api.call(move |host| {
         let seat = seat(host, &name)?;
         let pin = input(host, seat, &pin)?;
-        let driving = driving(&level, is_analogue(host, seat, pin))?;
+        let driving = driving(&level, role(host, seat, pin))?;
         host.bench.set_pin(seat, pin, driving);
         host.settle();
         Ok(StatusCode::NO_CONTENT)
@@ -80,7 +80,7 @@ pub(super) async fn pulse_pin(
                 "a train has at least 1 pulse, and 0.000001 to 8000000 of them a second",
             ));
         }
-        if is_analogue(host, seat, pin) {
+        if role(host, seat, pin) == Some(Role::Analogue) {
             return Err(Problem::refused("an analogue input takes no pulses"));
         }
         let begun = host.bench.pulse(seat, pin, pulses.count, pulses.hz);
@@ -136,7 +136,7 @@ pub(super) async fn preset(
     api.call(move |host| {
         let seat = seat(host, &name)?;
         let spec = host.bench.spec(seat);
-        let known = spec.registers.find(&register).is_some();
+        let known = spec.find(&register).is_some();
         let status = if known { StatusCode::UNPROCESSABLE_ENTITY } else { StatusCode::NOT_FOUND };
         let preset = Preset::new(spec, &register, Number::Decimal(value.value))
             .map_err(|sentence| Problem::new(status, sentence))?;
@@ -298,26 +298,27 @@ fn input(host: &Host, seat: Seat, name: &str) -> Result<Pin, Problem> {
     let (pin, spec) = found
         .ok_or_else(|| Problem::not_found(nearest::unknown("pin", name, pins.iter().map(|pin| pin.name))))?;
     match spec.role {
-        Role::Input | Role::Both | Role::Analogue => Ok(pin),
+        Role::Input | Role::Both | Role::Analogue | Role::Mixed => Ok(pin),
         Role::Output | Role::Led => Err(Problem::refused(format!("{name} is an output"))),
     }
 }
 
-fn is_analogue(host: &Host, seat: Seat, pin: Pin) -> bool {
-    let spec = host.bench.spec(seat).pins.get(usize::from(pin.0));
-    spec.is_some_and(|pin| pin.role == Role::Analogue)
+fn role(host: &Host, seat: Seat, pin: Pin) -> Option<Role> {
+    host.bench.spec(seat).pins.get(usize::from(pin.0)).map(|pin| pin.role)
 }
 
-/// What is to be done to a pin.
-fn driving(wanted: &PinLevel, analogue: bool) -> Result<Driving, Problem> {
+/// What is to be done to a pin of that role.
+fn driving(wanted: &PinLevel, role: Option<Role>) -> Result<Driving, Problem> {
+    let levels = role != Some(Role::Analogue);
+    let voltages = matches!(role, Some(Role::Analogue | Role::Mixed));
     match *wanted {
         PinLevel { level: Some(Driven::Open), volts: None, milliamps: None } => Ok(Driving::Open),
-        PinLevel { level: Some(level), volts: None, milliamps: None } if !analogue => Ok(match level {
+        PinLevel { level: Some(level), volts: None, milliamps: None } if levels => Ok(match level {
             Driven::Low => Driving::Low,
             Driven::High => Driving::High,
             Driven::Open => Driving::Open,
         }),
-        PinLevel { level: None, volts: Some(volts), milliamps: None } if analogue => {
+        PinLevel { level: None, volts: Some(volts), milliamps: None } if voltages => {
             if !(-1_000.0..=1_000.0).contains(&volts) {
                 return Err(Problem::refused("volts are -1000 to 1000"));
             }
@@ -328,13 +329,18 @@ fn driving(wanted: &PinLevel, analogue: bool) -> Result<Driving, Problem> {
         }
         PinLevel { level: None, volts: None, milliamps: None } => Err(Problem::refused(format!(
             "the body says nothing; it takes one of {}",
-            if analogue {
-                "{\"volts\":2.5} and {\"level\":\"open\"}"
-            } else {
-                "{\"level\":\"low\"}, {\"level\":\"high\"} and {\"level\":\"open\"}"
+            match (levels, voltages) {
+                (true, true) => {
+                    "{\"level\":\"low\"}, {\"level\":\"high\"}, {\"level\":\"open\"} and {\"volts\":2.5}"
+                }
+                (true, false) => "{\"level\":\"low\"}, {\"level\":\"high\"} and {\"level\":\"open\"}",
+                (false, _) => "{\"volts\":2.5} and {\"level\":\"open\"}",
             }
         ))),
-        _ if analogue => Err(Problem::refused("an analogue input takes volts, or the level open")),
+        _ if levels && voltages => {
+            Err(Problem::refused("this input takes a level (low, high or open) or volts, one of them"))
+        }
+        _ if voltages => Err(Problem::refused("an analogue input takes volts, or the level open")),
         _ => Err(Problem::refused("a digital input takes a level: low, high or open")),
     }
 }

@@ -269,7 +269,6 @@ impl Drive {
     pub(super) fn of(bench: &bench::Bench, seat: Seat) -> Self {
         let spec = bench.spec(seat);
         let pins = || (0..).map(Pin).zip(spec.pins);
-        let registers = spec.registers.rows.iter().enumerate();
         let faults = (0..).map(standin_firmware::device::Fault).zip(spec.faults);
         let ports = ports_of(bench, seat).filter_map(|(seat, port)| {
             let name = spec.ports.get(usize::from(port.0))?.name;
@@ -279,7 +278,7 @@ impl Drive {
             name: bench.name(seat).to_owned(),
             kind: spec.kind,
             powered: bench.powered(seat),
-            registers: InOrder(registers.map(|(row, of)| (of.name, bench.peek(seat, row))).collect()),
+            registers: InOrder(spec.rows().map(|(row, of)| (of.name, bench.peek(seat, row))).collect()),
             pins: InOrder(
                 pins()
                     .filter(|(_, of)| of.role != Role::Led)

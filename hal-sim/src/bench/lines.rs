@@ -10,6 +10,9 @@ use crate::schedule::{Class, What};
 use crate::seat::Sent;
 use crate::trace::Fed;
 
+/// How far what a drive has put may lie ahead until who makes it say more has to wait.
+const AHEAD: Duration = Duration::secs(1);
+
 /// Who says something.
 #[derive(Clone, Copy)]
 enum Voice {
@@ -190,24 +193,28 @@ impl Bench {
         })
     }
 
-    /// Gives a free line to whose bytes came first.
+    /// Gives a free line to whose bytes came first. Where each character has its time a client also goes on
+    /// while it has the line, with one character behind the other.
     fn serve(&mut self, bus: u32) {
         let silence = self.silence(bus);
         loop {
             let wire = &mut self.buses[bus as usize];
             let waiting = wire.clients.iter().filter_map(|&id| Some((self.clients.get(&id)?.order()?, id)));
             let first = waiting.min().map(|(_, id)| id);
-            // Where each character has its time a client goes on while it has the line.
-            let goes_on = !silence && first == Some(wire.served);
+            let goes_on = !silence && first == Some(wire.served) && wire.free <= self.now;
             if wire.turn != Turn::Free && !goes_on {
                 return;
             }
-            let Some((id, outside)) = first.and_then(|id| Some((id, self.clients.get_mut(&id)?))) else {
+            let Some(id) = first else {
                 if wire.turn == Turn::Free {
                     wire.until = Instant::NEVER;
                 }
                 return;
             };
+            if !silence && self.holds_back(bus, id) {
+                return;
+            }
+            let Some(outside) = self.clients.get_mut(&id) else { return };
             match outside.offer(self.now, silence, self.settings.patience) {
                 Offer::Message(length, came) => {
                     let (bytes, sender) = (outside.take(length), outside.sender);
@@ -215,15 +222,33 @@ impl Bench {
                         self.forget(id);
                     }
                     self.transmit(bus, id, &bytes, came, sender);
+                    if !silence {
+                        return;
+                    }
                 }
                 Offer::Half(_) if outside.left => {
                     // The line was its own until it left.
+                    let wire = &mut self.buses[bus as usize];
                     wire.free = wire.free.max(self.now);
                     self.forget(id);
                 }
                 Offer::Half(until) => return self.turn_until(bus, until),
             }
         }
+    }
+
+    /// Whether a client has to wait, and its turn with it, because a drive has that much to say. Answers are
+    /// longer than commands: who does not wait for them would make a queue without end.
+    fn holds_back(&mut self, bus: u32, client: u32) -> bool {
+        let wire = &mut self.buses[bus as usize];
+        if wire.sends_until <= self.now + AHEAD {
+            return false;
+        }
+        let until = wire.sends_until - AHEAD;
+        self.busy += usize::from(wire.turn == Turn::Free);
+        (wire.turn, wire.served) = (Turn::Asked, client);
+        self.turn_until(bus, until);
+        true
     }
 
     /// A client is gone for good.
@@ -246,7 +271,8 @@ impl Bench {
         let wire = &mut self.buses[bus as usize];
         self.busy += usize::from(wire.turn == Turn::Free);
         (wire.turn, wire.served, wire.free) = (Turn::Asked, client, last);
-        self.turn_until(bus, judged);
+        // What follows a character is looked for when it has ended.
+        self.turn_until(bus, if self.silence(bus) { judged } else { last });
     }
 
     /// Says something to a port from `start` on.
@@ -337,6 +363,9 @@ impl Bench {
             }
             serial.sends_until = now;
             let Some(Bus(bus)) = self.bus(Seat(place), port) else { continue };
+            let serials = self.ports(Bus(bus)).iter().filter_map(|&(seat, port)| self.at(seat).serial(port));
+            let sends_until = serials.map(|serial| serial.sends_until).max().unwrap_or(now);
+            self.buses[bus as usize].sends_until = sends_until;
             for id in &self.buses[bus as usize].clients {
                 if let Some(outside) = self.clients.get_mut(id) {
                     outside.hush(now);
@@ -361,6 +390,18 @@ impl Bench {
             return;
         }
         wire.until = Instant::NEVER;
+        if !silence && wire.turn != Turn::Free {
+            let spoke = wire.turn == Turn::Asked && wire.free == at;
+            wire.free = at;
+            self.serve(bus);
+            if self.buses[bus as usize].until != Instant::NEVER {
+                return;
+            }
+            if spoke && !fast {
+                return self.turn_until(bus, at + t3_5 + character);
+            }
+        }
+        let wire = &mut self.buses[bus as usize];
         let answers = match wire.turn {
             Turn::Free => return self.serve(bus),
             Turn::Asked => true,

@@ -1,5 +1,7 @@
 //! Scripts with times, and the properties that make a bench the same everywhere.
 
+mod characters;
+
 use std::cell::RefCell;
 use std::rc::Rc;
 

@@ -7,7 +7,7 @@ use crate::drives::{Drives, level_of};
 use crate::trace::Fed;
 
 /// A digital input is high above this: the middle of TTL's 0.8 V and 2.0 V.
-const HIGH_MV: i32 = 1_400;
+pub(crate) const HIGH_MV: i32 = 1_400;
 
 /// What an analogue input sees of a logic level.
 pub(crate) const LOGIC_HIGH_MV: i32 = 5_000;
@@ -70,6 +70,9 @@ impl PinState {
                 Driving::Open if rests_high => LOGIC_HIGH_MV,
                 Driving::Low | Driving::Open => 0,
             });
+        }
+        if let (Role::Mixed, Driving::Millivolts(mv)) = (self.spec.role, drive) {
+            return Signal::Millivolts(mv);
         }
         Signal::Digital(match drive {
             Driving::Low => false,

@@ -1,5 +1,6 @@
 //! The program `standin`, started as people start it.
 
 mod control;
+mod qsb;
 mod running;
 mod runs;

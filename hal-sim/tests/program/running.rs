@@ -27,6 +27,7 @@ pub(crate) fn refused(arguments: &[&str]) -> String {
 
 /// A drive that runs, and is killed with the test.
 pub(crate) struct Running {
+    kind: &'static str,
     child: Child,
     /// The line that says where everything is.
     pub(crate) ready: Value,
@@ -35,13 +36,13 @@ pub(crate) struct Running {
 impl Running {
     /// Starts an MD3 and waits until it is ready.
     pub(crate) fn md3(options: &[&str]) -> Self {
-        Self::start(options, Stdio::inherit())
+        Self::start("md3", options, Stdio::inherit())
     }
 
-    /// Starts an MD3 that says what it has to say there.
-    pub(crate) fn start(options: &[&str], stderr: Stdio) -> Self {
+    /// Starts a drive that says what it has to say there, and waits until it is ready.
+    pub(crate) fn start(kind: &'static str, options: &[&str], stderr: Stdio) -> Self {
         let mut child = Command::new(env!("CARGO_BIN_EXE_standin"))
-            .args(["run", "md3", "--json"])
+            .args(["run", kind, "--json"])
             .args(options)
             .stdout(Stdio::piped())
             .stderr(stderr)
@@ -50,12 +51,13 @@ impl Running {
         let mut line = String::new();
         BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();
         let ready = serde_json::from_str(&line).unwrap();
-        Self { child, ready }
+        Self { kind, child, ready }
     }
 
     fn address(&self, scheme: &str) -> String {
-        let uris = self.ready["devices"][0]["ports"]["rs485"].as_array().unwrap();
-        let uri = uris.iter().find_map(|uri| uri.as_str()?.strip_prefix(scheme));
+        let ports = self.ready["devices"][0]["ports"].as_object().unwrap();
+        let mut uris = ports.values().filter_map(Value::as_array).flatten();
+        let uri = uris.find_map(|uri| uri.as_str()?.strip_prefix(scheme));
         uri.unwrap().to_owned()
     }
 
@@ -102,7 +104,7 @@ impl Running {
 
     /// The state of the drive.
     pub(crate) fn drive(&self) -> Value {
-        self.call("GET", "/api/drives/md3", "").ok()
+        self.call("GET", &format!("/api/drives/{}", self.kind), "").ok()
     }
 
     /// Moves the standing clock on.

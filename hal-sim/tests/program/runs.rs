@@ -25,7 +25,14 @@ fn what_is_wrong_with_options_is_told_in_one_sentence() {
         (vec!["walk"], "unrecognized subcommand 'walk'"),
         (vec!["run"], "<KIND>"),
         (vec!["run", "md4"], "there is no kind 'md4'; the nearest is 'md3'"),
-        (vec!["run", "qsb-d"], "there is no kind 'qsb-d'; what there is: md3"),
+        (vec!["run", "robot"], "there is no kind 'robot'; what there is: md3, md3-low, qsb-d, qsb-m, qsb-s"),
+        (
+            vec!["run", "qsb-s", "--set", "MdAccel=1"],
+            "MdAccel is a register of other variants; qsb-s does not have it",
+        ),
+        (vec!["run", "qsb-s", "--set", "Threshhold=1"], "the nearest is 'Threshold'"),
+        (vec!["run", "qsb-m", "--set", "Version=1"], "Version cannot be preset"),
+        (vec!["run", "qsb-d", "--address", "1"], "qsb-d has no bus address"),
         (vec!["run", "bench.toml"], "bench files: not yet"),
         (vec!["run", "md3", "--program", "x"], "--program: not yet"),
         (vec!["run", "md3", "--pcap", "x"], "--pcap: not yet"),
@@ -353,7 +360,7 @@ fn a_log_that_nobody_reads_stops_nothing() {
     rustix::fs::fcntl_setfl(&full, OFlags::NONBLOCK).unwrap();
     while rustix::io::write(&full, &[b'.'; 4_096]).is_ok() {}
     rustix::fs::fcntl_setfl(&full, OFlags::empty()).unwrap();
-    let md3 = Running::start(&["--fast-boot", "--time", "manual", "-vv"], full.into());
+    let md3 = Running::start("md3", &["--fast-boot", "--time", "manual", "-vv"], full.into());
     for value in 1..=20 {
         let reply = ask(&mut md3.connect(), &rtu::write(1, USER_REGISTER, value), 8);
         assert_eq!(reply, *rtu::write(1, USER_REGISTER, value));

@@ -1,0 +1,169 @@
+//! Lines on which each character has its time, and both directions run at once.
+
+use super::*;
+
+/// A character of the toy's 115,200 8N1.
+const CHARACTER: Duration = Duration::from_ticks(1_389);
+/// Characters of its answer to `r`.
+const ANSWER: usize = 3;
+
+fn toy(line: LineMode) -> (Bench, Seat, Bus) {
+    let mut bench = Bench::with(Settings { line, trace: TraceKeep::All, ..Settings::default() });
+    let toy = bench.add::<Toy>("toy");
+    let bus = bench.bus(toy, toy::USB).unwrap();
+    (bench, toy, bus)
+}
+
+/// The volume, which is the second character of each answer.
+fn volumes(answers: &[u8]) -> Vec<u8> {
+    assert_eq!(answers.len() % ANSWER, 0, "{answers:?}");
+    answers.chunks(ANSWER).map(|answer| answer[1]).collect()
+}
+
+#[test]
+fn characters_have_the_same_stamps_however_they_come() {
+    let script = |pieces: &[&[u8]]| {
+        let (mut bench, _, bus) = toy(LineMode::Timed);
+        let client = bench.connect(bus);
+        for piece in pieces {
+            bench.send(client, piece);
+        }
+        bench.run_until(1.secs());
+        bench.trace().to_text()
+    };
+    let whole = script(&[b"1r0rr1"]);
+    assert_eq!(script(&[b"1", b"r", b"0", b"r", b"r", b"1"]), whole);
+    assert_eq!(script(&[b"1r0", b"rr1"]), whole);
+    let ends = |n: u64| Instant::ZERO + CHARACTER * n;
+    let (mut bench, _, bus) = toy(LineMode::Timed);
+    let client = bench.connect(bus);
+    bench.send(client, b"r0");
+    bench.run_until(ends(2) - Duration::TICK);
+    assert_eq!(bench.level(Seat(0), toy::OUT), Level::High);
+    bench.run_until(ends(2));
+    assert_eq!(bench.level(Seat(0), toy::OUT), Level::Low, "heard while it sends");
+    // A client goes on in the middle of an answer.
+    bench.send(client, b"1");
+    bench.run_until(ends(3));
+    assert_eq!(bench.level(Seat(0), toy::OUT), Level::High);
+    assert_eq!(received(&mut bench, client).len(), 2);
+}
+
+#[test]
+fn manual_time_goes_to_the_end_of_all_answers() {
+    let (mut bench, seat, bus) = toy(LineMode::Timed);
+    let (client, other) = (bench.connect(bus), bench.connect(bus));
+    bench.poke(seat, toy::Reg::Volume as usize, 9).unwrap();
+    bench.send(client, &[b'r'; 50]);
+    bench.settle();
+    let answers = received(&mut bench, client);
+    assert_eq!(volumes(&answers), [9; 50]);
+    assert_eq!(received(&mut bench, other), answers, "others hear it, too");
+    // The first character, then answers without gaps.
+    assert_eq!(bench.now(), Instant::ZERO + CHARACTER * (1 + 50 * ANSWER as u64));
+    // One character, typed by hand, and another one whenever the one before is over.
+    for _ in 0..3 {
+        assert_eq!(volumes(&bench.ask(seat, b"r")), [9]);
+    }
+}
+
+#[test]
+fn a_stream_does_not_keep_manual_time_going() {
+    let (mut bench, seat, bus) = toy(LineMode::Timed);
+    let client = bench.connect(bus);
+    bench.send(client, b"s");
+    bench.settle();
+    let (mut dots, mut answers) = (0, 0);
+    for _ in 0..20 {
+        let before = bench.now();
+        bench.send(client, b"rr");
+        bench.settle();
+        assert!(bench.now() < before + 10.millis(), "the answers take 8 characters, 0.7 ms");
+        let heard = received(&mut bench, client);
+        dots += heard.iter().filter(|byte| **byte == b'.').count();
+        answers += heard.iter().filter(|byte| **byte == b'\n').count();
+    }
+    assert_eq!(answers, 2 * 20);
+    let gone = bench.now().since(Instant::ZERO + CHARACTER).ticks() / toy::INTERVAL.ticks();
+    assert!(dots as u64 == gone || dots as u64 + 1 == gone, "{dots} dots in {gone} intervals");
+    assert_eq!(volumes(&bench.ask(seat, b"s")), [0; 0], "it is over");
+}
+
+#[test]
+fn who_floods_is_held_back_and_nothing_is_lost() {
+    const COMMANDS: usize = 20_000;
+    const SECOND: usize = 11_520;
+    let (mut bench, _, bus) = toy(LineMode::Timed);
+    let (client, other) = (bench.connect(bus), bench.connect(bus));
+    bench.send(client, &[b'r'; COMMANDS]);
+    let (mut answers, mut heard, mut most) = (Vec::new(), Vec::new(), 0);
+    while bench.next() < Instant::NEVER {
+        bench.run_until(bench.next());
+        bench.receive(client, &mut answers);
+        bench.receive(other, &mut heard);
+        let given = COMMANDS - bench.backlog(client);
+        most = most.max(given * ANSWER - answers.len());
+    }
+    // What is put within a second, the answer to the last character, and to the one under way.
+    assert!((SECOND..=SECOND + 2 * ANSWER + 1).contains(&most), "{most} characters ahead");
+    assert_eq!(volumes(&answers), [0; COMMANDS]);
+    assert_eq!(heard, answers);
+    assert_eq!(bench.now() - CHARACTER, Instant::ZERO + CHARACTER * (COMMANDS * ANSWER) as u64);
+}
+
+#[test]
+fn a_flood_ends_in_manual_time_and_when_its_client_leaves() {
+    let (mut bench, seat, bus) = toy(LineMode::Timed);
+    let (client, other) = (bench.connect(bus), bench.connect(bus));
+    bench.send(client, &[b'r'; 8_000]);
+    bench.disconnect(client);
+    bench.settle();
+    assert_eq!(volumes(&received(&mut bench, other)), [0; 8_000]);
+    assert_eq!(volumes(&bench.ask(seat, b"r")), [0]);
+    // Without power what it had to say is gone, and nobody is held back for it.
+    bench.send(other, &[b'r'; 8_000]);
+    bench.run_until(bench.now() + 500.millis());
+    let left = bench.backlog(other);
+    bench.power(seat, PowerAction::Cycle);
+    bench.run_until(bench.now() + 1.millis());
+    let again = bench.now();
+    received(&mut bench, other);
+    bench.settle();
+    let answers = received(&mut bench, other).len().div_euclid(ANSWER);
+    assert!((left - 20..=left).contains(&answers), "{answers} answers, {left} characters were left");
+    assert!(bench.now() < again + CHARACTER * (left * ANSWER) as u64);
+}
+
+#[test]
+fn clients_take_turns_in_the_order_of_arrival() {
+    let (mut bench, _, bus) = toy(LineMode::Timed);
+    let (one, two) = (bench.connect(bus), bench.connect(bus));
+    bench.send(one, b"11");
+    bench.send(two, b"00");
+    bench.send(one, b"11");
+    bench.settle();
+    let text = bench.trace().to_text();
+    let said: Vec<&str> = text.lines().filter_map(|line| Some(line.split_once("> rx ")?.1)).collect();
+    assert_eq!(said.concat().replace("\"\"", ""), "\"110011\"");
+    // Between two of them the line is quiet for as long as it takes to know that the first one is over.
+    let ends =
+        |n: u64| CHARACTER * n + (Timing::of(bench.line(bus)).t3_5 + CHARACTER) * (n - 1).div_euclid(2);
+    assert_eq!(stamps(&bench, "> rx").len(), said.len());
+    assert_eq!(bench.now(), Instant::ZERO + ends(7) - CHARACTER);
+}
+
+#[test]
+fn fast_takes_no_time_but_that_of_the_drive() {
+    let (mut bench, seat, bus) = toy(LineMode::Fast);
+    let client = bench.connect(bus);
+    bench.send(client, &[b'r'; 1_000]);
+    bench.settle();
+    assert_eq!(volumes(&received(&mut bench, client)), [0; 1_000]);
+    assert_eq!(volumes(&bench.ask(seat, b"rr")), [0; 2]);
+    received(&mut bench, client);
+    assert!(bench.now() <= Instant::ZERO + Duration::TICK);
+    bench.send(client, b"s");
+    bench.settle();
+    bench.run_until(31.millis());
+    assert_eq!(received(&mut bench, client), [b'.'; 10]);
+}
