@@ -39,7 +39,7 @@ impl Adapter {
         let mut version = product << 8 | FIRMWARE;
         let mut serial = self.bank.get(Reg::SerialNumber);
         for digit in 3..8 {
-            version |= serial % 10 << (4 * digit);
+            version |= (serial % 10) << (4 * digit);
             serial /= 10;
         }
         version
