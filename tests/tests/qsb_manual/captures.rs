@@ -1,0 +1,266 @@
+//! CAPTURE, and trigger pulses on DIO0.
+
+use standin_protocol::time::{Duration, Span};
+
+use crate::rig::{Rig, TICK};
+
+/// 02: bits 3:0 polarity (1 = high-low), 7:4 enable. Each input captures at its own edge, and at no other.
+#[test]
+fn each_input_captures_at_its_edge() {
+    for (kind, inputs) in [("qsb-d", 1), ("qsb-m", 4)] {
+        for input in 0..inputs {
+            for falling in [false, true] {
+                let mut rig = Rig::ready(kind);
+                let pin = format!("DIO{input}");
+                rig.write("W0343");
+                rig.write(&format!("W02{:X}", 0x10 << input | u32::from(falling) << input));
+                rig.turn(5);
+                rig.low(&pin);
+                rig.turn(5);
+                rig.high(&pin);
+                rig.turn(5);
+                let captured = if falling { 5 } else { 10 };
+                assert_eq!(rig.read("05"), captured, "{kind} {pin}, falling: {falling}");
+                rig.low(&pin);
+                rig.turn(5);
+                rig.high(&pin);
+                let captured = if falling { 15 } else { 20 };
+                assert_eq!(rig.read("05"), captured, "{kind} {pin}, falling: {falling}");
+            }
+        }
+    }
+}
+
+/// An input that is not enabled does not, nor does an output (decision 11 of the digital port).
+#[test]
+fn what_does_not_capture() {
+    for config in ["W0200F", "W02EEE", "W021FF"] {
+        let mut rig = Rig::ready("qsb-m");
+        rig.write("W0343");
+        rig.write(config);
+        rig.turn(5);
+        rig.low("DIO0");
+        rig.high("DIO0");
+        rig.open("DIO0");
+        assert_eq!(rig.read("05"), 0, "{config}");
+    }
+}
+
+/// Four inputs, each with its own polarity, into the one register.
+#[test]
+fn all_inputs_at_once() {
+    let mut rig = Rig::ready("qsb-m");
+    rig.write("W0343");
+    // All enabled; 0 and 2 falling, 1 and 3 rising.
+    rig.write("W020F5");
+    for (count, pin, high, captured) in [
+        (1, "DIO0", false, 1),
+        (2, "DIO1", false, 1),
+        (3, "DIO2", false, 3),
+        (4, "DIO3", false, 3),
+        (5, "DIO0", true, 3),
+        (6, "DIO1", true, 6),
+        (7, "DIO2", true, 6),
+        (8, "DIO3", true, 8),
+    ] {
+        rig.turn(1);
+        rig.hold(pin, high);
+        assert_eq!((rig.read("0E"), rig.read("05")), (count, captured), "{pin}");
+    }
+}
+
+/// Decision 24: CNTR, in every MODE.
+#[test]
+fn inputs_capture_in_every_mode() {
+    for mode in ["W000", "W001", "W002"] {
+        let mut rig = Rig::ready("qsb-m");
+        rig.write("W0343");
+        rig.write(mode);
+        rig.write("W02011");
+        rig.turn(40);
+        rig.low("DIO0");
+        assert_eq!(rig.read("05"), 40, "{mode}");
+    }
+}
+
+/// Example 5.2: on the index, whose function is disabled as the factory sets it (decision 23).
+#[test]
+fn the_index_captures() {
+    let mut rig = Rig::ready("qsb-s");
+    rig.turn(100);
+    rig.high("I");
+    // Bit 4 of 04 is not set.
+    assert_eq!(rig.read("05"), 0);
+    rig.low("I");
+    rig.write("W04010");
+    rig.turn(100);
+    rig.high("I");
+    rig.low("I");
+    rig.turn(4);
+    rig.says(&[("R05", "r 05 000000C8 !"), ("R0E", "r 0E 000000CC !")]);
+}
+
+/// Decision 24: before the same index resets or loads.
+#[test]
+fn the_index_captures_before_it_resets() {
+    for (function, left) in [("W0363", 0), ("W0353", 0x1F3), ("W0373", 100)] {
+        let mut rig = Rig::ready("qsb-s");
+        rig.write(function);
+        rig.write("W04010");
+        rig.turn(100);
+        rig.high("I");
+        assert_eq!((rig.read("05"), rig.read("0E")), (100, left), "{function}");
+    }
+}
+
+/// "Streaming: a new value is output when the register value changes."
+#[test]
+fn captures_are_streamed() {
+    let mut rig = Rig::ready("qsb-m");
+    rig.write("W0343");
+    rig.write("W02011");
+    rig.says(&[("S05", "s 05 00000000 !")]);
+    for count in [10, 20, 30] {
+        rig.turn(10);
+        rig.low("DIO0");
+        rig.high("DIO0");
+        assert_eq!(rig.texts(10.millis()), [format!("s 05 {count:08X} !")]);
+    }
+    // The same value again is no change.
+    rig.low("DIO0");
+    assert_eq!(rig.texts(10.millis()), [""; 0]);
+}
+
+/// A QSB whose DIO0 is an output, high, with trigger pulses enabled, and these settings.
+fn triggered(script: &[&str]) -> Rig {
+    let mut rig = Rig::ready("qsb-m");
+    rig.write("W0343");
+    rig.write("W021100");
+    for command in script {
+        rig.write(command);
+    }
+    rig.past_tick(3_000);
+    rig
+}
+
+/// Whether DIO0 is high as seen from outside, and as 01 reads it.
+#[track_caller]
+fn dio0(rig: &mut Rig) -> bool {
+    let high = rig.is_high("DIO0");
+    let reads = rig.read("01") & 1 == 1;
+    assert_eq!(reads, high);
+    high
+}
+
+/// A pulse of 8 ticks, away from the present state and back: by INTERVAL RATE, 02 bit 12 and the flag.
+#[track_caller]
+fn assert_pulses(rig: &mut Rig, rest: bool) {
+    assert_eq!(dio0(rig), !rest, "it begins");
+    rig.after(TICK * 7 - 100.micros());
+    assert_eq!(dio0(rig), !rest, "it lasts 7 to 8 ticks");
+    rig.after(TICK + 200.micros());
+    assert_eq!(dio0(rig), rest, "it has ended");
+    rig.after(TICK * 20);
+    assert_eq!(dio0(rig), rest);
+}
+
+#[test]
+fn a_match_makes_a_pulse() {
+    for (output, rest) in [("W011", true), ("W010", false)] {
+        let mut rig = triggered(&["W04020", "W0C8", "W08A", output]);
+        rig.turn(9);
+        assert_eq!(dio0(&mut rig), rest);
+        rig.turn(1);
+        assert_pulses(&mut rig, rest);
+        // Never downward (decision 20).
+        rig.turn(5);
+        rig.turn(-5);
+        assert_eq!(dio0(&mut rig), rest);
+    }
+}
+
+#[test]
+fn the_index_an_overflow_and_an_underflow_make_pulses() {
+    let mut rig = triggered(&["W04010", "W0C8"]);
+    rig.high("I");
+    assert_pulses(&mut rig, true);
+    rig.low("I");
+    assert!(dio0(&mut rig));
+
+    let mut rig = triggered(&["W04040", "W0C8"]);
+    rig.turn(-1);
+    assert_pulses(&mut rig, true);
+
+    let mut rig = triggered(&["W04080", "W0C8", "W08FFFFFFFE", "W0A0"]);
+    rig.turn(1);
+    assert_pulses(&mut rig, true);
+}
+
+/// Without bit 12 of 02, without the flag, or on an input: none (decision 27).
+#[test]
+fn what_makes_no_pulse() {
+    for script in [["W02100", "W04020"], ["W021100", "W040D0"], ["W021000", "W04020"]] {
+        let mut rig = triggered(&["W0C8", "W08A"]);
+        for command in script {
+            rig.write(command);
+        }
+        rig.turn(10);
+        assert!(dio0(&mut rig), "{script:?}");
+    }
+}
+
+/// INTERVAL RATE 0 "only toggles the digital output", once per event.
+#[test]
+fn interval_0_toggles() {
+    let mut rig = triggered(&["W04020", "W0C0", "W08A"]);
+    rig.turn(10);
+    for high in [false, true, false, true, false] {
+        assert_eq!(dio0(&mut rig), high);
+        rig.after(1.secs());
+        assert_eq!(dio0(&mut rig), high);
+        rig.turn(-2);
+        assert_eq!(dio0(&mut rig), high);
+        rig.turn(2);
+    }
+}
+
+/// A new event restarts the pulse.
+#[test]
+fn an_event_in_a_pulse_restarts_it() {
+    let mut rig = triggered(&["W04020", "W0C8", "W08A"]);
+    rig.turn(10);
+    assert!(!dio0(&mut rig));
+    rig.after(TICK * 5);
+    rig.turn(-2);
+    rig.turn(2);
+    rig.after(TICK * 6);
+    assert!(!dio0(&mut rig));
+    rig.after(TICK * 3);
+    assert!(dio0(&mut rig));
+}
+
+/// FFFF is 65,535 ticks here: 128 s.
+#[test]
+fn the_longest_pulse() {
+    let mut rig = triggered(&["W04020", "W08A"]);
+    rig.turn(10);
+    rig.after(TICK * 65_533);
+    assert!(!dio0(&mut rig));
+    rig.after(TICK * 3);
+    assert!(dio0(&mut rig));
+}
+
+/// A pulse of a tick, while edges go on at 1 MHz.
+#[test]
+fn pulses_while_it_turns() {
+    let mut rig = triggered(&["W04020", "W0C1", "W08A", "W0347"]);
+    // 0x47 is single-cycle, x4: each count is passed once.
+    rig.turn(9);
+    assert!(dio0(&mut rig));
+    rig.turn(1_000);
+    assert!(!dio0(&mut rig));
+    rig.after(TICK);
+    assert!(dio0(&mut rig));
+    rig.after(Duration::secs(1));
+    assert!(dio0(&mut rig));
+}

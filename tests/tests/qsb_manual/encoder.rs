@@ -1,0 +1,246 @@
+//! MODE: PWM encoders and the analogue input.
+
+use standin_protocol::time::{Duration, Span};
+use standin_sim::bench::Driving;
+
+use crate::rig::{KINDS, Rig, TICK};
+
+/// Cycles of a PWM encoder at a pin, whose output is high for `on` 1/16 µs of `period`; ends with the rise
+/// that closes the last one.
+fn pwm(rig: &mut Rig, pin: &str, on: u64, period: u64, cycles: u32) {
+    for _ in 0..cycles {
+        rig.set(pin, Driving::High);
+        rig.after(Duration::from_ticks(on));
+        rig.set(pin, Driving::Low);
+        rig.after(Duration::from_ticks(period - on));
+    }
+    rig.set(pin, Driving::High);
+    rig.after(1.micros());
+}
+
+/// What is read of a steady signal: the value, and MODE.
+fn reads(kind: &str, pin: &str, on: u64, period: u64) -> (u32, u32) {
+    let mut rig = Rig::ready(kind);
+    rig.write("W0001");
+    rig.low(pin);
+    pwm(&mut rig, pin, on, period, 4);
+    (rig.read("0E"), rig.read("00"))
+}
+
+/// Decision 11: floor(on × 1026 / period) − 1, clamped; about 1 kHz is 10 bits.
+#[test]
+fn pwm_of_10_bits() {
+    // An MA3's cycle is 1,026 µs: 1 µs is 0, 1,025 µs is 1,024 and reads 1,023.
+    for (on, value) in
+        [(1, 0), (2, 1), (513, 512), (1_000, 999), (1_023, 1_022), (1_024, 1_023), (1_025, 1_023)]
+    {
+        assert_eq!(reads("qsb-s", "A", on * 16, 1_026 * 16), (value, 1), "{on} µs");
+    }
+    // 1 kHz: 333 × 1026 / 1000 = 341.658; 500 × 1.026 = 513; 1,000,  0.5 × 1.026 = 0.513.
+    assert_eq!(reads("qsb-s", "A", 333 * 16, 16_000), (340, 1));
+    assert_eq!(reads("qsb-s", "A", 500 * 16, 16_000), (512, 1));
+    assert_eq!(reads("qsb-s", "A", 8, 16_000), (0, 1));
+    // 5 % off: 1.05 ms and 0.95 ms; 500 × 1026 / 1050 = 488.57, 500 × 1026 / 950 = 540.
+    assert_eq!(reads("qsb-s", "A", 500 * 16, 16_800), (487, 1));
+    assert_eq!(reads("qsb-s", "A", 500 * 16, 15_200), (539, 1));
+}
+
+/// × 4098; about 250 Hz is 12 bits, and MODE bit 4.
+#[test]
+fn pwm_of_12_bits() {
+    for (on, value) in [(1, 0), (2, 1), (2_049, 2_048), (4_000, 3_999), (4_096, 4_095), (4_097, 4_095)] {
+        assert_eq!(reads("qsb-s", "A", on * 16, 4_098 * 16), (value, 0x11), "{on} µs");
+    }
+    // 250 Hz: 1,234 × 4098 / 4000 = 1264.233.
+    assert_eq!(reads("qsb-s", "A", 1_234 * 16, 64_000), (1_263, 0x11));
+}
+
+/// On every variant, at A or by its other name.
+#[test]
+fn pwm_at_either_pin() {
+    for kind in KINDS {
+        for pin in ["A", "PWM"] {
+            assert_eq!(reads(kind, pin, 513 * 16, 1_026 * 16), (512, 1), "{kind} {pin}");
+        }
+    }
+}
+
+/// Decision 35: 0 before the first full period; a signal that stops keeps value and resolution.
+#[test]
+fn pwm_begins_and_stops() {
+    let mut rig = Rig::ready("qsb-s");
+    rig.write("W0001");
+    rig.low("A");
+    assert_eq!((rig.read("0E"), rig.read("00")), (0, 1));
+    rig.high("A");
+    rig.after(2_049.micros());
+    rig.low("A");
+    rig.after(1.millis());
+    assert_eq!((rig.read("0E"), rig.read("00")), (0, 1));
+    rig.after(1_049.micros());
+    rig.low("A");
+    pwm(&mut rig, "A", 2_049 * 16, 4_098 * 16, 3);
+    rig.low("A");
+    rig.after(10.secs());
+    assert_eq!((rig.read("0E"), rig.read("00")), (2_048, 0x11));
+    // The other kind of encoder is found, too.
+    pwm(&mut rig, "A", 513 * 16, 1_026 * 16, 3);
+    assert_eq!((rig.read("0E"), rig.read("00")), (512, 0x01));
+}
+
+/// The counter sees A whatever MODE says; 07 has it.
+#[test]
+fn the_counter_goes_on() {
+    let mut rig = Rig::ready("qsb-s");
+    rig.write("W0340");
+    rig.write("W0001");
+    rig.low("A");
+    pwm(&mut rig, "A", 513 * 16, 1_026 * 16, 9);
+    // Ten rises, B high.
+    assert_eq!((rig.read("0E"), rig.read("07")), (512, 10));
+    rig.write("W0000");
+    assert_eq!(rig.read("0E"), 10);
+}
+
+/// A stream in PWM mode is of the PWM value, with THRESHOLD.
+#[test]
+fn pwm_is_streamed() {
+    let mut rig = Rig::ready("qsb-s");
+    for command in ["W0001", "W0C1", "W0B5"] {
+        rig.write(command);
+    }
+    rig.low("A");
+    pwm(&mut rig, "A", 100 * 16, 1_026 * 16, 3);
+    rig.says(&[("S0E", "s 0E 00000063 !")]);
+    let mut hear = |on: u64| {
+        pwm(&mut rig, "A", on * 16, 1_026 * 16, 8);
+        rig.texts(Duration::ZERO)
+    };
+    assert_eq!(hear(104), [""; 0]);
+    assert_eq!(hear(105), ["s 0E 00000068 !"]);
+    assert_eq!(hear(101), [""; 0]);
+    assert_eq!(hear(100), ["s 0E 00000063 !"]);
+}
+
+/// A QSB in analogue mode with so many mV at a pin.
+fn analogue(kind: &str, pin: &str, mv: i32) -> Rig {
+    let mut rig = Rig::ready(kind);
+    rig.write("W0002");
+    rig.drive(pin, Driving::Millivolts(mv));
+    rig
+}
+
+/// Decision 34: floor(V × 1024 / 5), at most 1,023, in bits 9:0 of the packet.
+#[test]
+fn volts() {
+    for (mv, value) in [
+        (0, 0),
+        (4, 0),
+        (5, 1),
+        (10, 2),
+        (1_000, 204),
+        (2_499, 511),
+        (2_500, 512),
+        (4_995, 1_022),
+        (4_996, 1_023),
+        (5_000, 1_023),
+        (12_000, 1_023),
+        (-500, 0),
+    ] {
+        let mut rig = analogue("qsb-s", "A", mv);
+        assert_eq!(rig.read("0E") & 0xFFF, value, "{mv} mV");
+    }
+}
+
+/// On every variant, at A or by its other name; nothing driven is 0 V.
+#[test]
+fn volts_at_either_pin() {
+    for kind in KINDS {
+        for pin in ["A", "ANALOG"] {
+            let mut rig = analogue(kind, pin, 2_500);
+            assert_eq!(rig.read("0E") & 0xFFF, 512, "{kind} {pin}");
+        }
+        let mut rig = Rig::ready(kind);
+        rig.write("W0002");
+        assert_eq!(rig.read("0E") & 0xFFF, 0);
+        // Edges are 0 V and 5 V.
+        rig.low("A");
+        assert_eq!(rig.read("0E") & 0xFFF, 0);
+        rig.high("A");
+        assert_eq!(rig.read("0E") & 0xFFF, 1_023);
+    }
+}
+
+/// The packet: a 16-bit stamp of 500 µs that runs from power-up, bits 3:0 of the port, 00, the value.
+#[test]
+fn packets() {
+    let mut rig = analogue("qsb-m", "A", 2_500);
+    rig.low("DIO2");
+    rig.low("DIO0");
+    rig.at(100.millis() + 250.micros());
+    rig.says(&[("R0E", "r 0E 00C8A200 !")]);
+    // Another clock than TIME STAMP, which W0D1 clears.
+    rig.says(&[("W0D1", "w 0D 00000001 !")]);
+    rig.at(1.secs() + 250.micros());
+    rig.says(&[("R0E", "r 0E 07D0A200 !")]);
+    rig.at(32_767.millis() + 750.micros());
+    rig.says(&[("R0E", "r 0E FFFFA200 !")]);
+    // It rolls over every 32.768 s.
+    rig.at(32_768.millis() + 250.micros());
+    rig.says(&[("R0E", "r 0E 0000A200 !")]);
+    rig.at(40_000.millis() + 250.micros());
+    rig.says(&[("R0E", "r 0E 3880A200 !")]);
+}
+
+/// Without a port the bits read 1; -D has only the lowest.
+#[test]
+fn packets_without_a_port() {
+    let mut rig = analogue("qsb-s", "A", 2_500);
+    rig.at(100.millis() + 250.micros());
+    rig.says(&[("R0E", "r 0E 00C8F200 !")]);
+    let mut rig = analogue("qsb-d", "A", 2_500);
+    rig.low("DIO0");
+    rig.at(100.millis() + 250.micros());
+    rig.says(&[("R0E", "r 0E 00C8E200 !")]);
+}
+
+/// The packet is streamed; THRESHOLD acts on the value (easily missed 14).
+#[test]
+fn volts_are_streamed() {
+    let mut rig = analogue("qsb-m", "A", 1_000);
+    rig.write("W0C1");
+    rig.write("W0B3");
+    rig.past_tick(100);
+    rig.ask("S0E");
+    // Neither the stamp nor the port is a change.
+    rig.low("DIO0");
+    assert_eq!(rig.texts(1.secs()), [""; 0]);
+    rig.drive("A", Driving::Millivolts(1_010)); // 206
+    assert_eq!(rig.texts(1.secs()), [""; 0]);
+    rig.drive("A", Driving::Millivolts(1_011)); // 207.05
+    let heard = rig.hear(1.secs());
+    assert_eq!(heard.len(), 1);
+    let (at, text) = &heard[0];
+    let stamp = at.since(rig.power).ticks() / 8_000;
+    assert_eq!(*text, format!("s 0E {:08X} !", stamp << 16 | 0xE000 | 207));
+    // All, with threshold 0.
+    rig.write("W0B0");
+    let heard = rig.hear(TICK * 100);
+    assert!(heard.len() >= 99);
+    for (at, text) in heard {
+        let stamp = at.since(rig.power).ticks() / 8_000 % 0x1_0000;
+        assert_eq!(text, format!("s 0E {:08X} !", stamp << 16 | 0xE000 | 207));
+    }
+}
+
+/// A voltage at A above 1,400 mV is a high level there, for the counter.
+#[test]
+fn volts_are_levels_too() {
+    let mut rig = Rig::ready("qsb-s");
+    rig.write("W0340");
+    for _ in 0..5 {
+        rig.drive("A", Driving::Millivolts(400));
+        rig.drive("A", Driving::Millivolts(3_000));
+    }
+    rig.says(&[("R0E", "r 0E 00000005 !")]);
+}

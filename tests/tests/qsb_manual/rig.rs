@@ -1,0 +1,335 @@
+//! A QSB on a bench, a terminal at its port, and a hand on every pin.
+
+use standin_firmware::device::{Axis, Device, Encoder, Level, Pin, Port};
+use standin_firmware::qsb::Qsb;
+use standin_protocol::time::{Duration, Instant, Span};
+use standin_sim::bench::{Bench, Bus, Client, Driving, PowerAction, Seat, Settings, Setup};
+use standin_sim::bus::{LineMode, Sender};
+
+/// A period of the 512 Hz clock behind TIME STAMP and INTERVAL RATE (decision 1): 1.953125 ms.
+pub(crate) const TICK: Duration = Duration::from_ticks(31_250);
+
+/// From power-up to the banner.
+pub(crate) const START_UP: Duration = Duration::millis(50);
+
+/// Longer than any reply takes, on a line that a stream fills at 9,600 baud.
+const PATIENCE: Duration = Duration::millis(200);
+
+/// All variants, as users type them.
+pub(crate) const KINDS: [&str; 3] = ["qsb-d", "qsb-m", "qsb-s"];
+
+/// A drive of a kind, without power.
+fn make(kind: &str) -> Box<dyn Device> {
+    Box::new(match kind {
+        "qsb-d" => Qsb::d(),
+        "qsb-m" => Qsb::m(),
+        "qsb-s" => Qsb::s(),
+        _ => panic!("there is no {kind}"),
+    })
+}
+
+/// What the drive has sent, up to an exclamation mark and without CR and LF, and when it began to
+/// arrive.
+pub(crate) type Line = (Instant, String);
+
+/// A QSB, and all that is done to it. Characters take no time here, unless a test wants them to, so that
+/// a command counts from the instant at which it was given.
+pub(crate) struct Rig {
+    pub(crate) bench: Bench,
+    pub(crate) seat: Seat,
+    pub(crate) bus: Bus,
+    client: Client,
+    /// When power came last.
+    pub(crate) power: Instant,
+    /// Lines that nobody has taken yet, and the beginning of the next one.
+    heard: Vec<Line>,
+    partial: Option<Line>,
+}
+
+impl Rig {
+    /// A QSB that has just been given power.
+    pub(crate) fn new(kind: &str, line: LineMode, setup: Setup) -> Self {
+        let mut bench = Bench::with(Settings { line, ..Settings::default() });
+        let seat = bench.seat("x", make(kind), setup).expect("a drive that can be seated");
+        let bus = bench.bus(seat, Port(0)).expect("a serial port");
+        let client = bench.connect(bus);
+        let power = bench.now();
+        Self { bench, seat, bus, client, power, heard: Vec::new(), partial: None }
+    }
+
+    /// A new QSB of that kind that has said its banner.
+    pub(crate) fn ready(kind: &str) -> Self {
+        Self::ready_on(kind, LineMode::Fast)
+    }
+
+    /// The same, on a line of that kind.
+    pub(crate) fn ready_on(kind: &str, line: LineMode) -> Self {
+        let mut rig = Self::new(kind, line, Setup::default());
+        rig.until_banner(kind);
+        rig
+    }
+
+    /// Runs until the banner has come.
+    #[track_caller]
+    pub(crate) fn until_banner(&mut self, kind: &str) {
+        let heard = self.hear(START_UP + 5.millis());
+        let banner = format!("{}  0E!", kind.to_uppercase());
+        assert!(heard.iter().any(|(_, text)| *text == banner), "{kind} says {heard:?}");
+    }
+
+    pub(crate) fn now(&self) -> Instant {
+        self.bench.now()
+    }
+
+    /// Lets time pass.
+    pub(crate) fn after(&mut self, span: Duration) {
+        self.bench.run_until(self.now() + span);
+    }
+
+    /// Lets time pass until `span` after power came.
+    pub(crate) fn at(&mut self, span: Duration) {
+        assert!(self.now() <= self.power + span, "that is over");
+        self.bench.run_until(self.power + span);
+    }
+
+    /// Lets time pass until a part of a tick, in 1/16 µs, after the next one.
+    pub(crate) fn past_tick(&mut self, part: u64) {
+        let next = self.number() + 1;
+        self.at(TICK * next + Duration::from_ticks(part));
+    }
+
+    /// Presets a register past the bus.
+    pub(crate) fn poke(&mut self, name: &str, value: i64) {
+        let named = self.bench.spec(self.seat).find(name).expect("a register of the variant");
+        self.bench.poke(self.seat, named.row, value).expect("a value that it takes");
+    }
+
+    /// Ticks since power came.
+    pub(crate) fn number(&self) -> u64 {
+        number(self.now(), self.power)
+    }
+
+    /// Types characters.
+    pub(crate) fn send(&mut self, text: &str) {
+        self.send_bytes(text.as_bytes());
+    }
+
+    pub(crate) fn send_bytes(&mut self, bytes: &[u8]) {
+        self.bench.send(self.client, bytes);
+    }
+
+    /// Types characters at a baud rate.
+    pub(crate) fn send_at(&mut self, baud: u32, text: &str) {
+        let sender = Sender { baud: Some(baud), ..Sender::default() };
+        self.bench.send_from(self.client, text.as_bytes(), sender);
+    }
+
+    /// Characters that have come by now and have not been looked at, and those of the next `span`.
+    pub(crate) fn raw(&mut self, span: Duration) -> String {
+        self.after(span);
+        let mut bytes = Vec::new();
+        self.bench.receive(self.client, &mut bytes);
+        String::from_utf8(bytes).expect("the drive sends ASCII")
+    }
+
+    /// The lines that have come and that come in the next `span`.
+    pub(crate) fn hear(&mut self, span: Duration) -> Vec<Line> {
+        self.hear_until(self.now() + span);
+        std::mem::take(&mut self.heard)
+    }
+
+    /// The same, without their times.
+    pub(crate) fn texts(&mut self, span: Duration) -> Vec<String> {
+        self.hear(span).into_iter().map(|(_, text)| text).collect()
+    }
+
+    fn hear_until(&mut self, end: Instant) {
+        self.bench.run_until(self.now());
+        self.take();
+        loop {
+            let next = self.bench.next();
+            if next > end {
+                break;
+            }
+            self.bench.run_until(next);
+            self.take();
+        }
+        self.bench.run_until(end);
+    }
+
+    /// Takes what has come by now.
+    fn take(&mut self) {
+        let mut bytes = Vec::new();
+        self.bench.receive(self.client, &mut bytes);
+        for byte in bytes {
+            if matches!(byte, b'\r' | b'\n') {
+                continue;
+            }
+            let now = self.bench.now();
+            let (_, text) = self.partial.get_or_insert_with(|| (now, String::new()));
+            text.push(char::from(byte));
+            if byte == b'!' {
+                self.heard.extend(self.partial.take());
+            }
+        }
+    }
+
+    /// What the drive answers to a command, which is ended with a CR. Records of streams that come
+    /// meanwhile wait to be [heard](Self::hear).
+    #[track_caller]
+    pub(crate) fn ask(&mut self, command: &str) -> String {
+        let before = self.heard.len();
+        self.send(command);
+        self.send("\r");
+        let streams = command.starts_with('S');
+        let end = self.now() + PATIENCE;
+        loop {
+            self.bench.run_until(self.now());
+            self.take();
+            let answer = (before..self.heard.len()).find(|&n| {
+                let text = &self.heard[n].1;
+                !text.starts_with('s') || (streams && digits(text).starts_with(&digits(command)))
+            });
+            if let Some(answer) = answer {
+                return self.heard.remove(answer).1;
+            }
+            let next = self.bench.next();
+            assert!(next <= end, "no answer to {command}");
+            self.bench.run_until(next);
+        }
+    }
+
+    /// Commands and what the drive answers to each.
+    #[track_caller]
+    pub(crate) fn says(&mut self, script: &[(&str, &str)]) {
+        for (command, reply) in script {
+            assert_eq!(self.ask(command), *reply, "to {command}");
+        }
+    }
+
+    /// A write that must be accepted.
+    #[track_caller]
+    pub(crate) fn write(&mut self, command: &str) {
+        let reply = self.ask(command);
+        assert!(reply.starts_with('w'), "{command} is answered {reply}");
+    }
+
+    /// A register as the bus reads it, while replies have spaces and no time stamp.
+    #[track_caller]
+    pub(crate) fn read(&mut self, register: &str) -> u32 {
+        let reply = self.ask(&format!("R{register}"));
+        let data = reply.strip_prefix(&format!("r {register} ")).and_then(|rest| rest.strip_suffix(" !"));
+        let data = data.unwrap_or_else(|| panic!("R{register} is answered {reply}"));
+        u32::from_str_radix(data, 16).unwrap_or_else(|_| panic!("R{register} is answered {reply}"))
+    }
+
+    /// Saves the parameters, and waits until they are saved: 10 ms.
+    #[track_caller]
+    pub(crate) fn save(&mut self) {
+        self.write("W163");
+        self.after(11.millis());
+    }
+
+    /// Takes power and gives it again; returns before the banner comes.
+    pub(crate) fn power_cycle(&mut self) {
+        self.bench.power(self.seat, PowerAction::Cycle);
+        // Power goes now or a tick later, and comes a tick after that.
+        self.after(Duration::TICK * 3);
+        self.raw(Duration::ZERO);
+        self.heard.clear();
+        self.partial = None;
+    }
+
+    /// The same; returns when the banner has come, with `power` as it tells.
+    #[track_caller]
+    pub(crate) fn restart(&mut self, kind: &str) {
+        self.power_cycle();
+        let heard = self.hear(START_UP + TICK);
+        self.take_banner(heard, kind);
+    }
+
+    /// Learns from its banner when the drive was reset; what followed it waits to be heard.
+    #[track_caller]
+    pub(crate) fn take_banner(&mut self, mut heard: Vec<Line>, kind: &str) {
+        assert!(!heard.is_empty(), "no banner");
+        let (at, text) = heard.remove(0);
+        assert_eq!(text, format!("{}  0E!", kind.to_uppercase()));
+        self.power = at - START_UP;
+        self.heard = heard;
+    }
+
+    pub(crate) fn pin(&self, name: &str) -> Pin {
+        let pins = self.bench.spec(self.seat).pins;
+        let place = pins.iter().position(|pin| pin.name == name);
+        Pin(place.unwrap_or_else(|| panic!("there is no pin {name}")) as u8)
+    }
+
+    /// Does something to a pin; it arrives a tick later.
+    pub(crate) fn set(&mut self, name: &str, drive: Driving) {
+        self.bench.set_pin(self.seat, self.pin(name), drive);
+    }
+
+    /// Does something to a pin, and returns a microsecond later.
+    pub(crate) fn drive(&mut self, name: &str, drive: Driving) {
+        self.set(name, drive);
+        self.after(1.micros());
+    }
+
+    pub(crate) fn low(&mut self, name: &str) {
+        self.drive(name, Driving::Low);
+    }
+
+    pub(crate) fn high(&mut self, name: &str) {
+        self.drive(name, Driving::High);
+    }
+
+    /// Drives a pin high or low.
+    pub(crate) fn hold(&mut self, name: &str, high: bool) {
+        self.drive(name, if high { Driving::High } else { Driving::Low });
+    }
+
+    pub(crate) fn open(&mut self, name: &str) {
+        self.drive(name, Driving::Open);
+    }
+
+    pub(crate) fn level(&self, name: &str) -> Level {
+        self.bench.level(self.seat, self.pin(name))
+    }
+
+    /// Whether a pin is high, as an outside pull-up has it.
+    pub(crate) fn is_high(&self, name: &str) -> bool {
+        self.level(name) != Level::Low
+    }
+
+    /// Turns the encoder, at 1,000,000 edges a second, to the end.
+    pub(crate) fn turn(&mut self, edges: i32) {
+        self.turn_at(edges, 1_000_000);
+    }
+
+    /// Turns the encoder, at so many edges a second, to the end and 2 µs more.
+    pub(crate) fn turn_at(&mut self, edges: i32, hz: u32) {
+        self.bench.encoder(self.seat, Encoder(0), edges, f64::from(hz)).expect("nothing turns");
+        let lasts = u64::from(edges.unsigned_abs()) * 16_000_000 / u64::from(hz);
+        self.after(Duration::from_ticks(lasts) + 2.micros());
+    }
+
+    /// Steps of the motor since power came.
+    pub(crate) fn position(&self) -> i32 {
+        self.bench.motion(self.seat, Axis(0)).position
+    }
+
+    /// Steps per second, signed.
+    pub(crate) fn speed(&self) -> f64 {
+        self.bench.motion(self.seat, Axis(0)).speed.to_num()
+    }
+}
+
+/// Ticks between two instants.
+pub(crate) fn number(at: Instant, power: Instant) -> u64 {
+    at.since(power) / TICK
+}
+
+/// The register of a command or reply, with or without spaces.
+fn digits(text: &str) -> String {
+    text.chars().skip(1).filter(|c| *c != ' ').take(2).collect::<String>().to_uppercase()
+}

@@ -1,0 +1,120 @@
+//! What command 3 keeps, and what a failing memory leaves.
+
+use standin_protocol::time::Span;
+use standin_sim::bench::PowerAction;
+
+use crate::rig::{Rig, START_UP, TICK};
+
+impl Rig {
+    /// Saves where the format of replies is not the factory's.
+    pub(crate) fn save_in_any_format(&mut self) {
+        let reply = self.ask("W163");
+        assert!(reply.starts_with('w'), "W163 is answered {reply}");
+        self.after(11.millis());
+    }
+}
+
+/// Saved outputs come back after the configuration, which lets all pins go high.
+#[test]
+fn outputs_are_restored() {
+    let mut rig = Rig::ready("qsb-m");
+    rig.write("W02F00");
+    rig.write("W015");
+    rig.save();
+    rig.write("W01A");
+    rig.restart("qsb-m");
+    rig.says(&[("R02", "r 02 00000F00 !"), ("R01", "r 01 00000005 !")]);
+    let levels = ["DIO3", "DIO2", "DIO1", "DIO0"].map(|pin| rig.is_high(pin));
+    assert_eq!(levels, [false, true, false, true]);
+}
+
+/// Decision 30 and "easily missed" 5: command 0 brings the saved port back, not the factory's.
+#[test]
+fn command_0_restores_the_saved_port() {
+    let mut rig = Rig::ready("qsb-m");
+    rig.write("W02700");
+    rig.write("W012");
+    rig.save();
+    rig.write("W02FF0");
+    rig.write("W01F");
+    rig.write("W0B9");
+    rig.write("W160");
+    rig.says(&[
+        ("R02", "r 02 00000700 !"),
+        // Outputs 2 to 0 as saved; 3 is an input.
+        ("R01", "r 01 0000000A !"),
+        // Nothing else comes back.
+        ("R0B", "r 0B 00000009 !"),
+    ]);
+}
+
+/// A save that is cut short leaves bad memory, and that is the factory's values.
+#[test]
+fn power_fails_in_a_save() {
+    let mut rig = Rig::ready("qsb-m");
+    rig.write("W0B5");
+    rig.save();
+    rig.restart("qsb-m");
+    rig.says(&[("R0B", "r 0B 00000005 !"), ("W0B7", "w 0B 00000007 !")]);
+    rig.write("W163");
+    rig.after(2.millis());
+    rig.bench.power(rig.seat, PowerAction::Off);
+    rig.after(1.secs());
+    rig.bench.power(rig.seat, PowerAction::On);
+    let heard = rig.hear(START_UP + TICK);
+    rig.take_banner(heard, "qsb-m");
+    rig.says(&[("R0B", "r 0B 00000000 !"), ("R0C", "r 0C 0000FFFF !"), ("R15", "r 15 0000000B !")]);
+    // And it can be saved again.
+    rig.write("W0B8");
+    rig.save();
+    rig.restart("qsb-m");
+    rig.says(&[("R0B", "r 0B 00000008 !")]);
+}
+
+/// The drive answers while it saves; a second save begins anew and holds what is there then.
+#[test]
+fn commands_during_a_save() {
+    let mut rig = Rig::ready("qsb-m");
+    rig.write("W0B5");
+    rig.write("W163");
+    rig.after(4.millis());
+    rig.says(&[("R0B", "r 0B 00000005 !"), ("W0B6", "w 0B 00000006 !")]);
+    rig.save();
+    rig.restart("qsb-m");
+    rig.says(&[("R0B", "r 0B 00000006 !")]);
+}
+
+/// Streams and the motor drive's state are saved with the rest; a later save without them ends it.
+#[test]
+fn streams_wake_up() {
+    let mut rig = Rig::ready("qsb-m");
+    rig.write("W15F");
+    rig.write("W0C1");
+    rig.ask("S0E");
+    rig.ask("S13");
+    rig.write("W162");
+    rig.save_in_any_format();
+    rig.power_cycle();
+    let heard = rig.hear(START_UP + 100.millis());
+    rig.take_banner(heard, "qsb-m");
+    let heard = rig.hear(0.millis());
+    let stamps: Vec<u64> = heard.iter().filter(|(_, text)| text.starts_with("s 0E ")).map(stamp).collect();
+    // 50 ms is tick 25; 150 ms tick 76.
+    assert!((25..=27).contains(&stamps[0]), "{heard:?}");
+    assert!(stamps.len() >= 49 && stamps.windows(2).all(|pair| pair[1] == pair[0] + 1), "{stamps:?}");
+    assert!(rig.ask("R13").starts_with("r 13 00000011 "));
+
+    rig.write("W161");
+    rig.write("W160");
+    rig.save_in_any_format();
+    rig.power_cycle();
+    let heard = rig.hear(START_UP + 100.millis());
+    rig.take_banner(heard, "qsb-m");
+    assert_eq!(rig.texts(1.secs()), [""; 0]);
+    assert!(rig.ask("R13").starts_with("r 13 00000001 "));
+}
+
+/// The time stamp of a record in format F.
+pub(crate) fn stamp(line: &crate::rig::Line) -> u64 {
+    u64::from_str_radix(&line.1[14..22], 16).expect("a record with a time stamp")
+}
