@@ -10,6 +10,7 @@ mod captures;
 mod counter;
 mod encoder;
 mod examples;
+mod figures;
 mod line;
 mod motor;
 mod port;
