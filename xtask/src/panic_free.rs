@@ -19,7 +19,7 @@ pub(crate) fn check(sh: &Shell) -> Result<()> {
     for (target, profile) in THUMB_TARGETS.iter().flat_map(|target| PROFILES.map(|profile| (target, profile)))
     {
         refuses_a_panic(sh, target, profile)?;
-        for program in ["protocol", "motion", "shell"] {
+        for program in ["protocol", "motion", "counter", "shell"] {
             link(sh, target, profile, program, None)?;
         }
         for kind in &kinds {

@@ -42,8 +42,10 @@ pub(crate) fn check(sh: &Shell) -> Result<()> {
         }
     }
     for (place, processor) in PROCESSORS.iter().enumerate() {
-        for group in counted::groups(sh, processor, "motion", "md3")? {
-            table.instructions(place, &group.name, &group);
+        for program in ["motion", "counter"] {
+            for group in counted::groups(sh, processor, program, "md3")? {
+                table.instructions(place, &group.name, &group);
+            }
         }
         for kind in &kinds {
             for group in counted::groups(sh, processor, "drive", kind)? {

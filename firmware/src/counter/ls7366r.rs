@@ -309,11 +309,12 @@ impl Ls7366r {
         self.up = self.decoding.up & edge != 0;
         if self.decoding.counts & edge != 0 {
             let flags = self.count.clock(self.up);
-            self.raise(flags);
+            if flags != 0 {
+                self.raise(flags);
+            }
         }
     }
 
-    #[inline]
     fn raise(&mut self, flags: u8) {
         if flags & status::CY != 0 {
             self.latched &= !status::S;
