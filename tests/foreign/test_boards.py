@@ -1,4 +1,4 @@
-"""pymodbus and the firmware of the boards, each under its emulator, as `cargo xtask` starts them."""
+"""pymodbus, pyserial and the firmware of the boards, each under its emulator, as `cargo xtask` starts them."""
 
 import os
 import re
@@ -6,8 +6,10 @@ import select
 import signal
 import subprocess
 import time
+from contextlib import contextmanager
 
 import pytest
+import serial
 from conftest import DEFAULTS, MOTION_CONTROL, USER_REGISTER
 from pymodbus import FramerType
 from pymodbus.client import ModbusTcpClient
@@ -42,21 +44,35 @@ def address(board):
     raise AssertionError(f"the board does not say where it is: {said.decode()}")
 
 
+@contextmanager
+def running(board, kind):
+    """Where a kind of drive can be reached on an emulated board."""
+    command = ["cargo", "xtask", board, kind]
+    process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, start_new_session=True)
+    try:
+        yield address(process)
+    finally:
+        os.killpg(process.pid, signal.SIGTERM)
+        process.wait(PATIENCE)
+        process.stdout.close()
+
+
 @pytest.fixture(params=["qemu", "pico"])
 def client(request):
     """pymodbus, connected to an MD3 on an emulated board."""
-    command = ["cargo", "xtask", request.param, "md3"]
-    board = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, start_new_session=True)
-    try:
-        host, port = address(board)
+    with running(request.param, "md3") as (host, port):
         client = ModbusTcpClient(host, port=port, framer=FramerType.RTU, timeout=3, retries=TRIES)
         assert client.connect()
         yield client
         client.close()
-    finally:
-        os.killpg(board.pid, signal.SIGTERM)
-        board.wait(PATIENCE)
-        board.stdout.close()
+
+
+@pytest.fixture(params=["qemu", "pico"])
+def line(request):
+    """pyserial, connected to a QSB-M on an emulated board."""
+    with running(request.param, "qsb-m") as (host, port):
+        with serial.serial_for_url(f"socket://{host}:{port}", timeout=PATIENCE) as line:
+            yield line
 
 
 def test_pymodbus_and_a_board(client):
@@ -72,3 +88,29 @@ def test_pymodbus_and_a_board(client):
     assert client.read_holding_registers(MOTION_CONTROL).registers == [MOVE]
     assert not client.write_register(MOTION_CONTROL, STOP).isError()
     assert client.read_holding_registers(MOTION_CONTROL).registers == [0]
+
+
+def test_pyserial_and_a_board(line):
+    def ask(command):
+        line.write(command + b"\r")
+        return line.read_until(b"\n")
+
+    # Until it has started it hears nothing, and then it says its banner. What is answered to an order comes
+    # behind all of that.
+    line.timeout = 3
+    while ask(b"R14") != b"r 14 0000110E !\r\n":
+        pass
+    line.timeout = PATIENCE
+    said = ask(b"W0B1234")
+    while said != b"w 0B 00001234 !\r\n":
+        assert said, "the board does not answer"
+        said = line.read_until(b"\n")
+    assert ask(b"R0E") == b"r 0E 00000000 !\r\n"
+    assert ask(b"W081F4") == b"w 08 000001F4 !\r\n"
+    assert ask(b"R08") == b"r 08 000001F4 !\r\n"
+    # What does not exist, and a value that is out of range.
+    assert ask(b"R17") == b"x 17 00000000 !\r\n"
+    assert ask(b"W155F") == b"e 15 0000005F !\r\n"
+    # Two at once are answered one after the other.
+    line.write(b"R08\rR14\r")
+    assert [line.read_until(b"\n") for _ in range(2)] == [b"r 08 000001F4 !\r\n", b"r 14 0000110E !\r\n"]

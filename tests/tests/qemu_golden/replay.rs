@@ -35,6 +35,8 @@ struct Replay {
     places: Places,
     /// The pins that the drive shows, by their place and their name, and where they are.
     wires: Vec<(Pin, &'static str, Gpio)>,
+    /// Which of them were let go when the board stood last.
+    floats: Vec<bool>,
     /// STEP and DIR are at pins of their own.
     has_axis_pins: bool,
     /// What each input is driven to, for the next reset.
@@ -71,7 +73,7 @@ pub(crate) fn play(
     let gpio = |name: &str| wires.iter().find(|(wired, _)| *wired == name).map(|(_, gpio)| *gpio);
     let shows = |role| matches!(role, Role::Output | Role::Both | Role::Led);
     let shown = (0..).map(Pin).zip(spec.pins).filter(|(_, pin)| shows(pin.role));
-    let shown = shown.filter_map(|(pin, of)| Some((pin, of.name, gpio(of.name)?))).collect();
+    let shown: Vec<_> = shown.filter_map(|(pin, of)| Some((pin, of.name, gpio(of.name)?))).collect();
     let acts = feed::acts(trace, &expected, spec, &gpio);
 
     let mut machine = Machine::new(image, shift);
@@ -90,6 +92,7 @@ pub(crate) fn play(
         machine,
         expected,
         places: Places::of(name, trace),
+        floats: vec![true; shown.len()],
         wires: shown,
         has_axis_pins,
         inputs,
@@ -159,6 +162,9 @@ impl Replay {
             }
             if self.powered {
                 self.run();
+                if self.drive_again() {
+                    self.run();
+                }
                 self.look(from);
             }
         }
@@ -189,6 +195,24 @@ impl Replay {
                 self.boot();
             }
         }
+    }
+
+    /// A pin of QEMU that becomes an input keeps the level that it had as an output, and knows nothing of what
+    /// it was driven to meanwhile: so it is driven anew. Whether any is.
+    fn drive_again(&mut self) -> bool {
+        let gpios: Vec<Gpio> = self.wires.iter().map(|(_, _, gpio)| *gpio).collect();
+        let floats = self.machine.levels(&gpios).into_iter().map(|level| level == Level::Float);
+        let floats: Vec<bool> = floats.collect();
+        let floated = std::mem::replace(&mut self.floats, floats);
+        let began = |gpio: &Gpio| {
+            let place = gpios.iter().position(|shown| shown == gpio);
+            place.is_some_and(|place| self.floats[place] && !floated[place])
+        };
+        let again: Vec<_> = self.inputs.iter().copied().filter(|(gpio, _)| began(gpio)).collect();
+        for (gpio, high) in &again {
+            self.machine.drive(*gpio, *high);
+        }
+        !again.is_empty()
     }
 
     /// Lets the board do what it has to.
