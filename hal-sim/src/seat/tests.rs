@@ -107,12 +107,17 @@ impl Bed {
         let mut bench = Bench::with(Settings { trace: TraceKeep::All, ..Settings::default() });
         let (lender, ear) = (bench.add::<Lender>("lender"), bench.add::<Lender>("ear"));
         bench.run_until(1.millis());
+        let mut bed = Self { bench, lender, ear };
         if wired {
-            for pin in [STEP, DIR] {
-                bench.wire((lender, pin), (ear, pin));
-            }
+            bed.wire();
         }
-        Self { bench, lender, ear }
+        bed
+    }
+
+    fn wire(&mut self) {
+        for pin in [STEP, DIR] {
+            self.bench.wire((self.lender, pin), (self.ear, pin));
+        }
     }
 
     /// Does something then.
@@ -192,10 +197,13 @@ fn a_level_takes_its_pin_until_the_next_plan() {
 
 #[test]
 fn the_direction_is_low_when_a_plan_takes_it() {
-    for wired in [true, false] {
+    for (wired, late) in [(true, false), (false, true), (false, false)] {
         let mut bed = Bed::new(wired);
         bed.poke(10, 7);
         bed.poke(300, 4);
+        if late {
+            bed.wire();
+        }
         // It was forward; so the next plan must turn it again.
         bed.poke(400, 7);
         bed.bench.run_until(499.millis());
@@ -213,6 +221,14 @@ fn a_level_cuts_a_pulse_off() {
     bed.bench.poke(bed.lender, 0, 0).unwrap();
     assert_eq!(bed.heard(400)[3..], ["S+ 110000", "S- 110001"]);
     assert_eq!(pulses(&bed), [(110_000.0, 110_001.0, true)]);
+    // A plan does not bring the rest of it back.
+    let mut bed = Bed::new(true);
+    bed.poke(10, 7);
+    bed.bench.run_until(110_001.micros());
+    for what in [1, 6] {
+        bed.bench.poke(bed.lender, 0, what).unwrap();
+    }
+    assert_eq!(bed.levels(bed.lender), [Level::Low, Level::High]);
 }
 
 #[test]
