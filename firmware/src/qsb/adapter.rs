@@ -158,17 +158,12 @@ impl Adapter {
         if self.has_motor() && self.bank.word(Reg::MotorDrive) != 0 {
             self.motor.activate(at, out);
         }
-        let product = match self.spec.variant {
-            variant::D => b'D',
-            variant::S => b'S',
-            _ => b'M',
+        let banner = match self.spec.variant {
+            variant::D => b"QSB-D  0E!\r\n",
+            variant::M => b"QSB-M  0E!\r\n",
+            _ => b"QSB-S  0E!\r\n",
         };
-        let [tens, ones] = *b"0E";
-        self.serial.send(
-            at,
-            &[b'Q', b'S', b'B', b'-', product, b' ', b' ', tens, ones, b'!', b'\r', b'\n'],
-            out,
-        );
+        self.serial.send(at, banner, out);
         self.resume_streams(at);
     }
 
