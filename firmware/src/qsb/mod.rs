@@ -103,7 +103,10 @@ const fn spec(kind: &'static str, product: &'static str, variant: u8) -> Spec {
         registers: Reg::TABLE,
         variant,
         address: None,
-        not_modelled: &[],
+        not_modelled: match variant {
+            variant::M => &["step pulses of its own motor drive do not capture (DIG I/O CONFIG)"],
+            _ => &[],
+        },
     }
 }
 
