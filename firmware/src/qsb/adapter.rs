@@ -16,7 +16,8 @@
 use standin_protocol::registers::{Bank, Entry};
 
 use super::clock::Clock;
-use super::encoder::Pwm;
+use super::encoder::{FULL_SCALE_MV, Pwm};
+
 use super::motor::Motor;
 use super::registers::{Reg, mdr1, variant};
 use super::saved::Save;
@@ -53,7 +54,7 @@ pub(super) struct Pins {
 
 impl Pins {
     /// Nothing is connected.
-    const OPEN: Self = Self { a: true, b: true, index: false, mv: 0, dio: 0xF };
+    const OPEN: Self = Self { a: true, b: true, index: false, mv: FULL_SCALE_MV, dio: 0xF };
 }
 
 /// A QSB without the receiving half of its port.

@@ -8,7 +8,7 @@ use crate::device::{Duration, Instant};
 /// A voltage above this is a high level: the middle of TTL's 0.8 V and 2.0 V.
 const HIGH_MV: i32 = 1_400;
 /// What a logic level is as a voltage, and the end of the analogue range.
-const FULL_SCALE_MV: i32 = 5_000;
+pub(super) const FULL_SCALE_MV: i32 = 5_000;
 /// A longer period is of a 12-bit encoder (250 Hz), a shorter one of a 10-bit encoder (1 kHz).
 const TWELVE_BIT: Duration = Duration::millis(2);
 /// Bit of MODE: the PWM encoder that is seen has 12 bits.

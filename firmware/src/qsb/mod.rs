@@ -68,7 +68,7 @@ static PINS: [PinSpec; 9] = [
     pin("B", Role::Input, Level::High),
     pin("I", Role::Input, Level::Low),
     pin("PWM", Role::Input, Level::High),
-    pin("ANALOG", Role::Analogue, Level::Low),
+    pin("ANALOG", Role::Analogue, Level::High),
     pin("DIO0", Role::Both, Level::High),
     pin("DIO1", Role::Both, Level::High),
     pin("DIO2", Role::Both, Level::High),

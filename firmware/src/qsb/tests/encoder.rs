@@ -117,7 +117,7 @@ fn a_level_is_0_or_5_volts_and_a_voltage_is_a_level() {
     let mut bed = Bed::ready(Qsb::m());
     assert_eq!(bed.peek(Reg::Mode), 0);
     bed.write("W0002");
-    assert_eq!(bed.peek(Reg::ReadEncoder) & 0x3FF, 0, "nothing was ever driven");
+    assert_eq!(bed.peek(Reg::ReadEncoder) & 0x3FF, 1_023, "an open A is pulled up");
     bed.pin(A, false);
     bed.pin(A, true);
     assert_eq!(bed.peek(Reg::ReadEncoder) & 0x3FF, 1_023);

@@ -268,6 +268,7 @@ fn pwm_and_analogue_stream_by_value() {
     bed.write("W0002");
     bed.write("W0B3");
     bed.write("W0C1");
+    bed.volts(ANALOG, 0);
     bed.command_at(tick(16), "S0E");
     bed.texts();
     bed.run_until(tick(20));
