@@ -41,6 +41,8 @@ pub(super) struct Streams {
     measured: Instant,
     /// When it is to be measured next.
     next: Instant,
+    /// Those that had their turn while others waited for the line.
+    served: u8,
 }
 
 impl Streams {
@@ -51,6 +53,7 @@ impl Streams {
             changed: Instant::NEVER,
             measured: Instant::ZERO,
             next: Instant::NEVER,
+            served: 0,
         }
     }
 
@@ -140,35 +143,43 @@ impl Adapter {
         if due == Instant::NEVER { due } else { due.max(self.serial.free_at()) }
     }
 
-    /// Sends one record if one is due: the lowest register that has changed, or else the encoder.
+    /// Sends one record if one is due. Those that wait for the line take turns, the lowest register first.
     pub(super) fn stream(&mut self, at: Instant, out: &mut dyn Sink) {
         if at < self.serial.free_at() {
             return;
         }
-        if let Some(reg) = self.changed(at) {
-            self.record(at, reg, out);
-        } else if self.streams.next <= at {
-            self.measure(at, out);
+        let waiting = self.changed(at) | if self.streams.next <= at { ENCODER } else { 0 };
+        let turn = match waiting & !self.streams.served {
+            0 => waiting,
+            turn => turn,
+        };
+        if let Some(reg) = STREAMS.into_iter().find(|reg| turn & bit(*reg) != 0) {
+            let others = waiting & !bit(reg) != 0;
+            self.streams.served = if others { waiting & !turn | bit(reg) } else { 0 };
+            match reg {
+                Reg::ReadEncoder => self.measure(at, out),
+                _ => self.record(at, reg, out),
+            }
         }
     }
 
     /// Something happened: whether a register differs from what was sent of it.
     pub(super) fn look_for_changes(&mut self, at: Instant) {
         self.streams.changed = match self.changed(at) {
-            Some(_) => self.streams.changed.min(at),
-            None => Instant::NEVER,
+            0 => Instant::NEVER,
+            _ => self.streams.changed.min(at),
         };
     }
 
-    /// The first register that is not what was sent of it, without READ ENCODER.
-    fn changed(&self, at: Instant) -> Option<Reg> {
-        let waiting = self.streams.running & !ENCODER;
-        if waiting == 0 {
-            return None;
+    /// The registers that are not what was sent of them, without READ ENCODER.
+    fn changed(&self, at: Instant) -> u8 {
+        let watched = self.streams.running & !ENCODER;
+        if watched == 0 {
+            return 0;
         }
-        STREAMS
-            .into_iter()
-            .find(|reg| waiting & bit(*reg) != 0 && self.compared(at, *reg) != self.streams.sent(*reg))
+        let changed =
+            |reg: &Reg| watched & bit(*reg) != 0 && self.compared(at, *reg) != self.streams.sent(*reg);
+        STREAMS.into_iter().filter(changed).fold(0, |changed, reg| changed | bit(reg))
     }
 
     /// Measures the encoder, and sends the value if it has gone far enough.

@@ -282,3 +282,24 @@ fn pwm_and_analogue_stream_by_value() {
     // 23 ticks are 44.92 ms: 89 units of 500 µs.
     assert_eq!(bed.texts(), [(tick(23), "s 0E 0059F003 !".into())]);
 }
+
+#[test]
+fn what_changes_faster_than_the_line_leaves_room_for_the_others() {
+    let mut bed = Bed::ready(Qsb::m());
+    bed.write("W0C1");
+    bed.ask("S01");
+    bed.command_at(tick(16), "S0E");
+    bed.texts();
+    // A record takes 17 characters of 43.4 µs: DIO0 changes twice meanwhile.
+    let mut low = false;
+    while bed.now < Instant::ZERO + 100.millis() {
+        low = !low;
+        bed.pin(DIO0, low);
+        bed.wait(300.micros());
+    }
+    let texts = bed.texts();
+    let of = |register: &str| texts.iter().filter(|(_, text)| text[2..4] == *register).count();
+    // From tick 16 to 100 ms there are 35 ticks.
+    assert_eq!(of("0E"), 35);
+    assert!(of("01") > 35, "{} records of the port", of("01"));
+}
