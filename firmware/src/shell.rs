@@ -146,7 +146,11 @@ struct Hands<O, const MEMORY: usize, const CHARACTERS: usize> {
 
 /// Characters in a row, taken from the front.
 #[derive(Debug)]
-struct Characters<const N: usize>(Deque<u8, N>);
+struct Characters<const N: usize> {
+    kept: Vec<u8, N>,
+    /// How many of them have left.
+    gone: usize,
+}
 
 /// A pin that repeats.
 #[derive(Clone, Copy, Debug)]
@@ -185,7 +189,7 @@ impl<D: Device, I: Inputs, O: Outputs, const MEMORY: usize, const CHARACTERS: us
             memory: [0xFF; MEMORY],
             waves: Vec::new(),
             messages: Deque::new(),
-            characters: Characters(Deque::new()),
+            characters: Characters { kept: Vec::new(), gone: 0 },
             character: Duration::ZERO,
             behind: Duration::ZERO,
             failures: 0,
@@ -385,20 +389,38 @@ impl<O: Outputs, const MEMORY: usize, const CHARACTERS: usize> Hands<O, MEMORY, 
 impl<const N: usize> Characters<N> {
     /// Puts some at the end; `false` if they do not fit.
     fn push(&mut self, bytes: &[u8]) -> bool {
-        bytes.len() <= N.saturating_sub(self.0.len())
-            && bytes.iter().all(|byte| self.0.push_back(*byte).is_ok())
+        if bytes.len() > N.saturating_sub(self.kept.len()) {
+            self.close_up();
+        }
+        self.kept.extend_from_slice(bytes).is_ok()
     }
 
-    /// Some of those at the front, at most that many; none only if there are none.
+    /// Moves those that have not left to the beginning, one by one: all at once would take as much of the stack.
+    fn close_up(&mut self) {
+        let left = self.kept.len().saturating_sub(self.gone);
+        for place in 0..left {
+            if let Some(byte) = self.kept.get(self.gone + place).copied()
+                && let Some(to) = self.kept.get_mut(place)
+            {
+                *to = byte;
+            }
+        }
+        self.kept.truncate(left);
+        self.gone = 0;
+    }
+
+    /// Those at the front, at most that many.
     fn front(&self, most: usize) -> &[u8] {
-        let (front, _) = self.0.as_slices();
-        front.get(..most).unwrap_or(front)
+        let rest = self.kept.get(self.gone..).unwrap_or(&[]);
+        rest.get(..most).unwrap_or(rest)
     }
 
     /// They have left.
     fn take(&mut self, count: usize) {
-        for _ in 0..count {
-            self.0.pop_front();
+        self.gone += count;
+        if self.gone >= self.kept.len() {
+            self.kept.clear();
+            self.gone = 0;
         }
     }
 }

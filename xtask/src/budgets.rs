@@ -26,6 +26,9 @@ const HOST: &str =
     "QEMU's UART brings as many characters at once as the host has sent, so it is not judged there";
 const FLASH: &str = "what has been reached; the aim is 32 KiB";
 const RAM: &str = "the aim; the rp2040 has more, and waits for its flash: 256 things may be caught meanwhile";
+const ANSWERS: &str = "1,024 characters of answers may wait on the stack, three times as many as an MD3's";
+const BEGIN: &str =
+    "the reserve, less what another interrupt would take; deepest before the first interrupt may come";
 const DEPTH: &str = "the reserve, less what another interrupt would take";
 const RESERVED: &str = "what the board's map reserves";
 const NO_PANIC: &str =
@@ -45,11 +48,34 @@ pub(crate) const BUDGETS: &[Budget] = &[
     most("md3-low: calls of a panic", [0, 36], NO_PANIC),
     most("md3-low without a board: flash, bytes", [34_816, 37_376], REACHED),
     most("md3-low without a board: RAM, bytes", [768, 768], REACHED),
+    most("qsb-d: flash, bytes", [46_592, 59_392], FLASH),
+    most("qsb-d: RAM with its stack, bytes", [9_216, 12_288], ANSWERS),
+    most("qsb-d: stack, bytes", [6_656, 7_168], RESERVED),
+    most("qsb-d: calls of a panic", [0, 36], NO_PANIC),
+    most("qsb-d without a board: flash, bytes", [35_840, 37_888], REACHED),
+    most("qsb-d without a board: RAM, bytes", [640, 640], REACHED),
+    most("qsb-m: flash, bytes", [46_592, 59_392], FLASH),
+    most("qsb-m: RAM with its stack, bytes", [9_216, 12_288], ANSWERS),
+    most("qsb-m: stack, bytes", [6_656, 7_168], RESERVED),
+    most("qsb-m: calls of a panic", [0, 36], NO_PANIC),
+    most("qsb-m without a board: flash, bytes", [35_840, 37_888], REACHED),
+    most("qsb-m without a board: RAM, bytes", [640, 640], REACHED),
+    most("qsb-s: flash, bytes", [46_592, 59_392], FLASH),
+    most("qsb-s: RAM with its stack, bytes", [9_216, 12_288], ANSWERS),
+    most("qsb-s: stack, bytes", [6_656, 7_168], RESERVED),
+    most("qsb-s: calls of a panic", [0, 36], NO_PANIC),
+    most("qsb-s without a board: flash, bytes", [35_840, 37_888], REACHED),
+    most("qsb-s without a board: RAM, bytes", [640, 640], REACHED),
     most("md3: stack in use, bytes", [5_376, 6_656], DEPTH),
     most("md3: bus's interrupt, at worst", [NO_BUDGET, 460], HOST),
     most("md3: clock's interrupt, at worst", [40, NO_BUDGET], REACHED),
     most("md3: step's interrupt, with the wait for its pulse, at worst", [NO_BUDGET, 2_000], LATE),
     most("md3: pins' interrupt, at worst", [NO_BUDGET, 600], REACHED),
+    most("qsb-m: stack in use, bytes", [6_400, 6_912], BEGIN),
+    most("qsb-m: bus's interrupt, at worst", [NO_BUDGET, 460], HOST),
+    most("qsb-m: clock's interrupt, at worst", [40, NO_BUDGET], REACHED),
+    most("qsb-m: step's interrupt, with the wait for its pulse, at worst", [NO_BUDGET, 2_000], LATE),
+    most("qsb-m: pins' interrupt, at worst", [NO_BUDGET, 600], REACHED),
     most("step, one of the first 100 at 10,000 steps/s²", [240, 415], REACHED),
     most("step, one of the first 100 at 10,000 steps/s², at worst", [615, 1_650], REACHED),
     most("step in a ramp at 10,000 steps/s²", [80, 150], AIM),
@@ -75,8 +101,14 @@ pub(crate) const BUDGETS: &[Budget] = &[
     most("counter: 1,000 steps at once in x4 and modulo-n", [750, 880], REACHED),
     most("md3: byte received", [376, 705], REACHED),
     most("md3: byte received, at worst", [380, 710], REACHED),
-    most("md3: request of 10 registers", [1_355, 1_930], REACHED),
+    most("md3: request of 10 registers", [1_395, 2_070], REACHED),
     most("md3-low: byte received", [376, 705], REACHED),
     most("md3-low: byte received, at worst", [380, 710], REACHED),
-    most("md3-low: request of 10 registers", [1_355, 1_930], REACHED),
+    most("md3-low: request of 10 registers", [1_395, 2_070], REACHED),
+    most("qsb-d: byte received", [285, 515], REACHED),
+    most("qsb-d: command R0E", [1_330, 2_010], REACHED),
+    most("qsb-m: byte received", [285, 515], REACHED),
+    most("qsb-m: command R0E", [1_330, 2_010], REACHED),
+    most("qsb-s: byte received", [285, 515], REACHED),
+    most("qsb-s: command R0E", [1_330, 2_010], REACHED),
 ];

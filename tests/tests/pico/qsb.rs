@@ -2,7 +2,7 @@
 //! the digital port.
 
 use crate::image_of;
-use crate::play::{Drive, MS, Nanos, Run, Script};
+use crate::play::{Did, Drive, MS, Nanos, Run, Script};
 
 /// A, B, I and DTR; DIO1 and DIO2, which are STEP and DIR of the motor drive.
 const A: u8 = 5;
@@ -138,27 +138,27 @@ fn a_stream_that_never_pauses_never_falls_behind() {
 #[ignore = "needs the emulator and the image of the board: `cargo xtask test` brings both"]
 fn the_motor_takes_two_lines_of_the_port_and_gives_them_back() {
     let mut script = Script::fast();
-    // Both let go at first. 100 steps forward; the lines come back and are pulled low; 50 steps backward and
-    // 50 forward.
+    // 100 steps forward, which leaves DIR high; the lines come back and are let go; again they are STEP and
+    // DIR, which is low by that: 50 steps forward and 50 backward.
     let active = say(&mut script, START, &["W0F3E8", "W1164", "W162", "W168"]);
-    let low = say(&mut script, active + 400 * MS, &["W160", "W02600", "W010"]);
-    let again = say(&mut script, low, &["W162", "W11FFFFFFCE", "W168"]);
-    let forward = say(&mut script, again + 400 * MS, &["W1132", "W168"]);
-    let end = forward + 400 * MS;
+    let inactive = say(&mut script, active + 400 * MS, &["W160"]);
+    let again = say(&mut script, inactive, &["W162", "W1132", "W168"]);
+    let backward = say(&mut script, again + 400 * MS, &["W11FFFFFFCE", "W168"]);
+    let end = backward + 400 * MS;
     let run = play(&script, end);
 
-    let (mut position, mut is_forward, mut least) = (0, false, 0);
+    let (mut position, mut is_forward, mut most) = (0, false, 0);
     for (_, did) in &run.did {
         match did {
-            crate::play::Did::Pin(DIO2, drive) => is_forward = *drive == Drive::High,
-            crate::play::Did::Pin(DIO1, Drive::High) => {
+            Did::Pin(DIO2, drive) => is_forward = *drive == Drive::High,
+            Did::Pin(DIO1, Drive::High) => {
                 position += if is_forward { 1 } else { -1 };
-                least = position.min(least);
+                most = position.max(most);
             }
             _ => {}
         }
     }
-    assert_eq!((position, least), (100, 0), "100 forward, 50 back and forward again");
+    assert_eq!((position, most), (100, 150), "100 and 50 forward, 50 back");
     let drives = |pin| run.edges(pin, Drive::Float).len();
     assert_eq!((drives(DIO1), drives(DIO2)), (1, 1), "let go when the motor drive ended");
 }
