@@ -2,7 +2,7 @@
 //!
 //! | module | what it holds |
 //! |---|---|
-//! | [`counter`] | the LS7366R, and what counts edges |
+//! | [`counter`] | counters of edges: the LS7366R |
 //! | [`device`] | the contract between a drive and the world: read this first |
 //! | [`md3`] | US Digital MD3, stepper drive |
 //! | [`memory`] | saved registers and their CRC |

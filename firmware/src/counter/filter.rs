@@ -16,8 +16,8 @@ impl Filter {
         Self { due: [Instant::NEVER; 3] }
     }
 
-    /// An input has a level, `other` than the one that holds, which must last so long: whether it takes
-    /// effect at once.
+    /// An input takes a level. `other`: it is not the level in effect. `lasting`: how long it must last.
+    /// Returns whether it takes effect at once.
     #[inline]
     pub(crate) fn passes(&mut self, at: Instant, channel: Channel, other: bool, lasting: Duration) -> bool {
         let due = self.due_mut(channel);

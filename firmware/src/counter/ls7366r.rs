@@ -9,7 +9,7 @@
 //!   It looks at INDEX/ in the asynchronous mode, too.
 //! - INDEX/ acts when it becomes active; in the synchronous mode, when it and A and B both high or both low
 //!   come together, so twice a cycle while it stays low. Function 00 acts, too, but on IDX alone.
-//! - Only edges act. What a register makes of the present levels shows with the next one.
+//! - Only edges act: what a write of MDR0 means for the present levels shows at the next one.
 //! - A counter made narrower loses its upper bytes.
 //! - S goes with BW and CY.
 
@@ -76,7 +76,7 @@ pub struct Ls7366r {
     /// Levels of [`A`] and [`B`] behind the filter.
     levels: u8,
     /// INDEX/ is low.
-    index: bool,
+    index_low: bool,
     /// INDEX/ is low, and A and B are as it wants them.
     gated: bool,
     reversed: bool,
@@ -100,7 +100,7 @@ impl Ls7366r {
             decoding: Decoding::new(0, false),
             count: Count::new(),
             levels: levels(a, b),
-            index: !index,
+            index_low: !index,
             gated: false,
             reversed: false,
             up: false,
@@ -123,7 +123,7 @@ impl Ls7366r {
         let (present, lasting) = match channel {
             Channel::A => (self.levels & A != 0, self.decoding.lasting),
             Channel::B => (self.levels & B != 0, self.decoding.lasting),
-            Channel::Index => (!self.index, self.decoding.index_lasting),
+            Channel::Index => (!self.index_low, self.decoding.index_lasting),
         };
         if self.filter.passes(at, channel, high != present, lasting) {
             self.change(channel);
@@ -292,7 +292,7 @@ impl Ls7366r {
         match channel {
             Channel::A => self.turn(A, 0),
             Channel::B => self.turn(B, 4),
-            Channel::Index => self.index = !self.index,
+            Channel::Index => self.index_low = !self.index_low,
         }
         let gated = self.gate();
         if gated && !self.gated {
@@ -338,12 +338,12 @@ impl Ls7366r {
     }
 
     fn gate(&self) -> bool {
-        self.index && self.decoding.gate >> self.levels & 1 != 0
+        self.index_low && self.decoding.gate >> self.levels & 1 != 0
     }
 
     /// While A and B turn, the index changes CNTR twice a cycle.
     fn reloads(&self) -> bool {
-        self.index
+        self.index_low
             && self.decoding.gate == BOTH_ALIKE
             && matches!(self.decoding.function, Function::LoadCntr | Function::ResetCntr)
     }
@@ -396,10 +396,10 @@ impl Decoding {
         Self {
             quadrature,
             counts: match mdr0 & 3 {
-                0 => 0b0000_1100,
-                1 => 0b0000_0101,
-                2 => 0b0000_1111,
-                _ => 0b1111_1111,
+                0 => 0b0000_1100, // A rises
+                1 => 0b0000_0101, // A, while B is low
+                2 => 0b0000_1111, // A
+                _ => 0b1111_1111, // A and B
             },
             up: match (quadrature, reversed) {
                 (false, _) => 0b1010_1010,

@@ -1,4 +1,4 @@
-//! What counts edges: the LS7366R, and the filter that it shares with other counters.
+//! Counters of edges: the LS7366R, and the filter that it shares with other counters.
 
 mod filter;
 mod ls7366r;
