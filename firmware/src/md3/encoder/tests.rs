@@ -583,19 +583,15 @@ impl Model {
             position: 0,
             index_count: 0,
         };
-        let mut counts = Vec::new();
-        let mut events = events.iter().peekable();
         let mut now = 0;
-        while events.peek().is_some() {
+        let after = |(at, event): &(u64, Event)| {
+            (now..=*at).for_each(|tick| model.look(tick));
+            now = *at;
+            model.happen(now, *event);
             model.look(now);
-            while let Some((_, event)) = events.next_if(|(at, _)| *at == now) {
-                model.happen(now, *event);
-                model.look(now);
-                counts.push((model.position as u16, model.index_count as i32));
-            }
-            now += 1;
-        }
-        counts
+            (model.position as u16, model.index_count as i32)
+        };
+        events.iter().map(after).collect()
     }
 
     fn happen(&mut self, now: u64, event: Event) {

@@ -67,21 +67,17 @@ impl Model {
             latched: PLS,
             events: 0,
         };
-        let mut seen = Vec::new();
-        let mut events = events.iter().peekable();
         let mut now = 0;
-        while events.peek().is_some() {
+        let after = |(at, event): &(u64, Event)| {
+            (now..=*at).for_each(|tick| model.look(tick));
+            now = *at;
+            model.happen(now, *event);
             model.look(now);
-            while let Some((_, event)) = events.next_if(|(at, _)| *at == now) {
-                model.happen(now, *event);
-                model.look(now);
-                let happened = std::mem::take(&mut model.events);
-                let [cntr, otr, at_index] = [model.cntr, model.otr, model.at_index].map(|n| n as u32);
-                seen.push([cntr, otr, at_index, model.status().into(), happened.into()]);
-            }
-            now += 1;
-        }
-        seen
+            let happened = std::mem::take(&mut model.events);
+            let [cntr, otr, at_index] = [model.cntr, model.otr, model.at_index].map(|n| n as u32);
+            [cntr, otr, at_index, model.status().into(), happened.into()]
+        };
+        events.iter().map(after).collect()
     }
 
     fn happen(&mut self, now: u64, event: Event) {
