@@ -117,6 +117,21 @@ fn a_trigger_makes_a_pulse_on_dio0() {
 }
 
 #[test]
+fn a_board_that_counts_triggers_once_for_many_steps() {
+    let mut bed = about_to_match("2");
+    bed.write("W081F4");
+    let from = bed.world.levels.len();
+    // 250 cycles, from and to A and B both high.
+    bed.input(100.millis().into(), Input::Count { encoder: Encoder(0), steps: 1_000, a: true, b: true });
+    assert_eq!(bed.ask("R0E"), "r 0E 000003E8 !");
+    // CMP, CEN and U/D.
+    assert_eq!(bed.ask("R06"), "r 06 0000002A !");
+    bed.wait(10.millis());
+    let begin = Instant::from(100.millis());
+    assert_eq!(bed.levels(DIO0, from), [(begin, Level::Low), (begin + TICK * 2, Level::Float)]);
+}
+
+#[test]
 fn the_pulse_inverts_what_was_written() {
     let mut bed = about_to_match("2");
     bed.write("W01E");

@@ -17,7 +17,8 @@ use standin_protocol::time::Span;
 
 use super::{A, ANALOG, B, DIO0, DIO1, DIO2, DIO3, I, MEMORY, PWM, Qsb, Reg, USB};
 use crate::device::{
-    Boot, Device, Duration, Input, Instant, Level, Line, Note, Output, Pin, Refused, Sink, Why, advance,
+    Boot, Device, Duration, Encoder, Input, Instant, Level, Line, Note, Output, Pin, Refused, Sink, Why,
+    advance,
 };
 
 /// 1/512 s.
