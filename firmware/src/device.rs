@@ -36,6 +36,12 @@ places! {
     Link,
 }
 
+/// A voltage above this, in mV, is a high level: the middle of TTL's 0.8 V and 2.0 V.
+pub const HIGH_MV: i32 = 1_400;
+
+/// A high level as a voltage, in mV; a low one is 0.
+pub const LOGIC_HIGH_MV: i32 = 5_000;
+
 /// What an output pin does.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]

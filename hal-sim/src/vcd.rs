@@ -18,12 +18,11 @@ use std::fmt;
 use std::io::{self, Write};
 use std::ops::Range;
 
-use standin_firmware::device::{Axis, Instant, Level, Pin, PinSpec, Role};
+use standin_firmware::device::{Axis, HIGH_MV, Instant, LOGIC_HIGH_MV, Level, Pin, PinSpec, Role};
 
 use crate::drives::{Drives, level_of};
 use crate::pulses::{Shaper, StepDir};
 use crate::schedule::Tournament;
-use crate::seat::{HIGH_MV, LOGIC_HIGH_MV};
 use crate::trace::{Did, Entry, Event, Fed, Group, Power, Trace};
 
 /// The unit of a file, and how many of it make a tick.

@@ -1,31 +1,20 @@
 //! The adapter from reset to reset: what it holds, and what happens to it.
 //!
-//! | file | what of the adapter |
-//! |---|---|
-//! | `answer` | what is answered, and how it leaves |
-//! | `clock` | the clock of 512 Hz, and TIME STAMP |
-//! | `command` | commands and responses as text |
-//! | `encoder` | MODE: what READ ENCODER brings |
-//! | `meaning` | what a register reads, and what a write of it means |
-//! | `motor` | the motor drive |
-//! | `port` | the digital port, captures, the pulse of a trigger |
-//! | `saved` | what outlasts a reset |
-//! | `serial` | texts that leave, one behind the other |
-//! | `stream` | what is sent without being asked for |
+//! The files beside this one add what it does in between.
 
 use standin_protocol::registers::{Bank, Entry};
 
 use super::clock::Clock;
-use super::encoder::{FULL_SCALE_MV, Pwm};
-
+use super::command;
+use super::encoder::Pwm;
 use super::motor::Motor;
-use super::registers::{Reg, mdr1, variant};
+use super::registers::{Reg, Variant, mdr1};
 use super::saved::Save;
 use super::serial::Serial;
 use super::stream::{self, Streams};
 use super::{A, ANALOG, B, I, PWM, Words};
 use crate::counter::{Channel, Ls7366r, status};
-use crate::device::{Duration, Input, Instant, Sink, Spec};
+use crate::device::{Duration, Input, Instant, LOGIC_HIGH_MV, Sink};
 
 /// From a reset to the banner; the list does not say.
 const STARTUP: Duration = Duration::millis(50);
@@ -54,13 +43,13 @@ pub(super) struct Pins {
 
 impl Pins {
     /// Nothing is connected.
-    const OPEN: Self = Self { a: true, b: true, index: false, mv: FULL_SCALE_MV, dio: 0xF };
+    const OPEN: Self = Self { a: true, b: true, index: false, mv: LOGIC_HIGH_MV, dio: 0xF };
 }
 
 /// A QSB without the receiving half of its port.
 #[derive(Clone, Debug)]
 pub(super) struct Adapter {
-    pub(super) spec: &'static Spec,
+    pub(super) variant: Variant,
     state: State,
     /// No start-up delay.
     fast: bool,
@@ -81,10 +70,10 @@ pub(super) struct Adapter {
 }
 
 impl Adapter {
-    pub(super) fn new(spec: &'static Spec) -> Self {
+    pub(super) fn new(variant: Variant) -> Self {
         let at = Instant::ZERO;
         Self {
-            spec,
+            variant,
             state: State::Off,
             fast: false,
             pins: Pins::OPEN,
@@ -103,7 +92,7 @@ impl Adapter {
 
     /// Power comes.
     pub(super) fn power_on(&mut self, at: Instant, fast: bool, out: &mut dyn Sink) {
-        *self = Self { motor: Motor::new(at), fast, ..Self::new(self.spec) };
+        *self = Self { motor: Motor::new(at), fast, ..Self::new(self.variant) };
         self.start(at, out);
     }
 
@@ -115,7 +104,8 @@ impl Adapter {
         self.finish_save(at, out);
         self.motor.deactivate(at, out);
         let motor = self.motor.clone();
-        *self = Self { pins: self.pins, serial: self.serial, motor, fast: self.fast, ..Self::new(self.spec) };
+        let Self { variant, fast, pins, serial, .. } = *self;
+        *self = Self { fast, pins, serial, motor, ..Self::new(variant) };
         self.start(at, out);
     }
 
@@ -127,14 +117,13 @@ impl Adapter {
         self.state = State::Starting(if self.fast { at } else { at + STARTUP });
     }
 
-    /// Whether a character that ends now is heard.
-    pub(super) fn listens(&mut self, at: Instant, out: &mut dyn Sink) -> bool {
+    /// Ends the start if that is due.
+    pub(super) fn ready_if_due(&mut self, at: Instant, out: &mut dyn Sink) {
         if let State::Starting(ready) = self.state
             && ready <= at
         {
             self.ready(at, out);
         }
-        self.is_ready()
     }
 
     /// Whether it ever had power.
@@ -156,15 +145,10 @@ impl Adapter {
         }
         self.counter.clear_status();
         self.show_port(at, out);
-        if self.has_motor() && self.bank.word(Reg::MotorDrive) != 0 {
+        if self.variant.motor && self.bank.word(Reg::MotorDrive) != 0 {
             self.motor.activate(at, out);
         }
-        let banner = match self.spec.variant {
-            variant::D => b"QSB-D  0E!\r\n",
-            variant::M => b"QSB-M  0E!\r\n",
-            _ => b"QSB-S  0E!\r\n",
-        };
-        self.serial.send(at, banner, out);
+        self.serial.send(at, command::banner(self.variant.letter).as_bytes(), out);
         self.resume_streams(at);
     }
 
@@ -183,7 +167,7 @@ impl Adapter {
     }
 
     pub(super) fn timeout(&mut self, at: Instant, out: &mut dyn Sink) {
-        self.look(at, out);
+        self.catch_up(at, out);
         if self.save_due() <= at {
             self.finish_save(at, out);
         }
@@ -196,8 +180,8 @@ impl Adapter {
         if self.stream_due() <= at {
             self.stream(at, out);
         }
-        self.listens(at, out);
-        self.look_for_changes(at);
+        self.ready_if_due(at, out);
+        self.note_changes(at);
     }
 
     /// A pin, or what a board has counted.
@@ -224,9 +208,9 @@ impl Adapter {
             _ => {}
         }
         if self.watches_counter() {
-            self.look(at, out);
+            self.catch_up(at, out);
         }
-        self.look_for_changes(at);
+        self.note_changes(at);
     }
 
     /// A level at an input of the counter.
@@ -248,7 +232,7 @@ impl Adapter {
     }
 
     /// Brings the counter up to date, and does what MDR1 wants of what has happened there.
-    pub(super) fn look(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn catch_up(&mut self, at: Instant, out: &mut dyn Sink) {
         self.counter.timeout(at);
         let events = u16::from(self.counter.take_events()) & self.bank.word(Reg::Mdr1) & mdr1::TRIGGERS;
         if events & u16::from(status::IDX) != 0 {
@@ -261,10 +245,6 @@ impl Adapter {
 
     /// Whether this variant has a row.
     pub(super) fn has(&self, row: &Entry) -> bool {
-        row.variants & self.spec.variant != 0
-    }
-
-    pub(super) fn has_motor(&self) -> bool {
-        self.spec.variant == variant::M
+        row.variants & self.variant.bit != 0
     }
 }

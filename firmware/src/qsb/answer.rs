@@ -12,7 +12,7 @@ use crate::device::{Instant, Note, Output, Sink};
 impl Adapter {
     /// A line has come: carries out its command, and answers.
     pub(super) fn execute(&mut self, at: Instant, line: &Line<LINE_CHARACTERS>, out: &mut dyn Sink) {
-        self.look(at, out);
+        self.catch_up(at, out);
         let rate = self.rate();
         let response = match command::parse(line) {
             Ok(command) => self.answer(at, command, out),
@@ -28,7 +28,7 @@ impl Adapter {
         );
         self.respond(at, response, out);
         self.follow_rate(at, rate, out);
-        self.look_for_changes(at);
+        self.note_changes(at);
     }
 
     fn answer(&mut self, at: Instant, command: Command, out: &mut dyn Sink) -> Response {

@@ -3,6 +3,8 @@
 use heapless::Vec;
 use standin_protocol::text::Line;
 
+use super::registers::FIRMWARE;
+
 /// The most characters of a line that are looked at.
 pub(super) const LINE_CHARACTERS: usize = 16;
 
@@ -74,7 +76,7 @@ pub(super) struct Response {
 impl Response {
     /// As it leaves under this EOR, with a time stamp if that asks for one.
     pub(super) fn text(self, eor: u16, time_stamp: u32) -> Text {
-        let mut text = Text { characters: Vec::new(), spaces: eor & eor::SPACES != 0 };
+        let mut text = Text::new(eor & eor::SPACES != 0);
         text.put(self.letter);
         text.field(u32::from(self.register), 2);
         text.field(self.data, 8);
@@ -92,13 +94,28 @@ impl Response {
     }
 }
 
-/// The characters of a response: 26 at most.
+/// What the variant of this letter says when it has started.
+pub(super) fn banner(letter: u8) -> Text {
+    let mut text = Text::new(false);
+    text.put_all(b"QSB-");
+    text.put(letter);
+    text.put_all(b"  ");
+    text.field(u32::from(FIRMWARE), 2);
+    text.put_all(b"!\r\n");
+    text
+}
+
+/// The characters of a response, 26 at most, or of the banner.
 pub(super) struct Text {
     characters: Vec<u8, 26>,
     spaces: bool,
 }
 
 impl Text {
+    fn new(spaces: bool) -> Self {
+        Self { characters: Vec::new(), spaces }
+    }
+
     pub(super) fn as_bytes(&self) -> &[u8] {
         &self.characters
     }
@@ -106,6 +123,12 @@ impl Text {
     fn put(&mut self, character: u8) {
         // There is room for the longest response.
         let _ = self.characters.push(character);
+    }
+
+    fn put_all(&mut self, characters: &[u8]) {
+        for character in characters {
+            self.put(*character);
+        }
     }
 
     fn space(&mut self) {

@@ -3,12 +3,10 @@
 use super::adapter::Adapter;
 use super::registers::Reg;
 use crate::counter::Channel;
-use crate::device::{Duration, Instant};
+use crate::device::{Duration, HIGH_MV, Instant, LOGIC_HIGH_MV};
 
-/// A voltage above this is a high level: the middle of TTL's 0.8 V and 2.0 V.
-const HIGH_MV: i32 = 1_400;
-/// What a logic level is as a voltage, and the end of the analogue range.
-pub(super) const FULL_SCALE_MV: i32 = 5_000;
+/// The end of the analogue range.
+const FULL_SCALE_MV: i32 = 5_000;
 /// A longer period is of a 12-bit encoder (250 Hz), a shorter one of a 10-bit encoder (1 kHz).
 const TWELVE_BIT: Duration = Duration::millis(2);
 /// Bit of MODE: the PWM encoder that is seen has 12 bits.
@@ -88,7 +86,7 @@ impl Adapter {
 
     /// A level at A, whichever of its names was used.
     pub(super) fn level(&mut self, at: Instant, high: bool) {
-        self.pins.mv = if high { FULL_SCALE_MV } else { 0 };
+        self.pins.mv = if high { LOGIC_HIGH_MV } else { 0 };
         self.contact(at, high);
     }
 

@@ -5,13 +5,10 @@ use standin_protocol::registers::Register;
 use super::adapter::Adapter;
 use super::encoder::Pwm;
 use super::motor::{Order, Settings};
-use super::registers::{Reg, mdr1, variant};
+use super::registers::{FIRMWARE, Reg, mdr1};
 use super::stream;
 use crate::counter::Channel;
 use crate::device::{Instant, Refused, Sink};
-
-/// Firmware, the two last digits of VERSION.
-const FIRMWARE: i64 = 0x0E;
 
 impl Adapter {
     /// A register as it reads, with the counter up to date.
@@ -31,12 +28,7 @@ impl Adapter {
 
     /// VERSION: decimal digits of the serial number, then the product and the firmware.
     fn version(&self) -> i64 {
-        let product = match self.spec.variant {
-            variant::D => 0,
-            variant::M => 1,
-            _ => 2,
-        };
-        let mut version = product << 8 | FIRMWARE;
+        let mut version = i64::from(self.variant.digit) << 8 | i64::from(FIRMWARE);
         let mut serial = self.bank.get(Reg::SerialNumber);
         for digit in 3..8 {
             version |= (serial % 10) << (4 * digit);
@@ -110,7 +102,7 @@ impl Adapter {
                 self.save_rate(at, rate >> 8, out);
                 return true;
             }
-            _ if !self.has_motor() => return false,
+            _ if !self.variant.motor => return false,
             0 => {
                 self.leave_motor(at, out);
                 return true;
@@ -176,7 +168,7 @@ impl Adapter {
             let saved = row.saved != 0;
             return if saved { self.preset(at, reg, kept(reg, value), out) } else { Err(Refused::ReadOnly) };
         }
-        self.look(at, out);
+        self.catch_up(at, out);
         let rate = self.rate();
         match reg {
             // Only command 3 fills these in.
@@ -186,7 +178,7 @@ impl Adapter {
             _ if !self.write(at, reg, value, out) => return Err(Refused::OutOfRange),
             _ => self.follow_rate(at, rate, out),
         }
-        self.look_for_changes(at);
+        self.note_changes(at);
         Ok(())
     }
 }

@@ -25,7 +25,7 @@ use standin_protocol::text::Lines;
 use self::adapter::Adapter;
 use self::command::LINE_CHARACTERS;
 pub use self::registers::Reg;
-use self::registers::variant;
+use self::registers::{D, M, S, Variant};
 use crate::device::{
     Axis, AxisSpec, Boot, Device, EncoderSpec, Ends, Input, Instant, Level, Note, Output, Pin, PinSpec, Port,
     PortSpec, Refused, Role, Sink, Spec, Why,
@@ -75,44 +75,34 @@ static PINS: [PinSpec; 9] = [
     pin("DIO3", Role::Both, Level::High),
 ];
 
-static QSB_D: Spec = spec("qsb-d", "US Digital QSB-D encoder to USB adapter, differential", variant::D);
-static QSB_M: Spec = spec("qsb-m", "US Digital QSB-M encoder to USB adapter with motor drive", variant::M);
-static QSB_S: Spec = spec("qsb-s", "US Digital QSB-S encoder to USB adapter, single-ended", variant::S);
+static QSB_D: Spec = spec("qsb-d", "US Digital QSB-D encoder to USB adapter, differential", D);
+static QSB_M: Spec = spec("qsb-m", "US Digital QSB-M encoder to USB adapter with motor drive", M);
+static QSB_S: Spec = spec("qsb-s", "US Digital QSB-S encoder to USB adapter, single-ended", S);
 
 /// What all variants have in common.
-const fn spec(kind: &'static str, product: &'static str, variant: u8) -> Spec {
-    let (single, _) = PINS.split_at(5);
-    let (differential, _) = PINS.split_at(6);
+const fn spec(kind: &'static str, product: &'static str, variant: Variant) -> Spec {
+    let (pins, _) = PINS.split_at(DIO0.0 as usize + variant.lines.count_ones() as usize);
     Spec {
         kind,
         product,
         manual: "QSB Command List 1.28",
         ports: &[PortSpec { name: "usb", ends: Ends::Character, line: Some(registers::FACTORY_LINE) }],
-        pins: match variant {
-            variant::S => single,
-            variant::D => differential,
-            _ => &PINS,
-        },
-        axes: match variant {
-            variant::M => &[AxisSpec { name: "motor", step_dir: Some((DIO1, DIO2)) }],
-            _ => &[],
-        },
+        pins,
+        axes: if variant.motor { &[AxisSpec { name: "motor", step_dir: Some((DIO1, DIO2)) }] } else { &[] },
         encoders: &[EncoderSpec { a: A, b: B, index: I }],
         faults: &[],
         memory: MEMORY as u16,
         registers: Reg::TABLE,
-        variant,
+        variant: variant.bit,
         address: None,
-        not_modelled: match variant {
-            variant::M => &["step pulses of its own motor drive do not capture (DIG I/O CONFIG)"],
-            _ => &[],
-        },
+        not_modelled: &["DTR low does not hold it in reset", "RTS is not looked at"],
     }
 }
 
 /// A QSB.
 #[derive(Clone, Debug)]
 pub struct Qsb {
+    spec: &'static Spec,
     lines: Lines<LINE_CHARACTERS>,
     adapter: Adapter,
 }
@@ -121,28 +111,29 @@ impl Qsb {
     /// A QSB-D without power.
     #[must_use]
     pub fn d() -> Self {
-        Self::of(&QSB_D)
+        Self::of(&QSB_D, D)
     }
 
     /// A QSB-M without power.
     #[must_use]
     pub fn m() -> Self {
-        Self::of(&QSB_M)
+        Self::of(&QSB_M, M)
     }
 
     /// A QSB-S without power.
     #[must_use]
     pub fn s() -> Self {
-        Self::of(&QSB_S)
+        Self::of(&QSB_S, S)
     }
 
-    fn of(spec: &'static Spec) -> Self {
-        Self { lines: Lines::new(), adapter: Adapter::new(spec) }
+    fn of(spec: &'static Spec, variant: Variant) -> Self {
+        Self { spec, lines: Lines::new(), adapter: Adapter::new(variant) }
     }
 
     /// A character, or `None` for one that nobody could read.
     fn hear(&mut self, at: Instant, character: Option<u8>, out: &mut dyn Sink) {
-        if !self.adapter.listens(at, out) {
+        self.adapter.ready_if_due(at, out);
+        if !self.adapter.is_ready() {
             out.put(at, Output::Note(Note::Dropped { port: USB, why: Why::Starting }));
             return;
         }
@@ -160,7 +151,7 @@ impl Qsb {
 
 impl Device for Qsb {
     fn spec(&self) -> &'static Spec {
-        self.adapter.spec
+        self.spec
     }
 
     fn power_on(&mut self, at: Instant, boot: Boot, out: &mut dyn Sink) {

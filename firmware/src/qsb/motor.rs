@@ -25,8 +25,7 @@ pub(super) enum Order {
 }
 
 /// The registers 0F to 12, as written. An order takes of them what it needs: what is written later
-/// changes nothing that runs. Below 16 steps/s or steps/s² nothing moves: a move is over at once then, a
-/// jog stands and goes on.
+/// changes nothing that runs. Below 16 steps/s a jog stands, and goes on.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct Settings {
     /// MD STEP RATE, in steps/s; used in steps of 16.
@@ -130,9 +129,9 @@ impl Motor {
         }
     }
 
-    /// Carries out an order; whether it may. To stop, pause or resume what is not there is nothing to do,
-    /// and no fault. Only an active motor starts, a move only while nothing else runs or is paused, a jog
-    /// also in place of another, be that paused or slowing down.
+    /// Carries out an order. Returns whether it was allowed. To stop, pause or resume what is not there is
+    /// nothing to do, and no fault. Only an active motor starts, a move only while nothing else runs or is
+    /// paused, a jog also in place of another, be that paused or slowing down.
     pub(super) fn order(&mut self, at: Instant, order: Order, with: &Settings, out: &mut dyn Sink) -> bool {
         self.timeout(at, out);
         match (order, self.state) {

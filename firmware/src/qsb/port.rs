@@ -1,9 +1,9 @@
 //! The digital port: levels, captures, and the pulse of a trigger.
 
+use super::DIO;
 use super::adapter::Adapter;
 use super::clock::TICK;
 use super::registers::{Reg, config};
-use super::{DIO, DIO0};
 use crate::device::{Instant, Level, Output, Pin, Sink};
 
 /// DIO1 and DIO2, which the motor drive takes.
@@ -14,12 +14,6 @@ const DIRECTION: u8 = 0b0100;
 const LINES: u8 = 0b1111;
 
 impl Adapter {
-    /// The lines that this variant has, a bit each.
-    fn lines(&self) -> u8 {
-        let count = self.spec.pins.len().saturating_sub(usize::from(DIO0.0));
-        DIO.iter().take(count).enumerate().fold(0, |lines, (n, _)| lines | 1 << n)
-    }
-
     /// The lines that the motor drive has taken.
     fn taken(&self) -> u8 {
         if self.motor.is_active() { MOTOR_LINES } else { 0 }
@@ -27,7 +21,7 @@ impl Adapter {
 
     /// DIG I/O as it reads: the pins.
     pub(super) fn port(&self, at: Instant) -> u8 {
-        let outside = self.pins.dio | !self.lines();
+        let outside = self.pins.dio | !self.variant.lines;
         let bits = outside & !self.pulled & LINES;
         if !self.motor.is_active() {
             return bits;
@@ -39,7 +33,7 @@ impl Adapter {
     /// A level from outside changes.
     pub(super) fn line_edge(&mut self, at: Instant, pin: Pin, high: bool, out: &mut dyn Sink) {
         let Some(n) = DIO.iter().position(|dio| *dio == pin) else { return };
-        let line = 1 << n & self.lines();
+        let line = 1 << n & self.variant.lines;
         if line == 0 || (self.pins.dio & line != 0) == high {
             return;
         }
@@ -49,7 +43,7 @@ impl Adapter {
         let input = config & word << config::OUTPUTS == 0 && self.taken() & line == 0;
         let falling = config & word << config::FALLING != 0;
         if self.is_ready() && input && config & word << config::CAPTURES != 0 && falling != high {
-            self.look(at, out);
+            self.catch_up(at, out);
             self.bank.set(Reg::Capture, i64::from(self.counter.cntr()));
         }
     }
@@ -81,7 +75,7 @@ impl Adapter {
     pub(super) fn show_port(&mut self, at: Instant, out: &mut dyn Sink) {
         let outputs = (self.bank.word(Reg::DigIOConfig) >> config::OUTPUTS) as u8;
         let latch = self.bank.word(Reg::DigIO) as u8 ^ u8::from(self.pulse.is_some());
-        let pulled = outputs & !latch & self.lines() & !self.taken();
+        let pulled = outputs & !latch & self.variant.lines & !self.taken();
         let changed = pulled ^ self.pulled;
         self.pulled = pulled;
         self.put_lines(changed & !self.taken(), at, out);
@@ -96,7 +90,7 @@ impl Adapter {
     /// Lets all lines go, whatever they were.
     pub(super) fn release_port(&mut self, at: Instant, out: &mut dyn Sink) {
         self.pulled = 0;
-        self.put_lines(self.lines(), at, out);
+        self.put_lines(self.variant.lines, at, out);
     }
 
     fn put_lines(&self, lines: u8, at: Instant, out: &mut dyn Sink) {

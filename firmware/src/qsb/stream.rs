@@ -12,7 +12,7 @@ const STREAMS: [Reg; 5] = [Reg::DigIO, Reg::Capture, Reg::Str, Reg::ReadEncoder,
 const ENCODER: u8 = bit(Reg::ReadEncoder);
 /// The counter's status, which is to be looked at whenever it may change.
 pub(super) const STATUS: u8 = bit(Reg::Str);
-/// What W161 ends.
+/// What W160 and W161 end.
 pub(super) const ENDED_BY_COMMAND: u8 = bit(Reg::DigIO) | ENCODER | bit(Reg::MdStatus);
 /// INTERVAL RATE: no output.
 const PAUSED: u16 = 0xFFFF;
@@ -35,7 +35,7 @@ pub(super) struct Streams {
     running: u8,
     /// What was sent last of each; of READ ENCODER what THRESHOLD looks at.
     sent: [u32; STREAMS.len()],
-    /// Since when one differs from what was sent, which READ ENCODER does not tell.
+    /// When the first of the other streams came to differ from what was sent; never, if none does.
     changed: Instant,
     /// When the encoder was measured last.
     measured: Instant,
@@ -164,7 +164,7 @@ impl Adapter {
     }
 
     /// Something happened: whether a register differs from what was sent of it.
-    pub(super) fn look_for_changes(&mut self, at: Instant) {
+    pub(super) fn note_changes(&mut self, at: Instant) {
         self.streams.changed = match self.changed(at) {
             0 => Instant::NEVER,
             _ => self.streams.changed.min(at),

@@ -15,7 +15,7 @@ use crate::schedule::Class;
 use crate::trace::{Fed, Power};
 use body::{Body, Hand};
 pub(crate) use body::{Moved, Outbox, Sent, Tape};
-pub(crate) use pin::{EdgeTrain, EncoderState, HIGH_MV, LOGIC_HIGH_MV, PinState, PulseTrain, Signal};
+pub(crate) use pin::{EdgeTrain, EncoderState, PinState, PulseTrain, Signal};
 pub(crate) use serial::Serial;
 
 /// A device that is woken so often at one instant hangs.

@@ -1,16 +1,10 @@
 //! Pins of a device, and what runs on them.
 
-use standin_firmware::device::{Duration, Instant, Level, Pin, PinSpec, Role};
+use standin_firmware::device::{Duration, HIGH_MV, Instant, LOGIC_HIGH_MV, Level, Pin, PinSpec, Role};
 
 use crate::bench::Driving;
 use crate::drives::{Drives, level_of};
 use crate::trace::Fed;
-
-/// A digital input is high above this: the middle of TTL's 0.8 V and 2.0 V.
-pub(crate) const HIGH_MV: i32 = 1_400;
-
-/// What an analogue input sees of a logic level.
-pub(crate) const LOGIC_HIGH_MV: i32 = 5_000;
 
 /// A pin and what both sides do to it.
 pub(crate) struct PinState {
