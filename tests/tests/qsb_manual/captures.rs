@@ -31,7 +31,7 @@ fn each_input_captures_at_its_edge() {
     }
 }
 
-/// An input that is not enabled does not, nor does an output (decision 11 of the digital port).
+/// An input that is not enabled does not, nor does an output (decision 24).
 #[test]
 fn what_does_not_capture() {
     for config in ["W0200F", "W02EEE", "W021FF"] {
@@ -83,7 +83,7 @@ fn inputs_capture_in_every_mode() {
     }
 }
 
-/// Example 5.2: on the index, whose function is disabled as the factory sets it (decision 23).
+/// Example 5.2: on the index, whose function is disabled as the factory sets it (decision 19).
 #[test]
 fn the_index_captures() {
     let mut rig = Rig::ready("qsb-s");
@@ -100,7 +100,7 @@ fn the_index_captures() {
     rig.says(&[("R05", "r 05 000000C8 !"), ("R0E", "r 0E 000000CC !")]);
 }
 
-/// Decision 24: before the same index resets or loads.
+/// Decision 19: before the same index resets or loads.
 #[test]
 fn the_index_captures_before_it_resets() {
     for (function, left) in [("W0363", 0), ("W0353", 0x1F3), ("W0373", 100)] {
@@ -172,7 +172,7 @@ fn a_match_makes_a_pulse() {
         assert_eq!(dio0(&mut rig), rest);
         rig.turn(1);
         assert_pulses(&mut rig, rest);
-        // Never downward (decision 20).
+        // Never downward (decision 17).
         rig.turn(5);
         rig.turn(-5);
         assert_eq!(dio0(&mut rig), rest);
@@ -196,7 +196,7 @@ fn the_index_an_overflow_and_an_underflow_make_pulses() {
     assert_pulses(&mut rig, true);
 }
 
-/// Without bit 12 of 02, without the flag, or on an input: none (decision 27).
+/// Without bit 12 of 02, without the flag, or on an input: none (decision 25).
 #[test]
 fn what_makes_no_pulse() {
     for script in [["W02100", "W04020"], ["W021100", "W040D0"], ["W021000", "W04020"]] {

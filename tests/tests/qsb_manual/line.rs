@@ -68,7 +68,7 @@ fn every_rate() {
     }
 }
 
-/// Decision 33: nothing else is saved by it, and what was saved before stays.
+/// Decision 7: nothing else is saved by it, and what was saved before stays.
 #[test]
 fn only_the_rate_is_saved() {
     let mut rig = Rig::ready("qsb-m");

@@ -1,5 +1,5 @@
-//! A slow LS7366R as the QSB wires it: the data sheet and decisions 19 to 26 of the QSB in words, one edge
-//! at a time. Shares no code with the drive.
+//! A slow LS7366R as the QSB wires it: the data sheet and decisions 17 to 21 in words, one edge at a time.
+//! Shares no code with the drive.
 
 /// The order of (A, B) while A leads B, which counts up (data sheet, Figure 7).
 const CYCLE: [(bool, bool); 4] = [(false, false), (true, false), (true, true), (false, true)];
@@ -142,7 +142,7 @@ impl Slow {
         self.look_at_index();
     }
 
-    /// The index acts once, when its gated level becomes active (decision 23).
+    /// The index acts once, when its gated level becomes active (decision 19).
     fn look_at_index(&mut self) {
         let inverted = self.mdr1 >> 3 & 1 == 1;
         let synchronous = self.mdr0 >> 6 & 1 == 1 && self.quadrature() != 0;
