@@ -83,6 +83,21 @@ fn inputs_capture_in_every_mode() {
     }
 }
 
+/// Step pulses of the own motor do not, at either edge (decision 24).
+#[test]
+fn steps_of_the_motor_do_not_capture() {
+    for config in ["W02060", "W02066"] {
+        let mut rig = Rig::ready("qsb-m");
+        for command in ["W0343", config, "W1114", "W162"] {
+            rig.write(command);
+        }
+        rig.turn(5);
+        rig.write("W168");
+        rig.after(2.secs());
+        assert_eq!((rig.position(), rig.read("0E"), rig.read("05")), (20, 5, 0), "{config}");
+    }
+}
+
 /// Example 5.2: on the index, whose function is disabled as the factory sets it (decision 19).
 #[test]
 fn the_index_captures() {
@@ -221,6 +236,16 @@ fn interval_0_toggles() {
         rig.turn(-2);
         assert_eq!(dio0(&mut rig), high);
         rig.turn(2);
+    }
+}
+
+/// A wrap is two events, since CY comes at the count before it and at its own (decision 25).
+#[test]
+fn a_wrap_toggles_twice() {
+    let mut rig = triggered(&["W04080", "W0C0", "W08FFFFFFFE", "W0A0"]);
+    for (count, high) in [(0xFFFF_FFFF, false), (0, true), (1, true)] {
+        rig.turn(1);
+        assert_eq!((rig.read("0E"), dio0(&mut rig)), (count, high));
     }
 }
 

@@ -55,6 +55,26 @@ fn pwm_of_12_bits() {
     assert_eq!(reads("qsb-s", "A", 1_234 * 16, 64_000), (1_263, 0x11));
 }
 
+/// Decision 14: what is slower than 500 Hz has 12 bits. 1,000 × 1026 / 2000 = 513; 1,000 × 4098 / 2001 =
+/// 2047.98.
+#[test]
+fn pwm_between_10_and_12_bits() {
+    assert_eq!(reads("qsb-s", "A", 1_000 * 16, 2_000 * 16), (512, 0x01));
+    assert_eq!(reads("qsb-s", "A", 1_000 * 16, 2_001 * 16), (2_046, 0x11));
+}
+
+/// Decision 14: another period is waited for after a write of MODE.
+#[test]
+fn a_write_of_mode_begins_anew() {
+    let mut rig = Rig::ready("qsb-s");
+    rig.write("W0001");
+    rig.low("A");
+    pwm(&mut rig, "A", 2_049 * 16, 4_098 * 16, 3);
+    assert_eq!((rig.read("0E"), rig.read("00")), (2_048, 0x11));
+    rig.write("W0001");
+    assert_eq!((rig.read("0E"), rig.read("00")), (0, 0x01));
+}
+
 /// On every variant, at A or by its other name.
 #[test]
 fn pwm_at_either_pin() {

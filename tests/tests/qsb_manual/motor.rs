@@ -379,6 +379,8 @@ fn reset_on_the_way() {
         assert!(rig.is_high("DIO1") && rig.is_high("DIO2"));
         let made = pulses(&rig);
         assert!((986..=988).contains(&made.0) && made.1 == 0, "{made:?}");
+        // DTR does not turn the motor back (decision 6).
+        assert!(cut || rig.position() == made.0 as i32, "at {}", rig.position());
         rig.after(2.secs());
         assert_eq!(pulses(&rig), made);
         if cut {

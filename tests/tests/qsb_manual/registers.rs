@@ -380,6 +380,24 @@ fn serial_numbers() {
     }
 }
 
+/// Decision 8: what is preset while it has power lasts until a reset, unless command 3 saves it.
+#[test]
+fn presets_with_power() {
+    for save in [false, true] {
+        let mut rig = Rig::ready("qsb-d");
+        rig.poke("SerialNumber", 12_345);
+        rig.poke("BaudRate", 4);
+        assert_eq!(rig.bench.line(rig.bus).baud, 115_200);
+        rig.says(&[("R14", "r 14 1234500E !")]);
+        if save {
+            rig.save();
+        }
+        rig.restart("qsb-d");
+        assert_eq!(rig.bench.line(rig.bus).baud, if save { 115_200 } else { 230_400 });
+        rig.says(&[("R14", if save { "r 14 1234500E !" } else { "r 14 0000100E !" })]);
+    }
+}
+
 impl Rig {
     /// Just after the next tick register 0D reads the ticks since power came, less those before it was
     /// cleared.
