@@ -10,9 +10,10 @@ from contextlib import contextmanager
 
 import pytest
 import serial
-from conftest import DEFAULTS, MOTION_CONTROL, USER_REGISTER
 from pymodbus import FramerType
 from pymodbus.client import ModbusTcpClient
+
+from md3 import DEFAULTS, MOTION_CONTROL, USER_REGISTER
 
 START = 300.0
 """Seconds of wall time in which a board is built, if it must be, and started."""

@@ -6,7 +6,9 @@ import pytest
 from minimalmodbus import IllegalRequestError, Instrument, NoResponseError
 from pymodbus.pdu import ExceptionResponse
 
-from conftest import DEFAULTS, SERIAL_PORT, USER_REGISTER, ask, crc, frame, receive, serial_port, write
+from conftest import ask, receive
+from md3 import DEFAULTS, SERIAL_PORT, USER_REGISTER
+from modbus import crc, frame, serial_port, write
 
 
 def test_pymodbus_over_tcp(run, tcp):

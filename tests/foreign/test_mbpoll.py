@@ -6,7 +6,8 @@ import re
 import select
 import subprocess
 
-from conftest import DEFAULTS, PATIENCE
+from conftest import PATIENCE
+from md3 import DEFAULTS
 
 
 def test_lists_the_defaults_of_chapter_7(run):

@@ -4,7 +4,9 @@ import threading
 
 import pytest
 
-from conftest import DEFAULTS, EEPROM_CONTROL, USER_REGISTER, frame, receive, write
+from conftest import receive
+from md3 import DEFAULTS, EEPROM_CONTROL, USER_REGISTER
+from modbus import frame, write
 
 SAVE = 1
 PASSED, SAVED, FAILED = 0x9A00, 0x0000, 0xF100

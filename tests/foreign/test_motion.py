@@ -2,7 +2,7 @@
 
 import time
 
-from conftest import MOTION_CONTROL
+from md3 import MOTION_CONTROL
 
 MOVE = 1
 """Bit of MotionControl (7.15)."""

@@ -1,6 +1,6 @@
 //! The LS7366R operated by the published driver `ls7366`, which knows the data sheet and not us.
 //!
-//! Its version 0.2.1 has faults that these tests go around:
+//! Its version 0.2.1 has faults that these tests work around:
 //! - `get_status` takes the fifth byte of a transfer for STR; the chip sends STR in the second one and
 //!   nothing behind it. So `get_count` never sees the sign, either.
 //! - If it did, it would negate a count that is two's complement already.

@@ -93,7 +93,7 @@ fn order() -> impl Strategy<Value = Vec<u8>> {
         "W0002\r",
         "W02F0\r",
         "W02100F\r",
-        "W02F0\r",
+        "W021100\r",
         "W040F0\r",
         "W1600A\r",
         "W1670A\r",

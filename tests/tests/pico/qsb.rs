@@ -84,7 +84,7 @@ fn edges_at_the_promised_rate_are_all_counted() {
 #[ignore = "needs the emulator and the image of the board: `cargo xtask test` brings both"]
 fn the_index_clears_the_count() {
     let mut script = Script::fast();
-    // x4, free-running; a asynchronous index clears CNTR (MDR0 B5:4 = 10).
+    // x4, free-running; an asynchronous index clears CNTR (MDR0 B5:4 = 10).
     let begin = say(&mut script, START, &["W0323"]);
     let over = edges(&mut script, begin, &UP, 10, 10_000);
     let over = edges(&mut script, over, &[(I, "high"), (I, "low")], 2, 10_000);

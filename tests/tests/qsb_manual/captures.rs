@@ -31,7 +31,7 @@ fn each_input_captures_at_its_edge() {
     }
 }
 
-/// An input that is not enabled does not, nor does an output (decision 11 of the digital port).
+/// An input that is not enabled does not, nor does an output (decision 24).
 #[test]
 fn what_does_not_capture() {
     for config in ["W0200F", "W02EEE", "W021FF"] {
@@ -83,7 +83,22 @@ fn inputs_capture_in_every_mode() {
     }
 }
 
-/// Example 5.2: on the index, whose function is disabled as the factory sets it (decision 23).
+/// Step pulses of the own motor do not, at either edge (decision 24).
+#[test]
+fn steps_of_the_motor_do_not_capture() {
+    for config in ["W02060", "W02066"] {
+        let mut rig = Rig::ready("qsb-m");
+        for command in ["W0343", config, "W1114", "W162"] {
+            rig.write(command);
+        }
+        rig.turn(5);
+        rig.write("W168");
+        rig.after(2.secs());
+        assert_eq!((rig.position(), rig.read("0E"), rig.read("05")), (20, 5, 0), "{config}");
+    }
+}
+
+/// Example 5.2: on the index, whose function is disabled as the factory sets it (decision 19).
 #[test]
 fn the_index_captures() {
     let mut rig = Rig::ready("qsb-s");
@@ -100,7 +115,7 @@ fn the_index_captures() {
     rig.says(&[("R05", "r 05 000000C8 !"), ("R0E", "r 0E 000000CC !")]);
 }
 
-/// Decision 24: before the same index resets or loads.
+/// Decision 19: before the same index resets or loads.
 #[test]
 fn the_index_captures_before_it_resets() {
     for (function, left) in [("W0363", 0), ("W0353", 0x1F3), ("W0373", 100)] {
@@ -172,7 +187,7 @@ fn a_match_makes_a_pulse() {
         assert_eq!(dio0(&mut rig), rest);
         rig.turn(1);
         assert_pulses(&mut rig, rest);
-        // Never downward (decision 20).
+        // Never downward (decision 17).
         rig.turn(5);
         rig.turn(-5);
         assert_eq!(dio0(&mut rig), rest);
@@ -196,7 +211,7 @@ fn the_index_an_overflow_and_an_underflow_make_pulses() {
     assert_pulses(&mut rig, true);
 }
 
-/// Without bit 12 of 02, without the flag, or on an input: none (decision 27).
+/// Without bit 12 of 02, without the flag, or on an input: none (decision 25).
 #[test]
 fn what_makes_no_pulse() {
     for script in [["W02100", "W04020"], ["W021100", "W040D0"], ["W021000", "W04020"]] {
@@ -221,6 +236,16 @@ fn interval_0_toggles() {
         rig.turn(-2);
         assert_eq!(dio0(&mut rig), high);
         rig.turn(2);
+    }
+}
+
+/// A wrap is two events, since CY comes at the count before it and at its own (decision 25).
+#[test]
+fn a_wrap_toggles_twice() {
+    let mut rig = triggered(&["W04080", "W0C0", "W08FFFFFFFE", "W0A0"]);
+    for (count, high) in [(0xFFFF_FFFF, false), (0, true), (1, true)] {
+        rig.turn(1);
+        assert_eq!((rig.read("0E"), dio0(&mut rig)), (count, high));
     }
 }
 

@@ -76,7 +76,7 @@ fn figure_9_single_cycle() {
     rig.says(&[("W092", "w 09 00000002 !"), ("R06", "r 06 00000008 !")]);
 }
 
-/// "Re-enabled with reset or load"; leaving the mode does, too (decision 22).
+/// "Re-enabled with reset or load"; leaving the mode does, too (decision 18).
 #[test]
 fn what_ends_the_stop_of_single_cycle() {
     for (commands, enabled) in [
@@ -182,7 +182,7 @@ fn figure_8_free_running() {
     }
 }
 
-/// S: set with BW, cleared with CY; load and reset leave it (decision 21).
+/// S: set with BW, cleared with CY; load and reset leave it (decision 17).
 #[test]
 fn the_sign() {
     let mut rig = Rig::ready("qsb-s");
@@ -224,7 +224,7 @@ fn reset_on_a_synchronous_index() {
     rig.says(&[("R0E", "r 0E 00000005 !")]);
 }
 
-/// Asynchronous, and in non-quadrature in spite of B6 (easily missed 20).
+/// Asynchronous, and in spite of B6 where it is not quadrature (register 03).
 #[test]
 fn an_asynchronous_index() {
     for mode in ["W0313", "W0350"] {

@@ -68,7 +68,7 @@ fn every_rate() {
     }
 }
 
-/// Decision 33: nothing else is saved by it, and what was saved before stays.
+/// Decision 7: nothing else is saved by it, and what was saved before stays.
 #[test]
 fn only_the_rate_is_saved() {
     let mut rig = Rig::ready("qsb-m");
@@ -127,6 +127,17 @@ fn characters_at_another_rate() {
     rig.after(2.millis());
     rig.send_at(230_400, "\u{8}R08\r");
     assert_eq!(rig.texts(REPLY), ["r 08 000001F3 !"]);
+}
+
+/// Decision 6: what was put on the line before a reset by DTR leaves, whole.
+#[test]
+fn a_reset_cuts_no_answer() {
+    let mut rig = Rig::ready_on("qsb-d", LineMode::Timed);
+    rig.send("R08\rR0B\r");
+    // The first answer has begun.
+    rig.after(character(230_400) * 11);
+    rig.bench.attach(rig.bus, true);
+    assert_eq!(rig.texts(START_UP * 2), ["r 08 000001F3 !", "r 0B 00000000 !", "QSB-D  0E!"]);
 }
 
 /// A stream on a real line: each tick a record, for a second; commands typed meanwhile are heard, for the

@@ -6,7 +6,7 @@ use standin_protocol::time::{Duration, Instant, Span};
 use standin_sim::bench::{Bench, Bus, Client, Driving, PowerAction, Seat, Settings, Setup};
 use standin_sim::bus::{LineMode, Sender};
 
-/// A period of the 512 Hz clock behind TIME STAMP and INTERVAL RATE (decision 1): 1.953125 ms.
+/// A period of the 512 Hz clock behind TIME STAMP and INTERVAL RATE (decision 10): 1.953125 ms.
 pub(crate) const TICK: Duration = Duration::from_ticks(31_250);
 
 /// From power-up to the banner.

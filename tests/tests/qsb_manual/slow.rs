@@ -1,5 +1,5 @@
-//! A slow LS7366R as the QSB wires it: the data sheet and decisions 19 to 26 of the QSB in words, one edge
-//! at a time. Shares no code with the drive.
+//! A slow LS7366R as the QSB wires it: the data sheet and decisions 17 to 21 in words, one edge at a time.
+//! Shares no code with the drive.
 
 /// The order of (A, B) while A leads B, which counts up (data sheet, Figure 7).
 const CYCLE: [(bool, bool); 4] = [(false, false), (true, false), (true, true), (false, true)];
@@ -25,7 +25,7 @@ pub(crate) struct Slow {
     stopped: bool,
     /// The index takes effect.
     gate: bool,
-    /// The last quadrature count's direction, where that is beyond doubt.
+    /// The direction that the last edge told, where a write has not made it doubtful.
     up: Option<bool>,
 }
 
@@ -100,10 +100,9 @@ impl Slow {
         let up = if self.quadrature() == 0 { b } else { forward != reversed };
         if counted && self.counts() {
             self.clock(up);
-            self.up = Some(up);
-        } else if self.up != Some(up) {
-            self.up = None;
         }
+        // Counted or not, it tells the direction (decision 21).
+        self.up = Some(up);
         self.look_at_index();
     }
 
@@ -142,11 +141,16 @@ impl Slow {
         self.look_at_index();
     }
 
-    /// The index acts once, when its gated level becomes active (decision 23).
-    fn look_at_index(&mut self) {
+    /// Whether the index is active, and A and B let it act.
+    fn is_gated(&self) -> bool {
         let inverted = self.mdr1 >> 3 & 1 == 1;
         let synchronous = self.mdr0 >> 6 & 1 == 1 && self.quadrature() != 0;
-        let gate = self.i != inverted && (!synchronous || self.a == self.b);
+        self.i != inverted && (!synchronous || self.a == self.b)
+    }
+
+    /// The index acts once, when its gated level becomes active (decision 19).
+    fn look_at_index(&mut self) {
+        let gate = self.is_gated();
         if gate && !self.gate {
             self.index = true;
             if self.mdr1 >> 4 & 1 == 1 {
@@ -171,7 +175,8 @@ impl Slow {
         if self.mode() != 1 {
             self.stopped = false;
         }
-        self.look_at_index();
+        // A write opens the gate without effect (decision 19).
+        self.gate = self.is_gated();
     }
 
     pub(crate) fn set_mdr1(&mut self, value: u16) {
@@ -179,15 +184,8 @@ impl Slow {
             self.up = None;
         }
         self.mdr1 = value & 0x1FC;
+        // Another polarity is an edge at INDEX/.
         self.look_at_index();
-    }
-
-    /// Whether writing this to MDR0 would make the index act.
-    pub(crate) fn would_act(&self, mdr0: u8) -> bool {
-        let mut then = self.clone();
-        then.mdr0 = mdr0;
-        then.look_at_index();
-        then.gate && !self.gate
     }
 
     /// LOAD REG 0.
