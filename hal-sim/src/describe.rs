@@ -301,7 +301,8 @@ fn values(row: &Row) -> String {
     let mut values = match row.legal {
         Legal::Any => "any".into(),
         Legal::Range(least, greatest) => format!("{least}…{greatest}"),
-        Legal::OneOf(codes) => codes.iter().map(ToString::to_string).collect::<Vec<_>>().join(", "),
+        // They are patterns of bits, whatever their width.
+        Legal::OneOf(codes) => codes.iter().map(|code| format!("{code:#x}")).collect::<Vec<_>>().join(", "),
     };
     if let Some((least, greatest)) = row.clamp {
         let _ = write!(values, ", acts as {least}…{greatest}");

@@ -102,22 +102,19 @@ pub(crate) struct Shaper {
     powered: bool,
     step: bool,
     dir: bool,
-    /// Outputs whose edges nobody sees until the next plan.
-    pub(crate) lent: Lent,
 }
 
 impl Shaper {
     /// Of an axis that follows `plan`, from `at` on; DIR is what its last step left.
     pub(crate) fn new(at: Instant, plan: &Plan, dir: bool) -> Self {
         let mut shaper = Self { dir, ..Self::default() };
-        shaper.plan(at, plan);
+        shaper.plan(at, plan, Lent::default());
         shaper
     }
 
-    /// From `at` on the axis follows `plan`. A pulse that is high still falls. Outputs that were lent are
+    /// From `at` on the axis follows `plan`. A pulse that is high still falls. Outputs that were `lent` are
     /// low.
-    pub(crate) fn plan(&mut self, at: Instant, plan: &Plan) {
-        let lent = std::mem::take(&mut self.lent);
+    pub(crate) fn plan(&mut self, at: Instant, plan: &Plan, lent: Lent) {
         (self.step, self.dir) = (self.step && !lent.step, self.dir && !lent.dir);
         let walker = self.walker.insert(Walker::new(plan, at));
         self.planned = walker.next();
@@ -132,7 +129,7 @@ impl Shaper {
 
     /// Power goes: both outputs fall, and nothing more comes.
     pub(crate) fn power_off(&mut self, at: Instant) {
-        *self = Self { since: at, step: self.step, dir: self.dir, lent: self.lent, ..Self::default() };
+        *self = Self { since: at, step: self.step, dir: self.dir, ..Self::default() };
     }
 
     /// Whether an output is high.
@@ -214,7 +211,7 @@ fn edges(trace: &Trace, drive: usize, axis: Axis, until: Instant) -> Edges<'_> {
     let pins = spec.and_then(|axis| axis.step_dir);
     let news = trace.events().filter(move |entry| entry.drive == drive && entry.at <= until);
     let news = news.filter_map(move |entry| Some((entry.at, News::of(&entry.event, axis, pins)?)));
-    Edges { news: Box::new(news), next: None, shaper: Shaper::default(), until }
+    Edges { news: Box::new(news), next: None, shaper: Shaper::default(), lent: Lent::default(), until }
 }
 
 /// What [`edges`] returns.
@@ -223,6 +220,8 @@ struct Edges<'a> {
     /// What happens to the axis when the edges up to then have been taken.
     next: Option<(Instant, News<'a>)>,
     shaper: Shaper,
+    /// Outputs that the device uses itself.
+    lent: Lent,
     until: Instant,
 }
 
@@ -231,7 +230,7 @@ struct Edges<'a> {
 enum News<'a> {
     Plan(&'a Plan),
     Steps(i32),
-    /// The device uses an output itself, and that is its level.
+    /// The device uses an output itself, and that is the level it starts with.
     Lent(StepDir, bool),
     PowerOff,
 }
@@ -265,23 +264,23 @@ impl Iterator for Edges<'_> {
             self.next = self.next.take().or_else(|| self.news.next());
             let until = self.next.map_or(self.until, |(at, _)| at);
             while let Some(edge) = self.shaper.take(until) {
-                if !self.shaper.lent.has(edge.output) {
+                if !self.lent.has(edge.output) {
                     return Some(edge);
                 }
             }
             let (at, news) = self.next.take()?;
             match news {
                 News::Plan(plan) => {
-                    let falls = self.shaper.lent.dir;
-                    self.shaper.plan(at, plan);
-                    if falls {
+                    let lent = std::mem::take(&mut self.lent);
+                    self.shaper.plan(at, plan, lent);
+                    if lent.dir {
                         return Some(Edge { at, output: StepDir::Dir, high: false });
                     }
                 }
                 News::Steps(steps) => self.shaper.steps(at, steps),
                 News::Lent(output, high) => {
-                    let cut = self.shaper.is_high(output) && !self.shaper.lent.has(output);
-                    self.shaper.lent.add(output);
+                    let cut = self.shaper.is_high(output) && !self.lent.has(output);
+                    self.lent.add(output);
                     match output {
                         StepDir::Dir => return Some(Edge { at, output, high }),
                         StepDir::Step if cut => return Some(Edge { at, output, high: false }),

@@ -21,7 +21,7 @@ use std::ops::Range;
 use standin_firmware::device::{Axis, HIGH_MV, Instant, LOGIC_HIGH_MV, Level, Pin, PinSpec, Role};
 
 use crate::drives::{Drives, level_of};
-use crate::pulses::{Shaper, StepDir};
+use crate::pulses::{Lent, Shaper, StepDir};
 use crate::schedule::Tournament;
 use crate::trace::{Did, Entry, Event, Fed, Group, Power, Trace};
 
@@ -79,6 +79,8 @@ struct Motor {
     step: usize,
     dir: usize,
     shaper: Shaper,
+    /// Which of them the drive uses itself.
+    lent: Lent,
 }
 
 /// A pin.
@@ -128,7 +130,8 @@ impl<W: Write> Waves<W> {
             motors.extend(axes.filter_map(|(axis, spec)| {
                 let (step, dir) = spec.step_dir?;
                 let place = |pin: Pin| first + usize::from(pin.0);
-                Some(Motor { axis, step: place(step), dir: place(dir), shaper: Shaper::default() })
+                let (shaper, lent) = (Shaper::default(), Lent::default());
+                Some(Motor { axis, step: place(step), dir: place(dir), shaper, lent })
             }));
             drives.push(Drive { wires: first..wires.len(), motors: first_motor..motors.len() });
             writeln!(header, "$upscope $end")?;
@@ -210,8 +213,10 @@ impl<W: Write> Waves<W> {
                 &Did::Wave { pin, period, high } => {
                     self.drive(drive, pin, Drives::Wave { since: at, period, high });
                 }
-                Did::Plan { axis, plan } => self.turn(drive, *axis, |shaper| shaper.plan(at, plan)),
-                Did::Step { axis, steps } => self.turn(drive, *axis, |shaper| shaper.steps(at, *steps)),
+                Did::Plan { axis, plan } => self.turn(drive, *axis, |motor| {
+                    motor.shaper.plan(at, plan, std::mem::take(&mut motor.lent));
+                }),
+                Did::Step { axis, steps } => self.turn(drive, *axis, |motor| motor.shaper.steps(at, *steps)),
                 Did::Course { axis, .. } => self.lose(drive, *axis),
                 _ => {}
             },
@@ -229,24 +234,25 @@ impl<W: Write> Waves<W> {
             self.changed.push(place);
         }
         for place in drive.motors.clone() {
-            self.motors[place].shaper = Shaper::default();
+            let motor = &mut self.motors[place];
+            (motor.shaper, motor.lent) = (Shaper::default(), Lent::default());
             self.edges.set((self.wires.len() + place) as u32, Instant::NEVER);
         }
     }
 
     /// A motor is told how to turn.
-    fn turn(&mut self, drive: usize, axis: Axis, tell: impl FnOnce(&mut Shaper)) {
+    fn turn(&mut self, drive: usize, axis: Axis, tell: impl FnOnce(&mut Motor)) {
         let Some(place) = self.motor(drive, axis) else { return };
-        tell(&mut self.motors[place].shaper);
+        tell(&mut self.motors[place]);
         self.make_pulses(place);
     }
 
     /// All edges of a motor up to now.
     fn make_pulses(&mut self, place: usize) {
-        let Motor { step, dir, shaper, .. } = &mut self.motors[place];
+        let Motor { step, dir, shaper, lent, .. } = &mut self.motors[place];
         while shaper.take(self.now).is_some() {}
         let outputs = [(*step, StepDir::Step), (*dir, StepDir::Dir)];
-        for (place, output) in outputs.into_iter().filter(|(_, output)| !shaper.lent.has(*output)) {
+        for (place, output) in outputs.into_iter().filter(|(_, output)| !lent.has(*output)) {
             let wire = &mut self.wires[place];
             (wire.known, wire.drives) = (true, Drives::Level(level_of(shaper.is_high(output))));
             self.changed.push(place);
@@ -276,9 +282,9 @@ impl<W: Write> Waves<W> {
     fn drive(&mut self, drive: usize, pin: Pin, drives: Drives) {
         let Some(place) = self.place(drive, pin) else { return };
         for motor in self.drives[drive].motors.clone() {
-            let Motor { step, dir, shaper, .. } = &mut self.motors[motor];
-            shaper.lent.step |= *step == place;
-            shaper.lent.dir |= *dir == place;
+            let Motor { step, dir, lent, .. } = &mut self.motors[motor];
+            lent.step |= *step == place;
+            lent.dir |= *dir == place;
         }
         let wire = &mut self.wires[place];
         (wire.known, wire.drives) = (true, drives);

@@ -68,7 +68,7 @@ fn a_fast_reversal_changes_direction_half_an_interval_before() {
     let first = Walker::new(&back, rise).next().expect("a jog has steps").at;
     let interval = first.since(rise);
     assert!(interval <= 4.micros(), "{interval:?}");
-    shaper.plan(rise, &back);
+    shaper.plan(rise, &back, Lent::default());
     // Half an interval is not longer than 2 µs: the pulse falls at the same instant, and first.
     let half = rise + Duration::from_ticks(interval.ticks() / 2);
     let edges: Vec<Edge> = std::iter::from_fn(|| shaper.take(first)).collect();
@@ -92,7 +92,7 @@ fn nobody_knew_of_a_reversal_before_its_plan() {
     let back = jog(known, -400_000);
     let first = Walker::new(&back, known).next().expect("a jog has steps").at;
     assert!(first <= known + 3.micros(), "{first:?}");
-    shaper.plan(known, &back);
+    shaper.plan(known, &back, Lent::default());
     let edges: Vec<Edge> = std::iter::from_fn(|| shaper.take(first)).collect();
     assert_eq!(
         edges,
@@ -112,7 +112,7 @@ fn a_new_plan_lets_a_high_pulse_fall_and_makes_no_step_of_its_own_instant() {
         let change = second + after;
         let made = script(&mut shaper, change);
         assert!(made.iter().any(|edge| *edge == format!("S+ {}", second.ticks() as f64 / 16.0)), "{made:?}");
-        shaper.plan(change, &plan.halt(change));
+        shaper.plan(change, &plan.halt(change), Lent::default());
         let rest: Vec<Edge> = std::iter::from_fn(|| shaper.take(Instant::NEVER)).collect();
         let fall = Edge { at: second + 2.micros(), output: StepDir::Step, high: false };
         assert_eq!(rest, if after < 2.micros() { vec![fall] } else { vec![] });
@@ -207,7 +207,7 @@ proptest! {
                     continue;
                 }
             };
-            shaper.plan(change, &plan);
+            shaper.plan(change, &plan, Lent::default());
             now = change;
         }
         edges.extend(std::iter::from_fn(|| shaper.take(Instant::NEVER)));

@@ -55,6 +55,9 @@ impl AxisState {
     }
 
     pub(super) fn power_off(&mut self, at: Instant) {
+        if let Some(shaper) = &mut self.shaper {
+            shaper.power_off(at);
+        }
         (self.plan, self.current_ma, self.duty) = (self.plan.halt(at), 0, 0);
         // DIR is low then, wherever it went last.
         self.stepped = Some(false);
@@ -62,9 +65,12 @@ impl AxisState {
 
     /// From `at` on it follows `plan`, and has all its outputs.
     pub(super) fn follow(&mut self, at: Instant, plan: &Plan) {
-        self.forward = self.forward_at(at) && !self.lent.has(StepDir::Dir);
+        let lent = std::mem::take(&mut self.lent);
+        if let Some(shaper) = &mut self.shaper {
+            shaper.plan(at, plan, lent);
+        }
+        self.forward = self.forward_at(at) && !lent.dir;
         (self.plan, self.steps, self.stepped) = (*plan, 0, None);
-        self.lent = Lent::default();
     }
 
     /// The device itself uses an output until the next plan; whether it can.
@@ -72,9 +78,6 @@ impl AxisState {
         let is_shared = self.shared.has(output);
         if is_shared {
             self.lent.add(output);
-            if let Some(shaper) = &mut self.shaper {
-                shaper.lent.add(output);
-            }
         }
         is_shared
     }
@@ -87,7 +90,10 @@ impl AxisState {
     }
 
     /// Steps without a plan, signed.
-    pub(super) fn step(&mut self, steps: i32) {
+    pub(super) fn step(&mut self, at: Instant, steps: i32) {
+        if let Some(shaper) = &mut self.shaper {
+            shaper.steps(at, steps);
+        }
         self.steps = self.steps.wrapping_add(steps);
         self.stepped = Some(steps > 0);
     }
@@ -123,9 +129,7 @@ impl AxisState {
     /// Somebody is wired to the pulses from now on.
     pub(super) fn listen(&mut self, at: Instant, powered: bool) {
         if self.shaper.is_none() {
-            let mut shaper = self.pulses(at, powered);
-            shaper.lent = self.lent;
-            self.shaper = Some(shaper);
+            self.shaper = Some(self.pulses(at, powered));
         }
     }
 

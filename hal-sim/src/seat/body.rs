@@ -8,7 +8,6 @@ use super::serial::{PortState, Serial};
 use crate::bench::Keep;
 use crate::dice::Dice;
 use crate::drives::Drives;
-use crate::pulses::Shaper;
 use crate::trace::{Cut, Trace};
 
 /// What a device leaves behind, in the world and in its memory.
@@ -214,16 +213,10 @@ impl Body {
             }
             Output::Plan { axis, plan } => {
                 self.take_back(axis, at, tape.outbox);
-                self.shape(axis, at, tape.outbox, |shaper| shaper.plan(at, plan));
-                if let Some(axis) = self.axis(axis) {
-                    axis.follow(at, plan);
-                }
+                self.shape(axis, at, tape.outbox, |axis| axis.follow(at, plan));
             }
             Output::Step { axis, steps } => {
-                self.shape(axis, at, tape.outbox, |shaper| shaper.steps(at, steps));
-                if let Some(axis) = self.axis(axis) {
-                    axis.step(steps);
-                }
+                self.shape(axis, at, tape.outbox, |axis| axis.step(at, steps));
             }
             Output::Current { axis, ma } => {
                 if let Some(axis) = self.axis(axis) {
@@ -264,8 +257,8 @@ impl Body {
         state.drives = drives;
         state.changes = state.changes.wrapping_add(1);
         let is_wired = !state.drives_wires.is_empty();
-        let is_its = self.lend(pin, at, outbox);
-        if is_wired && is_its {
+        let reaches_wires = self.lend(pin, at, outbox);
+        if is_wired && reaches_wires {
             let moved = match drives {
                 Drives::Level(level) => Moved::Pin { pin, at, level },
                 Drives::Wave { .. } => Moved::Wave { pin },
@@ -296,7 +289,7 @@ impl Body {
     }
 
     /// Something happens to an axis: if somebody listens, its edges up to then come first.
-    fn shape(&mut self, axis: Axis, at: Instant, outbox: &mut Outbox, happens: impl FnOnce(&mut Shaper)) {
+    fn shape(&mut self, axis: Axis, at: Instant, outbox: &mut Outbox, happens: impl FnOnce(&mut AxisState)) {
         let Some(state) = self.axes.get_mut(usize::from(axis.0)) else { return };
         let mut moves = |state: &mut AxisState| {
             while let Some((pin, at, level)) = state.take(at) {
@@ -304,11 +297,12 @@ impl Body {
             }
         };
         moves(state);
-        let Some(shaper) = &mut state.shaper else { return };
-        happens(shaper);
+        happens(state);
         // Without power the outputs fall at once.
         moves(state);
-        outbox.moved.push((self.seat, Moved::Axis { axis }));
+        if state.shaper.is_some() {
+            outbox.moved.push((self.seat, Moved::Axis { axis }));
+        }
     }
 
     pub(super) fn axis(&mut self, axis: Axis) -> Option<&mut AxisState> {
@@ -336,10 +330,7 @@ impl Body {
             self.drive(pin, at, Drives::NOTHING, outbox);
         }
         for axis in (0..self.axes.len() as u8).map(Axis) {
-            self.shape(axis, at, outbox, |shaper| shaper.power_off(at));
-        }
-        for axis in &mut self.axes {
-            axis.power_off(at);
+            self.shape(axis, at, outbox, |axis| axis.power_off(at));
         }
     }
 
