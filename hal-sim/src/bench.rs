@@ -279,7 +279,7 @@ impl Bench {
         let saved = |row: usize| spec.registers.rows.get(row).is_some_and(|row| row.saved != 0);
         let (now, mark) = (self.now, self.trace.mark());
         let mut seated = Seated::new(place, name, device, self.settings.seed, boot_fast, memory, keep);
-        let mut tape = tape(&mut self.trace, &mut self.outbox, self.settings);
+        let mut tape = tape(&mut self.trace, &mut self.outbox, self.settings, self.now);
         let mut result = Ok(());
         for &(row, value) in presets.iter().filter(|(row, _)| saved(*row)) {
             result = result.and_then(|()| {
@@ -425,7 +425,7 @@ impl Bench {
     fn wake(&mut self, rank: u32, due: Instant) {
         let place = self.order[rank as usize];
         let seated = &mut self.seats[place as usize];
-        let next = seated.wake(due, &mut tape(&mut self.trace, &mut self.outbox, self.settings));
+        let next = seated.wake(due, &mut tape(&mut self.trace, &mut self.outbox, self.settings, self.now));
         let off = !seated.body.powered;
         self.deadlines.set(rank, next);
         self.carry_all();
@@ -509,7 +509,7 @@ impl Bench {
             return;
         }
         let comes = matches!(fed, Fed::Power(Power::On)) && !seated.body.powered;
-        let mut tape = tape(&mut self.trace, &mut self.outbox, self.settings);
+        let mut tape = tape(&mut self.trace, &mut self.outbox, self.settings, self.now);
         // Only a preset can be refused, and it does not come this way.
         let _ = seated.feed(now, fed, &mut tape);
         if comes {
@@ -542,7 +542,7 @@ impl Bench {
             }
             return;
         }
-        let mut tape = tape(&mut self.trace, &mut self.outbox, self.settings);
+        let mut tape = tape(&mut self.trace, &mut self.outbox, self.settings, self.now);
         // A preset that is refused does nothing, and is not recorded.
         let _ = self.seats[seat.0 as usize].feed(at, fed, &mut tape);
         self.after(seat.0);
@@ -550,6 +550,6 @@ impl Bench {
 }
 
 /// What the outputs of a device go to.
-fn tape<'a>(trace: &'a mut Trace, outbox: &'a mut Outbox, settings: Settings) -> Tape<'a> {
-    Tape { trace, outbox, fast: settings.line == LineMode::Fast }
+fn tape<'a>(trace: &'a mut Trace, outbox: &'a mut Outbox, settings: Settings, now: Instant) -> Tape<'a> {
+    Tape { trace, outbox, now, fast: settings.line == LineMode::Fast }
 }

@@ -10,7 +10,7 @@ use crate::schedule::{Class, What};
 use crate::seat::Sent;
 use crate::trace::Fed;
 
-/// How far what a drive has put may lie ahead until who makes it say more has to wait.
+/// How far a drive's output may lie ahead before a client has to wait.
 const AHEAD: Duration = Duration::secs(1);
 
 /// Who says something.
@@ -237,8 +237,8 @@ impl Bench {
         }
     }
 
-    /// Whether a client has to wait, and its turn with it, because a drive has that much to say. Answers are
-    /// longer than commands: who does not wait for them would make a queue without end.
+    /// Holds a client back while a drive has more than that to say. Answers are longer than commands, so a
+    /// client that does not wait for them would make an endless queue. Whether it does; the turn waits with it.
     fn holds_back(&mut self, bus: u32, client: u32) -> bool {
         let wire = &mut self.buses[bus as usize];
         if wire.sends_until <= self.now + AHEAD {
@@ -384,45 +384,75 @@ impl Bench {
 
     /// A turn may be over: then the line is free, and goes to whoever waits.
     pub(super) fn turn_ends(&mut self, bus: u32, at: Instant) {
-        let (silence, fast, (character, t3_5)) = (self.silence(bus), self.fast(), self.timing(bus));
         let wire = &mut self.buses[bus as usize];
         if wire.until != at {
             return;
         }
         wire.until = Instant::NEVER;
-        if !silence && wire.turn != Turn::Free {
-            let spoke = wire.turn == Turn::Asked && wire.free == at;
-            wire.free = at;
+        if wire.turn == Turn::Free {
             self.serve(bus);
-            if self.buses[bus as usize].until != Instant::NEVER {
-                return;
-            }
-            if spoke && !fast {
-                return self.turn_until(bus, at + t3_5 + character);
-            }
-        }
-        let wire = &mut self.buses[bus as usize];
-        let answers = match wire.turn {
-            Turn::Free => return self.serve(bus),
-            Turn::Asked => true,
-            // Streams never end, and both directions of their lines run at once.
-            Turn::Answering => silence,
-        };
-        if answers && wire.sends_until > at {
-            wire.turn = Turn::Answering;
-            let until = wire.sends_until;
-            return self.turn_until(bus, until);
-        }
-        wire.turn = Turn::Free;
-        wire.free = if fast && wire.ports.len() > 1 {
-            // The other drives hear the answer then.
-            at + Duration::TICK
-        } else if fast || !silence {
-            at
+        } else if self.silence(bus) {
+            self.turn_ends_of_frames(bus, at);
         } else {
-            // A tick after the drives have judged the silence the next character may end.
-            (at + Duration::TICK - character).max(wire.sends_until + t3_5)
-        };
+            self.turn_ends_of_characters(bus, at);
+        }
+    }
+
+    /// Where silence ends a message: the turn lasts until all drives have judged that, and answered.
+    fn turn_ends_of_frames(&mut self, bus: u32, at: Instant) {
+        if self.answers(bus, at) {
+            return;
+        }
+        if self.fast() {
+            return self.free(bus, at);
+        }
+        let (character, t3_5) = self.timing(bus);
+        let sends_until = self.buses[bus as usize].sends_until;
+        // A tick after the drives have judged the silence the next character may end.
+        self.free(bus, (at + Duration::TICK - character).max(sends_until + t3_5));
+    }
+
+    /// Where each character has its time: the client goes on; or, held back, tries again; or it has said all.
+    /// Then the turn is its own for as long as silence would take to end a message: programs write a command
+    /// in pieces, and those of two clients must not mix.
+    fn turn_ends_of_characters(&mut self, bus: u32, at: Instant) {
+        let wire = &mut self.buses[bus as usize];
+        let spoke = wire.turn == Turn::Asked && wire.free == at;
+        let answered = wire.turn == Turn::Answering;
+        wire.free = at;
+        self.serve(bus);
+        if self.buses[bus as usize].until != Instant::NEVER {
+            return;
+        }
+        if spoke && !self.fast() {
+            let (character, t3_5) = self.timing(bus);
+            return self.turn_until(bus, at + t3_5 + character);
+        }
+        // Once: streams never end, and both directions run at once.
+        if answered || !self.answers(bus, at) {
+            self.free(bus, at);
+        }
+    }
+
+    /// Whether a drive still sends: then the turn lasts until that has left.
+    fn answers(&mut self, bus: u32, at: Instant) -> bool {
+        let wire = &mut self.buses[bus as usize];
+        let until = wire.sends_until;
+        let answers = until > at;
+        if answers {
+            wire.turn = Turn::Answering;
+            self.turn_until(bus, until);
+        }
+        answers
+    }
+
+    /// A turn is over: the line is free from then on, and goes to whoever waits.
+    fn free(&mut self, bus: u32, from: Instant) {
+        let fast = self.fast();
+        let wire = &mut self.buses[bus as usize];
+        // Where characters take no time the other drives hear the answer a tick later.
+        let waits = fast && wire.ports.len() > 1;
+        (wire.turn, wire.free) = (Turn::Free, if waits { from + Duration::TICK } else { from });
         self.busy -= 1;
         self.serve(bus);
     }

@@ -1,5 +1,7 @@
 //! Lines on which each character has its time, and both directions run at once.
 
+use standin_firmware::qsb::Qsb;
+
 use super::*;
 
 /// A character of the toy's 115,200 8N1.
@@ -166,4 +168,49 @@ fn fast_takes_no_time_but_that_of_the_drive() {
     bench.settle();
     bench.run_until(31.millis());
     assert_eq!(received(&mut bench, client), [b'.'; 10]);
+}
+
+#[test]
+fn fast_takes_no_time_where_a_drive_puts_its_answers_ahead() {
+    const COMMANDS: usize = 10_000;
+    for manual in [false, true] {
+        let mut bench = Bench::with(Settings { line: LineMode::Fast, ..Settings::default() });
+        let setup = Setup { boot_fast: true, ..Setup::default() };
+        let qsb = bench.seat("qsb", Box::new(Qsb::d()), setup).unwrap();
+        bench.run_until(1.millis());
+        let client = bench.connect(bench.bus(qsb, Port(0)).unwrap());
+        let now = bench.now();
+        bench.send(client, "R0E\r".repeat(COMMANDS).as_bytes());
+        if manual {
+            bench.settle();
+        } else {
+            bench.run_until(now);
+        }
+        assert_eq!(bench.now(), now);
+        assert_eq!(bench.backlog(client), 0);
+        let answers = received(&mut bench, client);
+        assert!(answers == "r 0E 00000000 !\r\n".repeat(COMMANDS).as_bytes(), "{} characters", answers.len());
+        // The line changes behind the answers, which have left.
+        bench.send(client, b"W1610A\r");
+        bench.run_until(now);
+        assert_eq!(bench.bus(qsb, Port(0)).map(|bus| bench.line(bus).baud), Some(19_200));
+    }
+}
+
+#[test]
+fn fast_leaves_a_stream_its_pace() {
+    let mut bench = Bench::with(Settings { line: LineMode::Fast, ..Settings::default() });
+    let setup = Setup { boot_fast: true, ..Setup::default() };
+    let qsb = bench.seat("qsb", Box::new(Qsb::d()), setup).unwrap();
+    let client = bench.connect(bench.bus(qsb, Port(0)).unwrap());
+    // Every tick of 512 Hz, whatever the count is.
+    bench.send(client, b"W0B0\rW0C1\rS0E\r");
+    bench.settle();
+    received(&mut bench, client);
+    bench.run_until(bench.now() + 1.secs());
+    let heard = received(&mut bench, client);
+    assert_eq!(heard.split(|byte| *byte == b'\n').filter(|line| line.starts_with(b"s 0E")).count(), 512);
+    let make = |_: &str| Some(Box::new(Qsb::d()) as Box<dyn Device>);
+    let trace = Trace::parse(&bench.trace().to_text(), &make).unwrap();
+    assert_eq!(replay::run(&trace, &make), Ok(None));
 }
