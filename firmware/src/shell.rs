@@ -29,8 +29,8 @@ const MESSAGES: usize = 4;
 /// Characters that may wait to be sent, where a drive is asked again when it has answered: those of the
 /// longest message, and of a short one.
 pub const ONE_ANSWER: usize = 272;
-/// Characters that may wait to be sent, where a drive may be asked many things at once: the answers to 64
-/// commands of a QSB, which are all that a board can have caught before it answers.
+/// Characters that may wait to be sent, where a drive may be asked many things at once. What does not fit is
+/// lost as a whole and counted.
 pub const ANSWERS: usize = 1_024;
 
 /// What an interrupt caught.
@@ -114,8 +114,8 @@ pub trait Outputs {
 /// erase a sector.
 const PATIENCE: Duration = Duration::millis(60);
 
-/// A drive on a board. `MEMORY` is at least [`Spec::memory`](crate::device::Spec::memory); so many
-/// `CHARACTERS` may wait to be sent.
+/// A drive on a board. `MEMORY` is at least [`Spec::memory`](crate::device::Spec::memory); `CHARACTERS` is
+/// how many characters may wait to be sent.
 #[derive(Debug)]
 pub struct Shell<D, I, O, const MEMORY: usize, const CHARACTERS: usize = ONE_ANSWER> {
     device: D,

@@ -1,9 +1,9 @@
 //! A golden trace on the shell of a board, over the simulated hardware.
 
-use standin_firmware::device::{Boot, Device, Duration, Instant, Level, Line, Pin};
-use standin_firmware::shell::{ANSWERS, Caught, Inputs, Shell};
+use standin_firmware::device::{Boot, Device, Duration, Ends, Instant, Level, Line, Pin};
+use standin_firmware::shell::{ANSWERS, Caught, Inputs, ONE_ANSWER, Shell};
 use standin_sim::hal::{Board, Done, SimOutputs};
-use standin_sim::trace::{Course, Did, Event, Fed, Power, Trace};
+use standin_sim::trace::{Course, Did, Drive, Event, Fed, Power, Trace};
 
 /// What a drive did, as a board shows it: pins as the levels they take, one after the other.
 #[derive(Clone, PartialEq, Debug)]
@@ -80,12 +80,23 @@ pub fn motion<D: Device, const MEMORY: usize>(trace: &Trace, device: impl Fn() -
     board.done().iter().filter(|(_, done)| moves(done)).cloned().collect()
 }
 
-/// The board on which a trace was played to its end.
+/// The board on which a trace was played to its end, with as much room for answers as the images have.
 fn run<D: Device, const MEMORY: usize>(trace: &Trace, device: impl Fn() -> D) -> Board {
     let [drive] = trace.drives.as_slice() else { panic!("a board has one drive") };
+    match drive.spec.ports[0].ends {
+        Ends::Silence => run_with::<D, MEMORY, ONE_ANSWER>(trace, drive, device),
+        _ => run_with::<D, MEMORY, ANSWERS>(trace, drive, device),
+    }
+}
+
+fn run_with<D: Device, const MEMORY: usize, const CHARACTERS: usize>(
+    trace: &Trace,
+    drive: &Drive,
+    device: impl Fn() -> D,
+) -> Board {
     let board = Board::new(drive.spec, drive.memory.clone());
     let boot = Boot { seed: trace.seed, fast: drive.boot_fast };
-    let mut player: Player<_, _, MEMORY> = Player { board, shell: None, boot, device };
+    let mut player: Player<_, _, MEMORY, CHARACTERS> = Player { board, shell: None, boot, device };
     player.go(drive.from);
     player.power(true);
     for entry in trace.events() {
@@ -162,14 +173,14 @@ fn sorted(mut seen: Vec<(Instant, Seen)>) -> Vec<(Instant, Seen)> {
 }
 
 /// A board, and the loop that its `main` would be.
-struct Player<D, M, const MEMORY: usize> {
+struct Player<D, M, const MEMORY: usize, const CHARACTERS: usize> {
     board: Board,
-    shell: Option<Shell<D, Board, SimOutputs, MEMORY, ANSWERS>>,
+    shell: Option<Shell<D, Board, SimOutputs, MEMORY, CHARACTERS>>,
     boot: Boot,
     device: M,
 }
 
-impl<D: Device, M: Fn() -> D, const MEMORY: usize> Player<D, M, MEMORY> {
+impl<D: Device, M: Fn() -> D, const MEMORY: usize, const CHARACTERS: usize> Player<D, M, MEMORY, CHARACTERS> {
     fn power(&mut self, on: bool) {
         self.shell = on.then(|| {
             let mut shell = Shell::new((self.device)(), self.board.clone(), self.board.outputs());

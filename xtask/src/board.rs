@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use anyhow::{Context, Result, bail};
+use standin_firmware::device::{Device, Ends};
 use xshell::{Shell, cmd};
 
 use crate::checks::target_dir;
@@ -138,14 +139,19 @@ impl Board {
 
 /// How a person talks to a kind of drive whose line is at `address` of this machine.
 pub(crate) fn hint(kind: &str, address: &str) -> String {
-    if kind.starts_with("qsb") {
-        format!("what it counts, with socat:\n  printf 'R0E\\r' | socat -t 1 - tcp:{address}")
-    } else {
-        format!(
-            "all registers of an md3, with mbpoll, RTU over TCP:\n  \
+    macro_rules! specs {
+        ($($make:expr),* $(,)?) => { [$(($make)().spec()),*] };
+    }
+    let spec = standin_firmware::devices!(specs).into_iter().find(|spec| spec.kind == kind);
+    match spec.and_then(|spec| spec.ports.first()).map(|port| port.ends) {
+        Some(Ends::Character) => {
+            format!("what it counts, with socat:\n  printf 'R0E\\r' | socat -t 1 - tcp:{address}")
+        }
+        _ => format!(
+            "its first 32 registers, with mbpoll, RTU over TCP:\n  \
              socat pty,raw,echo=0,link={kind}.tty tcp:{address} & \
              sleep 1; mbpoll -m rtu -a 1 -b 9600 -P none -t 4:hex -r 1 -c 32 -1 {kind}.tty"
-        )
+        ),
     }
 }
 

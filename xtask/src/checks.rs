@@ -45,7 +45,7 @@ pub(crate) fn all(sh: &Shell) -> Result<bool> {
     report.check("emulator of the Pico", &[Tool::Node], pico::check_emulator);
     report.check("emulated Pico", &[Tool::ThumbTargets, Tool::Node], board::pico);
     report.check(
-        "pymodbus and the boards",
+        "foreign masters and the boards",
         &[Tool::ThumbTargets, Tool::Python, Tool::Qemu, Tool::Node],
         |sh| pytest(sh, &[BOARDS]),
     );

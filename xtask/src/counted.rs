@@ -52,8 +52,13 @@ pub(crate) fn plugin(sh: &Shell) -> Result<PathBuf> {
     Ok(target_dir(sh).join("release/libinsncount.so"))
 }
 
-/// Runs a program of `tests/counted`, with a kind of drive where it is about one.
-pub(crate) fn groups(sh: &Shell, processor: &Processor, program: &str, kind: &str) -> Result<Vec<Group>> {
+/// Runs a program of `tests/counted`, with a kind of drive if it is about one.
+pub(crate) fn groups(
+    sh: &Shell,
+    processor: &Processor,
+    program: &str,
+    kind: Option<&str>,
+) -> Result<Vec<Group>> {
     let Run { said, log } = run(sh, processor, program, kind, "")?;
     let names = said.lines();
     let counts: Vec<[u64; 3]> = log
@@ -73,11 +78,11 @@ pub(crate) fn groups(sh: &Shell, processor: &Processor, program: &str, kind: &st
 /// Lets the plugin count what is known.
 pub(crate) fn check(sh: &Shell) -> Result<()> {
     for processor in &PROCESSORS {
-        build(sh, processor, "known", "md3")?;
+        build(sh, processor, "known", None)?;
         let image = Image::of(sh, processor.target, PROFILE, "known")?;
         let [low, high] = ["PendSV", "SVCall"]
             .map(|name| Ok::<_, anyhow::Error>(format!(",handler={name}:{:#x}", image.symbol(name)?)));
-        let Run { log, .. } = run(sh, processor, "known", "md3", &(low? + &high?))?;
+        let Run { log, .. } = run(sh, processor, "known", None, &(low? + &high?))?;
         // As the program's comments say.
         let known = "handler PendSV calls 2 most 16\nhandler SVCall calls 2 most 4\n";
         ensure!(log == known, "{}: the plugin counts wrong:\n{log}", processor.machine);
@@ -91,16 +96,16 @@ struct Run {
     log: String,
 }
 
-fn build(sh: &Shell, processor: &Processor, program: &str, kind: &str) -> Result<()> {
+fn build(sh: &Shell, processor: &Processor, program: &str, kind: Option<&str>) -> Result<()> {
     let target = processor.target;
     let build = cmd!(
         sh,
         "cargo build --quiet --profile {PROFILE} --package counted --bin {program} --target {target}"
     );
-    Ok(build.env("DRIVE", kind).run()?)
+    Ok(kind.into_iter().fold(build, |build, kind| build.env("DRIVE", kind)).run()?)
 }
 
-fn run(sh: &Shell, processor: &Processor, program: &str, kind: &str, arguments: &str) -> Result<Run> {
+fn run(sh: &Shell, processor: &Processor, program: &str, kind: Option<&str>, arguments: &str) -> Result<Run> {
     let Processor { target, machine } = processor;
     let plugin = plugin(sh)?.into_os_string().into_string().ok().context("a path that is no text")?;
     build(sh, processor, program, kind)?;

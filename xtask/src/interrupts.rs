@@ -42,6 +42,9 @@ pub(crate) struct Work {
     edges: &'static [(u8, &'static str)],
 }
 
+/// MotionControl of an MD3 (7.15).
+const MD3_MOTION: u16 = 0x11;
+
 /// The work of an MD3, and of the drive with the most of a QSB.
 pub(crate) const WORKS: [Work; 2] = [
     Work {
@@ -56,11 +59,11 @@ pub(crate) const WORKS: [Work; 2] = [
                 (0x12, 0),
                 (0x13, 4_000),
                 (0x1a, 1),
-                (MOTION, 1),
+                (MD3_MOTION, 1),
             ];
             writes.map(|(register, value)| rtu::write(1, register, value).to_vec()).to_vec()
         },
-        question: || rtu::read(1, MOTION, 1).to_vec(),
+        question: || rtu::read(1, MD3_MOTION, 1).to_vec(),
         answer: |heard| {
             let whole = rtu::front(heard) == Burst::Frame(heard.len());
             whole.then(|| std::mem::take(heard))
@@ -90,9 +93,6 @@ pub(crate) const WORKS: [Work; 2] = [
         edges: &[(5, "low"), (6, "low"), (7, "high"), (5, "high"), (6, "high"), (7, "low")],
     },
 ];
-
-/// MotionControl of an MD3.
-const MOTION: u16 = 0x11;
 
 /// What was counted: each interrupt's purpose with its most instructions, and bytes of the stack.
 pub(crate) struct Worst {

@@ -43,12 +43,12 @@ pub(crate) fn check(sh: &Shell) -> Result<()> {
     }
     for (place, processor) in PROCESSORS.iter().enumerate() {
         for program in ["motion", "counter"] {
-            for group in counted::groups(sh, processor, program, "md3")? {
+            for group in counted::groups(sh, processor, program, None)? {
                 table.instructions(place, &group.name, &group);
             }
         }
         for kind in &kinds {
-            for group in counted::groups(sh, processor, "drive", kind)? {
+            for group in counted::groups(sh, processor, "drive", Some(kind))? {
                 table.instructions(place, &format!("{kind}: {}", group.name), &group);
             }
         }

@@ -97,7 +97,7 @@ impl Tool {
             Self::Qemu => "qemu-system-arm",
             Self::Mbpoll => "mbpoll",
             Self::Valgrind => "valgrind",
-            Self::Python => "a Python environment with pymodbus and minimalmodbus",
+            Self::Python => "a Python environment with pymodbus, minimalmodbus and pyserial",
             Self::Node => "Node 20 with the emulator of the Pico",
         }
     }

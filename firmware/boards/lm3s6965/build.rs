@@ -1,13 +1,17 @@
 //! Links for the board. `link.x` includes the `memory.x` in the root of the workspace, where the
 //! linker runs; this board's map is the default one there.
 
+/// Bytes of each image's stack, where the drive and what it has said lie. An MD3 says one thing at a time, and
+/// its board takes 8 KiB of RAM; a QSB may say many things at once.
+const STACKS: [(&str, u32); 5] =
+    [("md3", 5_632), ("md3-low", 5_632), ("qsb-d", 6_656), ("qsb-m", 6_656), ("qsb-s", 6_656)];
+
 fn main() {
     println!("cargo::rustc-link-arg-bins=-Tlink.x");
     // Sections are not padded to the pages of an operating system.
     println!("cargo::rustc-link-arg-bins=--nmagic");
-    // What a drive says waits on the stack, and a QSB may say more at once.
-    for kind in ["qsb-d", "qsb-m", "qsb-s"] {
-        println!("cargo::rustc-link-arg-bin={kind}=--defsym=_stack_length=6656");
+    for (kind, bytes) in STACKS {
+        println!("cargo::rustc-link-arg-bin={kind}=--defsym=_stack_length={bytes}");
     }
     if std::env::var_os("CARGO_FEATURE_DEFMT").is_some() {
         println!("cargo::rustc-link-arg-bins=-Tdefmt.x");

@@ -31,8 +31,8 @@ impl Pl011 {
     /// UARTDR: the character could not be read.
     pub const ERRORS: u32 = 0xF00;
 
-    /// For a clock of so many `mhz`, up to 1,000. A character takes as long as the drive believes, or a 64th of
-    /// a cycle in a sixteenth of a bit less: a drive that sends without a pause is never ahead of the UART.
+    /// For a clock of so many `mhz`, and a line of as many baud at least: the divisor has 16 bits. It is rounded
+    /// down, so that no character takes longer than the drive reckons.
     #[must_use]
     pub fn new(mhz: u32, line: Line) -> Self {
         // A sixteenth of a bit, in 64ths of a cycle. A character is in ticks, 16 in a microsecond.

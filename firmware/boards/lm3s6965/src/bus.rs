@@ -62,7 +62,8 @@ fn UART0() {
         // The receiver of a transceiver is off while it sends.
         if !sends() || FULL_DUPLEX.load(Ordering::Relaxed) {
             let caught = character.map_or(Caught::Spoiled(Port(0)), |byte| Caught::Byte(Port(0), byte));
-            // Should the loop ever be that late, a frame is short of a character, and its CRC tells.
+            // Should the loop ever be that late, the character is lost. Of a Modbus frame the CRC tells; a QSB's
+            // command has none.
             let _ = caught::QUEUE.push((at, caught));
         }
     }

@@ -65,7 +65,7 @@ type Board<D, const MEMORY: usize, const CHARACTERS: usize, const WIRES: usize> 
     Shell<D, Ears, Hands<Sender, Output, Memory<MEMORY>, Steps, WIRES>, MEMORY, CHARACTERS>;
 
 /// Runs a drive with these saved registers, whose pins and faults, by their names, are wired to these
-/// pins of the board. So many `CHARACTERS` may wait to be sent.
+/// pins of the board. `CHARACTERS` is how many characters may wait to be sent.
 pub fn run<D: Device, const MEMORY: usize, const CHARACTERS: usize, const WIRES: usize>(
     drive: fn() -> D,
     saved: &'static Saved<MEMORY>,

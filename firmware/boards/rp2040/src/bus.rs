@@ -101,7 +101,8 @@ fn UART0_IRQ() {
         let character = DATA.read();
         let State { turn, full_duplex, .. } = state();
         if turn == Turn::Hear || full_duplex {
-            // Where the loop is so late that there is no room, the CRC of a frame tells.
+            // Where the loop is so late that there is no room, the character is lost. Of a Modbus frame the CRC
+            // tells; a QSB's command has none.
             let _ = caught::QUEUE.push((at, heard(character)));
         }
     }

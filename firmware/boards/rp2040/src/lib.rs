@@ -60,8 +60,8 @@ use self::steps::Steps;
 type Board<D, const MEMORY: usize, const CHARACTERS: usize, const WIRES: usize> =
     Shell<D, Ears, Hands<Sender, Pin, Saved<MEMORY>, Steps, WIRES>, MEMORY, CHARACTERS>;
 
-/// Runs a drive whose pins and faults are wired like that. `MEMORY` is at least what its spec says; so many
-/// `CHARACTERS` may wait to be sent.
+/// Runs a drive whose pins and faults are wired like that. `MEMORY` is at least what its spec says;
+/// `CHARACTERS` is how many characters may wait to be sent.
 pub fn run<D: Device, const MEMORY: usize, const CHARACTERS: usize, const WIRES: usize>(
     drive: fn() -> D,
     wires: &[Wire; WIRES],

@@ -12,7 +12,7 @@ use standin_firmware::device::{
     Axis, Boot, Device, Duration, Input, Instant, Line, Output, Pin, Plan, Port, Refused, Sink, Spec,
 };
 use standin_firmware::md3::Reg;
-use standin_firmware::shell::{Caught, Inputs, Outputs, Shell};
+use standin_firmware::shell::{Caught, Inputs, ONE_ANSWER, Outputs, Shell};
 use standin_protocol::registers::Register;
 
 /// Any drive on any board.
@@ -21,7 +21,7 @@ struct Anything;
 /// Where the linker begins.
 #[unsafe(no_mangle)]
 extern "C" fn start() -> ! {
-    let mut shell = Shell::<_, _, _, 64, 272>::new(Anything, Anything, Anything);
+    let mut shell = Shell::<_, _, _, 64, ONE_ANSWER>::new(Anything, Anything, Anything);
     shell.power_on(opaque(Instant::ZERO), opaque(Boot::default()));
     loop {
         let shell = opaque(&mut shell);

@@ -13,5 +13,5 @@ static SAVED: Saved<MEMORY> = Saved::new();
 
 #[entry]
 fn main() -> ! {
-    run::<_, MEMORY, ONE_ANSWER, _>(Md3::new, &SAVED, &wires::MD3)
+    run::<_, _, ONE_ANSWER, _>(Md3::new, &SAVED, &wires::MD3)
 }

@@ -13,5 +13,5 @@ static SAVED: Saved<MEMORY> = Saved::new();
 
 #[entry]
 fn main() -> ! {
-    run::<_, MEMORY, ANSWERS, _>(Qsb::d, &SAVED, &wires::QSB)
+    run::<_, _, ANSWERS, _>(Qsb::d, &SAVED, &wires::QSB)
 }

@@ -13,5 +13,5 @@ static SAVED: Saved<MEMORY> = Saved::new();
 
 #[entry]
 fn main() -> ! {
-    run::<_, MEMORY, ANSWERS, _>(Qsb::s, &SAVED, &wires::QSB)
+    run::<_, _, ANSWERS, _>(Qsb::s, &SAVED, &wires::QSB)
 }
