@@ -382,6 +382,8 @@ pub struct Spec {
     pub ports: &'static [PortSpec],
     /// Its pins.
     pub pins: &'static [PinSpec],
+    /// Other names of some of them.
+    pub aliases: &'static [(&'static str, Pin)],
     /// Its axes.
     pub axes: &'static [AxisSpec],
     /// Its encoder inputs.
@@ -401,6 +403,36 @@ pub struct Spec {
 }
 
 impl Spec {
+    /// A device of which there is nothing to tell.
+    pub const BARE: Self = Self {
+        kind: "",
+        product: "",
+        manual: "",
+        ports: &[],
+        pins: &[],
+        aliases: &[],
+        axes: &[],
+        encoders: &[],
+        faults: &[],
+        memory: 0,
+        registers: &Table::EMPTY,
+        variant: u8::MAX,
+        address: None,
+        not_modelled: &[],
+    };
+
+    /// The pin of that name, which may be another one than [`PinSpec::name`].
+    #[must_use]
+    pub fn pin(&self, name: &str) -> Option<Pin> {
+        self.pin_names().find_map(|(known, pin)| (known == name).then_some(pin))
+    }
+
+    /// All names of pins.
+    pub fn pin_names(&self) -> impl Iterator<Item = (&'static str, Pin)> + Clone + use<> {
+        let own = (0..).map(Pin).zip(self.pins).map(|(pin, spec)| (spec.name, pin));
+        own.chain(self.aliases.iter().copied())
+    }
+
     /// The rows that this variant of the product has, and their places in the table.
     pub fn rows(&self) -> impl DoubleEndedIterator<Item = (usize, &'static Row)> + Clone + use<> {
         let variant = self.variant;

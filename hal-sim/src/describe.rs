@@ -27,7 +27,12 @@ pub(crate) fn json(spec: &Spec) -> String {
         pins: spec
             .pins
             .iter()
-            .map(|pin| PinOf { name: pin.name, role: role(pin), rest: level(pin.rest) })
+            .map(|pin| PinOf {
+                name: pin.name,
+                aliases: aliases(spec, pin.name),
+                role: role(pin),
+                rest: level(pin.rest),
+            })
             .collect(),
         axes: spec
             .axes
@@ -78,6 +83,7 @@ struct Port {
 #[derive(Serialize)]
 struct PinOf {
     name: &'static str,
+    aliases: Vec<&'static str>,
     role: &'static str,
     rest: &'static str,
 }
@@ -223,7 +229,11 @@ fn sections(spec: &Spec) -> Vec<Section> {
         let line = port.line.map_or("TCP".into(), |line| line.to_string());
         vec![port.name.into(), line, ends(port.ends).into()]
     });
-    let pins = spec.pins.iter().map(|pin| vec![pin.name.into(), role(pin).into(), level(pin.rest).into()]);
+    let pins = spec.pins.iter().map(|pin| {
+        let mut names = vec![pin.name];
+        names.extend(aliases(spec, pin.name));
+        vec![names.join(", "), role(pin).into(), level(pin.rest).into()]
+    });
     let axes = spec.axes.iter().map(|axis| {
         let (step, direction) = axis.step_dir.map_or_else(Default::default, |(a, b)| (pin(a), pin(b)));
         vec![axis.name.into(), step, direction]
@@ -332,6 +342,12 @@ fn shape(row: &Row) -> String {
 
 fn doc(row: &Row) -> String {
     row.doc.split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
+/// The other names of a pin.
+fn aliases(spec: &Spec, name: &str) -> Vec<&'static str> {
+    let pin = spec.pin(name);
+    spec.aliases.iter().filter(|(_, of)| Some(*of) == pin).map(|(alias, _)| *alias).collect()
 }
 
 fn pin_name(spec: &Spec, pin: Pin) -> &'static str {

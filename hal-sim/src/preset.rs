@@ -144,7 +144,7 @@ fn span(least: i64, greatest: i64) -> String {
 pub(crate) fn why(refused: Refused) -> &'static str {
     match refused {
         Refused::NoSuchRegister => "the drive has no such register",
-        Refused::ReadOnly => "it shows something that cannot be preset",
+        Refused::ReadOnly => "the drive sets it itself",
         Refused::OutOfRange => "the drive does not take the value",
         Refused::BadMemory => "the drive's memory is bad, so what is saved there cannot be changed",
     }
@@ -173,21 +173,7 @@ mod tests {
     fn spec() -> Spec {
         use standin_protocol::registers::Register;
         let _ = (Reg::WORDS, Reg::DeviceAddress, Reg::Speed, Reg::Mode, Reg::Control, Reg::Jog);
-        Spec {
-            kind: "toy",
-            product: "",
-            manual: "",
-            ports: &[],
-            pins: &[],
-            axes: &[],
-            encoders: &[],
-            faults: &[],
-            memory: 0,
-            registers: Reg::TABLE,
-            variant: 1,
-            address: Some(0),
-            not_modelled: &[],
-        }
+        Spec { kind: "toy", registers: Reg::TABLE, variant: 1, address: Some(0), ..Spec::BARE }
     }
 
     fn preset(name: &str, value: &str) -> Result<Preset, String> {

@@ -307,30 +307,14 @@ mod tests {
     use super::*;
     use standin_firmware::device::{Ends, PortSpec};
     use standin_protocol::line::{Line, Parity};
-    use standin_protocol::registers::{Entries, Layout, Table};
 
-    static EMPTY: Table = Table { rows: &[], entries: &Entries::new(&[], Layout::HighFirst, &[], &[]) };
     static PORTS: &[PortSpec] = &[
         PortSpec { name: "rs485", ends: Ends::Silence, line: Some(Line::new(9_600, 8, Parity::Even, 1)) },
         PortSpec { name: "modbus", ends: Ends::Mbap, line: None },
     ];
 
     fn spec(ports: &'static [PortSpec]) -> Spec {
-        Spec {
-            kind: "toy",
-            product: "",
-            manual: "",
-            ports,
-            pins: &[],
-            axes: &[],
-            encoders: &[],
-            faults: &[],
-            memory: 0,
-            registers: &EMPTY,
-            variant: u8::MAX,
-            address: None,
-            not_modelled: &[],
-        }
+        Spec { kind: "toy", ports, ..Spec::BARE }
     }
 
     #[test]

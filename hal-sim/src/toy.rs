@@ -35,13 +35,10 @@ static SPEC: Spec = Spec {
         PinSpec { name: "LED", role: Role::Led, rest: Level::Low },
     ],
     axes: &[AxisSpec { name: "motor", step_dir: None }],
-    encoders: &[],
     faults: &["stall"],
     memory: 10,
     registers: Reg::TABLE,
-    variant: u8::MAX,
-    address: None,
-    not_modelled: &[],
+    ..Spec::BARE
 };
 
 pub(crate) const IN: Pin = Pin(0);

@@ -493,6 +493,9 @@ pub struct Named {
 }
 
 impl Table {
+    /// A map without rows.
+    pub const EMPTY: Self = Self { rows: &[], entries: &Entries::new(&[], Layout::HighFirst, &[], &[]) };
+
     /// The same map with other rows of the same shapes at the same addresses: of a product's variant
     /// with other factory values.
     #[must_use]

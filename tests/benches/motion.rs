@@ -41,16 +41,9 @@ static COUNTER: Spec = Spec {
     kind: "counter",
     product: "counts rising edges",
     manual: "this file",
-    ports: &[],
     pins: &[PinSpec { name: "IN", role: Role::Input, rest: Level::High }],
-    axes: &[],
-    encoders: &[],
-    faults: &[],
-    memory: 0,
     registers: Show::TABLE,
-    variant: u8::MAX,
-    address: None,
-    not_modelled: &[],
+    ..Spec::BARE
 };
 
 /// Counts rising edges, and does nothing else.

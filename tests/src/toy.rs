@@ -29,14 +29,8 @@ static SPEC: Spec = Spec {
         PinSpec { name: "IN", role: Role::Input, rest: Level::High },
         PinSpec { name: "OUT", role: Role::Output, rest: Level::Low },
     ],
-    axes: &[],
-    encoders: &[],
-    faults: &[],
-    memory: 0,
     registers: Reg::TABLE,
-    variant: u8::MAX,
-    address: None,
-    not_modelled: &[],
+    ..Spec::BARE
 };
 
 /// A stream and a pin.

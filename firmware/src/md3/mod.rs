@@ -96,9 +96,9 @@ const fn spec(kind: &'static str, product: &'static str, registers: &'static Tab
         faults: &["over_temperature", "over_current"],
         memory: MEMORY as u16,
         registers,
-        variant: u8::MAX,
         address: Some(Reg::DeviceAddress as usize),
         not_modelled: &["not published (3.2, 7.20): \"Reset Device\", firmware and serial-number updates"],
+        ..Spec::BARE
     }
 }
 

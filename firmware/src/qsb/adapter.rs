@@ -12,7 +12,7 @@ use super::registers::{Reg, Variant, mdr1};
 use super::saved::Save;
 use super::serial::Serial;
 use super::stream::{self, Streams};
-use super::{A, ANALOG, B, I, PWM, Words};
+use super::{A, B, I, Words};
 use crate::counter::{Channel, Ls7366r, status};
 use crate::device::{Duration, Input, Instant, LOGIC_HIGH_MV, Sink};
 
@@ -187,7 +187,7 @@ impl Adapter {
     /// A pin, or what a board has counted.
     pub(super) fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Sink) {
         match input {
-            Input::Edge { pin: A | PWM, high } => self.level(at, high),
+            Input::Edge { pin: A, high } => self.level(at, high),
             Input::Edge { pin: B, high } => {
                 self.pins.b = high;
                 self.count(at, Channel::B, high);
@@ -197,7 +197,7 @@ impl Adapter {
                 self.count(at, Channel::Index, self.index_level());
             }
             Input::Edge { pin, high } => self.line_edge(at, pin, high, out),
-            Input::Millivolts { pin: A | ANALOG, mv } => self.voltage(at, mv),
+            Input::Millivolts { pin: A, mv } => self.voltage(at, mv),
             Input::Count { steps, a, b, .. } => {
                 (self.pins.a, self.pins.b) = (a, b);
                 if self.is_ready() {

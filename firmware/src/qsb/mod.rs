@@ -34,17 +34,14 @@ use crate::memory;
 
 const USB: Port = Port(0);
 const AXIS: Axis = Axis(0);
+/// Also where a PWM or analogue encoder goes.
 const A: Pin = Pin(0);
 const B: Pin = Pin(1);
 const I: Pin = Pin(2);
-/// By another name the contact of A, where a PWM encoder's output goes.
-const PWM: Pin = Pin(3);
-/// By another name the contact of A, where an analogue encoder's output goes.
-const ANALOG: Pin = Pin(4);
-const DIO0: Pin = Pin(5);
-const DIO1: Pin = Pin(6);
-const DIO2: Pin = Pin(7);
-const DIO3: Pin = Pin(8);
+const DIO0: Pin = Pin(3);
+const DIO1: Pin = Pin(4);
+const DIO2: Pin = Pin(5);
+const DIO3: Pin = Pin(6);
 /// The digital port, from bit 0 on.
 const DIO: [Pin; 4] = [DIO0, DIO1, DIO2, DIO3];
 
@@ -63,12 +60,10 @@ const fn pin(name: &'static str, role: Role, rest: Level) -> PinSpec {
 
 /// All variants begin alike: those of the QSB-S, then DIO0 of the QSB-D, then the rest.
 #[rustfmt::skip]
-static PINS: [PinSpec; 9] = [
+static PINS: [PinSpec; 7] = [
     pin("A", Role::Mixed, Level::High),
     pin("B", Role::Input, Level::High),
     pin("I", Role::Input, Level::Low),
-    pin("PWM", Role::Input, Level::High),
-    pin("ANALOG", Role::Analogue, Level::High),
     pin("DIO0", Role::Both, Level::High),
     pin("DIO1", Role::Both, Level::High),
     pin("DIO2", Role::Both, Level::High),
@@ -88,14 +83,14 @@ const fn spec(kind: &'static str, product: &'static str, variant: Variant) -> Sp
         manual: "QSB Command List 1.28",
         ports: &[PortSpec { name: "usb", ends: Ends::Character, line: Some(registers::FACTORY_LINE) }],
         pins,
+        aliases: &[("PWM", A), ("ANALOG", A)],
         axes: if variant.motor { &[AxisSpec { name: "motor", step_dir: Some((DIO1, DIO2)) }] } else { &[] },
         encoders: &[EncoderSpec { a: A, b: B, index: I }],
-        faults: &[],
         memory: MEMORY as u16,
         registers: Reg::TABLE,
         variant: variant.bit,
-        address: None,
         not_modelled: &["DTR low does not hold it in reset", "RTS is not looked at"],
+        ..Spec::BARE
     }
 }
 
@@ -138,7 +133,10 @@ impl Qsb {
             return;
         }
         match character {
-            None => self.lines.spoil(),
+            None => {
+                self.lines.spoil();
+                out.put(at, Output::Note(Note::Dropped { port: USB, why: Why::Spoiled }));
+            }
             Some(BACKSPACE) => self.lines.clear(),
             Some(character) => {
                 if let Some(line) = self.lines.push(character) {

@@ -293,13 +293,13 @@ fn seat(host: &Host, name: &str) -> Result<Seat, Problem> {
 
 /// The pin of that name, which must be one that can be driven from outside.
 fn input(host: &Host, seat: Seat, name: &str) -> Result<Pin, Problem> {
-    let pins = host.bench.spec(seat).pins;
-    let found = (0..).map(Pin).zip(pins).find(|(_, pin)| pin.name == name);
-    let (pin, spec) = found
-        .ok_or_else(|| Problem::not_found(nearest::unknown("pin", name, pins.iter().map(|pin| pin.name))))?;
-    match spec.role {
-        Role::Input | Role::Both | Role::Analogue | Role::Mixed => Ok(pin),
-        Role::Output | Role::Led => Err(Problem::refused(format!("{name} is an output"))),
+    let spec = host.bench.spec(seat);
+    let pin = spec.pin(name).ok_or_else(|| {
+        Problem::not_found(nearest::unknown("pin", name, spec.pin_names().map(|(name, _)| name)))
+    })?;
+    match role(host, seat, pin) {
+        Some(Role::Output | Role::Led) => Err(Problem::refused(format!("{name} is an output"))),
+        _ => Ok(pin),
     }
 }
 

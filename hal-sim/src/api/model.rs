@@ -268,7 +268,9 @@ impl Time {
 impl Drive {
     pub(super) fn of(bench: &bench::Bench, seat: Seat) -> Self {
         let spec = bench.spec(seat);
-        let pins = || (0..).map(Pin).zip(spec.pins);
+        let is_light = |pin: Pin| spec.pins.get(usize::from(pin.0)).is_some_and(|pin| pin.role == Role::Led);
+        let lights = spec.pin_names().filter(|(_, pin)| is_light(*pin));
+        let pins = spec.pin_names().filter(|(_, pin)| !is_light(*pin));
         let faults = (0..).map(standin_firmware::device::Fault).zip(spec.faults);
         let ports = ports_of(bench, seat).filter_map(|(seat, port)| {
             let name = spec.ports.get(usize::from(port.0))?.name;
@@ -279,18 +281,8 @@ impl Drive {
             kind: spec.kind,
             powered: bench.powered(seat),
             registers: InOrder(spec.rows().map(|(row, of)| (of.name, bench.peek(seat, row))).collect()),
-            pins: InOrder(
-                pins()
-                    .filter(|(_, of)| of.role != Role::Led)
-                    .map(|(pin, of)| (of.name, Shown::of(bench.level(seat, pin))))
-                    .collect(),
-            ),
-            leds: InOrder(
-                pins()
-                    .filter(|(_, of)| of.role == Role::Led)
-                    .map(|(pin, of)| (of.name, bench.level(seat, pin) == Level::High))
-                    .collect(),
-            ),
+            pins: InOrder(pins.map(|(name, pin)| (name, Shown::of(bench.level(seat, pin)))).collect()),
+            leds: InOrder(lights.map(|(name, pin)| (name, bench.level(seat, pin) == Level::High)).collect()),
             motion: spec.axes.first().map(|_| Motion::of(bench.motion(seat, Axis(0)))),
             faults: InOrder(faults.map(|(fault, &name)| (name, bench.faulty(seat, fault))).collect()),
             ports: InOrder(ports.collect()),

@@ -1,7 +1,7 @@
 //! Pulses on pins that serve other purposes, too.
 
 use proptest::prelude::*;
-use standin_firmware::device::{AxisSpec, Input, Output, PinSpec, Plan, PortSpec, Role, Sink};
+use standin_firmware::device::{AxisSpec, Input, Output, PinSpec, Plan, Role, Sink};
 use standin_firmware::motion::Rates;
 use standin_protocol::registers::Register;
 use standin_protocol::time::Span;
@@ -29,19 +29,13 @@ static SPEC: Spec = Spec {
     kind: "lender",
     product: "an axis that lends its pins",
     manual: "this file",
-    ports: &[] as &[PortSpec],
     pins: &[
         PinSpec { name: "STEP", role: Role::Both, rest: Level::High },
         PinSpec { name: "DIR", role: Role::Both, rest: Level::High },
     ],
     axes: &[AxisSpec { name: "motor", step_dir: Some((STEP, DIR)) }],
-    encoders: &[],
-    faults: &[],
-    memory: 0,
     registers: Reg::TABLE,
-    variant: u8::MAX,
-    address: None,
-    not_modelled: &[],
+    ..Spec::BARE
 };
 
 #[derive(Default)]

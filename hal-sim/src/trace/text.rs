@@ -617,7 +617,8 @@ impl<'a> Words<'a> {
     }
 
     fn pin(&mut self, spec: &Spec) -> Result<Pin, String> {
-        self.place("pin", spec.pins.iter().map(|pin| pin.name)).map(Pin)
+        let place = self.place("pin", spec.pin_names().map(|(name, _)| name))?;
+        spec.pin_names().nth(place.into()).map(|(_, pin)| pin).ok_or_else(|| "there is no such pin".into())
     }
 
     fn axis(&mut self, spec: &Spec) -> Result<Axis, String> {

@@ -52,7 +52,7 @@ fn the_reference_tells_the_letters_of_a_register() {
         "| 0x06 | Str | STR | u8 | R/S |",
         "| 0x09 | ClearReg | CLEAR REG | u8 | W |",
         "| 0x14 | Version | VERSION | u32 | R |",
-        "| A | digital or analogue input | high |",
+        "| A, PWM, ANALOG | digital or analogue input | high |",
     ] {
         assert!(text.contains(row), "{row}\n{text}");
     }
@@ -81,12 +81,29 @@ fn a_contact_takes_levels_and_voltages() {
     assert_eq!(both, "this input takes a level (low, high or open) or volts, one of them");
     assert!(put("A", "{}").problem(422).contains("{\"level\":\"open\"} and {\"volts\":2.5}"));
     put("B", "{\"volts\":1}").problem(422);
-    put("ANALOG", "{\"level\":\"low\"}").problem(422);
     let text = qsb.call("GET", "/api/trace", "").body;
     let told: Vec<&str> = text.lines().filter_map(|line| Some(line.split_once("> ")?.1)).collect();
     let expected =
         ["millivolts A 1300", "millivolts A 2500", "pin A low", "pin A high", "millivolts A 0", "pin A high"];
     assert_eq!(told, expected);
+}
+
+#[test]
+fn a_contact_with_several_names_is_one() {
+    let qsb = qsb("qsb-s", &[]);
+    let names = ["A", "PWM", "ANALOG"];
+    for by in names {
+        for (body, level) in [
+            ("{\"volts\":0.2}", "low"),
+            ("{\"level\":\"high\"}", "high"),
+            ("{\"level\":\"low\"}", "low"),
+            ("{\"level\":\"open\"}", "high"),
+        ] {
+            assert_eq!(qsb.call("PUT", &format!("/api/drives/qsb-s/pins/{by}"), body).status, 204);
+            let pins = &qsb.drive()["pins"];
+            assert!(names.iter().all(|name| pins[name] == level), "{by} {body}: {pins}");
+        }
+    }
 }
 
 #[test]

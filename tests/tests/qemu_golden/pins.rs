@@ -50,10 +50,8 @@ static MD3: [(&str, Gpio); 13] = [
     ("over_current", Gpio('G', 0)),
 ];
 
-static QSB: [(&str, Gpio); 9] = [
+static QSB: [(&str, Gpio); 8] = [
     ("A", Gpio('D', 4)),
-    // By another name the contact of A.
-    ("PWM", Gpio('D', 4)),
     ("B", Gpio('D', 5)),
     ("I", Gpio('D', 6)),
     ("DTR", Gpio('D', 7)),

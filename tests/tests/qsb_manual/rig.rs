@@ -259,9 +259,7 @@ impl Rig {
     }
 
     pub(crate) fn pin(&self, name: &str) -> Pin {
-        let pins = self.bench.spec(self.seat).pins;
-        let place = pins.iter().position(|pin| pin.name == name);
-        Pin(place.unwrap_or_else(|| panic!("there is no pin {name}")) as u8)
+        self.bench.spec(self.seat).pin(name).unwrap_or_else(|| panic!("there is no pin {name}"))
     }
 
     /// Does something to a pin; it arrives a tick later.

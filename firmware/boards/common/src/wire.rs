@@ -22,8 +22,8 @@ impl End {
     /// What `spec` calls by that name: a pin, or else a fault; `DTR` of a drive that learns of its host.
     #[must_use]
     pub fn of(spec: &Spec, name: &str) -> Option<Self> {
-        if let Some(place) = spec.pins.iter().position(|pin| pin.name == name) {
-            return u8::try_from(place).ok().map(|place| Self::Pin(Pin(place)));
+        if let Some(pin) = spec.pin(name) {
+            return Some(Self::Pin(pin));
         }
         if let Some(place) = spec.faults.iter().position(|fault| *fault == name) {
             return u8::try_from(place).ok().map(|place| Self::Fault(Fault(place)));

@@ -15,7 +15,7 @@ use std::vec::Vec;
 use standin_protocol::registers::Register;
 use standin_protocol::time::Span;
 
-use super::{A, ANALOG, B, DIO0, DIO1, DIO2, DIO3, I, MEMORY, PWM, Qsb, Reg, USB};
+use super::{A, B, DIO0, DIO1, DIO2, DIO3, I, MEMORY, Qsb, Reg, USB};
 use crate::device::{
     Boot, Device, Duration, Encoder, Input, Instant, Level, Line, Note, Output, Pin, Refused, Sink, Why,
     advance,

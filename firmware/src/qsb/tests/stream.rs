@@ -268,16 +268,16 @@ fn pwm_and_analogue_stream_by_value() {
     bed.write("W0002");
     bed.write("W0B3");
     bed.write("W0C1");
-    bed.volts(ANALOG, 0);
+    bed.volts(A, 0);
     bed.command_at(tick(16), "S0E");
     bed.texts();
     bed.run_until(tick(20));
     assert_eq!(bed.texts(), [], "the stamp of the packet goes on, the value does not");
     // 9.77 mV are two counts, 14.7 mV three.
-    bed.volts(ANALOG, 10);
+    bed.volts(A, 10);
     bed.run_until(tick(22));
     assert_eq!(bed.texts(), []);
-    bed.volts(ANALOG, 15);
+    bed.volts(A, 15);
     bed.run_until(tick(24));
     // 23 ticks are 44.92 ms: 89 units of 500 µs.
     assert_eq!(bed.texts(), [(tick(23), "s 0E 0059F003 !".into())]);

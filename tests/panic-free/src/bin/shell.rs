@@ -32,21 +32,7 @@ extern "C" fn start() -> ! {
     }
 }
 
-static SPEC: Spec = Spec {
-    kind: "",
-    product: "",
-    manual: "",
-    ports: &[],
-    pins: &[],
-    axes: &[],
-    encoders: &[],
-    faults: &[],
-    memory: 0,
-    registers: Reg::TABLE,
-    variant: u8::MAX,
-    address: None,
-    not_modelled: &[],
-};
+static SPEC: Spec = Spec { registers: Reg::TABLE, ..Spec::BARE };
 
 impl Device for Anything {
     fn spec(&self) -> &'static Spec {
