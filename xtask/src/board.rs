@@ -145,7 +145,7 @@ pub(crate) fn hint(kind: &str, address: &str) -> String {
     let spec = standin_firmware::devices!(specs).into_iter().find(|spec| spec.kind == kind);
     match spec.and_then(|spec| spec.ports.first()).map(|port| port.ends) {
         Some(Ends::Character) => {
-            format!("what it counts, with socat:\n  printf 'R0E\\r' | socat -t 1 - tcp:{address}")
+            format!("what it counts, with socat:\n  (printf 'R0E\\r'; sleep 1) | socat - tcp:{address}")
         }
         _ => format!(
             "its first 32 registers, with mbpoll, RTU over TCP:\n  \

@@ -1,5 +1,6 @@
 //! Pulses on pins that serve other purposes, too.
 
+use fixed::types::I24F8;
 use proptest::prelude::*;
 use standin_firmware::device::{AxisSpec, Input, Output, PinSpec, Plan, Role, Sink};
 use standin_firmware::motion::Rates;
@@ -16,7 +17,7 @@ standin_protocol::registers! {
     /// What a lender does.
     enum Reg: HighFirst {
         /// 0 to 2: STEP low, high, let go; 3 to 5: DIR. 6: a plan at rest; 7 and 8: one of two steps, forward
-        /// and back; 9 and 10: a wave on STEP, on DIR. Reads the edges seen.
+        /// and back; 9 and 10: a wave on STEP, on DIR; 11: 200,000 steps/s at once. Reads the edges seen.
         Do = rw(0, "1"),
     }
 }
@@ -74,7 +75,13 @@ impl Device for Lender {
             _ => 0,
         };
         // Its first step after sqrt(2/200) s, its second and last one after as much again.
-        let plan = Plan::profile(at, 0, steps, Rates::even(1_000_u16.into(), 200));
+        let plan = match value {
+            11 => {
+                let ramp = Plan::rest(at - 1.millis(), 0);
+                ramp.towards(at - 1.millis(), I24F8::from_num(200_000), i32::MAX as u32).resumed(at, 0)
+            }
+            _ => Plan::profile(at, 0, steps, Rates::even(1_000_u16.into(), 200)),
+        };
         out.put(
             at,
             match value {
@@ -205,6 +212,19 @@ fn the_direction_is_low_when_a_plan_takes_it() {
         bed.bench.run_until(550.millis());
         assert_eq!(bed.levels(bed.lender), [Level::Low, Level::High]);
     }
+}
+
+#[test]
+fn a_plan_that_turns_the_direction_at_once_is_heard() {
+    let mut bed = Bed::new(true);
+    for what in [0, 3] {
+        bed.poke(5, what);
+    }
+    bed.poke(10, 11);
+    bed.bench.run_until(10_003.micros());
+    // It has come 190.687 steps in the 1 ms before, of which 93 µs were a ramp: the next one is 1.57 µs away.
+    assert_eq!(bed.heard(10)[2..], ["D+ 10000", "S+ 10001.5625"]);
+    assert_eq!(bed.levels(bed.ear), bed.levels(bed.lender));
 }
 
 #[test]
