@@ -24,9 +24,9 @@ fn variants_have_their_registers_and_pins_only() {
     let listed = String::from_utf8(standin(&["list"]).stdout).unwrap();
     // Products of a register: "-D, -M, -S" or some of them.
     for (kind, pins, lacks) in [
-        ("qsb-d", 6, &["MdStepRate", "MdAccel", "MdMoveSteps", "MdJogRate", "MdStatus", "MotorDrive"][..]),
-        ("qsb-m", 9, &[]),
-        ("qsb-s", 5, &["DigIO", "DigIOConfig", "MdStepRate", "MdStatus", "MotorDrive"]),
+        ("qsb-d", 4, &["MdStepRate", "MdAccel", "MdMoveSteps", "MdJogRate", "MdStatus", "MotorDrive"][..]),
+        ("qsb-m", 7, &[]),
+        ("qsb-s", 3, &["DigIO", "DigIOConfig", "MdStepRate", "MdStatus", "MotorDrive"]),
     ] {
         assert!(listed.contains(kind), "{listed}");
         let described = describe(kind);
