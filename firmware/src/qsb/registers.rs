@@ -27,8 +27,8 @@ pub(super) const S: Variant = Variant { bit: 1 << 2, letter: b'S', digit: 2, lin
 standin_protocol::registers! {
     /// What the letters R, W and S name; the settings behind them a command or the maker sets.
     pub enum Reg: ObjectsHighFirst {
-        /// Bits 1:0 what encoder is read: 0 quadrature or step/direction, 1 PWM, 2 analogue, both at
-        /// A, also named PWM and ANALOG. Bit 4 reads 1 while a 12-bit PWM encoder is seen.
+        /// Bits 1:0 what encoder is read: 0 quadrature or step/direction, 1 PWM, 2 analogue. Bit 4
+        /// reads 1 while a 12-bit PWM encoder is seen.
         Mode = rw(0x00, "MODE").u8().one_of(&[0, 1, 2, 4, 5, 6, 8, 9, 10, 12, 13, 14, 16, 17, 18]).saved(),
         /// Reads the levels of DIO3 to DIO0, writes their open-drain outputs.
         DigIO = rw(0x01, "DIG I/O").u8().range(0, 0xF).reset(0xF).saved().streams().only(D.bit | M.bit),
@@ -45,7 +45,7 @@ standin_protocol::registers! {
         Mdr1 = rw(0x04, "MDR1").range(0, 0x1FF).saved(),
         /// The count at the last index or input edge that captured it.
         Capture = ro(0x05, "CAPTURE").u32().streams(),
-        /// The counter's flags, from bit 7 down: CY, BW, CMP, IDX, CEN, PLS, U/D, S.
+        /// Bits 7:0 CY, BW, CMP, IDX, CEN, PLS, U/D and S of the counter.
         Str = ro(0x06, "STR").u8().reset(0x0A).streams(),
         /// The count now.
         Otr = ro(0x07, "OTR").u32(),
