@@ -76,7 +76,7 @@ pub(super) struct Response {
 impl Response {
     /// As it leaves under this EOR, with a time stamp if that asks for one.
     pub(super) fn text(self, eor: u16, time_stamp: u32) -> Text {
-        let mut text = Text::new(eor & eor::SPACES != 0);
+        let mut text = Text { characters: Vec::new(), spaces: eor & eor::SPACES != 0 };
         text.put(self.letter);
         text.field(u32::from(self.register), 2);
         text.field(self.data, 8);
@@ -95,27 +95,18 @@ impl Response {
 }
 
 /// What the variant of this letter says when it has started.
-pub(super) fn banner(letter: u8) -> Text {
-    let mut text = Text::new(false);
-    text.put_all(b"QSB-");
-    text.put(letter);
-    text.put_all(b"  ");
-    text.field(u32::from(FIRMWARE), 2);
-    text.put_all(b"!\r\n");
-    text
+pub(super) fn banner(letter: u8) -> [u8; 12] {
+    let (high, low) = (digit(FIRMWARE >> 4), digit(FIRMWARE));
+    [b'Q', b'S', b'B', b'-', letter, b' ', b' ', high, low, b'!', b'\r', b'\n']
 }
 
-/// The characters of a response, 26 at most, or of the banner.
+/// The characters of a response: 26 at most.
 pub(super) struct Text {
     characters: Vec<u8, 26>,
     spaces: bool,
 }
 
 impl Text {
-    fn new(spaces: bool) -> Self {
-        Self { characters: Vec::new(), spaces }
-    }
-
     pub(super) fn as_bytes(&self) -> &[u8] {
         &self.characters
     }
@@ -123,12 +114,6 @@ impl Text {
     fn put(&mut self, character: u8) {
         // There is room for the longest response.
         let _ = self.characters.push(character);
-    }
-
-    fn put_all(&mut self, characters: &[u8]) {
-        for character in characters {
-            self.put(*character);
-        }
     }
 
     fn space(&mut self) {
@@ -141,14 +126,14 @@ impl Text {
     fn field(&mut self, value: u32, digits: u32) {
         self.space();
         for place in (0..digits).rev() {
-            self.put(digit(value >> (4 * place)));
+            self.put(digit((value >> (4 * place)) as u8));
         }
     }
 }
 
 /// The lowest four bits as an upper-case hexadecimal digit.
-fn digit(value: u32) -> u8 {
-    match (value & 0xF) as u8 {
+fn digit(value: u8) -> u8 {
+    match value & 0xF {
         ten @ 10.. => b'A' + (ten - 10),
         nine => b'0' + nine,
     }

@@ -21,15 +21,15 @@ impl Adapter {
             Reg::TimeStamp => self.clock.number(at).into(),
             Reg::ReadEncoder => self.encoder_register(at).into(),
             Reg::MdStatus => self.motor.status(at).into(),
-            Reg::Version => self.version(),
+            Reg::Version => self.version().into(),
             _ => self.bank.get(reg),
         }
     }
 
     /// VERSION: decimal digits of the serial number, then the product and the firmware.
-    fn version(&self) -> i64 {
-        let mut version = i64::from(self.variant.digit) << 8 | i64::from(FIRMWARE);
-        let mut serial = self.bank.get(Reg::SerialNumber);
+    fn version(&self) -> u32 {
+        let mut version = u32::from(self.variant.digit) << 8 | u32::from(FIRMWARE);
+        let mut serial = self.bank.get(Reg::SerialNumber) as u32;
         for digit in 3..8 {
             version |= (serial % 10) << (4 * digit);
             serial /= 10;

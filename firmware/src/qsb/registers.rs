@@ -27,15 +27,15 @@ pub(super) const S: Variant = Variant { bit: 1 << 2, letter: b'S', digit: 2, lin
 standin_protocol::registers! {
     /// What the letters R, W and S name; the settings behind them a command or the maker sets.
     pub enum Reg: ObjectsHighFirst {
-        /// Bits 1:0 what encoder is read: 0 quadrature or step/direction, 1 PWM, 2 analogue, these two
-        /// at A, whose other names are PWM and ANALOG. Bit 4 reads 1 while a 12-bit PWM encoder is seen.
+        /// Bits 1:0 what encoder is read: 0 quadrature or step/direction, 1 PWM, 2 analogue. Bit 4
+        /// reads 1 while a 12-bit PWM encoder is seen.
         Mode = rw(0x00, "MODE").u8().one_of(&[0, 1, 2, 4, 5, 6, 8, 9, 10, 12, 13, 14, 16, 17, 18]).saved(),
         /// Reads the levels of DIO3 to DIO0, writes their open-drain outputs.
         DigIO = rw(0x01, "DIG I/O").u8().range(0, 0xF).reset(0xF).saved().streams().only(D.bit | M.bit),
         /// Bits 3:0 which edge captures, 1 the falling one; 7:4 that it does; 11:8 which pins are
         /// outputs; 12 that a trigger makes a pulse on DIO0. A write lets all pins go high.
         DigIOConfig = rw(0x02, "DIG I/O CONFIG").range(0, 0x1FFF).saved().only(D.bit | M.bit)
-            .not_modelled("not modelled: step pulses of the QSB-M's own motor drive do not capture"),
+            .not_modelled("not modelled: the motor's own steps do not capture"),
         /// Bits 1:0 non-quadrature, x1, x2, x4; 3:2 free-running, single-cycle, range-limit, modulo-n;
         /// 5:4 the index does nothing, loads CNTR, clears it, loads OTR; 6 synchronous index; 7 half the
         /// filter's clock.
@@ -45,7 +45,7 @@ standin_protocol::registers! {
         Mdr1 = rw(0x04, "MDR1").range(0, 0x1FF).saved(),
         /// The count at the last index or input edge that captured it.
         Capture = ro(0x05, "CAPTURE").u32().streams(),
-        /// From bit 7 down CY, BW, CMP, IDX, CEN, PLS, U/D and S of the counter.
+        /// Bits 7:0 CY, BW, CMP, IDX, CEN, PLS, U/D and S of the counter.
         Str = ro(0x06, "STR").u8().reset(0x0A).streams(),
         /// The count now.
         Otr = ro(0x07, "OTR").u32(),
@@ -78,8 +78,8 @@ standin_protocol::registers! {
         Version = ro(0x14, "VERSION").u32(),
         /// How responses are formatted: bit 0 LF, 1 CR, 2 time stamp, 3 spaces between fields.
         Eor = rw(0x15, "EOR").u8().range(0, 0xF).reset(0xB).saved(),
-        /// 1 ends streams, 3 saves, x0A sets the baud rate. The others are the QSB-M's: 0 deactivates
-        /// the motor drive, 2 activates it, 4 stops, 5 quits, 6 pauses, 7 resumes, 8 moves, 9 jogs.
+        /// 1 ends streams, 3 saves, x0A sets the baud rate. Of the QSB-M: 0 ends the motor drive, 2
+        /// begins it, 4 stops, 5 quits, 6 pauses, 7 resumes, 8 moves, 9 jogs.
         Command = wo(0x16, "COMMAND").u32().one_of(&[
             0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 0x00A, 0x10A, 0x20A, 0x30A, 0x40A, 0x50A, 0x60A, 0x70A,
         ]),
