@@ -7,36 +7,20 @@
 mod count;
 #[path = "support/mod.rs"]
 mod support;
+#[path = "support/world.rs"]
+mod world;
 
 use std::hint::black_box;
 
-use standin_firmware::device::{Boot, Device, Duration, Input, Instant, Output, Pin, Port, Sink};
+use standin_firmware::device::{Boot, Device, Duration, Input, Instant, Pin, Port, Sink};
 use standin_firmware::qsb::Qsb;
 
 use support::{line, took};
+use world::World;
 
 /// The pins that count, by their places in the spec.
 const A: Pin = Pin(0);
 const B: Pin = Pin(1);
-
-/// Keeps the last answer.
-#[derive(Default)]
-struct World {
-    answer: Vec<u8>,
-}
-
-impl Sink for World {
-    fn put(&mut self, _at: Instant, output: Output<'_>) {
-        if let Output::Bytes { bytes, .. } = output {
-            self.answer.clear();
-            self.answer.extend_from_slice(bytes);
-        }
-    }
-
-    fn memory(&self) -> &[u8] {
-        &[0xFF; 128]
-    }
-}
 
 /// A QSB-M of which the compiler knows nothing here.
 struct Adapter {

@@ -7,6 +7,8 @@
 mod count;
 #[path = "support/mod.rs"]
 mod support;
+#[path = "support/world.rs"]
+mod world;
 
 use std::hint::black_box;
 
@@ -14,11 +16,12 @@ use rmodbus::server::ModbusFrame;
 use rmodbus::server::context::ModbusContext;
 use rmodbus::server::storage::ModbusStorage;
 use rmodbus::{ModbusFrameBuf, ModbusProto};
-use standin_firmware::device::{Boot, Device, Duration, Input, Instant, Output, Port, Sink};
+use standin_firmware::device::{Boot, Device, Duration, Input, Instant, Port, Sink};
 use standin_firmware::md3::Md3;
 use standin_protocol::modbus::rtu;
 
 use support::{line, took};
+use world::World;
 
 /// The first register and how many.
 const FIRST: u16 = 0x10;
@@ -45,25 +48,6 @@ struct Standin {
     world: World,
     request: Vec<u8>,
     at: Instant,
-}
-
-/// Keeps the last answer.
-#[derive(Default)]
-struct World {
-    answer: Vec<u8>,
-}
-
-impl Sink for World {
-    fn put(&mut self, _at: Instant, output: Output<'_>) {
-        if let Output::Bytes { bytes, .. } = output {
-            self.answer.clear();
-            self.answer.extend_from_slice(bytes);
-        }
-    }
-
-    fn memory(&self) -> &[u8] {
-        &[0xFF; 128]
-    }
 }
 
 impl Slave for Standin {

@@ -1,0 +1,22 @@
+//! The world of a drive that is only asked.
+
+use standin_firmware::device::{Instant, Output, Sink};
+
+/// Keeps the last answer.
+#[derive(Default)]
+pub(crate) struct World {
+    pub(crate) answer: Vec<u8>,
+}
+
+impl Sink for World {
+    fn put(&mut self, _at: Instant, output: Output<'_>) {
+        if let Output::Bytes { bytes, .. } = output {
+            self.answer.clear();
+            self.answer.extend_from_slice(bytes);
+        }
+    }
+
+    fn memory(&self) -> &[u8] {
+        &[0xFF; 128]
+    }
+}
