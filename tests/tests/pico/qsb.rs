@@ -174,3 +174,35 @@ fn dtr_resets_it() {
     let run = play(&script, end);
     assert_eq!(said(&run, START, end), ["w 0B 00000005 !", "QSB-M  0E!", "r 0B 00000000 !"]);
 }
+
+#[test]
+#[ignore = "needs the emulator and the image of the board: `cargo xtask test` brings both"]
+fn what_command_3_saves_outlasts_the_power_and_every_command_is_heard_again_50_ms_later() {
+    const COMMANDS: usize = 20;
+    let mut script = Script::fast();
+    let mut at = START;
+    // Until sectors have to be erased, which takes longest.
+    for _ in 0..70 {
+        at = say(&mut script, at, &["W163"]) + 20 * MS;
+    }
+    let begin = at;
+    let mut expected = Vec::new();
+    for n in 0..30 {
+        at = say(&mut script, at, &[&format!("W0B{n:X}"), "W163"]) + 50 * MS;
+        script.hear(at, "R0B\r".repeat(COMMANDS).as_bytes());
+        at += 30 * MS;
+        expected.extend([format!("w 0B {n:08X} !"), "w 16 00000003 !".to_owned()]);
+        expected.extend(vec![format!("r 0B {n:08X} !"); COMMANDS]);
+    }
+    // Not saved.
+    let off = say(&mut script, at, &["W0BFF"]);
+    script.at(off, "power off");
+    script.at(off + MS, "power on");
+    let asked = off + MS + START;
+    let end = say(&mut script, asked, &["R0B"]);
+    let run = play(&script, end);
+    let erased = run.did.iter().filter(|(at, did)| *at > begin && matches!(did, Did::Erased(_))).count();
+    assert!(erased > 0, "no sector was erased while commands came");
+    assert_eq!(said(&run, begin, at), expected);
+    assert_eq!(said(&run, asked, end), ["r 0B 0000001D !"]);
+}
