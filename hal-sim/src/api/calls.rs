@@ -80,10 +80,14 @@ pub(super) async fn pulse_pin(
                 "a train has at least 1 pulse, and 0.000001 to 8000000 of them a second",
             ));
         }
+        let duty = pulses.duty.unwrap_or(0.5);
+        if !(duty > 0.0 && duty < 1.0) {
+            return Err(Problem::refused("the duty of a pulse is between 0 and 1"));
+        }
         if role(host, seat, pin) == Some(Role::Analogue) {
             return Err(Problem::refused("an analogue input takes no pulses"));
         }
-        let begun = host.bench.pulse(seat, pin, pulses.count, pulses.hz);
+        let begun = host.bench.pulse_width(seat, pin, pulses.count, pulses.hz, duty);
         begun.map_err(|busy| Problem::conflict(busy.to_string()))?;
         Ok(StatusCode::NO_CONTENT)
     })

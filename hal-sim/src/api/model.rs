@@ -165,6 +165,9 @@ pub(super) struct Pulses {
     /// Pulses per second of bench time.
     #[schema(minimum = 0.000001, maximum = 8000000)]
     pub(super) hz: f64,
+    /// The share of its period that a pulse takes; half of it if not said.
+    #[schema(exclusive_minimum = 0, exclusive_maximum = 1)]
+    pub(super) duty: Option<f64>,
 }
 
 /// A turn of an encoder.

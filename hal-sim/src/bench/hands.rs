@@ -50,12 +50,22 @@ impl Bench {
     }
 
     /// A train of `count` pulses on an input pin, away from its present level and back, `hz` a
-    /// second (limited to 0.5 µHz to 8 MHz). Edges are made one by one as time comes to them, each at
-    /// the tick nearest to its instant.
+    /// second (limited to 0.5 µHz to 8 MHz), each of half its period. Edges are made one by one as time comes
+    /// to them, each at the tick nearest to its instant.
     ///
     /// # Errors
     /// One runs there already, or an encoder turns.
     pub fn pulse(&mut self, seat: Seat, pin: Pin, count: u32, hz: f64) -> Result<(), Busy> {
+        self.pulse_width(seat, pin, count, hz, 0.5)
+    }
+
+    /// As [`pulse`](Self::pulse), with pulses that take the share `duty` of their period, as a PWM encoder
+    /// makes them: from 0 to 1, but a tick at least, and a tick less than the period at most. Not a number
+    /// counts as a half.
+    ///
+    /// # Errors
+    /// As [`pulse`](Self::pulse).
+    pub fn pulse_width(&mut self, seat: Seat, pin: Pin, count: u32, hz: f64, duty: f64) -> Result<(), Busy> {
         let start = self.now + Duration::TICK;
         if self.runs(seat, pin) {
             return Err(Busy);
@@ -64,7 +74,11 @@ impl Bench {
         state.trains = state.trains.wrapping_add(1);
         let number = state.trains;
         let count = 2 * u64::from(count);
-        let edges = EdgeTrain { start, ticks_per_edge: ticks_per_edge(2.0 * hz), made: 0, count };
+        let ticks_per_edge = ticks_per_edge(2.0 * hz);
+        let most = ticks_per_edge - 1.0;
+        let duty = if duty.is_nan() { 0.5 } else { duty };
+        let second_later = ((2.0 * duty - 1.0) * ticks_per_edge).clamp(-most, most);
+        let edges = EdgeTrain { start, ticks_per_edge, second_later, made: 0, count };
         state.train = Some(PulseTrain { edges, rest: state.is_high(), before: state.hands });
         self.schedule(start, Class::Pin, seat.0, What::Pulse { pin, number });
         Ok(())
@@ -116,7 +130,8 @@ impl Bench {
         state.back = counts < 0;
         let number = state.turns;
         let count = u64::from(counts.unsigned_abs());
-        state.edges = Some(EdgeTrain { start, ticks_per_edge: ticks_per_edge(hz), made: 0, count });
+        state.edges =
+            Some(EdgeTrain { start, ticks_per_edge: ticks_per_edge(hz), second_later: 0.0, made: 0, count });
         self.schedule(start, Class::Pin, seat.0, What::Encoder { encoder, number });
         Ok(())
     }

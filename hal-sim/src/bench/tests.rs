@@ -585,6 +585,28 @@ fn pulses_are_made_edge_by_edge() {
 }
 
 #[test]
+fn pulses_take_their_share_of_a_period() {
+    // A period of 16,000 ticks; low from the first tick on, for a quarter of it, or as near as ticks go.
+    for (duty, low) in [(0.25, 4_000), (0.75, 12_000), (0.0, 1), (1.0, 15_999), (1e-9, 1)] {
+        let mut bench = Bench::new();
+        let toy = bench.add::<Toy>("toy");
+        bench.pulse_width(toy, toy::IN, 2, 1_000.0, duty).unwrap();
+        for (ticks, level) in [
+            (1, Level::Low),
+            (low, Level::Low),
+            (low + 1, Level::High),
+            (16_000, Level::High),
+            (16_001, Level::Low),
+            (16_000 + low, Level::Low),
+            (16_001 + low, Level::High),
+        ] {
+            bench.run_until(Instant::from_ticks(ticks));
+            assert_eq!(bench.level(toy, toy::IN), level, "{duty}: {ticks}");
+        }
+    }
+}
+
+#[test]
 fn a_wave_is_seen_without_events() {
     let mut bench = Bench::new();
     let toy = bench.add::<Toy>("toy");

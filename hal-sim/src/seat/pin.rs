@@ -126,6 +126,8 @@ impl Signal {
 pub(crate) struct EdgeTrain {
     pub(crate) start: Instant,
     pub(crate) ticks_per_edge: f64,
+    /// Ticks by which every second edge comes later than that.
+    pub(crate) second_later: f64,
     /// Edges made.
     pub(crate) made: u64,
     /// Edges to make in all.
@@ -136,7 +138,8 @@ impl EdgeTrain {
     /// When the next edge is; `None` after the last one.
     pub(crate) fn due(&self) -> Option<Instant> {
         // Exact below 2^53, to the nearest; beyond the end of time the conversion saturates.
-        let ticks = (self.made as f64 * self.ticks_per_edge + 0.5) as u64;
+        let later = if self.made % 2 == 1 { self.second_later } else { 0.0 };
+        let ticks = (self.made as f64 * self.ticks_per_edge + later + 0.5) as u64;
         (self.made < self.count).then_some(self.start + Duration::from_ticks(ticks))
     }
 }

@@ -89,6 +89,33 @@ fn a_contact_takes_levels_and_voltages() {
 }
 
 #[test]
+fn a_pwm_encoder_is_a_train_of_pulses_with_a_duty() {
+    let qsb = qsb("qsb-s", &["--set", "Mode=1"]);
+    let post = |body: &str| qsb.call("POST", "/api/drives/qsb-s/pins/PWM/pulses", body);
+    let set = "/api/drives/qsb-s/pins/PWM";
+    assert_eq!(qsb.call("PUT", set, "{\"level\":\"low\"}").status, 204);
+    // Ten-bit, 1 kHz: 0.25 × 1,026 − 1 is 255.5. Twelve-bit, 250 Hz: 0.75 × 4,098 − 1 is 3,072.5, and B4.
+    for (pulses, mode, value) in [
+        ("{\"count\":10,\"hz\":1000,\"duty\":0.25}", 0x01, 255),
+        ("{\"count\":10,\"hz\":250,\"duty\":0.75}", 0x11, 3_072),
+        ("{\"count\":10,\"hz\":250}", 0x11, 2_048),
+    ] {
+        assert_eq!(post(pulses).status, 204, "{pulses}");
+        qsb.advance(0.05);
+        let registers = &qsb.drive()["registers"];
+        assert_eq!(
+            (&registers["Mode"], &registers["ReadEncoder"]),
+            (&mode.into(), &value.into()),
+            "{pulses}"
+        );
+    }
+    for wrong in ["0", "1", "-0.5", "1.5"] {
+        let told = post(&format!("{{\"count\":1,\"hz\":250,\"duty\":{wrong}}}")).problem(422);
+        assert_eq!(told, "the duty of a pulse is between 0 and 1");
+    }
+}
+
+#[test]
 fn a_contact_with_several_names_is_one() {
     let qsb = qsb("qsb-s", &[]);
     let names = ["A", "PWM", "ANALOG"];
