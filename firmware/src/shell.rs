@@ -139,6 +139,8 @@ struct Hands<O, const MEMORY: usize, const CHARACTERS: usize> {
     characters: Characters<CHARACTERS>,
     /// How long one takes on the line, as the drive said last.
     character: Duration,
+    /// Time on the line of all messages that did not fit: the drive reckons with it, the line does not.
+    lost: Duration,
     /// How far the drive's time is behind the board's.
     behind: Duration,
     failures: u32,
@@ -191,6 +193,7 @@ impl<D: Device, I: Inputs, O: Outputs, const MEMORY: usize, const CHARACTERS: us
             messages: Deque::new(),
             characters: Characters { kept: Vec::new(), gone: 0 },
             character: Duration::ZERO,
+            lost: Duration::ZERO,
             behind: Duration::ZERO,
             failures: 0,
         };
@@ -430,8 +433,11 @@ impl<O: Outputs, const MEMORY: usize, const CHARACTERS: usize> Sink for Hands<O,
         let at = at + self.behind;
         match output {
             Output::Bytes { port, bytes } => {
-                let queued = self.queue(port, at, bytes);
-                self.failures = self.failures.saturating_add(u32::from(!queued));
+                // What a drive puts behind an answer that was lost would wait for nothing.
+                if !self.queue(port, at - self.lost, bytes) {
+                    self.lost = self.lost + self.character * bytes.len() as u64;
+                    self.failures = self.failures.saturating_add(1);
+                }
             }
             Output::Line { port, line } => {
                 self.character = line.character();

@@ -104,6 +104,7 @@ impl Adapter {
         self.finish_save(at, out);
         self.motor.deactivate(at, out);
         let motor = self.motor.clone();
+        self.serial.forget();
         let Self { variant, fast, pins, serial, .. } = *self;
         *self = Self { fast, pins, serial, motor, ..Self::new(variant) };
         self.start(at, out);

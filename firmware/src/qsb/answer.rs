@@ -13,7 +13,6 @@ impl Adapter {
     /// A line has come: carries out its command, and answers.
     pub(super) fn execute(&mut self, at: Instant, line: &Line<LINE_CHARACTERS>, out: &mut dyn Sink) {
         self.catch_up(at, out);
-        let rate = self.rate();
         let response = match command::parse(line) {
             Ok(command) => self.answer(at, command, out),
             Err(register) => unsupported(register),
@@ -27,7 +26,7 @@ impl Adapter {
             }),
         );
         self.respond(at, response, out);
-        self.follow_rate(at, rate, out);
+        self.serial.set_rate(at, self.rate(), out);
         self.note_changes(at);
     }
 
@@ -79,13 +78,6 @@ impl Adapter {
     /// The rate of command A.
     pub(super) fn rate(&self) -> u8 {
         self.bank.word(Reg::BaudRate) as u8
-    }
-
-    /// Changes the line if the rate is not `before` any more.
-    pub(super) fn follow_rate(&mut self, at: Instant, before: u8, out: &mut dyn Sink) {
-        if self.rate() != before {
-            self.serial.set_rate(at, self.rate(), out);
-        }
     }
 }
 

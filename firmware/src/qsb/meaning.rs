@@ -169,14 +169,13 @@ impl Adapter {
             return if saved { self.preset(at, reg, kept(reg, value), out) } else { Err(Refused::ReadOnly) };
         }
         self.catch_up(at, out);
-        let rate = self.rate();
         match reg {
             // Only command 3 fills these in.
             Reg::MotorDrive | Reg::Streams => return Err(Refused::ReadOnly),
             Reg::TimeStamp => self.clock.set_number(at, value as u32),
             _ if !row.access.writes() => return Err(Refused::ReadOnly),
             _ if !self.write(at, reg, value, out) => return Err(Refused::OutOfRange),
-            _ => self.follow_rate(at, rate, out),
+            _ => self.serial.set_rate(at, self.rate(), out),
         }
         self.note_changes(at);
         Ok(())

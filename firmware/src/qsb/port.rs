@@ -4,8 +4,10 @@ use super::DIO;
 use super::adapter::Adapter;
 use super::clock::TICK;
 use super::registers::{Reg, config};
-use crate::device::{Instant, Level, Output, Pin, Sink};
+use crate::device::{Duration, Instant, Level, Output, Pin, Sink};
 
+/// The filter of the counter holds back no edge for longer.
+const FILTER: Duration = Duration::micros(1);
 /// DIO1 and DIO2, which the motor drive takes.
 const MOTOR_LINES: u8 = 0b0110;
 /// DIO2, the motor's direction.
@@ -44,7 +46,10 @@ impl Adapter {
         let falling = config & word << config::FALLING != 0;
         if self.is_ready() && input && config & word << config::CAPTURES != 0 && falling != high {
             self.catch_up(at, out);
-            self.bank.set(Reg::Capture, i64::from(self.counter.cntr()));
+            // Edges of A and B that came before count, though the filter still holds them back.
+            let mut counter = self.counter.clone();
+            counter.timeout(at + FILTER);
+            self.bank.set(Reg::Capture, i64::from(counter.cntr()));
         }
     }
 

@@ -7,6 +7,8 @@ use crate::device::{Duration, Instant, Output, Sink};
 /// The sending half of the port.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Serial {
+    /// The rate of command A that was set.
+    rate: Option<u8>,
     character: Duration,
     /// When all that was put has left.
     sent: Instant,
@@ -14,7 +16,7 @@ pub(super) struct Serial {
 
 impl Serial {
     pub(super) fn new(at: Instant) -> Self {
-        Self { character: FACTORY_LINE.character(), sent: at }
+        Self { rate: None, character: FACTORY_LINE.character(), sent: at }
     }
 
     /// When the line is free.
@@ -29,8 +31,17 @@ impl Serial {
         self.sent = from + self.character * bytes.len() as u64;
     }
 
-    /// Changes to a rate of command A behind all that is still leaving.
+    /// Forgets what is still leaving, which it does all the same.
+    pub(super) fn forget(&mut self) {
+        self.sent = Instant::ZERO;
+    }
+
+    /// Changes to a rate of command A behind all that is still leaving, unless that is set.
     pub(super) fn set_rate(&mut self, at: Instant, rate: u8, out: &mut dyn Sink) {
+        if self.rate == Some(rate) {
+            return;
+        }
+        self.rate = Some(rate);
         let line = line(rate);
         self.character = line.character();
         out.put(self.sent.max(at), Output::Line { port: USB, line });

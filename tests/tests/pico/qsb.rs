@@ -177,6 +177,31 @@ fn dtr_resets_it() {
 
 #[test]
 #[ignore = "needs the emulator and the image of the board: `cargo xtask test` brings both"]
+fn a_host_that_is_there_before_it_has_power_resets_nothing() {
+    let mut script = Script::fast();
+    script.at(0, format_args!("pin {DTR} low"));
+    let run = play(&script, START);
+    assert_eq!(said(&run, 0, START), ["QSB-M  0E!"]);
+}
+
+#[test]
+#[ignore = "needs the emulator and the image of the board: `cargo xtask test` brings both"]
+fn after_a_flood_it_answers_as_soon_as_what_was_kept_has_left() {
+    let mut script = Script::fast();
+    // 1,000 commands in 174 ms, of which the answers would take 737 ms.
+    script.hear(START, "R14\r".repeat(1_000).as_bytes());
+    let asked = START + 250 * MS;
+    script.hear(asked, b"R0B\r");
+    let dtr = asked + 10 * MS;
+    script.at(dtr, format_args!("pin {DTR} low"));
+    let end = dtr + 60 * MS;
+    let run = play(&script, end);
+    assert_eq!(said(&run, asked, dtr), ["r 0B 00000000 !"]);
+    assert_eq!(said(&run, dtr, end), ["QSB-M  0E!"]);
+}
+
+#[test]
+#[ignore = "needs the emulator and the image of the board: `cargo xtask test` brings both"]
 fn what_command_3_saves_outlasts_the_power_and_every_command_is_heard_again_50_ms_later() {
     const COMMANDS: usize = 20;
     let mut script = Script::fast();

@@ -58,6 +58,10 @@ pub(crate) fn begin() {
         for input in inputs {
             input.gpio.listen(true);
             let high = input.gpio.settle();
+            if matches!(input.end, End::Dtr(_)) {
+                // A host that is there already has not come now.
+                input.high = high;
+            }
             input.tell(clock::now(), high);
         }
     });

@@ -107,7 +107,14 @@ pub(crate) fn start<const N: usize>(spec: &Spec, wires: &[Wire; N]) -> [(Option<
         }
     }
     settle();
-    for (_, pin) in &wired {
+    for (end, pin) in &wired {
+        if matches!(end, Some(End::Dtr(_))) {
+            // A host that is there already has not come now.
+            critical_section::with(|cs| {
+                let told = TOLD.borrow(cs);
+                told.set(told.get() & !pin.gpios | IN.read() & pin.gpios);
+            });
+        }
         pin.listen(true);
     }
     wired

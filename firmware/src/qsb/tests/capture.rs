@@ -218,3 +218,18 @@ fn a_write_of_the_port_ends_a_pulse() {
     bed.wait(200.secs());
     assert_eq!(bed.levels(DIO0, from), []);
 }
+
+#[test]
+fn edges_that_the_filter_holds_back_count_before_a_capture() {
+    let mut bed = Bed::ready(Qsb::m());
+    bed.write("W0343");
+    bed.write("W02010");
+    bed.turn(3);
+    // The fourth edge is B rising. DIO0 rises at that very instant.
+    bed.pin(DIO0, false);
+    let (port, at) = (bed.ask("R0E"), bed.now);
+    assert_eq!(port, "r 0E 00000003 !");
+    bed.input(at, Input::Edge { pin: B, high: true });
+    bed.input(at, Input::Edge { pin: DIO0, high: true });
+    assert_eq!(bed.ask("R05"), "r 05 00000004 !");
+}
