@@ -2,7 +2,7 @@
 
 use standin_protocol::registers::Register;
 
-use super::adapter::Adapter;
+use super::adapter::{Adapter, let_in};
 use super::encoder::Pwm;
 use super::motor::{Order, Settings};
 use super::registers::{FIRMWARE, Reg, mdr1};
@@ -147,7 +147,7 @@ impl Adapter {
     pub(super) fn peek(&self, at: Instant, row: usize) -> i64 {
         let Some(reg) = Reg::from_row(row) else { return 0 };
         let mut then = self.clone();
-        then.counter.timeout(at);
+        let_in(&mut then.counter, at);
         then.value(at, reg)
     }
 

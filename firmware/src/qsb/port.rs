@@ -1,7 +1,7 @@
 //! The digital port: levels, captures, and the pulse of a trigger.
 
 use super::DIO;
-use super::adapter::Adapter;
+use super::adapter::{Adapter, let_in};
 use super::clock::TICK;
 use super::registers::{Reg, config};
 use crate::device::{Duration, Instant, Level, Output, Pin, Sink};
@@ -46,11 +46,16 @@ impl Adapter {
         let falling = config & word << config::FALLING != 0;
         if self.is_ready() && input && config & word << config::CAPTURES != 0 && falling != high {
             self.catch_up(at, out);
-            // Edges of A and B that came before count, though the filter still holds them back.
-            let mut counter = self.counter.clone();
-            counter.timeout(at + FILTER);
-            self.bank.set(Reg::Capture, i64::from(counter.cntr()));
+            let count = self.count_with_edges(at);
+            self.bank.set(Reg::Capture, i64::from(count));
         }
+    }
+
+    /// The count with the edges of A and B that have come by `at`, though the filter still holds them back.
+    fn count_with_edges(&self, at: Instant) -> u32 {
+        let mut counter = self.counter.clone();
+        let_in(&mut counter, at + FILTER);
+        counter.cntr()
     }
 
     /// Something happened to the counter that MDR1 selects.
