@@ -5,6 +5,7 @@
 //! tells it what happens and when, wakes it at its [deadline](Device::deadline), and does what it
 //! puts into the [`Sink`]. [`advance`] is the one place where inputs and deadlines are merged.
 
+use fixed::types::I48F16;
 pub use standin_protocol::line::Line;
 pub use standin_protocol::modbus::Why;
 use standin_protocol::registers::{Named, Row, Table};
@@ -131,6 +132,27 @@ pub enum Input<'a> {
         /// It is there.
         on: bool,
     },
+    /// Of a motor: what a drive's axis may carry, as [`Output::Current`] says.
+    Current {
+        /// Which axis.
+        axis: Axis,
+        /// Peak current in mA; 0 opens the terminals.
+        ma: u32,
+    },
+    /// Of a motor: what turns it, as [`Output::Duty`] says.
+    Duty {
+        /// Which axis.
+        axis: Axis,
+        /// Duty in 1/65536 of the supply, signed.
+        duty: i32,
+    },
+    /// The motor on an axis draws another current.
+    Draws {
+        /// Which axis.
+        axis: Axis,
+        /// In mA, signed as the duty is: what brakes it has the other sign.
+        ma: i32,
+    },
     /// A board took a plan late, so that many more steps were made than the plan says; never in the
     /// simulator.
     Slipped {
@@ -206,19 +228,26 @@ pub enum Output<'a> {
         /// How many, signed.
         steps: i32,
     },
-    /// What holds or turns the motor.
+    /// What may hold or turn the motor.
     Current {
         /// Which axis.
         axis: Axis,
-        /// Peak current in mA.
+        /// Peak current in mA; 0 opens the terminals.
         ma: u32,
     },
     /// What turns a motor without steps.
     Duty {
         /// Which axis.
         axis: Axis,
-        /// Duty in 1/65536, signed.
+        /// Duty in 1/65536, signed; 0 shorts the terminals.
         duty: i32,
+    },
+    /// Of a motor: the current that it draws from now on.
+    Draws {
+        /// Which axis.
+        axis: Axis,
+        /// In mA, signed as the duty is.
+        ma: i32,
     },
     /// Bytes of the non-volatile memory. A power cut leaves any prefix of them.
     Store {
@@ -448,6 +477,19 @@ impl Spec {
     }
 }
 
+/// What a motor does at an instant.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Shaft {
+    /// Where it is, in counts of its drive; wraps.
+    pub position: i32,
+    /// Counts per second, signed.
+    pub speed: I48F16,
+    /// What turns it: the duty of the supply, in 1/65536, signed.
+    pub duty: i32,
+    /// What it draws, in mA, signed as the duty is.
+    pub ma: i32,
+}
+
 /// A drive, or anything else that sits on a bench.
 pub trait Device {
     /// What it is.
@@ -474,6 +516,11 @@ pub trait Device {
     /// # Errors
     /// The row refuses it; nothing has changed then.
     fn poke(&mut self, at: Instant, row: usize, value: i64, out: &mut dyn Sink) -> Result<(), Refused>;
+
+    /// What the motor on an axis does; `None` where a plan says it, or nobody knows.
+    fn shaft(&self, _at: Instant, _axis: Axis) -> Option<Shaft> {
+        None
+    }
 }
 
 /// Brings `device` to `now` and returns its next deadline.

@@ -7,7 +7,9 @@
 //! | [`md3`] | US Digital MD3, stepper drive |
 //! | [`memory`] | saved registers and their CRC |
 //! | [`motion`] | plans: position and speed at any instant, and every step |
+//! | [`motor`] | motors that are not there |
 //! | [`qsb`] | US Digital QSB, encoder adapter |
+//! | [`rs434`] | RS 434544 and 434546, brush motor controllers |
 //! | [`shell`] | the main loop of a board, over embedded-hal, embedded-io and nb |
 //!
 //! No `std`, no clock, no socket, no board, no float, no heap, no `unsafe`, no panic.
@@ -32,7 +34,9 @@ pub mod device;
 pub mod md3;
 pub mod memory;
 pub mod motion;
+pub mod motor;
 pub mod qsb;
+pub mod rs434;
 pub mod shell;
 
 /// The one list of drives: hands a constructor of each kind, of type `fn() -> impl Device`, to a
@@ -46,6 +50,8 @@ macro_rules! devices {
             $crate::qsb::Qsb::d,
             $crate::qsb::Qsb::m,
             $crate::qsb::Qsb::s,
+            $crate::rs434::rs434544,
+            $crate::rs434::rs434546,
         }
     };
 }

@@ -468,6 +468,8 @@ impl<O: Outputs, const MEMORY: usize, const CHARACTERS: usize> Sink for Hands<O,
             Output::Step { axis, steps } => self.outputs.step(axis, steps),
             Output::Current { axis, ma } => self.outputs.current(axis, ma),
             Output::Duty { axis, duty } => self.outputs.duty(axis, duty),
+            // Only a motor that is there would tell.
+            Output::Draws { .. } => {}
             Output::Note(note) => log(note),
             // No board has a network yet: a drive that wants one has no image.
             Output::Message { .. } | Output::Close { .. } => {

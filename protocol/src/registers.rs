@@ -520,6 +520,13 @@ impl Table {
 }
 
 impl Entries {
+    /// The same map with other entries of the same shapes at the same addresses: of a product's variant with
+    /// other limits.
+    #[must_use]
+    pub const fn with_list(&self, list: &'static [Entry]) -> Self {
+        Self { list, ..*self }
+    }
+
     /// For [`registers!`](crate::registers!).
     #[doc(hidden)]
     #[must_use]
@@ -662,9 +669,15 @@ impl<R: Register, const WORDS: usize> Bank<R, WORDS> {
     /// A bank with the factory values.
     #[must_use]
     pub fn factory() -> Self {
+        Self::of(R::ENTRIES)
+    }
+
+    /// A bank with the factory values of a variant of the product.
+    #[must_use]
+    pub fn of(entries: &Entries) -> Self {
         let mut bank = Self { words: [0; WORDS], registers: PhantomData };
-        for (index, row) in R::ENTRIES.list.iter().enumerate() {
-            R::ENTRIES.put(&mut bank.words, index, row.reset);
+        for (index, row) in entries.list.iter().enumerate() {
+            entries.put(&mut bank.words, index, row.reset);
         }
         bank
     }

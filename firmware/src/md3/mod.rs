@@ -224,7 +224,10 @@ impl Device for Md3 {
             | Input::Attached { .. }
             | Input::Message { .. }
             | Input::Closed { .. }
-            | Input::Millivolts { .. } => {}
+            | Input::Millivolts { .. }
+            | Input::Current { .. }
+            | Input::Duty { .. }
+            | Input::Draws { .. } => {}
         }
     }
 

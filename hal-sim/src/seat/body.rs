@@ -231,8 +231,9 @@ impl Body {
                 }
             }
             Output::Note(note) => self.count(note),
-            // A store has its own way; of connections only the trace tells so far.
-            Output::Store { .. } | Output::Message { .. } | Output::Close { .. } => {}
+            // A store has its own way; of connections only the trace tells so far. No motor has a seat of its
+            // own yet.
+            Output::Store { .. } | Output::Message { .. } | Output::Close { .. } | Output::Draws { .. } => {}
         }
     }
 

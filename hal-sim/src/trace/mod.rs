@@ -239,7 +239,7 @@ pub enum Did {
 }
 
 impl Did {
-    /// What `output` is in a trace; `None` for a note.
+    /// What `output` is in a trace; `None` for a note, and for what a motor says to its drive.
     #[must_use]
     pub fn of(output: Output<'_>) -> Option<Self> {
         Some(match output {
@@ -254,7 +254,7 @@ impl Did {
             Output::Current { axis, ma } => Self::Current { axis, ma },
             Output::Duty { axis, duty } => Self::Duty { axis, duty },
             Output::Store { offset, bytes } => Self::Store { offset, bytes: bytes.to_vec() },
-            Output::Note(_) => return None,
+            Output::Note(_) | Output::Draws { .. } => return None,
         })
     }
 

@@ -48,6 +48,22 @@ pub trait Map {
 
     /// A register, or a half of it, has been written: do what it means.
     fn written(&mut self, register: Self::Register);
+
+    /// What the bus goes by: of a variant of the product its own limits.
+    fn entries(&self) -> &'static Entries {
+        Self::Register::ENTRIES
+    }
+
+    /// Whether a value that its row accepts may be written now.
+    ///
+    /// # Errors
+    /// The exception that refuses it.
+    fn permits(&self, _register: Self::Register, _value: i64) -> Result<(), Exception> {
+        Ok(())
+    }
+
+    /// A value outside the range of its row was refused.
+    fn out_of_range(&mut self, _register: Self::Register) {}
 }
 
 /// What became of a frame.
@@ -71,6 +87,17 @@ pub enum Outcome {
 pub fn serve_rtu<M: Map>(frame: &[u8], unit: u8, rules: &Rules, map: &mut M, reply: &mut Frame) -> Outcome {
     reply.clear();
     let Some(body) = rtu::checked(frame) else { return Outcome::Dropped(Why::Crc) };
+    let outcome = serve_serial(body, unit, rules, map, reply);
+    if !reply.is_empty() {
+        rtu::seal(reply);
+    }
+    outcome
+}
+
+/// Carries out what a frame of a serial line holds, an address and a PDU, for the slave `unit`, and leaves
+/// the same of the reply in `reply`, which stays empty for a broadcast and for what is dropped.
+pub fn serve_serial<M: Map>(body: &[u8], unit: u8, rules: &Rules, map: &mut M, reply: &mut Frame) -> Outcome {
+    reply.clear();
     let Some((&address, pdu)) = body.split_first() else { return Outcome::Dropped(Why::Length) };
     let broadcast = rules.broadcast == Some(address);
     if address != unit && !broadcast {
@@ -92,8 +119,6 @@ pub fn serve_rtu<M: Map>(frame: &[u8], unit: u8, rules: &Rules, map: &mut M, rep
     };
     if broadcast {
         reply.clear();
-    } else {
-        rtu::seal(reply);
     }
     Outcome::Served { unit: address, function, refused }
 }
@@ -163,7 +188,7 @@ fn read<M: Map>(
         READ_INPUT_REGISTERS => Space::Input,
         _ => Space::Holding,
     };
-    let entries = M::Register::ENTRIES;
+    let entries = map.entries();
     let range = entries.readable(space, first, count).ok_or(Exception::IllegalDataAddress)?;
     if entries.has_live() {
         for row in entries.live_rows_at(&range) {
@@ -201,7 +226,7 @@ fn write<M: Map>(
     rules: &Rules,
     map: &mut M,
 ) -> Result<(), Exception> {
-    let entries = M::Register::ENTRIES;
+    let entries = map.entries();
     let word = |n: usize| match space {
         Space::Coil => values.get(n / 8).map_or(0, |byte| u16::from(byte >> (n % 8) & 1)),
         _ => values.get(2 * n..).and_then(<[u8]>::first_chunk).map_or(0, |&word| u16::from_be_bytes(word)),
@@ -217,9 +242,16 @@ fn write<M: Map>(
             return Err(rules.bad_quantity);
         }
         // Halves are judged when the value is used.
-        if whole && !row.accepts(entries.assemble(row.shape, |n| word(part.offset + n))) {
+        if !whole {
+            continue;
+        }
+        let value = entries.assemble(row.shape, |n| word(part.offset + n));
+        let register = M::Register::from_row(part.row).ok_or(Exception::IllegalDataAddress)?;
+        if !row.accepts(value) {
+            map.out_of_range(register);
             return Err(rules.bad_value);
         }
+        map.permits(register, value)?;
     }
     for part in Parts::new(entries, space, first, count).flatten() {
         let place = entries.place(part.row) + usize::from(part.first);

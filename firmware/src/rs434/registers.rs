@@ -1,0 +1,229 @@
+//! The registers of an RS 434544 or 434546, under the names of the manual's chapter 6.
+
+use standin_protocol::line::{Line, Parity};
+use standin_protocol::registers::{Entries, Entry, Register, Row, Table, entries};
+
+/// What the two models differ in.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) enum Model {
+    /// Up to 20 A.
+    Rs434544,
+    /// Up to 40 A.
+    Rs434546,
+}
+
+const NOT_KNOWN: &str = "the manual prints x";
+
+standin_protocol::registers! {
+    /// All four address spaces of Modbus. 32-bit values have the low word first.
+    #[allow(non_camel_case_types, reason = "the names are the manual's")]
+    pub enum Reg: LowFirst {
+        /// 1 while the contact IN1 is closed, not debounced.
+        IN1_bit = discrete(0x1000, "6.1").live(),
+        /// 1 while the contact IN2 is closed, not debounced.
+        IN2_bit = discrete(0x1001, "6.1").live(),
+        /// 1 while the contact HARD_STOP is closed, as operation wants it.
+        IN_HARD_STOP_bit = discrete(0x1002, "6.1").live(),
+
+        /// 1 starts the motor with ACC; reads 0.
+        START_bit = coil(0x2000, "6.2"),
+        /// 1 stops it with DEC; reads 0.
+        STOP_bit = coil(0x2001, "6.2"),
+        /// 1 stops it without a ramp; reads 0.
+        HARD_STOP_bit = coil(0x2002, "6.2"),
+        /// 1 makes CURRENT_POSITION 0; reads 0.
+        CLR_POSITION_bit = coil(0x2003, "6.2"),
+
+        /// 0 the motor stands, 1 it turns forward, 2 backward.
+        STATUS = input(0x3000, "6.3").range(0, 2).live(),
+        /// What the motor draws, in mA.
+        CURRENT_VALID = input(0x3001, "6.3").live(),
+        /// How fast it turns, in rpm.
+        SPEED_VALID = input(0x3002, "6.3").live(),
+        /// Edges of the Hall sensors, forward less backward.
+        CURRENT_POSITION = input(0x3003, "6.3").i32().live(),
+        /// Of the processor, in 0.1 °C.
+        TEMPERATURE_MCU = input(0x3005, "6.3").reset(250).live(),
+        /// Of the power circuit, in 0.1 °C.
+        TEMPERATURE_MOSFET = input(0x3006, "6.3").reset(250).live(),
+        /// Of the brake circuit, in 0.1 °C.
+        TEMPERATURE_BRAKE = input(0x3007, "6.3").reset(250).live(),
+        /// Another random number at each read.
+        TASK_COUNTER = input(0x3008, "6.3").live(),
+        /// 1 stopped by the bus, 2 started by the bus, 3 started by power-on, 4 runs, 5 ended by END,
+        /// 6 by ENDF, 7 by an error.
+        STATUS_USER_PROGRAM = input(0x3009, "6.3").range(1, 7).reset(1).live(),
+
+        /// Address on the bus; 0 obeys broadcasts and answers nothing. Holds after a save and a restart.
+        SLAVE_ADDRESS_MODBUS = rw(0x5000, "6.4").range(0, 247).reset(1).saved(),
+        /// 1 ASCII 7E1, 2 ASCII 7O1, 3 RTU 8E1, 4 RTU 8O1, 5 RTU 8N2. Holds after a save and a restart.
+        TYPE_MODBUS = rw(0x5001, "6.4").range(1, 5).reset(3).saved(),
+        /// 0 to 10: 600, 1,200, 2,400, 4,800, 9,600, 14,400, 19,200, 38,400, 57,600, 115,200, 128,000 baud.
+        /// Holds after a save and a restart.
+        BITRATE_MODBUS = rw(0x5002, "6.4").range(0, 10).reset(9).saved(),
+        /// Delay of every reply, in ms.
+        TIMEOUT_BROADCAST_MODBUS = rw(0x5003, "6.4").saved(),
+
+        /// 1 the bus starts the motor, 2 the inputs do.
+        MODE_DEVICE = rw(0x5004, "6.5").range(1, 2).reset(1).saved(),
+        /// 1 stops the user program, 2 starts it, 3, saved, starts it at power-on.
+        MODE_USER_PROGRAM = rw(0x5005, "6.5").range(1, 3).reset(1).saved(),
+        /// 1 continuous rotation, 2 by OFFSET, 3 to the position POSITION_N.
+        MODE_ROTATION = rw(0x5006, "6.5").range(1, 3).reset(1).saved(),
+        /// What IN1 and IN2 do, 1 to 5.
+        MODE_EXT_IN = rw(0x5007, "6.5").range(1, 5).reset(1).saved(),
+        /// To which of the four positions.
+        POSITION_N = rw(0x5008, "6.5").range(1, 4).reset(1).saved(),
+        /// The most that the motor may draw, in mA.
+        REF_CURRENT = rw(0x5009, "6.5").range(1_000, 20_000).reset(20_000).saved(),
+        /// How fast the motor turns at its full voltage, in rpm.
+        RATED_SPEED = rw(0x500A, "6.5").range(1_000, 15_000).reset(3_000).saved(),
+        /// How fast it is to turn, in rpm.
+        SPEED = rw(0x500B, "6.5").range(30, 15_000).reset(1_000).saved(),
+        /// How it speeds up: 10 is 100 rps², 1,000 is 5,000 rps², linear between.
+        ACC = rw(0x500C, "6.5").range(10, 1_000).reset(100).saved(),
+        /// How it slows down, in the unit of ACC.
+        DEC = rw(0x500D, "6.5").range(10, 1_000).reset(100).saved(),
+        /// 1 forward, 2 backward.
+        DIRECTION = rw(0x500E, "6.5").range(1, 2).reset(1).saved(),
+        /// Pulses of one Hall sensor in a turn.
+        PULSES_PER_REVOLUTION = rw(0x500F, "6.5").range(1, 12).reset(4).saved(),
+        /// How many Hall sensors there are.
+        USE_HALL = rw(0x5010, "6.5").range(0, 2).reset(2).saved(),
+        /// The motor's terminals while it stands: 0 open, 1 closed.
+        MODE_COIL = rw(0x5011, "6.5").range(0, 1).saved(),
+        /// Counts by which the point moves where a move stops, along the motion.
+        OFFSET_COMPENSATION = rw(0x5012, "6.5").i16().saved(),
+        /// How long a contact must be closed for a pulse, in ms.
+        PRESSED_INPUTS_EXTERN = rw(0x5013, "6.1").reset(10).saved(),
+        /// How long it must be open behind one, in ms.
+        WAITED_INPUTS_EXTERN = rw(0x5014, "6.1").reset(10).saved(),
+        /// Counts to go; counts down to 0 as they are gone.
+        OFFSET = rw(0x5015, "6.5").i32().saved().live(),
+        /// Not 0: what every start copies to OFFSET.
+        OFFSET_CONST = rw(0x5017, "6.5").i32().saved(),
+        /// Where a move to a position goes: the start copies one of the four.
+        TARGET_POSITION = rw(0x5019, "6.5").i32().saved(),
+        /// Position 1.
+        TARGET_POSITION1 = rw(0x501B, "6.5").i32().saved(),
+        /// Position 2.
+        TARGET_POSITION2 = rw(0x501D, "6.5").i32().saved(),
+        /// Position 3.
+        TARGET_POSITION3 = rw(0x501F, "6.5").i32().saved(),
+        /// Position 4; not saved.
+        TARGET_POSITION4 = rw(0x5021, "6.5").i32(),
+        /// A bit for each error. Writing 0 clears bits 8 and 11 to 15; the others stay until a restart.
+        ERROR = rw(0x5023, "6.5").live(),
+        /// 0x37FA saves 5000h to 5020h; reads 0.
+        FLAG_SAVE_INI = rw(0x5024, "6.5").one_of(&[0, key::SAVE]),
+        /// 0x8426 saves the user program from the buffer, 0x9346 brings it back there; reads 0.
+        FLAG_SAVE_USER_PROGRAM = rw(0x5025, "6.5").one_of(&[0, key::SAVE_PROGRAM, key::LOAD_PROGRAM]),
+        /// 0x95AF restarts; reads 0.
+        FLAG_RESTART = rw(0x5026, "6.5").one_of(&[0, key::RESTART]),
+
+        /// Moves CMD_W to this line of the buffer.
+        WRITE_CMD = rw(0x6000, "6.6").range(0, 1_023),
+        /// An instruction for WRITE_CMD: the command, then its data.
+        CMD_W = rw(0x6001, "6.6").u32(),
+        /// Moves this line of the buffer to CMD_R.
+        READ_CMD = rw(0x6003, "6.6").range(0, 1_023),
+        /// The instruction that READ_CMD brought: the command, then its data.
+        CMD_R = rw(0x6004, "6.6").u32(),
+
+        /// Of the user program.
+        AX_REG = rw(0x7000, "6.7").live(),
+        /// Of the user program.
+        BX_REG = rw(0x7001, "6.7").live(),
+        /// Of the user program.
+        CX_REG = rw(0x7002, "6.7").live(),
+        /// Of the user program.
+        DX_REG = rw(0x7003, "6.7").live(),
+        /// Of the user program.
+        EX_REG = rw(0x7004, "6.7").live(),
+        /// Of the user program.
+        FX_REG = rw(0x7005, "6.7").live(),
+        /// The line that the user program is at.
+        PC_REG = ro(0x7006, "6.7").live(),
+        /// Of the user program.
+        GX_REG = rw(0x7007, "6.7").live(),
+        /// Of the user program.
+        HX_REG = rw(0x7008, "6.7").live(),
+        /// Of the user program.
+        IX_REG = rw(0x7009, "6.7").live(),
+        /// Of the user program.
+        JX_REG = rw(0x700A, "6.7").live(),
+
+        /// Driver type: 1001 is the RS 434544, 1002 the RS 434546.
+        HW_MAJOR = input(0x8001, "6.8").reset(1_001),
+        /// Hardware version.
+        HW_MINOR = input(0x8002, "6.8").reset(1).not_modelled(NOT_KNOWN),
+        /// Software identifier.
+        FW_MAJOR = input(0x8003, "6.8").reset(1).not_modelled(NOT_KNOWN),
+        /// Software version.
+        FW_MINOR = input(0x8004, "6.8").reset(1).not_modelled(NOT_KNOWN),
+    }
+}
+
+/// What the key registers want (6.5).
+pub(super) mod key {
+    pub(in crate::rs434) const SAVE: i64 = 0x37FA;
+    pub(in crate::rs434) const SAVE_PROGRAM: i64 = 0x8426;
+    pub(in crate::rs434) const LOAD_PROGRAM: i64 = 0x9346;
+    pub(in crate::rs434) const RESTART: i64 = 0x95AF;
+}
+
+/// The rows of the RS 434546.
+#[expect(clippy::indexing_slicing, reason = "only ever evaluated by the compiler")]
+const ROWS_434546: [Row; Reg::ROWS.len()] = {
+    let mut rows = Reg::ROWS;
+    let current = Reg::REF_CURRENT as usize;
+    rows[current] = rows[current].range(2_000, 40_000).reset(40_000);
+    let model = Reg::HW_MAJOR as usize;
+    rows[model] = rows[model].reset(1_002);
+    rows
+};
+
+/// The map of the RS 434546.
+pub(super) static TABLE_434546: Table = {
+    static ROWS: [Row; Reg::ROWS.len()] = ROWS_434546;
+    static LIST: [Entry; Reg::ROWS.len()] = entries(&ROWS_434546);
+    static ENTRIES: Entries = Reg::ENTRIES.with_list(&LIST);
+    Table { rows: &ROWS, entries: &ENTRIES }
+};
+
+impl Model {
+    /// What the bus goes by.
+    pub(super) fn entries(self) -> &'static Entries {
+        match self {
+            Self::Rs434544 => Reg::ENTRIES,
+            Self::Rs434546 => TABLE_434546.entries,
+        }
+    }
+}
+
+/// The line of a new drive (6).
+pub(super) const FACTORY_LINE: Line = line(3, 9);
+
+/// The line of a TYPE_MODBUS and a BITRATE_MODBUS (6.4).
+pub(super) const fn line(kind: u16, bitrate: u16) -> Line {
+    let baud = match bitrate {
+        0 => 600,
+        1 => 1_200,
+        2 => 2_400,
+        3 => 4_800,
+        4 => 9_600,
+        5 => 14_400,
+        6 => 19_200,
+        7 => 38_400,
+        8 => 57_600,
+        9 => 115_200,
+        _ => 128_000,
+    };
+    match kind {
+        1 => Line::new(baud, 7, Parity::Even, 1),
+        2 => Line::new(baud, 7, Parity::Odd, 1),
+        3 => Line::new(baud, 8, Parity::Even, 1),
+        4 => Line::new(baud, 8, Parity::Odd, 1),
+        _ => Line::new(baud, 8, Parity::None, 2),
+    }
+}
