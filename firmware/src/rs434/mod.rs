@@ -6,7 +6,7 @@
 #![expect(dead_code, reason = "being built")]
 
 mod drive;
-mod program;
+pub mod program;
 mod registers;
 mod servo;
 

@@ -6,7 +6,7 @@
 //! | `instruction` | fields of a line, the table of commands |
 //! | `vm` | what a line does |
 
-pub(super) mod instruction;
+pub mod instruction;
 pub(super) mod vm;
 
 use super::LINES;
