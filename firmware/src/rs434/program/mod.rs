@@ -202,9 +202,9 @@ impl Program {
         self.flash != Content::Bad
     }
 
-    /// Where a line begins in the memory; `None` in a new one.
-    fn place(&self, line: u16) -> Option<usize> {
-        (self.flash != Content::New).then_some(SETTINGS + 4 * usize::from(line))
+    /// Whether nothing was ever saved.
+    fn is_new(&self) -> bool {
+        self.flash == Content::New
     }
 
     /// No line is carried out any more.

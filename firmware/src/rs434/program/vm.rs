@@ -5,7 +5,7 @@ use standin_protocol::registers::Space;
 
 use super::Program;
 use super::instruction::{Command, Condition, Form, Instruction, Operation};
-use crate::rs434::LINES;
+use crate::rs434::{LINES, SETTINGS};
 
 /// The system registers, AX to JX.
 pub(in crate::rs434) const REGISTERS: usize = 10;
@@ -95,8 +95,11 @@ fn carry_out(world: &mut impl World) -> Option<Step> {
     let instruction = Instruction(fetch(world, line)?);
     let vm = &mut world.program().vm;
     vm.line = line;
-    let command = instruction.command()?;
-    vm.next = line + command.lines();
+    vm.next = line + 1;
+    let Some(command) = instruction.command() else {
+        // A new flash, all ones, is a program that ends at once.
+        return world.program().is_new().then_some(Step::End);
+    };
     let Command { operation, wide, form } = command;
     let (register, data) = (instruction.register().into(), instruction.data());
     let bus = || Some((space(instruction.space())?, data));
@@ -147,17 +150,16 @@ fn carry_out(world: &mut impl World) -> Option<Step> {
 }
 
 /// A line of the flash; `None` past the last one.
-fn fetch(world: &mut impl World, line: u16) -> Option<u32> {
-    let line = existing(line)?;
-    let place = world.program().place(line);
-    // A new flash has no program, which reads as one that ends at once.
-    place.map_or(Some(0), |place| world.memory().get(place..)?.first_chunk().copied().map(u32::from_le_bytes))
+fn fetch(world: &impl World, line: u16) -> Option<u32> {
+    let place = SETTINGS + 4 * usize::from(existing(line)?);
+    world.memory().get(place..)?.first_chunk().copied().map(u32::from_le_bytes)
 }
 
 /// uCMD_DATA, the line behind this one; of 16 bits its low half.
 fn constant(world: &mut impl World, wide: bool) -> Option<u32> {
-    let line = world.program().vm.line + 1;
+    let line = world.program().vm.next;
     let constant = fetch(world, line)?;
+    world.program().vm.next = line + 1;
     Some(if wide { constant } else { constant & 0xFFFF })
 }
 
