@@ -6,6 +6,7 @@
 #![expect(dead_code, reason = "being built")]
 
 mod drive;
+mod port;
 mod program;
 mod registers;
 mod servo;
