@@ -7,7 +7,7 @@
 
 mod drive;
 mod port;
-mod program;
+pub mod program;
 mod registers;
 mod servo;
 
