@@ -152,7 +152,6 @@ impl Drive {
         (self.motion, self.next) = (Motion::None, None);
         self.servo = Servo::new(at, motion::settings(&self.bank), out);
         self.inputs.forget();
-        self.show(at, out);
     }
 
     /// When anything but the program is due.
@@ -176,7 +175,6 @@ impl Drive {
             self.servo.timeout(at, out);
         }
         self.inputs_timeout(at, out);
-        self.show(at, out);
     }
 
     /// From when on it hears what comes; `None` while that cannot be told.
@@ -207,11 +205,10 @@ impl Drive {
     }
 
     /// The motor draws so many mA.
-    pub(super) fn draws(&mut self, at: Instant, ma: i32, out: &mut dyn Sink) {
+    pub(super) fn draws(&mut self, at: Instant, ma: i32) {
         let brakes = ma.signum() * i32::from(self.servo.direction()) < 0;
         self.thermal.draws(at, ma.unsigned_abs(), brakes);
         self.servo.draws(at, ma);
-        self.show(at, out);
     }
 
     /// A register as it reads now.
@@ -306,7 +303,6 @@ impl Drive {
                 }
             }
         }
-        self.show(at, out);
     }
 
     /// The value of a key register, which reads 0 again.
@@ -361,7 +357,6 @@ impl Drive {
         if self.state == State::Ready {
             self.look_for_errors(at, out);
         }
-        self.show(at, out);
         Ok(())
     }
 
