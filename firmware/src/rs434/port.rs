@@ -18,7 +18,7 @@ pub(super) struct Serial {
     /// The time of a character.
     character: Duration,
     ears: Ears,
-    /// What ends until then is lost.
+    /// What ends before is lost.
     hears_from: Instant,
 }
 
@@ -33,17 +33,21 @@ impl Serial {
         Self { character: line.character(), ears, hears_from: Instant::ZERO }
     }
 
-    /// Power comes, or comes again: the line is `line`, and what had come of a message is forgotten. Characters
-    /// that end at `hears_from` or before it are lost; with [`Instant::NEVER`] it hears nothing, until
-    /// [`hear_from`](Self::hear_from).
+    /// Power has come, or comes again: the line is `line`, and what had come of a message is forgotten. Characters
+    /// that end before `hears_from` are lost.
     pub(super) fn power_on(&mut self, at: Instant, line: Line, hears_from: Instant, out: &mut dyn Sink) {
         *self = Self { hears_from, ..Self::new(line) };
         out.put(at, Output::Line { port: RS485, line });
     }
 
-    /// Characters that end at `from` or before it are lost.
-    pub(super) fn hear_from(&mut self, from: Instant) {
-        self.hears_from = from;
+    /// What had come of a message is forgotten, and all that comes is lost until
+    /// [`power_on`](Self::power_on).
+    pub(super) fn mute(&mut self) {
+        self.hears_from = Instant::NEVER;
+        match &mut self.ears {
+            Ears::Rtu(receiver) => receiver.clear(),
+            Ears::Ascii(receiver) => receiver.clear(),
+        }
     }
 
     /// Characters that follow each other without a gap; `at` is the end of the first one. In ASCII none
@@ -61,7 +65,7 @@ impl Serial {
 
     /// A character that nobody could read ended at `at`. Whether the drive heard it.
     pub(super) fn spoiled(&mut self, at: Instant) -> bool {
-        let hears = at > self.hears_from;
+        let hears = at >= self.hears_from;
         if hears {
             match &mut self.ears {
                 Ears::Rtu(receiver) => receiver.spoiled(at),
@@ -73,10 +77,10 @@ impl Serial {
 
     /// What is heard of characters of which the first ends at `at`, and when that one ends.
     fn heard<'a>(&self, at: Instant, bytes: &'a [u8]) -> (Instant, &'a [u8]) {
-        if at > self.hears_from {
+        if at >= self.hears_from {
             return (at, bytes);
         }
-        let lost = self.hears_from.since(at) / self.character + 1;
+        let lost = (self.hears_from - Duration::TICK).since(at) / self.character + 1;
         let heard = usize::try_from(lost).ok().and_then(|lost| bytes.get(lost..)).unwrap_or(&[]);
         (at + self.character * lost, heard)
     }
@@ -226,7 +230,7 @@ mod tests {
         for (line, message) in [(RTU, &RTU_BODY[..]), (ASCII, ASCII_BODY)] {
             let mut world = World::default();
             let mut port = powered(line, &mut world);
-            assert!(!port.spoiled(START), "not before it has ears");
+            assert!(!port.spoiled(START - Duration::TICK), "not before it has ears");
             let (first, character) = (START + Duration::TICK, line.character());
             port.bytes(first, &message[..3], &mut world);
             assert!(port.spoiled(first + character * 3));
@@ -241,9 +245,9 @@ mod tests {
             let mut world = World::default();
             let mut port = powered(line, &mut world);
             let character = line.character();
-            // Of a burst the last of the lost characters ends right then, and a message follows.
+            // Of a burst all is lost that ends before, and a message follows.
             let burst = [&[0x30, 0x31, 0x32][..], message].concat();
-            let first = START - character * 2;
+            let first = START - character * 3;
             for cut in 0..burst.len() {
                 port.power_on(first, line, START, &mut world);
                 port.bytes(first, &burst[..cut], &mut world);
@@ -251,14 +255,13 @@ mod tests {
                 assert_eq!(port.take(), Some(Ok(&BODY[..])), "{line}, cut at {cut}");
             }
             world.notes.clear();
-            port.power_on(START, line, Instant::NEVER, &mut world);
+            port.bytes(START + Duration::secs(1), &message[..3], &mut world);
+            port.mute();
+            assert_eq!(port.take(), None);
             port.bytes(START + Duration::secs(9), message, &mut world);
             assert_eq!((port.deadline(), port.take()), (Instant::NEVER, None));
             let deaf = Note::Dropped { port: RS485, why: Why::Starting };
             assert_eq!(world.notes, [(START + Duration::secs(9), deaf)]);
-            port.hear_from(START + Duration::secs(10));
-            port.bytes(START + Duration::secs(11), message, &mut world);
-            assert_eq!(port.take(), Some(Ok(&BODY[..])));
         }
     }
 }
