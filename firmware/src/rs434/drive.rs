@@ -16,7 +16,7 @@ use standin_protocol::registers::{Bank, Register};
 
 use super::errors::error;
 use super::inputs::Inputs;
-use super::motion::{self, Heading, Motion};
+use super::motion::{self, Motion};
 use super::program::Program;
 use super::registers::{Model, Reg, key};
 use super::saved::Save;
@@ -76,8 +76,6 @@ pub(super) struct Drive {
     pub(super) inputs: Inputs,
     pub(super) servo: Servo,
     pub(super) motion: Motion,
-    /// What begins when the motor stands.
-    pub(super) next: Option<Heading>,
 
     pub(super) program: Program,
     /// The registers at its start.
@@ -114,7 +112,6 @@ impl Drive {
             inputs: Inputs::REST,
             servo: Servo::new(Instant::ZERO, settings, &mut Nowhere),
             motion: Motion::None,
-            next: None,
             program: Program::new(),
             remembered: bank.clone(),
             bank,
@@ -149,9 +146,10 @@ impl Drive {
             self.errors |= error::PROGRAM_TEST;
         }
         (self.save, self.restart_due) = (None, Instant::NEVER);
-        (self.motion, self.next) = (Motion::None, None);
+        self.motion = Motion::None;
         self.servo = Servo::new(at, motion::settings(&self.bank), out);
         self.inputs.forget();
+        self.show_halls(at, out);
     }
 
     /// When anything but the program is due.
