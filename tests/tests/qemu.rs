@@ -10,7 +10,7 @@ use std::sync::mpsc::{Receiver, channel};
 use std::thread;
 use std::time::Duration;
 
-use standin_protocol::modbus::rtu::{self, Burst};
+use standin_protocol::modbus::{Burst, rtu};
 use standin_tests::md3::{at, bit};
 
 /// How long a master waits for an answer. The drive's start-up takes 2.5 s.

@@ -6,7 +6,7 @@ use std::path::Path;
 use std::process::{Child, Command, Stdio};
 
 use anyhow::{Context, Result, ensure};
-use standin_protocol::modbus::rtu::{self, Burst};
+use standin_protocol::modbus::{Burst, rtu};
 use xshell::{Shell, cmd};
 
 use crate::board::{LM3S6965, RP2040};

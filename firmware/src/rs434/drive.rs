@@ -1,24 +1,384 @@
 //! An RS 434544 without its serial port: its registers, and what happens when one is written.
+//!
+//! | file | what of the drive |
+//! |---|---|
+//! | `startup` | how it starts, factory reset, lights |
+//! | `errors` | ERROR |
+//! | `inputs` | IN1, IN2, HARD_STOP |
+//! | `motion` | what starts and stops the motor |
+//! | `commands` | what starts and stops the user program, and what the program reaches |
+//! | `saved` | settings in the flash |
+//! | `servo` | how the motor is made to move |
+//! | `thermal` | temperatures |
 
-use standin_protocol::registers::Bank;
+use standin_protocol::modbus::pdu::Exception;
+use standin_protocol::registers::{Bank, Register};
 
-use super::registers::{Model, Reg};
+use super::errors::error;
+use super::inputs::Inputs;
+use super::motion::{self, Heading, Motion};
+use super::program::Program;
+use super::registers::{Model, Reg, key};
+use super::saved::Save;
+use super::servo::Servo;
+use super::startup::{Clearing, Lights};
+use super::thermal::{Part, Thermal};
+use crate::device::{Boot, Duration, Instant, Output, Refused, Sink};
 use crate::motor::Parameters;
+
+/// Whether the drive listens and moves.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) enum State {
+    /// It never had power.
+    Off,
+    /// It has power: what else holds in this instant is yet to be told.
+    Waking {
+        /// This instant.
+        due: Instant,
+    },
+    /// It resets itself to the factory.
+    Clearing(Clearing),
+    /// It has no ears yet.
+    Booting {
+        /// When it has.
+        due: Instant,
+    },
+    /// Normal operation, or an error.
+    Ready,
+}
+
+/// The storage of the registers.
+pub(super) type Words = Bank<Reg, { Reg::WORDS }>;
 
 /// The drive behind the serial port.
 #[derive(Clone, Debug)]
 pub(super) struct Drive {
     pub(super) model: Model,
-    pub(super) bank: Bank<Reg, { Reg::WORDS }>,
+    pub(super) state: State,
+    /// It starts without a delay.
+    pub(super) fast: bool,
+    /// Where TASK_COUNTER comes from.
+    random: u64,
+    pub(super) bank: Words,
+    pub(super) save: Option<Save>,
+    /// When it restarts, because FLAG_RESTART was written.
+    pub(super) restart_due: Instant,
+
+    /// ERROR.
+    pub(super) errors: u16,
+    /// What of it has a cause that somebody injected.
+    pub(super) causes: u16,
+    /// What CURRENT_VALID was made to show, in mA.
+    pub(super) injected_ma: Option<u16>,
+    pub(super) thermal: Thermal,
+    pub(super) lights: Lights,
+
+    pub(super) inputs: Inputs,
+    pub(super) servo: Servo,
+    pub(super) motion: Motion,
+    /// What begins when the motor stands.
+    pub(super) next: Option<Heading>,
+
+    pub(super) program: Program,
+    /// The registers at its start.
+    pub(super) remembered: Words,
+}
+
+/// Where the drive puts its outputs before it has power.
+struct Nowhere;
+
+impl Sink for Nowhere {
+    fn put(&mut self, _at: Instant, _output: Output<'_>) {}
+
+    fn memory(&self) -> &[u8] {
+        &[]
+    }
 }
 
 impl Drive {
     pub(super) fn new(model: Model) -> Self {
-        Self { model, bank: Bank::of(model.entries()) }
+        let bank = Bank::of(model.entries());
+        let settings = motion::settings(&bank);
+        Self {
+            model,
+            state: State::Off,
+            fast: false,
+            random: 0,
+            save: None,
+            restart_due: Instant::NEVER,
+            errors: 0,
+            causes: 0,
+            injected_ma: None,
+            thermal: Thermal::new(Instant::ZERO, model.rated_ma()),
+            lights: Lights::DARK,
+            inputs: Inputs::REST,
+            servo: Servo::new(Instant::ZERO, settings, &mut Nowhere),
+            motion: Motion::None,
+            next: None,
+            program: Program::new(),
+            remembered: bank.clone(),
+            bank,
+        }
+    }
+
+    /// Power comes: what is around the drive will be told anew.
+    pub(super) fn power_on(&mut self, at: Instant, boot: Boot, out: &mut dyn Sink) {
+        (self.fast, self.random) = (boot.fast, boot.seed);
+        (self.causes, self.injected_ma) = (0, None);
+        self.thermal = Thermal::new(at, self.model.rated_ma());
+        self.lights = Lights::DARK;
+        self.inputs = Inputs::REST;
+        self.begin(at, out);
+    }
+
+    /// It restarts itself: saves are finished, and what is around the drive stays as it is.
+    pub(super) fn restart(&mut self, at: Instant, out: &mut dyn Sink) {
+        self.finish_save(at, out);
+        self.program.finish_save(at, out);
+        self.begin(at, out);
+    }
+
+    /// Everything volatile is forgotten.
+    fn begin(&mut self, at: Instant, out: &mut dyn Sink) {
+        self.state = State::Waking { due: at };
+        self.errors = 0;
+        if !self.load_settings(out) {
+            self.errors |= error::SETTINGS;
+        }
+        if !self.program.power_on(out) {
+            self.errors |= error::PROGRAM_TEST;
+        }
+        (self.save, self.restart_due) = (None, Instant::NEVER);
+        (self.motion, self.next) = (Motion::None, None);
+        self.servo = Servo::new(at, motion::settings(&self.bank), out);
+        self.inputs.forget();
+        self.show(at, out);
+    }
+
+    /// When anything but the program is due.
+    pub(super) fn deadline(&self) -> Instant {
+        self.startup_due()
+            .min(self.inputs.due())
+            .min(self.servo.deadline())
+            .min(self.save_due())
+            .min(self.restart_due)
+    }
+
+    /// Anything but the program is due.
+    pub(super) fn timeout(&mut self, at: Instant, out: &mut dyn Sink) {
+        if self.startup_due() <= at {
+            self.startup_timeout(at, out);
+        }
+        if self.save_due() <= at {
+            self.finish_save(at, out);
+        }
+        if self.servo.deadline() <= at {
+            self.servo.timeout(at, out);
+        }
+        self.inputs_timeout(at, out);
+        self.show(at, out);
+    }
+
+    /// From when on it hears what comes; `None` while that cannot be told.
+    pub(super) fn hears_from(&self) -> Option<Instant> {
+        match self.state {
+            State::Off | State::Waking { .. } | State::Clearing(_) => None,
+            State::Booting { due } => Some(due + Duration::TICK),
+            State::Ready => Some(Instant::ZERO),
+        }
+    }
+
+    /// A restart that FLAG_RESTART wants waits for `instant`: for the reply.
+    pub(super) fn restart_after(&mut self, instant: Instant) -> bool {
+        let wanted = self.restart_due != Instant::NEVER;
+        if wanted {
+            self.restart_due = self.restart_due.max(instant);
+        }
+        wanted
     }
 
     /// The motor that the registers describe.
     pub(super) fn motor(&self) -> Parameters {
-        Parameters { no_load_rpm: self.bank.word(Reg::RATED_SPEED).into(), ..Parameters::NOMINAL }
+        Parameters {
+            no_load_rpm: self.bank.word(Reg::RATED_SPEED).into(),
+            hall_pulses: self.bank.word(Reg::PULSES_PER_REVOLUTION),
+            ..Parameters::NOMINAL
+        }
     }
+
+    /// The motor draws so many mA.
+    pub(super) fn draws(&mut self, at: Instant, ma: i32, out: &mut dyn Sink) {
+        let brakes = ma.signum() * i32::from(self.servo.direction()) < 0;
+        self.thermal.draws(at, ma.unsigned_abs(), brakes);
+        self.servo.draws(at, ma);
+        self.show(at, out);
+    }
+
+    /// A register as it reads now.
+    pub(super) fn value(&self, at: Instant, reg: Reg) -> i64 {
+        match reg {
+            Reg::IN1_bit => self.inputs.in1.closed.into(),
+            Reg::IN2_bit => self.inputs.in2.closed.into(),
+            Reg::IN_HARD_STOP_bit => self.inputs.hard_stop.into(),
+            Reg::STATUS => match self.servo.direction() {
+                0 => 0,
+                1.. => 1,
+                _ => 2,
+            },
+            Reg::CURRENT_VALID => self.injected_ma.unwrap_or_else(|| self.servo.current()).into(),
+            Reg::SPEED_VALID => self.servo.speed(at).into(),
+            Reg::CURRENT_POSITION => self.servo.position().into(),
+            Reg::TEMPERATURE_MCU => self.thermal.temperature(at, Part::Mcu).into(),
+            Reg::TEMPERATURE_MOSFET => self.thermal.temperature(at, Part::Power).into(),
+            Reg::TEMPERATURE_BRAKE => self.thermal.temperature(at, Part::Brake).into(),
+            Reg::TASK_COUNTER => i64::from(mixed(self.random) as u16),
+            Reg::STATUS_USER_PROGRAM => self.program.status() as i64,
+            Reg::OFFSET => self.offset(),
+            Reg::ERROR => self.errors.into(),
+            Reg::PC_REG => self.program.vm.line.into(),
+            _ => match reg.system().and_then(|n| self.program.vm.registers.get(n)) {
+                Some(&word) => word.into(),
+                None => self.bank.get(reg),
+            },
+        }
+    }
+
+    /// Puts a live register into the bank, because it is read.
+    pub(super) fn refresh(&mut self, at: Instant, reg: Reg) {
+        self.bank.set(reg, self.value(at, reg));
+        if reg == Reg::TASK_COUNTER {
+            self.random = self.random.wrapping_add(RANDOM_STEP);
+        }
+    }
+
+    /// Whether a value that its row accepts may be written now.
+    pub(super) fn permits(&self, reg: Reg, value: i64) -> Result<(), Exception> {
+        // What runs is read from the flash.
+        let saves = reg == Reg::FLAG_SAVE_USER_PROGRAM && value == key::SAVE_PROGRAM;
+        if saves && self.program.is_running() { Err(Exception::ServerDeviceFailure) } else { Ok(()) }
+    }
+
+    /// Something was written: what it means, in the manual's order.
+    pub(super) fn written(&mut self, at: Instant, reg: Reg, out: &mut dyn Sink) {
+        match reg {
+            Reg::START_bit | Reg::STOP_bit | Reg::HARD_STOP_bit | Reg::CLR_POSITION_bit => {
+                self.take_coils(at, out);
+            }
+            Reg::MODE_DEVICE | Reg::MODE_EXT_IN => self.levels_act(at, out),
+            Reg::MODE_USER_PROGRAM => self.command_program(at, out),
+            Reg::REF_CURRENT
+            | Reg::RATED_SPEED
+            | Reg::SPEED
+            | Reg::ACC
+            | Reg::DEC
+            | Reg::PULSES_PER_REVOLUTION
+            | Reg::USE_HALL
+            | Reg::MODE_COIL => self.servo.set(at, motion::settings(&self.bank), out),
+            Reg::DIRECTION => self.direction_changed(at, out),
+            Reg::ERROR => self.write_errors(self.bank.word(reg)),
+            Reg::FLAG_SAVE_INI => {
+                if self.take_key(reg) == key::SAVE {
+                    self.save_settings(at, out);
+                }
+            }
+            Reg::FLAG_SAVE_USER_PROGRAM => match self.take_key(reg) {
+                key::SAVE_PROGRAM => self.program.save(at, out),
+                key::LOAD_PROGRAM => self.load_program(at, out),
+                _ => {}
+            },
+            Reg::FLAG_RESTART => {
+                if self.take_key(reg) == key::RESTART {
+                    self.restart_due = at;
+                }
+            }
+            Reg::WRITE_CMD => {
+                self.program.write_line(self.bank.word(reg), self.bank.get(Reg::CMD_W) as u32);
+            }
+            Reg::READ_CMD => {
+                let line = self.program.read_line(self.bank.word(reg));
+                self.bank.set(Reg::CMD_R, line.into());
+            }
+            _ => {
+                // The communication settings hold from the next start on; the others are looked at when they
+                // are used.
+                if let Some(register) = reg.system().and_then(|n| self.program.vm.registers.get_mut(n)) {
+                    *register = self.bank.word(reg);
+                }
+            }
+        }
+        self.show(at, out);
+    }
+
+    /// The value of a key register, which reads 0 again.
+    fn take_key(&mut self, reg: Reg) -> i64 {
+        let key = self.bank.get(reg);
+        self.bank.set(reg, 0);
+        key
+    }
+
+    /// A value was outside the range of its row.
+    pub(super) fn out_of_range(&mut self) {
+        self.errors |= error::OUT_OF_RANGE;
+    }
+
+    /// A character had the wrong parity, or none could be seen.
+    pub(super) fn parity_error(&mut self) {
+        self.errors |= error::PARITY;
+    }
+
+    pub(super) fn poke(
+        &mut self,
+        at: Instant,
+        reg: Reg,
+        value: i64,
+        out: &mut dyn Sink,
+    ) -> Result<(), Refused> {
+        let row = self.model.entries().list.get(reg.row()).ok_or(Refused::NoSuchRegister)?;
+        if !row.accepts(value) {
+            return Err(Refused::OutOfRange);
+        }
+        if self.state == State::Off {
+            return if row.saved == 0 { Err(Refused::ReadOnly) } else { self.preset(at, reg, value, out) };
+        }
+        if !row.access.writes() {
+            return self.inject(at, reg, value as u16, out);
+        }
+        self.permits(reg, value).map_err(|_| Refused::OutOfRange)?;
+        self.bank.set(reg, value);
+        self.written(at, reg, out);
+        Ok(())
+    }
+
+    /// Makes a register show something that was not measured.
+    fn inject(&mut self, at: Instant, reg: Reg, value: u16, out: &mut dyn Sink) -> Result<(), Refused> {
+        match reg {
+            Reg::CURRENT_VALID => self.injected_ma = Some(value),
+            Reg::TEMPERATURE_MCU => self.thermal.inject(Part::Mcu, value),
+            Reg::TEMPERATURE_MOSFET => self.thermal.inject(Part::Power, value),
+            Reg::TEMPERATURE_BRAKE => self.thermal.inject(Part::Brake, value),
+            _ => return Err(Refused::ReadOnly),
+        }
+        if self.state == State::Ready {
+            self.look_for_errors(at, out);
+        }
+        self.show(at, out);
+        Ok(())
+    }
+
+    /// Takes what has become of the motor, and shows what has become of the drive.
+    pub(super) fn show(&mut self, at: Instant, out: &mut dyn Sink) {
+        self.follow_servo(at, out);
+        self.show_lights(at, out);
+    }
+}
+
+/// How far a random number is from the next one: splitmix64 (Steele, Lea, Flood: *Fast Splittable Pseudorandom
+/// Number Generators*).
+const RANDOM_STEP: u64 = 0x9E37_79B9_7F4A_7C15;
+
+/// A number without a visible connection to `n`.
+fn mixed(n: u64) -> u64 {
+    let n = (n ^ n >> 30).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+    let n = (n ^ n >> 27).wrapping_mul(0x94D0_49BB_1331_11EB);
+    n ^ n >> 31
 }

@@ -3,21 +3,37 @@
 //!
 //! Follows the *User Manual* of RS Stock No. 434544 and 434546; numbers like 6.5 are its sections.
 
-#![expect(dead_code, reason = "being built")]
-
+mod commands;
 mod drive;
-mod program;
+mod errors;
+mod inputs;
+mod motion;
+mod port;
+pub mod program;
 mod registers;
+mod saved;
 mod servo;
+mod startup;
+#[cfg(test)]
+mod tests;
+mod thermal;
 
-use standin_protocol::registers::{Register, Table};
+use standin_protocol::line::{Line, Parity};
+use standin_protocol::modbus::Frame;
+use standin_protocol::modbus::pdu::{
+    Exception, READ_COILS, READ_DISCRETE_INPUTS, READ_HOLDING_REGISTERS, READ_INPUT_REGISTERS,
+    WRITE_MULTIPLE_COILS, WRITE_MULTIPLE_REGISTERS, WRITE_SINGLE_COIL, WRITE_SINGLE_REGISTER,
+};
+use standin_protocol::modbus::server::{Map, Outcome, Rules, serve_serial};
+use standin_protocol::registers::{Entries, Register, Table};
 
 use self::drive::Drive;
+use self::port::Serial;
 use self::registers::Model;
 pub use self::registers::Reg;
 use crate::device::{
-    Axis, AxisSpec, Boot, Device, Ends, Fault, Input, Instant, Level, Pin, PinSpec, Port, PortSpec, Refused,
-    Role, Sink, Spec,
+    Axis, AxisSpec, Boot, Device, Duration, Ends, Fault, Input, Instant, Level, Note, Output, Pin, PinSpec,
+    Port, PortSpec, Refused, Role, Sink, Spec,
 };
 use crate::memory;
 use crate::motor::{Parameters, Rig, Turns};
@@ -91,6 +107,26 @@ const fn spec(kind: &'static str, product: &'static str, registers: &'static Tab
     }
 }
 
+/// A quantity or a value that is not allowed is 03, an address that is not there or cannot be written 02.
+static RULES: Rules = Rules {
+    functions: &[
+        READ_COILS,
+        READ_DISCRETE_INPUTS,
+        READ_HOLDING_REGISTERS,
+        READ_INPUT_REGISTERS,
+        WRITE_SINGLE_COIL,
+        WRITE_SINGLE_REGISTER,
+        WRITE_MULTIPLE_COILS,
+        WRITE_MULTIPLE_REGISTERS,
+    ],
+    broadcast: Some(0),
+    most_read: 125,
+    most_written: 123,
+    bad_quantity: Exception::IllegalDataValue,
+    bad_value: Exception::IllegalDataValue,
+    read_only: Exception::IllegalDataAddress,
+};
+
 /// An RS 434544 with a motor, without power.
 #[must_use]
 pub fn rs434544() -> Rig<Rs434> {
@@ -103,15 +139,85 @@ pub fn rs434546() -> Rig<Rs434> {
     Rig::new(Rs434::of(Model::Rs434546))
 }
 
+/// How the drive speaks: as its registers were when it started (6.4).
+#[derive(Clone, Copy, Debug)]
+struct Manners {
+    /// SLAVE_ADDRESS_MODBUS.
+    unit: u8,
+    /// TIMEOUT_BROADCAST_MODBUS.
+    delay: Duration,
+    /// Its line shows wrong parity.
+    parity: bool,
+}
+
 /// An RS 434544 or 434546, without a motor.
 #[derive(Clone, Debug)]
 pub struct Rs434 {
+    serial: Serial,
+    /// `None` until the drive knows when it listens.
+    manners: Option<Manners>,
     drive: Drive,
+    /// When anything but the program is due.
+    due: Instant,
 }
 
 impl Rs434 {
     fn of(model: Model) -> Self {
-        Self { drive: Drive::new(model) }
+        Self {
+            serial: Serial::new(registers::FACTORY_LINE),
+            manners: None,
+            drive: Drive::new(model),
+            due: Instant::NEVER,
+        }
+    }
+
+    /// It starts, or starts again.
+    fn start(&mut self, at: Instant, out: &mut dyn Sink) {
+        self.manners = None;
+        self.serial.mute();
+        self.follow(at, out);
+    }
+
+    fn line(&self) -> Line {
+        let word = |reg| self.drive.bank.word(reg);
+        registers::line(word(Reg::TYPE_MODBUS), word(Reg::BITRATE_MODBUS))
+    }
+
+    /// After anything but a line of the program: it may have learnt when it listens, and has other deadlines.
+    fn follow(&mut self, at: Instant, out: &mut dyn Sink) {
+        if self.manners.is_none()
+            && let Some(from) = self.drive.hears_from()
+        {
+            let line = self.line();
+            self.serial.power_on(at, line, from, out);
+            self.manners = Some(Manners {
+                unit: (self.drive.bank.word(Reg::SLAVE_ADDRESS_MODBUS) & 0xFF) as u8,
+                delay: Duration::millis(self.drive.bank.word(Reg::TIMEOUT_BROADCAST_MODBUS).into()),
+                parity: line.parity != Parity::None,
+            });
+        }
+        self.due = self.drive.deadline().min(self.serial.deadline());
+    }
+
+    /// The message that has come is over.
+    fn serve(&mut self, at: Instant, out: &mut dyn Sink) {
+        let Self { serial, manners: Some(manners), drive, .. } = self else { return };
+        let Some(message) = serial.take() else { return };
+        let mut reply = Frame::new();
+        let outcome = match message {
+            Ok(body) => {
+                let mut map = Bus { drive, at, out };
+                serve_serial(body, manners.unit, &RULES, &mut map, &mut reply)
+            }
+            Err(why) => Outcome::Dropped(why),
+        };
+        out.put(at, Output::Note(note(outcome)));
+        if !reply.is_empty() {
+            let end = serial.reply(at, manners.delay, &reply, out);
+            if drive.restart_after(end) {
+                serial.mute();
+            }
+        }
     }
 }
 
@@ -132,21 +238,127 @@ impl Device for Rs434 {
         }
     }
 
-    fn power_on(&mut self, _at: Instant, _boot: Boot, _out: &mut dyn Sink) {}
+    fn power_on(&mut self, at: Instant, boot: Boot, out: &mut dyn Sink) {
+        self.drive.power_on(at, boot, out);
+        self.start(at, out);
+    }
 
-    fn input(&mut self, _at: Instant, _input: Input<'_>, _out: &mut dyn Sink) {}
+    fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Sink) {
+        let character = matches!(input, Input::Bytes { .. } | Input::Spoiled { .. });
+        if character || matches!(input, Input::Idle { .. }) {
+            self.drive.wake(at, out);
+            self.follow(at, out);
+        }
+        if character && self.serial.is_over(at) {
+            self.serve(at, out);
+        }
+        match input {
+            Input::Bytes { bytes, .. } => self.serial.bytes(at, bytes, out),
+            Input::Spoiled { .. } => {
+                if self.serial.spoiled(at) && self.manners.is_some_and(|manners| manners.parity) {
+                    self.drive.parity_error();
+                }
+            }
+            Input::Idle { .. } => self.serve(at, out),
+            Input::Edge { pin, high } => self.drive.edge(at, pin, high, out),
+            Input::Fault { fault, on } => self.drive.set_cause(at, fault, on, out),
+            Input::Draws { ma, .. } => self.drive.draws(at, ma, out),
+            // It has no such ports, and the motor's inputs are its outputs.
+            Input::Attached { .. }
+            | Input::Message { .. }
+            | Input::Closed { .. }
+            | Input::Millivolts { .. }
+            | Input::Count { .. }
+            | Input::Current { .. }
+            | Input::Duty { .. }
+            | Input::Slipped { .. } => {}
+        }
+        self.follow(at, out);
+    }
 
     fn deadline(&self) -> Instant {
-        Instant::NEVER
+        self.due.min(self.drive.program.due())
     }
 
-    fn timeout(&mut self, _at: Instant, _out: &mut dyn Sink) {}
-
-    fn peek(&self, _at: Instant, row: usize) -> i64 {
-        Reg::from_row(row).map_or(0, |reg| self.drive.bank.get(reg))
+    fn timeout(&mut self, at: Instant, out: &mut dyn Sink) {
+        // Most often only the program is due.
+        if at < self.due {
+            if self.drive.run_program(at, out) {
+                self.follow(at, out);
+            }
+            return;
+        }
+        self.drive.timeout(at, out);
+        if self.serial.is_over(at) {
+            self.serve(at, out);
+        }
+        self.drive.run_program(at, out);
+        if self.drive.restart_due <= at {
+            self.drive.restart(at, out);
+            self.start(at, out);
+        } else {
+            self.follow(at, out);
+        }
     }
 
-    fn poke(&mut self, _at: Instant, _row: usize, _value: i64, _out: &mut dyn Sink) -> Result<(), Refused> {
-        Err(Refused::ReadOnly)
+    fn peek(&self, at: Instant, row: usize) -> i64 {
+        Reg::from_row(row).map_or(0, |reg| self.drive.value(at, reg))
+    }
+
+    fn poke(&mut self, at: Instant, row: usize, value: i64, out: &mut dyn Sink) -> Result<(), Refused> {
+        let reg = Reg::from_row(row).ok_or(Refused::NoSuchRegister)?;
+        self.drive.poke(at, reg, value, out)?;
+        self.follow(at, out);
+        Ok(())
+    }
+}
+
+/// The drive as its bus sees it during a request.
+struct Bus<'a> {
+    drive: &'a mut Drive,
+    at: Instant,
+    out: &'a mut dyn Sink,
+}
+
+impl Map for Bus<'_> {
+    type Register = Reg;
+
+    fn words(&self) -> &[u16] {
+        self.drive.bank.words()
+    }
+
+    fn words_mut(&mut self) -> &mut [u16] {
+        self.drive.bank.words_mut()
+    }
+
+    fn refresh(&mut self, register: Reg) {
+        self.drive.refresh(self.at, register);
+    }
+
+    fn written(&mut self, register: Reg) {
+        self.drive.written(self.at, register, self.out);
+    }
+
+    fn entries(&self) -> &'static Entries {
+        self.drive.model.entries()
+    }
+
+    fn permits(&self, register: Reg, value: i64) -> Result<(), Exception> {
+        self.drive.permits(register, value)
+    }
+
+    fn out_of_range(&mut self, _register: Reg) {
+        self.drive.out_of_range();
+    }
+}
+
+/// What a log says of a message.
+fn note(outcome: Outcome) -> Note {
+    match outcome {
+        Outcome::Served { unit, function, refused: None } => Note::Request { port: RS485, unit, function },
+        Outcome::Served { function, refused: Some(exception), .. } => {
+            Note::Refused { port: RS485, function, code: exception.code() }
+        }
+        Outcome::Dropped(why) => Note::Dropped { port: RS485, why },
     }
 }

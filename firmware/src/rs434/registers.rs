@@ -1,7 +1,7 @@
 //! The registers of an RS 434544 or 434546, under the names of the manual's chapter 6.
 
 use standin_protocol::line::{Line, Parity};
-use standin_protocol::registers::{Entries, Entry, Register, Row, Table, entries};
+use standin_protocol::registers::{Entries, Entry, Register, Row, Space, Table, entries};
 
 /// What the two models differ in.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -191,7 +191,88 @@ pub(super) static TABLE_434546: Table = {
     Table { rows: &ROWS, entries: &ENTRIES }
 };
 
+/// The row of each word of the bank.
+#[expect(clippy::indexing_slicing, reason = "only ever evaluated by the compiler")]
+static ROW_AT: [u8; Reg::WORDS] = {
+    let mut rows = [0; Reg::WORDS];
+    let (mut place, mut row) = (0, 0);
+    while row < Reg::ROWS.len() {
+        let end = place + Reg::ROWS[row].entry.shape.words() as usize;
+        while place < end {
+            rows[place] = row as u8;
+            place += 1;
+        }
+        row += 1;
+    }
+    rows
+};
+
+/// A word of the map.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) struct Word {
+    /// The register that it belongs to.
+    pub(super) reg: Reg,
+    /// Its place in the bank.
+    pub(super) place: usize,
+}
+
+impl Word {
+    /// What is at an address, if there is something.
+    pub(super) fn at(space: Space, address: u16) -> Option<Self> {
+        let place = Reg::ENTRIES.readable(space, address, 1)?.start;
+        let row = ROW_AT.get(place).copied().map(usize::from)?;
+        Some(Self { reg: Reg::from_row(row)?, place })
+    }
+
+    /// Which word of its register it is, in the order of the bus.
+    pub(super) fn index(self) -> usize {
+        self.place.saturating_sub(Reg::ENTRIES.place(self.reg.row()))
+    }
+
+    fn entry(self) -> Option<&'static Entry> {
+        Reg::ENTRIES.list.get(self.reg.row())
+    }
+
+    /// Whether it is to be brought up to date before it is read.
+    pub(super) fn is_live(self) -> bool {
+        self.entry().is_some_and(|entry| entry.live)
+    }
+
+    pub(super) fn is_writable(self) -> bool {
+        self.entry().is_some_and(|entry| entry.access.writes())
+    }
+}
+
+impl Reg {
+    /// Which of AX to JX it is; PC_REG lies between them and is none.
+    pub(super) fn system(self) -> Option<usize> {
+        let n = (self as usize).checked_sub(Self::AX_REG as usize)?;
+        match self {
+            Self::PC_REG => None,
+            _ if self < Self::PC_REG => Some(n),
+            _ if self <= Self::JX_REG => Some(n - 1),
+            _ => None,
+        }
+    }
+}
+
 impl Model {
+    /// The most that the motor may draw, in mA (3).
+    pub(super) fn rated_ma(self) -> u16 {
+        match self {
+            Self::Rs434544 => 20_000,
+            Self::Rs434546 => 40_000,
+        }
+    }
+
+    /// What the drive takes for a short circuit, in mA (3).
+    pub(super) fn short_ma(self) -> u32 {
+        match self {
+            Self::Rs434544 => 30_000,
+            Self::Rs434546 => 100_000,
+        }
+    }
+
     /// What the bus goes by.
     pub(super) fn entries(self) -> &'static Entries {
         match self {

@@ -3,12 +3,15 @@
 //! Sources: *MODBUS Application Protocol Specification V1.1b3* ("application") and *MODBUS over
 //! Serial Line V1.02* ("serial").
 //!
-//! [`pdu`] reads requests, [`rtu`] puts them on a serial line, [`server`] answers them from a
+//! [`pdu`] reads requests, [`rtu`] and [`ascii`] put them on a serial line, [`server`] answers them from a
 //! register map by the rules of a drive's manual.
 
+pub mod ascii;
 pub mod pdu;
 pub mod rtu;
 pub mod server;
+
+use crate::line::Line;
 
 /// The longest frame on a serial line (serial 2.5.1): address, function, 252 bytes, CRC.
 pub const FRAME_BYTES: usize = 256;
@@ -22,14 +25,31 @@ pub type Frame = heapless::Vec<u8, FRAME_BYTES>;
 pub enum Why {
     /// The check sum does not hold.
     Crc,
-    /// A silence of more than 1.5 characters inside the frame.
+    /// A silence of more than 1.5 characters inside the frame; in ASCII of more than a second.
     Gap,
-    /// Longer than any frame, or not as long as its function says.
+    /// Longer than any frame, or not as long as its function says; in ASCII half a byte.
     Length,
-    /// A character that nobody could read.
+    /// A character that nobody could read; in ASCII also one that has no place in a message.
     Spoiled,
     /// For somebody else.
     Address,
     /// The drive is starting and has no ears.
     Starting,
+}
+
+/// What the front of a burst of characters is, for a host whose own gaps say nothing.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Burst {
+    /// That many bytes go to the drives together: they are a whole frame.
+    Frame(usize),
+    /// The rest is still to come.
+    Partial,
+    /// It can become no frame any more.
+    Broken,
+}
+
+/// Judges the front of a burst on `line`, by the framing that is spoken there.
+#[must_use]
+pub fn front(line: Line, burst: &[u8]) -> Burst {
+    if ascii::is_on(line) { ascii::front(burst) } else { rtu::front(burst) }
 }

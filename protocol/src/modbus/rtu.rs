@@ -6,7 +6,7 @@ use super::pdu::{
     EXCEPTION_BIT, READ_COILS, READ_DISCRETE_INPUTS, READ_HOLDING_REGISTERS, READ_INPUT_REGISTERS,
     WRITE_MULTIPLE_COILS, WRITE_MULTIPLE_REGISTERS, WRITE_SINGLE_COIL, WRITE_SINGLE_REGISTER,
 };
-use super::{FRAME_BYTES, Frame, Why};
+use super::{Burst, FRAME_BYTES, Frame, Why};
 use crate::line::Line;
 use crate::time::{Duration, Instant};
 
@@ -213,17 +213,6 @@ impl Receiver {
         self.state = State::Idle;
         self.over = Instant::NEVER;
     }
-}
-
-/// What the front of a burst of characters is, for a host whose own gaps say nothing.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Burst {
-    /// That many bytes are a whole frame.
-    Frame(usize),
-    /// The rest is still to come.
-    Partial,
-    /// It has all the length its function may have, and is no frame.
-    Broken,
 }
 
 /// Judges the front of a burst: a frame is whole when its CRC holds at the length of a request or a

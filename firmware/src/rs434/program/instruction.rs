@@ -1,1 +1,346 @@
 //! The lines of a program: their fields, and the table of commands (6.9).
+
+/// A line of a program (fig. 9). What its command does not use may hold anything.
+#[derive(Clone, Copy, PartialEq, Eq, Default, Debug)]
+pub struct Instruction(pub u32);
+
+impl Instruction {
+    /// Bits of uCmd.
+    pub const COMMAND: u32 = 0x0000_007F;
+    /// The bit of bTypeJmp.
+    pub const TYPE_JMP: u32 = 0x0000_0080;
+    /// Bits of uAdrSysReg.
+    pub const REGISTER: u32 = 0x0000_0F00;
+    /// Bits of uTypeModbusReg.
+    pub const SPACE: u32 = 0x0000_F000;
+    /// Bits of uData.
+    pub const DATA: u32 = 0xFFFF_0000;
+
+    /// uCmd, 0 to 127.
+    #[must_use]
+    pub const fn code(self) -> u8 {
+        (self.0 & Self::COMMAND) as u8
+    }
+
+    /// bTypeJmp: of a jump relative to its own line, of a shift to the right.
+    #[must_use]
+    pub const fn type_jmp(self) -> bool {
+        self.0 & Self::TYPE_JMP != 0
+    }
+
+    /// uAdrSysReg, 0 to 15. There are ten: AX, BX, CX, DX, EX, FX, GX, HX, IX, JX.
+    #[must_use]
+    pub const fn register(self) -> u8 {
+        ((self.0 & Self::REGISTER) >> 8) as u8
+    }
+
+    /// uTypeModbusReg, 0 to 15: 0 discrete inputs, 1 coils, 2 inputs, 3 holding registers; there are no others.
+    #[must_use]
+    pub const fn space(self) -> u8 {
+        ((self.0 & Self::SPACE) >> 12) as u8
+    }
+
+    /// uData.
+    #[must_use]
+    pub const fn data(self) -> u16 {
+        (self.0 >> 16) as u16
+    }
+
+    /// What uCmd says; `None` if there is no such command.
+    #[must_use]
+    pub fn command(self) -> Option<Command> {
+        COMMANDS.get(usize::from(self.code())).copied()
+    }
+}
+
+/// When a jump is taken. Values are compared without a sign.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Condition {
+    /// Always.
+    Always,
+    /// PARI: they are equal.
+    Equal,
+    /// NOPARI: they are not.
+    Unequal,
+    /// MORE: the first one is greater.
+    Greater,
+    /// LESS: it is less.
+    Less,
+}
+
+/// What a command does.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Operation {
+    /// END: the program is over; the motor and all registers stay as they are.
+    Stop,
+    /// ENDF: it is over; the motor stops, and registers return to what they were.
+    FullStop,
+    /// The next line comes after some ms.
+    Delay,
+    /// Goes on elsewhere: by AX and BX or, of 32 bits, by the pairs of GX and IX.
+    Jump(Condition),
+    /// Goes on elsewhere, until [`Return`](Self::Return).
+    Call,
+    /// Goes on behind the last [`Call`](Self::Call).
+    Return,
+    /// Carries out the next lines several times.
+    For,
+    /// D = S2.
+    Move,
+    /// D = S1 + S2.
+    Add,
+    /// D = S1 − S2.
+    Subtract,
+    /// D = S1 / S2, without the remainder.
+    Divide,
+    /// D = S1 · S2.
+    Multiply,
+    /// D = S1 & S2.
+    And,
+    /// D = S1 | S2.
+    Or,
+    /// D = S1 ^ S2.
+    Xor,
+    /// D = S1 << S2, or >>.
+    Shift,
+    /// D = !D.
+    Not,
+}
+
+/// What fields a command uses. Of two operands the first one is S1 and D, the second one S2.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Form {
+    /// None.
+    Bare,
+    /// bTypeJmp and uData: a line, or how many lines further on.
+    Target,
+    /// uData: ms.
+    Time,
+    /// uData: a line.
+    Subroutine,
+    /// uData: how many lines in its high byte, how often in its low one.
+    Loop,
+    /// uAdrSysReg.
+    Register,
+    /// uTypeModbusReg and uData.
+    Modbus,
+    /// uAdrSysReg, and a constant: uData, or of 32 bits the next line.
+    RegisterConstant,
+    /// uAdrSysReg; uTypeModbusReg and uData.
+    RegisterModbus,
+    /// uTypeModbusReg and uData; a constant on the next line.
+    ModbusConstant,
+    /// uTypeModbusReg and uData; uAdrSysReg.
+    ModbusRegister,
+    /// uAdrSysReg; uData is a system register, too. A [`Move`](Operation::Move) goes the other way, from the
+    /// first to the second.
+    RegisterRegister,
+    /// uAdrSysReg; uData, and bTypeJmp, which is to the right.
+    RegisterShift,
+    /// uTypeModbusReg and uData; a constant on the next line, and bTypeJmp, which is to the right.
+    ModbusShift,
+}
+
+/// A command.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Command {
+    /// What it does.
+    pub operation: Operation,
+    /// Whether with 32 bits, which lie in two registers, the low half in the first one.
+    pub wide: bool,
+    /// With what.
+    pub form: Form,
+}
+
+impl Command {
+    /// Lines that it takes, its constant included: 1 or 2.
+    #[must_use]
+    pub const fn lines(self) -> u16 {
+        match self.form {
+            Form::ModbusConstant | Form::ModbusShift => 2,
+            Form::RegisterConstant if self.wide => 2,
+            _ => 1,
+        }
+    }
+
+    /// Bits of its first line that mean something; the others may hold anything.
+    #[must_use]
+    pub const fn used(self) -> u32 {
+        use Instruction as I;
+        I::COMMAND
+            | match self.form {
+                Form::Bare => 0,
+                Form::Target => I::TYPE_JMP | I::DATA,
+                Form::Time | Form::Subroutine | Form::Loop => I::DATA,
+                Form::Register => I::REGISTER,
+                Form::RegisterConstant if self.wide => I::REGISTER,
+                Form::RegisterConstant | Form::RegisterRegister => I::REGISTER | I::DATA,
+                Form::Modbus | Form::ModbusConstant => I::SPACE | I::DATA,
+                Form::RegisterModbus | Form::ModbusRegister => I::REGISTER | I::SPACE | I::DATA,
+                Form::RegisterShift => I::REGISTER | I::DATA | I::TYPE_JMP,
+                Form::ModbusShift => I::SPACE | I::DATA | I::TYPE_JMP,
+            }
+    }
+}
+
+/// A command of 16 bits, or one without data, under the manual's name without CMD_.
+const fn word(name: &'static str, operation: Operation, form: Form) -> (&'static str, Command) {
+    (name, Command { operation, wide: false, form })
+}
+
+/// A command of 32 bits.
+const fn pair(name: &'static str, operation: Operation, form: Form) -> (&'static str, Command) {
+    (name, Command { operation, wide: true, form })
+}
+
+/// How many commands there are; the code of each is its place.
+const COUNT: usize = 0x67;
+
+#[rustfmt::skip]
+const TABLE: [(&str, Command); COUNT] = {
+    use Condition::*;
+    use Form::*;
+    use Operation::*;
+    [
+        // 0x00
+        word("stop_program",         Stop,          Bare),
+        word("mov_sysreg_const",     Move,          RegisterConstant),
+        word("mov_modbus_sysreg",    Move,          ModbusRegister),
+        word("mov_sysreg_modbus",    Move,          RegisterModbus),
+        word("delay",                Delay,         Time),
+        word("jmp",                  Jump(Always),  Target),
+        word("jmp_ax_pari_bx",       Jump(Equal),   Target),
+        word("jmp_ax_nopari_bx",     Jump(Unequal), Target),
+        word("jmp_ax_more_bx",       Jump(Greater), Target),
+        word("jmp_ax_less_bx",       Jump(Less),    Target),
+        word("call",                 Call,          Subroutine),
+        word("return",               Return,        Bare),
+        word("for",                  For,           Loop),
+        word("full_stop_program",    FullStop,      Bare),
+        word("mov_modbus_const",     Move,          ModbusConstant),
+        word("mov_sysreg_sysreg",    Move,          RegisterRegister),
+        // 0x10
+        pair("dmov_sysreg_const",    Move,          RegisterConstant),
+        pair("dmov_sysreg_modbus",   Move,          RegisterModbus),
+        pair("dmov_modbus_const",    Move,          ModbusConstant),
+        pair("dmov_modbus_sysreg",   Move,          ModbusRegister),
+        pair("dmov_sysreg_sysreg",   Move,          RegisterRegister),
+        word("not_sysreg",           Not,           Register),
+        word("not_modbus",           Not,           Modbus),
+        pair("dnot_sysreg",          Not,           Register),
+        pair("dnot_modbus",          Not,           Modbus),
+        word("add_sysreg_const",     Add,           RegisterConstant),
+        word("sub_sysreg_const",     Subtract,      RegisterConstant),
+        word("div_sysreg_const",     Divide,        RegisterConstant),
+        word("mul_sysreg_const",     Multiply,      RegisterConstant),
+        word("and_sysreg_const",     And,           RegisterConstant),
+        word("or_sysreg_const",      Or,            RegisterConstant),
+        word("xor_sysreg_const",     Xor,           RegisterConstant),
+        // 0x20
+        word("sh_sysreg_const",      Shift,         RegisterShift),
+        word("add_sysreg_modbus",    Add,           RegisterModbus),
+        word("sub_sysreg_modbus",    Subtract,      RegisterModbus),
+        word("div_sysreg_modbus",    Divide,        RegisterModbus),
+        word("mul_sysreg_modbus",    Multiply,      RegisterModbus),
+        word("and_sysreg_modbus",    And,           RegisterModbus),
+        word("or_sysreg_modbus",     Or,            RegisterModbus),
+        word("xor_sysreg_modbus",    Xor,           RegisterModbus),
+        word("add_modbus_const",     Add,           ModbusConstant),
+        word("sub_modbus_const",     Subtract,      ModbusConstant),
+        word("div_modbus_const",     Divide,        ModbusConstant),
+        word("mul_modbus_const",     Multiply,      ModbusConstant),
+        word("and_modbus_const",     And,           ModbusConstant),
+        word("or_modbus_const",      Or,            ModbusConstant),
+        word("xor_modbus_const",     Xor,           ModbusConstant),
+        word("sh_modbus_const",      Shift,         ModbusShift),
+        // 0x30
+        word("add_modbus_sysreg",    Add,           ModbusRegister),
+        word("sub_modbus_sysreg",    Subtract,      ModbusRegister),
+        word("div_modbus_sysreg",    Divide,        ModbusRegister),
+        word("mul_modbus_sysreg",    Multiply,      ModbusRegister),
+        word("and_modbus_sysreg",    And,           ModbusRegister),
+        word("or_modbus_sysreg",     Or,            ModbusRegister),
+        word("xor_modbus_sysreg",    Xor,           ModbusRegister),
+        word("add_sysreg_sysreg",    Add,           RegisterRegister),
+        word("sub_sysreg_sysreg",    Subtract,      RegisterRegister),
+        word("div_sysreg_sysreg",    Divide,        RegisterRegister),
+        word("mul_sysreg_sysreg",    Multiply,      RegisterRegister),
+        word("and_sysreg_sysreg",    And,           RegisterRegister),
+        word("or_sysreg_sysreg",     Or,            RegisterRegister),
+        word("xor_sysreg_sysreg",    Xor,           RegisterRegister),
+        pair("dadd_sysreg_const",    Add,           RegisterConstant),
+        pair("dsub_sysreg_const",    Subtract,      RegisterConstant),
+        // 0x40
+        pair("ddiv_sysreg_const",    Divide,        RegisterConstant),
+        pair("dmul_sysreg_const",    Multiply,      RegisterConstant),
+        pair("dand_sysreg_const",    And,           RegisterConstant),
+        pair("dor_sysreg_const",     Or,            RegisterConstant),
+        pair("dxor_sysreg_const",    Xor,           RegisterConstant),
+        pair("dsh_sysreg_const",     Shift,         RegisterShift),
+        pair("dadd_sysreg_modbus",   Add,           RegisterModbus),
+        pair("dsub_sysreg_modbus",   Subtract,      RegisterModbus),
+        pair("ddiv_sysreg_modbus",   Divide,        RegisterModbus),
+        pair("dmul_sysreg_modbus",   Multiply,      RegisterModbus),
+        pair("dand_sysreg_modbus",   And,           RegisterModbus),
+        pair("dor_sysreg_modbus",    Or,            RegisterModbus),
+        pair("dxor_sysreg_modbus",   Xor,           RegisterModbus),
+        pair("dadd_modbus_const",    Add,           ModbusConstant),
+        pair("dsub_modbus_const",    Subtract,      ModbusConstant),
+        pair("ddiv_modbus_const",    Divide,        ModbusConstant),
+        // 0x50
+        pair("dmul_modbus_const",    Multiply,      ModbusConstant),
+        pair("dand_modbus_const",    And,           ModbusConstant),
+        pair("dor_modbus_const",     Or,            ModbusConstant),
+        pair("dxor_modbus_const",    Xor,           ModbusConstant),
+        pair("dsh_modbus_const",     Shift,         ModbusShift),
+        pair("dadd_modbus_sysreg",   Add,           ModbusRegister),
+        pair("dsub_modbus_sysreg",   Subtract,      ModbusRegister),
+        pair("ddiv_modbus_sysreg",   Divide,        ModbusRegister),
+        pair("dmul_modbus_sysreg",   Multiply,      ModbusRegister),
+        pair("dand_modbus_sysreg",   And,           ModbusRegister),
+        pair("dor_modbus_sysreg",    Or,            ModbusRegister),
+        pair("dxor_modbus_sysreg",   Xor,           ModbusRegister),
+        pair("dadd_sysreg_sysreg",   Add,           RegisterRegister),
+        pair("dsub_sysreg_sysreg",   Subtract,      RegisterRegister),
+        pair("ddiv_sysreg_sysreg",   Divide,        RegisterRegister),
+        pair("dmul_sysreg_sysreg",   Multiply,      RegisterRegister),
+        // 0x60
+        pair("dand_sysreg_sysreg",   And,           RegisterRegister),
+        pair("dor_sysreg_sysreg",    Or,            RegisterRegister),
+        pair("dxor_sysreg_sysreg",   Xor,           RegisterRegister),
+        pair("djmp_gx_pari_ix",      Jump(Equal),   Target),
+        pair("djmp_gx_nopari_ix",    Jump(Unequal), Target),
+        pair("djmp_gx_more_ix",      Jump(Greater), Target),
+        pair("djmp_gx_less_ix",      Jump(Less),    Target),
+    ]
+};
+
+/// What each code commands. No board needs more of the table.
+#[expect(clippy::indexing_slicing, reason = "only ever evaluated by the compiler")]
+pub static COMMANDS: [Command; COUNT] = {
+    let mut commands = [TABLE[0].1; COUNT];
+    let mut code = 0;
+    while code < COUNT {
+        commands[code] = TABLE[code].1;
+        code += 1;
+    }
+    commands
+};
+
+/// The manual's name of each code, without CMD_, in lower case.
+#[expect(clippy::indexing_slicing, reason = "only ever evaluated by the compiler")]
+pub static MNEMONICS: [&str; COUNT] = {
+    let mut mnemonics = [""; COUNT];
+    let mut code = 0;
+    while code < COUNT {
+        mnemonics[code] = TABLE[code].0;
+        code += 1;
+    }
+    mnemonics
+};
+
+/// The code of a mnemonic.
+#[must_use]
+pub fn code(mnemonic: &str) -> Option<u8> {
+    MNEMONICS.iter().position(|known| *known == mnemonic).map(|code| code as u8)
+}

@@ -3,17 +3,41 @@
 //!
 //! | file | what of it |
 //! |---|---|
-//! | `instruction` | fields of a line, the table of commands |
+//! | [`instruction`] | fields of a line, the table of commands |
 //! | `vm` | what a line does |
 
-pub(super) mod instruction;
+pub mod instruction;
 pub(super) mod vm;
 
-use super::LINES;
-use crate::device::{Duration, Instant, Sink};
+use standin_protocol::modbus::rtu::crc;
+
+use self::vm::{REGISTERS, Step, Vm, World};
+use super::{LINES, SETTINGS};
+use crate::device::{Duration, Instant, Output, Sink};
+use crate::memory::{self, Content};
 
 /// How long a line takes; that of a DELAY is longer.
 pub(super) const LINE: Duration = Duration::micros(100);
+
+/// How long a save takes (the manual does not say).
+const SAVE: Duration = Duration::millis(10);
+
+/// Bytes of all lines, which lie behind the settings. Their CRC lies behind them, high byte first.
+const BYTES: usize = 4 * LINES;
+
+/// What the last bytes of a drive's memory are with a program in it: its lines, followed by zeros up to the last
+/// one. Of more than [`LINES`] the first ones count.
+#[must_use]
+pub fn image(lines: impl IntoIterator<Item = u32>) -> [u8; BYTES + 2] {
+    let mut image = [0; BYTES + 2];
+    if let Some((bytes, sum)) = image.split_last_chunk_mut::<2>() {
+        for (bytes, line) in bytes.as_chunks_mut().0.iter_mut().zip(lines) {
+            *bytes = line.to_le_bytes();
+        }
+        *sum = crc(bytes).to_be_bytes();
+    }
+    image
+}
 
 /// How the program came to its state, as STATUS_USER_PROGRAM says (6.3).
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -35,27 +59,51 @@ pub(super) enum Status {
     Failed = 7,
 }
 
+/// A save that has begun: its CRC is still to come.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+struct Save {
+    crc: [u8; 2],
+    due: Instant,
+}
+
 /// The buffer, the flash and the state of the program.
 #[derive(Clone, Debug)]
 pub(super) struct Program {
+    /// What the program works with.
+    pub(super) vm: Vm,
+    status: Status,
+    /// When the next line is carried out.
+    line_due: Instant,
+    /// What the flash holds, once a save that runs is over.
+    flash: Content,
+    save: Option<Save>,
+    /// AX to JX at the start, to which CMD_FULL_STOP_PROGRAM returns.
+    before: [u16; REGISTERS],
     /// Lines, low byte first, as they go into the flash.
     buffer: [[u8; 4]; LINES],
-    status: Status,
-    /// When the next line is carried out, or a save is over.
-    due: Instant,
-    /// What the program works with.
-    pub(super) vm: vm::Vm,
 }
 
 impl Program {
     pub(super) fn new() -> Self {
-        Self { buffer: [[0; 4]; LINES], status: Status::Stopped, due: Instant::NEVER, vm: vm::Vm::new() }
+        Self {
+            vm: Vm::new(),
+            status: Status::Stopped,
+            line_due: Instant::NEVER,
+            flash: Content::New,
+            save: None,
+            before: [0; REGISTERS],
+            buffer: [[0; 4]; LINES],
+        }
     }
 
     /// Power comes: registers, stacks and the buffer are empty. Whether the flash holds a program, be it that of
     /// a new drive, which ends at once (ERROR bit 7 if not).
-    pub(super) fn power_on(&mut self, _out: &dyn Sink) -> bool {
-        true
+    pub(super) fn power_on(&mut self, out: &dyn Sink) -> bool {
+        // Not by way of `new`, which would need the stack of a board for the buffer.
+        self.vm = Vm::new();
+        self.buffer.fill([0; 4]);
+        (self.status, self.line_due, self.save) = (Status::Stopped, Instant::NEVER, None);
+        self.judge(out)
     }
 
     pub(super) fn status(&self) -> Status {
@@ -67,34 +115,130 @@ impl Program {
         matches!(self.status, Status::StartedByBus | Status::StartedByPower | Status::Running)
     }
 
-    /// Starts at line 0, `status` being one of the two that say so; fails at once where the flash is bad.
+    /// Starts at line 0, `status` being one of the two that say so; fails at once where the flash is bad. Without
+    /// effect while it is [`Status::Running`]. The system registers stay as they are.
     pub(super) fn start(&mut self, at: Instant, status: Status) {
-        (self.status, self.due) = (status, at + LINE);
+        if self.status == Status::Running {
+            return;
+        }
+        self.vm.rewind();
+        self.before = self.vm.registers;
+        (self.status, self.line_due) = match self.flash {
+            Content::Bad => (Status::Failed, Instant::NEVER),
+            Content::New | Content::Good => (status, at + LINE),
+        };
     }
 
     /// The bus stops it; also leaves the state of one that has ended.
     pub(super) fn stop(&mut self) {
-        (self.status, self.due) = (Status::Stopped, Instant::NEVER);
+        (self.status, self.line_due) = (Status::Stopped, Instant::NEVER);
     }
 
     /// WRITE_CMD.
-    pub(super) fn write_line(&mut self, _address: u16, _line: u32) {}
-
-    /// READ_CMD.
-    pub(super) fn read_line(&self, _address: u16) -> u32 {
-        0
+    pub(super) fn write_line(&mut self, address: u16, line: u32) {
+        if let Some(place) = self.buffer.get_mut(usize::from(address)) {
+            *place = line.to_le_bytes();
+        }
     }
 
-    /// Begins to store the buffer in the flash.
-    pub(super) fn save(&mut self, _at: Instant, _out: &mut dyn Sink) {}
+    /// READ_CMD.
+    pub(super) fn read_line(&self, address: u16) -> u32 {
+        self.buffer.get(usize::from(address)).map_or(0, |&line| u32::from_le_bytes(line))
+    }
+
+    /// Begins to store the buffer in the flash: a CRC that is certainly wrong, the lines, and when the time of a
+    /// save is over the right one. Not while lines are carried out.
+    pub(super) fn save(&mut self, at: Instant, out: &mut dyn Sink) {
+        let lines = self.buffer.as_flattened();
+        let crc = crc(lines).to_be_bytes();
+        store(BYTES, &crc.map(|byte| !byte), at, out);
+        store(0, lines, at, out);
+        (self.flash, self.save) = (Content::Good, Some(Save { crc, due: at + SAVE }));
+    }
+
+    /// Ends a save that runs, be its time over or not: a restart waits for it.
+    pub(super) fn finish_save(&mut self, at: Instant, out: &mut dyn Sink) {
+        if let Some(save) = self.save.take() {
+            store(BYTES, &save.crc, at, out);
+        }
+    }
 
     /// Brings the flash into the buffer; whether it holds a program (ERROR bit 7 if not).
-    pub(super) fn load(&mut self, _out: &dyn Sink) -> bool {
+    pub(super) fn load(&mut self, out: &dyn Sink) -> bool {
+        // The lines of a save that runs are there already.
+        if self.save.is_none() {
+            self.judge(out);
+        }
+        match self.flash {
+            Content::New => self.buffer.fill([0; 4]),
+            Content::Good => {
+                let lines = out.memory().get(SETTINGS..).unwrap_or(&[]).as_chunks().0;
+                for (line, stored) in self.buffer.iter_mut().zip(lines) {
+                    *line = *stored;
+                }
+            }
+            Content::Bad => return false,
+        }
         true
     }
 
-    /// When the next line is carried out.
+    /// When the next line is carried out, or a save is over.
     pub(super) fn due(&self) -> Instant {
-        self.due
+        self.save.map_or(self.line_due, |save| self.line_due.min(save.due))
     }
+
+    /// A save may be over; of a line that is due see [`run`].
+    pub(super) fn timeout(&mut self, at: Instant, out: &mut dyn Sink) {
+        if self.save.is_some_and(|save| save.due <= at) {
+            self.finish_save(at, out);
+        }
+    }
+
+    /// Looks at the flash; whether it passes.
+    fn judge(&mut self, out: &dyn Sink) -> bool {
+        self.flash = memory::content(out.memory().get(SETTINGS..).unwrap_or(&[]), BYTES / 2);
+        self.flash != Content::Bad
+    }
+
+    /// Where a line begins in the memory; `None` in a new one.
+    fn place(&self, line: u16) -> Option<usize> {
+        (self.flash != Content::New).then_some(SETTINGS + 4 * usize::from(line))
+    }
+
+    /// A line has been carried out.
+    fn follow(&mut self, at: Instant, step: Step) {
+        // A line may stop its own program, or restart the drive.
+        if self.status != Status::Running {
+            return;
+        }
+        (self.status, self.line_due) = match step {
+            Step::Next => (Status::Running, at + LINE),
+            Step::Delay(ms) => (Status::Running, at + Duration::millis(ms.into()).max(LINE)),
+            Step::End => (Status::Ended, Instant::NEVER),
+            Step::FullEnd => (Status::FullyEnded, Instant::NEVER),
+            Step::Error => (Status::Failed, Instant::NEVER),
+        };
+        if step == Step::FullEnd {
+            (self.vm.registers, self.vm.line) = (self.before, 0);
+        }
+    }
+}
+
+/// Carries out the line that is due, if one is. What it says is the drive's to do: at [`Step::FullEnd`] its
+/// registers return to what they were before the start and the motor stops, AX to JX have returned; at
+/// [`Step::Error`] ERROR bit 8 comes and the motor stops.
+pub(super) fn run(at: Instant, world: &mut impl World) -> Option<Step> {
+    let program = world.program();
+    if program.line_due > at {
+        return None;
+    }
+    program.status = Status::Running;
+    let step = vm::step(world);
+    world.program().follow(at, step);
+    Some(step)
+}
+
+/// Stores bytes of the program's part of the memory.
+fn store(offset: usize, bytes: &[u8], at: Instant, out: &mut dyn Sink) {
+    out.put(at, Output::Store { offset: (SETTINGS + offset) as u16, bytes });
 }

@@ -1,6 +1,11 @@
 //! What a line of the program does (6.9).
 
+use heapless::Vec;
 use standin_protocol::registers::Space;
+
+use super::Program;
+use super::instruction::{Command, Condition, Form, Instruction, Operation};
+use crate::rs434::LINES;
 
 /// The system registers, AX to JX.
 pub(in crate::rs434) const REGISTERS: usize = 10;
@@ -12,21 +17,48 @@ pub(in crate::rs434) struct Vm {
     pub(in crate::rs434) registers: [u16; REGISTERS],
     /// The line that is being carried out: PC_REG.
     pub(in crate::rs434) line: u16,
+    /// Where it goes on, if no round of a loop ends there.
+    next: u16,
+    calls: Vec<Call, 16>,
+    /// Those of all subroutines, the innermost last.
+    loops: Vec<Loop, 8>,
+    /// How many of them belong to callers.
+    outside: usize,
+}
+
+/// A subroutine that has been called.
+#[derive(Clone, Copy, Debug)]
+struct Call {
+    /// Where its caller goes on.
+    back: u16,
+    /// What [`Vm::outside`] is there.
+    outside: usize,
+}
+
+/// A FOR whose rounds are not over.
+#[derive(Clone, Copy, Debug)]
+struct Loop {
+    /// Its first line.
+    start: u16,
+    /// Its lines.
+    length: u16,
+    /// Rounds to go, this one included.
+    left: u16,
 }
 
 /// What a program can reach: the drive, with itself in it.
 pub(in crate::rs434) trait World {
-    /// Its registers and stacks.
-    fn vm(&mut self) -> &mut Vm;
+    /// It and what it works with.
+    fn program(&mut self) -> &mut Program;
 
-    /// A line of the flash; 0 in a new one.
-    fn line(&self, address: u16) -> u32;
+    /// The drive's flash.
+    fn memory(&self) -> &[u8];
 
     /// A register of the bus; `None` if there is none to read.
     fn read(&mut self, space: Space, address: u16) -> Option<u16>;
 
     /// Writes registers of the bus, as the bus would: one or two. A value out of range is a warning of the drive's
-    /// (ERROR bit 13) and no error.
+    /// (ERROR bit 13) and no error. The last thing that a line does.
     ///
     /// # Errors
     /// One of them cannot be written; nothing was.
@@ -52,13 +84,243 @@ pub(in crate::rs434) enum Step {
     Error,
 }
 
-impl Vm {
-    pub(in crate::rs434) fn new() -> Self {
-        Self { registers: [0; REGISTERS], line: 0 }
-    }
+/// Where an operand is, and a result goes.
+#[derive(Clone, Copy)]
+enum Place {
+    /// A system register, by its number, or from it on a pair of them.
+    System(u16),
+    /// Registers of the bus.
+    Bus(Space, u16),
 }
 
 /// Carries out the next line.
-pub(in crate::rs434) fn step(_world: &mut impl World) -> Step {
-    Step::End
+pub(super) fn step(world: &mut impl World) -> Step {
+    carry_out(world).unwrap_or(Step::Error)
+}
+
+/// `None` where it cannot be carried out.
+fn carry_out(world: &mut impl World) -> Option<Step> {
+    let line = world.program().vm.arrive();
+    let instruction = Instruction(fetch(world, line)?);
+    let vm = &mut world.program().vm;
+    vm.line = line;
+    let command = instruction.command()?;
+    vm.next = line + command.lines();
+    match command.operation {
+        Operation::Stop => return Some(Step::End),
+        Operation::FullStop => return Some(Step::FullEnd),
+        Operation::Delay => return Some(Step::Delay(instruction.data())),
+        Operation::Jump(condition) => {
+            if vm.holds(condition, command.wide) {
+                vm.next = vm.target(instruction)?;
+            }
+        }
+        Operation::Call => vm.call(instruction.data())?,
+        Operation::Return => vm.come_back()?,
+        Operation::For => vm.repeat(instruction.data())?,
+        _ => calculate(world, instruction, command)?,
+    }
+    Some(Step::Next)
+}
+
+/// A line of the flash; `None` past the last one.
+fn fetch(world: &mut impl World, line: u16) -> Option<u32> {
+    let line = existing(line)?;
+    let place = world.program().place(line);
+    // A new flash has no program, which reads as one that ends at once.
+    place.map_or(Some(0), |place| world.memory().get(place..)?.first_chunk().copied().map(u32::from_le_bytes))
+}
+
+/// Moves, arithmetic and logic.
+fn calculate(world: &mut impl World, instruction: Instruction, command: Command) -> Option<()> {
+    let Command { operation, wide, form } = command;
+    let data = instruction.data();
+    let register = Place::System(instruction.register().into());
+    let bus = || Some(Place::Bus(space(instruction.space())?, data));
+    let (place, second) = match form {
+        Form::Modbus => (bus()?, 0),
+        Form::RegisterConstant if wide => (register, constant(world, true)?),
+        Form::RegisterConstant | Form::RegisterShift => (register, data.into()),
+        Form::RegisterModbus => (register, get(world, bus()?, wide)?),
+        Form::ModbusConstant | Form::ModbusShift => (bus()?, constant(world, wide)?),
+        Form::ModbusRegister => (bus()?, get(world, register, wide)?),
+        Form::RegisterRegister if operation == Operation::Move => {
+            (Place::System(data), get(world, register, wide)?)
+        }
+        Form::RegisterRegister => (register, get(world, Place::System(data), wide)?),
+        // Only the form of a register is left: jumps and their like do not come here.
+        _ => (register, 0),
+    };
+    let result = if operation == Operation::Move {
+        second
+    } else {
+        let first = get(world, place, wide)?;
+        let of_bits = matches!(place, Place::Bus(Space::Coil | Space::Discrete, _));
+        match operation {
+            Operation::Add => first.wrapping_add(second),
+            Operation::Subtract => first.wrapping_sub(second),
+            Operation::Divide => first.checked_div(second)?,
+            Operation::Multiply => first.wrapping_mul(second),
+            Operation::And => first & second,
+            Operation::Or => first | second,
+            Operation::Xor => first ^ second,
+            Operation::Shift if instruction.type_jmp() => first.checked_shr(second).unwrap_or(0),
+            Operation::Shift => first.checked_shl(second).unwrap_or(0),
+            Operation::Not if of_bits => first ^ 0x0001_0001,
+            _ => !first,
+        }
+    };
+    put(world, place, wide, result)
+}
+
+/// The space that uTypeModbusReg means.
+fn space(number: u8) -> Option<Space> {
+    match number {
+        0 => Some(Space::Discrete),
+        1 => Some(Space::Coil),
+        2 => Some(Space::Input),
+        3 => Some(Space::Holding),
+        _ => None,
+    }
+}
+
+/// uCMD_DATA, the line behind this one; of 16 bits its low half.
+fn constant(world: &mut impl World, wide: bool) -> Option<u32> {
+    let line = world.program().vm.line + 1;
+    let constant = fetch(world, line)?;
+    Some(if wide { constant } else { constant & 0xFFFF })
+}
+
+/// An operand.
+fn get(world: &mut impl World, place: Place, wide: bool) -> Option<u32> {
+    match place {
+        Place::System(number) => {
+            let registers = world.program().vm.registers.get(usize::from(number)..)?;
+            if wide {
+                registers.first_chunk().map(|&[low, high]| join(low, high))
+            } else {
+                registers.first().map(|&word| word.into())
+            }
+        }
+        Place::Bus(space, address) => {
+            let low = world.read(space, address)?;
+            let high = if wide { world.read(space, address.checked_add(1)?)? } else { 0 };
+            Some(join(low, high))
+        }
+    }
+}
+
+/// Puts a result where it goes; of 16 bits its low half.
+fn put(world: &mut impl World, place: Place, wide: bool, result: u32) -> Option<()> {
+    let words = [(result & 0xFFFF) as u16, (result >> 16) as u16];
+    match place {
+        Place::System(number) => {
+            let registers = world.program().vm.registers.get_mut(usize::from(number)..)?;
+            if wide {
+                *registers.first_chunk_mut()? = words;
+            } else {
+                let [low, _] = words;
+                *registers.first_mut()? = low;
+            }
+            Some(())
+        }
+        Place::Bus(space, address) => {
+            // A bit is set by whatever is not 0.
+            let words = if space == Space::Coil { words.map(|word| u16::from(word != 0)) } else { words };
+            let words = words.get(..if wide { 2 } else { 1 }).unwrap_or(&words);
+            world.write(space, address, words).ok()
+        }
+    }
+}
+
+const fn join(low: u16, high: u16) -> u32 {
+    (high as u32) << 16 | low as u32
+}
+
+impl Vm {
+    pub(super) fn new() -> Self {
+        Self { registers: [0; REGISTERS], line: 0, next: 0, calls: Vec::new(), loops: Vec::new(), outside: 0 }
+    }
+
+    /// Goes to line 0; the system registers stay.
+    pub(super) fn rewind(&mut self) {
+        (self.line, self.next, self.outside) = (0, 0, 0);
+        self.calls.clear();
+        self.loops.clear();
+    }
+
+    /// The next line. Where a round of a loop ends it is the first one of the next round; a loop that it does not
+    /// lie in is over.
+    fn arrive(&mut self) -> u16 {
+        while self.loops.len() > self.outside
+            && let Some(innermost) = self.loops.last_mut()
+        {
+            let into = self.next.wrapping_sub(innermost.start);
+            if into < innermost.length {
+                break;
+            }
+            if into == innermost.length && innermost.left > 1 {
+                innermost.left -= 1;
+                self.next = innermost.start;
+                break;
+            }
+            self.loops.pop();
+        }
+        self.next
+    }
+
+    /// Whether a jump is taken.
+    fn holds(&self, condition: Condition, wide: bool) -> bool {
+        let [ax, bx, _, _, _, _, gx, hx, ix, jx] = self.registers;
+        let (first, second) = if wide { (join(gx, hx), join(ix, jx)) } else { (ax.into(), bx.into()) };
+        match condition {
+            Condition::Always => true,
+            Condition::Equal => first == second,
+            Condition::Unequal => first != second,
+            Condition::Greater => first > second,
+            Condition::Less => first < second,
+        }
+    }
+
+    /// Where a jump goes.
+    fn target(&self, instruction: Instruction) -> Option<u16> {
+        let data = instruction.data();
+        if instruction.type_jmp() {
+            existing(self.line.checked_add_signed(data.cast_signed())?)
+        } else {
+            existing(data)
+        }
+    }
+
+    /// CMD_CALL.
+    fn call(&mut self, subroutine: u16) -> Option<()> {
+        let subroutine = existing(subroutine)?;
+        self.calls.push(Call { back: self.next, outside: self.outside }).ok()?;
+        (self.next, self.outside) = (subroutine, self.loops.len());
+        Some(())
+    }
+
+    /// CMD_RETURN: loops of the subroutine are over.
+    fn come_back(&mut self) -> Option<()> {
+        let Call { back, outside } = self.calls.pop()?;
+        self.loops.truncate(self.outside);
+        (self.next, self.outside) = (back, outside);
+        Some(())
+    }
+
+    /// CMD_FOR: the high byte says how many lines, the low one how often.
+    fn repeat(&mut self, data: u16) -> Option<()> {
+        let [length, rounds] = data.to_be_bytes().map(u16::from);
+        match (length, rounds) {
+            (0, _) => {}
+            (_, 0) => self.next += length,
+            _ => self.loops.push(Loop { start: self.next, length, left: rounds }).ok()?,
+        }
+        Some(())
+    }
+}
+
+/// A line that a jump may go to.
+fn existing(line: u16) -> Option<u16> {
+    (usize::from(line) < LINES).then_some(line)
 }

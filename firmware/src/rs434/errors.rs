@@ -1,0 +1,99 @@
+//! The register ERROR: what raises its bits, which of them stop the motor, and what clears them (6.5).
+
+use super::drive::{Drive, State};
+use super::registers::Reg;
+use super::thermal::Part;
+use crate::device::{Fault, Instant, Sink};
+
+/// The bits of ERROR.
+pub(super) mod error {
+    pub(in crate::rs434) const SUPPLY_VOLTAGE: u16 = 1 << 0;
+    pub(in crate::rs434) const SHORT_CIRCUIT: u16 = 1 << 1;
+    pub(in crate::rs434) const BRAKE_OVERHEAT: u16 = 1 << 2;
+    pub(in crate::rs434) const POWER_OVERHEAT: u16 = 1 << 3;
+    pub(in crate::rs434) const HALL: u16 = 1 << 4;
+    pub(in crate::rs434) const EMERGENCY_STOP: u16 = 1 << 5;
+    pub(in crate::rs434) const MCU_OVERHEAT: u16 = 1 << 6;
+    pub(in crate::rs434) const PROGRAM_TEST: u16 = 1 << 7;
+    pub(in crate::rs434) const PROGRAM: u16 = 1 << 8;
+    pub(in crate::rs434) const SETTINGS: u16 = 1 << 9;
+    pub(in crate::rs434) const SWITCHES: u16 = 1 << 10;
+    pub(in crate::rs434) const CURRENT_LIMIT: u16 = 1 << 11;
+    pub(in crate::rs434) const OUT_OF_RANGE: u16 = 1 << 13;
+    pub(in crate::rs434) const PARITY: u16 = 1 << 14;
+    pub(in crate::rs434) const TOO_FEW_HALLS: u16 = 1 << 15;
+
+    /// These stop the motor.
+    pub(in crate::rs434) const STOPS: u16 = SUPPLY_VOLTAGE
+        | SHORT_CIRCUIT
+        | BRAKE_OVERHEAT
+        | POWER_OVERHEAT
+        | HALL
+        | EMERGENCY_STOP
+        | MCU_OVERHEAT
+        | SWITCHES;
+    /// These stay until a restart. The others are warnings, and a write may clear them.
+    pub(in crate::rs434) const STAYS: u16 = STOPS | PROGRAM_TEST | SETTINGS;
+}
+
+/// What each fault of the drive raises, in the order of [`Spec::faults`](crate::device::Spec::faults).
+const CAUSES: [u16; 8] = [
+    error::SUPPLY_VOLTAGE,
+    error::SHORT_CIRCUIT,
+    error::BRAKE_OVERHEAT,
+    error::POWER_OVERHEAT,
+    error::HALL,
+    error::MCU_OVERHEAT,
+    error::SWITCHES,
+    error::CURRENT_LIMIT,
+];
+
+impl Drive {
+    /// Sets bits of ERROR, and stops the motor if one of them does.
+    pub(super) fn raise(&mut self, at: Instant, errors: u16, out: &mut dyn Sink) {
+        self.errors |= errors;
+        if errors & error::STOPS != 0 {
+            self.halt(at, out);
+        }
+    }
+
+    /// ERROR has been written: warnings go where it has a 0, unless their cause is there.
+    pub(super) fn write_errors(&mut self, word: u16) {
+        self.errors = self.errors & (word | error::STAYS) | self.causes;
+    }
+
+    /// The cause of a fault comes or goes.
+    pub(super) fn set_cause(&mut self, at: Instant, fault: Fault, on: bool, out: &mut dyn Sink) {
+        let Some(&bit) = CAUSES.get(usize::from(fault.0)) else { return };
+        self.causes = if on { self.causes | bit } else { self.causes & !bit };
+        if on && self.state == State::Ready {
+            self.raise(at, bit, out);
+        }
+    }
+
+    /// Raises what is wrong now: at the end of the start, and when something was injected.
+    pub(super) fn look_for_errors(&mut self, at: Instant, out: &mut dyn Sink) {
+        let mut errors = self.causes;
+        if !self.inputs.hard_stop {
+            errors |= error::EMERGENCY_STOP;
+        }
+        for (part, bit) in [
+            (Part::Mcu, error::MCU_OVERHEAT),
+            (Part::Power, error::POWER_OVERHEAT),
+            (Part::Brake, error::BRAKE_OVERHEAT),
+        ] {
+            if self.thermal.is_too_hot(at, part) {
+                errors |= bit;
+            }
+        }
+        if let Some(ma) = self.injected_ma {
+            if ma > self.bank.word(Reg::REF_CURRENT) {
+                errors |= error::CURRENT_LIMIT;
+            }
+            if u32::from(ma) >= self.model.short_ma() {
+                errors |= error::SHORT_CIRCUIT;
+            }
+        }
+        self.raise(at, errors, out);
+    }
+}

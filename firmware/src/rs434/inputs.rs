@@ -1,0 +1,186 @@
+//! The contacts IN1, IN2 and HARD_STOP, and what they ask for in the five ways of MODE_EXT_IN (6.1, 6.5).
+
+use super::drive::{Drive, State};
+use super::errors::error;
+use super::motion::Heading;
+use super::registers::Reg;
+use super::{CLR_FLASH, HA, HARD_STOP, HB, IN1, IN2};
+use crate::device::{Duration, Instant, Pin, Sink};
+
+/// A contact that bounces (6.1, Fig. 5).
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Contact {
+    /// It is closed.
+    pub(super) closed: bool,
+    /// It is taken for closed: it was for long enough, and not open for long enough since.
+    on: bool,
+    /// When what it is now will have lasted long enough.
+    pub(super) due: Instant,
+}
+
+impl Contact {
+    const OPEN: Self = Self { closed: false, on: false, due: Instant::NEVER };
+
+    /// It is taken for what it is.
+    fn take(&mut self) {
+        *self = Self { on: self.closed, due: Instant::NEVER, ..*self };
+    }
+
+    /// It has changed: that must last for `pressed` if it is closed now, for `waited` if open.
+    fn change(&mut self, at: Instant, closed: bool, pressed: Duration, waited: Duration) {
+        if closed == self.closed {
+            return;
+        }
+        self.closed = closed;
+        let lasts = if closed { pressed } else { waited };
+        self.due = if closed == self.on { Instant::NEVER } else { at + lasts };
+    }
+
+    /// Whether it is taken for something else from now on.
+    fn timeout(&mut self, at: Instant) -> bool {
+        let changes = self.due <= at;
+        if changes {
+            self.take();
+        }
+        changes
+    }
+}
+
+/// The contacts of the drive, as they are.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Inputs {
+    pub(super) in1: Contact,
+    pub(super) in2: Contact,
+    /// The emergency stop is closed: the motor may move.
+    pub(super) hard_stop: bool,
+    /// CLR_FLASH is closed.
+    pub(super) clr_flash: bool,
+}
+
+impl Inputs {
+    /// Nothing is wired.
+    pub(super) const REST: Self =
+        Self { in1: Contact::OPEN, in2: Contact::OPEN, hard_stop: true, clr_flash: false };
+
+    /// The drive starts: nothing is waited for.
+    pub(super) fn forget(&mut self) {
+        (self.in1.due, self.in2.due) = (Instant::NEVER, Instant::NEVER);
+    }
+
+    pub(super) fn due(&self) -> Instant {
+        self.in1.due.min(self.in2.due)
+    }
+}
+
+impl Drive {
+    /// A contact or a Hall sensor has changed.
+    pub(super) fn edge(&mut self, at: Instant, pin: Pin, high: bool, out: &mut dyn Sink) {
+        let closed = !high;
+        match pin {
+            IN1 | IN2 => self.contact_changed(at, pin, closed),
+            HARD_STOP => {
+                self.inputs.hard_stop = closed;
+                if !closed && self.state == State::Ready {
+                    self.raise(at, error::EMERGENCY_STOP, out);
+                }
+            }
+            CLR_FLASH => {
+                self.inputs.clr_flash = closed;
+                self.clr_flash_changed(at, out);
+            }
+            HA | HB => self.servo.edge(at, pin == HA, high, out),
+            _ => {}
+        }
+    }
+
+    fn contact_changed(&mut self, at: Instant, pin: Pin, closed: bool) {
+        let time = |reg| Duration::millis(self.bank.word(reg).into());
+        let (pressed, waited) = (time(Reg::PRESSED_INPUTS_EXTERN), time(Reg::WAITED_INPUTS_EXTERN));
+        let contact = if pin == IN1 { &mut self.inputs.in1 } else { &mut self.inputs.in2 };
+        contact.change(at, closed, pressed, waited);
+        if self.state != State::Ready {
+            // When the drive is ready it takes them for what they are.
+            contact.due = Instant::NEVER;
+        }
+    }
+
+    /// The drive is ready: contacts are taken for what they are, and levels act.
+    pub(super) fn take_inputs(&mut self, at: Instant, out: &mut dyn Sink) {
+        self.inputs.in1.take();
+        self.inputs.in2.take();
+        self.levels_act(at, out);
+    }
+
+    /// A contact has lasted long enough.
+    pub(super) fn inputs_timeout(&mut self, at: Instant, out: &mut dyn Sink) {
+        let (first, second) = (self.inputs.in1.timeout(at), self.inputs.in2.timeout(at));
+        if (!first && !second) || !self.is_by_inputs() {
+            return;
+        }
+        // A pulse is over when its contact has opened.
+        let pulse_1 = first && !self.inputs.in1.on;
+        let pulse_2 = second && !self.inputs.in2.on;
+        match self.bank.word(Reg::MODE_EXT_IN) {
+            1 | 3 if pulse_2 => {
+                let reversed = if self.is_forward() { 2 } else { 1 };
+                self.set_direction(at, reversed, out);
+            }
+            2 | 4 if second => self.direction_by_level(at, out),
+            _ => {}
+        }
+        match self.bank.word(Reg::MODE_EXT_IN) {
+            1 | 2 if pulse_1 => {
+                if self.servo.direction() == 0 {
+                    self.start(at, Heading::Registers, out);
+                } else {
+                    self.stop(at, out);
+                }
+            }
+            3 | 4 if first => self.run_by_level(at, out),
+            5 => self.run_by_both(at, out),
+            _ => {}
+        }
+    }
+
+    /// Does what levels ask for: when the drive is ready, and when MODE_DEVICE or MODE_EXT_IN is written.
+    pub(super) fn levels_act(&mut self, at: Instant, out: &mut dyn Sink) {
+        if self.state != State::Ready || !self.is_by_inputs() {
+            return;
+        }
+        match self.bank.word(Reg::MODE_EXT_IN) {
+            2 => self.direction_by_level(at, out),
+            3 => self.run_by_level(at, out),
+            4 => {
+                self.direction_by_level(at, out);
+                self.run_by_level(at, out);
+            }
+            5 => self.run_by_both(at, out),
+            _ => {}
+        }
+    }
+
+    /// Whether the inputs control the motor, and not the bus.
+    pub(super) fn is_by_inputs(&self) -> bool {
+        self.bank.word(Reg::MODE_DEVICE) == 2
+    }
+
+    /// IN2 is the direction: closed is backward.
+    fn direction_by_level(&mut self, at: Instant, out: &mut dyn Sink) {
+        self.set_direction(at, if self.inputs.in2.on { 2 } else { 1 }, out);
+    }
+
+    /// IN1 lets the motor run while it is closed.
+    fn run_by_level(&mut self, at: Instant, out: &mut dyn Sink) {
+        self.run(at, self.inputs.in1.on.then_some(Heading::Registers), out);
+    }
+
+    /// IN1 lets it run forward, IN2 backward, both together not at all.
+    fn run_by_both(&mut self, at: Instant, out: &mut dyn Sink) {
+        let heading = match (self.inputs.in1.on, self.inputs.in2.on) {
+            (true, false) => Some(Heading::Forward),
+            (false, true) => Some(Heading::Backward),
+            _ => None,
+        };
+        self.run(at, heading, out);
+    }
+}

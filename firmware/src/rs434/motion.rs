@@ -1,0 +1,229 @@
+//! What starts and stops the motor, and what it is to do then: rotate, or move by OFFSET or to a position (6.2,
+//! 6.5).
+
+use super::drive::{Drive, State, Words};
+use super::errors::error;
+use super::registers::Reg;
+use super::servo::Settings;
+use crate::device::{Instant, Sink};
+
+/// Which way a start goes.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) enum Heading {
+    /// As DIRECTION says, or the sign of OFFSET.
+    Registers,
+    /// Forward, as IN1 wants in way 5 of MODE_EXT_IN.
+    Forward,
+    /// Backward, or by the negative OFFSET, as IN2 wants.
+    Backward,
+}
+
+/// What was asked of the motor.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) enum Motion {
+    /// Nothing, though it may still brake.
+    None,
+    /// To rotate until it is stopped.
+    Rotates,
+    /// A move, until it stands.
+    Moves {
+        /// Where it goes.
+        way: Way,
+        /// It was stopped on it.
+        braking: bool,
+    },
+}
+
+/// Where a move goes.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) enum Way {
+    /// By OFFSET, which counts what is left.
+    Offset,
+    /// By its negative.
+    MinusOffset,
+    /// To TARGET_POSITION.
+    Position,
+}
+
+/// What the servo goes by.
+pub(super) fn settings(bank: &Words) -> Settings {
+    Settings {
+        speed: bank.word(Reg::SPEED),
+        acc: bank.word(Reg::ACC),
+        dec: bank.word(Reg::DEC),
+        rated: bank.word(Reg::RATED_SPEED),
+        pulses: bank.word(Reg::PULSES_PER_REVOLUTION),
+        halls: bank.word(Reg::USE_HALL),
+        limit_ma: bank.word(Reg::REF_CURRENT).into(),
+        closed: bank.word(Reg::MODE_COIL) == 1,
+    }
+}
+
+impl Drive {
+    /// One of the coils was written. Of several at once the strongest counts; all read 0 again (6.2).
+    pub(super) fn take_coils(&mut self, at: Instant, out: &mut dyn Sink) {
+        let mut take = |reg| {
+            let set = self.bank.word(reg) != 0;
+            self.bank.set(reg, 0);
+            set
+        };
+        let (start, stop, hard_stop) = (take(Reg::START_bit), take(Reg::STOP_bit), take(Reg::HARD_STOP_bit));
+        if take(Reg::CLR_POSITION_bit) {
+            self.servo.clear_position();
+        }
+        if hard_stop {
+            self.halt(at, out);
+        } else if stop {
+            self.stop(at, out);
+        } else if start && !self.is_by_inputs() {
+            self.start(at, Heading::Registers, out);
+        }
+    }
+
+    /// Starts the motor as MODE_ROTATION says, unless an error forbids it or a move runs.
+    pub(super) fn start(&mut self, at: Instant, heading: Heading, out: &mut dyn Sink) {
+        if self.state != State::Ready || self.errors & error::STOPS != 0 {
+            return;
+        }
+        match (self.motion, heading) {
+            (Motion::Moves { .. }, _) | (Motion::Rotates, Heading::Registers) => return,
+            (Motion::Rotates, _) => return self.rotate(at, heading, out),
+            (Motion::None, _) => {}
+        }
+        let rotates = self.bank.word(Reg::MODE_ROTATION) == 1;
+        if !rotates && self.servo.direction() != 0 {
+            return;
+        }
+        if !rotates && self.bank.word(Reg::USE_HALL) < 2 {
+            self.raise(at, error::TOO_FEW_HALLS, out);
+            return;
+        }
+        let constant = self.bank.get(Reg::OFFSET_CONST);
+        if constant != 0 {
+            self.bank.set(Reg::OFFSET, constant);
+        }
+        match self.bank.word(Reg::MODE_ROTATION) {
+            1 => self.rotate(at, heading, out),
+            2 => self.move_by_offset(at, heading == Heading::Backward, out),
+            _ => self.move_to_position(at, out),
+        }
+    }
+
+    fn rotate(&mut self, at: Instant, heading: Heading, out: &mut dyn Sink) {
+        let forward = match heading {
+            Heading::Registers => self.is_forward(),
+            Heading::Forward => true,
+            Heading::Backward => false,
+        };
+        self.motion = Motion::Rotates;
+        self.servo.rotate(at, forward, out);
+    }
+
+    fn move_by_offset(&mut self, at: Instant, negative: bool, out: &mut dyn Sink) {
+        let offset = self.bank.get(Reg::OFFSET) as i32;
+        if negative {
+            self.go(at, offset.saturating_neg(), Way::MinusOffset, out);
+        } else {
+            self.go(at, offset, Way::Offset, out);
+        }
+    }
+
+    fn move_to_position(&mut self, at: Instant, out: &mut dyn Sink) {
+        let target = self.bank.get(match self.bank.word(Reg::POSITION_N) {
+            1 => Reg::TARGET_POSITION1,
+            2 => Reg::TARGET_POSITION2,
+            3 => Reg::TARGET_POSITION3,
+            _ => Reg::TARGET_POSITION4,
+        });
+        self.bank.set(Reg::TARGET_POSITION, target);
+        // A way that is longer than any move never goes round the other side: the next start goes on.
+        self.go(at, (target as i32).saturating_sub(self.servo.position()), Way::Position, out);
+    }
+
+    fn go(&mut self, at: Instant, counts: i32, way: Way, out: &mut dyn Sink) {
+        if counts != 0 {
+            self.motion = Motion::Moves { way, braking: false };
+            let compensation = self.bank.get(Reg::OFFSET_COMPENSATION) as i16;
+            self.servo.go(at, counts, compensation, out);
+        }
+    }
+
+    /// Lets the motor run, or stops it: what an input asks for as long as it is closed. While a stopped motor
+    /// brakes, a move waits for its standstill.
+    pub(super) fn run(&mut self, at: Instant, heading: Option<Heading>, out: &mut dyn Sink) {
+        let Some(heading) = heading else { return self.stop(at, out) };
+        let stopped = matches!(self.motion, Motion::None | Motion::Moves { braking: true, .. });
+        let waits = stopped && self.servo.direction() != 0 && self.bank.word(Reg::MODE_ROTATION) != 1;
+        self.next = waits.then_some(heading);
+        if !waits {
+            self.start(at, heading, out);
+        }
+    }
+
+    /// Stops the motor with DEC.
+    pub(super) fn stop(&mut self, at: Instant, out: &mut dyn Sink) {
+        if self.motion != Motion::None {
+            self.forget_motion();
+            self.servo.stop(at, out);
+        }
+    }
+
+    /// Stops the motor without a ramp.
+    pub(super) fn halt(&mut self, at: Instant, out: &mut dyn Sink) {
+        self.forget_motion();
+        self.servo.halt(at, out);
+    }
+
+    fn forget_motion(&mut self) {
+        self.next = None;
+        self.motion = match self.motion {
+            Motion::Moves { way, .. } => Motion::Moves { way, braking: true },
+            Motion::None | Motion::Rotates => Motion::None,
+        };
+    }
+
+    /// Whether DIRECTION is forward.
+    pub(super) fn is_forward(&self) -> bool {
+        self.bank.word(Reg::DIRECTION) != 2
+    }
+
+    /// An input gives DIRECTION another value.
+    pub(super) fn set_direction(&mut self, at: Instant, direction: i64, out: &mut dyn Sink) {
+        self.bank.set(Reg::DIRECTION, direction);
+        self.direction_changed(at, out);
+    }
+
+    /// Continuous rotation follows DIRECTION at once.
+    pub(super) fn direction_changed(&mut self, at: Instant, out: &mut dyn Sink) {
+        if self.motion == Motion::Rotates {
+            self.rotate(at, Heading::Registers, out);
+        }
+    }
+
+    /// OFFSET: what is left of a move by it; what was written, or was left of the last one, otherwise.
+    pub(super) fn offset(&self) -> i64 {
+        match self.motion {
+            Motion::Moves { way: Way::Offset, .. } => self.servo.left().into(),
+            Motion::Moves { way: Way::MinusOffset, .. } => self.servo.left().saturating_neg().into(),
+            _ => self.bank.get(Reg::OFFSET),
+        }
+    }
+
+    /// Takes what the servo tells: its errors, and that a move is over.
+    pub(super) fn follow_servo(&mut self, at: Instant, out: &mut dyn Sink) {
+        let errors = self.servo.errors();
+        if errors != 0 {
+            self.raise(at, errors, out);
+        }
+        if self.servo.direction() != 0 {
+            return;
+        }
+        if let Motion::Moves { .. } = self.motion {
+            self.bank.set(Reg::OFFSET, self.offset());
+            self.motion = Motion::None;
+        }
+        if let Some(heading) = self.next.take() {
+            self.start(at, heading, out);
+        }
+    }
+}

@@ -1,0 +1,80 @@
+//! The settings in the flash: the registers 5000h to 5020h (6.5).
+
+use standin_protocol::registers::{Bank, Register};
+
+use super::SETTINGS;
+use super::drive::Drive;
+use super::registers::Reg;
+use crate::device::{Duration, Instant, Refused, Sink};
+use crate::memory::{self, Content};
+
+/// How long a save takes; the manual does not say.
+const SAVE: Duration = Duration::millis(10);
+
+/// A save that has begun.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Save {
+    crc: [u8; 2],
+    due: Instant,
+}
+
+impl Drive {
+    /// Loads the settings, those of a new drive or of a bad flash from the factory. Whether the flash was good.
+    pub(super) fn load_settings(&mut self, out: &dyn Sink) -> bool {
+        let entries = self.model.entries();
+        self.bank = Bank::of(entries);
+        let content = memory::content(out.memory(), Reg::SAVED_WORDS);
+        if content == Content::Good {
+            memory::load(entries, out.memory(), self.bank.words_mut());
+            // Of another model, or of nobody.
+            for (row, entry) in entries.list.iter().enumerate() {
+                if !entry.accepts(entries.value(self.bank.words(), row)) {
+                    entries.put(self.bank.words_mut(), row, entry.reset);
+                }
+            }
+        }
+        content != Content::Bad
+    }
+
+    /// Begins to save the settings; one that runs begins again.
+    pub(super) fn save_settings(&mut self, at: Instant, out: &mut dyn Sink) {
+        self.refresh(at, Reg::OFFSET);
+        let crc = memory::begin::<SETTINGS>(self.model.entries(), self.bank.words(), at, out);
+        self.save = Some(Save { crc, due: at + SAVE });
+    }
+
+    /// Brings the settings back to those of the factory, also in the flash (7).
+    pub(super) fn reset_settings(&mut self, at: Instant, out: &mut dyn Sink) {
+        memory::reset(self.model.entries(), self.bank.words_mut());
+        self.save_settings(at, out);
+    }
+
+    pub(super) fn save_due(&self) -> Instant {
+        self.save.map_or(Instant::NEVER, |save| save.due)
+    }
+
+    /// Ends the save that runs.
+    pub(super) fn finish_save(&mut self, at: Instant, out: &mut dyn Sink) {
+        if let Some(save) = self.save.take() {
+            memory::finish::<SETTINGS>(save.crc, at, out);
+        }
+    }
+
+    /// A preset before power comes, as if saved.
+    pub(super) fn preset(
+        &mut self,
+        at: Instant,
+        reg: Reg,
+        value: i64,
+        out: &mut dyn Sink,
+    ) -> Result<(), Refused> {
+        if !self.load_settings(out) {
+            return Err(Refused::BadMemory);
+        }
+        let entries = self.model.entries();
+        entries.put(self.bank.words_mut(), reg.row(), value);
+        let crc = memory::begin::<SETTINGS>(entries, self.bank.words(), at, out);
+        memory::finish::<SETTINGS>(crc, at, out);
+        Ok(())
+    }
+}

@@ -1,0 +1,1 @@
+//! Scripts with times: what the manual says happens, and when.

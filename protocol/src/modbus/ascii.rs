@@ -1,0 +1,434 @@
+//! ASCII framing: a colon begins a message, a line feed ends it, and between them two hexadecimal digits
+//! stand for each byte (serial 2.5.2).
+
+use super::pdu::{READ_HOLDING_REGISTERS, WRITE_SINGLE_REGISTER};
+use super::{Burst, FRAME_BYTES, Frame, Why};
+use crate::line::Line;
+use crate::time::{Duration, Instant};
+
+/// The longest message: colon, address, function, 252 bytes and LRC in two digits each, CR, LF.
+pub const MESSAGE_CHARACTERS: usize = 513;
+
+/// A message as it is on the line.
+pub type Message = heapless::Vec<u8, MESSAGE_CHARACTERS>;
+
+/// Address, function, 252 bytes, LRC.
+const MOST_BYTES: usize = FRAME_BYTES - 1;
+
+/// The longest silence inside a message.
+const PATIENCE: Duration = Duration::secs(1);
+
+/// Whether a line is one of ASCII: 7 data bits are too few for RTU.
+#[must_use]
+pub const fn is_on(line: Line) -> bool {
+    line.data == 7
+}
+
+/// The LRC of `bytes` (serial 2.5.2.2): what makes their sum 0.
+#[must_use]
+pub fn lrc(bytes: &[u8]) -> u8 {
+    bytes.iter().fold(0_u8, |sum, &byte| sum.wrapping_sub(byte))
+}
+
+/// The message of a body: an address and a PDU, of at most 254 bytes together; what is longer is cut.
+#[must_use]
+pub fn encode(body: &[u8]) -> Message {
+    let body = body.get(..MOST_BYTES - 1).unwrap_or(body);
+    let mut message = Message::new();
+    let _ = message.push(b':');
+    for &byte in body.iter().chain(&[lrc(body)]) {
+        let _ = message.extend_from_slice(&[character(byte >> 4), character(byte & 0xF)]);
+    }
+    let _ = message.extend_from_slice(b"\r\n");
+    message
+}
+
+/// The body of a message, if that is well formed and its LRC holds.
+#[must_use]
+pub fn decode(message: &[u8]) -> Option<Frame> {
+    let digits = message.strip_prefix(b":")?.strip_suffix(b"\r\n")?;
+    let mut body = Frame::new();
+    for pair in digits.chunks(2) {
+        let &[high, low] = pair else { return None };
+        body.push(digit(high)? << 4 | digit(low)?).ok()?;
+    }
+    let sum = body.pop()?;
+    (sum == lrc(&body) && message.len() <= MESSAGE_CHARACTERS).then_some(body)
+}
+
+/// The message of an address and a PDU of at most 253 bytes; what is longer is cut.
+#[must_use]
+pub fn frame(unit: u8, pdu: &[u8]) -> Message {
+    let mut body = Frame::new();
+    let _ = body.push(unit);
+    let _ = body.extend_from_slice(pdu.get(..MOST_BYTES - 2).unwrap_or(pdu));
+    encode(&body)
+}
+
+/// A master's request to read `count` holding registers from `first`.
+#[must_use]
+pub fn read(unit: u8, first: u16, count: u16) -> Message {
+    let ([a, b], [c, d]) = (first.to_be_bytes(), count.to_be_bytes());
+    frame(unit, &[READ_HOLDING_REGISTERS, a, b, c, d])
+}
+
+/// A master's request to write one holding register.
+#[must_use]
+pub fn write(unit: u8, address: u16, value: u16) -> Message {
+    let ([a, b], [c, d]) = (address.to_be_bytes(), value.to_be_bytes());
+    frame(unit, &[WRITE_SINGLE_REGISTER, a, b, c, d])
+}
+
+/// The character of a digit below 16.
+const fn character(digit: u8) -> u8 {
+    if digit < 10 { b'0' + digit } else { b'A' + (digit - 10) }
+}
+
+/// The digit of a character. Lower case is understood though the specification knows only upper case.
+const fn digit(character: u8) -> Option<u8> {
+    match character {
+        b'0'..=b'9' => Some(character - b'0'),
+        b'A'..=b'F' => Some(character - b'A' + 10),
+        b'a'..=b'f' => Some(character - b'a' + 10),
+        _ => None,
+    }
+}
+
+/// What has come of a message.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+enum State {
+    /// No colon yet.
+    Idle,
+    /// Digits, and the first of two.
+    Receiving(Option<u8>),
+    /// Digits and a CR: an LF is to follow.
+    Ending,
+    /// What is dropped with its LF.
+    Bad(Why),
+    /// All of it: the body is good, or else why not.
+    Over(Option<Why>),
+}
+
+/// The receiving half of a slave: characters in, bodies of messages out.
+///
+/// A stamp is the end of a character; a message is over with its LF. It keeps one message until that is
+/// [taken](Self::take), and hears nothing meanwhile: characters that come together end at latest with an LF.
+#[derive(Clone, Debug)]
+pub struct Receiver {
+    character: Duration,
+    /// Without the LRC when it is over.
+    body: Frame,
+    state: State,
+    /// End of the last character.
+    last: Instant,
+}
+
+impl Receiver {
+    /// A receiver on a silent line.
+    #[must_use]
+    pub const fn new(line: Line) -> Self {
+        Self { character: line.character(), body: Frame::new(), state: State::Idle, last: Instant::ZERO }
+    }
+
+    /// Characters that follow each other without a gap; `at` is the end of the first one.
+    pub fn bytes(&mut self, at: Instant, bytes: &[u8]) {
+        let mut end = at;
+        for &byte in bytes {
+            self.hear(end, Some(byte));
+            end += self.character;
+        }
+    }
+
+    /// A character that nobody could read ended at `at`.
+    pub fn spoiled(&mut self, at: Instant) {
+        self.hear(at, None);
+    }
+
+    /// A character ended at `at`.
+    fn hear(&mut self, at: Instant, character: Option<u8>) {
+        let silence = (at - self.character).since(self.last);
+        let state = match self.state {
+            State::Receiving(_) | State::Ending if silence > PATIENCE => State::Bad(Why::Gap),
+            state => state,
+        };
+        self.state = match (state, character) {
+            (State::Over(_), _) => return,
+            (_, Some(b':')) => {
+                self.body.clear();
+                State::Receiving(None)
+            }
+            (State::Idle, _) => State::Idle,
+            (State::Ending, Some(b'\n')) => State::Over(self.judge()),
+            (State::Bad(why), Some(b'\n')) => State::Over(Some(why)),
+            (State::Receiving(_), Some(b'\n')) => State::Over(Some(Why::Spoiled)),
+            (State::Bad(why), _) => State::Bad(why),
+            (State::Receiving(None), Some(b'\r')) => State::Ending,
+            (State::Receiving(Some(_)), Some(b'\r')) => State::Bad(Why::Length),
+            (State::Receiving(high), Some(character)) => self.digit(high, character),
+            (State::Receiving(_), None) | (State::Ending, _) => State::Bad(Why::Spoiled),
+        };
+        self.last = at;
+    }
+
+    /// Another character where a digit belongs, behind the first one of two or not.
+    fn digit(&mut self, high: Option<u8>, character: u8) -> State {
+        let Some(digit) = digit(character) else { return State::Bad(Why::Spoiled) };
+        let Some(high) = high else { return State::Receiving(Some(digit)) };
+        if self.body.len() >= MOST_BYTES {
+            return State::Bad(Why::Length);
+        }
+        let _ = self.body.push(high << 4 | digit);
+        State::Receiving(None)
+    }
+
+    /// Takes the LRC off. Why the message is none, if so.
+    fn judge(&mut self) -> Option<Why> {
+        match self.body.pop() {
+            None => Some(Why::Length),
+            Some(sum) => (sum != lrc(&self.body)).then_some(Why::Crc),
+        }
+    }
+
+    /// When a message is over; [`Instant::NEVER`] while none is.
+    #[must_use]
+    pub fn deadline(&self) -> Instant {
+        match self.state {
+            State::Over(_) => self.last,
+            _ => Instant::NEVER,
+        }
+    }
+
+    /// Whether a message is over at `at`.
+    #[must_use]
+    pub fn is_over(&self, at: Instant) -> bool {
+        self.deadline() <= at
+    }
+
+    /// Hands over the body of a message, an address and a PDU; `None` while none is over.
+    ///
+    /// # Errors
+    /// Why it is no message.
+    pub fn take(&mut self) -> Option<Result<&[u8], Why>> {
+        let State::Over(bad) = self.state else { return None };
+        self.clear();
+        Some(bad.map_or(Ok(&self.body), Err))
+    }
+
+    /// Forgets what has come.
+    pub fn clear(&mut self) {
+        self.state = State::Idle;
+    }
+}
+
+/// Judges the front of a burst of characters: all up to an LF goes together, whatever it is. What has no
+/// colon is no beginning of a message.
+#[must_use]
+pub fn front(burst: &[u8]) -> Burst {
+    if let Some(end) = burst.iter().position(|&character| character == b'\n') {
+        return Burst::Frame(end + 1);
+    }
+    match burst.iter().rposition(|&character| character == b':') {
+        Some(start) if burst.len() - start < MESSAGE_CHARACTERS => Burst::Partial,
+        None if burst.is_empty() => Burst::Partial,
+        _ => Burst::Broken,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::line::Parity;
+    use proptest::prelude::*;
+    use std::vec::Vec;
+
+    const LINE: Line = Line::new(9_600, 7, Parity::Even, 1);
+    /// 10 bits at 9,600 baud, in ticks of 62.5 ns.
+    const CHARACTER: u64 = 16_667;
+    const START: Instant = Instant::from_ticks(1_000_000);
+
+    /// Reads 2 registers at 006Bh of slave 11h. 11 + 03 + 00 + 6B + 00 + 02 = 81h, and 81h + 7Fh = 100h.
+    const REQUEST: &[u8] = b":1103006B00027F\r\n";
+    const BODY: &[u8] = &[0x11, 3, 0, 0x6B, 0, 2];
+
+    /// What a receiver makes of characters that come together.
+    fn received(characters: &[u8]) -> Option<Result<Vec<u8>, Why>> {
+        let mut receiver = Receiver::new(LINE);
+        receiver.bytes(START, characters);
+        receiver.take().map(|body| body.map(<[u8]>::to_vec))
+    }
+
+    #[test]
+    fn a_message_and_its_body() {
+        assert_eq!(lrc(BODY), 0x7F);
+        assert_eq!(encode(BODY)[..], *REQUEST);
+        assert_eq!(frame(0x11, &BODY[1..])[..], *REQUEST);
+        assert_eq!(read(0x11, 0x6B, 2)[..], *REQUEST);
+        // 01 + 06 + 50 + 0B + 03 + E8 = 14Dh, and 4Dh + B3h = 100h.
+        assert_eq!(write(1, 0x500B, 1_000)[..], *b":0106500B03E8B3\r\n");
+        assert_eq!(decode(REQUEST).as_deref(), Some(BODY));
+        assert_eq!(received(REQUEST), Some(Ok(BODY.to_vec())));
+    }
+
+    #[test]
+    fn lower_case_is_understood() {
+        assert_eq!(received(b":1103006b00027f\r\n"), Some(Ok(BODY.to_vec())));
+        assert_eq!(decode(b":1103006b00027f\r\n").as_deref(), Some(BODY));
+    }
+
+    #[test]
+    fn a_message_is_over_with_its_line_feed() {
+        let mut receiver = Receiver::new(LINE);
+        assert_eq!(receiver.deadline(), Instant::NEVER);
+        receiver.bytes(START, &REQUEST[..16]);
+        assert_eq!((receiver.deadline(), receiver.take()), (Instant::NEVER, None), "half a message waits");
+        let end = START + Duration::millis(900);
+        receiver.bytes(end, &REQUEST[16..]);
+        assert_eq!(receiver.deadline(), end);
+        assert!(!receiver.is_over(end - Duration::TICK) && receiver.is_over(end));
+        assert_eq!(receiver.take(), Some(Ok(BODY)));
+        assert_eq!((receiver.deadline(), receiver.take()), (Instant::NEVER, None));
+        receiver.bytes(end + Duration::secs(100), REQUEST);
+        assert_eq!(receiver.deadline(), end + Duration::secs(100) + Duration::from_ticks(16 * CHARACTER));
+        assert_eq!(receiver.take(), Some(Ok(BODY)));
+    }
+
+    #[test]
+    fn why_a_message_is_dropped() {
+        for (message, why) in [
+            (&b":1103006B00027E\r\n"[..], Why::Crc),
+            (b":1103006B00027\r\n", Why::Length),
+            (b":\r\n", Why::Length),
+            (b":1103006G00027F\r\n", Why::Spoiled),
+            (b":1103 006B00027F\r\n", Why::Spoiled),
+            (b":1103006B00027F\r\r\n", Why::Spoiled),
+            (b":1103006B00027F\n", Why::Spoiled),
+            (b":1103\x80006B00027F\r\n", Why::Spoiled),
+        ] {
+            assert_eq!(received(message), Some(Err(why)), "{}", message.escape_ascii());
+            assert_eq!(decode(message), None, "{}", message.escape_ascii());
+        }
+        // One byte, and its LRC, is judged by who knows addresses and functions.
+        assert_eq!(received(b":01FF\r\n"), Some(Ok([1].to_vec())));
+    }
+
+    #[test]
+    fn the_longest_message_has_513_characters() {
+        let longest = [0x5A; 254];
+        let message = encode(&longest);
+        assert_eq!(message.len(), 513);
+        assert_eq!(received(&message), Some(Ok(longest.to_vec())));
+        assert_eq!(encode(&[0x5A; 300])[..], message[..]);
+        assert_eq!(frame(0x5A, &[0x5A; 300])[..], message[..]);
+        let longer = [&message[..511], b"00\r\n"].concat();
+        assert_eq!(received(&longer), Some(Err(Why::Length)));
+    }
+
+    #[test]
+    fn a_character_that_nobody_could_read_spoils_a_message() {
+        for cut in 1..REQUEST.len() - 1 {
+            let mut receiver = Receiver::new(LINE);
+            receiver.bytes(START, &REQUEST[..cut]);
+            let spoiled = START + LINE.character() * cut as u64;
+            receiver.spoiled(spoiled);
+            receiver.bytes(spoiled + LINE.character(), &REQUEST[cut + 1..]);
+            assert_eq!(receiver.take(), Some(Err(Why::Spoiled)), "character {cut}");
+        }
+    }
+
+    #[test]
+    fn a_second_of_silence_is_the_longest() {
+        let second = Duration::from_ticks(16_000_000);
+        for (silence, body) in [(second, Ok(BODY)), (second + Duration::TICK, Err(Why::Gap))] {
+            for cut in 1..REQUEST.len() {
+                let mut receiver = Receiver::new(LINE);
+                receiver.bytes(START, &REQUEST[..cut]);
+                let next = START + Duration::from_ticks(cut as u64 * CHARACTER) + silence;
+                receiver.bytes(next, &REQUEST[cut..]);
+                assert_eq!(receiver.take(), Some(body), "before character {cut}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_burst_is_split_behind_line_feeds() {
+        let two = [REQUEST, REQUEST].concat();
+        assert_eq!(front(&two), Burst::Frame(17));
+        assert_eq!(front(&[b"noise", REQUEST].concat()), Burst::Frame(22));
+        assert_eq!(front(b":1103\n:"), Burst::Frame(6));
+        assert_eq!(front(b"\n"), Burst::Frame(1));
+        assert_eq!(front(&REQUEST[..16]), Burst::Partial);
+        assert_eq!(front(b"noise:"), Burst::Partial);
+        assert_eq!(front(b""), Burst::Partial);
+        assert_eq!(front(b"noise"), Burst::Broken);
+        let endless = [&b":"[..], &[b'0'; 512]].concat();
+        assert_eq!(front(&endless[..512]), Burst::Partial);
+        assert_eq!(front(&endless), Burst::Broken, "an LF would make it 514 characters");
+    }
+
+    /// Characters among which those that mean something are frequent.
+    fn characters(most: usize) -> impl Strategy<Value = Vec<u8>> {
+        let any_of = prop_oneof![
+            8 => prop::sample::select(&b"0123456789ABCDEFabcdef"[..]),
+            1 => prop::sample::select(&b":\r\n"[..]),
+            1 => any::<u8>(),
+        ];
+        prop::collection::vec(any_of, 0..most)
+    }
+
+    proptest! {
+        #[test]
+        fn every_body_comes_back(body in prop::collection::vec(any::<u8>(), 0..=254)) {
+            let message = encode(&body);
+            prop_assert_eq!(front(&message), Burst::Frame(message.len()));
+            let decoded = decode(&message);
+            prop_assert_eq!(decoded.as_deref(), Some(&body[..]));
+            prop_assert_eq!(received(&message), Some(Ok(body)));
+        }
+
+        #[test]
+        fn noise_before_a_colon_never_matters(noise in characters(600), spoiled in any::<bool>()) {
+            let mut receiver = Receiver::new(LINE);
+            let mut end = START;
+            for burst in noise.split_inclusive(|&character| character == b'\n') {
+                receiver.bytes(end, burst);
+                end += LINE.character() * burst.len() as u64;
+                if burst.ends_with(b"\n") {
+                    receiver.take();
+                }
+            }
+            if spoiled {
+                receiver.spoiled(end);
+                end += LINE.character();
+            }
+            receiver.bytes(end, REQUEST);
+            prop_assert_eq!(receiver.take(), Some(Ok(BODY)));
+        }
+
+        #[test]
+        fn any_characters_are_judged(burst in characters(1_100)) {
+            match front(&burst) {
+                Burst::Frame(length) => {
+                    prop_assert_eq!(burst.iter().position(|&c| c == b'\n'), Some(length - 1));
+                    let start = burst[..length].iter().rposition(|&c| c == b':');
+                    let message = start.map(|start| &burst[start..length]);
+                    let body = message.and_then(decode).map(|body| body.to_vec());
+                    prop_assert_eq!(received(&burst[..length]).and_then(Result::ok), body);
+                }
+                Burst::Partial | Burst::Broken => prop_assert!(!burst.contains(&b'\n')),
+            }
+        }
+
+        #[test]
+        fn splitting_a_message_anywhere_changes_nothing(noise in characters(300), cut in 0_usize..=300) {
+            let end = noise.iter().position(|&c| c == b'\n').map_or(noise.len(), |lf| lf + 1);
+            let (burst, cut) = (&noise[..end], cut.min(end));
+            let mut whole = Receiver::new(LINE);
+            whole.bytes(START, burst);
+            let mut parts = Receiver::new(LINE);
+            parts.bytes(START, &burst[..cut]);
+            parts.bytes(START + Duration::from_ticks(CHARACTER * cut as u64), &burst[cut..]);
+            prop_assert_eq!(whole.deadline(), parts.deadline());
+            prop_assert_eq!(whole.take(), parts.take());
+        }
+    }
+}
