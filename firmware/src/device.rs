@@ -59,8 +59,9 @@ pub enum Level {
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub enum Input<'a> {
     /// Characters of a serial port. The stamp is the end of the first one's stop bit; the others
-    /// follow back to back. More than one only where silence ends a frame ([`Ends::Silence`]);
-    /// splitting them anywhere changes nothing.
+    /// follow back to back. More than one only where silence ends a frame ([`Ends::Silence`]), and
+    /// nothing behind a line feed where 7 data bits tell that Modbus ASCII is spoken there; splitting
+    /// them anywhere changes nothing.
     Bytes {
         /// Where.
         port: Port,
@@ -327,7 +328,8 @@ pub enum Refused {
 /// How a message on a port ends.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Ends {
-    /// By 3.5 characters of silence (Modbus RTU).
+    /// By 3.5 characters of silence (Modbus RTU), or, on a line of 7 data bits, by a line feed (Modbus
+    /// ASCII).
     Silence,
     /// By a character that the drive knows: it wants each one at its time.
     Character,

@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 
 use standin_firmware::device::{Duration, Instant, Line, Port};
 use standin_protocol::line::Parity;
-use standin_protocol::modbus::rtu;
+use standin_protocol::modbus::{self, Burst};
 
 use crate::bench::Seat;
 
@@ -148,19 +148,20 @@ impl Outside {
         self.bytes.len()
     }
 
-    /// What it has for a line at `now`. Where silence ends a message it is cut where its check sum
-    /// holds; a burst that cannot become one goes as it is. Elsewhere it is a character.
-    pub(crate) fn offer(&mut self, now: Instant, silence: bool, patience: Duration) -> Offer {
-        if !silence {
+    /// What it has for a line at `now`. On one of Modbus, `framed`, it is a message, cut where its check sum
+    /// holds or in ASCII behind its line feed; a burst that cannot become one goes as it is. Elsewhere it is
+    /// a character.
+    pub(crate) fn offer(&mut self, now: Instant, framed: Option<Line>, patience: Duration) -> Offer {
+        let Some(line) = framed else {
             return Offer::Message(1, self.arrivals.front().map_or(now, |arrival| arrival.at));
-        }
+        };
         let left = self.left;
         let Spoken { bytes, last, over } = self.first_burst(patience);
-        match rtu::front(bytes) {
-            rtu::Burst::Frame(length) => Offer::Message(length, last),
-            rtu::Burst::Broken | rtu::Burst::Partial if left && !over => Offer::Half(Instant::NEVER),
-            rtu::Burst::Broken => Offer::Message(bytes.len(), last),
-            rtu::Burst::Partial => match last + patience {
+        match modbus::front(line, bytes) {
+            Burst::Frame(length) => Offer::Message(length, last),
+            Burst::Broken | Burst::Partial if left && !over => Offer::Half(Instant::NEVER),
+            Burst::Broken => Offer::Message(bytes.len(), last),
+            Burst::Partial => match last + patience {
                 until if over || until <= now => Offer::Message(bytes.len(), until.min(now)),
                 until => Offer::Half(until),
             },

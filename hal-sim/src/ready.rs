@@ -8,6 +8,7 @@ use std::path::PathBuf;
 use serde::{Serialize, Serializer};
 use standin_firmware::device::{Ends, Line, Port, Spec};
 use standin_protocol::line::Parity;
+use standin_protocol::modbus::ascii;
 use standin_protocol::registers::Space;
 
 use crate::api::Places;
@@ -139,7 +140,8 @@ impl Ready {
                 return Some(format!("python3 -m serial.tools.miniterm {pty} {}", reached.line.baud));
             }
             let (first, count) = self.readable()?;
-            (ends == Ends::Silence).then(|| {
+            // mbpoll has no ASCII.
+            (ends == Ends::Silence && !ascii::is_on(reached.line)).then(|| {
                 let Line { baud, parity, stop, .. } = reached.line;
                 let parity = match parity {
                     Parity::None => "none",

@@ -2,6 +2,7 @@
 
 use standin_firmware::device::{Duration, Instant, Line, Port};
 use standin_protocol::line::Parity;
+use standin_protocol::modbus::ascii;
 use standin_protocol::modbus::rtu::Timing;
 
 use super::{Bench, Bus, Client, Seat};
@@ -12,6 +13,16 @@ use crate::trace::Fed;
 
 /// How far a drive's output may lie ahead before a client has to wait.
 const AHEAD: Duration = Duration::secs(1);
+
+/// The silence that ends a message on a line of Modbus: in ASCII none, because a line feed does.
+fn silence_after(line: Line) -> Duration {
+    if ascii::is_on(line) { Duration::ZERO } else { Timing::of(line).t3_5 }
+}
+
+/// How long after its last character a drive on a line knows that a message is over.
+fn judgement(line: Line) -> Duration {
+    if ascii::is_on(line) { Duration::ZERO } else { silence_after(line) + line.character() }
+}
 
 /// Who says something.
 #[derive(Clone, Copy)]
@@ -178,30 +189,27 @@ impl Bench {
         self.settings.line == LineMode::Fast
     }
 
-    /// Whether silence ends the messages on a line.
-    fn silence(&self, bus: u32) -> bool {
-        let first = self.ports(Bus(bus)).first();
-        first.is_some_and(|&(seat, port)| self.at(seat).serial(port).is_some_and(|serial| serial.silence))
+    /// The settings of a line of Modbus, on which messages go whole; `None` where each character has its time.
+    fn framed(&self, bus: u32) -> Option<Line> {
+        let &(seat, port) = self.ports(Bus(bus)).first()?;
+        let serial = self.at(seat).serial(port).filter(|serial| serial.silence)?;
+        Some(serial.line_at(self.now))
     }
 
-    /// The longest character, and the longest silence between frames, that a drive on a line knows.
-    fn timing(&self, bus: u32) -> (Duration, Duration) {
-        let lines =
-            self.ports(Bus(bus)).iter().filter_map(|&(seat, port)| self.at(seat).line_at(port, self.now));
-        lines.map(Timing::of).fold((Duration::ZERO, Duration::ZERO), |(character, silence), timing| {
-            (character.max(timing.character), silence.max(timing.t3_5))
-        })
+    /// The settings of all drives on a line now.
+    fn lines(&self, bus: u32) -> impl Iterator<Item = Line> {
+        self.ports(Bus(bus)).iter().filter_map(|&(seat, port)| self.at(seat).line_at(port, self.now))
     }
 
     /// Gives a free line to whose bytes came first. Where each character has its time a client also goes on
     /// while it has the line, with one character behind the other.
     fn serve(&mut self, bus: u32) {
-        let silence = self.silence(bus);
+        let framed = self.framed(bus);
         loop {
             let wire = &mut self.buses[bus as usize];
             let waiting = wire.clients.iter().filter_map(|&id| Some((self.clients.get(&id)?.order()?, id)));
             let first = waiting.min().map(|(_, id)| id);
-            let goes_on = !silence && first == Some(wire.served) && wire.free <= self.now;
+            let goes_on = framed.is_none() && first == Some(wire.served) && wire.free <= self.now;
             if wire.turn != Turn::Free && !goes_on {
                 return;
             }
@@ -211,18 +219,18 @@ impl Bench {
                 }
                 return;
             };
-            if !silence && self.holds_back(bus, id) {
+            if framed.is_none() && self.holds_back(bus, id) {
                 return;
             }
             let Some(outside) = self.clients.get_mut(&id) else { return };
-            match outside.offer(self.now, silence, self.settings.patience) {
+            match outside.offer(self.now, framed, self.settings.patience) {
                 Offer::Message(length, came) => {
                     let (bytes, sender) = (outside.take(length), outside.sender);
                     if outside.left && outside.backlog() == 0 {
                         self.forget(id);
                     }
                     self.transmit(bus, id, &bytes, came, sender);
-                    if !silence {
+                    if framed.is_none() {
                         return;
                     }
                 }
@@ -272,34 +280,46 @@ impl Bench {
         self.busy += usize::from(wire.turn == Turn::Free);
         (wire.turn, wire.served, wire.free) = (Turn::Asked, client, last);
         // What follows a character is looked for when it has ended.
-        self.turn_until(bus, if self.silence(bus) { judged } else { last });
+        self.turn_until(bus, if self.framed(bus).is_some() { judged } else { last });
     }
 
     /// Says something to a port from `start` on.
     fn say(&mut self, seat: Seat, port: Port, start: Instant, bytes: &[u8], voice: Voice) -> Said {
         let Some(serial) = self.at(seat).serial(port) else { return Said { last: start, judged: start } };
         let line = serial.line_at(start);
-        let (silence, fit, timing) = (serial.silence, voice.fits(line), Timing::of(line));
-        // Characters that nobody can read come one by one, as do those that have their time.
-        let size = if silence && fit { bytes.len() } else { 1 };
-        let messages = bytes.chunks(size.max(1)).map(|bytes| {
-            if fit { Fed::Bytes { port, bytes: bytes.to_vec() } } else { Fed::Spoiled { port } }
-        });
+        let (framed, fit, ascii) = (serial.silence, voice.fits(line), ascii::is_on(line));
+        // Characters that nobody can read come one by one, as do those that have their time. In ASCII what
+        // comes together ends at latest with a line feed.
+        let whole = framed && fit;
+        let pieces = bytes.split_inclusive(|&byte| !whole || (ascii && byte == b'\n'));
+        let message = |piece: &[u8]| {
+            let fed = if fit { Fed::Bytes { port, bytes: piece.to_vec() } } else { Fed::Spoiled { port } };
+            voice.carries(fed)
+        };
         if self.fast() {
             let at = self.at(seat).free(start, Class::Line);
-            for message in messages.chain(silence.then_some(Fed::Idle { port })) {
-                self.schedule(at, Class::Line, seat.0, voice.carries(message));
+            let over = || voice.carries(Fed::Idle { port });
+            for piece in pieces {
+                self.schedule(at, Class::Line, seat.0, message(piece));
+                if whole {
+                    self.schedule(at, Class::Line, seat.0, over());
+                }
+            }
+            if framed && !whole {
+                self.schedule(at, Class::Line, seat.0, over());
             }
             return Said { last: at, judged: at };
         }
         let character = voice.spoken(line).character();
         // A line may have been free for a part of a character by now.
         let first = (start + character).max(self.now + Duration::TICK);
-        for (n, message) in (0..).zip(messages) {
-            self.schedule(first + character * n, Class::Line, seat.0, voice.carries(message));
+        let mut end = first;
+        for piece in pieces {
+            self.schedule(end, Class::Line, seat.0, message(piece));
+            end += character * piece.len() as u64;
         }
         let last = first + character * bytes.len().saturating_sub(1) as u64;
-        Said { last, judged: last + timing.t3_5 + timing.character }
+        Said { last, judged: last + judgement(line) }
     }
 
     /// Carries what the device called last has sent.
@@ -391,7 +411,7 @@ impl Bench {
         wire.until = Instant::NEVER;
         if wire.turn == Turn::Free {
             self.serve(bus);
-        } else if self.silence(bus) {
+        } else if self.framed(bus).is_some() {
             self.turn_ends_of_frames(bus, at);
         } else {
             self.turn_ends_of_characters(bus, at);
@@ -406,10 +426,10 @@ impl Bench {
         if self.fast() {
             return self.free(bus, at);
         }
-        let (character, t3_5) = self.timing(bus);
-        let sends_until = self.buses[bus as usize].sends_until;
-        // A tick after the drives have judged the silence the next character may end.
-        self.free(bus, (at + Duration::TICK - character).max(sends_until + t3_5));
+        let silence = self.lines(bus).map(silence_after).max().unwrap_or(Duration::ZERO);
+        let wire = &self.buses[bus as usize];
+        // A character that began no sooner ends a tick after the drives have judged the silence.
+        self.free(bus, (wire.free + Duration::TICK).max(wire.sends_until) + silence);
     }
 
     /// Where each character has its time: the client goes on; or, held back, tries again; or it has said all.
@@ -425,8 +445,8 @@ impl Bench {
             return;
         }
         if spoke && !self.fast() {
-            let (character, t3_5) = self.timing(bus);
-            return self.turn_until(bus, at + t3_5 + character);
+            let quiet = self.lines(bus).map(judgement).max().unwrap_or(Duration::ZERO);
+            return self.turn_until(bus, at + quiet);
         }
         // Once: streams never end, and both directions run at once.
         if answered || !self.answers(bus, at) {

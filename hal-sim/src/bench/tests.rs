@@ -1,5 +1,6 @@
 //! Scripts with times, and the properties that make a bench the same everywhere.
 
+mod ascii;
 mod characters;
 
 use std::cell::RefCell;

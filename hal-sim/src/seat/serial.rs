@@ -26,8 +26,8 @@ pub(crate) struct Serial {
     line: Line,
     /// Settings that hold later.
     later: Vec<(Instant, Line)>,
-    /// Silence ends its messages: one pair of wires for both directions. Otherwise each character
-    /// has its time, and both directions run at once.
+    /// Silence ends its messages, or in ASCII a line feed: one pair of wires for both directions.
+    /// Otherwise each character has its time, and both directions run at once.
     pub(crate) silence: bool,
     /// When its last message began to leave.
     pub(super) began: Option<Instant>,

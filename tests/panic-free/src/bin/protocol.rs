@@ -4,10 +4,10 @@
 
 use panic_free::{opaque, perhaps_panic};
 use standin_protocol::line::Line;
-use standin_protocol::modbus::Frame;
 use standin_protocol::modbus::pdu::{Exception, Request};
 use standin_protocol::modbus::rtu::{self, Receiver, Timing};
-use standin_protocol::modbus::server::{Map, Rules, serve_rtu};
+use standin_protocol::modbus::server::{Map, Rules, serve_rtu, serve_serial};
+use standin_protocol::modbus::{Frame, ascii, front};
 use standin_protocol::registers::{Bank, Register, Space};
 use standin_protocol::time::{Duration, Instant};
 
@@ -75,11 +75,15 @@ fn serve(slave: &mut Slave, bytes: &[u8]) {
     });
     let mut reply: Frame = opaque(Frame::new());
     opaque(serve_rtu(bytes, opaque(1), &rules, slave, &mut reply));
+    opaque(serve_serial(bytes, opaque(1), &rules, slave, &mut reply));
     opaque(Request::parse(bytes));
-    opaque(rtu::front(bytes));
     opaque(rtu::frame(opaque(1), bytes));
     opaque(rtu::read(opaque(1), opaque(0), opaque(1)));
     opaque(rtu::write(opaque(1), opaque(0), opaque(1)));
+    opaque(ascii::decode(bytes));
+    opaque(ascii::frame(opaque(1), bytes));
+    opaque(ascii::read(opaque(1), opaque(0), opaque(1)));
+    opaque(ascii::write(opaque(1), opaque(0), opaque(1)));
 }
 
 fn map(slave: &mut Slave, bytes: &[u8]) {
@@ -105,11 +109,17 @@ fn map(slave: &mut Slave, bytes: &[u8]) {
 
 fn receive(bytes: &[u8], at: Instant) {
     let line: Line = opaque(Line::new(9_600, 8, standin_protocol::line::Parity::Even, 1));
-    opaque((line.character(), Timing::of(line)));
+    opaque((line.character(), Timing::of(line), front(line, bytes)));
     let mut receiver = opaque(Receiver::new(line));
     receiver.bytes(at, bytes);
     receiver.spoiled(at);
     receiver.set_line(line);
+    opaque((receiver.deadline(), receiver.is_over(at)));
+    opaque(receiver.take());
+    receiver.clear();
+    let mut receiver = opaque(ascii::Receiver::new(line));
+    receiver.bytes(at, bytes);
+    receiver.spoiled(at);
     opaque((receiver.deadline(), receiver.is_over(at)));
     opaque(receiver.take());
     receiver.clear();

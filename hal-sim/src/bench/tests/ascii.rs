@@ -1,0 +1,235 @@
+//! Lines of Modbus ASCII: a line feed ends a message, and silence means nothing.
+
+use standin_firmware::device::{Boot, Ends, Input, Note, Output, PortSpec, Refused, Sink, Spec, Why};
+use standin_protocol::modbus::ascii;
+
+use super::*;
+
+const LINE: Line = Line::new(9_600, 7, Parity::Even, 1);
+/// A character of it: 10 bits.
+const CHARACTER: Duration = Duration::from_ticks(16_667);
+/// Characters of [`ask`], and of an answer to it.
+const LENGTH: u64 = 9;
+
+static SPEC: Spec = Spec {
+    kind: "echo",
+    product: "an echo",
+    manual: "this file",
+    ports: &[PortSpec { name: "rs485", ends: Ends::Silence, line: Some(LINE) }],
+    ..Spec::BARE
+};
+
+/// Sends every message for its address back, the function `TWICE` twice at once.
+struct Echo {
+    address: u8,
+    receiver: ascii::Receiver,
+}
+
+const TWICE: u8 = 2;
+
+impl Echo {
+    fn at(address: u8) -> Self {
+        Self { address, receiver: ascii::Receiver::new(LINE) }
+    }
+
+    fn serve(&mut self, at: Instant, out: &mut dyn Sink) {
+        match self.receiver.take() {
+            None => {}
+            Some(Err(why)) => out.put(at, Output::Note(Note::Dropped { port: RS485, why })),
+            Some(Ok(&[unit, function])) if unit == self.address || unit == 0 => {
+                out.put(at, Output::Note(Note::Request { port: RS485, unit, function }));
+                let answers = ascii::encode(&[unit, function]).repeat(if function == TWICE { 2 } else { 1 });
+                if unit != 0 {
+                    out.put(at, Output::Bytes { port: RS485, bytes: &answers });
+                }
+            }
+            Some(Ok(_)) => out.put(at, Output::Note(Note::Dropped { port: RS485, why: Why::Address })),
+        }
+    }
+}
+
+impl Device for Echo {
+    fn spec(&self) -> &'static Spec {
+        &SPEC
+    }
+
+    fn power_on(&mut self, _at: Instant, _boot: Boot, _out: &mut dyn Sink) {}
+
+    fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Sink) {
+        match input {
+            Input::Bytes { bytes, .. } => {
+                let end = bytes.iter().position(|&byte| byte == b'\n');
+                assert!(end.is_none_or(|end| end + 1 == bytes.len()), "{}", bytes.escape_ascii());
+                self.receiver.bytes(at, bytes);
+            }
+            Input::Spoiled { .. } => self.receiver.spoiled(at),
+            Input::Idle { .. } => self.serve(at, out),
+            _ => {}
+        }
+    }
+
+    fn deadline(&self) -> Instant {
+        self.receiver.deadline()
+    }
+
+    fn timeout(&mut self, at: Instant, out: &mut dyn Sink) {
+        self.serve(at, out);
+    }
+
+    fn peek(&self, _at: Instant, _row: usize) -> i64 {
+        0
+    }
+
+    fn poke(&mut self, _at: Instant, _row: usize, _value: i64, _out: &mut dyn Sink) -> Result<(), Refused> {
+        Err(Refused::NoSuchRegister)
+    }
+}
+
+/// A message of two bytes: `:aaffss` CR LF.
+fn ask(address: u8, function: u8) -> Vec<u8> {
+    ascii::encode(&[address, function]).to_vec()
+}
+
+/// Two echoes on one line, at addresses 1 and 2, and a client there.
+fn echoes(line: LineMode) -> (Bench, [Seat; 2], Client) {
+    let mut bench = Bench::with(Settings { line, ..Settings::default() });
+    let mut echo = |name, address| bench.seat(name, Box::new(Echo::at(address)), Setup::default()).unwrap();
+    let seats = [echo("x", 1), echo("y", 2)];
+    let bus = bench.share("line1", &seats.map(|seat| (seat, RS485)));
+    let client = bench.connect(bus);
+    (bench, seats, client)
+}
+
+/// Requests and drops that a port has seen.
+fn seen(bench: &Bench, seat: Seat) -> (u64, u64) {
+    let statistics = bench.statistics(seat, RS485);
+    (statistics.requests, statistics.dropped())
+}
+
+#[test]
+fn the_reply_leaves_with_the_line_feed() {
+    let (mut bench, _, client) = echoes(LineMode::Timed);
+    bench.send(client, &ask(1, 65));
+    let first = Instant::ZERO + CHARACTER * (LENGTH + 1);
+    bench.run_until(first - Duration::TICK);
+    assert_eq!(received(&mut bench, client), [0; 0]);
+    bench.run_until(first);
+    assert_eq!(received(&mut bench, client), b":");
+    bench.settle();
+    assert_eq!(received(&mut bench, client), ask(1, 65)[1..]);
+    assert_eq!(bench.now(), Instant::ZERO + CHARACTER * (2 * LENGTH));
+}
+
+#[test]
+fn half_a_message_waits_in_manual_time() {
+    let (mut bench, seats, client) = echoes(LineMode::Timed);
+    bench.send(client, &ask(1, 65)[..8]);
+    bench.settle();
+    assert_eq!(bench.now(), Instant::ZERO);
+    bench.send(client, b"\n");
+    bench.settle();
+    assert_eq!(received(&mut bench, client), ask(1, 65));
+    assert_eq!(seen(&bench, seats[0]), (1, 0));
+}
+
+#[test]
+fn the_rest_may_come_a_second_after_half_a_message() {
+    let (mut bench, seats, client) = echoes(LineMode::Timed);
+    bench.send(client, &ask(1, 65)[..4]);
+    bench.run_until(Instant::from(20.millis()) - Duration::TICK);
+    assert_eq!(stamps(&bench, "> rx"), [""; 0]);
+    // Its patience ends, and half the message goes to the drives; the other half goes whenever it comes.
+    let half = Instant::from(20.millis()) + CHARACTER * 4;
+    bench.run_until(half + 1.secs());
+    assert_eq!(stamps(&bench, "> rx"), ["21.041688", "21.041688"]);
+    bench.send(client, &ask(1, 65)[4..]);
+    bench.settle();
+    assert_eq!(received(&mut bench, client), ask(1, 65));
+    assert_eq!(bench.now(), half + 1.secs() + CHARACTER * (5 + LENGTH));
+    bench.send(client, &ask(1, 65)[..4]);
+    bench.run_until(bench.now() + 20.millis() + CHARACTER * 4 + 1.secs() + Duration::TICK);
+    bench.send(client, &ask(1, 65)[4..]);
+    bench.settle();
+    assert_eq!(received(&mut bench, client), [0; 0]);
+    assert_eq!(bench.statistics(seats[0], RS485).gap, 1);
+}
+
+#[test]
+fn noise_goes_at_once_and_means_nothing() {
+    for line in [LineMode::Timed, LineMode::Fast] {
+        let (mut bench, seats, client) = echoes(line);
+        let rtu = rtu::read(1, 0, 1);
+        for noise in [&b"0123"[..], &rtu, b"\r\n", b":01", b"\r\n\r\n\n"] {
+            bench.send(client, noise);
+            bench.run_until(bench.now() + 100.millis());
+            bench.send(client, &[noise, &ask(1, 65)].concat());
+            bench.settle();
+            assert_eq!(received(&mut bench, client), ask(1, 65), "{}", noise.escape_ascii());
+        }
+        assert_eq!(bench.backlog(client), 0);
+        assert_eq!(seen(&bench, seats[0]).0, 5);
+    }
+}
+
+#[test]
+fn messages_written_at_once_follow_each_other_without_a_silence() {
+    let (mut bench, seats, client) = echoes(LineMode::Timed);
+    bench.send(client, &[ask(1, 65), ask(0, 66), ask(2, 67)].concat());
+    bench.settle();
+    assert_eq!(received(&mut bench, client), [ask(1, 65), ask(2, 67)].concat());
+    // Behind its answer the line is free; behind a message that nobody answers a tick later.
+    let spoken = CHARACTER * (5 * LENGTH) + Duration::TICK;
+    assert_eq!(bench.now(), Instant::ZERO + spoken);
+    // Each hears what is meant for the other one, and its answer.
+    assert_eq!([seen(&bench, seats[0]), seen(&bench, seats[1])], [(2, 2), (2, 2)]);
+}
+
+#[test]
+fn what_two_messages_overheard_at_once_are() {
+    for line in [LineMode::Timed, LineMode::Fast] {
+        let (mut bench, seats, client) = echoes(line);
+        bench.send(client, &ask(1, TWICE));
+        bench.run_until(1.secs());
+        assert_eq!(received(&mut bench, client), [ask(1, TWICE), ask(1, TWICE)].concat());
+        assert_eq!([seen(&bench, seats[0]), seen(&bench, seats[1])], [(1, 0), (0, 3)]);
+    }
+}
+
+#[test]
+fn a_client_that_leaves_takes_its_half_message_along() {
+    let (mut bench, seats, client) = echoes(LineMode::Timed);
+    let other = bench.connect(bench.bus(seats[0], RS485).unwrap());
+    bench.send(client, &[ask(1, 65), b":02".to_vec()].concat());
+    bench.send(other, &ask(2, 66));
+    bench.disconnect(client);
+    bench.settle();
+    assert_eq!(received(&mut bench, other), [ask(1, 65), ask(2, 66)].concat());
+    assert_eq!(bench.statistics(seats[0], RS485).spoiled, 0);
+}
+
+#[test]
+fn a_sender_with_other_settings_is_not_understood() {
+    let (mut bench, seats, client) = echoes(LineMode::Timed);
+    bench.send_from(client, &ask(1, 65), Sender { odd: Some(true), ..Sender::default() });
+    bench.settle();
+    assert_eq!(received(&mut bench, client), [0; 0]);
+    bench.send_from(client, &ask(1, 65), Sender { odd: Some(false), ..Sender::default() });
+    bench.settle();
+    assert_eq!(received(&mut bench, client), ask(1, 65));
+    assert_eq!(seen(&bench, seats[0]), (1, 0));
+}
+
+#[test]
+fn fast_takes_no_time() {
+    let (mut bench, seats, _) = echoes(LineMode::Fast);
+    for function in 65..70 {
+        assert_eq!(bench.ask(seats[1], &ask(2, function)), ask(2, function));
+    }
+    assert!(bench.now() <= Instant::ZERO + Duration::TICK * 10);
+    let make = |_: &str| Some(Box::new(Echo::at(2)) as Box<dyn Device>);
+    let mut bench = Bench::with(Settings { line: LineMode::Fast, ..Settings::default() });
+    let seat = bench.seat("echo", make("echo").unwrap(), Setup::default()).unwrap();
+    assert_eq!(bench.ask(seat, &ask(2, 65)), ask(2, 65));
+    let trace = Trace::parse(&bench.trace().to_text(), &make).unwrap();
+    assert_eq!(replay::run(&trace, &make), Ok(None));
+}
