@@ -7,6 +7,8 @@
 //! | `vm` | what a line does |
 
 pub mod instruction;
+#[cfg(test)]
+mod tests;
 pub(super) mod vm;
 
 use standin_protocol::modbus::rtu::crc;

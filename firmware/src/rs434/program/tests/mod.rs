@@ -1,0 +1,208 @@
+//! What 6.6 and 6.9 of the manual say of a program, typed from there.
+
+mod calculation;
+mod flash;
+mod flow;
+
+use std::vec;
+use std::vec::Vec;
+
+use standin_protocol::registers::Space;
+use standin_protocol::time::Span;
+
+use super::vm::{NotThere, Step, World};
+use super::{Program, Status, image, run};
+use crate::device::{Instant, Output, Sink};
+use crate::rs434::{LINES, MEMORY};
+
+const AX: u32 = 0;
+const BX: u32 = 1;
+const CX: u32 = 2;
+const DX: u32 = 3;
+const GX: u32 = 6;
+const IX: u32 = 8;
+const JX: u32 = 9;
+
+const DISCRETE: u32 = 0;
+const COIL: u32 = 1;
+const INPUT: u32 = 2;
+const HOLDING: u32 = 3;
+
+/// A line with these fields, from its low end on: uCmd, bTypeJmp, uAdrSysReg, uTypeModbusReg, uData (fig. 9).
+fn line(command: u32, type_jmp: u32, register: u32, space: u32, data: u32) -> u32 {
+    command | type_jmp << 7 | register << 8 | space << 12 | data << 16
+}
+
+const STOP: u32 = 0x00;
+const FULL_STOP: u32 = 0x0D;
+
+fn delay(ms: u32) -> u32 {
+    line(0x04, 0, 0, 0, ms)
+}
+
+fn jump(target: u32) -> u32 {
+    line(0x05, 0, 0, 0, target)
+}
+
+fn call(target: u32) -> u32 {
+    line(0x0A, 0, 0, 0, target)
+}
+
+const RETURN: u32 = 0x0B;
+
+fn repeat(lines: u32, times: u32) -> u32 {
+    line(0x0C, 0, 0, 0, lines << 8 | times)
+}
+
+/// MOV_SYSREG_CONST.
+fn set(register: u32, value: u32) -> u32 {
+    line(0x01, 0, register, 0, value)
+}
+
+/// ADD_SYSREG_CONST.
+fn add(register: u32, value: u32) -> u32 {
+    line(0x19, 0, register, 0, value)
+}
+
+/// A memory that remembers what was stored, and when.
+struct Memory {
+    bytes: Vec<u8>,
+    stores: Vec<(Instant, u16, Vec<u8>)>,
+}
+
+impl Memory {
+    fn new() -> Self {
+        Self { bytes: vec![0xFF; MEMORY], stores: Vec::new() }
+    }
+
+    fn with(lines: &[u32]) -> Self {
+        let mut memory = Self::new();
+        let image = image(lines.iter().copied());
+        memory.bytes[MEMORY - image.len()..].copy_from_slice(&image);
+        memory
+    }
+}
+
+impl Sink for Memory {
+    fn put(&mut self, at: Instant, output: Output<'_>) {
+        if let Output::Store { offset, bytes } = output {
+            self.bytes[usize::from(offset)..][..bytes.len()].copy_from_slice(bytes);
+            self.stores.push((at, offset, bytes.to_vec()));
+        }
+    }
+
+    fn memory(&self) -> &[u8] {
+        &self.bytes
+    }
+}
+
+/// A drive that is nothing but a few registers and a program.
+struct Drive {
+    now: Instant,
+    program: Program,
+    memory: Memory,
+    /// Space, address and value of the registers there are.
+    bus: Vec<(Space, u16, u16)>,
+    /// What was written to them.
+    written: Vec<(Space, u16, Vec<u16>)>,
+    /// Writing this holding register stops the program, as MODE_USER_PROGRAM does.
+    stops: Option<u16>,
+}
+
+impl World for Drive {
+    fn program(&mut self) -> &mut Program {
+        &mut self.program
+    }
+
+    fn memory(&self) -> &[u8] {
+        &self.memory.bytes
+    }
+
+    fn read(&mut self, space: Space, address: u16) -> Option<u16> {
+        self.bus.iter().find(|&&(s, a, _)| (s, a) == (space, address)).map(|&(.., value)| value)
+    }
+
+    fn write(&mut self, space: Space, first: u16, words: &[u16]) -> Result<(), NotThere> {
+        if matches!(space, Space::Discrete | Space::Input) {
+            return Err(NotThere);
+        }
+        let places: Vec<_> = (u32::from(first)..).take(words.len()).collect();
+        let place = |address: &u32| {
+            self.bus.iter().position(|&(s, a, _)| s == space && u32::from(a) == *address).ok_or(NotThere)
+        };
+        let places = places.iter().map(place).collect::<Result<Vec<_>, _>>()?;
+        for (place, word) in places.into_iter().zip(words) {
+            self.bus[place].2 = *word;
+        }
+        self.written.push((space, first, words.to_vec()));
+        if self.stops == Some(first) {
+            self.program.stop();
+        }
+        Ok(())
+    }
+}
+
+impl Drive {
+    /// One with a program in its flash, started at 0.
+    fn running(lines: &[u32]) -> Self {
+        let mut drive = Self::off(Memory::with(lines));
+        assert!(drive.program.power_on(&drive.memory), "the image passes");
+        drive.program.start(drive.now, Status::StartedByBus);
+        drive
+    }
+
+    fn off(memory: Memory) -> Self {
+        let (now, program) = (Instant::ZERO, Program::new());
+        Self { now, program, memory, bus: Vec::new(), written: Vec::new(), stops: None }
+    }
+
+    fn with_registers(mut self, registers: [u16; 10]) -> Self {
+        self.program.vm.registers = registers;
+        self
+    }
+
+    fn with_bus(mut self, space: Space, first: u16, values: &[u16]) -> Self {
+        self.bus.extend(values.iter().enumerate().map(|(n, &value)| (space, first + n as u16, value)));
+        self
+    }
+
+    /// Goes to the next deadline and carries out the line that is due there.
+    fn step(&mut self) -> Step {
+        self.now = self.program.due();
+        assert_ne!(self.now, Instant::NEVER, "nothing is due: {:?}", self.program.status());
+        let now = self.now;
+        run(now, self).unwrap()
+    }
+
+    /// Carries out lines until the program is over, at most 5,000.
+    fn finish(&mut self) -> Status {
+        for _ in 0..5_000 {
+            if !self.program.is_running() {
+                return self.program.status();
+            }
+            self.step();
+        }
+        panic!("the program does not end");
+    }
+
+    /// The next lines that are carried out, by PC_REG.
+    fn path(&mut self, lines: usize) -> Vec<u16> {
+        let mut path = Vec::new();
+        for _ in 0..lines {
+            self.step();
+            path.push(self.program.vm.line);
+        }
+        path
+    }
+
+    fn registers(&self) -> [u16; 10] {
+        self.program.vm.registers
+    }
+
+    fn word(&mut self, space: Space, address: u16) -> u16 {
+        self.read(space, address).unwrap()
+    }
+}
+
+/// The last line that a program can have.
+const LAST: u32 = LINES as u32 - 1;
