@@ -5,7 +5,6 @@ mod cli;
 mod describe;
 mod kinds;
 mod log;
-mod nearest;
 mod nv;
 mod output;
 mod ports;
@@ -20,8 +19,8 @@ use std::path::Path;
 use std::process::ExitCode;
 
 use clap::Parser as _;
-use standin_sim::replay;
 use standin_sim::trace::Trace;
+use standin_sim::{nearest, replay};
 
 use crate::cli::{Cli, Command};
 
