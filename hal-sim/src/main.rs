@@ -9,6 +9,7 @@ mod nv;
 mod output;
 mod ports;
 mod preset;
+mod programs;
 mod ready;
 mod realtime;
 mod run;
@@ -65,8 +66,8 @@ fn execute(command: Command) -> Result<ExitCode, String> {
             })?;
         }
         Command::Replay { file } => return replay(&file),
-        Command::Asm(_) => return Err(not_yet("asm")),
-        Command::Disasm(_) => return Err(not_yet("disasm")),
+        Command::Asm(options) => print(&programs::asm(&options)?)?,
+        Command::Disasm { file } => print(&programs::disasm(&file)?)?,
     }
     Ok(ExitCode::SUCCESS)
 }

@@ -89,12 +89,8 @@ impl<'a> Listing<'a> {
 
     /// How many lines from here on hold 0, up to the next label.
     fn zeros(&self, at: usize) -> usize {
-        let free = |&at: &usize| self.program[at] == 0 && (self.begins[at]);
-        (at..self.program.len())
-            .take_while(free)
-            .enumerate()
-            .take_while(|(n, at)| *n == 0 || !self.labelled[*at])
-            .count()
+        let rest = self.program[at..].iter().zip(&self.labelled[at..]).enumerate();
+        rest.take_while(|(n, (line, labelled))| **line == 0 && (*n == 0 || !**labelled)).count()
     }
 
     /// The command here, if text can say it exactly.

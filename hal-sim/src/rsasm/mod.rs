@@ -8,10 +8,12 @@
 //! | `cursor` | words, numbers and signs of a line of text, and where they are |
 //! | `assemble` | text to lines of a program |
 //! | `disassemble` | the way back |
+//! | `image` | a program in the memory of a drive |
 
 mod assemble;
 mod cursor;
 mod disassemble;
+mod image;
 #[cfg(test)]
 mod tests;
 
@@ -22,6 +24,10 @@ use standin_protocol::registers::Space;
 
 pub use self::assemble::assemble;
 pub use self::disassemble::disassemble;
+pub use self::image::Image;
+
+/// The kinds of drive that carry out such programs.
+pub const KINDS: [&str; 2] = ["rs434544", "rs434546"];
 
 /// The system registers, by uAdrSysReg.
 const SYSTEM: [&str; 10] = ["ax", "bx", "cx", "dx", "ex", "fx", "gx", "hx", "ix", "jx"];
