@@ -20,7 +20,7 @@ use std::collections::BTreeMap;
 use std::fmt;
 
 use fixed::types::I48F16;
-use standin_firmware::device::{Device, Duration, Instant, Port, Refused, Spec};
+use standin_firmware::device::{Device, Duration, Instant, Port, Refused, Shaft, Spec};
 
 use crate::bus::{LineMode, Outside, Wire};
 use crate::schedule::{Class, Event, Heap, Tournament, What};
@@ -152,10 +152,22 @@ pub struct Motion {
     pub speed: I48F16,
     /// Whether it is on its way.
     pub moving: bool,
-    /// Peak current in mA.
+    /// Peak current in mA; of a motor what it draws.
     pub current_ma: u32,
     /// What drives a motor without steps: 1/65536 of full on, signed.
     pub duty: i32,
+}
+
+impl From<Shaft> for Motion {
+    fn from(shaft: Shaft) -> Self {
+        Self {
+            position: shaft.position,
+            speed: shaft.speed,
+            moving: shaft.speed != 0,
+            current_ma: shaft.ma.unsigned_abs(),
+            duty: shaft.duty,
+        }
+    }
 }
 
 /// What a port has seen since its device was seated.

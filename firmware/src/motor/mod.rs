@@ -1,26 +1,50 @@
 //! Motors that are not there, and a drive that turns one.
+//!
+//! A brush motor: its winding has a resistance and no inductance, its speed makes a voltage against the
+//! supply, its current a torque; friction of one size holds or brakes it, a load pulls at it. What is
+//! not modelled: inductance, iron, cogging, the supply's own resistance, warmth of the winding.
+//!
+//! All numbers are integers. An angle is in 2⁻³² turns, a speed in 2⁻⁵⁶ turns a tick, an acceleration in
+//! 2⁻⁶⁴ turns a tick². A motor lives in stretches of constant acceleration ([`Stretch`]); inside one every
+//! edge of its sensors is found where it is. How the acceleration of a stretch follows from what turns the
+//! motor is in [`Constants`].
 
+mod constants;
 mod rig;
+mod stretch;
+#[cfg(test)]
+mod tests;
+mod wheel;
 
+use self::constants::Constants;
 pub use self::rig::{Rig, Turns};
+use self::stretch::Stretch;
+use self::wheel::Wheel;
+use crate::device::{
+    Axis, AxisSpec, Boot, Device, Duration, Fault, Input, Instant, Level, Output, Pin, PinSpec, Refused,
+    Role, Shaft, Sink, Spec,
+};
 
-/// What a brush motor and its load are.
+/// What a brush motor and its load are. What is beyond a limit acts as the limit.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Parameters {
-    /// What feeds the drive, in mV.
+    /// What feeds the drive, in mV, 1 to 100,000.
     pub supply_mv: u32,
-    /// How fast the motor turns at the full supply without load and friction, in rpm: its torque constant.
+    /// How fast the motor turns at the full supply without load and friction, in rpm, 60 to 200,000: its
+    /// torque constant.
     pub no_load_rpm: u32,
-    /// Of its winding, in mΩ.
+    /// Of its winding, in mΩ, 10 to 1,000,000.
     pub resistance_mohm: u32,
-    /// Of rotor and load, in g·cm².
+    /// Of rotor and load, in g·cm², 1 to 10,000,000.
     pub inertia_gcm2: u32,
-    /// Torque against any motion, in µN·m; also what holds it at rest.
+    /// Torque against any motion, in µN·m, up to 100,000,000; also what holds it at rest.
     pub friction_unm: u32,
-    /// Torque of the load, in µN·m, positive against forward motion; also at rest.
+    /// Torque of the load, in µN·m, up to 100,000,000, positive against forward motion; also at rest.
     pub load_unm: i32,
     /// Pulses of a Hall sensor in a turn.
     pub hall_pulses: u16,
+    /// Cycles of its encoder in a turn; 0 without one.
+    pub encoder_cycles: u16,
 }
 
 impl Parameters {
@@ -33,5 +57,213 @@ impl Parameters {
         friction_unm: 10_000,
         load_unm: 0,
         hall_pulses: 4,
+        encoder_cycles: 0,
     };
+
+    /// After which its speed has come within 1/e of the one that its voltage wants, up to half a second.
+    #[must_use]
+    pub fn time_constant(&self) -> Duration {
+        Constants::of(self).time_constant()
+    }
+}
+
+/// Hall sensor A, a quarter of a pulse before B while the motor turns forward.
+pub const HALL_A: Pin = Pin(0);
+/// Hall sensor B.
+pub const HALL_B: Pin = Pin(1);
+/// Channel A of the encoder.
+pub const ENCODER_A: Pin = Pin(2);
+/// Channel B of the encoder, a quarter of a cycle behind A while the motor turns forward.
+pub const ENCODER_B: Pin = Pin(3);
+/// The encoder's index: high for a quarter of a cycle in each turn.
+pub const ENCODER_I: Pin = Pin(4);
+
+const HALL_PINS: &[Pin] = &[HALL_A, HALL_B];
+const ENCODER_PINS: &[Pin] = &[ENCODER_A, ENCODER_B, ENCODER_I];
+
+/// Its shaft is held.
+pub const STALL: Fault = Fault(0);
+
+const fn sensor(name: &'static str) -> PinSpec {
+    PinSpec { name, role: Role::Output, rest: Level::High }
+}
+
+static MOTOR: Spec = Spec {
+    kind: "motor",
+    product: "Brush motor",
+    pins: &[sensor("HALL_A"), sensor("HALL_B"), sensor("A"), sensor("B"), sensor("I")],
+    axes: &[AxisSpec { name: "motor", step_dir: None }],
+    faults: &["stall"],
+    ..Spec::BARE
+};
+
+/// A brush motor. Its terminals are told by [`Input::Current`] and [`Input::Duty`], whatever the axis.
+#[derive(Clone, Debug)]
+pub struct Motor {
+    parameters: Parameters,
+    constants: Constants,
+    /// What its terminals may carry, in mA; 0 while they are open.
+    limit_ma: u32,
+    /// In 1/65536 of the supply.
+    duty: i32,
+    held: bool,
+    stretch: Stretch,
+    halls: Wheel,
+    encoder: Wheel,
+    /// The next edge of a sensor.
+    edge: Instant,
+    ma: i32,
+}
+
+impl Motor {
+    /// One that stands, with open terminals, in the middle between two edges of its Hall sensors.
+    #[must_use]
+    pub fn new(parameters: Parameters) -> Self {
+        let halls = Wheel::new(parameters.hall_pulses);
+        let angle = halls.middle();
+        let encoder = Wheel::new(parameters.encoder_cycles).moved_to(angle);
+        Self {
+            parameters,
+            constants: Constants::of(&parameters),
+            limit_ma: 0,
+            duty: 0,
+            held: false,
+            stretch: Stretch::rest(Instant::ZERO, angle),
+            halls,
+            encoder,
+            edge: Instant::NEVER,
+            ma: 0,
+        }
+    }
+
+    /// What it is.
+    #[must_use]
+    pub fn parameters(&self) -> &Parameters {
+        &self.parameters
+    }
+
+    /// It is another motor from now on, at the same count of its Hall sensors and as fast in turns.
+    pub fn become_another(&mut self, at: Instant, parameters: Parameters, out: &mut dyn Sink) {
+        if parameters == self.parameters {
+            return;
+        }
+        let mut now = self.stretch.at(at);
+        if parameters.hall_pulses != self.parameters.hall_pulses {
+            self.halls = self.halls.with_pulses(parameters.hall_pulses);
+            now.angle = self.halls.middle();
+        }
+        if parameters.encoder_cycles != self.parameters.encoder_cycles {
+            self.encoder = Wheel::new(parameters.encoder_cycles).moved_to(now.angle);
+        }
+        (self.parameters, self.constants) = (parameters, Constants::of(&parameters));
+        self.stretch = now;
+        self.go_on(at, out);
+    }
+
+    /// Begins the next stretch, where the present one is at `at`.
+    fn go_on(&mut self, at: Instant, out: &mut dyn Sink) {
+        let ma = self.begin(at);
+        if ma != self.ma {
+            self.ma = ma;
+            out.put(at, Output::Draws { axis: Axis(0), ma });
+        }
+    }
+
+    /// As [`Self::go_on`], and returns what the motor draws.
+    fn begin(&mut self, at: Instant) -> i32 {
+        let now = self.stretch.at(at);
+        let push = (self.limit_ma > 0).then_some((self.duty, self.limit_ma));
+        let now = if self.held { Stretch::rest(at, now.angle) } else { now };
+        let (stretch, ma) = self.constants.next(now, push, self.held);
+        self.stretch = stretch;
+        self.find_edge(at);
+        ma
+    }
+
+    /// Looks for the next edge of the present stretch.
+    fn find_edge(&mut self, at: Instant) {
+        self.edge = self.halls.next_edge(&self.stretch, at).min(self.encoder.next_edge(&self.stretch, at));
+    }
+
+    /// Without power, from wherever it was last looked at: open terminals, and nobody sees its sensors.
+    fn coast(&mut self, at: Instant) {
+        (self.limit_ma, self.duty, self.ma) = (0, 0, 0);
+        self.begin(self.stretch.since());
+        while self.stretch.end() < at {
+            self.begin(self.stretch.end());
+        }
+        let angle = self.stretch.at(at).angle;
+        self.halls = self.halls.moved_to(angle);
+        self.encoder = self.encoder.moved_to(angle);
+    }
+}
+
+impl Device for Motor {
+    fn spec(&self) -> &'static Spec {
+        &MOTOR
+    }
+
+    /// Its sensors have power again; the shaft does not know.
+    fn power_on(&mut self, at: Instant, _boot: Boot, out: &mut dyn Sink) {
+        self.coast(at);
+        self.held = false;
+        self.begin(at);
+        self.halls.show(at, None, HALL_PINS, out);
+        self.encoder.show(at, None, ENCODER_PINS, out);
+    }
+
+    fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Sink) {
+        let told = match input {
+            Input::Current { ma, .. } => (ma, self.duty, self.held),
+            Input::Duty { duty, .. } => (self.limit_ma, duty, self.held),
+            Input::Fault { fault: STALL, on } => (self.limit_ma, self.duty, on),
+            _ => return,
+        };
+        if told != (self.limit_ma, self.duty, self.held) {
+            (self.limit_ma, self.duty, self.held) = told;
+            self.go_on(at, out);
+        }
+    }
+
+    fn deadline(&self) -> Instant {
+        self.edge.min(self.stretch.end())
+    }
+
+    fn timeout(&mut self, at: Instant, out: &mut dyn Sink) {
+        if at >= self.edge {
+            let angle = self.stretch.at(at).angle;
+            for (wheel, pins) in [(&mut self.halls, HALL_PINS), (&mut self.encoder, ENCODER_PINS)] {
+                let before = *wheel;
+                wheel.follow(angle);
+                wheel.show(at, Some(before), pins, out);
+            }
+            self.find_edge(at);
+        }
+        if at >= self.stretch.end() {
+            self.go_on(at, out);
+        }
+    }
+
+    fn peek(&self, _at: Instant, _row: usize) -> i64 {
+        0
+    }
+
+    fn poke(&mut self, _at: Instant, _row: usize, _value: i64, _out: &mut dyn Sink) -> Result<(), Refused> {
+        Err(Refused::NoSuchRegister)
+    }
+
+    fn shaft(&self, at: Instant, _axis: Axis) -> Option<Shaft> {
+        if at > self.stretch.end() {
+            let mut later = self.clone();
+            later.coast(at);
+            return later.shaft(at, Axis(0));
+        }
+        let now = self.stretch.at(at);
+        Some(Shaft {
+            position: self.halls.count(now.angle) as i32,
+            speed: self.halls.counts_per_second(now.speed),
+            duty: if self.limit_ma > 0 { self.duty } else { 0 },
+            ma: self.ma,
+        })
+    }
 }

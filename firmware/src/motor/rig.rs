@@ -1,7 +1,9 @@
 //! A drive and the motor that it turns, as one device.
 
-use super::Parameters;
-use crate::device::{Boot, Device, Fault, Input, Instant, Pin, Refused, Sink, Spec};
+use super::{HALL_PINS, Motor, Parameters};
+use crate::device::{
+    Axis, Boot, Device, Duration, Fault, Input, Instant, Level, Output, Pin, Refused, Shaft, Sink, Spec,
+};
 
 /// A drive that turns a motor.
 pub trait Turns: Device {
@@ -14,16 +16,123 @@ pub trait Turns: Device {
     fn motor(&self) -> Parameters;
 }
 
-/// A drive with its motor.
+/// The axis of the drive that has the motor.
+const AXIS: Axis = Axis(0);
+
+/// A drive with its motor, joined by wires that take a tick. What it carries on them stays inside, but for the
+/// Hall sensors, whose levels are those of the drive's pins.
 #[derive(Clone, Debug)]
 pub struct Rig<D> {
     drive: D,
+    motor: Motor,
+    wires: Wires,
+}
+
+/// What is on its way. All of it was put at one instant, because what was put before has arrived by then.
+#[derive(Clone, Debug)]
+struct Wires {
+    arrives: Instant,
+    current: Option<u32>,
+    duty: Option<i32>,
+    halls: [Option<bool>; 2],
+    draws: Option<i32>,
+}
+
+impl Wires {
+    const EMPTY: Self =
+        Self { arrives: Instant::NEVER, current: None, duty: None, halls: [None; 2], draws: None };
+}
+
+/// The drive's outputs: those that go to the motor, and all others.
+struct OfDrive<'a> {
+    wires: &'a mut Wires,
+    out: &'a mut dyn Sink,
+}
+
+impl Sink for OfDrive<'_> {
+    fn put(&mut self, at: Instant, output: Output<'_>) {
+        match output {
+            Output::Current { axis: AXIS, ma } => self.wires.current = Some(ma),
+            Output::Duty { axis: AXIS, duty } => self.wires.duty = Some(duty),
+            _ => return self.out.put(at, output),
+        }
+        self.wires.arrives = at + Duration::TICK;
+    }
+
+    fn memory(&self) -> &[u8] {
+        self.out.memory()
+    }
+}
+
+/// The motor's outputs: they go to the drive, and its Hall sensors outside, too.
+struct OfMotor<'a> {
+    wires: &'a mut Wires,
+    halls: &'static [Pin],
+    out: &'a mut dyn Sink,
+}
+
+impl Sink for OfMotor<'_> {
+    fn put(&mut self, at: Instant, output: Output<'_>) {
+        match output {
+            Output::Draws { ma, .. } => self.wires.draws = Some(ma),
+            Output::Level { pin, level } => {
+                let Some(place) = HALL_PINS.iter().position(|hall| *hall == pin) else { return };
+                let Some(wire) = self.wires.halls.get_mut(place) else { return };
+                *wire = Some(level == Level::High);
+                if let Some(&pin) = self.halls.get(place) {
+                    self.out.put(at, Output::Level { pin, level });
+                }
+            }
+            _ => return,
+        }
+        self.wires.arrives = at + Duration::TICK;
+    }
+
+    fn memory(&self) -> &[u8] {
+        &[]
+    }
 }
 
 impl<D: Turns> Rig<D> {
-    /// `drive` and the motor that its registers describe.
+    /// `drive` and the motor that its registers describe, which stands.
     pub fn new(drive: D) -> Self {
-        Self { drive }
+        let motor = Motor::new(drive.motor());
+        Self { drive, motor, wires: Wires::EMPTY }
+    }
+
+    /// What has come through the wires by `at`.
+    fn arrive(&mut self, at: Instant, out: &mut dyn Sink) {
+        if self.wires.arrives > at {
+            return;
+        }
+        let Wires { current, duty, halls, draws, .. } = core::mem::replace(&mut self.wires, Wires::EMPTY);
+        let current = current.map(|ma| Input::Current { axis: AXIS, ma });
+        let duty = duty.map(|duty| Input::Duty { axis: AXIS, duty });
+        for input in current.into_iter().chain(duty) {
+            self.with_motor(out, |motor, out| motor.input(at, input, out));
+        }
+        let edges = D::HALLS.iter().zip(halls);
+        let edges = edges.filter_map(|(&pin, high)| Some(Input::Edge { pin, high: high? }));
+        for input in edges.chain(draws.map(|ma| Input::Draws { axis: AXIS, ma })) {
+            self.with_drive(at, out, |drive, out| drive.input(at, input, out));
+        }
+    }
+
+    fn with_motor(&mut self, out: &mut dyn Sink, does: impl FnOnce(&mut Motor, &mut dyn Sink)) {
+        does(&mut self.motor, &mut OfMotor { wires: &mut self.wires, halls: D::HALLS, out });
+    }
+
+    /// Lets the drive do something; the motor becomes the one that its registers describe then.
+    fn with_drive<T>(
+        &mut self,
+        at: Instant,
+        out: &mut dyn Sink,
+        does: impl FnOnce(&mut D, &mut dyn Sink) -> T,
+    ) -> T {
+        let done = does(&mut self.drive, &mut OfDrive { wires: &mut self.wires, out });
+        let parameters = self.drive.motor();
+        self.with_motor(out, |motor, out| motor.become_another(at, parameters, out));
+        done
     }
 }
 
@@ -32,20 +141,41 @@ impl<D: Turns> Device for Rig<D> {
         self.drive.spec()
     }
 
+    /// The motor had no power since it was last looked at, and turned on as it was.
     fn power_on(&mut self, at: Instant, boot: Boot, out: &mut dyn Sink) {
-        self.drive.power_on(at, boot, out);
+        self.wires = Wires::EMPTY;
+        self.with_motor(out, |motor, out| motor.power_on(at, boot, out));
+        self.with_drive(at, out, |drive, out| drive.power_on(at, boot, out));
     }
 
     fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Sink) {
-        self.drive.input(at, input, out);
+        self.arrive(at, out);
+        match input {
+            Input::Fault { fault, on } if D::STALL == Some(fault) => {
+                let input = Input::Fault { fault: super::STALL, on };
+                self.with_motor(out, |motor, out| motor.input(at, input, out));
+            }
+            // The sensors are the motor's, and so are what it is told and what it tells.
+            Input::Edge { pin, .. } if D::HALLS.contains(&pin) => {}
+            Input::Current { axis: AXIS, .. }
+            | Input::Duty { axis: AXIS, .. }
+            | Input::Draws { axis: AXIS, .. } => {}
+            _ => self.with_drive(at, out, |drive, out| drive.input(at, input, out)),
+        }
     }
 
     fn deadline(&self) -> Instant {
-        self.drive.deadline()
+        self.wires.arrives.min(self.drive.deadline()).min(self.motor.deadline())
     }
 
     fn timeout(&mut self, at: Instant, out: &mut dyn Sink) {
-        self.drive.timeout(at, out);
+        self.arrive(at, out);
+        if self.motor.deadline() <= at {
+            self.with_motor(out, |motor, out| motor.timeout(at, out));
+        }
+        if self.drive.deadline() <= at {
+            self.with_drive(at, out, |drive, out| drive.timeout(at, out));
+        }
     }
 
     fn peek(&self, at: Instant, row: usize) -> i64 {
@@ -53,6 +183,11 @@ impl<D: Turns> Device for Rig<D> {
     }
 
     fn poke(&mut self, at: Instant, row: usize, value: i64, out: &mut dyn Sink) -> Result<(), Refused> {
-        self.drive.poke(at, row, value, out)
+        self.arrive(at, out);
+        self.with_drive(at, out, |drive, out| drive.poke(at, row, value, out))
+    }
+
+    fn shaft(&self, at: Instant, axis: Axis) -> Option<Shaft> {
+        if axis == AXIS { self.motor.shaft(at, axis) } else { None }
     }
 }

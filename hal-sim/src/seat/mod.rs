@@ -328,10 +328,10 @@ impl Seated {
         self.body.axis(axis)?.take_edge(number, until)
     }
 
-    /// What an axis does.
+    /// What an axis does: its motor, if it has one of its own, else what it was told.
     pub(crate) fn motion(&self, at: Instant, axis: Axis) -> Motion {
-        let axis = self.body.axes.get(usize::from(axis.0));
-        axis.map(|axis| axis.motion(at)).unwrap_or_default()
+        let told = || self.body.axes.get(usize::from(axis.0)).map(|axis| axis.motion(at));
+        self.device.shaft(at, axis).map(Motion::from).or_else(told).unwrap_or_default()
     }
 }
 

@@ -1,0 +1,125 @@
+//! From what turns a motor to its acceleration.
+//!
+//! With the winding's time constant of zero a motor at the voltage of a duty comes to its speed
+//! exponentially: with *full* the speed of the whole supply and *stall* the acceleration that the supply gives
+//! it at standstill
+//!
+//! ```text
+//! acceleration = stall·(duty − speed/full) − load − friction      time constant T = full/stall
+//! ```
+//!
+//! In a step of length *h* the mean of that is its value at the beginning times (1 − e⁻ˣ)/x, *x* = h/T. With
+//! e⁻ˣ = 1/(1 + x + x²/2) this needs no exponential, is right to x² and, whatever *x*, never beyond the
+//! final speed. Current and acceleration are proportional, so the limit of the current is one of the
+//! acceleration.
+
+use standin_protocol::time::TICKS_PER_SECOND;
+
+use super::{Parameters, Stretch};
+use crate::device::Duration;
+
+/// The longest step.
+const STEP: Duration = Duration::millis(1);
+/// The shortest one: what comes to its speed faster than twice that does so in one step.
+const LEAST_STEP: Duration = Duration::micros(50);
+
+/// What follows from the parameters, in the units of a [`Stretch`].
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) struct Constants {
+    /// The speed at which the motor makes the voltage of the supply.
+    full: i64,
+    /// The acceleration of the supply at standstill.
+    stall: i64,
+    /// The current of the supply at standstill, in mA.
+    stall_ma: i64,
+    friction: i64,
+    /// Of the load, against forward motion.
+    load: i64,
+    step: Duration,
+    /// The mean acceleration of a step, in 1/65536 of that at its beginning.
+    mean: i64,
+}
+
+impl Constants {
+    pub(super) fn of(parameters: &Parameters) -> Self {
+        /// 60/2π in 1/65536: 1 mV at 1 rpm is so many µN·m for a mA.
+        const TORQUE: u64 = 625_823;
+        /// A rpm in 2⁻⁶⁴ turns a tick.
+        const RPM: u64 = (1 << 60) / (60 * TICKS_PER_SECOND / 16);
+        /// 10·2⁶⁴ / (2π·f²) in 1/16: µN·m at 1 g·cm² in 2⁻⁶⁴ turns a tick².
+        const ACCELERATION: i64 = 1_834_932;
+        let supply = u64::from(parameters.supply_mv.clamp(1, 100_000));
+        let rpm = u64::from(parameters.no_load_rpm.clamp(60, 200_000));
+        let resistance = i64::from(parameters.resistance_mohm.clamp(10, 1_000_000));
+        let inertia = i64::from(parameters.inertia_gcm2.clamp(1, 10_000_000));
+        let accelerated =
+            |unm: i64| ((unm * ACCELERATION / inertia) >> 4).clamp(-Stretch::STEEPEST, Stretch::STEEPEST);
+        let torque = |unm: i64| accelerated(unm.clamp(-100_000_000, 100_000_000));
+
+        let stall_ma = (supply * 1_000).cast_signed() / resistance;
+        let stall_unm = ((supply * TORQUE / rpm).cast_signed() * stall_ma) >> 16;
+        let full = ((rpm * RPM) >> 8).cast_signed();
+        let stall = accelerated(stall_unm).clamp(1, 1 << 34);
+        let mut constants = Self {
+            full,
+            stall,
+            stall_ma,
+            friction: torque(parameters.friction_unm.into()),
+            load: torque(parameters.load_unm.into()),
+            step: STEP,
+            mean: 0,
+        };
+        let t = constants.time_constant();
+        constants.step = Duration::from_ticks(t.ticks() / 2).max(LEAST_STEP).min(STEP);
+        let (t, h) = (t.ticks(), constants.step.ticks());
+        // (1 + x/2)/(1 + x + x²/2)
+        constants.mean = (((2 * t * t + t * h) << 16) / (2 * t * t + 2 * t * h + h * h)).cast_signed();
+        constants
+    }
+
+    /// full/stall, from a tick to half a second.
+    pub(super) fn time_constant(&self) -> Duration {
+        const LONGEST: i64 = 1 << 23;
+        let ticks = (self.full << 8).checked_div(self.stall).unwrap_or(LONGEST);
+        Duration::from_ticks(ticks.clamp(1, LONGEST).cast_unsigned())
+    }
+
+    /// What goes on from `now`, and what it draws there, in mA. Open terminals have neither a duty nor a limit
+    /// of the current.
+    pub(super) fn next(&self, now: Stretch, closed: Option<(i32, u32)>, held: bool) -> (Stretch, i32) {
+        let (push, limit) = match closed {
+            Some((duty, ma)) => {
+                let ma = i64::from(ma).min(2 * self.stall_ma);
+                (self.push(duty, now.speed), ma * self.stall / self.stall_ma.max(1))
+            }
+            None => (0, 0),
+        };
+        let drives = push.clamp(-limit, limit);
+        let ma = ((2 * drives * self.stall_ma).div_euclid(self.stall.max(1)) + 1) >> 1;
+        let way = if now.speed != 0 {
+            now.speed.signum()
+        } else if (drives - self.load).abs() > self.friction {
+            (drives - self.load).signum()
+        } else {
+            0
+        };
+        let against = self.load + way * self.friction;
+        let acceleration = match closed {
+            Some(_) => (((push - against) * self.mean) >> 16).clamp(-limit - against, limit - against),
+            None => -against,
+        };
+        let stands = way == 0 || (now.speed == 0 && acceleration == 0);
+        let next = if held || stands {
+            Stretch::rest(now.since(), now.angle)
+        } else {
+            now.with(acceleration, if closed.is_some() { self.step } else { Stretch::LONGEST })
+        };
+        (next, ma as i32)
+    }
+
+    /// The acceleration of a duty at a speed, without limit, friction and load.
+    fn push(&self, duty: i32, speed: i64) -> i64 {
+        let against = self.stall * (speed >> 16) / (self.full >> 16).max(1);
+        ((self.stall * i64::from(duty.clamp(-65_536, 65_536))) >> 16) - against
+    }
+}
