@@ -133,7 +133,7 @@ impl Program {
 
     /// The bus stops it; also leaves the state of one that has ended.
     pub(super) fn stop(&mut self) {
-        (self.status, self.line_due) = (Status::Stopped, Instant::NEVER);
+        self.end(Status::Stopped);
     }
 
     /// WRITE_CMD.
@@ -202,27 +202,14 @@ impl Program {
         self.flash != Content::Bad
     }
 
-    /// Where a line begins in the memory; `None` in a new one.
-    fn place(&self, line: u16) -> Option<usize> {
-        (self.flash != Content::New).then_some(SETTINGS + 4 * usize::from(line))
+    /// Whether nothing was ever saved.
+    fn is_new(&self) -> bool {
+        self.flash == Content::New
     }
 
-    /// A line has been carried out.
-    fn follow(&mut self, at: Instant, step: Step) {
-        // A line may stop its own program, or restart the drive.
-        if self.status != Status::Running {
-            return;
-        }
-        (self.status, self.line_due) = match step {
-            Step::Next => (Status::Running, at + LINE),
-            Step::Delay(ms) => (Status::Running, at + Duration::millis(ms.into()).max(LINE)),
-            Step::End => (Status::Ended, Instant::NEVER),
-            Step::FullEnd => (Status::FullyEnded, Instant::NEVER),
-            Step::Error => (Status::Failed, Instant::NEVER),
-        };
-        if step == Step::FullEnd {
-            (self.vm.registers, self.vm.line) = (self.before, 0);
-        }
+    /// No line is carried out any more.
+    fn end(&mut self, status: Status) {
+        (self.status, self.line_due) = (status, Instant::NEVER);
     }
 }
 
@@ -234,9 +221,20 @@ pub(super) fn run(at: Instant, world: &mut impl World) -> Option<Step> {
     if program.line_due > at {
         return None;
     }
-    program.status = Status::Running;
+    // Before the line: it may stop its own program, or restart the drive.
+    (program.status, program.line_due) = (Status::Running, at + LINE);
     let step = vm::step(world);
-    world.program().follow(at, step);
+    let program = world.program();
+    match step {
+        Step::Next => {}
+        Step::Delay(ms) => program.line_due = at + Duration::millis(ms.into()).max(LINE),
+        Step::End => program.end(Status::Ended),
+        Step::FullEnd => {
+            program.end(Status::FullyEnded);
+            (program.vm.registers, program.vm.line) = (program.before, 0);
+        }
+        Step::Error => program.end(Status::Failed),
+    }
     Some(step)
 }
 

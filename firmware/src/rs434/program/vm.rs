@@ -5,7 +5,7 @@ use standin_protocol::registers::Space;
 
 use super::Program;
 use super::instruction::{Command, Condition, Form, Instruction, Operation};
-use crate::rs434::LINES;
+use crate::rs434::{LINES, SETTINGS};
 
 /// The system registers, AX to JX.
 pub(in crate::rs434) const REGISTERS: usize = 10;
@@ -84,15 +84,6 @@ pub(in crate::rs434) enum Step {
     Error,
 }
 
-/// Where an operand is, and a result goes.
-#[derive(Clone, Copy)]
-enum Place {
-    /// A system register, by its number, or from it on a pair of them.
-    System(u16),
-    /// Registers of the bus.
-    Bus(Space, u16),
-}
-
 /// Carries out the next line.
 pub(super) fn step(world: &mut impl World) -> Step {
     carry_out(world).unwrap_or(Step::Error)
@@ -104,73 +95,72 @@ fn carry_out(world: &mut impl World) -> Option<Step> {
     let instruction = Instruction(fetch(world, line)?);
     let vm = &mut world.program().vm;
     vm.line = line;
-    let command = instruction.command()?;
-    vm.next = line + command.lines();
-    match command.operation {
-        Operation::Stop => return Some(Step::End),
-        Operation::FullStop => return Some(Step::FullEnd),
-        Operation::Delay => return Some(Step::Delay(instruction.data())),
-        Operation::Jump(condition) => {
-            if vm.holds(condition, command.wide) {
+    vm.next = line + 1;
+    let Some(command) = instruction.command() else {
+        // A new flash, all ones, is a program that ends at once.
+        return world.program().is_new().then_some(Step::End);
+    };
+    let Command { operation, wide, form } = command;
+    let (register, data) = (instruction.register().into(), instruction.data());
+    let bus = || Some((space(instruction.space())?, data));
+    match form {
+        Form::Bare => match operation {
+            Operation::Return => vm.come_back()?,
+            Operation::FullStop => return Some(Step::FullEnd),
+            _ => return Some(Step::End),
+        },
+        Form::Target => {
+            if let Operation::Jump(condition) = operation
+                && vm.holds(condition, wide)
+            {
                 vm.next = vm.target(instruction)?;
             }
         }
-        Operation::Call => vm.call(instruction.data())?,
-        Operation::Return => vm.come_back()?,
-        Operation::For => vm.repeat(instruction.data())?,
-        _ => calculate(world, instruction, command)?,
+        Form::Time => return Some(Step::Delay(data)),
+        Form::Subroutine => vm.call(data)?,
+        Form::Loop => vm.repeat(data)?,
+        Form::Register => vm.change(register, command, instruction, 0)?,
+        Form::RegisterConstant if wide => {
+            let constant = constant(world, wide)?;
+            world.program().vm.change(register, command, instruction, constant)?;
+        }
+        Form::RegisterConstant | Form::RegisterShift => {
+            vm.change(register, command, instruction, data.into())?;
+        }
+        Form::RegisterRegister => {
+            let (from, to) = if operation == Operation::Move { (register, data) } else { (data, register) };
+            let second = vm.get(from, wide)?;
+            vm.change(to, command, instruction, second)?;
+        }
+        Form::RegisterModbus => {
+            let second = read(world, bus()?, wide)?;
+            world.program().vm.change(register, command, instruction, second)?;
+        }
+        Form::ModbusRegister => {
+            let second = vm.get(register, wide)?;
+            change(world, bus()?, command, instruction, second)?;
+        }
+        Form::ModbusConstant | Form::ModbusShift => {
+            let second = constant(world, wide)?;
+            change(world, bus()?, command, instruction, second)?;
+        }
+        Form::Modbus => change(world, bus()?, command, instruction, 0)?,
     }
     Some(Step::Next)
 }
 
 /// A line of the flash; `None` past the last one.
-fn fetch(world: &mut impl World, line: u16) -> Option<u32> {
-    let line = existing(line)?;
-    let place = world.program().place(line);
-    // A new flash has no program, which reads as one that ends at once.
-    place.map_or(Some(0), |place| world.memory().get(place..)?.first_chunk().copied().map(u32::from_le_bytes))
+fn fetch(world: &impl World, line: u16) -> Option<u32> {
+    let place = SETTINGS + 4 * usize::from(existing(line)?);
+    world.memory().get(place..)?.first_chunk().copied().map(u32::from_le_bytes)
 }
 
-/// Moves, arithmetic and logic.
-fn calculate(world: &mut impl World, instruction: Instruction, command: Command) -> Option<()> {
-    let Command { operation, wide, form } = command;
-    let data = instruction.data();
-    let register = Place::System(instruction.register().into());
-    let bus = || Some(Place::Bus(space(instruction.space())?, data));
-    let (place, second) = match form {
-        Form::Modbus => (bus()?, 0),
-        Form::RegisterConstant if wide => (register, constant(world, true)?),
-        Form::RegisterConstant | Form::RegisterShift => (register, data.into()),
-        Form::RegisterModbus => (register, get(world, bus()?, wide)?),
-        Form::ModbusConstant | Form::ModbusShift => (bus()?, constant(world, wide)?),
-        Form::ModbusRegister => (bus()?, get(world, register, wide)?),
-        Form::RegisterRegister if operation == Operation::Move => {
-            (Place::System(data), get(world, register, wide)?)
-        }
-        Form::RegisterRegister => (register, get(world, Place::System(data), wide)?),
-        // Only the form of a register is left: jumps and their like do not come here.
-        _ => (register, 0),
-    };
-    let result = if operation == Operation::Move {
-        second
-    } else {
-        let first = get(world, place, wide)?;
-        let of_bits = matches!(place, Place::Bus(Space::Coil | Space::Discrete, _));
-        match operation {
-            Operation::Add => first.wrapping_add(second),
-            Operation::Subtract => first.wrapping_sub(second),
-            Operation::Divide => first.checked_div(second)?,
-            Operation::Multiply => first.wrapping_mul(second),
-            Operation::And => first & second,
-            Operation::Or => first | second,
-            Operation::Xor => first ^ second,
-            Operation::Shift if instruction.type_jmp() => first.checked_shr(second).unwrap_or(0),
-            Operation::Shift => first.checked_shl(second).unwrap_or(0),
-            Operation::Not if of_bits => first ^ 0x0001_0001,
-            _ => !first,
-        }
-    };
-    put(world, place, wide, result)
+/// uCMD_DATA, the line behind this one; of 16 bits its low half.
+fn constant(world: &mut impl World, wide: bool) -> Option<u32> {
+    let line = world.program().vm.next;
+    let constant = fetch(world, line)?;
+    world.program().vm.next = line + 1;
+    Some(if wide { constant } else { constant & 0xFFFF })
 }
 
 /// The space that uTypeModbusReg means.
@@ -184,57 +174,60 @@ fn space(number: u8) -> Option<Space> {
     }
 }
 
-/// uCMD_DATA, the line behind this one; of 16 bits its low half.
-fn constant(world: &mut impl World, wide: bool) -> Option<u32> {
-    let line = world.program().vm.line + 1;
-    let constant = fetch(world, line)?;
-    Some(if wide { constant } else { constant & 0xFFFF })
+/// The value of a register of the bus, or of two.
+#[inline(never)]
+fn read(world: &mut impl World, (space, address): (Space, u16), wide: bool) -> Option<u32> {
+    let low = world.read(space, address)?;
+    let high = if wide { world.read(space, address.checked_add(1)?)? } else { 0 };
+    Some(join(low, high))
 }
 
-/// An operand.
-fn get(world: &mut impl World, place: Place, wide: bool) -> Option<u32> {
-    match place {
-        Place::System(number) => {
-            let registers = world.program().vm.registers.get(usize::from(number)..)?;
-            if wide {
-                registers.first_chunk().map(|&[low, high]| join(low, high))
-            } else {
-                registers.first().map(|&word| word.into())
-            }
-        }
-        Place::Bus(space, address) => {
-            let low = world.read(space, address)?;
-            let high = if wide { world.read(space, address.checked_add(1)?)? } else { 0 };
-            Some(join(low, high))
-        }
-    }
+/// Carries out a command on a register of the bus, or on two, with a second operand.
+#[inline(never)]
+fn change(
+    world: &mut impl World,
+    place: (Space, u16),
+    command: Command,
+    instruction: Instruction,
+    second: u32,
+) -> Option<()> {
+    let Command { operation, wide, .. } = command;
+    let (space, address) = place;
+    let bits = matches!(space, Space::Coil | Space::Discrete);
+    let result = match operation {
+        Operation::Move => second,
+        Operation::Not if bits => read(world, place, wide)? ^ 0x0001_0001,
+        _ => calculate(operation, instruction, read(world, place, wide)?, second)?,
+    };
+    let words = split(result);
+    // A bit is set by whatever is not 0.
+    let words = if bits { words.map(|word| u16::from(word != 0)) } else { words };
+    world.write(space, address, words.get(..if wide { 2 } else { 1 })?).ok()
 }
 
-/// Puts a result where it goes; of 16 bits its low half.
-fn put(world: &mut impl World, place: Place, wide: bool, result: u32) -> Option<()> {
-    let words = [(result & 0xFFFF) as u16, (result >> 16) as u16];
-    match place {
-        Place::System(number) => {
-            let registers = world.program().vm.registers.get_mut(usize::from(number)..)?;
-            if wide {
-                *registers.first_chunk_mut()? = words;
-            } else {
-                let [low, _] = words;
-                *registers.first_mut()? = low;
-            }
-            Some(())
-        }
-        Place::Bus(space, address) => {
-            // A bit is set by whatever is not 0.
-            let words = if space == Space::Coil { words.map(|word| u16::from(word != 0)) } else { words };
-            let words = words.get(..if wide { 2 } else { 1 }).unwrap_or(&words);
-            world.write(space, address, words).ok()
-        }
-    }
+/// D of S1 and S2; of 16 bits its low half counts.
+fn calculate(operation: Operation, instruction: Instruction, first: u32, second: u32) -> Option<u32> {
+    Some(match operation {
+        Operation::Add => first.wrapping_add(second),
+        Operation::Subtract => first.wrapping_sub(second),
+        Operation::Divide => first.checked_div(second)?,
+        Operation::Multiply => first.wrapping_mul(second),
+        Operation::And => first & second,
+        Operation::Or => first | second,
+        Operation::Xor => first ^ second,
+        Operation::Shift if instruction.type_jmp() => first.checked_shr(second).unwrap_or(0),
+        Operation::Shift => first.checked_shl(second).unwrap_or(0),
+        Operation::Not => !first,
+        _ => second,
+    })
 }
 
 const fn join(low: u16, high: u16) -> u32 {
     (high as u32) << 16 | low as u32
+}
+
+const fn split(value: u32) -> [u16; 2] {
+    [(value & 0xFFFF) as u16, (value >> 16) as u16]
 }
 
 impl Vm {
@@ -267,6 +260,31 @@ impl Vm {
             self.loops.pop();
         }
         self.next
+    }
+
+    /// The value of a system register, or of a pair of them.
+    fn get(&self, number: u16, wide: bool) -> Option<u32> {
+        let registers = self.registers.get(usize::from(number)..)?;
+        if wide {
+            registers.first_chunk().map(|&[low, high]| join(low, high))
+        } else {
+            registers.first().map(|&word| word.into())
+        }
+    }
+
+    /// Carries out a command on a system register, or on a pair of them, with a second operand.
+    fn change(&mut self, number: u16, command: Command, instruction: Instruction, second: u32) -> Option<()> {
+        let registers = self.registers.get_mut(usize::from(number)..)?;
+        if command.wide {
+            let pair = registers.first_chunk_mut()?;
+            let [low, high] = *pair;
+            *pair = split(calculate(command.operation, instruction, join(low, high), second)?);
+        } else {
+            let register = registers.first_mut()?;
+            let result = calculate(command.operation, instruction, (*register).into(), second)?;
+            *register = (result & 0xFFFF) as u16;
+        }
+        Some(())
     }
 
     /// Whether a jump is taken.
