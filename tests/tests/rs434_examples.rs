@@ -1,4 +1,5 @@
-//! The user programs in `examples/`, each on a drive with a motor.
+//! The user programs in `examples/`, each on a drive with a motor, and what `docs/rs434-programs.md` says of the
+//! language.
 
 use standin_firmware::device::{Device, Instant};
 use standin_firmware::rs434::rs434544;
@@ -18,7 +19,7 @@ const RUNS: i64 = 4;
 const ENDED: i64 = 5;
 const FULLY_ENDED: i64 = 6;
 
-/// A drive that starts a program of `examples/` when it gets power.
+/// A drive that starts a program when it gets power.
 struct Rig {
     bench: Bench,
     seat: Seat,
@@ -139,4 +140,41 @@ fn the_speed_profile_climbs_and_descends_both_ways() {
     let settings = ["STATUS_USER_PROGRAM", "PC_REG", "SPEED", "ACC", "DIRECTION"].map(|name| rig.get(name));
     assert_eq!(settings, [FULLY_ENDED, 0, 1_000, 100, 1]);
     assert_eq!(rig.get("ERROR"), 0);
+}
+
+const LANGUAGE: &str = include_str!("../../docs/rs434-programs.md");
+
+#[test]
+fn what_the_language_is_shown_by_assembles() {
+    let blocks: Vec<&str> = LANGUAGE.split("```").skip(1).step_by(2).collect();
+    let programs: Vec<&str> = blocks.iter().filter_map(|block| block.strip_prefix("text\n")).collect();
+    assert_eq!(programs.len(), 2);
+    for program in programs {
+        rsasm::assemble(program).unwrap_or_else(|error| panic!("{error}\n{program}"));
+    }
+    // The last cell of each row of the table: examples in backticks.
+    let cells = LANGUAGE.lines().filter_map(|line| line.strip_suffix(" |")?.rsplit(" | ").next());
+    let examples: Vec<&str> = cells.flat_map(|cell| cell.split('`').skip(1).step_by(2)).collect();
+    assert!(examples.len() > 15, "{examples:?}");
+    for example in examples {
+        let program = format!("wait: move: {example}\ndone:");
+        rsasm::assemble(&program).unwrap_or_else(|error| panic!("{error}\n{program}"));
+    }
+}
+
+#[test]
+fn comparisons_have_no_sign_unless_both_sides_are_moved() {
+    let less = |moved: &str| {
+        let source = format!(
+            "dmov_sysreg_const gx, -1\n dmov_sysreg_const ix, 1000\n {moved}
+            djmp_gx_less_ix less\n stop_program
+            less: mov_sysreg_const ax, 1\n stop_program"
+        );
+        let mut rig = Rig::new(&source);
+        rig.after(1.secs());
+        assert_eq!(rig.get("STATUS_USER_PROGRAM"), ENDED);
+        rig.get("AX_REG") == 1
+    };
+    assert!(!less(""));
+    assert!(less("dadd_sysreg_const gx, 0x80000000\n dadd_sysreg_const ix, 0x80000000"));
 }

@@ -42,7 +42,7 @@ pub(crate) fn check(sh: &Shell) -> Result<()> {
         }
     }
     for (place, processor) in PROCESSORS.iter().enumerate() {
-        for program in ["motion", "counter"] {
+        for program in ["motion", "counter", "program"] {
             for group in counted::groups(sh, processor, program, None)? {
                 table.instructions(place, &group.name, &group);
             }

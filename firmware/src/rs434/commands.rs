@@ -51,7 +51,6 @@ impl Drive {
             _ => {}
         }
         self.program.timeout(at, out);
-        self.show(at, out);
         true
     }
 

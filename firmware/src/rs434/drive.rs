@@ -16,7 +16,7 @@ use standin_protocol::registers::{Bank, Register};
 
 use super::errors::error;
 use super::inputs::Inputs;
-use super::motion::{self, Heading, Motion};
+use super::motion::{self, Motion};
 use super::program::Program;
 use super::registers::{Model, Reg, key};
 use super::saved::Save;
@@ -76,8 +76,6 @@ pub(super) struct Drive {
     pub(super) inputs: Inputs,
     pub(super) servo: Servo,
     pub(super) motion: Motion,
-    /// What begins when the motor stands.
-    pub(super) next: Option<Heading>,
 
     pub(super) program: Program,
     /// The registers at its start.
@@ -114,7 +112,6 @@ impl Drive {
             inputs: Inputs::REST,
             servo: Servo::new(Instant::ZERO, settings, &mut Nowhere),
             motion: Motion::None,
-            next: None,
             program: Program::new(),
             remembered: bank.clone(),
             bank,
@@ -149,10 +146,10 @@ impl Drive {
             self.errors |= error::PROGRAM_TEST;
         }
         (self.save, self.restart_due) = (None, Instant::NEVER);
-        (self.motion, self.next) = (Motion::None, None);
+        self.motion = Motion::None;
         self.servo = Servo::new(at, motion::settings(&self.bank), out);
         self.inputs.forget();
-        self.show(at, out);
+        self.show_halls(at, out);
     }
 
     /// When anything but the program is due.
@@ -176,7 +173,6 @@ impl Drive {
             self.servo.timeout(at, out);
         }
         self.inputs_timeout(at, out);
-        self.show(at, out);
     }
 
     /// From when on it hears what comes; `None` while that cannot be told.
@@ -207,11 +203,10 @@ impl Drive {
     }
 
     /// The motor draws so many mA.
-    pub(super) fn draws(&mut self, at: Instant, ma: i32, out: &mut dyn Sink) {
+    pub(super) fn draws(&mut self, at: Instant, ma: i32) {
         let brakes = ma.signum() * i32::from(self.servo.direction()) < 0;
         self.thermal.draws(at, ma.unsigned_abs(), brakes);
         self.servo.draws(at, ma);
-        self.show(at, out);
     }
 
     /// A register as it reads now.
@@ -306,7 +301,6 @@ impl Drive {
                 }
             }
         }
-        self.show(at, out);
     }
 
     /// The value of a key register, which reads 0 again.
@@ -361,7 +355,6 @@ impl Drive {
         if self.state == State::Ready {
             self.look_for_errors(at, out);
         }
-        self.show(at, out);
         Ok(())
     }
 

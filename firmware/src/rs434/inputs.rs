@@ -55,12 +55,14 @@ pub(super) struct Inputs {
     pub(super) hard_stop: bool,
     /// CLR_FLASH is closed.
     pub(super) clr_flash: bool,
+    /// The Hall sensors A and B are high, as far as they were told.
+    halls: [Option<bool>; 2],
 }
 
 impl Inputs {
     /// Nothing is wired.
     pub(super) const REST: Self =
-        Self { in1: Contact::OPEN, in2: Contact::OPEN, hard_stop: true, clr_flash: false };
+        Self { in1: Contact::OPEN, in2: Contact::OPEN, hard_stop: true, clr_flash: false, halls: [None; 2] };
 
     /// The drive starts: nothing is waited for.
     pub(super) fn forget(&mut self) {
@@ -88,8 +90,22 @@ impl Drive {
                 self.inputs.clr_flash = closed;
                 self.clr_flash_changed(at, out);
             }
-            HA | HB => self.servo.edge(at, pin == HA, high, out),
+            HA | HB => {
+                let [a, b] = &mut self.inputs.halls;
+                *if pin == HA { a } else { b } = Some(high);
+                self.servo.edge(at, pin == HA, high, out);
+            }
             _ => {}
+        }
+    }
+
+    /// Shows the servo the Hall sensors as they are: nobody else will when the drive restarts itself.
+    pub(super) fn show_halls(&mut self, at: Instant, out: &mut dyn Sink) {
+        let [a, b] = self.inputs.halls;
+        for (is_a, high) in [(true, a), (false, b)] {
+            if let Some(high) = high {
+                self.servo.edge(at, is_a, high, out);
+            }
         }
     }
 

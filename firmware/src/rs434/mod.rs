@@ -183,8 +183,10 @@ impl Rs434 {
         registers::line(word(Reg::TYPE_MODBUS), word(Reg::BITRATE_MODBUS))
     }
 
-    /// After anything but a line of the program: it may have learnt when it listens, and has other deadlines.
+    /// After all that happens but a line of the program that only reckons: the drive shows what it is, may have
+    /// learnt when it listens, and has other deadlines.
     fn follow(&mut self, at: Instant, out: &mut dyn Sink) {
+        self.drive.show(at, out);
         if self.manners.is_none()
             && let Some(from) = self.drive.hears_from()
         {
@@ -262,7 +264,7 @@ impl Device for Rs434 {
             Input::Idle { .. } => self.serve(at, out),
             Input::Edge { pin, high } => self.drive.edge(at, pin, high, out),
             Input::Fault { fault, on } => self.drive.set_cause(at, fault, on, out),
-            Input::Draws { ma, .. } => self.drive.draws(at, ma, out),
+            Input::Draws { ma, .. } => self.drive.draws(at, ma),
             // It has no such ports, and the motor's inputs are its outputs.
             Input::Attached { .. }
             | Input::Message { .. }

@@ -85,16 +85,15 @@ impl Drive {
         if self.state != State::Ready || self.errors & error::STOPS != 0 {
             return;
         }
-        match (self.motion, heading) {
-            (Motion::Moves { .. }, _) | (Motion::Rotates, Heading::Registers) => return,
-            (Motion::Rotates, _) => return self.rotate(at, heading, out),
-            (Motion::None, _) => {}
+        match self.motion {
+            Motion::Moves { braking: false, .. } => return,
+            Motion::Moves { braking: true, .. } => self.move_over(),
+            Motion::Rotates if heading == Heading::Registers => return,
+            Motion::Rotates => return self.rotate(at, heading, out),
+            Motion::None => {}
         }
-        let rotates = self.bank.word(Reg::MODE_ROTATION) == 1;
-        if !rotates && self.servo.direction() != 0 {
-            return;
-        }
-        if !rotates && self.bank.word(Reg::USE_HALL) < 2 {
+        let rotation = self.bank.word(Reg::MODE_ROTATION);
+        if rotation != 1 && self.bank.word(Reg::USE_HALL) < 2 {
             self.raise(at, error::TOO_FEW_HALLS, out);
             return;
         }
@@ -102,7 +101,7 @@ impl Drive {
         if constant != 0 {
             self.bank.set(Reg::OFFSET, constant);
         }
-        match self.bank.word(Reg::MODE_ROTATION) {
+        match rotation {
             1 => self.rotate(at, heading, out),
             2 => self.move_by_offset(at, heading == Heading::Backward, out),
             _ => self.move_to_position(at, out),
@@ -148,15 +147,11 @@ impl Drive {
         }
     }
 
-    /// Lets the motor run, or stops it: what an input asks for as long as it is closed. While a stopped motor
-    /// brakes, a move waits for its standstill.
+    /// Lets the motor run, or stops it: what an input asks for as long as it is closed.
     pub(super) fn run(&mut self, at: Instant, heading: Option<Heading>, out: &mut dyn Sink) {
-        let Some(heading) = heading else { return self.stop(at, out) };
-        let stopped = matches!(self.motion, Motion::None | Motion::Moves { braking: true, .. });
-        let waits = stopped && self.servo.direction() != 0 && self.bank.word(Reg::MODE_ROTATION) != 1;
-        self.next = waits.then_some(heading);
-        if !waits {
-            self.start(at, heading, out);
+        match heading {
+            Some(heading) => self.start(at, heading, out),
+            None => self.stop(at, out),
         }
     }
 
@@ -175,7 +170,6 @@ impl Drive {
     }
 
     fn forget_motion(&mut self) {
-        self.next = None;
         self.motion = match self.motion {
             Motion::Moves { way, .. } => Motion::Moves { way, braking: true },
             Motion::None | Motion::Rotates => Motion::None,
@@ -209,21 +203,20 @@ impl Drive {
         }
     }
 
+    /// A move is over, or a new one takes its place: OFFSET keeps what is left.
+    fn move_over(&mut self) {
+        self.bank.set(Reg::OFFSET, self.offset());
+        self.motion = Motion::None;
+    }
+
     /// Takes what the servo tells: its errors, and that a move is over.
     pub(super) fn follow_servo(&mut self, at: Instant, out: &mut dyn Sink) {
         let errors = self.servo.errors();
         if errors != 0 {
             self.raise(at, errors, out);
         }
-        if self.servo.direction() != 0 {
-            return;
-        }
-        if let Motion::Moves { .. } = self.motion {
-            self.bank.set(Reg::OFFSET, self.offset());
-            self.motion = Motion::None;
-        }
-        if let Some(heading) = self.next.take() {
-            self.start(at, heading, out);
+        if matches!(self.motion, Motion::Moves { .. }) && self.servo.direction() == 0 {
+            self.move_over();
         }
     }
 }

@@ -46,7 +46,6 @@ impl Drive {
         } else {
             self.boot(at, out);
         }
-        self.show(at, out);
     }
 
     fn boot(&mut self, at: Instant, out: &mut dyn Sink) {

@@ -1,0 +1,256 @@
+//! The user program as the drive runs it (6.5, 6.6, 6.9).
+
+use super::*;
+
+/// A line: code, the bit of the jumps, system register, space, data (Fig. 9).
+fn line(code: u32, relative: u32, register: u32, space: u32, data: u16) -> u32 {
+    code | relative << 7 | register << 8 | space << 12 | u32::from(data) << 16
+}
+
+const END: u32 = 0x00;
+const FULL_END: u32 = 0x0D;
+const HOLDING: u32 = 3;
+const COIL: u32 = 1;
+
+/// AX … = constant.
+fn set(register: u32, constant: u16) -> u32 {
+    line(0x01, 0, register, 0, constant)
+}
+
+/// A register of the bus = AX ….
+fn put(space: u32, address: u16, register: u32) -> u32 {
+    line(0x02, 0, register, space, address)
+}
+
+fn delay(ms: u16) -> u32 {
+    line(0x04, 0, 0, 0, ms)
+}
+
+/// To itself, for ever.
+const STAY: u32 = 0x05 | 1 << 7;
+
+impl Bed {
+    /// Loads a program over the bus and saves it.
+    fn load(&mut self, lines: &[u32]) {
+        for (n, line) in (0..).zip(lines) {
+            let reply = self.try_write_all(0x6000, &[n, *line as u16, (*line >> 16) as u16]);
+            assert_eq!(reply[0], 16);
+        }
+        self.write(0x5025, 0x8426);
+        self.wait(10.millis());
+    }
+
+    fn start(&mut self) {
+        self.set(Reg::MODE_USER_PROGRAM, 2);
+    }
+
+    fn status(&self) -> i64 {
+        self.get(Reg::STATUS_USER_PROGRAM)
+    }
+}
+
+#[test]
+fn it_starts_runs_and_ends() {
+    let mut bed = Bed::ready();
+    bed.load(&[set(0, 7), put(HOLDING, 0x500B, 0), set(0, 3_000), put(HOLDING, 0x500B, 0), END]);
+    assert_eq!(bed.status(), 1);
+    bed.start();
+    let start = bed.now;
+    bed.run_until(start + 100.micros() - Duration::TICK);
+    assert_eq!((bed.status(), bed.get(Reg::PC_REG), bed.get(Reg::AX_REG)), (2, 0, 0));
+    bed.run_until(start + 100.micros());
+    assert_eq!((bed.status(), bed.get(Reg::PC_REG), bed.get(Reg::AX_REG)), (4, 0, 7));
+    bed.run_until(start + 200.micros());
+    // 7 rpm is out of range: a warning, and it goes on.
+    assert_eq!((bed.status(), bed.get(Reg::ERROR), bed.get(Reg::SPEED)), (4, 1 << 13, 1_000));
+    bed.run_until(start + 400.micros());
+    assert_eq!((bed.get(Reg::SPEED), bed.get(Reg::PC_REG), bed.status()), (3_000, 3, 4));
+    bed.run_until(start + 500.micros());
+    assert_eq!((bed.get(Reg::PC_REG), bed.status(), bed.get(Reg::SPEED)), (4, 5, 3_000));
+    assert_eq!(bed.read(0x5005), 2, "what was last written");
+}
+
+#[test]
+fn a_full_stop_brings_the_registers_back() {
+    let mut bed = Bed::ready();
+    bed.load(&[set(0, 3_000), put(HOLDING, 0x500B, 0), put(HOLDING, 0x6001, 0), delay(10), FULL_END]);
+    bed.set(Reg::AX_REG, 5);
+    bed.set(Reg::TARGET_POSITION4, 44);
+    bed.start();
+    bed.wait(5.millis());
+    assert_eq!((bed.get(Reg::SPEED), bed.get(Reg::AX_REG)), (3_000, 3_000));
+    // What the master writes meanwhile returns, too; the line, ERROR and the buffer stay.
+    bed.set(Reg::TARGET_POSITION4, 45);
+    bed.set(Reg::TIMEOUT_BROADCAST_MODBUS, 6);
+    assert_eq!(bed.try_set(Reg::SPEED, 1), Err(Refused::OutOfRange));
+    bed.try_write(0x500B, 1);
+    bed.wait(10.millis());
+    assert_eq!((bed.status(), bed.get(Reg::PC_REG)), (6, 0));
+    assert_eq!((bed.get(Reg::SPEED), bed.get(Reg::AX_REG), bed.get(Reg::TARGET_POSITION4)), (1_000, 5, 44));
+    assert_eq!((bed.get(Reg::TIMEOUT_BROADCAST_MODBUS), bed.get(Reg::CMD_W) & 0xFFFF), (6, 3_000));
+    assert_eq!((bed.get(Reg::ERROR), bed.get(Reg::MODE_USER_PROGRAM)), (1 << 13, 2));
+}
+
+#[test]
+fn a_line_that_cannot_be_carried_out_is_bit_8() {
+    let bad = [
+        line(0x67, 0, 0, 0, 0),            // no command
+        put(HOLDING, 0x7006, 0),           // PC_REG
+        put(2, 0x3000, 0),                 // an input register
+        put(HOLDING, 0x5027, 0),           // nothing
+        line(0x13, 0, 0, HOLDING, 0x5026), // the second word is nothing
+        line(0x03, 0, 0, HOLDING, 0x1000), // nothing there
+        line(0x05, 0, 0, 0, 1_024),        // behind the last line
+    ];
+    for line in bad {
+        let mut bed = Bed::ready();
+        bed.load(&[set(9, 1), line, END]);
+        bed.start();
+        bed.wait(1.millis());
+        assert_eq!((bed.status(), bed.get(Reg::ERROR), bed.get(Reg::PC_REG)), (7, 1 << 8, 1), "{line:08X}");
+        assert!(!bed.light(RED), "no error that stays");
+        bed.start();
+        assert_eq!((bed.status(), bed.get(Reg::ERROR)), (2, 0), "a start clears it");
+    }
+}
+
+#[test]
+fn it_reads_what_the_bus_reads() {
+    let mut bed = Bed::ready();
+    bed.load(&[
+        line(0x03, 0, 0, 0, 0x1002),       // AX = IN_HARD_STOP_bit
+        line(0x03, 0, 1, 2, 0x3009),       // BX = STATUS_USER_PROGRAM
+        line(0x03, 0, 2, HOLDING, 0x7006), // CX = PC_REG
+        line(0x03, 0, 3, 2, 0x8001),       // DX = HW_MAJOR
+        line(0x11, 0, 4, HOLDING, 0x501B), // EX, FX = TARGET_POSITION1
+        line(0x13, 0, 4, HOLDING, 0x501D), // TARGET_POSITION2 = EX, FX
+        line(0x13, 0, 0, HOLDING, 0x7007), // GX, HX = AX, BX
+        put(HOLDING, 0x5023, 0),           // ERROR = 1
+        END,
+    ]);
+    bed.set(Reg::TARGET_POSITION1, -3);
+    bed.start();
+    bed.wait(10.millis());
+    assert_eq!(bed.status(), 5);
+    let registers = [Reg::AX_REG, Reg::BX_REG, Reg::CX_REG, Reg::DX_REG, Reg::EX_REG, Reg::FX_REG];
+    assert_eq!(registers.map(|reg| bed.get(reg)), [1, 4, 2, 1_001, 0xFFFD, 0xFFFF]);
+    assert_eq!((bed.get(Reg::TARGET_POSITION2), bed.get(Reg::GX_REG), bed.get(Reg::HX_REG)), (-3, 1, 4));
+}
+
+#[test]
+fn a_wide_write_needs_both_registers_whatever_the_value() {
+    let mut bed = Bed::ready();
+    // POSITION_N = 9 is out of range, REF_CURRENT = 2,000 is not: neither is written, and it goes on.
+    bed.load(&[set(0, 9), set(1, 2_000), line(0x13, 0, 0, HOLDING, 0x5008), END]);
+    bed.start();
+    bed.wait(1.millis());
+    assert_eq!((bed.status(), bed.get(Reg::ERROR)), (5, 1 << 13));
+    assert_eq!((bed.get(Reg::POSITION_N), bed.get(Reg::REF_CURRENT)), (1, 20_000));
+    // 5026h = 9 is a wrong key, but 5027h does not exist.
+    bed.load(&[set(0, 9), line(0x13, 0, 0, HOLDING, 0x5026), END]);
+    bed.start();
+    bed.wait(1.millis());
+    assert_eq!((bed.status(), bed.get(Reg::ERROR)), (7, 1 << 13 | 1 << 8));
+}
+
+#[test]
+fn the_bus_stops_it_and_what_runs_cannot_be_changed() {
+    let mut bed = Bed::ready();
+    bed.load(&[set(0, 1), STAY]);
+    bed.start();
+    bed.wait(1.millis());
+    assert_eq!((bed.status(), bed.read(0x7006)), (4, 1));
+    // The buffer is not the program.
+    let reply = bed.try_write_all(0x6000, &[1, 0, 0]);
+    assert_eq!(reply[0], 16);
+    let stores = bed.world.stores.clone();
+    assert_eq!(bed.try_write(0x5025, 0x8426), [0x86, 4]);
+    assert_eq!(bed.world.stores, stores);
+    bed.wait(1.millis());
+    assert_eq!((bed.status(), bed.get(Reg::ERROR)), (4, 0));
+    bed.write(0x5025, 0x9346);
+    bed.write(0x6003, 1);
+    assert_eq!(bed.get(Reg::CMD_R), i64::from(STAY), "the flash came back into the buffer");
+    bed.write(0x5005, 1);
+    assert_eq!((bed.status(), bed.get(Reg::AX_REG)), (1, 1));
+    bed.wait(1.secs());
+    assert_eq!(bed.status(), 1);
+}
+
+#[test]
+fn a_saved_3_starts_with_the_power() {
+    let mut bed = Bed::ready();
+    bed.load(&[set(0, 1), STAY]);
+    bed.write(0x5005, 3);
+    bed.wait(1.millis());
+    assert_eq!(bed.status(), 1);
+    bed.write(0x5024, 0x37FA);
+    bed.wait(10.millis());
+    bed.cycle();
+    assert_eq!((bed.status(), bed.read(0x5005)), (3, 3));
+    bed.wait(1.millis());
+    assert_eq!((bed.status(), bed.get(Reg::AX_REG)), (4, 1));
+    // A saved 2 does not.
+    bed.write(0x5005, 2);
+    bed.write(0x5024, 0x37FA);
+    bed.wait(10.millis());
+    bed.cycle();
+    bed.wait(1.millis());
+    assert_eq!((bed.status(), bed.read(0x5005)), (1, 2));
+}
+
+#[test]
+fn a_new_drive_ends_at_once() {
+    let mut bed = Bed::ready();
+    bed.start();
+    bed.wait(1.millis());
+    assert_eq!((bed.status(), bed.get(Reg::PC_REG), bed.get(Reg::ERROR)), (5, 0, 0));
+}
+
+#[test]
+fn a_bad_flash_is_bit_7_and_starts_nothing() {
+    let mut bed = Bed::ready();
+    bed.load(&[STAY]);
+    bed.world.memory[SETTINGS] ^= 1;
+    bed.cycle();
+    assert_eq!((bed.get(Reg::ERROR), bed.light(RED)), (1 << 7, false));
+    bed.start();
+    assert_eq!((bed.status(), bed.get(Reg::ERROR)), (7, 1 << 7 | 1 << 8));
+    bed.write(0x5025, 0x9346);
+    bed.write(0x5023, 0);
+    assert_eq!(bed.get(Reg::ERROR), 1 << 7);
+    bed.load(&[STAY]);
+    bed.start();
+    bed.wait(1.millis());
+    assert_eq!(bed.status(), 4, "a save mends it");
+}
+
+#[test]
+fn it_may_stop_save_and_restart_its_own_drive() {
+    // 5005h = 1.
+    let mut bed = Bed::ready();
+    bed.load(&[set(0, 1), put(HOLDING, 0x5005, 0), set(1, 1), STAY]);
+    bed.start();
+    bed.wait(1.secs());
+    assert_eq!((bed.status(), bed.get(Reg::BX_REG)), (1, 0));
+    // 5024h = 37FAh, 5026h = 95AFh.
+    let mut bed = Bed::ready();
+    bed.load(&[set(0, 0x37FA), put(HOLDING, 0x5024, 0), set(0, 0x95AF), put(HOLDING, 0x5026, 0), STAY]);
+    bed.set(Reg::SPEED, 2_000);
+    bed.start();
+    bed.wait(399.micros());
+    assert_eq!(bed.status(), 4);
+    bed.wait(1.micros());
+    assert_eq!((bed.status(), bed.get(Reg::AX_REG), bed.get(Reg::SPEED)), (1, 0, 2_000));
+    assert_eq!(bed.get(Reg::ERROR), 0, "the restart finished the save");
+}
+
+#[test]
+fn coils_reset_themselves_for_a_program_too() {
+    let mut bed = Bed::ready();
+    bed.load(&[set(0, 1), put(COIL, 0x2001, 0), line(0x03, 0, 1, COIL, 0x2001), END]);
+    bed.set(Reg::BX_REG, 9);
+    bed.start();
+    bed.wait(1.millis());
+    assert_eq!((bed.status(), bed.get(Reg::BX_REG)), (5, 0));
+}
