@@ -461,10 +461,7 @@ impl Oracle {
 fn is_writable(kind: u16, address: u16) -> bool {
     match kind {
         1 => (0x2000..=0x2003).contains(&address),
-        3 => match address {
-            0x5000..=0x5026 | 0x6000..=0x6005 | 0x7000..=0x7005 | 0x7007..=0x700A => true,
-            _ => false,
-        },
+        3 => matches!(address, 0x5000..=0x5026 | 0x6000..=0x6005 | 0x7000..=0x7005 | 0x7007..=0x700A),
         _ => false,
     }
 }
