@@ -174,6 +174,8 @@ struct Seen {
     ma: i32,
     /// What load and friction take of the speed that the voltage would give.
     load: I40F24,
+    /// Friction held it at the last look.
+    held: bool,
     /// Part of a count beyond the edge behind it, and when it was there.
     place: I40F24,
     since: Instant,
@@ -232,6 +234,7 @@ impl Servo {
             speed: I40F24::ZERO,
             ma: 0,
             load: I40F24::ZERO,
+            held: false,
             place: I40F24::lit("0.5"),
             since: at,
             doubt: I40F24::ZERO,
@@ -339,6 +342,7 @@ impl Servo {
             place,
             speed: I40F24::ZERO,
             load: I40F24::ZERO,
+            held: false,
             doubt: I40F24::ZERO,
             missed: I40F24::ZERO,
             ma: self.ma,
@@ -470,15 +474,17 @@ impl Servo {
             voltage - model.lost(ma)
         };
         let mistake = then - seen.speed;
-        // What stands is held by friction, however little is missing.
-        let stands = !self.limited && then.abs() <= model.lost(MARGIN_MA);
-        if stands {
+        // What should have moved and stands is held by friction, however little is missing.
+        let least = model.lost(MARGIN_MA);
+        let stands = !self.limited && then.abs() <= least;
+        seen.held = stands && (seen.held || seen.speed.abs() > least);
+        if seen.held {
             seen.load = voltage;
         } else if !self.limited {
             seen.load -= mistake * model.inverse / 2;
         }
         let push = (voltage - then).clamp(-limit, limit);
-        let change = if stands { -then } else { (push - seen.load) * model.gain };
+        let change = if seen.held { -then } else { (push - seen.load) * model.gain };
         let part = looks(at.since(seen.since).min(LOOK));
         let way = part * (then + change - change * part / 2);
         let place = seen.place + mistake * seen.doubt + way;

@@ -1,4 +1,6 @@
 use core::f64::consts::TAU;
+use std::string::String;
+use std::{format, vec::Vec};
 
 use proptest::prelude::*;
 
@@ -127,6 +129,21 @@ impl Sink for Nowhere {
     }
 }
 
+/// What a rig put.
+#[derive(Default)]
+struct Log(Vec<String>);
+
+impl Sink for Log {
+    fn put(&mut self, at: Instant, output: Output<'_>) {
+        assert!(matches!(output, Output::Level { .. }), "{output:?} stays inside");
+        self.0.push(format!("{} {output:?}", at.ticks()));
+    }
+
+    fn memory(&self) -> &[u8] {
+        &[]
+    }
+}
+
 /// A servo with its motor, and a clock.
 struct Bench {
     rig: Rig<Bare>,
@@ -229,6 +246,21 @@ fn torque(settings: &Settings, ma: u32) -> u32 {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 64, max_shrink_iters: 100, ..ProptestConfig::default() })]
 
+    /// A millisecond more between two looks at the clock, or many: the same outputs at the same instants.
+    #[test]
+    fn being_called_late_changes_nothing((settings, counts) in moves(), pauses in proptest::collection::vec(1..400_000_u64, 1..50)) {
+        let run = |pauses: &[u64]| {
+            let (mut bench, mut log) = (Bench::new(settings), Log::default());
+            bench.tell(tell::GO, counts.into());
+            for ticks in pauses {
+                bench.now += Duration::from_ticks(*ticks);
+                advance(&mut bench.rig, bench.now, core::iter::empty(), &mut log);
+            }
+            (log.0, bench.shaft())
+        };
+        prop_assert_eq!(run(&pauses), run(&[pauses.iter().sum()]));
+    }
+
     /// Whatever it is told meanwhile: it stands at last, where its Hall sensors say, and without an error of theirs.
     #[test]
     fn it_counts_what_the_shaft_turns(
@@ -295,7 +327,7 @@ fn a_move_takes_the_time_of_its_ramps() {
         let took = bench.finish().ticks() as f64 / 16_000.0;
         let ideal = ideal_ms(&settings, counts.abs() as f64);
         assert!((took - ideal).abs() <= 6.0 + 0.005 * ideal, "{took} ms instead of {ideal}: {settings:?}");
-        assert_eq!((bench.ask(ask::POSITION), bench.ask(ask::ERRORS)), (counts, 0));
+        assert_eq!((bench.ask(ask::POSITION), bench.ask(ask::ERRORS)), (counts, 0), "{settings:?}");
     }
 }
 
