@@ -80,6 +80,9 @@ pub(crate) fn run(options: &cli::Run) -> Result<(), String> {
         memory.keep(program)?;
     }
 
+    // A drive may tell its line when it has looked at its pins.
+    bench.run_until(bench.now());
+
     // From here on somebody may come.
     let stop = signals().map_err(|error| format!("signals cannot be caught: {error}"))?;
     let mut ports = Ports::new().map_err(|error| format!("openings of ptys cannot be watched: {error}"))?;

@@ -150,6 +150,9 @@ pub const fn system_register(number: u16) -> u16 {
     if number < 6 { at::AX + number } else { at::GX + number - 6 }
 }
 
+/// What comes where no reply comes.
+pub const SILENCE: [u8; 0] = [];
+
 /// A refusal: its exception code.
 pub type Exception = u8;
 

@@ -20,8 +20,8 @@ pub(crate) struct Board {
     pub(crate) name: &'static str,
     pub(crate) package: &'static str,
     pub(crate) target: &'static str,
-    /// Where the vector table is, once the image runs.
-    vectors: u64,
+    /// Where the vector table is, once the image runs; `None` if it is behind the stack.
+    vectors: Option<u64>,
     /// Where RAM begins.
     ram: u64,
 }
@@ -32,15 +32,15 @@ pub(crate) const BOARDS: [Board; 2] = [
         name: "lm3s6965",
         package: "standin-lm3s6965",
         target: "thumbv7m-none-eabi",
-        vectors: 0,
+        vectors: Some(0),
         ram: 0x2000_0000,
     },
     Board {
         name: "rp2040",
         package: "standin-rp2040",
         target: "thumbv6m-none-eabi",
-        // The image runs from RAM, behind its stack.
-        vectors: 0x2000_1C00,
+        // The image runs from RAM.
+        vectors: None,
         ram: 0x2000_0000,
     },
 ];
@@ -106,7 +106,8 @@ impl Board {
     pub(crate) fn image(&self, sh: &Shell, kind: &str) -> Result<Image> {
         self.build(sh, kind)?;
         let image = Image::of(sh, self.target, PROFILE, kind)?;
-        image.expect_map(self.vectors, self.ram).with_context(|| format!("{kind} on {}", self.name))?;
+        let vectors = self.vectors.map_or_else(|| image.symbol("_stack_start"), Ok)?;
+        image.expect_map(vectors, self.ram).with_context(|| format!("{kind} on {}", self.name))?;
         Ok(image)
     }
 

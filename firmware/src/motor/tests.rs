@@ -1,1 +1,322 @@
+use core::f64::consts::TAU;
+use std::vec::Vec;
 
+use proptest::prelude::*;
+
+use super::*;
+use crate::device::advance;
+
+const AXIS: Axis = Axis(0);
+
+/// What a motor put.
+#[derive(Default)]
+struct Log {
+    edges: Vec<(Instant, Pin, bool)>,
+    draws: Vec<(Instant, i32)>,
+}
+
+impl Sink for Log {
+    fn put(&mut self, at: Instant, output: Output<'_>) {
+        match output {
+            Output::Level { pin, level } => self.edges.push((at, pin, level == Level::High)),
+            Output::Draws { ma, .. } => self.draws.push((at, ma)),
+            _ => panic!("a motor does not put {output:?}"),
+        }
+    }
+
+    fn memory(&self) -> &[u8] {
+        &[]
+    }
+}
+
+/// A motor that has had power for no time.
+fn motor(parameters: Parameters) -> Motor {
+    let mut motor = Motor::new(parameters);
+    motor.power_on(Instant::ZERO, Boot::default(), &mut Log::default());
+    motor
+}
+
+fn at_ms(ms: u64) -> Instant {
+    Instant::from(Duration::millis(ms))
+}
+
+fn current(ma: u32) -> Input<'static> {
+    Input::Current { axis: AXIS, ma }
+}
+
+fn duty(duty: i32) -> Input<'static> {
+    Input::Duty { axis: AXIS, duty }
+}
+
+fn held(on: bool) -> Input<'static> {
+    Input::Fault { fault: STALL, on }
+}
+
+fn turns_per_second(motor: &Motor, at: Instant) -> f64 {
+    let counts = 4.0 * f64::from(motor.parameters().hall_pulses);
+    motor.shaft(at, AXIS).unwrap().speed.to_num::<f64>() / counts
+}
+
+/// The same motor in SI units and floating point, 10 µs by 10 µs after Runge and Kutta.
+struct Reference {
+    parameters: Parameters,
+    duty: f64,
+    limit: f64,
+    turns: f64,
+    speed: f64,
+}
+
+impl Reference {
+    fn new(parameters: Parameters) -> Self {
+        Self { parameters, duty: 0.0, limit: 0.0, turns: 0.0, speed: 0.0 }
+    }
+
+    /// rad/s² at a speed in rad/s, while it turns in the direction `way`.
+    fn acceleration(&self, speed: f64, way: f64) -> f64 {
+        let p = &self.parameters;
+        let k = f64::from(p.supply_mv) * 1e-3 / (f64::from(p.no_load_rpm) * TAU / 60.0);
+        let volts = self.duty * f64::from(p.supply_mv) * 1e-3 - k * speed;
+        let current = (volts / (f64::from(p.resistance_mohm) * 1e-3)).clamp(-self.limit, self.limit);
+        let torque = k * current - f64::from(p.load_unm) * 1e-6;
+        let friction = f64::from(p.friction_unm) * 1e-6;
+        let net = if way == 0.0 {
+            if torque.abs() <= friction { 0.0 } else { torque - torque.signum() * friction }
+        } else {
+            torque - way * friction
+        };
+        net / (f64::from(p.inertia_gcm2) * 1e-7)
+    }
+
+    fn run(&mut self, ms: u64) {
+        const H: f64 = 10e-6;
+        for _ in 0..100 * ms {
+            let way = if self.speed == 0.0 { 0.0 } else { self.speed.signum() };
+            let a = |speed: f64| self.acceleration(speed, way);
+            let k1 = a(self.speed);
+            let k2 = a(self.speed + k1 * H / 2.0);
+            let k3 = a(self.speed + k2 * H / 2.0);
+            let k4 = a(self.speed + k3 * H);
+            let next = self.speed + (k1 + 2.0 * k2 + 2.0 * k3 + k4) * H / 6.0;
+            let next = if next * self.speed < 0.0 { 0.0 } else { next };
+            self.turns += (self.speed + next) / 2.0 * H / TAU;
+            self.speed = next;
+        }
+    }
+}
+
+/// Motors from a toy to a washing machine's.
+fn parameters() -> impl Strategy<Value = Parameters> {
+    let load = -60_000..60_000_i32;
+    (8_000..30_000_u32, 1_000..15_000_u32, 100..2_000_u32, 20..5_000_u32, 0..60_000_u32, load, 1..13_u16)
+        .prop_map(
+            |(supply_mv, no_load_rpm, resistance_mohm, inertia_gcm2, friction_unm, load_unm, hall_pulses)| {
+                Parameters {
+                    supply_mv,
+                    no_load_rpm,
+                    resistance_mohm,
+                    inertia_gcm2,
+                    friction_unm,
+                    load_unm,
+                    hall_pulses,
+                    encoder_cycles: 0,
+                }
+            },
+        )
+}
+
+/// Milliseconds, the duty and the limit of the current in them.
+fn script() -> impl Strategy<Value = Vec<(u64, i32, u32)>> {
+    let duty = prop_oneof![Just(0), -65_536..65_537_i32];
+    proptest::collection::vec((1..200_u64, duty, prop_oneof![Just(0), Just(40_000), 1..40_000_u32]), 1..6)
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 64, max_shrink_iters: 500, ..ProptestConfig::default() })]
+
+    /// Speed within 1 % of the fastest so far, way within 1 % of what it would be at that.
+    #[test]
+    fn a_motor_turns_as_its_equations_say(parameters in parameters(), script in script()) {
+        let (mut reference, mut log) = (Reference::new(parameters), Log::default());
+        let mut motor = motor(parameters);
+        let counts = 4.0 * f64::from(parameters.hall_pulses);
+        let (mut ms, mut fastest) = (0, f64::from(parameters.no_load_rpm) / 60.0);
+        for (span, drive, ma) in script {
+            motor.input(at_ms(ms), current(ma), &mut log);
+            motor.input(at_ms(ms), duty(drive), &mut log);
+            (reference.duty, reference.limit) = (f64::from(drive) / 65_536.0, f64::from(ma) * 1e-3);
+            reference.run(span);
+            ms += span;
+            advance(&mut motor, at_ms(ms), core::iter::empty(), &mut log);
+            fastest = fastest.max((reference.speed / TAU).abs());
+            let speed = turns_per_second(&motor, at_ms(ms));
+            prop_assert!((speed - reference.speed / TAU).abs() <= 0.01 * fastest, "{} rps, not {}", speed, reference.speed / TAU);
+            let turns = f64::from(motor.shaft(at_ms(ms), AXIS).unwrap().position) / counts;
+            let tolerance = 1.0 / counts + 0.01 * fastest * ms as f64 / 1e3;
+            prop_assert!((turns - reference.turns).abs() <= tolerance, "{} turns, not {}", turns, reference.turns);
+        }
+    }
+
+    #[test]
+    fn every_edge_is_where_the_shaft_crosses_it(parameters in parameters(), script in script()) {
+        let (mut motor, mut ms) = (motor(parameters), 0);
+        for (span, drive, ma) in script {
+            motor.input(at_ms(ms), current(ma), &mut Log::default());
+            motor.input(at_ms(ms), duty(drive), &mut Log::default());
+            ms += span;
+            while motor.deadline() <= at_ms(ms) {
+                let due = motor.deadline();
+                let place = |at| i64::from(motor.shaft(at, AXIS).unwrap().position);
+                let (before, here) = (place(due - Duration::TICK), place(due));
+                let mut log = Log::default();
+                motor.timeout(due, &mut log);
+                // Both sensors are high in count 0, and A leads.
+                let shows = |pin, high: &[i64]| (pin, high.contains(&here.rem_euclid(4)));
+                let expected = match log.edges.as_slice() {
+                    [] => None,
+                    [(_, HALL_A, _)] => Some(shows(HALL_A, &[0, 3])),
+                    _ => Some(shows(HALL_B, &[0, 1])),
+                };
+                prop_assert_eq!(log.edges.first().map(|&(_, pin, high)| (pin, high)), expected);
+                if expected.is_some() {
+                    prop_assert_eq!(((here - before).abs(), log.edges.len()), (1, 1));
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn it_never_draws_more_than_the_bridge_carries(parameters in parameters(), script in script()) {
+        let (mut motor, mut ms) = (motor(parameters), 0);
+        for (span, drive, ma) in script {
+            motor.input(at_ms(ms), current(ma), &mut Log::default());
+            let mut log = Log::default();
+            motor.input(at_ms(ms), duty(drive), &mut log);
+            ms += span;
+            advance(&mut motor, at_ms(ms), core::iter::empty(), &mut log);
+            prop_assert!(log.draws.iter().all(|(_, drawn)| drawn.unsigned_abs() <= ma), "{:?}", log.draws);
+        }
+    }
+
+    #[test]
+    fn left_alone_it_only_gets_slower_and_then_is_quiet(
+        parameters in parameters(), spun in -65_536..65_537_i32, shorted in any::<bool>(),
+    ) {
+        let parameters = Parameters { load_unm: 0, friction_unm: parameters.friction_unm.max(1_000), ..parameters };
+        let (mut motor, mut log) = (motor(parameters), Log::default());
+        motor.input(at_ms(0), current(40_000), &mut log);
+        motor.input(at_ms(0), duty(spun), &mut log);
+        advance(&mut motor, at_ms(500), core::iter::empty(), &mut log);
+        motor.input(at_ms(500), duty(0), &mut log);
+        motor.input(at_ms(500), current(if shorted { 40_000 } else { 0 }), &mut log);
+        let mut speed = turns_per_second(&motor, at_ms(500)).abs();
+        while motor.deadline() != Instant::NEVER {
+            let at = motor.deadline();
+            motor.timeout(at, &mut log);
+            let slower = turns_per_second(&motor, at).abs();
+            prop_assert!(slower <= speed, "{} after {}", slower, speed);
+            speed = slower;
+        }
+        prop_assert_eq!(speed, 0.0);
+        prop_assert_eq!(motor.shaft(Instant::NEVER, AXIS).unwrap().ma, 0);
+    }
+}
+
+#[test]
+fn at_full_duty_it_comes_to_its_no_load_speed_but_for_friction() {
+    let (mut motor, mut log) = (motor(Parameters { friction_unm: 0, ..Parameters::NOMINAL }), Log::default());
+    motor.input(at_ms(0), duty(65_536), &mut log);
+    motor.input(at_ms(0), current(100_000), &mut log);
+    // 24 V at 0.5 Ω.
+    assert_eq!(log.draws, [(at_ms(0), 48_000)]);
+    advance(&mut motor, at_ms(1_000), core::iter::empty(), &mut log);
+    assert!((turns_per_second(&motor, at_ms(1_000)) - 50.0).abs() < 0.001);
+    assert_eq!(motor.shaft(at_ms(1_000), AXIS).unwrap().ma, 0);
+}
+
+#[test]
+fn friction_holds_what_is_not_stronger() {
+    // 24 V·60/(2π·3,000) is 76.394 mN·m/A: 10 mN·m are 130.9 mA, at 48 A for 65,536 a duty of 178.7.
+    for (drive, turns) in [(178, false), (179, true), (-178, false), (-179, true)] {
+        let (mut motor, mut log) = (motor(Parameters::NOMINAL), Log::default());
+        motor.input(at_ms(0), duty(drive), &mut log);
+        motor.input(at_ms(0), current(20_000), &mut log);
+        assert_eq!(motor.deadline() != Instant::NEVER, turns, "{drive}");
+    }
+}
+
+#[test]
+fn a_load_turns_open_terminals_and_is_braked_by_shorted_ones() {
+    let (mut motor, mut log) =
+        (motor(Parameters { load_unm: -50_000, ..Parameters::NOMINAL }), Log::default());
+    motor.input(at_ms(0), held(true), &mut log);
+    motor.input(at_ms(0), held(false), &mut log);
+    advance(&mut motor, at_ms(100), core::iter::empty(), &mut log);
+    // 40 mN·m on 400 g·cm² are 1,000 rad/s².
+    assert!((turns_per_second(&motor, at_ms(100)) - 100.0 / TAU).abs() < 0.001);
+    motor.input(at_ms(100), current(20_000), &mut log);
+    advance(&mut motor, at_ms(1_000), core::iter::empty(), &mut log);
+    // 40 mN·m are 523.6 mA and, in 0.5 Ω, 261.8 mV: 32.725 rpm.
+    assert!((turns_per_second(&motor, at_ms(1_000)) - 32.725 / 60.0).abs() < 0.001);
+    assert_eq!(motor.shaft(at_ms(1_000), AXIS).unwrap().ma, -524);
+}
+
+#[test]
+fn a_held_shaft_stands_and_draws_what_the_voltage_gives() {
+    let (mut motor, mut log) = (motor(Parameters::NOMINAL), Log::default());
+    motor.input(at_ms(0), duty(16_384), &mut log);
+    motor.input(at_ms(0), current(20_000), &mut log);
+    advance(&mut motor, at_ms(100), core::iter::empty(), &mut log);
+    motor.input(at_ms(100), held(true), &mut log);
+    let shaft = motor.shaft(at_ms(100), AXIS).unwrap();
+    assert_eq!(
+        (shaft.speed, shaft.ma, motor.deadline()),
+        (fixed::types::I48F16::ZERO, 12_000, Instant::NEVER)
+    );
+    motor.input(at_ms(200), held(false), &mut log);
+    advance(&mut motor, at_ms(300), core::iter::empty(), &mut log);
+    assert!(turns_per_second(&motor, at_ms(300)) > 10.0);
+}
+
+#[test]
+fn without_power_it_coasts() {
+    let (mut motor, mut log) = (motor(Parameters::NOMINAL), Log::default());
+    motor.input(at_ms(0), duty(65_536), &mut log);
+    motor.input(at_ms(0), current(20_000), &mut log);
+    advance(&mut motor, at_ms(1_000), core::iter::empty(), &mut log);
+    let fast = turns_per_second(&motor, at_ms(1_000));
+    // 10 mN·m on 400 g·cm² are 250 rad/s², 39.79 rps², and up to 1 ms of it was not looked at.
+    let slower = turns_per_second(&motor, at_ms(1_500));
+    assert!((fast - slower - 19.89).abs() < 0.05, "{fast} {slower}");
+    motor.power_on(at_ms(1_500), Boot::default(), &mut log);
+    assert_eq!(turns_per_second(&motor, at_ms(1_500)), slower);
+    motor.power_on(at_ms(10_000), Boot::default(), &mut log);
+    assert_eq!(motor.deadline(), Instant::NEVER);
+}
+
+#[test]
+fn an_encoder_tells_the_same_turns_and_an_index_each() {
+    let parameters = Parameters { encoder_cycles: 100, ..Parameters::NOMINAL };
+    let (mut motor, mut log) = (motor(parameters), Log::default());
+    motor.input(at_ms(0), duty(65_536), &mut log);
+    motor.input(at_ms(0), current(20_000), &mut log);
+    advance(&mut motor, at_ms(1_000), core::iter::empty(), &mut log);
+    let count = |pins: &[Pin]| log.edges.iter().filter(|(_, pin, _)| pins.contains(pin)).count() as i64;
+    let (halls, encoder) = (count(&[HALL_A, HALL_B]), count(&[ENCODER_A, ENCODER_B]));
+    assert!(halls > 500 && (encoder - halls * 400 / 16).abs() <= 25, "{halls} {encoder}");
+    assert!((count(&[ENCODER_I]) - encoder / 200).abs() <= 1);
+}
+
+#[test]
+fn another_motor_is_at_the_same_count() {
+    let (mut motor, mut log) = (motor(Parameters::NOMINAL), Log::default());
+    motor.input(at_ms(0), duty(-65_536), &mut log);
+    motor.input(at_ms(0), current(20_000), &mut log);
+    advance(&mut motor, at_ms(300), core::iter::empty(), &mut log);
+    let before = motor.shaft(at_ms(300), AXIS).unwrap().position;
+    let edges = log.edges.len();
+    for hall_pulses in [1, 12, 5, 4] {
+        motor.become_another(at_ms(300), Parameters { hall_pulses, ..Parameters::NOMINAL }, &mut log);
+        assert_eq!(motor.shaft(at_ms(300), AXIS).unwrap().position, before);
+    }
+    assert_eq!(log.edges.len(), edges);
+}

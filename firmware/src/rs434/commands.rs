@@ -44,14 +44,23 @@ impl Drive {
     /// What is due of the program: a line, or the end of a save. Whether it did more than to reckon.
     pub(super) fn run_program(&mut self, at: Instant, out: &mut dyn Sink) -> bool {
         let mut reach = Reach { drive: self, at, out, wrote: false };
-        match program::run(at, &mut reach) {
-            Some(Step::Next | Step::Delay(_)) if !reach.wrote => return false,
+        let step = program::run(at, &mut reach);
+        let more = reach.wrote || !matches!(step, Some(Step::Next | Step::Delay(_)));
+        if more {
+            self.program_did(at, step, out);
+        }
+        more
+    }
+
+    /// It wrote a register or has ended, or the end of a save is due.
+    #[inline(never)]
+    fn program_did(&mut self, at: Instant, step: Option<Step>, out: &mut dyn Sink) {
+        match step {
             Some(Step::FullEnd) => self.program_fully_ended(at, out),
             Some(Step::Error) => self.program_failed(at, out),
             _ => {}
         }
         self.program.timeout(at, out);
-        true
     }
 
     /// CMD_FULL_STOP_PROGRAM: the registers are what they were before the start, and the motor stops.

@@ -179,6 +179,22 @@ impl Rs434 {
         self.due = self.drive.deadline().min(self.serial.deadline());
     }
 
+    /// Something is due that is not the program, which may be, too.
+    #[inline(never)]
+    fn more_is_due(&mut self, at: Instant, out: &mut dyn Sink) {
+        self.drive.timeout(at, out);
+        if self.serial.is_over(at) {
+            self.serve(at, out);
+        }
+        self.drive.run_program(at, out);
+        if self.drive.restart_due <= at {
+            self.drive.restart(at, out);
+            self.start(at, out);
+        } else {
+            self.follow(at, out);
+        }
+    }
+
     /// The message that has come is over.
     fn serve(&mut self, at: Instant, out: &mut dyn Sink) {
         let Self { serial, unit: Some(unit), drive, .. } = self else { return };
@@ -262,21 +278,9 @@ impl Device for Rs434 {
 
     fn timeout(&mut self, at: Instant, out: &mut dyn Sink) {
         // Most often only the program is due.
-        if at < self.due {
-            if self.drive.run_program(at, out) {
-                self.follow(at, out);
-            }
-            return;
-        }
-        self.drive.timeout(at, out);
-        if self.serial.is_over(at) {
-            self.serve(at, out);
-        }
-        self.drive.run_program(at, out);
-        if self.drive.restart_due <= at {
-            self.drive.restart(at, out);
-            self.start(at, out);
-        } else {
+        if at >= self.due {
+            self.more_is_due(at, out);
+        } else if self.drive.run_program(at, out) {
             self.follow(at, out);
         }
     }

@@ -78,41 +78,47 @@ const DOUBLE: [u16; 25] = [
 
 const JUMPS: [u16; 9] = [0x05, 0x06, 0x07, 0x08, 0x09, 0x63, 0x64, 0x65, 0x66];
 
-/// A Modbus register: mostly one that exists, and can be written.
-fn register(dice: &mut Dice) -> (u16, u16) {
-    match dice.below(64) {
-        0 => (dice.below(16) as u16, 0x5015),
-        1 => (3, dice.pick(&[0x4FFF, 0x5027, 0x5FFF, 0x6006, 0x6FFF, 0x700B, 0xFFFF, 0x0000])),
-        2 => (dice.pick(&[0, 1]), dice.pick(&[0x1000, 0x1002, 0x1003, 0x2000, 0x2003])),
-        3 => (2, dice.pick(&[0x3000, 0x3003, 0x3005, 0x3009, 0x8001, 0x8004])),
-        4 => (3, 0x5005),
-        5..10 => (1, 0x2000 + dice.below(3) as u16),
-        10..24 => (3, 0x7000 + dice.below(11) as u16),
-        24..32 => (3, 0x6000 + dice.below(6) as u16),
-        32..36 => (3, 0x5023),
-        36..50 => (3, 0x5006 + dice.below(13) as u16),
-        50..54 => (3, 0x5000 + dice.below(5) as u16),
-        54 => (3, 0x5024 + dice.below(3) as u16),
+/// A Modbus register; all but a few exist, and can be written if they are to be.
+fn register(dice: &mut Dice, written: bool) -> (u16, u16) {
+    if dice.one_in(120) {
+        let missing = [0x4FFF, 0x5027, 0x5FFF, 0x6006, 0x6FFF, 0x7006, 0x700B, 0xFFFF, 0x0000];
+        let (missing, space) = (dice.pick(&missing), dice.below(16) as u16);
+        return dice.pick(&[(3, missing), (space, 0x5015)]);
+    }
+    if !written && dice.one_in(8) {
+        let (contact, input) = (dice.below(2) as u16, dice.pick(&[0x3000, 0x3003, 0x3005, 0x8001, 0x8002]));
+        return dice.pick(&[(0, 0x1000 + contact), (2, input), (3, 0x7006)]);
+    }
+    match dice.below(60) {
+        0 => (3, 0x5005),
+        1..6 => (1, 0x2000 + dice.below(3) as u16),
+        6..20 => (3, 0x7000 + dice.pick(&[0, 1, 2, 3, 4, 7, 8, 9])),
+        20..28 => (3, 0x6000 + dice.below(5) as u16),
+        28..32 => (3, 0x5023),
+        32..46 => (3, 0x5006 + dice.below(13) as u16),
+        46..50 => (3, 0x5000 + dice.below(4) as u16),
+        50 => (3, 0x5024 + dice.below(2) as u16),
         _ => (3, 0x5012 + dice.below(17) as u16),
     }
 }
 
 fn system(dice: &mut Dice) -> u16 {
-    if dice.one_in(100) { dice.below(16) as u16 } else { dice.below(9) as u16 }
+    if dice.one_in(200) { dice.below(16) as u16 } else { dice.below(9) as u16 }
 }
 
 /// A line that goes on, or two; unused fields hold anything.
 fn plain(dice: &mut Dice, program: &mut Vec<u32>) {
     let jump = dice.below(2) as u16;
     if dice.one_in(3) {
-        let (kind, address) = register(dice);
+        let (kind, address) = register(dice, true);
         let code = if dice.one_in(20) { 0x54 } else { dice.pick(&DOUBLE) };
         program.push(line(code, jump, system(dice), kind, address));
         program.push(u32::from(dice.word()) << 16 | u32::from(dice.word()));
         return;
     }
     let code = dice.pick(&PLAIN);
-    let (kind, address) = register(dice);
+    let only_read = matches!(code, 0x03 | 0x11 | 0x21..=0x27 | 0x46..=0x4C);
+    let (kind, address) = register(dice, !only_read);
     let data = match code {
         0x0F | 0x14 | 0x37..=0x3D | 0x5C..=0x62 => system(dice),
         0x20 | 0x45 => dice.below(36) as u16,
@@ -127,7 +133,7 @@ fn flow(dice: &mut Dice, program: &mut Vec<u32>, length: u64, subroutines: &[u16
     let noise = dice.word();
     let (system, kind) = (noise & 15, noise >> 4 & 15);
     let jump = dice.below(2) as u16;
-    program.push(match dice.below(10) {
+    let word = match dice.below(10) {
         0..4 => {
             let code = if dice.one_in(4) { 0x05 } else { dice.pick(&JUMPS) };
             let near = dice.below(12) as i16 - if dice.one_in(3) { 8 } else { 0 };
@@ -136,8 +142,14 @@ fn flow(dice: &mut Dice, program: &mut Vec<u32>, length: u64, subroutines: &[u16
         }
         4..7 => line(0x0C, jump, system, kind, (dice.below(7) << 8 | dice.below(5)) as u16),
         7..9 => line(0x0A, jump, system, kind, dice.pick(subroutines)),
+        // The program stops itself.
+        _ if dice.one_in(5) => line(0x0E, jump, system, 3, 0x5005),
         _ => line(0x04, jump, system, kind, dice.below(4) as u16),
-    });
+    };
+    program.push(word);
+    if word & 0x7F == 0x0E {
+        program.push(1);
+    }
 }
 
 /// A main part, and subroutines behind it.

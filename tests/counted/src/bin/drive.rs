@@ -20,10 +20,10 @@ const PLACE: usize = match usize::from_str_radix(env!("PLACE"), 10) {
     Err(_) => panic!("the build script says a number"),
 };
 
-/// More than any drive has.
-const MEMORY: usize = 512;
+/// The memory of a drive that never saved: of more bytes than any has.
+static MEMORY: [u8; 8 << 10] = [0xFF; _];
 
-type DriveShell<'a, D> = Shell<D, &'a Board, Hands<'a>, MEMORY>;
+type DriveShell<'a, D> = Shell<D, &'a Board, Hands<'a>>;
 
 #[entry]
 fn main() -> ! {
@@ -123,6 +123,10 @@ impl Outputs for Hands<'_> {
 
     fn memory(&mut self) -> &mut Self {
         self
+    }
+
+    fn stored(&self) -> &[u8] {
+        &MEMORY
     }
 }
 
