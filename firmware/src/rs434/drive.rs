@@ -158,6 +158,7 @@ impl Drive {
             .min(self.inputs.due())
             .min(self.servo.deadline())
             .min(self.save_due())
+            .min(self.program.save_due())
             .min(self.restart_due)
     }
 
@@ -168,6 +169,9 @@ impl Drive {
         }
         if self.save_due() <= at {
             self.finish_save(at, out);
+        }
+        if self.program.save_due() <= at {
+            self.program.finish_save(at, out);
         }
         if self.servo.deadline() <= at {
             self.servo.timeout(at, out);

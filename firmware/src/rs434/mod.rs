@@ -179,14 +179,13 @@ impl Rs434 {
         self.due = self.drive.deadline().min(self.serial.deadline());
     }
 
-    /// Something is due that is not the program, which may be, too.
+    /// Something is due that is no line of the program.
     #[inline(never)]
     fn more_is_due(&mut self, at: Instant, out: &mut dyn Sink) {
         self.drive.timeout(at, out);
         if self.serial.is_over(at) {
             self.serve(at, out);
         }
-        self.drive.run_program(at, out);
         if self.drive.restart_due <= at {
             self.drive.restart(at, out);
             self.start(at, out);
@@ -273,14 +272,15 @@ impl Device for Rs434 {
     }
 
     fn deadline(&self) -> Instant {
-        self.due.min(self.drive.program.due())
+        self.due.min(self.drive.program.line_due())
     }
 
     fn timeout(&mut self, at: Instant, out: &mut dyn Sink) {
         // Most often only the program is due.
         if at >= self.due {
             self.more_is_due(at, out);
-        } else if self.drive.run_program(at, out) {
+        }
+        if self.drive.run_program(at, out) {
             self.follow(at, out);
         }
     }
