@@ -118,6 +118,15 @@ impl<D: Turns> Rig<D> {
         }
     }
 
+    /// The wires are due, or the motor.
+    #[inline(never)]
+    fn turn(&mut self, at: Instant, out: &mut dyn Sink) {
+        self.arrive(at, out);
+        if self.motor.deadline() <= at {
+            self.with_motor(out, |motor, out| motor.timeout(at, out));
+        }
+    }
+
     fn with_motor(&mut self, out: &mut dyn Sink, does: impl FnOnce(&mut Motor, &mut dyn Sink)) {
         does(&mut self.motor, &mut OfMotor { wires: &mut self.wires, halls: D::HALLS, out });
     }
@@ -131,7 +140,9 @@ impl<D: Turns> Rig<D> {
     ) -> T {
         let done = does(&mut self.drive, &mut OfDrive { wires: &mut self.wires, out });
         let parameters = self.drive.motor();
-        self.with_motor(out, |motor, out| motor.become_another(at, parameters, out));
+        if parameters != *self.motor.parameters() {
+            self.with_motor(out, |motor, out| motor.become_another(at, parameters, out));
+        }
         done
     }
 }
@@ -169,9 +180,8 @@ impl<D: Turns> Device for Rig<D> {
     }
 
     fn timeout(&mut self, at: Instant, out: &mut dyn Sink) {
-        self.arrive(at, out);
-        if self.motor.deadline() <= at {
-            self.with_motor(out, |motor, out| motor.timeout(at, out));
+        if self.wires.arrives <= at || self.motor.deadline() <= at {
+            self.turn(at, out);
         }
         if self.drive.deadline() <= at {
             self.with_drive(at, out, |drive, out| drive.timeout(at, out));

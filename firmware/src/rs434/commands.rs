@@ -41,26 +41,17 @@ impl Drive {
         }
     }
 
-    /// What is due of the program: a line, or the end of a save. Whether it did more than to reckon.
+    /// The line of the program that is due, if one is. Whether it did more than to reckon.
     pub(super) fn run_program(&mut self, at: Instant, out: &mut dyn Sink) -> bool {
         let mut reach = Reach { drive: self, at, out, wrote: false };
-        let step = program::run(at, &mut reach);
-        let more = reach.wrote || !matches!(step, Some(Step::Next | Step::Delay(_)));
-        if more {
-            self.program_did(at, step, out);
-        }
-        more
-    }
-
-    /// It wrote a register or has ended, or the end of a save is due.
-    #[inline(never)]
-    fn program_did(&mut self, at: Instant, step: Option<Step>, out: &mut dyn Sink) {
-        match step {
+        match program::run(at, &mut reach) {
+            None => return false,
+            Some(Step::Next | Step::Delay(_)) => return reach.wrote,
+            Some(Step::End) => {}
             Some(Step::FullEnd) => self.program_fully_ended(at, out),
             Some(Step::Error) => self.program_failed(at, out),
-            _ => {}
         }
-        self.program.timeout(at, out);
+        true
     }
 
     /// CMD_FULL_STOP_PROGRAM: the registers are what they were before the start, and the motor stops.

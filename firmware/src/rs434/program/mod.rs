@@ -158,7 +158,7 @@ impl Program {
         (self.flash, self.save) = (Content::Good, Some(Save { crc, due: at + SAVE }));
     }
 
-    /// Ends a save that runs, be its time over or not: a restart waits for it.
+    /// Ends a save that runs: its time is over, or a restart waits for it.
     pub(super) fn finish_save(&mut self, at: Instant, out: &mut dyn Sink) {
         if let Some(save) = self.save.take() {
             store(BYTES, &save.crc, at, out);
@@ -184,16 +184,14 @@ impl Program {
         true
     }
 
-    /// When the next line is carried out, or a save is over.
-    pub(super) fn due(&self) -> Instant {
-        self.save.map_or(self.line_due, |save| self.line_due.min(save.due))
+    /// When the next line is carried out: see [`run`].
+    pub(super) fn line_due(&self) -> Instant {
+        self.line_due
     }
 
-    /// A save may be over; of a line that is due see [`run`].
-    pub(super) fn timeout(&mut self, at: Instant, out: &mut dyn Sink) {
-        if self.save.is_some_and(|save| save.due <= at) {
-            self.finish_save(at, out);
-        }
+    /// When a save is over: see [`finish_save`](Self::finish_save).
+    pub(super) fn save_due(&self) -> Instant {
+        self.save.map_or(Instant::NEVER, |save| save.due)
     }
 
     /// Looks at the flash; whether it passes.

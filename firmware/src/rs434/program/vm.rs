@@ -103,9 +103,9 @@ fn carry_out(world: &mut impl World) -> Option<Step> {
     let Command { operation, wide, form } = command;
     let (register, data) = (instruction.register().into(), instruction.data());
     let bus = || Some((space(instruction.space())?, data));
-    match form {
+    let (changed, second) = match form {
         Form::Bare => match operation {
-            Operation::Return => vm.come_back()?,
+            Operation::Return => return vm.come_back(),
             Operation::FullStop => return Some(Step::FullEnd),
             _ => return Some(Step::End),
         },
@@ -115,38 +115,28 @@ fn carry_out(world: &mut impl World) -> Option<Step> {
             {
                 vm.next = vm.target(instruction)?;
             }
+            return Some(Step::Next);
         }
         Form::Time => return Some(Step::Delay(data)),
-        Form::Subroutine => vm.call(data)?,
-        Form::Loop => vm.repeat(data)?,
-        Form::Register => vm.change(register, command, instruction, 0)?,
-        Form::RegisterConstant if wide => {
-            let constant = constant(world, wide)?;
-            world.program().vm.change(register, command, instruction, constant)?;
-        }
-        Form::RegisterConstant | Form::RegisterShift => {
-            vm.change(register, command, instruction, data.into())?;
-        }
-        Form::RegisterRegister => {
-            let (from, to) = if operation == Operation::Move { (register, data) } else { (data, register) };
-            let second = vm.get(from, wide)?;
-            vm.change(to, command, instruction, second)?;
-        }
-        Form::RegisterModbus => {
-            let second = read(world, bus()?, wide)?;
-            world.program().vm.change(register, command, instruction, second)?;
-        }
+        Form::Subroutine => return vm.call(data),
+        Form::Loop => return vm.repeat(data),
+        Form::Register => (register, 0),
+        Form::RegisterConstant if wide => (register, constant(world, wide)?),
+        Form::RegisterConstant | Form::RegisterShift => (register, data.into()),
+        Form::RegisterRegister if operation == Operation::Move => (data, vm.get(register, wide)?),
+        Form::RegisterRegister => (register, vm.get(data, wide)?),
+        Form::RegisterModbus => (register, read(world, bus()?, wide)?),
         Form::ModbusRegister => {
             let second = vm.get(register, wide)?;
-            change(world, bus()?, command, instruction, second)?;
+            return change(world, bus()?, command, instruction, second);
         }
         Form::ModbusConstant | Form::ModbusShift => {
             let second = constant(world, wide)?;
-            change(world, bus()?, command, instruction, second)?;
+            return change(world, bus()?, command, instruction, second);
         }
-        Form::Modbus => change(world, bus()?, command, instruction, 0)?,
-    }
-    Some(Step::Next)
+        Form::Modbus => return change(world, bus()?, command, instruction, 0),
+    };
+    world.program().vm.change(changed, command, instruction, second)
 }
 
 /// A line of the flash; `None` past the last one.
@@ -190,7 +180,7 @@ fn change(
     command: Command,
     instruction: Instruction,
     second: u32,
-) -> Option<()> {
+) -> Option<Step> {
     let Command { operation, wide, .. } = command;
     let (space, address) = place;
     let bits = matches!(space, Space::Coil | Space::Discrete);
@@ -202,7 +192,8 @@ fn change(
     let words = split(result);
     // A bit is set by whatever is not 0.
     let words = if bits { words.map(|word| u16::from(word != 0)) } else { words };
-    world.write(space, address, words.get(..if wide { 2 } else { 1 })?).ok()
+    world.write(space, address, words.get(..if wide { 2 } else { 1 })?).ok()?;
+    Some(Step::Next)
 }
 
 /// D of S1 and S2; of 16 bits its low half counts.
@@ -273,7 +264,13 @@ impl Vm {
     }
 
     /// Carries out a command on a system register, or on a pair of them, with a second operand.
-    fn change(&mut self, number: u16, command: Command, instruction: Instruction, second: u32) -> Option<()> {
+    fn change(
+        &mut self,
+        number: u16,
+        command: Command,
+        instruction: Instruction,
+        second: u32,
+    ) -> Option<Step> {
         let registers = self.registers.get_mut(usize::from(number)..)?;
         if command.wide {
             let pair = registers.first_chunk_mut()?;
@@ -284,7 +281,7 @@ impl Vm {
             let result = calculate(command.operation, instruction, (*register).into(), second)?;
             *register = (result & 0xFFFF) as u16;
         }
-        Some(())
+        Some(Step::Next)
     }
 
     /// Whether a jump is taken.
@@ -311,30 +308,30 @@ impl Vm {
     }
 
     /// CMD_CALL.
-    fn call(&mut self, subroutine: u16) -> Option<()> {
+    fn call(&mut self, subroutine: u16) -> Option<Step> {
         let subroutine = existing(subroutine)?;
         self.calls.push(Call { back: self.next, outside: self.outside }).ok()?;
         (self.next, self.outside) = (subroutine, self.loops.len());
-        Some(())
+        Some(Step::Next)
     }
 
     /// CMD_RETURN: loops of the subroutine are over.
-    fn come_back(&mut self) -> Option<()> {
+    fn come_back(&mut self) -> Option<Step> {
         let Call { back, outside } = self.calls.pop()?;
         self.loops.truncate(self.outside);
         (self.next, self.outside) = (back, outside);
-        Some(())
+        Some(Step::Next)
     }
 
     /// CMD_FOR: the high byte says how many lines, the low one how often.
-    fn repeat(&mut self, data: u16) -> Option<()> {
+    fn repeat(&mut self, data: u16) -> Option<Step> {
         let [length, rounds] = data.to_be_bytes().map(u16::from);
         match (length, rounds) {
             (0, _) => {}
             (_, 0) => self.next += length,
             _ => self.loops.push(Loop { start: self.next, length, left: rounds }).ok()?,
         }
-        Some(())
+        Some(Step::Next)
     }
 }
 

@@ -36,14 +36,13 @@ fn a_save_takes_10_ms_and_lasts() {
     drive.program.write_line(0, set(AX, 0x1234));
     drive.program.save(drive.now, &mut drive.memory);
     let right = drive.now + 10.millis();
-    assert_eq!(drive.program.due(), right);
-    drive.program.timeout(drive.now + 9.millis(), &mut drive.memory);
+    assert_eq!(drive.program.save_due(), right);
     let places: Vec<_> =
         drive.memory.stores.iter().map(|(_, offset, bytes)| (*offset, bytes.len())).collect();
     assert_eq!(places, [(CRC, 2), (SETTINGS as u16, 4_096)], "a CRC that is wrong, then the lines");
     assert_eq!(drive.memory.bytes[SETTINGS..][..5], [0x01, 0x00, 0x34, 0x12, 0x00], "the low byte first");
-    drive.program.timeout(right, &mut drive.memory);
-    assert_eq!(drive.program.due(), Instant::NEVER);
+    drive.program.finish_save(right, &mut drive.memory);
+    assert_eq!(drive.program.save_due(), Instant::NEVER);
     assert_eq!(drive.memory.stores.len(), 3);
     assert_eq!(drive.memory.bytes, Memory::with(&[set(AX, 0x1234)]).bytes);
 
@@ -89,7 +88,7 @@ fn power_lost_inside_a_save_leaves_a_bad_flash_or_one_of_both_programs() {
     drive.finish();
     drive.program.write_line(0, set(AX, 2));
     drive.program.save(drive.now, &mut drive.memory);
-    drive.program.timeout(drive.now + 10.millis(), &mut drive.memory);
+    drive.program.finish_save(drive.now + 10.millis(), &mut drive.memory);
     assert_eq!(drive.memory.bytes, new);
     let stores = drive.memory.stores.split_off(0);
     let stored: Vec<(usize, u8)> =
@@ -111,7 +110,7 @@ fn a_bad_flash_starts_nothing_and_leaves_the_buffer_alone() {
     let mut drive = Drive::off(memory);
     assert!(!drive.program.power_on(&drive.memory));
     drive.program.start(drive.now, Status::StartedByBus);
-    assert_eq!((drive.program.status(), drive.program.due()), (Status::Failed, Instant::NEVER));
+    assert_eq!((drive.program.status(), drive.program.line_due()), (Status::Failed, Instant::NEVER));
     drive.program.write_line(0, 5);
     assert!(!drive.program.load(&drive.memory));
     assert_eq!(drive.program.read_line(0), 5);

@@ -6,7 +6,7 @@ use super::*;
 fn a_line_takes_100_us_and_the_short_state_as_long() {
     let mut drive = Drive::running(&[set(AX, 7), set(BX, 8), STOP]);
     assert_eq!(drive.program.status(), Status::StartedByBus);
-    assert_eq!(drive.program.due(), Instant::ZERO + 100.micros());
+    assert_eq!(drive.program.line_due(), Instant::ZERO + 100.micros());
     assert_eq!(run(Instant::ZERO + 99.micros(), &mut drive), None, "nothing before it is due");
     assert_eq!((drive.program.status(), drive.registers()[0]), (Status::StartedByBus, 0));
     drive.step();
@@ -15,7 +15,7 @@ fn a_line_takes_100_us_and_the_short_state_as_long() {
     assert_eq!((drive.now, drive.registers()[1]), (Instant::ZERO + 200.micros(), 8));
     drive.step();
     assert_eq!((drive.now, drive.program.status()), (Instant::ZERO + 300.micros(), Status::Ended));
-    assert_eq!(drive.program.due(), Instant::NEVER);
+    assert_eq!(drive.program.line_due(), Instant::NEVER);
 }
 
 #[test]
@@ -270,14 +270,14 @@ fn the_bus_stops_it_and_so_does_the_program_itself() {
     let mut drive = Drive::running(&[set(AX, 1), jump(0)]);
     drive.path(2);
     drive.program.stop();
-    assert_eq!((drive.program.status(), drive.program.due()), (Status::Stopped, Instant::NEVER));
+    assert_eq!((drive.program.status(), drive.program.line_due()), (Status::Stopped, Instant::NEVER));
     assert_eq!((drive.registers()[0], drive.program.vm.line), (1, 1));
     // MOV_MODBUS_CONST, as to MODE_USER_PROGRAM.
     let lines = [line(0x0E, 0, 0, HOLDING, 0x5005), 1, set(AX, 1), STOP];
     let mut drive = Drive::running(&lines).with_bus(Space::Holding, 0x5005, &[2]);
     drive.stops = Some(0x5005);
     assert_eq!(drive.finish(), Status::Stopped);
-    assert_eq!((drive.program.due(), drive.registers()[0]), (Instant::NEVER, 0));
+    assert_eq!((drive.program.line_due(), drive.registers()[0]), (Instant::NEVER, 0));
 }
 
 #[test]

@@ -168,7 +168,7 @@ impl Drive {
 
     /// Goes to the next deadline and carries out the line that is due there.
     fn step(&mut self) -> Step {
-        self.now = self.program.due();
+        self.now = self.program.line_due();
         assert_ne!(self.now, Instant::NEVER, "nothing is due: {:?}", self.program.status());
         let now = self.now;
         run(now, self).unwrap()
