@@ -3,7 +3,8 @@
 use std::path::PathBuf;
 
 use anyhow::{Context, Result, bail};
-use standin_firmware::device::{Device, Ends};
+use standin_firmware::device::{Device, Ends, Spec};
+use standin_protocol::registers::Space;
 use xshell::{Shell, cmd};
 
 use crate::checks::target_dir;
@@ -148,11 +149,17 @@ pub(crate) fn hint(kind: &str, address: &str) -> String {
         Some(Ends::Character) => {
             format!("what it counts, with socat:\n  (printf 'R0E\\r'; sleep 1) | socat - tcp:{address}")
         }
-        _ => format!(
-            "its first 32 registers, with mbpoll, RTU over TCP:\n  \
-             socat pty,raw,echo=0,link={kind}.tty tcp:{address} & \
-             sleep 1; mbpoll -m rtu -a 1 -b 9600 -P none -t 4:hex -r 1 -c 32 -1 {kind}.tty"
-        ),
+        _ => {
+            // Counted from 1.
+            let holding = spec.into_iter().flat_map(Spec::rows).map(|(_, row)| row);
+            let first = holding.filter(|row| row.space == Space::Holding).map(|row| row.address).min();
+            let first = 1 + u32::from(first.unwrap_or(0));
+            format!(
+                "its first 32 registers, with mbpoll, RTU over TCP:\n  \
+                 socat pty,raw,echo=0,link={kind}.tty tcp:{address} & \
+                 sleep 1; mbpoll -m rtu -a 1 -b 9600 -P none -t 4:hex -r {first} -c 32 -1 {kind}.tty"
+            )
+        }
     }
 }
 
