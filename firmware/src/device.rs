@@ -525,6 +525,41 @@ pub trait Device {
     }
 }
 
+/// One that lies elsewhere.
+impl<D: Device + ?Sized> Device for &mut D {
+    fn spec(&self) -> &'static Spec {
+        (**self).spec()
+    }
+
+    fn power_on(&mut self, at: Instant, boot: Boot, out: &mut dyn Sink) {
+        (**self).power_on(at, boot, out);
+    }
+
+    fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Sink) {
+        (**self).input(at, input, out);
+    }
+
+    fn deadline(&self) -> Instant {
+        (**self).deadline()
+    }
+
+    fn timeout(&mut self, at: Instant, out: &mut dyn Sink) {
+        (**self).timeout(at, out);
+    }
+
+    fn peek(&self, at: Instant, row: usize) -> i64 {
+        (**self).peek(at, row)
+    }
+
+    fn poke(&mut self, at: Instant, row: usize, value: i64, out: &mut dyn Sink) -> Result<(), Refused> {
+        (**self).poke(at, row, value, out)
+    }
+
+    fn shaft(&self, at: Instant, axis: Axis) -> Option<Shaft> {
+        (**self).shaft(at, axis)
+    }
+}
+
 /// Brings `device` to `now` and returns its next deadline.
 ///
 /// Stamps of `inputs` ascend and are not after `now`. An input comes before a deadline at the same

@@ -13,7 +13,7 @@ use core::convert::Infallible;
 
 use embedded_hal::digital::{OutputPin, PinState};
 use embedded_io::{Write, WriteReady};
-use embedded_storage::{ReadStorage, Storage};
+use embedded_storage::Storage;
 use heapless::{Deque, Vec};
 
 use crate::device::{
@@ -91,6 +91,10 @@ pub trait Outputs {
     /// The non-volatile memory.
     fn memory(&mut self) -> &mut Self::Memory;
 
+    /// What it holds, as the drive reads it: at least [`Spec::memory`](crate::device::Spec::memory) bytes, `0xFF`
+    /// where nothing was ever stored. The shell keeps no copy.
+    fn stored(&self) -> &[u8];
+
     /// The motion of an axis from now on; nothing where no steps are made. Returns how much later than
     /// planned all of it will be made.
     fn plan(&mut self, _axis: Axis, _plan: &Plan) -> Duration {
@@ -114,25 +118,22 @@ pub trait Outputs {
 /// erase a sector.
 const PATIENCE: Duration = Duration::millis(60);
 
-/// A drive on a board. `MEMORY` is at least [`Spec::memory`](crate::device::Spec::memory); `CHARACTERS` is
-/// how many characters may wait to be sent.
+/// A drive on a board. `CHARACTERS` is how many characters may wait to be sent.
 #[derive(Debug)]
-pub struct Shell<D, I, O, const MEMORY: usize, const CHARACTERS: usize = ONE_ANSWER> {
+pub struct Shell<D, I, O, const CHARACTERS: usize = ONE_ANSWER> {
     device: D,
     /// The device's deadline, which takes a while to ask for.
     due: Instant,
     /// The last thing that it was told, in its time.
     past: Instant,
     inputs: I,
-    hands: Hands<O, MEMORY, CHARACTERS>,
+    hands: Hands<O, CHARACTERS>,
 }
 
 /// Everything that a drive's outputs need.
 #[derive(Debug)]
-struct Hands<O, const MEMORY: usize, const CHARACTERS: usize> {
+struct Hands<O, const CHARACTERS: usize> {
     outputs: O,
-    /// The non-volatile memory, as the drive reads it.
-    memory: [u8; MEMORY],
     waves: Vec<Wave, WAVES>,
     messages: Deque<Message, MESSAGES>,
     /// Of all messages, in their order.
@@ -181,14 +182,11 @@ struct Message {
     then: Option<Line>,
 }
 
-impl<D: Device, I: Inputs, O: Outputs, const MEMORY: usize, const CHARACTERS: usize>
-    Shell<D, I, O, MEMORY, CHARACTERS>
-{
+impl<D: Device, I: Inputs, O: Outputs, const CHARACTERS: usize> Shell<D, I, O, CHARACTERS> {
     /// `device` on a board, without power.
     pub const fn new(device: D, inputs: I, outputs: O) -> Self {
         let hands = Hands {
             outputs,
-            memory: [0xFF; MEMORY],
             waves: Vec::new(),
             messages: Deque::new(),
             characters: Characters { kept: Vec::new(), gone: 0 },
@@ -200,10 +198,8 @@ impl<D: Device, I: Inputs, O: Outputs, const MEMORY: usize, const CHARACTERS: us
         Self { device, due: Instant::NEVER, past: Instant::ZERO, inputs, hands }
     }
 
-    /// Gives the drive power at `at`, once: reads the non-volatile memory, and starts. A board has power since
-    /// its clock began to count.
+    /// Gives the drive power at `at`, once. A board has power since its clock began to count.
     pub fn power_on(&mut self, at: Instant, boot: Boot) {
-        self.hands.recall();
         self.past = at;
         self.device.power_on(self.past, boot, &mut self.hands);
         self.due = self.device.deadline();
@@ -274,14 +270,7 @@ impl<D: Device, I: Inputs, O: Outputs, const MEMORY: usize, const CHARACTERS: us
     }
 }
 
-impl<O: Outputs, const MEMORY: usize, const CHARACTERS: usize> Hands<O, MEMORY, CHARACTERS> {
-    fn recall(&mut self) {
-        let memory = self.outputs.memory();
-        let stored = memory.capacity().min(MEMORY);
-        let readable = self.memory.get_mut(..stored).is_some_and(|bytes| memory.read(0, bytes).is_ok());
-        self.failures = self.failures.saturating_add(u32::from(!readable));
-    }
-
+impl<O: Outputs, const CHARACTERS: usize> Hands<O, CHARACTERS> {
     fn deadline(&self) -> Instant {
         let waves = self.waves.iter().map(|wave| wave.due).min().unwrap_or(Instant::NEVER);
         match self.messages.front() {
@@ -428,7 +417,7 @@ impl<const N: usize> Characters<N> {
     }
 }
 
-impl<O: Outputs, const MEMORY: usize, const CHARACTERS: usize> Sink for Hands<O, MEMORY, CHARACTERS> {
+impl<O: Outputs, const CHARACTERS: usize> Sink for Hands<O, CHARACTERS> {
     fn put(&mut self, at: Instant, output: Output<'_>) {
         let at = at + self.behind;
         match output {
@@ -455,9 +444,6 @@ impl<O: Outputs, const MEMORY: usize, const CHARACTERS: usize> Sink for Hands<O,
                 self.count(result);
             }
             Output::Store { offset, bytes } => {
-                for (kept, byte) in self.memory.iter_mut().skip(usize::from(offset)).zip(bytes) {
-                    *kept = *byte;
-                }
                 let result = self.outputs.memory().write(u32::from(offset), bytes);
                 self.count(result);
             }
@@ -479,7 +465,7 @@ impl<O: Outputs, const MEMORY: usize, const CHARACTERS: usize> Sink for Hands<O,
     }
 
     fn memory(&self) -> &[u8] {
-        &self.memory
+        self.outputs.stored()
     }
 }
 

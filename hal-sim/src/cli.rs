@@ -50,17 +50,25 @@ pub(crate) enum Command {
         /// A recording (see `standin run --record`)
         file: PathBuf,
     },
-    #[command(hide = true)]
-    Asm(Anything),
-    #[command(hide = true)]
-    Disasm(Anything),
+    /// Assemble a user program of an RS drive
+    Asm(Asm),
+    /// Show a user program of an RS drive as text that assembles to the same
+    Disasm {
+        /// An assembled program (see `standin asm`)
+        file: PathBuf,
+    },
 }
 
-/// The arguments of a command that does not exist yet.
 #[derive(Args)]
-pub(crate) struct Anything {
-    #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
-    _arguments: Vec<String>,
+pub(crate) struct Asm {
+    /// The program as text
+    pub(crate) source: PathBuf,
+    /// Where it goes; its lines as 32-bit words, low byte first
+    #[arg(short, long, value_name = "FILE", required_unless_present = "hex")]
+    pub(crate) output: Option<PathBuf>,
+    /// A line of eight hexadecimal digits for each of its lines, to stdout if there is no FILE
+    #[arg(long)]
+    pub(crate) hex: bool,
 }
 
 #[derive(Args)]
@@ -88,7 +96,8 @@ pub(crate) struct Run {
     /// Preset a register by its name; may repeat
     #[arg(long, value_name = "REG=VALUE")]
     pub(crate) set: Vec<Assignment>,
-    #[arg(long, hide = true)]
+    /// Assemble a user program and have it in the memory at power-on, as if saved (rs434544, rs434546)
+    #[arg(long, value_name = "FILE.rsasm")]
     pub(crate) program: Option<PathBuf>,
     /// No start-up delay
     #[arg(long)]

@@ -82,7 +82,7 @@ impl Board {
             board: self.clone(),
             uarts: (0..state.uarts.len()).map(|n| Uart(self.clone(), n)).collect(),
             pins: (0..state.levels.len()).map(|n| WiredPin(self.clone(), n)).collect(),
-            memory: Memory(self.clone()),
+            memory: Memory { board: self.clone(), stored: state.memory.clone() },
         }
     }
 
@@ -215,6 +215,10 @@ impl Outputs for SimOutputs {
         &mut self.memory
     }
 
+    fn stored(&self) -> &[u8] {
+        &self.memory.stored
+    }
+
     fn plan(&mut self, axis: Axis, plan: &Plan) -> Duration {
         self.done(Done::Planned(axis, *plan));
         Duration::ZERO
@@ -303,7 +307,11 @@ impl digital::InputPin for WiredPin {
 
 /// A memory whose power may fail at any byte.
 #[derive(Debug)]
-pub struct Memory(Board);
+pub struct Memory {
+    board: Board,
+    /// What it would hold if the power never failed.
+    stored: Vec<u8>,
+}
 
 /// A place outside the memory.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -313,25 +321,26 @@ impl ReadStorage for Memory {
     type Error = OutOfBounds;
 
     fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), OutOfBounds> {
-        let state = self.0.0.borrow();
+        let state = self.board.0.borrow();
         let source = state.memory.get(offset as usize..).and_then(|rest| rest.get(..bytes.len()));
         bytes.copy_from_slice(source.ok_or(OutOfBounds)?);
         Ok(())
     }
 
     fn capacity(&self) -> usize {
-        self.0.0.borrow().memory.len()
+        self.board.0.borrow().memory.len()
     }
 }
 
 impl Storage for Memory {
     fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), OutOfBounds> {
-        let mut state = self.0.0.borrow_mut();
+        let mut state = self.board.0.borrow_mut();
         let taken = state.cut.map_or(bytes.len(), |left| left.min(bytes.len()));
         state.cut = state.cut.map(|left| left - taken);
         let place = offset as usize;
         let target = state.memory.get_mut(place..place + bytes.len()).ok_or(OutOfBounds)?;
         target[..taken].copy_from_slice(&bytes[..taken]);
+        self.stored[place..place + bytes.len()].copy_from_slice(bytes);
         let now = state.now;
         state.done.push((now, Done::Stored(offset, bytes[..taken].to_vec())));
         Ok(())
@@ -381,10 +390,9 @@ mod tests {
 
     #[test]
     fn the_shell_answers_through_the_simulated_hardware() {
-        const MEMORY: usize = 54;
         let board = md3_board();
         let boot = Boot { fast: true, ..Boot::default() };
-        let mut shell: Shell<_, _, _, MEMORY> = Shell::new(Md3::new(), board.clone(), board.outputs());
+        let mut shell: Shell<_, _, _> = Shell::new(Md3::new(), board.clone(), board.outputs());
         shell.power_on(Instant::ZERO, boot);
         let character = Duration::from_ticks(18_333);
         let mut at = Instant::ZERO;
@@ -414,11 +422,9 @@ mod tests {
     /// Asks a QSB-M for its version, so many times without a pause, with a loop that comes only when all has been
     /// caught; so many characters may wait. Returns what left its UART, once the banner is gone, and the failures.
     fn ask_at_once<const CHARACTERS: usize>(commands: usize) -> (Vec<(Instant, Vec<u8>)>, u32) {
-        const MEMORY: usize = standin_firmware::qsb::MEMORY;
-        let board = Board::new(Qsb::m().spec(), vec![0xFF; MEMORY]);
+        let board = Board::new(Qsb::m().spec(), vec![0xFF; standin_firmware::qsb::MEMORY]);
         let boot = Boot { fast: true, ..Boot::default() };
-        let mut shell: Shell<_, _, _, MEMORY, CHARACTERS> =
-            Shell::new(Qsb::m(), board.clone(), board.outputs());
+        let mut shell: Shell<_, _, _, CHARACTERS> = Shell::new(Qsb::m(), board.clone(), board.outputs());
         shell.power_on(Instant::ZERO, boot);
         while shell.turn().is_ok() {}
         let begin = Instant::ZERO + Duration::secs(1);

@@ -5,11 +5,11 @@ mod cli;
 mod describe;
 mod kinds;
 mod log;
-mod nearest;
 mod nv;
 mod output;
 mod ports;
 mod preset;
+mod programs;
 mod ready;
 mod realtime;
 mod run;
@@ -20,8 +20,8 @@ use std::path::Path;
 use std::process::ExitCode;
 
 use clap::Parser as _;
-use standin_sim::replay;
 use standin_sim::trace::Trace;
+use standin_sim::{nearest, replay};
 
 use crate::cli::{Cli, Command};
 
@@ -66,8 +66,8 @@ fn execute(command: Command) -> Result<ExitCode, String> {
             })?;
         }
         Command::Replay { file } => return replay(&file),
-        Command::Asm(_) => return Err(not_yet("asm")),
-        Command::Disasm(_) => return Err(not_yet("disasm")),
+        Command::Asm(options) => print(&programs::asm(&options)?)?,
+        Command::Disasm { file } => print(&programs::disasm(&file)?)?,
     }
     Ok(ExitCode::SUCCESS)
 }

@@ -7,7 +7,8 @@ const FEW: usize = 16;
 
 /// One sentence: there is no `what` of that `name`, and which one comes next to it, or which there are
 /// if none comes near.
-pub(crate) fn unknown<'a>(what: &str, name: &str, names: impl Iterator<Item = &'a str>) -> String {
+#[must_use]
+pub fn unknown<'a>(what: &str, name: &str, names: impl Iterator<Item = &'a str>) -> String {
     let mut sentence = format!("there is no {what} '{name}'");
     let names: Vec<&str> = names.collect();
     let lower = name.to_lowercase();

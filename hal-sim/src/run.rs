@@ -15,6 +15,7 @@ use signal_hook::consts::{SIGINT, SIGTERM};
 use standin_firmware::device::{Port, Spec};
 use standin_sim::bench::{Bench, Keep, SeatError, Settings, Setup};
 use standin_sim::bus::LineMode;
+use standin_sim::rsasm::Image;
 use standin_sim::trace::TraceKeep;
 use tracing::{error, info};
 
@@ -26,6 +27,7 @@ use crate::nv::Nv;
 use crate::output::Output;
 use crate::ports::{self, Bound, Listen, Ports, Uri};
 use crate::preset::{self, Preset};
+use crate::programs;
 use crate::ready::{Address, Ready};
 use crate::realtime::{self, Host};
 use crate::waveforms::Waveforms;
@@ -40,12 +42,16 @@ pub(crate) fn run(options: &cli::Run) -> Result<(), String> {
     let spec = device.spec();
     let listen = places(spec, &options.listen)?;
     let presets = presets(spec, options)?;
+    let program = options.program.as_deref().map(|file| programs::load(file, spec)).transpose()?;
     let listen = reserve(listen)?;
     let control = match &options.control {
         Control::Off => None,
         Control::At(address) => Some(reserve_tcp("--control ", address)?),
     };
-    let memory = Memory::open(options.nv.as_deref(), spec)?;
+    let mut memory = Memory::open(options.nv.as_deref(), spec)?;
+    if let Some(program) = &program {
+        memory.hold(program, spec)?;
+    }
     let record = output("--record", options.record.as_deref(), &memory)?;
     let waves = output("--vcd", options.vcd.as_deref(), &memory)?;
     if let (Some(record), Some(waves)) = (&record, &waves)
@@ -70,6 +76,12 @@ pub(crate) fn run(options: &cli::Run) -> Result<(), String> {
         presets: values(&presets, spec, memory.content.as_deref()),
     };
     let seat = bench.seat(spec.kind, device, setup).map_err(|error| seat_error(&error, spec, options))?;
+    if let Some(program) = &program {
+        memory.keep(program)?;
+    }
+
+    // A drive may tell its line when it has looked at its pins.
+    bench.run_until(bench.now());
 
     // From here on somebody may come.
     let stop = signals().map_err(|error| format!("signals cannot be caught: {error}"))?;
@@ -115,8 +127,6 @@ pub(crate) fn run(options: &cli::Run) -> Result<(), String> {
 fn not_yet(options: &cli::Run) -> Result<(), String> {
     let missing = if options.kind.ends_with(".toml") {
         "bench files"
-    } else if options.program.is_some() {
-        "--program"
     } else if options.pcap.is_some() {
         "--pcap"
     } else {
@@ -243,6 +253,30 @@ impl Memory {
         let opened = Nv::open(path, spec.memory.into());
         let (content, nv) = opened.map_err(|error| format!("--nv {}: {error}", path.display()))?;
         Ok(Self { content: Some(content), file: Some((path.into(), Rc::new(RefCell::new(nv)))) })
+    }
+
+    /// The drive finds a user program there.
+    fn hold(&mut self, program: &Image, spec: &Spec) -> Result<(), String> {
+        if let Some((path, nv)) = &self.file {
+            let length =
+                nv.borrow().metadata().map_err(|error| format!("--nv {}: {error}", path.display()))?.len();
+            if length > u64::from(spec.memory) {
+                return Err(format!(
+                    "--program: {} is longer than the memory of {}",
+                    path.display(),
+                    spec.kind
+                ));
+            }
+        }
+        program.put_into(self.content.get_or_insert_with(|| vec![0xFF; spec.memory.into()]));
+        Ok(())
+    }
+
+    /// The file has that program, too.
+    fn keep(&self, program: &Image) -> Result<(), String> {
+        let Some((path, nv)) = &self.file else { return Ok(()) };
+        let stored = nv.borrow_mut().store(program.offset, &program.bytes);
+        stored.map_err(|error| format!("--nv {}: {error}", path.display()))
     }
 
     /// Who writes to the file what the drive stores.

@@ -1,4 +1,4 @@
-"""Modbus RTU: frames by hand, and pymodbus over TCP and on the pty."""
+"""Modbus: RTU frames by hand, and pymodbus over TCP and on the pty, in RTU or ASCII."""
 
 import pytest
 from pymodbus import FramerType
@@ -30,12 +30,12 @@ def write(unit, address, value):
 
 @pytest.fixture
 def tcp(run):
-    """pymodbus, RTU over TCP."""
+    """pymodbus over TCP."""
     clients = []
 
-    def connect(standin):
+    def connect(standin, framer=FramerType.RTU):
         host, port = standin.tcp
-        client = ModbusTcpClient(host, port=port, framer=FramerType.RTU, timeout=PATIENCE, retries=0)
+        client = ModbusTcpClient(host, port=port, framer=framer, timeout=PATIENCE, retries=0)
         assert client.connect()
         clients.append(client)
         return client
@@ -55,10 +55,10 @@ def serial(run):
     """
     clients = []
 
-    def connect(standin):
+    def connect(standin, framer=FramerType.RTU, baudrate=9600):
         standin.notice()
         client = ModbusSerialClient(
-            standin.pty, baudrate=9600, parity="N", stopbits=1, timeout=PATIENCE, retries=0
+            standin.pty, framer=framer, baudrate=baudrate, parity="N", stopbits=1, timeout=PATIENCE, retries=0
         )
         assert client.connect()
         clients.append(client)
@@ -69,7 +69,7 @@ def serial(run):
         client.close()
 
 
-def serial_port(standin, baudrate=9600, parity="E", stopbits=1, timeout=PATIENCE):
+def serial_port(standin, baudrate=9600, bytesize=8, parity="E", stopbits=1, timeout=PATIENCE):
     """The pty, opened with all its settings at once; see `serial` for why they cannot change later."""
     standin.notice()
-    return Serial(standin.pty, baudrate=baudrate, parity=parity, stopbits=stopbits, timeout=timeout)
+    return Serial(standin.pty, baudrate, bytesize, parity, stopbits, timeout)

@@ -8,18 +8,21 @@ import subprocess
 
 from conftest import PATIENCE
 from md3 import DEFAULTS
+from rs434 import SLAVE_ADDRESS_MODBUS
 
 
-def test_lists_the_defaults_of_chapter_7(run):
-    standin = run("--fast-boot")
-    command = "mbpoll -m rtu -a 1 -b 9600 -P even -t 4:hex -r 1 -c 32".split()
+def poll(standin, baud, first, count):
+    """Holding registers that mbpoll lists."""
+    # It counts them from 1.
+    reference = first + 1
+    command = f"mbpoll -m rtu -a 1 -b {baud} -P even -t 4:hex -r {reference} -c {count}".split()
     # It polls until it is ended, and buffers what it prints unless a terminal reads it.
     terminal, its_end = pty.openpty()
     mbpoll = subprocess.Popen([*command, standin.pty], stdin=subprocess.DEVNULL, stdout=its_end, stderr=its_end)
     os.close(its_end)
     try:
         registers, printed = {}, ""
-        while len(registers) < 32:
+        while len(registers) < count:
             readable, _, _ = select.select([terminal], [], [], PATIENCE)
             assert readable, f"mbpoll is silent after: {printed}"
             try:
@@ -32,4 +35,14 @@ def test_lists_the_defaults_of_chapter_7(run):
         mbpoll.kill()
         mbpoll.wait(PATIENCE)
         os.close(terminal)
-    assert [registers[reference] for reference in range(1, 33)] == DEFAULTS
+    return [registers[place] for place in range(reference, reference + count)]
+
+
+def test_lists_the_defaults_of_chapter_7(run):
+    assert poll(run("--fast-boot"), 9_600, 0, 32) == DEFAULTS
+
+
+def test_lists_the_settings_of_an_rs434(run):
+    standin = run("--fast-boot", kind="rs434546")
+    # Address 1, RTU with even parity, 115,200 baud (6).
+    assert poll(standin, 115_200, SLAVE_ADDRESS_MODBUS, 0x27)[:3] == [1, 3, 9]

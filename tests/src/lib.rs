@@ -9,4 +9,5 @@ pub mod exact;
 pub mod md3;
 pub mod on_shell;
 pub mod ramps;
+pub mod rs434;
 pub mod toy;

@@ -57,14 +57,13 @@ fn levels(orders: &[(Instant, Did)], end: Instant) -> Vec<(Instant, bool)> {
     changes
 }
 
-/// Plays a trace with one drive, of which `device` is a new one with at most `MEMORY` bytes of memory, on a
-/// shell, and returns what its board showed.
+/// Plays a trace with one drive, of which `device` is a new one, on a shell, and returns what its board showed.
 ///
 /// # Panics
 /// If the trace does to the drive what cannot be done to a board.
 #[must_use]
-pub fn play<D: Device, const MEMORY: usize>(trace: &Trace, device: impl Fn() -> D) -> Vec<(Instant, Seen)> {
-    let board = run::<D, MEMORY>(trace, device);
+pub fn play<D: Device>(trace: &Trace, device: impl Fn() -> D) -> Vec<(Instant, Seen)> {
+    let board = run(trace, device);
     let seen = board.done().iter().map(|(at, done)| (*at, as_seen(*at, done))).collect();
     sorted(seen)
 }
@@ -74,29 +73,29 @@ pub fn play<D: Device, const MEMORY: usize>(trace: &Trace, device: impl Fn() -> 
 /// # Panics
 /// As [`play`].
 #[must_use]
-pub fn motion<D: Device, const MEMORY: usize>(trace: &Trace, device: impl Fn() -> D) -> Vec<(Instant, Done)> {
+pub fn motion<D: Device>(trace: &Trace, device: impl Fn() -> D) -> Vec<(Instant, Done)> {
     let moves = |done: &Done| matches!(done, Done::Planned(..) | Done::Stepped(..));
-    let board = run::<D, MEMORY>(trace, device);
+    let board = run(trace, device);
     board.done().iter().filter(|(_, done)| moves(done)).cloned().collect()
 }
 
 /// The board on which a trace was played to its end, with as much room for answers as the images have.
-fn run<D: Device, const MEMORY: usize>(trace: &Trace, device: impl Fn() -> D) -> Board {
+fn run<D: Device>(trace: &Trace, device: impl Fn() -> D) -> Board {
     let [drive] = trace.drives.as_slice() else { panic!("a board has one drive") };
     match drive.spec.ports[0].ends {
-        Ends::Silence => run_with::<D, MEMORY, ONE_ANSWER>(trace, drive, device),
-        _ => run_with::<D, MEMORY, ANSWERS>(trace, drive, device),
+        Ends::Silence => run_with::<D, ONE_ANSWER>(trace, drive, device),
+        _ => run_with::<D, ANSWERS>(trace, drive, device),
     }
 }
 
-fn run_with<D: Device, const MEMORY: usize, const CHARACTERS: usize>(
+fn run_with<D: Device, const CHARACTERS: usize>(
     trace: &Trace,
     drive: &Drive,
     device: impl Fn() -> D,
 ) -> Board {
     let board = Board::new(drive.spec, drive.memory.clone());
     let boot = Boot { seed: trace.seed, fast: drive.boot_fast };
-    let mut player: Player<_, _, MEMORY, CHARACTERS> = Player { board, shell: None, boot, device };
+    let mut player: Player<_, _, CHARACTERS> = Player { board, shell: None, boot, device };
     player.go(drive.from);
     player.power(true);
     for entry in trace.events() {
@@ -173,14 +172,14 @@ fn sorted(mut seen: Vec<(Instant, Seen)>) -> Vec<(Instant, Seen)> {
 }
 
 /// A board, and the loop that its `main` would be.
-struct Player<D, M, const MEMORY: usize, const CHARACTERS: usize> {
+struct Player<D, M, const CHARACTERS: usize> {
     board: Board,
-    shell: Option<Shell<D, Board, SimOutputs, MEMORY, CHARACTERS>>,
+    shell: Option<Shell<D, Board, SimOutputs, CHARACTERS>>,
     boot: Boot,
     device: M,
 }
 
-impl<D: Device, M: Fn() -> D, const MEMORY: usize, const CHARACTERS: usize> Player<D, M, MEMORY, CHARACTERS> {
+impl<D: Device, M: Fn() -> D, const CHARACTERS: usize> Player<D, M, CHARACTERS> {
     fn power(&mut self, on: bool) {
         self.shell = on.then(|| {
             let mut shell = Shell::new((self.device)(), self.board.clone(), self.board.outputs());

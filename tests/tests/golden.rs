@@ -12,9 +12,6 @@ use standin_sim::replay;
 use standin_sim::trace::{Event, Fed, Power, Trace};
 use standin_tests::on_shell::{self, Seen};
 
-/// At least what any drive's memory takes.
-const MEMORY: usize = 8 << 10;
-
 /// A kind of drive, as its traces need it.
 struct Kind {
     make: fn() -> Box<dyn Device>,
@@ -23,7 +20,7 @@ struct Kind {
 
 macro_rules! kinds {
     ($($new:expr,)*) => {
-        &[$(Kind { make: || Box::new($new()), play: |trace| on_shell::play::<_, MEMORY>(trace, $new) },)*]
+        &[$(Kind { make: || Box::new($new()), play: |trace| on_shell::play(trace, $new) },)*]
     };
 }
 

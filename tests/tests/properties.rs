@@ -6,7 +6,8 @@ use proptest::prelude::*;
 use standin_firmware::device::{
     Boot, Device, Duration, Encoder, Ends, Fault, Input, Instant, Output, Pin, Port, Sink, advance,
 };
-use standin_protocol::modbus::rtu;
+use standin_protocol::line::Line;
+use standin_protocol::modbus::{ascii, rtu};
 use standin_tests::md3::at;
 use standin_tests::toy::Toy;
 
@@ -14,6 +15,14 @@ use standin_tests::toy::Toy;
 struct Log {
     memory: Vec<u8>,
     lines: Vec<String>,
+    /// The settings of its serial line, when it has said them.
+    line: Option<Line>,
+}
+
+impl Log {
+    fn new(memory: Vec<u8>) -> Self {
+        Self { memory, lines: Vec::new(), line: None }
+    }
 }
 
 impl Sink for Log {
@@ -21,6 +30,9 @@ impl Sink for Log {
         if let Output::Store { offset, bytes } = output {
             let place = usize::from(offset);
             self.memory[place..place + bytes.len()].copy_from_slice(bytes);
+        }
+        if let Output::Line { line, .. } = output {
+            self.line = Some(line);
         }
         // Notes count what was ignored; how often a deaf drive is spoken to depends on the pieces.
         if !matches!(output, Output::Note(_)) {
@@ -54,6 +66,23 @@ macro_rules! boxed {
 }
 
 static DRIVES: &[Make] = standin_firmware::devices!(boxed);
+
+/// A drive without power, as it comes or with one register saved before its first power-on.
+#[derive(Clone, Copy)]
+struct Subject {
+    make: Make,
+    saved: Option<(&'static str, i64)>,
+}
+
+/// Every drive as it comes, and one that speaks ASCII.
+fn subjects() -> impl Iterator<Item = Subject> {
+    let ascii = Subject {
+        make: || Box::new(standin_firmware::rs434::rs434544()),
+        // 7 data bits, even parity (6.4).
+        saved: Some(("TYPE_MODBUS", 1)),
+    };
+    DRIVES.iter().map(|&make| Subject { make, saved: None }).chain([ascii])
+}
 
 /// A command of a QSB: good, with any number of digits, half, taken back, or not meant for it.
 fn command() -> impl Strategy<Value = Vec<u8>> {
@@ -101,17 +130,98 @@ fn order() -> impl Strategy<Value = Vec<u8>> {
     order.prop_map(|order| format!("\r{order}").into_bytes())
 }
 
+/// Requests of an RS 434544, good or not quite: a unit and a PDU. Those that would change the line are left out.
+fn request() -> impl Strategy<Value = (u8, Vec<u8>)> {
+    let address = prop_oneof![
+        4 => 0x5003_u16..0x5028,
+        1 => 0x6000_u16..0x6007,
+        1 => 0x7000_u16..0x700C,
+    ];
+    let value = || prop_oneof![3 => 0_u16..5, 1 => 5_u16..2_000, 1 => any::<u16>()];
+    let block = proptest::sample::select(vec![0x1000_u16, 0x2000, 0x3000, 0x5000, 0x6000, 0x7000, 0x8000]);
+    let read = (1_u8..5, block, 0_u16..12, 0_u16..45)
+        .prop_map(|(function, block, first, count)| pdu(function, &[block + first, count]));
+    let on = proptest::sample::select(vec![0xFF00_u16, 0xFF00, 0x0000, 0x0001]);
+    let coil = (0x2000_u16..0x2005, on).prop_map(|(address, on)| pdu(5, &[address, on]));
+    let coils = (0x2000_u16..0x2004, 0_u16..6, any::<u8>())
+        .prop_map(|(first, count, bits)| [pdu(15, &[first, count]), vec![1, bits]].concat());
+    let word = (address.clone(), value()).prop_map(|(address, value)| pdu(6, &[address, value]));
+    let words = (address, proptest::collection::vec(value(), 0..6))
+        .prop_map(|(first, values)| write_words(first, &values));
+    let order = proptest::sample::select(vec![
+        // The address; a save, a program to flash and back, a restart; a program started, stopped.
+        pdu(6, &[0x5000, 2]),
+        pdu(6, &[0x5024, 0x37FA]),
+        pdu(6, &[0x5025, 0x8426]),
+        pdu(6, &[0x5025, 0x9346]),
+        pdu(6, &[0x5026, 0x95AF]),
+        pdu(6, &[0x5005, 2]),
+        pdu(6, &[0x5005, 1]),
+        // Moves, and a supply of nothing to do.
+        write_words(0x5015, &[40, 0]),
+        pdu(6, &[0x5006, 2]),
+        pdu(5, &[0x2000, 0xFF00]),
+    ]);
+    let pdu = prop_oneof![2 => read, 2 => coil, 1 => coils, 3 => word, 2 => words, 4 => order];
+    (prop_oneof![1 => 0_u8..3, 4 => Just(1)], pdu)
+}
+
+/// A function and the words behind it.
+fn pdu(function: u8, words: &[u16]) -> Vec<u8> {
+    let words = words.iter().flat_map(|word| word.to_be_bytes());
+    core::iter::once(function).chain(words).collect()
+}
+
+/// A request of function 16.
+fn write_words(first: u16, values: &[u16]) -> Vec<u8> {
+    let count = values.len() as u16;
+    let bytes = values.iter().flat_map(|value| value.to_be_bytes());
+    pdu(16, &[first, count]).into_iter().chain([2 * count as u8]).chain(bytes).collect()
+}
+
+/// A line of a user program: a command, whatever its fields are, and data, which may be an address.
+fn instruction() -> impl Strategy<Value = [u16; 2]> {
+    let data = prop_oneof![
+        4 => 0_u16..24,
+        2 => 0x5003_u16..0x5028,
+        1 => 0x7000_u16..0x700C,
+        1 => 0x2000_u16..0x2004,
+        1 => any::<u16>().prop_filter("changes the line", |data| !(0x5000..0x5003).contains(data)),
+    ];
+    (0_u16..0x69, 0_u16..2, 0_u16..11, 0_u16..5, data).prop_map(|(command, jump, system, kind, data)| {
+        [command | jump << 7 | system << 8 | kind << 12, data]
+    })
+}
+
+/// What loads a user program and starts it: its lines through the buffer to the flash (6.6).
+fn program() -> impl Strategy<Value = Vec<Vec<u8>>> {
+    proptest::collection::vec(instruction(), 1..24).prop_map(|lines| {
+        let lines = (0..).zip(lines).map(|(n, [command, data])| write_words(0x6000, &[n, command, data]));
+        let stop = pdu(6, &[0x5005, 1]);
+        let start = [pdu(6, &[0x5025, 0x8426]), pdu(6, &[0x5005, 2])];
+        core::iter::once(stop).chain(lines).chain(start).collect()
+    })
+}
+
+/// In either framing.
+fn framed(ascii: bool, unit: u8, pdu: &[u8]) -> Vec<u8> {
+    if ascii { ascii::frame(unit, pdu).to_vec() } else { rtu::frame(unit, pdu).to_vec() }
+}
+
 /// Requests, mostly good ones, and noise. The line of a drive that judges silence stays as it is (MD3
 /// 0x1c): a script has to know how long its characters last.
 fn bytes() -> impl Strategy<Value = Vec<u8>> {
     let address = (0_u16..0x22).prop_filter("changes the line", |address| *address != 0x1c);
-    let request = (0_u8..3, address, any::<u16>());
+    let of_md3 = (0_u8..3, address, any::<u16>());
+    let digits = proptest::sample::select(b":0123456789ABCDEFabcdef\r\n".to_vec());
     prop_oneof![
-        4 => request.clone().prop_map(|(unit, address, value)| rtu::write(unit, address, value).to_vec()),
-        4 => request.prop_map(|(unit, address, count)| rtu::read(unit, address, count % 40).to_vec()),
+        4 => of_md3.clone().prop_map(|(unit, address, value)| rtu::write(unit, address, value).to_vec()),
+        4 => of_md3.prop_map(|(unit, address, count)| rtu::read(unit, address, count % 40).to_vec()),
         4 => (0_u16..32).prop_map(|bits| rtu::write(1, at::MOTION, bits).to_vec()),
         2 => (0_u16..4).prop_map(|bits| rtu::write(1, at::EEPROM, bits).to_vec()),
+        12 => (any::<bool>(), request()).prop_map(|(ascii, (unit, pdu))| framed(ascii, unit, &pdu)),
         1 => proptest::collection::vec(any::<u8>(), 1..300),
+        1 => proptest::collection::vec(digits, 1..40),
         1 => proptest::collection::vec(prop_oneof![Just(b'0'), Just(b'1')], 1..4),
         3 => command(),
         9 => order(),
@@ -146,33 +256,59 @@ struct Script {
 }
 
 fn script() -> impl Strategy<Value = Script> {
-    let events = proptest::collection::vec((gap(), event()), 0..40);
-    (presets(), events, any::<bool>()).prop_map(|(presets, events, fast)| Script { presets, events, fast })
+    // Silence enough between the requests that load a program, in ticks.
+    const SILENCE: u64 = 40_000;
+    let loads = (any::<bool>(), program()).prop_map(|(ascii, requests)| {
+        requests.iter().map(|pdu| (SILENCE, Event::Bytes(framed(ascii, 1, pdu)))).collect()
+    });
+    let happens = prop_oneof![12 => (gap(), event()).prop_map(|event| vec![event]), 1 => loads];
+    let events = proptest::collection::vec(happens, 0..40);
+    (presets(), events, any::<bool>()).prop_map(|(presets, events, fast)| Script {
+        presets,
+        events: events.concat(),
+        fast,
+    })
 }
+
+/// More rows than any drive has.
+const ROWS: usize = 100;
 
 /// Values of registers, by their rows.
 fn presets() -> impl Strategy<Value = Vec<(usize, i64)>> {
-    proptest::collection::vec((0_usize..40, prop_oneof![0_i64..20, any::<i64>()]), 0..12)
+    proptest::collection::vec((0_usize..ROWS, prop_oneof![0_i64..20, any::<i64>()]), 0..12)
 }
 
-/// The longest silence in a script of a drive that may stream without a pause, and behind it.
-const NOT_LONG: Duration = Duration::millis(100);
+/// The longest silence in a script, and behind it.
+fn longest(drive: &dyn Device) -> Duration {
+    match drive.spec().kind {
+        "md3" | "md3-low" => Duration::secs(10),
+        // A program may run for ever. In less than 5 s no drive becomes new and speaks RTU again (7).
+        "rs434544" | "rs434546" => Duration::millis(50),
+        // It may stream without a pause.
+        _ => Duration::millis(100),
+    }
+}
 
 /// Runs a script on a new drive and returns what it did. A drive is brought up to date before each
 /// event if `eager` says so for it; bursts are cut into pieces of `piece` characters.
-fn run(make: Make, Script { presets, events, fast }: &Script, eager: &[bool], piece: usize) -> Vec<String> {
-    let mut drive = make();
+fn run(
+    subject: Subject,
+    Script { presets, events, fast }: &Script,
+    eager: &[bool],
+    piece: usize,
+) -> Vec<String> {
+    let mut drive = (subject.make)();
     let spec = drive.spec();
-    let mut log = Log { memory: vec![0xFF; usize::from(spec.memory)], lines: Vec::new() };
+    let mut log = Log::new(vec![0xFF; usize::from(spec.memory)]);
     let port = spec.ports.first().expect("every drive here has a port");
-    let line = port.line.expect("and it is a serial one");
     let silence = port.ends == Ends::Silence;
-    let (piece, presets, longest) = if silence {
-        // The line is one of those that could be preset.
-        (piece, [].as_slice(), Duration::secs(10))
-    } else {
-        (1, presets.as_slice(), NOT_LONG)
-    };
+    let longest = longest(&*drive);
+    // The line of one that judges silence is among what could be preset.
+    let (piece, presets) = if silence { (piece, [].as_slice()) } else { (1, presets.as_slice()) };
+    if let Some((name, value)) = subject.saved {
+        let named = spec.find(name).expect("a register");
+        drive.poke(Instant::ZERO, named.row, value, &mut log).expect("taken");
+    }
     for powered in [false, true] {
         for &(row, value) in presets {
             let _ = drive.poke(Instant::ZERO, row, value, &mut log);
@@ -181,13 +317,22 @@ fn run(make: Make, Script { presets, events, fast }: &Script, eager: &[bool], pi
             drive.power_on(Instant::ZERO, Boot { seed: 1, fast: *fast }, &mut log);
         }
     }
+    if silence {
+        // It may look at its pins before it knows its line.
+        advance(&mut *drive, Instant::ZERO, core::iter::empty(), &mut log);
+    }
+    let said = log.line.filter(|_| silence);
+    let line = said.or(port.line).expect("it is a serial port");
+    assert_eq!(ascii::is_on(line), subject.saved.is_some());
     let mut at = Instant::ZERO;
     let mut inputs: Vec<(Instant, Event)> = Vec::new();
     for (gap, event) in events {
         at += Duration::from_ticks(*gap % longest.ticks()) + line.character();
         match event {
             Event::Bytes(bytes) => {
-                for bytes in bytes.chunks(piece) {
+                // In ASCII nothing follows a line feed in a burst.
+                let bursts = bytes.split_inclusive(|&byte| ascii::is_on(line) && byte == b'\n');
+                for bytes in bursts.flat_map(|burst| burst.chunks(piece)) {
                     inputs.push((at, Event::Bytes(bytes.to_vec())));
                     at += line.character() * bytes.len() as u64;
                 }
@@ -219,6 +364,9 @@ fn run(make: Make, Script { presets, events, fast }: &Script, eager: &[bool], pi
     log.lines
 }
 
+/// More bytes than any drive's memory has.
+const MEMORY: usize = 5_000;
+
 proptest! {
     #![proptest_config(ProptestConfig { cases: 256, ..ProptestConfig::default() })]
 
@@ -227,20 +375,20 @@ proptest! {
         script in script(),
         eager in proptest::collection::vec(any::<bool>(), 1..20), piece in 1_usize..20,
     ) {
-        for make in DRIVES {
-            let whole = run(*make, &script, &[false], usize::MAX);
-            prop_assert_eq!(&whole, &run(*make, &script, &eager, usize::MAX));
-            prop_assert_eq!(&whole, &run(*make, &script, &[true], piece));
-            prop_assert_eq!(&whole, &run(*make, &script, &[false], 1));
+        for subject in subjects() {
+            let whole = run(subject, &script, &[false], usize::MAX);
+            prop_assert_eq!(&whole, &run(subject, &script, &eager, usize::MAX));
+            prop_assert_eq!(&whole, &run(subject, &script, &[true], piece));
+            prop_assert_eq!(&whole, &run(subject, &script, &[false], 1));
         }
     }
 
     #[test]
-    fn any_preset_is_taken_or_refused(row in 0_usize..40, value in any::<i64>(), fast in any::<bool>()) {
+    fn any_preset_is_taken_or_refused(row in 0_usize..ROWS, value in any::<i64>(), fast in any::<bool>()) {
         for make in DRIVES {
             let mut drive = make();
             let rows = drive.spec().registers.rows;
-            let mut log = Log { memory: vec![0xFF; usize::from(drive.spec().memory)], lines: Vec::new() };
+            let mut log = Log::new(vec![0xFF; usize::from(drive.spec().memory)]);
             for powered in [false, true] {
                 let taken = drive.poke(Instant::ZERO, row, value, &mut log).is_ok();
                 if let Some(row) = rows.get(row) {
@@ -255,15 +403,42 @@ proptest! {
     }
 
     #[test]
-    fn any_memory_boots(memory in proptest::collection::vec(any::<u8>(), 0..100)) {
+    fn any_memory_boots(memory in proptest::collection::vec(any::<u8>(), 0..MEMORY)) {
         for make in DRIVES {
             let mut drive = make();
             let mut kept = memory.clone();
+            prop_assert!(usize::from(drive.spec().memory) < MEMORY);
             kept.resize(usize::from(drive.spec().memory), 0xFF);
-            let mut log = Log { memory: kept.clone(), lines: Vec::new() };
+            let mut log = Log::new(kept.clone());
             drive.power_on(Instant::ZERO, Boot { seed: 1, fast: false }, &mut log);
             advance(&mut *drive, Instant::ZERO + Duration::secs(30), core::iter::empty(), &mut log);
             prop_assert_eq!(&log.memory, &kept, "nothing is stored without a save");
+        }
+    }
+
+    #[test]
+    fn any_saved_values_and_any_program_boot(
+        words in proptest::collection::vec(prop_oneof![0_u16..12, any::<u16>()], ROWS),
+        lines in proptest::collection::vec(instruction(), 0..40), fast in any::<bool>(),
+    ) {
+        for make in DRIVES {
+            let mut drive = make();
+            let spec = drive.spec();
+            let saved: u16 = spec.registers.rows.iter().map(|row| if row.saved == 0 { 0 } else { row.shape.words() }).sum();
+            let (settings, rest) = usize::from(spec.memory).checked_sub(2 * usize::from(saved) + 2)
+                .map_or((0, usize::from(spec.memory)), |rest| (2 * usize::from(saved), rest));
+            let mut memory: Vec<u8> = words.iter().cycle().flat_map(|word| word.to_be_bytes()).take(settings).collect();
+            memory.extend(rtu::crc(&memory).to_be_bytes());
+            if rest > 2 {
+                let lines = lines.iter().flatten().flat_map(|half| half.to_le_bytes());
+                let program: Vec<u8> = lines.chain(core::iter::repeat(0)).take(rest - 2).collect();
+                memory.extend(&program);
+                memory.extend(rtu::crc(&program).to_be_bytes());
+            }
+            memory.truncate(usize::from(spec.memory));
+            let mut log = Log::new(memory);
+            drive.power_on(Instant::ZERO, Boot { seed: 1, fast }, &mut log);
+            advance(&mut *drive, Instant::ZERO + Duration::secs(2), core::iter::empty(), &mut log);
         }
     }
 }

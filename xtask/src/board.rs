@@ -3,7 +3,8 @@
 use std::path::PathBuf;
 
 use anyhow::{Context, Result, bail};
-use standin_firmware::device::{Device, Ends};
+use standin_firmware::device::{Device, Ends, Spec};
+use standin_protocol::registers::Space;
 use xshell::{Shell, cmd};
 
 use crate::checks::target_dir;
@@ -20,8 +21,8 @@ pub(crate) struct Board {
     pub(crate) name: &'static str,
     pub(crate) package: &'static str,
     pub(crate) target: &'static str,
-    /// Where the vector table is, once the image runs.
-    vectors: u64,
+    /// Where the vector table is, once the image runs; `None` if it is behind the stack.
+    vectors: Option<u64>,
     /// Where RAM begins.
     ram: u64,
 }
@@ -32,15 +33,15 @@ pub(crate) const BOARDS: [Board; 2] = [
         name: "lm3s6965",
         package: "standin-lm3s6965",
         target: "thumbv7m-none-eabi",
-        vectors: 0,
+        vectors: Some(0),
         ram: 0x2000_0000,
     },
     Board {
         name: "rp2040",
         package: "standin-rp2040",
         target: "thumbv6m-none-eabi",
-        // The image runs from RAM, behind its stack.
-        vectors: 0x2000_1C00,
+        // The image runs from RAM.
+        vectors: None,
         ram: 0x2000_0000,
     },
 ];
@@ -106,7 +107,8 @@ impl Board {
     pub(crate) fn image(&self, sh: &Shell, kind: &str) -> Result<Image> {
         self.build(sh, kind)?;
         let image = Image::of(sh, self.target, PROFILE, kind)?;
-        image.expect_map(self.vectors, self.ram).with_context(|| format!("{kind} on {}", self.name))?;
+        let vectors = self.vectors.map_or_else(|| image.symbol("_stack_start"), Ok)?;
+        image.expect_map(vectors, self.ram).with_context(|| format!("{kind} on {}", self.name))?;
         Ok(image)
     }
 
@@ -147,11 +149,17 @@ pub(crate) fn hint(kind: &str, address: &str) -> String {
         Some(Ends::Character) => {
             format!("what it counts, with socat:\n  (printf 'R0E\\r'; sleep 1) | socat - tcp:{address}")
         }
-        _ => format!(
-            "its first 32 registers, with mbpoll, RTU over TCP:\n  \
-             socat pty,raw,echo=0,link={kind}.tty tcp:{address} & \
-             sleep 1; mbpoll -m rtu -a 1 -b 9600 -P none -t 4:hex -r 1 -c 32 -1 {kind}.tty"
-        ),
+        _ => {
+            // Counted from 1.
+            let holding = spec.into_iter().flat_map(Spec::rows).map(|(_, row)| row);
+            let first = holding.filter(|row| row.space == Space::Holding).map(|row| row.address).min();
+            let first = 1 + u32::from(first.unwrap_or(0));
+            format!(
+                "its first 32 registers, with mbpoll, RTU over TCP:\n  \
+                 socat pty,raw,echo=0,link={kind}.tty tcp:{address} & \
+                 sleep 1; mbpoll -m rtu -a 1 -b 9600 -P none -t 4:hex -r {first} -c 32 -1 {kind}.tty"
+            )
+        }
     }
 }
 

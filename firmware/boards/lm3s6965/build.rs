@@ -2,9 +2,16 @@
 //! linker runs; this board's map is the default one there.
 
 /// Bytes of each image's stack, where the drive and what it has said lie. An MD3 says one thing at a time, and
-/// its board takes 8 KiB of RAM; a QSB may say many things at once.
-const STACKS: [(&str, u32); 5] =
-    [("md3", 5_632), ("md3-low", 5_632), ("qsb-d", 6_656), ("qsb-m", 6_656), ("qsb-s", 6_656)];
+/// its board takes 8 KiB of RAM; a QSB may say many things at once; an RS 434544 has a program, and twice.
+const STACKS: [(&str, u32); 7] = [
+    ("md3", 5_632),
+    ("md3-low", 5_632),
+    ("qsb-d", 6_656),
+    ("qsb-m", 6_656),
+    ("qsb-s", 6_656),
+    ("rs434544", 18 << 10),
+    ("rs434546", 18 << 10),
+];
 
 fn main() {
     println!("cargo::rustc-link-arg-bins=-Tlink.x");

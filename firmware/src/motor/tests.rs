@@ -1,3 +1,5 @@
+#![expect(clippy::float_arithmetic, reason = "mathematics that is not the code's")]
+
 use core::f64::consts::TAU;
 use std::vec::Vec;
 

@@ -18,12 +18,12 @@ use super::errors::error;
 use super::inputs::Inputs;
 use super::motion::{self, Motion};
 use super::program::Program;
-use super::registers::{Model, Reg, key};
+use super::registers::{Model, Reg, key, line};
 use super::saved::Save;
 use super::servo::Servo;
 use super::startup::{Clearing, Lights};
 use super::thermal::{Part, Thermal};
-use crate::device::{Boot, Duration, Instant, Output, Refused, Sink};
+use crate::device::{Boot, Duration, Instant, Line, Output, Refused, Sink};
 use crate::motor::Parameters;
 
 /// Whether the drive listens and moves.
@@ -188,6 +188,21 @@ impl Drive {
         }
     }
 
+    /// The line on which it speaks from its next start on (6.4).
+    pub(super) fn line(&self) -> Line {
+        line(self.bank.word(Reg::TYPE_MODBUS), self.bank.word(Reg::BITRATE_MODBUS))
+    }
+
+    /// The address on which it answers from its next start on (6.4).
+    pub(super) fn unit(&self) -> u8 {
+        (self.bank.word(Reg::SLAVE_ADDRESS_MODBUS) & 0xFF) as u8
+    }
+
+    /// How long every reply waits (6.4).
+    pub(super) fn reply_delay(&self) -> Duration {
+        Duration::millis(self.bank.word(Reg::TIMEOUT_BROADCAST_MODBUS).into())
+    }
+
     /// A restart that FLAG_RESTART wants waits for `instant`: for the reply.
     pub(super) fn restart_after(&mut self, instant: Instant) -> bool {
         let wanted = self.restart_due != Instant::NEVER;
@@ -319,8 +334,8 @@ impl Drive {
         self.errors |= error::OUT_OF_RANGE;
     }
 
-    /// A character had the wrong parity, or none could be seen.
-    pub(super) fn parity_error(&mut self) {
+    /// A character had the wrong parity, or nobody could read it.
+    pub(super) fn spoiled(&mut self) {
         self.errors |= error::PARITY;
     }
 

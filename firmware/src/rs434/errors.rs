@@ -57,9 +57,9 @@ impl Drive {
         }
     }
 
-    /// ERROR has been written: warnings go where it has a 0, unless their cause is there.
+    /// ERROR has been written: warnings go where it has a 0.
     pub(super) fn write_errors(&mut self, word: u16) {
-        self.errors = self.errors & (word | error::STAYS) | self.causes;
+        self.errors &= word | error::STAYS;
     }
 
     /// The cause of a fault comes or goes.

@@ -18,7 +18,6 @@ mod startup;
 mod tests;
 mod thermal;
 
-use standin_protocol::line::{Line, Parity};
 use standin_protocol::modbus::Frame;
 use standin_protocol::modbus::pdu::{
     Exception, READ_COILS, READ_DISCRETE_INPUTS, READ_HOLDING_REGISTERS, READ_INPUT_REGISTERS,
@@ -32,8 +31,8 @@ use self::port::Serial;
 use self::registers::Model;
 pub use self::registers::Reg;
 use crate::device::{
-    Axis, AxisSpec, Boot, Device, Duration, Ends, Fault, Input, Instant, Level, Note, Output, Pin, PinSpec,
-    Port, PortSpec, Refused, Role, Sink, Spec,
+    Axis, AxisSpec, Boot, Device, Ends, Fault, Input, Instant, Level, Note, Output, Pin, PinSpec, Port,
+    PortSpec, Refused, Role, Sink, Spec,
 };
 use crate::memory;
 use crate::motor::{Parameters, Rig, Turns};
@@ -139,23 +138,12 @@ pub fn rs434546() -> Rig<Rs434> {
     Rig::new(Rs434::of(Model::Rs434546))
 }
 
-/// How the drive speaks: as its registers were when it started (6.4).
-#[derive(Clone, Copy, Debug)]
-struct Manners {
-    /// SLAVE_ADDRESS_MODBUS.
-    unit: u8,
-    /// TIMEOUT_BROADCAST_MODBUS.
-    delay: Duration,
-    /// Its line shows wrong parity.
-    parity: bool,
-}
-
 /// An RS 434544 or 434546, without a motor.
 #[derive(Clone, Debug)]
 pub struct Rs434 {
     serial: Serial,
-    /// `None` until the drive knows when it listens.
-    manners: Option<Manners>,
+    /// Its address on the bus, which holds from start to start (6.4); `None` until it knows when it listens.
+    unit: Option<u8>,
     drive: Drive,
     /// When anything but the program is due.
     due: Instant,
@@ -165,7 +153,7 @@ impl Rs434 {
     fn of(model: Model) -> Self {
         Self {
             serial: Serial::new(registers::FACTORY_LINE),
-            manners: None,
+            unit: None,
             drive: Drive::new(model),
             due: Instant::NEVER,
         }
@@ -173,30 +161,20 @@ impl Rs434 {
 
     /// It starts, or starts again.
     fn start(&mut self, at: Instant, out: &mut dyn Sink) {
-        self.manners = None;
+        self.unit = None;
         self.serial.mute();
         self.follow(at, out);
-    }
-
-    fn line(&self) -> Line {
-        let word = |reg| self.drive.bank.word(reg);
-        registers::line(word(Reg::TYPE_MODBUS), word(Reg::BITRATE_MODBUS))
     }
 
     /// After all that happens but a line of the program that only reckons: the drive shows what it is, may have
     /// learnt when it listens, and has other deadlines.
     fn follow(&mut self, at: Instant, out: &mut dyn Sink) {
         self.drive.show(at, out);
-        if self.manners.is_none()
+        if self.unit.is_none()
             && let Some(from) = self.drive.hears_from()
         {
-            let line = self.line();
-            self.serial.power_on(at, line, from, out);
-            self.manners = Some(Manners {
-                unit: (self.drive.bank.word(Reg::SLAVE_ADDRESS_MODBUS) & 0xFF) as u8,
-                delay: Duration::millis(self.drive.bank.word(Reg::TIMEOUT_BROADCAST_MODBUS).into()),
-                parity: line.parity != Parity::None,
-            });
+            self.serial.power_on(at, self.drive.line(), from, out);
+            self.unit = Some(self.drive.unit());
         }
         self.due = self.drive.deadline().min(self.serial.deadline());
     }
@@ -218,19 +196,19 @@ impl Rs434 {
 
     /// The message that has come is over.
     fn serve(&mut self, at: Instant, out: &mut dyn Sink) {
-        let Self { serial, manners: Some(manners), drive, .. } = self else { return };
+        let Self { serial, unit: Some(unit), drive, .. } = self else { return };
         let Some(message) = serial.take() else { return };
         let mut reply = Frame::new();
         let outcome = match message {
             Ok(body) => {
                 let mut map = Bus { drive, at, out };
-                serve_serial(body, manners.unit, &RULES, &mut map, &mut reply)
+                serve_serial(body, *unit, &RULES, &mut map, &mut reply)
             }
             Err(why) => Outcome::Dropped(why),
         };
         out.put(at, Output::Note(note(outcome)));
         if !reply.is_empty() {
-            let end = serial.reply(at, manners.delay, &reply, out);
+            let end = serial.reply(at, drive.reply_delay(), &reply, out);
             if drive.restart_after(end) {
                 serial.mute();
             }
@@ -272,8 +250,8 @@ impl Device for Rs434 {
         match input {
             Input::Bytes { bytes, .. } => self.serial.bytes(at, bytes, out),
             Input::Spoiled { .. } => {
-                if self.serial.spoiled(at) && self.manners.is_some_and(|manners| manners.parity) {
-                    self.drive.parity_error();
+                if self.serial.spoiled(at) {
+                    self.drive.spoiled();
                 }
             }
             Input::Idle { .. } => self.serve(at, out),

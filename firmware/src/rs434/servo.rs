@@ -141,11 +141,10 @@ impl Model {
 
     /// The nearest duty that there is.
     fn duty(&self, speed: I40F24) -> i32 {
-        let exact =
-            ((speed.to_bits() << 16) + self.full.to_bits() / 2).checked_div(self.full.to_bits()).unwrap_or(0);
-        let size = exact.abs().min(MOST_DUTY);
+        let (size, full) = (speed.abs().to_bits() << 16, self.full.to_bits());
+        let size = (size + full / 2).checked_div(full).unwrap_or(0).min(MOST_DUTY);
         let size = if size < LEAST_DUTY / 2 { 0 } else { size.max(LEAST_DUTY) };
-        (size * exact.signum()) as i32
+        (size * speed.to_bits().signum()) as i32
     }
 }
 
@@ -175,6 +174,8 @@ struct Seen {
     ma: i32,
     /// What load and friction take of the speed that the voltage would give.
     load: I40F24,
+    /// Friction held it at the last look.
+    held: bool,
     /// Part of a count beyond the edge behind it, and when it was there.
     place: I40F24,
     since: Instant,
@@ -233,6 +234,7 @@ impl Servo {
             speed: I40F24::ZERO,
             ma: 0,
             load: I40F24::ZERO,
+            held: false,
             place: I40F24::lit("0.5"),
             since: at,
             doubt: I40F24::ZERO,
@@ -340,6 +342,7 @@ impl Servo {
             place,
             speed: I40F24::ZERO,
             load: I40F24::ZERO,
+            held: false,
             doubt: I40F24::ZERO,
             missed: I40F24::ZERO,
             ma: self.ma,
@@ -448,10 +451,11 @@ impl Servo {
         let push = self.seen.load + (self.pace - speed) * self.model.inverse;
         // A current at the limit tells nothing of the speed; a little less does.
         let fair = if self.limited { limit - limit / 8 } else { limit };
-        if push.abs() > fair {
+        let duty = self.model.duty(speed + push.clamp(-fair, fair));
+        if push.abs() > fair && i64::from(duty.abs()) < MOST_DUTY {
             self.errors |= error::CURRENT;
         }
-        self.apply(at, self.model.duty(speed + push.clamp(-fair, fair)), out);
+        self.apply(at, duty, out);
         (self.seen.at, self.seen.ma) = (at, self.ma);
     }
 
@@ -470,10 +474,17 @@ impl Servo {
             voltage - model.lost(ma)
         };
         let mistake = then - seen.speed;
-        if !self.limited {
-            seen.load -= mistake * model.inverse;
+        // What should have moved and stands is held by friction, however little is missing.
+        let least = model.lost(MARGIN_MA);
+        let stands = !self.limited && then.abs() <= least;
+        seen.held = stands && (seen.held || seen.speed.abs() > least);
+        if seen.held {
+            seen.load = voltage;
+        } else if !self.limited {
+            seen.load -= mistake * model.inverse / 2;
         }
-        let change = ((voltage - then).clamp(-limit, limit) - seen.load) * model.gain;
+        let push = (voltage - then).clamp(-limit, limit);
+        let change = if seen.held { -then } else { (push - seen.load) * model.gain };
         let part = looks(at.since(seen.since).min(LOOK));
         let way = part * (then + change - change * part / 2);
         let place = seen.place + mistake * seen.doubt + way;
@@ -481,7 +492,7 @@ impl Servo {
         if !self.limited {
             seen.missed += (place - seen.place).abs();
         }
-        if seen.missed > MISSED {
+        if seen.missed > MISSED && self.settings.sees() {
             self.errors |= error::HALL;
             seen.missed = I40F24::ZERO;
         }
@@ -614,7 +625,7 @@ impl Servo {
     }
 }
 
-/// So much less than the limit is not at the limit, whatever is rounded.
+/// So much may be rounding: less by it is not at the limit, and more is not standing.
 const MARGIN_MA: i64 = 4;
 
 /// From so many counts on no motor is as fast that it would have to brake.

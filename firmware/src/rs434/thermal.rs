@@ -68,7 +68,7 @@ impl Thermal {
     pub(super) fn draws(&mut self, at: Instant, ma: u32, brakes: bool) {
         self.catch_up(at);
         let ma = u64::from(ma.min(self.rated_ma));
-        let square = (ma * ma << 16).checked_div(u64::from(self.rated_ma).pow(2)).unwrap_or(0) as u32;
+        let square = ((ma * ma) << 16).checked_div(u64::from(self.rated_ma).pow(2)).unwrap_or(0) as u32;
         self.power.end = square * POWER_RISE;
         self.brake.end = if brakes { square * BRAKE_RISE } else { 0 };
     }

@@ -21,11 +21,17 @@ fn what_is_wrong_with_options_is_told_in_one_sentence() {
     let linked = format!("pty:{file}");
     let both = in_a_file.file("both");
     for (arguments, told) in [
-        (vec![], "a command is missing: run, list, describe, replay; `standin --help` tells more"),
+        (
+            vec![],
+            "a command is missing: run, list, describe, replay, asm, disasm; `standin --help` tells more",
+        ),
         (vec!["walk"], "unrecognized subcommand 'walk'"),
         (vec!["run"], "<KIND>"),
         (vec!["run", "md4"], "there is no kind 'md4'; the nearest is 'md3'"),
-        (vec!["run", "robot"], "there is no kind 'robot'; what there is: md3, md3-low, qsb-d, qsb-m, qsb-s"),
+        (
+            vec!["run", "robot"],
+            "there is no kind 'robot'; what there is: md3, md3-low, qsb-d, qsb-m, qsb-s, rs434544, rs434546",
+        ),
         (
             vec!["run", "qsb-s", "--set", "MdAccel=1"],
             "MdAccel is a register of other variants; qsb-s does not have it",
@@ -34,10 +40,7 @@ fn what_is_wrong_with_options_is_told_in_one_sentence() {
         (vec!["run", "qsb-m", "--set", "Version=1"], "Version cannot be preset"),
         (vec!["run", "qsb-d", "--address", "1"], "qsb-d has no bus address"),
         (vec!["run", "bench.toml"], "bench files: not yet"),
-        (vec!["run", "md3", "--program", "x"], "--program: not yet"),
         (vec!["run", "md3", "--pcap", "x"], "--pcap: not yet"),
-        (vec!["asm"], "asm: not yet"),
-        (vec!["disasm", "--x", "y"], "disasm: not yet"),
         (vec!["run", "md3", "--listen", "serial:/dev/ttyUSB0"], "serial: ports are not yet there"),
         (vec!["run", "md3", "--listen", "stdio:"], "stdio: is not yet there"),
         (

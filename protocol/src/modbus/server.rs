@@ -19,9 +19,9 @@ pub struct Rules {
     pub functions: &'static [u8],
     /// The address that every slave obeys and none answers.
     pub broadcast: Option<u8>,
-    /// Addresses that one read may cover.
+    /// Words that one read may cover; of bits sixteen times as many, which take the same room.
     pub most_read: u16,
-    /// Addresses that one write may cover.
+    /// Words that one write may cover; of bits sixteen times as many.
     pub most_written: u16,
     /// For a quantity of 0 or beyond the most, a byte count that does not match, and a coil's value that
     /// is neither on nor off.
@@ -158,7 +158,8 @@ fn serve<M: Map>(pdu: &[u8], rules: &Rules, map: &mut M, reply: &mut Frame) -> R
             if values.len() != usize::from(bytes) {
                 return Err(Refusal::Drop(Why::Length));
             }
-            if count == 0 || count > rules.most_written || values.len() != expected {
+            let most = if coils { rules.most_written.saturating_mul(16) } else { rules.most_written };
+            if count == 0 || count > most || values.len() != expected {
                 return Err(rules.bad_quantity.into());
             }
             let space = if coils { Space::Coil } else { Space::Holding };
@@ -179,7 +180,9 @@ fn read<M: Map>(
     map: &mut M,
     reply: &mut Frame,
 ) -> Result<(), Exception> {
-    if count == 0 || count > rules.most_read {
+    let bits = matches!(function, READ_COILS | READ_DISCRETE_INPUTS);
+    let most = if bits { rules.most_read.saturating_mul(16) } else { rules.most_read };
+    if count == 0 || count > most {
         return Err(rules.bad_quantity);
     }
     let space = match function {

@@ -12,6 +12,7 @@ mod pins;
 mod play;
 mod qsb;
 mod reset;
+mod rs434;
 
 use std::path::PathBuf;
 

@@ -50,9 +50,6 @@ static SHIFTS: [u32; 4] = [4, 3, 2, 1];
 /// only touched while it sleeps, so there an instruction takes 1 ns.
 const CLOSE: Duration = Duration::micros(20);
 
-/// At least what any drive's memory takes.
-const MEMORY: usize = 8 << 10;
-
 /// A kind of drive, as its traces need it.
 struct Kind {
     make: fn() -> Box<dyn Device>,
@@ -61,7 +58,7 @@ struct Kind {
 
 macro_rules! kinds {
     ($($new:expr,)*) => {
-        &[$(Kind { make: || Box::new($new()), motion: |trace| on_shell::motion::<_, MEMORY>(trace, $new) },)*]
+        &[$(Kind { make: || Box::new($new()), motion: |trace| on_shell::motion(trace, $new) },)*]
     };
 }
 

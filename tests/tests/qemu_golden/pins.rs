@@ -22,6 +22,7 @@ pub(crate) fn wires(kind: &str) -> Wires {
     match kind {
         "md3" | "md3-low" => MD3.to_vec(),
         "qsb-d" | "qsb-m" | "qsb-s" => QSB.to_vec(),
+        "rs434544" | "rs434546" => RS434.to_vec(),
         _ => panic!("the pin-out of a {kind} is missing here"),
     }
 }
@@ -59,4 +60,24 @@ static QSB: [(&str, Gpio); 8] = [
     ("DIO1", STEP),
     ("DIO2", DIR),
     ("DIO3", Gpio('C', 5)),
+];
+
+static RS434: [(&str, Gpio); 17] = [
+    ("IN1", Gpio('D', 4)),
+    ("IN2", Gpio('D', 5)),
+    ("HARD_STOP", Gpio('D', 6)),
+    ("CLR_FLASH", Gpio('D', 7)),
+    ("HA", Gpio('C', 4)),
+    ("HB", Gpio('C', 5)),
+    ("RED", Gpio('B', 0)),
+    ("GREEN", Gpio('F', 0)),
+    ("supply_voltage", Gpio('A', 2)),
+    ("short_circuit", Gpio('A', 3)),
+    ("brake_overheat", Gpio('A', 4)),
+    ("power_overheat", Gpio('A', 5)),
+    ("hall", Gpio('A', 6)),
+    ("mcu_overheat", Gpio('A', 7)),
+    ("switches", Gpio('G', 0)),
+    ("current_limit", Gpio('G', 1)),
+    ("stall", Gpio('C', 6)),
 ];

@@ -29,7 +29,7 @@ pub struct Hands<B, P, M, T: Timer + 'static, const PINS: usize> {
     pub bus: B,
     /// Where each pin goes; `None` if the drive has nothing of that name.
     pub pins: [(Option<End>, P); PINS],
-    /// The non-volatile memory.
+    /// The non-volatile memory, and what it holds.
     pub memory: M,
     /// The axis.
     pub axis: &'static Axis<T>,
@@ -43,7 +43,7 @@ impl<B, P, M, T, const PINS: usize> Outputs for Hands<B, P, M, T, PINS>
 where
     B: Bus,
     P: Release,
-    M: Storage,
+    M: Storage + AsRef<[u8]>,
     T: Timer,
 {
     type Serial = B;
@@ -74,6 +74,10 @@ where
 
     fn memory(&mut self) -> &mut M {
         &mut self.memory
+    }
+
+    fn stored(&self) -> &[u8] {
+        self.memory.as_ref()
     }
 
     fn plan(&mut self, _axis: device::Axis, plan: &Plan) -> Duration {

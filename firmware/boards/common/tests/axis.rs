@@ -159,6 +159,12 @@ impl Release for Nothing {
     fn release(&mut self, _released: bool) {}
 }
 
+impl AsRef<[u8]> for Nothing {
+    fn as_ref(&self) -> &[u8] {
+        &[]
+    }
+}
+
 impl ReadStorage for Nothing {
     type Error = Infallible;
 

@@ -11,7 +11,7 @@ fn a_character_takes_no_longer_than_the_drive_believes() {
     let example = Pl011::new(4, Line::new(230_400, 8, Parity::None, 1));
     assert_eq!((example.divisor, example.divisor_64ths), (1, 5));
     for (mhz, baud) in [50_u32, 125].into_iter().flat_map(|mhz| {
-        [1_200_u32, 9_600, 19_200, 38_400, 56_000, 57_600, 115_200, 128_000, 230_400, 256_000]
+        [600_u32, 1_200, 9_600, 14_400, 19_200, 38_400, 56_000, 57_600, 115_200, 128_000, 230_400, 256_000]
             .map(|baud| (mhz, baud))
     }) {
         let line = Line::new(baud, 8, Parity::None, 1);
@@ -35,6 +35,7 @@ fn the_format_is_that_of_the_line() {
         (8, Parity::Odd, 1, 0b0110_0010),
         (8, Parity::None, 2, 0b0110_1000),
         (7, Parity::Even, 1, 0b0100_0110),
+        (7, Parity::Odd, 1, 0b0100_0010),
     ] {
         assert_eq!(Pl011::new(50, Line::new(9_600, data, parity, stop)).format, format);
     }

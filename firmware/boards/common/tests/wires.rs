@@ -5,6 +5,7 @@ use standin_board::{AxisPins, End, Queue, is_full_duplex};
 use standin_firmware::device::{Device, Fault, Pin, Port};
 use standin_firmware::md3::Md3;
 use standin_firmware::qsb::Qsb;
+use standin_firmware::rs434::rs434544;
 use standin_firmware::shell::Caught;
 
 #[test]
@@ -48,6 +49,37 @@ fn a_fault_is_there_while_its_wire_is_low() {
     assert_eq!(End::Fault(Fault(1)).edge(false), Caught::Fault(Fault(1), true));
     assert_eq!(End::Fault(Fault(1)).edge(true), Caught::Fault(Fault(1), false));
     assert_eq!(End::Pin(Pin(3)).edge(true), Caught::Edge(Pin(3), true));
+}
+
+#[test]
+fn the_names_of_an_rs434544_are_its_pins_and_faults() {
+    let rs434 = rs434544();
+    let spec = rs434.spec();
+    // As the table in firmware/boards/rp2040/README.md has them: name, is an input, rests high.
+    let expected = [
+        ("IN1", true, true),
+        ("IN2", true, true),
+        ("HARD_STOP", true, false),
+        ("CLR_FLASH", true, true),
+        ("RED", false, false),
+        ("GREEN", false, false),
+        ("supply_voltage", true, true),
+        ("short_circuit", true, true),
+        ("brake_overheat", true, true),
+        ("power_overheat", true, true),
+        ("hall", true, true),
+        ("mcu_overheat", true, true),
+        ("switches", true, true),
+        ("current_limit", true, true),
+        ("stall", true, true),
+    ];
+    for (name, is_input, rests_high) in expected {
+        let end = End::of(spec, name).unwrap_or_else(|| panic!("an RS 434544 has no {name}"));
+        assert_eq!(end.is_input(spec), is_input, "{name}");
+        assert_eq!(end.rests_high(spec), rests_high, "{name}");
+        assert!(!end.is_open_drain(spec), "{name}");
+    }
+    assert!(!is_full_duplex(spec));
 }
 
 #[test]

@@ -61,13 +61,16 @@ const LESS_URGENT: [Interrupt; 10] = [
 ];
 
 /// A drive on this board.
-type Board<D, const MEMORY: usize, const CHARACTERS: usize, const WIRES: usize> =
-    Shell<D, Ears, Hands<Sender, Output, Memory<MEMORY>, Steps, WIRES>, MEMORY, CHARACTERS>;
+type Board<'a, D, const MEMORY: usize, const CHARACTERS: usize, const WIRES: usize> =
+    Shell<&'a mut D, Ears, Hands<Sender, Output, Memory<'a, MEMORY>, Steps, WIRES>, CHARACTERS>;
 
-/// Runs a drive with these saved registers, whose pins and faults, by their names, are wired to these
-/// pins of the board. `CHARACTERS` is how many characters may wait to be sent.
+/// Runs a drive with these saved registers, for which there is as much `memory`, and whose pins and faults, by their
+/// names, are wired to these pins of the board. `CHARACTERS` is how many characters may wait to be sent.
+///
+/// Drive and memory are lent: they may be large, and whoever made them did so where they stay.
 pub fn run<D: Device, const MEMORY: usize, const CHARACTERS: usize, const WIRES: usize>(
-    drive: fn() -> D,
+    drive: &mut D,
+    memory: &mut [u8; MEMORY],
     saved: &'static Saved<MEMORY>,
     wires: &[Wire; WIRES],
 ) -> ! {
@@ -76,7 +79,7 @@ pub fn run<D: Device, const MEMORY: usize, const CHARACTERS: usize, const WIRES:
         clock::start(&mut core.SYST);
     }
     watchdog::start();
-    let mut shell: Board<D, MEMORY, CHARACTERS, WIRES> = assemble(drive, saved, wires);
+    let mut shell: Board<'_, D, MEMORY, CHARACTERS, WIRES> = assemble(drive, saved.begin(memory), wires);
     // Not before: the stack is nowhere as deep as while the drive is put on the board.
     if let Some(core) = &mut core {
         unmask(&mut core.NVIC);
@@ -98,12 +101,11 @@ pub fn run<D: Device, const MEMORY: usize, const CHARACTERS: usize, const WIRES:
 
 /// Puts the drive on the board. What that needs of the stack is free again when it returns.
 #[inline(never)]
-fn assemble<D: Device, const MEMORY: usize, const CHARACTERS: usize, const WIRES: usize>(
-    drive: fn() -> D,
-    saved: &'static Saved<MEMORY>,
+fn assemble<'a, D: Device, const MEMORY: usize, const CHARACTERS: usize, const WIRES: usize>(
+    drive: &'a mut D,
+    memory: Memory<'a, MEMORY>,
     wires: &[Wire; WIRES],
-) -> Board<D, MEMORY, CHARACTERS, WIRES> {
-    let drive = drive();
+) -> Board<'a, D, MEMORY, CHARACTERS, WIRES> {
     let spec = drive.spec();
     bus::start(is_full_duplex(spec));
     let pins = wires.map(|(name, gpio)| wire(spec, name, gpio));
@@ -111,14 +113,7 @@ fn assemble<D: Device, const MEMORY: usize, const CHARACTERS: usize, const WIRES
     if axis_pins == AxisPins::Own {
         steps::start();
     }
-    let hands = Hands {
-        bus: Sender,
-        pins,
-        memory: saved.begin(),
-        axis: &steps::AXIS,
-        axis_pins,
-        follower: Follower::new(),
-    };
+    let hands = Hands { bus: Sender, pins, memory, axis: &steps::AXIS, axis_pins, follower: Follower::new() };
     Shell::new(drive, Ears, hands)
 }
 

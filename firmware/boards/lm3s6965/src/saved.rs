@@ -29,8 +29,8 @@ impl<const N: usize> Saved<N> {
         Self { written: [const { AtomicU32::new(0) }; 2], bytes: [const { AtomicU8::new(0) }; N] }
     }
 
-    /// Makes a memory that was never written a new one, all `0xFF`.
-    pub(crate) fn begin(&'static self) -> Memory<N> {
+    /// Reads them into `bytes`; a memory that was never written becomes a new one, all `0xFF`.
+    pub(crate) fn begin<'a>(&'static self, bytes: &'a mut [u8; N]) -> Memory<'a, N> {
         let written = || self.written.iter().zip(WRITTEN);
         if !written().all(|(word, expected)| word.load(Ordering::Relaxed) == expected) {
             for byte in &self.bytes {
@@ -38,19 +38,32 @@ impl<const N: usize> Saved<N> {
             }
             written().for_each(|(word, expected)| word.store(expected, Ordering::Relaxed));
         }
-        Memory(self)
+        for (byte, stored) in bytes.iter_mut().zip(&self.bytes) {
+            *byte = stored.load(Ordering::Relaxed);
+        }
+        Memory { saved: self, bytes }
     }
 }
 
 /// The memory of a drive.
-pub(crate) struct Memory<const N: usize>(&'static Saved<N>);
+pub(crate) struct Memory<'a, const N: usize> {
+    saved: &'static Saved<N>,
+    /// The same bytes, as the drive reads them.
+    bytes: &'a mut [u8; N],
+}
 
-impl<const N: usize> ReadStorage for Memory<N> {
+impl<const N: usize> AsRef<[u8]> for Memory<'_, N> {
+    fn as_ref(&self) -> &[u8] {
+        self.bytes
+    }
+}
+
+impl<const N: usize> ReadStorage for Memory<'_, N> {
     type Error = Infallible;
 
     fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), Infallible> {
-        for (byte, stored) in bytes.iter_mut().zip(self.0.bytes.iter().skip(offset as usize)) {
-            *byte = stored.load(Ordering::Relaxed);
+        for (byte, stored) in bytes.iter_mut().zip(self.bytes.iter().skip(offset as usize)) {
+            *byte = *stored;
         }
         Ok(())
     }
@@ -60,9 +73,11 @@ impl<const N: usize> ReadStorage for Memory<N> {
     }
 }
 
-impl<const N: usize> Storage for Memory<N> {
+impl<const N: usize> Storage for Memory<'_, N> {
     fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), Infallible> {
-        for (byte, stored) in bytes.iter().zip(self.0.bytes.iter().skip(offset as usize)) {
+        let places = self.bytes.iter_mut().zip(&self.saved.bytes).skip(offset as usize);
+        for (byte, (copy, stored)) in bytes.iter().zip(places) {
+            *copy = *byte;
             stored.store(*byte, Ordering::Relaxed);
         }
         Ok(())

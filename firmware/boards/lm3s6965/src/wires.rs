@@ -34,3 +34,24 @@ pub const QSB: [Wire; 8] = [
     ("DIO2", steps::DIR),
     ("DIO3", C.pin(5)),
 ];
+
+/// An RS 434544 or 434546, with the causes of all its faults.
+pub const RS434: [Wire; 17] = [
+    ("IN1", D.pin(4)),
+    ("IN2", D.pin(5)),
+    ("HARD_STOP", D.pin(6)),
+    ("CLR_FLASH", D.pin(7)),
+    ("HA", C.pin(4)),
+    ("HB", C.pin(5)),
+    ("RED", B.pin(0)),
+    ("GREEN", F.pin(0)),
+    ("supply_voltage", A.pin(2)),
+    ("short_circuit", A.pin(3)),
+    ("brake_overheat", A.pin(4)),
+    ("power_overheat", A.pin(5)),
+    ("hall", A.pin(6)),
+    ("mcu_overheat", A.pin(7)),
+    ("switches", G.pin(0)),
+    ("current_limit", G.pin(1)),
+    ("stall", C.pin(6)),
+];

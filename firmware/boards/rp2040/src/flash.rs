@@ -19,13 +19,20 @@ const CAPACITY: usize = 2 << 20;
 /// Where it is read.
 const WINDOW: usize = 0x1000_0000;
 
-/// Sectors that are ours: the last ones.
-pub(crate) const SECTORS: usize = 4;
-/// Where they are.
-pub(crate) const RANGE: Range<u32> = (CAPACITY - SECTORS * SECTOR) as u32..CAPACITY as u32;
+/// The last sectors, for small memories.
+pub(crate) const SMALL: Range<u32> = sectors(4, CAPACITY as u32);
+/// Those before, for others.
+pub(crate) const LARGE: Range<u32> = sectors(MOST_SECTORS, SMALL.start);
+/// Sectors of the larger of the two.
+pub(crate) const MOST_SECTORS: usize = 8;
+
+/// So many sectors that end there.
+const fn sectors(count: usize, end: u32) -> Range<u32> {
+    end - (count * SECTOR) as u32..end
+}
 
 // For `pico.x`, which has the image end there.
-global_asm!(".global __saved", ".set __saved, {}", const WINDOW + RANGE.start as usize);
+global_asm!(".global __saved", ".set __saved, {}", const WINDOW + LARGE.start as usize);
 
 /// The flash chip.
 pub(crate) struct Flash;
@@ -87,7 +94,7 @@ unsafe fn rom<F>(letters: [u8; 2]) -> F {
 /// Whether `from..to` is in the part that is ours.
 fn check(from: u32, to: Option<u32>) -> Result<(), NorFlashErrorKind> {
     match to {
-        Some(to) if RANGE.start <= from && from <= to && to <= RANGE.end => Ok(()),
+        Some(to) if LARGE.start <= from && from <= to && to <= SMALL.end => Ok(()),
         _ => Err(NorFlashErrorKind::OutOfBounds),
     }
 }

@@ -57,20 +57,24 @@ use self::saved::Saved;
 use self::steps::Steps;
 
 /// A drive on this board.
-type Board<D, const MEMORY: usize, const CHARACTERS: usize, const WIRES: usize> =
-    Shell<D, Ears, Hands<Sender, Pin, Saved<MEMORY>, Steps, WIRES>, MEMORY, CHARACTERS>;
+type Board<'a, D, const CHARACTERS: usize, const WIRES: usize> =
+    Shell<&'a mut D, Ears, Hands<Sender, Pin, Saved<'a>, Steps, WIRES>, CHARACTERS>;
 
-/// Runs a drive whose pins and faults are wired like that. `MEMORY` is at least what its spec says;
+/// Runs a drive whose pins and faults are wired like that. `memory` has as many bytes as its spec says;
 /// `CHARACTERS` is how many characters may wait to be sent.
-pub fn run<D: Device, const MEMORY: usize, const CHARACTERS: usize, const WIRES: usize>(
-    drive: fn() -> D,
+///
+/// Drive and memory are lent: they may be large, and whoever made them did so where they stay.
+pub fn run<D: Device, const CHARACTERS: usize, const WIRES: usize>(
+    drive: &mut D,
+    memory: &mut [u8],
     wires: &[Wire; WIRES],
 ) -> ! {
     clock::start();
     timer::start();
     watchdog::start();
     let boot = Boot { fast: pins::is_tied(wires::FAST), ..Boot::default() };
-    let mut shell: Board<D, MEMORY, CHARACTERS, WIRES> = assemble(drive, wires);
+    let saved = Saved::new(drive.spec().kind, memory);
+    let mut shell: Board<'_, D, CHARACTERS, WIRES> = assemble(drive, saved, wires);
     shell.power_on(Instant::ZERO, boot);
     log::power(shell.device().spec().kind, boot);
     if let Some(mut core) = Peripherals::take() {
@@ -87,11 +91,11 @@ pub fn run<D: Device, const MEMORY: usize, const CHARACTERS: usize, const WIRES:
 
 /// Puts the drive on the board. What that needs of the stack is free again when it returns.
 #[inline(never)]
-fn assemble<D: Device, const MEMORY: usize, const CHARACTERS: usize, const WIRES: usize>(
-    drive: fn() -> D,
+fn assemble<'a, D: Device, const CHARACTERS: usize, const WIRES: usize>(
+    drive: &'a mut D,
+    memory: Saved<'a>,
     wires: &[Wire; WIRES],
-) -> Board<D, MEMORY, CHARACTERS, WIRES> {
-    let drive = drive();
+) -> Board<'a, D, CHARACTERS, WIRES> {
     let spec = drive.spec();
     bus::start(is_full_duplex(spec));
     let pins = pins::start(spec, wires);
@@ -99,14 +103,7 @@ fn assemble<D: Device, const MEMORY: usize, const CHARACTERS: usize, const WIRES
     if axis_pins == AxisPins::Own {
         steps::start();
     }
-    let hands = Hands {
-        bus: Sender,
-        pins,
-        memory: Saved::new(spec.kind),
-        axis: &steps::AXIS,
-        axis_pins,
-        follower: Follower::new(),
-    };
+    let hands = Hands { bus: Sender, pins, memory, axis: &steps::AXIS, axis_pins, follower: Follower::new() };
     Shell::new(drive, Ears, hands)
 }
 

@@ -1,10 +1,12 @@
 //! Saved registers in flash.
 //!
-//! The drive stores bytes here and there. What is written is always the whole memory, as one item behind the
-//! last one: so a power cut leaves it as it was before that store or as it is after it, and all sectors wear
-//! alike. Only where a store fails is everything erased for another try. Each kind of drive has an item
-//! of its own.
+//! A drive stores bytes here and there. Its memory is kept in pieces, an item each: those that a store changes are
+//! written behind what is there, one after the other. So a power cut leaves the pieces from some place on as they
+//! were before that store, and all sectors wear alike. Only where a store fails is everything erased for another
+//! try. Each kind of drive has items of its own. Small memories, a piece each, have sectors of their own, too: they
+//! need not wait until the pieces of a large one are moved.
 
+use core::ops::Range;
 use core::pin::pin;
 use core::task::{Context, Poll, Waker};
 
@@ -15,60 +17,71 @@ use sequential_storage::cache::page_pointers::ArrayPagePointers;
 use sequential_storage::cache::page_states::ArrayPageStates;
 use sequential_storage::map::{MapConfig, MapStorage};
 
-use crate::flash::{self, Flash, SECTORS};
+use crate::flash::{self, Flash, MOST_SECTORS};
 
-/// The kind of drive, as far as it fits.
+/// The kind of drive, as far as it fits, and behind it the number of the piece.
 type Key = [u8; 16];
 
 /// What is known of the flash: without it, making room in a sector takes a search for each of its items.
-type Known = Cache<ArrayPageStates<SECTORS>, ArrayPagePointers<SECTORS>, ArrayKeyPointers<Key, KINDS>, Key>;
+type Known = Cache<
+    ArrayPageStates<MOST_SECTORS>,
+    ArrayPagePointers<MOST_SECTORS>,
+    ArrayKeyPointers<Key, KNOWN_ITEMS>,
+    Key,
+>;
 type Map = MapStorage<Key, Flash, Known>;
-/// Kinds of drives whose items are found without a search. Those of more take longer to find, and are found.
-const KINDS: usize = 2;
+/// Items that are found without a search. More than these take longer to find, and are found.
+const KNOWN_ITEMS: usize = 2;
 
+/// Bytes of a piece; the last one may have fewer.
+const PIECE: usize = 256;
+/// A memory of more bytes is a large one. An item of a small one has been like that ever since there are images.
+const SMALL: usize = 112;
 /// Bytes that an item takes at most.
-const ITEM: usize = 128;
+const ITEM: usize = size_of::<Key>() + PIECE;
 
-/// The non-volatile memory of a drive.
-pub(crate) struct Saved<const MEMORY: usize> {
+/// The items of a kind of drive.
+struct Items {
     map: Map,
-    key: Key,
-    bytes: [u8; MEMORY],
+    place: Range<u32>,
+    kind: Key,
 }
 
-impl<const MEMORY: usize> Saved<MEMORY> {
-    /// What a drive of that kind saved; all `0xFF` if it never did, or if the flash holds something else
-    /// than saved registers.
-    pub(crate) fn new(kind: &str) -> Self {
-        const { assert!(MEMORY + size_of::<Key>() <= ITEM, "the memory does not fit into an item") };
+impl Items {
+    /// Those of that kind, which lie in that part of the flash.
+    fn of(kind: &str, place: Range<u32>) -> Self {
         let mut key = [0; _];
-        for (place, letter) in key.iter_mut().zip(kind.bytes()) {
+        for (place, letter) in key.iter_mut().take(size_of::<Key>() - 1).zip(kind.bytes()) {
             *place = letter;
         }
-        let mut saved = Self { map: open(), key, bytes: [0xFF; MEMORY] };
-        match saved.find() {
-            Ok(Some(bytes)) => saved.bytes = bytes,
-            Ok(None) => {}
-            Err(Unreadable) => {
-                let _ = saved.erase();
-            }
-        }
-        saved
+        Self { map: open(place.clone()), place, kind: key }
     }
 
-    /// What lies in flash, if it is a memory of that kind: as found after a reset, with nothing known.
-    fn find(&mut self) -> Result<Option<[u8; MEMORY]>, Unreadable> {
-        self.map = open();
+    fn key(&self, number: u8) -> Key {
+        let mut key = self.kind;
+        key[size_of::<Key>() - 1] = number;
+        key
+    }
+
+    /// The piece of that number, if it was ever stored.
+    fn find<'a>(&mut self, number: u8, item: &'a mut [u8; ITEM]) -> Result<Option<&'a [u8]>, Unreadable> {
+        let key = self.key(number);
+        wait(self.map.fetch_item(item, &key)).map_err(|_| Unreadable)
+    }
+
+    /// Writes a piece, and looks whether it is found again as after a reset.
+    fn store(&mut self, number: u8, piece: &[u8]) -> Result<(), Unreadable> {
+        let key = self.key(number);
         let mut item = [0; ITEM];
-        let found = wait(self.map.fetch_item::<&[u8]>(&mut item, &self.key)).map_err(|_| Unreadable)?;
-        Ok(found.and_then(|bytes| bytes.try_into().ok()))
+        wait(self.map.store_item(&mut item, &key, &piece)).map_err(|_| Unreadable)?;
+        self.forget();
+        if self.find(number, &mut item)? == Some(piece) { Ok(()) } else { Err(Unreadable) }
     }
 
-    /// Writes the memory, and looks whether it is found again.
-    fn store(&mut self) -> Result<(), Unreadable> {
-        let stored = wait(self.map.store_item(&mut [0; ITEM], &self.key, &self.bytes.as_slice()));
-        let found = stored.map_err(|_| Unreadable).and_then(|()| self.find())?;
-        if found == Some(self.bytes) { Ok(()) } else { Err(Unreadable) }
+    /// Knows nothing of the flash any more. What that needs of the stack is free again when this returns.
+    #[inline(never)]
+    fn forget(&mut self) {
+        self.map = open(self.place.clone());
     }
 
     fn erase(&mut self) -> Result<(), Unreadable> {
@@ -76,17 +89,61 @@ impl<const MEMORY: usize> Saved<MEMORY> {
     }
 }
 
-fn open() -> Map {
-    let config = const { MapConfig::new(flash::RANGE) };
+fn open(place: Range<u32>) -> Map {
     let known = Known::new(ArrayPageStates::new(), ArrayPagePointers::new(), ArrayKeyPointers::new());
-    Map::new(Flash, config, known)
+    Map::new(Flash, MapConfig::new(place), known)
+}
+
+/// The non-volatile memory of a drive.
+pub(crate) struct Saved<'a> {
+    items: Items,
+    bytes: &'a mut [u8],
+}
+
+impl<'a> Saved<'a> {
+    /// What a drive of that kind saved, in `bytes`; all `0xFF` if it never did, or if the flash holds something
+    /// else than saved registers. What finding that out needs of the stack is free again when this returns.
+    #[inline(never)]
+    pub(crate) fn new(kind: &str, bytes: &'a mut [u8]) -> Self {
+        let place = if bytes.len() <= SMALL { flash::SMALL } else { flash::LARGE };
+        let mut saved = Self { items: Items::of(kind, place), bytes };
+        if saved.recall().is_err() {
+            saved.bytes.fill(0xFF);
+            let _ = saved.items.erase();
+        }
+        saved
+    }
+
+    fn recall(&mut self) -> Result<(), Unreadable> {
+        let mut item = [0; ITEM];
+        for (number, piece) in (0..).zip(self.bytes.chunks_mut(PIECE)) {
+            match self.items.find(number, &mut item)? {
+                Some(stored) if stored.len() == piece.len() => piece.copy_from_slice(stored),
+                _ => piece.fill(0xFF),
+            }
+        }
+        Ok(())
+    }
+
+    /// Writes all pieces where nothing is.
+    fn restore(&mut self) -> Result<(), Unreadable> {
+        self.items.erase()?;
+        let mut pieces = (0..).zip(self.bytes.chunks(PIECE));
+        pieces.try_for_each(|(number, piece)| self.items.store(number, piece))
+    }
 }
 
 /// The flash holds something else than saved registers, or is broken.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Unreadable;
 
-impl<const MEMORY: usize> ReadStorage for Saved<MEMORY> {
+impl AsRef<[u8]> for Saved<'_> {
+    fn as_ref(&self) -> &[u8] {
+        self.bytes
+    }
+}
+
+impl ReadStorage for Saved<'_> {
     type Error = Unreadable;
 
     fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), Self::Error> {
@@ -97,20 +154,28 @@ impl<const MEMORY: usize> ReadStorage for Saved<MEMORY> {
     }
 
     fn capacity(&self) -> usize {
-        MEMORY
+        self.bytes.len()
     }
 }
 
-impl<const MEMORY: usize> Storage for Saved<MEMORY> {
+impl Storage for Saved<'_> {
     fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), Self::Error> {
-        for (stored, byte) in self.bytes.iter_mut().skip(offset as usize).zip(bytes) {
-            *stored = *byte;
+        let offset = offset as usize;
+        let mut result = Ok(());
+        for (number, piece) in (0..).zip(self.bytes.chunks_mut(PIECE)) {
+            let begin = usize::from(number) * PIECE;
+            let new = bytes.iter().skip(begin.saturating_sub(offset));
+            let mut is_changed = false;
+            for (stored, byte) in piece.iter_mut().skip(offset.saturating_sub(begin)).zip(new) {
+                is_changed |= stored != byte;
+                *stored = *byte;
+            }
+            if is_changed && result.is_ok() {
+                result = self.items.store(number, piece);
+            }
         }
         // Worn out, or not ours: erased as a whole it may take the memory after all.
-        self.store().or_else(|Unreadable| {
-            self.erase()?;
-            self.store()
-        })
+        result.or_else(|Unreadable| self.restore())
     }
 }
 

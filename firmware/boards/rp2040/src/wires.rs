@@ -51,6 +51,31 @@ pub const QSB: [Wire; 8] = apart(
     ],
 );
 
+/// An RS 434544 or 434546, with the causes of all its faults.
+pub const RS434: [Wire; 17] = apart(
+    BUS | STEP | DIR,
+    [
+        ("IN1", gp(5)),
+        ("IN2", gp(6)),
+        ("HARD_STOP", gp(7)),
+        ("CLR_FLASH", gp(8)),
+        ("HA", gp(9)),
+        ("HB", gp(10)),
+        ("RED", gp(14)),
+        // And the Pico's own light.
+        ("GREEN", gp(15) | gp(25)),
+        ("supply_voltage", gp(11)),
+        ("short_circuit", gp(12)),
+        ("brake_overheat", gp(13)),
+        ("power_overheat", gp(16)),
+        ("hall", gp(17)),
+        ("mcu_overheat", gp(18)),
+        ("switches", gp(19)),
+        ("current_limit", gp(20)),
+        ("stall", gp(21)),
+    ],
+);
+
 /// What every drive has.
 const BUS: u32 = TX | RX | DE | FAST;
 

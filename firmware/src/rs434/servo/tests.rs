@@ -1,4 +1,8 @@
+#![expect(clippy::float_arithmetic, reason = "mathematics that is not the code's")]
+
 use core::f64::consts::TAU;
+use std::string::String;
+use std::{format, vec::Vec};
 
 use proptest::prelude::*;
 
@@ -127,6 +131,21 @@ impl Sink for Nowhere {
     }
 }
 
+/// What a rig put.
+#[derive(Default)]
+struct Log(Vec<String>);
+
+impl Sink for Log {
+    fn put(&mut self, at: Instant, output: Output<'_>) {
+        assert!(matches!(output, Output::Level { .. }), "{output:?} stays inside");
+        self.0.push(format!("{} {output:?}", at.ticks()));
+    }
+
+    fn memory(&self) -> &[u8] {
+        &[]
+    }
+}
+
 /// A servo with its motor, and a clock.
 struct Bench {
     rig: Rig<Bare>,
@@ -229,6 +248,52 @@ fn torque(settings: &Settings, ma: u32) -> u32 {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 64, max_shrink_iters: 100, ..ProptestConfig::default() })]
 
+    /// A millisecond more between two looks at the clock, or many: the same outputs at the same instants.
+    #[test]
+    fn being_called_late_changes_nothing((settings, counts) in moves(), pauses in proptest::collection::vec(1..400_000_u64, 1..50)) {
+        let run = |pauses: &[u64]| {
+            let (mut bench, mut log) = (Bench::new(settings), Log::default());
+            bench.tell(tell::GO, counts.into());
+            for ticks in pauses {
+                bench.now += Duration::from_ticks(*ticks);
+                advance(&mut bench.rig, bench.now, core::iter::empty(), &mut log);
+            }
+            (log.0, bench.shaft())
+        };
+        prop_assert_eq!(run(&pauses), run(&[pauses.iter().sum()]));
+    }
+
+    /// Whatever it is told meanwhile: it stands at last, where its Hall sensors say, and without an error of theirs.
+    #[test]
+    fn it_counts_what_the_shaft_turns(
+        (settings, _) in moves(), halls in 0..3_u16,
+        orders in proptest::collection::vec((0..6_usize, -200..200_i64, 1..300_u64), 1..12),
+    ) {
+        let settings = Settings { halls, ..settings };
+        let mut bench = Bench::new(settings);
+        let begin = bench.shaft().position;
+        for (order, value, ms) in orders {
+            match order {
+                tell::SPEED => bench.tell(tell::SPEED, 30 + value.abs() * 70),
+                tell::COMPENSATION => bench.hold(value > 100),
+                tell::GO if halls < 2 => {}
+                _ => bench.tell(order, value),
+            }
+            bench.run(Duration::millis(ms));
+        }
+        bench.hold(false);
+        bench.tell(tell::STOP, 0);
+        bench.finish();
+        let made = i64::from(bench.shaft().position - begin);
+        match halls {
+            0 => prop_assert_eq!(bench.ask(ask::POSITION), 0),
+            // Which way it turned while it was pushed through standstill one sensor does not tell.
+            1 => {}
+            _ => prop_assert_eq!(bench.ask(ask::POSITION), made),
+        }
+        prop_assert_eq!(bench.ask(ask::ERRORS) & 0x10, 0);
+    }
+
     #[test]
     fn a_move_ends_on_its_count((settings, counts) in moves(), friction in 0..51_u32, load in -50..51_i32) {
         // Half of what REF_CURRENT can carry, for both together.
@@ -239,9 +304,178 @@ proptest! {
         let mut bench = Bench::with(settings, motor);
         let before = bench.ask(ask::POSITION);
         bench.tell(tell::GO, counts.into());
-        let took = bench.finish();
+        bench.finish();
         prop_assert_eq!(bench.ask(ask::POSITION), before + i64::from(counts));
         prop_assert_eq!(bench.ask(ask::LEFT), 0);
-        let _ = took;
     }
+}
+
+#[test]
+fn a_move_takes_the_time_of_its_ramps() {
+    // rated, SPEED, ACC, DEC, pulses, counts
+    for (rated, speed, acc, dec, pulses, counts) in [
+        (3_000, 1_000, 100, 100, 4, 1_000),
+        (3_000, 1_000, 100, 1_000, 4, -1_000),
+        (3_000, 1_000, 10, 10, 4, 10),
+        (3_000, 2_000, 400, 10, 12, 5_000),
+        (1_000, 900, 1_000, 100, 12, 1_000),
+        (15_000, 9_000, 200, 10, 1, 10_000),
+        // As fast as 0.98 of the supply turns it, less what friction takes.
+        (3_000, 15_000, 100, 100, 4, 5_000),
+    ] {
+        let settings = Settings { rated, speed, acc, dec, pulses, ..FACTORY };
+        let mut bench = Bench::new(settings);
+        bench.tell(tell::GO, counts);
+        let took = bench.finish().ticks() as f64 / 16_000.0;
+        let ideal = ideal_ms(&settings, counts.abs() as f64);
+        assert!((took - ideal).abs() <= 6.0 + 0.005 * ideal, "{took} ms instead of {ideal}: {settings:?}");
+        assert_eq!((bench.ask(ask::POSITION), bench.ask(ask::ERRORS)), (counts, 0), "{settings:?}");
+    }
+}
+
+#[test]
+fn rotation_follows_speed_and_direction_at_once() {
+    let mut bench = Bench::new(FACTORY);
+    bench.tell(tell::ROTATE, 1);
+    // ACC 100 is 545.5 rps²: 1,000 rpm after 30.6 ms.
+    bench.run(Duration::millis(100));
+    assert_eq!((bench.ask(ask::SPEED), bench.ask(ask::DIRECTION)), (1_000, 1));
+    bench.tell(tell::SPEED, 2_000);
+    bench.run(Duration::millis(100));
+    assert_eq!(bench.ask(ask::SPEED), 2_000);
+    bench.tell(tell::ROTATE, -1);
+    bench.run(Duration::millis(30));
+    assert_eq!(bench.ask(ask::DIRECTION), 1);
+    bench.run(Duration::millis(170));
+    assert_eq!((bench.ask(ask::SPEED), bench.ask(ask::DIRECTION)), (2_000, -1));
+    bench.tell(tell::STOP, 0);
+    // 61.1 ms, and a look or two until it is sure.
+    assert!(bench.finish() <= Duration::millis(66));
+    assert_eq!((bench.ask(ask::SPEED), bench.ask(ask::ERRORS)), (0, 0));
+}
+
+#[test]
+fn a_stopped_move_keeps_what_is_left_and_the_rest_brings_it_there() {
+    let mut bench = Bench::new(FACTORY);
+    bench.tell(tell::GO, -2_000);
+    bench.run(Duration::millis(1_000));
+    bench.tell(tell::STOP, 0);
+    bench.finish();
+    let left = bench.ask(ask::LEFT);
+    assert!((-1_800..-1_700).contains(&left), "{left}");
+    assert_eq!(bench.ask(ask::POSITION), -2_000 - left);
+    bench.tell(tell::GO, left);
+    bench.finish();
+    assert_eq!((bench.ask(ask::POSITION), bench.ask(ask::LEFT)), (-2_000, 0));
+}
+
+#[test]
+fn compensation_moves_the_stopping_point_along_the_motion() {
+    for (counts, compensation, position) in [(500, -15, 485), (-500, -15, -485), (500, 15, 515), (15, -15, 0)]
+    {
+        let mut bench = Bench::new(FACTORY);
+        bench.tell(tell::COMPENSATION, compensation);
+        bench.tell(tell::GO, counts);
+        bench.finish();
+        assert_eq!((bench.ask(ask::POSITION), bench.ask(ask::LEFT)), (position, 0));
+    }
+}
+
+#[test]
+fn a_held_shaft_is_waited_for() {
+    let mut bench = Bench::new(FACTORY);
+    bench.tell(tell::GO, 1_000);
+    bench.run(Duration::millis(1_000));
+    bench.hold(true);
+    bench.run(Duration::secs(10));
+    assert_eq!((bench.ask(ask::SPEED), bench.ask(ask::ERRORS)), (0, 0x800));
+    assert!(bench.shaft().ma <= 20_000);
+    bench.hold(false);
+    for _ in 0..200 {
+        bench.run(LOOK);
+        // 1,000 rpm are 266.7 counts/s.
+        assert!(bench.shaft().speed < 400, "it jumps");
+    }
+    bench.finish();
+    assert_eq!(bench.ask(ask::POSITION), 1_000);
+}
+
+#[test]
+fn a_halt_takes_no_ramp() {
+    let mut bench = Bench::new(Settings { dec: 10, ..FACTORY });
+    bench.tell(tell::ROTATE, 1);
+    bench.run(Duration::millis(200));
+    bench.tell(tell::HALT, 0);
+    // 16.7 rps at 100 rps² would take 167 ms.
+    assert!(bench.finish() < Duration::millis(20));
+    assert_eq!(bench.shaft().duty, 0);
+}
+
+#[test]
+fn terminals_of_what_stands_are_as_mode_coil_says() {
+    for (closed, turns) in [(false, true), (true, false)] {
+        let load = Parameters { load_unm: -50_000, ..Parameters::NOMINAL };
+        let mut bench = Bench::with(Settings { closed, ..FACTORY }, load);
+        bench.run(Duration::millis(100));
+        // Shorted ones brake to 32.7 rpm, 8.7 counts/s.
+        assert_eq!(bench.shaft().speed > 20, turns);
+    }
+}
+
+#[test]
+fn without_sensors_the_duty_is_the_speed_of_the_rated_one() {
+    let mut bench = Bench::new(Settings { halls: 0, speed: 1_500, ..FACTORY });
+    bench.tell(tell::ROTATE, -1);
+    bench.run(Duration::millis(500));
+    assert_eq!((bench.shaft().duty, bench.ask(ask::SPEED)), (-32_768, 1_500));
+    assert_eq!((bench.ask(ask::POSITION), bench.ask(ask::DIRECTION)), (0, -1));
+    bench.tell(tell::SPEED, 15_000);
+    bench.run(Duration::millis(500));
+    assert_eq!(bench.shaft().duty, -64_225); // 0.98
+}
+
+#[test]
+fn one_sensor_counts_half_in_the_direction_that_is_told() {
+    let mut bench = Bench::new(Settings { halls: 1, ..FACTORY });
+    let begin = bench.shaft().position;
+    bench.tell(tell::ROTATE, -1);
+    bench.run(Duration::millis(500));
+    bench.tell(tell::STOP, 0);
+    bench.finish();
+    let made = bench.shaft().position - begin;
+    assert!(made < -100 && (bench.ask(ask::POSITION) * 2 - i64::from(made)).abs() <= 2);
+}
+
+#[test]
+fn a_servo_without_edges_tells_so() {
+    let mut servo = Servo::new(Instant::ZERO, FACTORY, &mut Nowhere);
+    servo.rotate(Instant::ZERO, true, &mut Nowhere);
+    // No current at all: the motor makes all of the voltage itself, so it turns.
+    for n in 1..500 {
+        servo.timeout(Instant::ZERO + LOOK * n, &mut Nowhere);
+    }
+    assert_eq!(servo.errors() & 0x10, 0x10);
+}
+
+#[test]
+fn an_edge_that_is_none_is_an_error() {
+    let mut servo = Servo::new(Instant::ZERO, FACTORY, &mut Nowhere);
+    for a in [true, false] {
+        servo.edge(Instant::ZERO, a, true, &mut Nowhere);
+    }
+    assert_eq!((servo.position(), servo.errors()), (0, 0));
+    servo.edge(Instant::ZERO + LOOK, true, true, &mut Nowhere);
+    assert_eq!((servo.position(), servo.errors()), (0, 0x10));
+}
+
+#[test]
+fn what_stands_wants_nothing() {
+    let mut bench = Bench::new(FACTORY);
+    assert_eq!(bench.rig.deadline(), Instant::NEVER);
+    bench.tell(tell::GO, 0);
+    assert_eq!(bench.rig.deadline(), Instant::NEVER);
+    bench.tell(tell::GO, 3);
+    bench.finish();
+    bench.run(Duration::secs(1));
+    assert_eq!(bench.rig.deadline(), Instant::NEVER);
 }

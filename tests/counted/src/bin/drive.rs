@@ -13,6 +13,7 @@ use embedded_storage::{ReadStorage, Storage};
 use standin_firmware::device::{Boot, Device, Duration, Ends, Instant, Line, Pin, Port};
 use standin_firmware::shell::{Caught, Inputs, Outputs, Shell};
 use standin_protocol::modbus::rtu;
+use standin_protocol::registers::Space;
 
 /// Place of the drive in the list of all.
 const PLACE: usize = match usize::from_str_radix(env!("PLACE"), 10) {
@@ -20,10 +21,10 @@ const PLACE: usize = match usize::from_str_radix(env!("PLACE"), 10) {
     Err(_) => panic!("the build script says a number"),
 };
 
-/// More than any drive has.
-const MEMORY: usize = 512;
+/// The memory of a drive that never saved: of more bytes than any has.
+static MEMORY: [u8; 8 << 10] = [0xFF; _];
 
-type DriveShell<'a, D> = Shell<D, &'a Board, Hands<'a>, MEMORY>;
+type DriveShell<'a, D> = Shell<&'a mut D, &'a Board, Hands<'a>>;
 
 #[entry]
 fn main() -> ! {
@@ -39,15 +40,17 @@ fn main() -> ! {
     done()
 }
 
-/// Asks a drive with its factory settings for ten registers, or one that hears lines of text for a value.
-fn measure<D: Device>(drive: D) {
+/// Asks a drive with its factory settings for its first ten registers, or one that hears lines of text for a value.
+fn measure<D: Device>(mut drive: D) {
     const STARTED: Duration = Duration::secs(10);
     let port = drive.spec().ports.first().expect("the drive has a port");
     let character = port.line.expect("it is a serial one").character();
     let hears_lines = port.ends == Ends::Character;
+    let registers = drive.spec().registers.rows.iter();
+    let first = registers.filter(|row| row.space == Space::Holding).map(|row| row.address).min();
     let board = Board::default();
     let boot = Boot { seed: 0, fast: true };
-    let mut shell = DriveShell::<D>::new(drive, &board, Hands(&board));
+    let mut shell = DriveShell::<D>::new(&mut drive, &board, Hands(&board));
     shell.power_on(Instant::ZERO, boot);
     while shell.deadline() <= Instant::ZERO + STARTED {
         board.now.set(shell.deadline());
@@ -60,7 +63,7 @@ fn measure<D: Device>(drive: D) {
         board.caught.set(Some(Caught::Byte(Port(0), byte)));
     };
     group(c"byte received");
-    let request = rtu::read(1, 0, 10);
+    let request = rtu::read(1, first.unwrap_or(0), 10);
     for byte in if hears_lines { b"R0E" } else { request.as_slice() } {
         hear(*byte);
         count(|| turn(&mut shell));
@@ -123,6 +126,10 @@ impl Outputs for Hands<'_> {
 
     fn memory(&mut self) -> &mut Self {
         self
+    }
+
+    fn stored(&self) -> &[u8] {
+        &MEMORY
     }
 }
 

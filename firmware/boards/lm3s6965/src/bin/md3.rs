@@ -13,5 +13,6 @@ static SAVED: Saved<MEMORY> = Saved::new();
 
 #[entry]
 fn main() -> ! {
-    run::<_, _, ONE_ANSWER, _>(Md3::new, &SAVED, &wires::MD3)
+    let mut drive = Md3::new();
+    run::<_, _, ONE_ANSWER, _>(&mut drive, &mut [0xFF; MEMORY], &SAVED, &wires::MD3)
 }

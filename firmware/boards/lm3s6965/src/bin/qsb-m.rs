@@ -13,5 +13,6 @@ static SAVED: Saved<MEMORY> = Saved::new();
 
 #[entry]
 fn main() -> ! {
-    run::<_, _, ANSWERS, _>(Qsb::m, &SAVED, &wires::QSB)
+    let mut drive = Qsb::m();
+    run::<_, _, ANSWERS, _>(&mut drive, &mut [0xFF; MEMORY], &SAVED, &wires::QSB)
 }

@@ -9,5 +9,6 @@ use standin_rp2040::{run, wires};
 
 #[entry]
 fn main() -> ! {
-    run::<_, MEMORY, ONE_ANSWER, _>(Md3::new, &wires::MD3)
+    let mut drive = Md3::new();
+    run::<_, ONE_ANSWER, _>(&mut drive, &mut [0xFF; MEMORY], &wires::MD3)
 }

@@ -9,5 +9,6 @@ use standin_rp2040::{run, wires};
 
 #[entry]
 fn main() -> ! {
-    run::<_, MEMORY, ANSWERS, _>(Qsb::s, &wires::QSB)
+    let mut drive = Qsb::s();
+    run::<_, ANSWERS, _>(&mut drive, &mut [0xFF; MEMORY], &wires::QSB)
 }

@@ -1,0 +1,18 @@
+//! An RS 434544 of 20 A on the LM3S6965 board.
+#![no_std]
+#![no_main]
+
+use cortex_m_rt::entry;
+use standin_firmware::rs434::{MEMORY, rs434544};
+use standin_firmware::shell::ONE_ANSWER;
+use standin_lm3s6965::{Saved, run, wires};
+
+#[unsafe(export_name = "SAVED")]
+#[unsafe(link_section = ".uninit.SAVED")]
+static SAVED: Saved<MEMORY> = Saved::new();
+
+#[entry]
+fn main() -> ! {
+    let mut drive = rs434544();
+    run::<_, _, ONE_ANSWER, _>(&mut drive, &mut [0xFF; MEMORY], &SAVED, &wires::RS434)
+}

@@ -1,0 +1,406 @@
+//! Text to lines of a program.
+//!
+//! Two rounds: the first one finds out at which line everything is, and so what each label means; the second one
+//! reads what the commands work with.
+
+use std::collections::BTreeMap;
+use std::iter;
+use std::ops::RangeInclusive;
+
+use standin_firmware::rs434::program::instruction::{
+    self, COMMANDS, Command, Form, Instruction, MNEMONICS, Operation,
+};
+use standin_firmware::rs434::{LINES, Reg};
+use standin_protocol::registers::{Register as _, Space};
+
+use super::cursor::{Cursor, Place, Token};
+use super::{Error, RELATIVE, SPACES, SYSTEM, WAYS, WORD, ZERO};
+use crate::nearest;
+
+/// Where a jump may go to (6.9). A program has no line 1024, but the manual prints it.
+const TARGETS: RangeInclusive<i64> = 0..=1_024;
+/// How far a relative jump may go (6.9).
+const DISTANCES: RangeInclusive<i64> = -1_024..=1_024;
+const BYTES: RangeInclusive<i64> = 0..=0xFF;
+const WORDS: RangeInclusive<i64> = 0..=0xFFFF;
+/// A constant, with a sign or without.
+const CONSTANTS: RangeInclusive<i64> = -0x8000..=0xFFFF;
+/// A constant of 32 bits, likewise.
+const PAIRS: RangeInclusive<i64> = -0x8000_0000..=0xFFFF_FFFF;
+
+/// The lines of the program that `source` describes.
+///
+/// # Errors
+/// What is wrong first, and where.
+pub fn assemble(source: &str) -> Result<Vec<u32>, Error> {
+    let mut names = Names::default();
+    let mut parts = Vec::new();
+    let mut length = 0;
+    let source = source.strip_prefix('\u{FEFF}').unwrap_or(source);
+    for (index, text) in source.lines().enumerate() {
+        let mut cursor = Cursor::new(index + 1, text);
+        let Some((place, content)) = names.part(&mut cursor, length)? else { continue };
+        parts.push(Part { at: length, content, operands: cursor });
+        length += content.lines();
+        if length > LINES {
+            return Err(place.error(format!("the program is longer than {LINES} lines from here on")));
+        }
+    }
+    if parts.is_empty() {
+        return Err(Error { line: 1, column: 1, what: "there is no command in this program".into() });
+    }
+    let mut program = Vec::with_capacity(length);
+    for Part { at, content, operands } in parts {
+        let mut reader = Reader { names: &names, cursor: operands, at };
+        reader.put(content, &mut program)?;
+        reader.cursor.end()?;
+    }
+    Ok(program)
+}
+
+/// A command or what stands in its place.
+struct Part<'a> {
+    /// Its first line in the program.
+    at: usize,
+    content: Content,
+    /// What comes behind it in the text.
+    operands: Cursor<'a>,
+}
+
+#[derive(Clone, Copy)]
+enum Content {
+    /// The command of that code.
+    Command(u8, Command),
+    /// A line by its number.
+    Word,
+    /// So many lines that hold 0.
+    Zero(usize),
+}
+
+impl Content {
+    /// Lines that it takes.
+    fn lines(self) -> usize {
+        match self {
+            Self::Command(_, command) => command.lines().into(),
+            Self::Word => 1,
+            Self::Zero(lines) => lines,
+        }
+    }
+}
+
+/// What a name of the text means.
+#[derive(Clone, Copy)]
+enum Meaning {
+    Constant(i64),
+    /// The line of the program that it stands before.
+    Label(usize),
+}
+
+#[derive(Default)]
+struct Names<'a>(BTreeMap<&'a str, Meaning>);
+
+impl<'a> Names<'a> {
+    /// Reads a line of the text up to what a command works with; `at` is the next line of the program.
+    fn part(&mut self, cursor: &mut Cursor<'a>, at: usize) -> Result<Option<(Place, Content)>, Error> {
+        loop {
+            let (place, word) = match cursor.next()? {
+                (_, Token::End) => return Ok(None),
+                (place, Token::Word(word)) => (place, word),
+                (place, _) => {
+                    return Err(place.error("here comes a command, a label or the name of a constant"));
+                }
+            };
+            if cursor.skips(':')? {
+                self.define(place, word, Meaning::Label(at))?;
+            } else if cursor.skips('=')? {
+                let value = self.number(cursor, PAIRS)?;
+                cursor.end()?;
+                self.define(place, word, Meaning::Constant(value))?;
+                return Ok(None);
+            } else {
+                return Ok(Some((place, self.content(place, word, cursor)?)));
+            }
+        }
+    }
+
+    fn content(&self, place: Place, word: &str, cursor: &mut Cursor<'a>) -> Result<Content, Error> {
+        match (word, instruction::code(word)) {
+            (WORD, _) => Ok(Content::Word),
+            (ZERO, _) => Ok(Content::Zero(self.number(cursor, 1..=LINES as i64)? as usize)),
+            (_, Some(code)) => Ok(Content::Command(code, COMMANDS[usize::from(code)])),
+            (_, None) => {
+                let known = MNEMONICS.into_iter().chain([WORD, ZERO]);
+                Err(place.error(nearest::unknown("command", word, known)))
+            }
+        }
+    }
+
+    fn define(&mut self, place: Place, name: &'a str, meaning: Meaning) -> Result<(), Error> {
+        if !name.starts_with(|first: char| first.is_alphabetic() || first == '_') || name.contains('.') {
+            return Err(
+                place.error(format!("'{name}' cannot be a name: take a letter, then letters, digits and _"))
+            );
+        }
+        if let Some(what) = reserved(name) {
+            return Err(place.error(format!("'{name}' is {what} and cannot be another name")));
+        }
+        match self.0.insert(name, meaning) {
+            None => Ok(()),
+            Some(_) => Err(place.error(format!("'{name}' has a meaning already"))),
+        }
+    }
+
+    /// A number, or the name of a constant that the text has defined before.
+    fn number(&self, cursor: &mut Cursor<'a>, takes: RangeInclusive<i64>) -> Result<i64, Error> {
+        let (place, token) = cursor.next()?;
+        let value = match token {
+            Token::Number(value) => value,
+            Token::Word(name) => match self.0.get(name) {
+                Some(Meaning::Constant(value)) => *value,
+                Some(Meaning::Label(_)) => {
+                    return Err(
+                        place.error(format!("'{name}' is a label; here comes a number or a constant"))
+                    );
+                }
+                None => return Err(place.error(self.unknown("constant", name))),
+            },
+            Token::Sign(_) | Token::End => {
+                return Err(place.error("a number or the name of a constant is missing"));
+            }
+        };
+        within(place, value, takes)
+    }
+
+    /// There is no constant, or label, of that name.
+    fn unknown(&self, what: &str, name: &str) -> String {
+        let same = |meaning: &Meaning| matches!(meaning, Meaning::Label(_)) == (what == "label");
+        nearest::unknown(
+            what,
+            name,
+            self.0.iter().filter(|(_, meaning)| same(meaning)).map(|(name, _)| *name),
+        )
+    }
+}
+
+/// What the language itself means by a name.
+fn reserved(name: &str) -> Option<&'static str> {
+    if instruction::code(name).is_some() {
+        Some("a command")
+    } else if SYSTEM.contains(&name) {
+        Some("a system register")
+    } else if Reg::TABLE.find(name).is_some() {
+        Some("a register of the drive")
+    } else if name == RELATIVE || WAYS.contains(&name) || SPACES.iter().any(|(space, _)| *space == name) {
+        Some("a word of the language")
+    } else {
+        None
+    }
+}
+
+fn within(place: Place, value: i64, takes: RangeInclusive<i64>) -> Result<i64, Error> {
+    if takes.contains(&value) {
+        return Ok(value);
+    }
+    Err(place.error(format!("here comes a number from {} to {}, not {value}", takes.start(), takes.end())))
+}
+
+/// Reads what a command works with.
+struct Reader<'a, 'n> {
+    names: &'n Names<'a>,
+    cursor: Cursor<'a>,
+    /// The command's line in the program.
+    at: usize,
+}
+
+impl Reader<'_, '_> {
+    fn put(&mut self, content: Content, program: &mut Vec<u32>) -> Result<(), Error> {
+        match content {
+            Content::Command(code, command) => {
+                let (fields, constant) = self.operands(command)?;
+                program.push(u32::from(code) | fields);
+                program.extend(constant);
+            }
+            Content::Word => program.push(self.number(PAIRS)? as u32),
+            Content::Zero(lines) => program.extend(iter::repeat_n(0, lines)),
+        }
+        Ok(())
+    }
+
+    /// The fields of a command's first line but uCmd, and its second line if it has one.
+    fn operands(&mut self, command: Command) -> Result<(u32, Option<u32>), Error> {
+        let mut constant = None;
+        let fields = match command.form {
+            Form::Bare => 0,
+            Form::Target => self.target()?,
+            Form::Time => data(self.number(WORDS)?),
+            Form::Subroutine => data(self.line()?),
+            Form::Loop => {
+                let lines = self.body()?;
+                self.cursor.comma()?;
+                data(lines << 8 | self.number(BYTES)?)
+            }
+            Form::Register => self.system()? << 8,
+            Form::Modbus => self.written()?,
+            Form::RegisterConstant => {
+                let register = self.system()? << 8;
+                self.cursor.comma()?;
+                if command.wide {
+                    constant = Some(self.number(PAIRS)? as u32);
+                    register
+                } else {
+                    register | data(self.number(CONSTANTS)?)
+                }
+            }
+            Form::RegisterModbus => {
+                let register = self.system()? << 8;
+                self.cursor.comma()?;
+                register | self.modbus()?
+            }
+            Form::ModbusConstant => {
+                let modbus = self.written()?;
+                self.cursor.comma()?;
+                constant = Some(self.constant(command.wide)?);
+                modbus
+            }
+            Form::ModbusRegister => {
+                let modbus = self.modbus()?;
+                self.cursor.comma()?;
+                modbus | self.system()? << 8
+            }
+            Form::RegisterRegister => {
+                let first = self.system()?;
+                self.cursor.comma()?;
+                let second = self.system()?;
+                // In the text what changes always comes first.
+                let (register, data) =
+                    if command.operation == Operation::Move { (second, first) } else { (first, second) };
+                register << 8 | data << 16
+            }
+            Form::RegisterShift => {
+                let register = self.system()? << 8;
+                let way = self.way()?;
+                register | way | data(self.number(WORDS)?)
+            }
+            Form::ModbusShift => {
+                let modbus = self.written()?;
+                let way = self.way()?;
+                constant = Some(self.number(if command.wide { 0..=0xFFFF_FFFF } else { WORDS })? as u32);
+                modbus | way
+            }
+        };
+        Ok((fields, constant))
+    }
+
+    fn number(&mut self, takes: RangeInclusive<i64>) -> Result<i64, Error> {
+        self.names.number(&mut self.cursor, takes)
+    }
+
+    /// A constant on a line of its own.
+    fn constant(&mut self, wide: bool) -> Result<u32, Error> {
+        if wide { Ok(self.number(PAIRS)? as u32) } else { Ok(u32::from(self.number(CONSTANTS)? as u16)) }
+    }
+
+    /// uAdrSysReg.
+    fn system(&mut self) -> Result<u32, Error> {
+        let (place, token) = self.cursor.next()?;
+        let Token::Word(name) = token else {
+            return Err(place.error(format!("a system register is missing: one of {}", SYSTEM.join(", "))));
+        };
+        match SYSTEM.iter().position(|known| *known == name) {
+            Some(number) => Ok(number as u32),
+            None => Err(place.error(nearest::unknown("system register", name, SYSTEM.into_iter()))),
+        }
+    }
+
+    /// uTypeModbusReg and uData: a register by its name, or by its space and address.
+    fn modbus(&mut self) -> Result<u32, Error> {
+        let (place, token) = self.cursor.next()?;
+        let Token::Word(name) = token else {
+            return Err(place.error(
+                "a register is missing: its name, or discrete, coil, input or holding and its address",
+            ));
+        };
+        if let Some(space) = SPACES.iter().position(|(known, _)| *known == name) {
+            return Ok((space as u32) << 12 | data(self.number(WORDS)?));
+        }
+        let table = Reg::TABLE;
+        let unknown =
+            || place.error(nearest::unknown("register", name, table.rows.iter().map(|row| row.name)));
+        let named = table.find(name).ok_or_else(unknown)?;
+        let row = table.rows.get(named.row).ok_or_else(unknown)?;
+        let space = SPACES.iter().position(|(_, space)| *space == row.space).ok_or_else(unknown)?;
+        Ok((space as u32) << 12 | u32::from(row.address + named.word.unwrap_or(0)) << 16)
+    }
+
+    /// The same, of a coil or a holding register: a command that writes a constant knows no others.
+    fn written(&mut self) -> Result<u32, Error> {
+        let mut ahead = self.cursor;
+        let (place, _) = ahead.next()?;
+        let fields = self.modbus()?;
+        match SPACES.get((fields >> 12 & 0xF) as usize) {
+            Some((_, Space::Coil | Space::Holding)) => Ok(fields),
+            _ => Err(place.error("this is an input, which cannot be written")),
+        }
+    }
+
+    /// bTypeJmp and uData of a jump.
+    fn target(&mut self) -> Result<u32, Error> {
+        if !self.cursor.skips_word(RELATIVE)? {
+            return Ok(data(self.line()?));
+        }
+        let distance = match self.label()? {
+            Some(line) => line as i64 - self.at as i64,
+            None => self.number(DISTANCES)?,
+        };
+        Ok(Instruction::TYPE_JMP | data(distance))
+    }
+
+    /// A line of the program.
+    fn line(&mut self) -> Result<i64, Error> {
+        match self.label()? {
+            Some(line) => Ok(line as i64),
+            None => self.number(TARGETS),
+        }
+    }
+
+    /// How many lines a loop has: up to a label, or a number.
+    fn body(&mut self) -> Result<i64, Error> {
+        let mut ahead = self.cursor;
+        let (place, _) = ahead.next()?;
+        let Some(line) = self.label()? else { return self.number(BYTES) };
+        let lines = line as i64 - self.at as i64 - 1;
+        if BYTES.contains(&lines) {
+            return Ok(lines);
+        }
+        Err(place.error(format!("the loop ends 0 to 255 lines behind its first one, not {lines}")))
+    }
+
+    /// The line of a label, if one comes next.
+    fn label(&mut self) -> Result<Option<usize>, Error> {
+        let mut ahead = self.cursor;
+        let (place, Token::Word(name)) = ahead.next()? else { return Ok(None) };
+        match self.names.0.get(name) {
+            Some(Meaning::Constant(_)) => Ok(None),
+            Some(Meaning::Label(line)) => {
+                self.cursor = ahead;
+                Ok(Some(*line))
+            }
+            None => Err(place.error(self.names.unknown("label", name))),
+        }
+    }
+
+    /// bTypeJmp of a shift, with the commas around it.
+    fn way(&mut self) -> Result<u32, Error> {
+        self.cursor.comma()?;
+        let (place, token) = self.cursor.next()?;
+        let way = WAYS.iter().position(|way| token == Token::Word(way));
+        let way = way.ok_or_else(|| place.error("here comes left or right"))?;
+        self.cursor.comma()?;
+        Ok(if way == 1 { Instruction::TYPE_JMP } else { 0 })
+    }
+}
+
+/// uData, of a number in two's complement.
+fn data(value: i64) -> u32 {
+    u32::from(value as u16) << 16
+}

@@ -1,0 +1,203 @@
+//! Lines of a program to text that assembles to the same lines.
+//!
+//! What a command would not say itself, like bits in fields that it does not use, or a system register that there
+//! is none of, makes its line a number.
+
+use std::fmt::Write as _;
+
+use standin_firmware::rs434::Reg;
+use standin_firmware::rs434::program::instruction::{Command, Form, Instruction, MNEMONICS, Operation};
+use standin_protocol::registers::{Register as _, Space};
+
+use super::{RELATIVE, SPACES, SYSTEM, WAYS, WORD, ZERO};
+
+/// So many lines that hold 0 are not worth a line of text each.
+const MANY: usize = 4;
+
+/// `program` as text, with the number of each line behind it. The numbers are what PC_REG shows.
+#[must_use]
+pub fn disassemble(program: &[u32]) -> String {
+    let listing = Listing::new(program);
+    let mut text = String::new();
+    let mut at = 0;
+    while at < program.len() {
+        if listing.labelled[at] {
+            line(&mut text, format_args!("{}:", label(at)));
+        }
+        let zeros = listing.zeros(at);
+        let (words, lines) = match listing.command(at) {
+            _ if zeros >= MANY => (format!("{ZERO} {zeros}"), zeros),
+            Some(found) => (listing.words(at, found), found.command.lines().into()),
+            None => (format!("{WORD} 0x{:08X}", program[at]), 1),
+        };
+        line(&mut text, format_args!("        {words:<48}; {at}"));
+        at += lines;
+    }
+    if listing.labelled[at] {
+        line(&mut text, format_args!("{}:", label(at)));
+    }
+    text
+}
+
+/// Appends a line.
+fn line(text: &mut String, content: std::fmt::Arguments<'_>) {
+    // A string takes everything.
+    let _ = writeln!(text, "{content}");
+}
+
+fn label(at: usize) -> String {
+    format!("line_{at}")
+}
+
+/// A command that text can say exactly.
+#[derive(Clone, Copy)]
+struct Found {
+    instruction: Instruction,
+    command: Command,
+    /// Its second line, or 0.
+    constant: u32,
+}
+
+struct Listing<'a> {
+    program: &'a [u32],
+    /// Where a command begins, or the program ends.
+    begins: Vec<bool>,
+    /// Which of these places somebody jumps to.
+    labelled: Vec<bool>,
+}
+
+impl<'a> Listing<'a> {
+    fn new(program: &'a [u32]) -> Self {
+        let none = vec![false; program.len() + 1];
+        let mut listing = Self { program, begins: none.clone(), labelled: none };
+        let mut targets = Vec::new();
+        let mut at = 0;
+        while at < program.len() {
+            listing.begins[at] = true;
+            let found = listing.command(at);
+            targets.extend(found.and_then(|found| target(at, found)));
+            at += found.map_or(1, |found| usize::from(found.command.lines()));
+        }
+        listing.begins[at] = true;
+        for to in targets {
+            if listing.begins.get(to) == Some(&true) {
+                listing.labelled[to] = true;
+            }
+        }
+        listing
+    }
+
+    /// How many lines from here on hold 0, up to the next label.
+    fn zeros(&self, at: usize) -> usize {
+        let rest = self.program[at..].iter().zip(&self.labelled[at..]).enumerate();
+        rest.take_while(|(n, (line, labelled))| **line == 0 && (*n == 0 || !**labelled)).count()
+    }
+
+    /// The command here, if text can say it exactly.
+    fn command(&self, at: usize) -> Option<Found> {
+        let instruction = Instruction(self.program[at]);
+        let command = instruction.command()?;
+        let constant = if command.lines() == 2 { *self.program.get(at + 1)? } else { 0 };
+        let used = command.used();
+        let (register, data) = (usize::from(instruction.register()), instruction.data());
+        let exact = instruction.0 & !used == 0
+            && (used & Instruction::REGISTER == 0 || register < SYSTEM.len())
+            && (used & Instruction::SPACE == 0 || usize::from(instruction.space()) < SPACES.len())
+            && (command.wide || constant >> 16 == 0)
+            && match command.form {
+                Form::Target if instruction.type_jmp() => data.cast_signed().unsigned_abs() <= 1_024,
+                Form::Target | Form::Subroutine => data <= 1_024,
+                Form::RegisterRegister => usize::from(data) < SYSTEM.len(),
+                Form::Modbus | Form::ModbusConstant | Form::ModbusShift => {
+                    matches!(SPACES[usize::from(instruction.space())].1, Space::Coil | Space::Holding)
+                }
+                _ => true,
+            };
+        exact.then_some(Found { instruction, command, constant })
+    }
+
+    /// A command as text.
+    fn words(&self, at: usize, found: Found) -> String {
+        let Found { instruction, command, constant } = found;
+        let data = instruction.data();
+        let system = |number: usize| SYSTEM[number];
+        let register = || system(instruction.register().into());
+        let modbus = || modbus(instruction);
+        let way = || WAYS[usize::from(instruction.type_jmp())];
+        let operands = match command.form {
+            Form::Bare => String::new(),
+            Form::Target if instruction.type_jmp() => {
+                let distance = data.cast_signed();
+                format!("{RELATIVE} {}", self.place(at, found).unwrap_or_else(|| format!("{distance:+}")))
+            }
+            Form::Target | Form::Subroutine => self.place(at, found).unwrap_or_else(|| data.to_string()),
+            Form::Time => data.to_string(),
+            Form::Loop => {
+                let [lines, times] = data.to_be_bytes();
+                format!("{}, {times}", self.place(at, found).unwrap_or_else(|| lines.to_string()))
+            }
+            Form::Register => register().into(),
+            Form::Modbus => modbus(),
+            Form::RegisterConstant => {
+                let value = if command.wide { constant } else { data.into() };
+                format!("{}, {}", register(), number(command, value))
+            }
+            Form::RegisterModbus => format!("{}, {}", register(), modbus()),
+            Form::ModbusConstant => format!("{}, {}", modbus(), number(command, constant)),
+            Form::ModbusRegister => format!("{}, {}", modbus(), register()),
+            Form::RegisterRegister => {
+                let other = system(data.into());
+                // In the text what changes always comes first.
+                let (first, second) = if command.operation == Operation::Move {
+                    (other, register())
+                } else {
+                    (register(), other)
+                };
+                format!("{first}, {second}")
+            }
+            Form::RegisterShift => format!("{}, {}, {data}", register(), way()),
+            Form::ModbusShift => format!("{}, {}, {constant}", modbus(), way()),
+        };
+        let mnemonic = MNEMONICS[usize::from(instruction.code())];
+        if operands.is_empty() { mnemonic.into() } else { format!("{mnemonic} {operands}") }
+    }
+
+    /// The label to which a command goes; `None` if it has to be said by a number.
+    fn place(&self, at: usize, found: Found) -> Option<String> {
+        target(at, found).filter(|to| self.labelled.get(*to) == Some(&true)).map(label)
+    }
+}
+
+/// Where a command goes, or the loop ends that it begins.
+fn target(at: usize, Found { instruction, command, .. }: Found) -> Option<usize> {
+    let data = instruction.data();
+    match command.form {
+        Form::Target if instruction.type_jmp() => at.checked_add_signed(data.cast_signed().into()),
+        Form::Target | Form::Subroutine => Some(data.into()),
+        Form::Loop => Some(at + 1 + usize::from(data >> 8)),
+        _ => None,
+    }
+}
+
+/// A register by its name, if it has one.
+fn modbus(instruction: Instruction) -> String {
+    let (name, space) = SPACES[usize::from(instruction.space())];
+    let table = Reg::TABLE;
+    let found =
+        table.at(space, instruction.data()).and_then(|(row, word)| Some((table.rows.get(row)?.name, word)));
+    match found {
+        Some((register, 0)) => register.into(),
+        Some((register, _)) => format!("{register}High"),
+        None => format!("{name} 0x{:04X}", instruction.data()),
+    }
+}
+
+/// A constant as it is read best: bits of logic, and positions with their sign.
+fn number(command: Command, value: u32) -> String {
+    match command.operation {
+        Operation::And | Operation::Or | Operation::Xor if command.wide => format!("0x{value:08X}"),
+        Operation::And | Operation::Or | Operation::Xor => format!("0x{value:04X}"),
+        _ if command.wide => value.cast_signed().to_string(),
+        _ => value.to_string(),
+    }
+}

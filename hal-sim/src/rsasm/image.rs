@@ -1,0 +1,36 @@
+//! A program in the memory of a drive, where a save puts it (6.6).
+
+use standin_firmware::rs434::{MEMORY, program};
+
+/// A program as it lies in a drive's memory.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct Image {
+    /// Where it begins.
+    pub offset: u16,
+    /// Its lines and their check sum, up to the end of the memory.
+    pub bytes: Vec<u8>,
+}
+
+impl Image {
+    /// The image of a program.
+    #[must_use]
+    pub fn of(program: &[u32]) -> Self {
+        let bytes = program::image(program.iter().copied()).to_vec();
+        Self { offset: (MEMORY - bytes.len()) as u16, bytes }
+    }
+
+    /// Puts it into a drive's memory.
+    pub fn put_into(&self, memory: &mut [u8]) {
+        for (place, byte) in memory.iter_mut().skip(self.offset.into()).zip(&self.bytes) {
+            *place = *byte;
+        }
+    }
+
+    /// The memory of a drive that is new but for this program, for [`Setup`](crate::bench::Setup).
+    #[must_use]
+    pub fn memory(&self) -> Vec<u8> {
+        let mut memory = vec![0xFF; MEMORY];
+        self.put_into(&mut memory);
+        memory
+    }
+}

@@ -1,0 +1,28 @@
+"""Registers and commands of the RS 434544: chapter 6 of its User Manual, typed by hand."""
+
+IN_HARD_STOP_BIT = 0x1002
+START_BIT, CLR_POSITION_BIT = 0x2000, 0x2003
+STATUS, STATUS_USER_PROGRAM, HW_MAJOR = 0x3000, 0x3009, 0x8001
+SLAVE_ADDRESS_MODBUS, TYPE_MODBUS, BITRATE_MODBUS = 0x5000, 0x5001, 0x5002
+MODE_USER_PROGRAM, SPEED, TARGET_POSITION1, ERROR = 0x5005, 0x500B, 0x501B, 0x5023
+FLAG_SAVE_INI, FLAG_SAVE_USER_PROGRAM, FLAG_RESTART = 0x5024, 0x5025, 0x5026
+WRITE_CMD, CMD_W, READ_CMD, CMD_R = 0x6000, 0x6001, 0x6003, 0x6004
+AX_REG, PC_REG = 0x7000, 0x7006
+
+SAVE, PROGRAM_TO_FLASH, PROGRAM_TO_BUFFER, RESTART = 0x37FA, 0x8426, 0x9346, 0x95AF
+"""Keys of the three flags (6.5)."""
+STOP, START = 1, 2
+"""What MODE_USER_PROGRAM takes (6.5)."""
+STOPPED, RUNS, ENDED = 1, 4, 5
+"""What STATUS_USER_PROGRAM shows (6.3)."""
+OUT_OF_RANGE = 1 << 13
+"""A bit of ERROR (6.5)."""
+
+COUNTER = [
+    [0x01, 7],  # CMD_MOV_SYSREG_CONST AX, 7
+    [0x04, 1000],  # CMD_DELAY
+    [0x19, 1],  # CMD_ADD_SYSREG_CONST AX, 1
+    [0x04, 1000],  # CMD_DELAY
+    [0x05, 1],  # CMD_JMP to line 1
+]
+"""Lines of a user program that counts in AX: the half with the command, the half with the data (6.6, 6.9)."""

@@ -1,0 +1,246 @@
+//! An RS 434544: a memory of 4 KiB in the flash, characters of seven bits, and a program that runs while the bus is
+//! asked.
+
+use std::fmt::Write as _;
+
+use standin_protocol::modbus::rtu;
+
+use crate::image_of;
+use crate::play::{Did, MS, Nanos, Run, Script};
+
+/// When it is asked first: the board has copied itself to RAM.
+const START: Nanos = 60 * MS;
+/// A request and its answer take less at 115,200 baud.
+const TURN: Nanos = 10 * MS;
+/// Lines of a user program (6.6).
+const LINES: u16 = 1_024;
+
+// Registers and keys, from chapter 6 of the manual.
+const SPEED: u16 = 0x500B;
+const ERROR: u16 = 0x5023;
+const FLAG_SAVE_INI: u16 = 0x5024;
+const FLAG_SAVE_USER_PROGRAM: u16 = 0x5025;
+const FLAG_RESTART: u16 = 0x5026;
+const WRITE_CMD: u16 = 0x6000;
+const READ_CMD: u16 = 0x6003;
+const CMD_R: u16 = 0x6004;
+const AX: u16 = 0x7000;
+const SAVE_INI: u16 = 0x37FA;
+const SAVE_PROGRAM: u16 = 0x8426;
+const LOAD_PROGRAM: u16 = 0x9346;
+
+fn play(script: &Script, end: Nanos) -> Run {
+    script.play(&image_of("rs434544"), end)
+}
+
+/// A request that brings a line of the program into the buffer: function 16 over WRITE_CMD and CMD_W.
+fn line(place: u16, command: u16, data: u16) -> Vec<u8> {
+    let [high, low] = WRITE_CMD.to_be_bytes();
+    let mut pdu = vec![16, high, low, 0, 3, 6];
+    pdu.extend([place, command, data].iter().flat_map(|word| word.to_be_bytes()));
+    rtu::frame(1, &pdu).to_vec()
+}
+
+/// Says requests one after the other, from `at` on; returns when all are answered.
+fn ask(script: &mut Script, mut at: Nanos, requests: &[Vec<u8>]) -> Nanos {
+    for request in requests {
+        script.hear(at, request);
+        at += TURN;
+    }
+    at
+}
+
+/// The words that a read at `at` was answered with.
+fn words(run: &Run, at: Nanos) -> Vec<u16> {
+    let (_, reply) = run.sent(at, at + TURN);
+    let pdu = rtu::checked(&reply).unwrap_or_else(|| panic!("{reply:02x?} at {at} ns"));
+    let [1, 3, _, words @ ..] = pdu else { panic!("{pdu:02x?} at {at} ns") };
+    words.chunks(2).map(|word| u16::from_be_bytes([word[0], word[1]])).collect()
+}
+
+/// Loads the program that lies in flash, and asks for one of its lines and for ERROR; returns when each was asked.
+fn look(script: &mut Script, at: Nanos, place: u16) -> [Nanos; 3] {
+    let load = rtu::write(1, FLAG_SAVE_USER_PROGRAM, LOAD_PROGRAM).to_vec();
+    let show = rtu::write(1, READ_CMD, place).to_vec();
+    let asked = ask(script, at, &[load, show]);
+    let error = ask(script, asked, &[rtu::read(1, CMD_R, 2).to_vec()]);
+    [asked, error, ask(script, error, &[rtu::read(1, ERROR, 1).to_vec()])]
+}
+
+/// Power goes and comes back; returns when it may be asked again.
+fn restart(script: &mut Script, at: Nanos) -> Nanos {
+    script.at(at, "power off");
+    script.at(at + MS, "power on");
+    at + 400 * MS
+}
+
+#[test]
+#[ignore = "needs the emulator and the image of the board: `cargo xtask test` brings both"]
+fn a_program_is_stored_before_the_answer_and_outlasts_the_power() {
+    // Every piece of the memory changes each time, and in the end sectors have to be erased.
+    const SAVES: u16 = 16;
+    const STEP: u16 = 64;
+    /// What firmware/boards/rp2040/README.md promises.
+    const LONGEST: Nanos = 300 * MS;
+    let mut script = Script::fast();
+    let mut at = START;
+    let mut saves = Vec::new();
+    for n in 1..=SAVES {
+        let places = (0..LINES).step_by(usize::from(STEP));
+        at = ask(&mut script, at, &places.map(|place| line(place, n, place)).collect::<Vec<_>>());
+        script.hear(at, &rtu::write(1, FLAG_SAVE_USER_PROGRAM, SAVE_PROGRAM));
+        saves.push(at);
+        at += LONGEST + 100 * MS;
+    }
+    let back = restart(&mut script, at);
+    let [first, _, next] = look(&mut script, back, 0);
+    let [last, error, end] = look(&mut script, next, LINES - STEP);
+    let run = play(&script, end);
+
+    let answer = rtu::write(1, FLAG_SAVE_USER_PROGRAM, SAVE_PROGRAM);
+    let mut longest = 0;
+    for save in saves {
+        let (begins, reply) = run.sent(save, save + LONGEST);
+        assert_eq!(reply, answer.as_slice(), "at {save} ns");
+        longest = longest.max(begins - save);
+    }
+    let erased = run.did.iter().filter(|(_, did)| matches!(did, Did::Erased(_))).count();
+    println!("a program is stored within {} ms, with {erased} sectors erased for {SAVES}", longest / MS);
+    assert!(erased > 0, "no sector was erased");
+    assert_eq!(words(&run, first), [SAVES, 0]);
+    assert_eq!(words(&run, last), [SAVES, LINES - STEP]);
+    assert_eq!(words(&run, error), [0]);
+}
+
+#[test]
+#[ignore = "needs the emulator and the image of the board: `cargo xtask test` brings both"]
+fn a_program_that_is_stored_again_costs_next_to_nothing() {
+    let mut script = Script::fast();
+    let save = rtu::write(1, FLAG_SAVE_USER_PROGRAM, SAVE_PROGRAM);
+    script.hear(START, &save);
+    let again = START + 300 * MS;
+    script.hear(again, &save);
+    let end = again + 300 * MS;
+    let run = play(&script, end);
+    let programmed = |from, to| {
+        let within = run.did.iter().filter(|(at, _)| (from..to).contains(at));
+        within.filter(|(_, did)| matches!(did, Did::Programmed(..))).count()
+    };
+    let (first, second) = (programmed(START, again), programmed(again, end));
+    println!("pages programmed: {first}, then {second}");
+    assert!(first > 16, "4 KiB are 16 pages");
+    assert!((1..=6).contains(&second), "a sum that is wrong, and the right one");
+}
+
+#[test]
+#[ignore = "needs the emulator and the image of the board: `cargo xtask test` brings both"]
+fn power_that_fails_while_a_program_is_stored_leaves_the_old_the_new_or_a_bad_one() {
+    const LAST: u16 = LINES - 1;
+    let saves = |script: &mut Script, mut at, command| {
+        for place in [0, 512, LAST] {
+            at = ask(script, at, &[line(place, command, 0)]);
+        }
+        script.hear(at, &rtu::write(1, FLAG_SAVE_USER_PROGRAM, SAVE_PROGRAM));
+        at + 400 * MS
+    };
+    let whole = |cut: Option<u64>| {
+        let mut script = Script::fast();
+        let begun = saves(&mut script, START, 0x01);
+        if let Some(cut) = cut {
+            script.at(begun, format_args!("cut {cut}"));
+        }
+        let done = saves(&mut script, begun, 0x02);
+        let back = restart(&mut script, done);
+        let [first, _, next] = look(&mut script, back, 0);
+        let [last, error, end] = look(&mut script, next, LAST);
+        let run = play(&script, end);
+        let programmed = run
+            .did
+            .iter()
+            .filter(|(at, did)| (begun..done).contains(at) && matches!(did, Did::Programmed(..)));
+        let bytes = 256 * programmed.count() as u64;
+        // ERROR bit 7: the program in flash is bad (6.5).
+        let is_bad = words(&run, error) == [1 << 7];
+        assert!(is_bad || words(&run, error) == [0]);
+        (bytes, (!is_bad).then(|| [words(&run, first)[0], words(&run, last)[0]]))
+    };
+    let (all, new) = whole(None);
+    assert_eq!(new, Some([2, 2]));
+    let mut found = Vec::new();
+    for cut in (0..=all).step_by(usize::try_from(all / 16).expect("a few bytes").max(1)) {
+        found.push((cut, whole(Some(cut)).1));
+    }
+    found.dedup_by_key(|(_, program)| *program);
+    println!("a save programs {all} bytes; the program by the byte at which the power failed: {found:?}");
+    assert!(found.iter().map(|(_, program)| *program).eq([Some([1, 1]), None, Some([2, 2])]));
+}
+
+#[test]
+#[ignore = "needs the emulator and the image of the board: `cargo xtask test` brings both"]
+fn every_request_is_heard_while_a_program_runs() {
+    const REQUESTS: u64 = 200;
+    /// t3.5, 8 characters, the answer of 27 and its wait, and a little.
+    const PACE: Nanos = 7 * MS;
+    let mut script = Script::fast();
+    // ADD AX, 1; ADD BX, SPEED; MOV 7002h, AX; JMP 0 (6.9).
+    let program = [line(0, 0x0019, 1), line(1, 0x3121, SPEED), line(2, 0x3002, 0x7002), line(3, 0x0005, 0)];
+    let save = ask(&mut script, START, &program);
+    script.hear(save, &rtu::write(1, FLAG_SAVE_USER_PROGRAM, SAVE_PROGRAM));
+    let begin = ask(&mut script, save + 200 * MS, &[rtu::write(1, 0x5005, 2).to_vec()]);
+    let asked: Vec<Nanos> = (0..REQUESTS).map(|n| begin + n * PACE).collect();
+    for at in &asked {
+        script.hear(*at, &rtu::read(1, AX, 11));
+    }
+    let run = play(&script, begin + REQUESTS * PACE);
+    let mut counts = Vec::new();
+    for at in asked {
+        let (_, reply) = run.sent(at, at + PACE);
+        let pdu = rtu::checked(&reply).unwrap_or_else(|| panic!("{reply:02x?} at {at} ns"));
+        assert_eq!((pdu[..3].to_vec(), pdu.len()), (vec![1, 3, 22], 25));
+        counts.push(u16::from_be_bytes([pdu[3], pdu[4]]));
+    }
+    // A round of four lines takes 400 µs: 17.5 of them in 7 ms.
+    for pair in counts.windows(2) {
+        let rounds = pair[1].wrapping_sub(pair[0]);
+        assert!((17..=18).contains(&rounds), "{rounds} rounds in 7 ms");
+    }
+}
+
+#[test]
+#[ignore = "needs the emulator and the image of the board: `cargo xtask test` brings both"]
+fn ascii_has_seven_bits_and_their_parity() {
+    // ":" address, function, first register, how many, LRC, CR LF (modbus-serial, 2.5.2).
+    let ascii = |bytes: &[u8]| {
+        let mut text = String::from(":");
+        let lrc = bytes.iter().fold(0_u8, |sum, byte| sum.wrapping_sub(*byte));
+        for byte in bytes.iter().chain([&lrc]) {
+            let _ = write!(text, "{byte:02X}");
+        }
+        text + "\r\n"
+    };
+    let mut script = Script::fast();
+    // ASCII 7E1, 9,600 baud (6.4), saved.
+    let settings = [(0x5001, 1), (0x5002, 4), (FLAG_SAVE_INI, SAVE_INI)]
+        .map(|(register, value)| rtu::write(1, register, value).to_vec());
+    let saved = ask(&mut script, START, &settings) + 200 * MS;
+    let restarted = ask(&mut script, saved, &[rtu::write(1, FLAG_RESTART, 0x95AF).to_vec()]) + 1_000 * MS;
+    const LONG: Nanos = 200 * MS;
+    // HW_MAJOR; the same with a character of wrong parity before it; ERROR.
+    let question = ascii(&[1, 4, 0x80, 0x01, 0, 1]);
+    script.hear(restarted, question.as_bytes());
+    let spoiled = restarted + LONG;
+    script.at(spoiled, "spoiled parity 3a");
+    let error = spoiled + LONG;
+    script.hear(error, ascii(&[1, 3, 0x50, 0x23, 0, 1]).as_bytes());
+    let end = error + LONG;
+    let run = play(&script, end);
+    let said = |from, to| String::from_utf8(run.sent(from, to).1).expect("it says ASCII");
+    assert_eq!(said(restarted, spoiled), ascii(&[1, 4, 2, 0x03, 0xE9]));
+    assert_eq!(said(spoiled, error), "");
+    // Bit 14: "RS-485 transmitting parity error" (6.5).
+    assert_eq!(said(error, end), ascii(&[1, 3, 2, 0x40, 0x00]));
+    // Ten bits a character at 9,600 baud.
+    let times = run.times_sent(restarted, spoiled);
+    let character = (times[14] - times[0]) / 14;
+    assert!(character.abs_diff(10_000_000_000 / 9_600) < 2_000, "{character} ns");
+}

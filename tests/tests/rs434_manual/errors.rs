@@ -1,0 +1,152 @@
+//! 6.5: ERROR: what sets each bit, whether it stops the motor, how it goes.
+
+use standin_protocol::time::Span;
+use standin_tests::rs434::{Rig, at};
+
+/// A drive that turns.
+fn turning() -> Rig {
+    let mut rig = Rig::default();
+    rig.write(at::START, 1);
+    rig.after(1.secs());
+    assert_eq!((rig.read(at::STATUS), rig.read(at::ERROR)), (1, 0));
+    rig
+}
+
+/// Decision 17: 0 to 6 and 10 stop the motor and stay until a restart: a write does not clear them, START does
+/// nothing, even when the cause is gone.
+#[test]
+fn section_6_5_faults_that_stop() {
+    for (fault, bit) in [
+        ("supply_voltage", 0),
+        ("short_circuit", 1),
+        ("brake_overheat", 2),
+        ("power_overheat", 3),
+        ("hall", 4),
+        ("mcu_overheat", 6),
+        ("switches", 10),
+    ] {
+        let mut rig = turning();
+        rig.fault(fault, true);
+        assert_eq!(rig.read(at::ERROR), 1 << bit, "{fault}");
+        rig.after(1.secs());
+        assert_eq!((rig.read(at::STATUS), rig.motion().speed.to_num::<f64>()), (0, 0.0), "{fault}");
+        rig.fault(fault, false);
+        rig.write(at::ERROR, 0);
+        rig.write(at::START, 1);
+        rig.after(1.secs());
+        assert_eq!((rig.read(at::STATUS), rig.read(at::ERROR)), (0, 1 << bit), "{fault}");
+        rig.restart();
+        assert_eq!(rig.read(at::ERROR), 0, "{fault}");
+        // Decision 18: the START under the fault is not remembered.
+        assert_eq!(rig.read(at::STATUS), 0);
+        rig.write(at::START, 1);
+        rig.after(1.secs());
+        assert_eq!(rig.read(at::STATUS), 1, "{fault}");
+    }
+}
+
+/// A restart under a fault that is still there.
+#[test]
+fn section_6_5_a_fault_that_stays() {
+    let mut rig = turning();
+    rig.fault("supply_voltage", true);
+    rig.restart();
+    rig.after(10.millis());
+    assert_eq!(rig.read(at::ERROR), 1);
+    rig.write(at::START, 1);
+    rig.after(1.secs());
+    assert_eq!(rig.read(at::STATUS), 0);
+}
+
+/// A fault at rest is an error, too.
+#[test]
+fn section_6_5_a_fault_at_rest() {
+    let mut rig = Rig::default();
+    rig.fault("short_circuit", true);
+    assert_eq!(rig.read(at::ERROR), 2);
+}
+
+/// Bit 11, decision 30: limits and does not stop; a write clears it.
+#[test]
+fn section_6_5_current_limit() {
+    let mut rig = turning();
+    rig.fault("current_limit", true);
+    assert_eq!(rig.read(at::ERROR), 1 << 11);
+    rig.after(1.secs());
+    assert_eq!(rig.read(at::STATUS), 1);
+    rig.fault("current_limit", false);
+    rig.write(at::ERROR, 0);
+    assert_eq!((rig.read(at::ERROR), rig.read(at::STATUS)), (0, 1));
+}
+
+/// Temperatures in 0.1 °C; their limits are 85 °C of the processor, 100 °C of switches and brake (decision 30).
+#[test]
+fn section_6_3_temperatures() {
+    for (name, address, limit, bit) in [
+        ("TEMPERATURE_MCU", at::TEMPERATURE_MCU, 850, 6),
+        ("TEMPERATURE_MOSFET", at::TEMPERATURE_MOSFET, 1_000, 3),
+        ("TEMPERATURE_BRAKE", at::TEMPERATURE_BRAKE, 1_000, 2),
+    ] {
+        let mut rig = turning();
+        let row = rig.bench.spec(rig.seat).find(name).expect("a register").row;
+        let heat = |rig: &mut Rig, to| {
+            rig.bench.poke(rig.seat, row, to).expect("a temperature can be injected");
+            rig.after(10.millis());
+            assert_eq!(i64::from(rig.read(address)), to, "{name}");
+        };
+        heat(&mut rig, limit - 1);
+        assert_eq!((rig.read(at::ERROR), rig.read(at::STATUS)), (0, 1), "{name}");
+        heat(&mut rig, limit);
+        rig.after(1.secs());
+        assert_eq!((rig.read(at::ERROR), rig.read(at::STATUS)), (1 << bit, 0), "{name}");
+        heat(&mut rig, 250);
+        assert_eq!(rig.read(at::ERROR), 1 << bit, "{name}");
+    }
+}
+
+/// CURRENT_VALID can be injected, too.
+#[test]
+fn section_6_3_an_injected_current() {
+    let mut rig = turning();
+    let row = rig.bench.spec(rig.seat).find("CURRENT_VALID").expect("a register").row;
+    rig.bench.poke(rig.seat, row, 1_234).expect("a current can be injected");
+    rig.after(1.secs());
+    assert_eq!((rig.read(at::CURRENT_VALID), rig.read(at::ERROR)), (1_234, 0));
+    // REF_CURRENT is 20 A.
+    rig.bench.poke(rig.seat, row, 20_001).expect("a current can be injected");
+    rig.after(10.millis());
+    assert_eq!(rig.read(at::ERROR), 1 << 11);
+    assert_eq!(rig.read(at::STATUS), 1);
+}
+
+/// Decision 17: a write clears where it has a 0, never sets a bit, is never refused.
+#[test]
+fn section_6_5_writes_of_error() {
+    let mut rig = Rig::default();
+    for value in [0xFFFF, 0x0001, 0] {
+        rig.write(at::ERROR, value);
+        assert_eq!(rig.read(at::ERROR), 0);
+    }
+    rig.write(at::USE_HALL, 1);
+    rig.write(at::MODE_ROTATION, 2);
+    rig.write_long(at::OFFSET, 5);
+    rig.write(at::START, 1);
+    assert_eq!(rig.try_write(at::SPEED, 1), Err(3));
+    assert_eq!(rig.read(at::ERROR), 1 << 15 | 1 << 13);
+    rig.write(at::ERROR, !(1 << 13));
+    assert_eq!(rig.read(at::ERROR), 1 << 15);
+    rig.write(at::ERROR, 0xFFFF);
+    assert_eq!(rig.read(at::ERROR), 1 << 15);
+    rig.write(at::ERROR, 0);
+    assert_eq!(rig.read(at::ERROR), 0);
+}
+
+/// Warnings go by a restart, too.
+#[test]
+fn section_6_5_warnings_and_a_restart() {
+    let mut rig = Rig::default();
+    assert_eq!(rig.try_write(at::SPEED, 1), Err(3));
+    assert_eq!(rig.read(at::ERROR), 1 << 13);
+    rig.restart();
+    assert_eq!(rig.read(at::ERROR), 0);
+}

@@ -1,0 +1,308 @@
+//! 6.1 and MODE_EXT_IN of 6.5: IN1, IN2 and HARD_STOP.
+
+use standin_protocol::time::{Duration, Span};
+use standin_sim::bench::PowerAction;
+use standin_tests::rs434::{BOOT, Rig, at};
+
+/// Longer than any ramp here, and than the debouncing.
+const WHILE: Duration = Duration::secs(1);
+
+/// A drive that its inputs control.
+fn by_inputs(mode_ext_in: u16) -> Rig {
+    let mut rig = Rig::default();
+    rig.write(at::MODE_EXT_IN, mode_ext_in);
+    rig.write(at::MODE_DEVICE, 2);
+    rig
+}
+
+/// A pulse: closed for that long, then open for a while.
+fn pulse(rig: &mut Rig, contact: &str) {
+    rig.close(contact);
+    rig.after(50.millis());
+    rig.open(contact);
+    rig.after(WHILE);
+}
+
+#[track_caller]
+fn assert_turns(rig: &mut Rig, status: u16, direction: u16) {
+    assert_eq!((rig.read(at::STATUS), rig.read(at::DIRECTION)), (status, direction), "STATUS, DIRECTION");
+    let sign = rig.motion().speed.signum();
+    assert_eq!(sign, [0, 1, -1][usize::from(status)], "the shaft");
+}
+
+/// "1 - input shorted to output GND, 0 - input open", before debouncing (easily missed 16).
+#[test]
+fn section_6_1_contacts() {
+    let mut rig = Rig::default();
+    rig.write(at::PRESSED, 60_000);
+    for (contact, address) in [("IN1", at::IN1), ("IN2", at::IN2), ("HARD_STOP", at::IN_HARD_STOP)] {
+        rig.open(contact);
+        assert_eq!(rig.read(address), 0, "{contact}");
+        rig.close(contact);
+        assert_eq!(rig.read(address), 1, "{contact}");
+    }
+    rig.close("IN2");
+    rig.open("IN1");
+    assert_eq!(rig.try_bits(2, at::IN1, 3), Ok(vec![false, true, true]));
+}
+
+/// 1: IN1 start/stop, IN2 reverse, both at the end of a pulse.
+#[test]
+fn section_6_5_mode_ext_in_1() {
+    let mut rig = by_inputs(1);
+    rig.close("IN1");
+    rig.after(WHILE);
+    assert_turns(&mut rig, 0, 1);
+    rig.open("IN1");
+    rig.after(WHILE);
+    assert_turns(&mut rig, 1, 1);
+    pulse(&mut rig, "IN2");
+    assert_turns(&mut rig, 2, 2);
+    pulse(&mut rig, "IN1");
+    assert_turns(&mut rig, 0, 2);
+    pulse(&mut rig, "IN2");
+    assert_turns(&mut rig, 0, 1);
+    pulse(&mut rig, "IN1");
+    assert_turns(&mut rig, 1, 1);
+}
+
+/// 2: IN1 start/stop at the end of a pulse, IN2 direction by level: open forward, closed backward (decision
+/// 24).
+#[test]
+fn section_6_5_mode_ext_in_2() {
+    let mut rig = by_inputs(2);
+    pulse(&mut rig, "IN1");
+    assert_turns(&mut rig, 1, 1);
+    rig.close("IN2");
+    rig.after(WHILE);
+    assert_turns(&mut rig, 2, 2);
+    rig.open("IN2");
+    rig.after(WHILE);
+    assert_turns(&mut rig, 1, 1);
+    pulse(&mut rig, "IN1");
+    assert_turns(&mut rig, 0, 1);
+    rig.close("IN2");
+    rig.after(WHILE);
+    assert_turns(&mut rig, 0, 2);
+}
+
+/// 3: IN1 by level, IN2 reverse at the end of a pulse.
+#[test]
+fn section_6_5_mode_ext_in_3() {
+    let mut rig = by_inputs(3);
+    rig.close("IN1");
+    rig.after(WHILE);
+    assert_turns(&mut rig, 1, 1);
+    pulse(&mut rig, "IN2");
+    assert_turns(&mut rig, 2, 2);
+    rig.open("IN1");
+    rig.after(WHILE);
+    assert_turns(&mut rig, 0, 2);
+}
+
+/// 4: both by level.
+#[test]
+fn section_6_5_mode_ext_in_4() {
+    let mut rig = by_inputs(4);
+    rig.close("IN1");
+    rig.after(WHILE);
+    assert_turns(&mut rig, 1, 1);
+    rig.close("IN2");
+    rig.after(WHILE);
+    assert_turns(&mut rig, 2, 2);
+    rig.open("IN1");
+    rig.after(WHILE);
+    assert_turns(&mut rig, 0, 2);
+}
+
+/// 5: IN1 forward, IN2 backward, by level; both: stop (decision 24).
+#[test]
+fn section_6_5_mode_ext_in_5() {
+    let mut rig = by_inputs(5);
+    let status = |rig: &mut Rig| {
+        rig.after(WHILE);
+        rig.read(at::STATUS)
+    };
+    assert_eq!(status(&mut rig), 0);
+    rig.close("IN1");
+    assert_eq!(status(&mut rig), 1);
+    rig.close("IN2");
+    assert_eq!(status(&mut rig), 0);
+    rig.open("IN1");
+    assert_eq!(status(&mut rig), 2);
+    rig.open("IN2");
+    assert_eq!(status(&mut rig), 0);
+    rig.close("IN2");
+    assert_eq!(status(&mut rig), 2);
+}
+
+/// Decision 20: in way 5 IN2 moves the negative offset.
+#[test]
+fn section_6_5_mode_ext_in_5_and_offsets() {
+    for (contact, position) in [("IN1", 200), ("IN2", -200)] {
+        let mut rig = by_inputs(5);
+        rig.write(at::MODE_ROTATION, 2);
+        rig.write_long(at::OFFSET_CONST, 200);
+        rig.close(contact);
+        rig.after(5.secs());
+        assert_eq!((rig.read_long(at::CURRENT_POSITION), rig.read(at::STATUS)), (position, 0), "{contact}");
+    }
+}
+
+/// PRESSED: a closure must last; "minimum time of a positive part of a pulse" (6.1).
+#[test]
+fn section_6_1_pressed() {
+    for (mode, lasts, status) in [(1, 49, 0), (1, 51, 1), (3, 49, 0), (3, 51, 1)] {
+        let mut rig = by_inputs(mode);
+        rig.write(at::PRESSED, 50);
+        rig.close("IN1");
+        rig.after(u64::from(lasts as u32).millis());
+        if mode == 1 {
+            rig.open("IN1");
+            rig.after(WHILE);
+        } else {
+            // By level: it runs at once, and a shorter closure is none.
+            rig.after(10.millis() * u64::from(status));
+            let speed = rig.motion().speed;
+            assert_eq!(speed > 0, status == 1, "{lasts} ms: {speed}");
+            continue;
+        }
+        assert_eq!(rig.read(at::STATUS), status, "{lasts} ms, way {mode}");
+    }
+}
+
+/// WAITED: the opening behind it must last, and only then the pulse is over (decision 23).
+#[test]
+fn section_6_1_waited() {
+    let mut rig = by_inputs(1);
+    rig.write(at::WAITED, 300);
+    rig.close("IN1");
+    rig.after(20.millis());
+    rig.open("IN1");
+    rig.after(295.millis());
+    assert_eq!(rig.motion().speed, 0);
+    rig.after(50.millis());
+    assert_eq!(rig.read(at::STATUS), 1);
+}
+
+/// Easily missed 16: two closures with a short opening are one pulse.
+#[test]
+fn section_6_1_contact_bounce() {
+    let mut rig = by_inputs(1);
+    rig.write(at::PRESSED, 20);
+    rig.write(at::WAITED, 20);
+    for _ in 0..2 {
+        rig.close("IN1");
+        rig.after(30.millis());
+        rig.open("IN1");
+        rig.after(10.millis());
+    }
+    rig.after(WHILE);
+    assert_turns(&mut rig, 1, 1);
+    // Twenty bounces of a contact that closes, and opens, for 5 ms are nothing.
+    for _ in 0..20 {
+        rig.close("IN1");
+        rig.after(5.millis());
+        rig.open("IN1");
+        rig.after(5.millis());
+    }
+    rig.after(WHILE);
+    assert_turns(&mut rig, 1, 1);
+}
+
+/// 6.5: MODE_DEVICE: in 1 the inputs do nothing; in 2 START does nothing, and its reply is normal (decision
+/// 18); STOP works in both (decision 38).
+#[test]
+fn section_6_5_mode_device() {
+    let mut rig = Rig::default();
+    pulse(&mut rig, "IN1");
+    assert_turns(&mut rig, 0, 1);
+    pulse(&mut rig, "IN2");
+    assert_turns(&mut rig, 0, 1);
+    rig.write(at::MODE_DEVICE, 2);
+    rig.write(at::START, 1);
+    rig.after(WHILE);
+    assert_turns(&mut rig, 0, 1);
+    assert_eq!(rig.read(at::ERROR), 0);
+    // Not remembered.
+    rig.write(at::MODE_DEVICE, 1);
+    rig.after(WHILE);
+    assert_turns(&mut rig, 0, 1);
+    for coil in [at::STOP, at::HARD_STOP] {
+        let mut rig = by_inputs(1);
+        pulse(&mut rig, "IN1");
+        assert_turns(&mut rig, 1, 1);
+        rig.write(coil, 1);
+        rig.after(WHILE);
+        assert_turns(&mut rig, 0, 1);
+    }
+}
+
+/// Decision 24: levels act at power-up and when the mode is written, edges do not.
+#[test]
+fn section_6_5_levels_at_power_up() {
+    for (mode, status) in [(1, 0), (2, 0), (3, 1), (4, 2), (5, 0)] {
+        let mut rig = Rig::default();
+        rig.write(at::MODE_EXT_IN, mode);
+        rig.write(at::MODE_DEVICE, 2);
+        rig.save();
+        rig.bench.power(rig.seat, PowerAction::Off);
+        rig.after(WHILE);
+        rig.close("IN1");
+        rig.close("IN2");
+        rig.bench.power(rig.seat, PowerAction::On);
+        rig.after(BOOT + WHILE);
+        assert_eq!(rig.read(at::STATUS), status, "way {mode}");
+        assert_eq!(rig.read(at::DIRECTION), if [2, 4].contains(&mode) { 2 } else { 1 }, "way {mode}");
+    }
+    let mut rig = Rig::default();
+    rig.write(at::MODE_EXT_IN, 4);
+    rig.close("IN1");
+    rig.close("IN2");
+    rig.after(WHILE);
+    assert_turns(&mut rig, 0, 1);
+    rig.write(at::MODE_DEVICE, 2);
+    rig.after(WHILE);
+    assert_turns(&mut rig, 2, 2);
+}
+
+/// "Operation is permitted with closed contact" (6): open: at once, bit 5, latched until a restart (decision
+/// 8 of the general list), whatever MODE_DEVICE says.
+#[test]
+fn section_6_hard_stop() {
+    for mode in [1, 2] {
+        let mut rig = Rig::default();
+        rig.write(at::MODE_EXT_IN, 3);
+        rig.write(at::DEC, 10);
+        rig.write(at::START, 1);
+        rig.write(at::MODE_DEVICE, mode);
+        rig.close("IN1");
+        rig.after(WHILE);
+        assert_eq!((rig.read(at::STATUS), rig.read(at::ERROR)), (1, 0));
+        rig.open("HARD_STOP");
+        rig.after(500.millis());
+        assert_eq!((rig.read(at::STATUS), rig.read(at::ERROR)), (0, 1 << 5));
+        rig.close("HARD_STOP");
+        rig.write(at::ERROR, 0);
+        rig.write(at::START, 1);
+        rig.after(WHILE);
+        assert_eq!((rig.read(at::STATUS), rig.read(at::ERROR)), (0, 1 << 5));
+        rig.restart();
+        assert_eq!(rig.read(at::ERROR), 0);
+        rig.write(at::START, 1);
+        rig.after(WHILE);
+        assert_eq!(rig.read(at::STATUS), 1);
+    }
+}
+
+/// Also at power-up (decision 8 of the general list).
+#[test]
+fn section_6_hard_stop_at_power_up() {
+    let mut rig = Rig::default();
+    rig.open("HARD_STOP");
+    rig.restart();
+    assert_eq!(rig.read(at::ERROR), 1 << 5);
+    rig.write(at::START, 1);
+    rig.after(WHILE);
+    assert_eq!(rig.read(at::STATUS), 0);
+}

@@ -1,0 +1,244 @@
+//! 6 and 6.4: the line: five types, eleven rates, ASCII, the delay of replies, parity.
+
+use standin_firmware::device::{Line, Port};
+use standin_protocol::line::Parity;
+use standin_protocol::modbus::rtu;
+use standin_protocol::time::{Duration, Span};
+use standin_sim::bench::Setup;
+use standin_sim::bus::{LineMode, Sender};
+use standin_tests::rs434::{BOOT, Rig, SILENCE, at, key, request};
+
+/// TYPE_MODBUS (6.4).
+const TYPES: [(u16, u8, Parity, u8); 5] = [
+    (1, 7, Parity::Even, 1),
+    (2, 7, Parity::Odd, 1),
+    (3, 8, Parity::Even, 1),
+    (4, 8, Parity::Odd, 1),
+    (5, 8, Parity::None, 2),
+];
+
+/// BITRATE_MODBUS 0 to 10 (6.4).
+const RATES: [u32; 11] = [600, 1_200, 2_400, 4_800, 9_600, 14_400, 19_200, 38_400, 57_600, 115_200, 128_000];
+
+/// A drive that is ready, on a line where characters take their time.
+fn timed() -> Rig {
+    let mut rig = Rig::new("rs434544", LineMode::Timed, Setup::default());
+    rig.after(BOOT);
+    rig
+}
+
+/// With these settings saved, and restarted.
+fn restarted(settings: &[(u16, u16)]) -> Rig {
+    let mut rig = timed();
+    for &(address, value) in settings {
+        rig.write(address, value);
+    }
+    rig.save();
+    rig.restart();
+    rig
+}
+
+fn line(rig: &Rig) -> Line {
+    rig.bench.line(rig.bench.bus(rig.seat, Port(0)).expect("a line"))
+}
+
+/// A message in ASCII, upper case: `:`, two digits a byte, LRC, CR LF (serial 2.5.2).
+fn ascii(body: &[u8]) -> Vec<u8> {
+    let sum: u32 = body.iter().map(|&byte| u32::from(byte)).sum();
+    let lrc = (256 - sum % 256) as u8;
+    let digits: String = body.iter().chain([&lrc]).map(|byte| format!("{byte:02X}")).collect();
+    format!(":{digits}\r\n").into_bytes()
+}
+
+/// The replies as text, for readable failures.
+fn ask_ascii(rig: &mut Rig, message: &[u8]) -> String {
+    String::from_utf8_lossy(&rig.bench.ask(rig.seat, message)).into_owned()
+}
+
+#[test]
+fn section_6_factory_line() {
+    assert_eq!(line(&timed()), Line::new(115_200, 8, Parity::Even, 1));
+}
+
+/// All 55: "after the reboot" (6.4), not before; then SPEED is read in that framing.
+#[test]
+fn section_6_4_types_and_rates() {
+    for (kind, data, parity, stop) in TYPES {
+        for (code, baud) in (0..).zip(RATES) {
+            let mut rig = timed();
+            rig.write(at::TYPE, kind);
+            rig.write(at::BITRATE, code);
+            rig.save();
+            assert_eq!(line(&rig), Line::new(115_200, 8, Parity::Even, 1));
+            rig.write(at::RESTART, key::RESTART);
+            rig.after(BOOT + 10.millis());
+            assert_eq!(line(&rig), Line::new(baud, data, parity, stop), "{kind} {code}");
+            let body = [&[1][..], &request(3, at::SPEED, 1)].concat();
+            if data == 7 {
+                assert_eq!(ask_ascii(&mut rig, &ascii(&body)), ":01030203E80F\r\n", "{kind} {code}");
+                assert_eq!(rig.bench.ask(rig.seat, &rtu::read(1, at::SPEED, 1)), SILENCE);
+            } else {
+                assert_eq!(rig.read(at::SPEED), 1_000, "{kind} {code}");
+                assert_eq!(rig.bench.ask(rig.seat, &ascii(&body)), SILENCE);
+            }
+        }
+    }
+}
+
+/// "New values must be saved": a restart alone goes back to what was saved.
+#[test]
+fn section_6_4_without_a_save() {
+    let mut rig = timed();
+    rig.write(at::TYPE, 1);
+    rig.write(at::BITRATE, 4);
+    rig.write(at::SLAVE_ADDRESS, 9);
+    rig.restart();
+    assert_eq!(line(&rig), Line::new(115_200, 8, Parity::Even, 1));
+    assert_eq!([at::TYPE, at::BITRATE, at::SLAVE_ADDRESS].map(|address| rig.read(address)), [3, 9, 1]);
+}
+
+#[test]
+fn section_6_4_addresses() {
+    for address in [2, 247] {
+        let mut rig = timed();
+        rig.write(at::SLAVE_ADDRESS, address);
+        rig.save();
+        assert_eq!(rig.read(at::SLAVE_ADDRESS), address, "still at address 1");
+        rig.restart();
+        assert_eq!(rig.bench.ask(rig.seat, &rtu::read(1, at::SPEED, 1)), SILENCE);
+        let reply = rig.bench.ask(rig.seat, &rtu::read(address as u8, at::SPEED, 1));
+        assert_eq!(reply, rtu::frame(address as u8, &[3, 2, 0x03, 0xE8])[..]);
+    }
+}
+
+/// Decision 26: 0 obeys broadcasts and never answers.
+#[test]
+fn section_6_4_address_0() {
+    let mut rig = restarted(&[(at::SLAVE_ADDRESS, 0)]);
+    for frame in [rtu::read(1, at::SPEED, 1), rtu::read(0, at::SPEED, 1), rtu::write(0, at::SPEED, 500)] {
+        assert_eq!(rig.bench.ask(rig.seat, &frame), SILENCE);
+    }
+    let row = rig.bench.spec(rig.seat).find("SPEED").expect("a register").row;
+    assert_eq!(rig.bench.peek(rig.seat, row), 500);
+}
+
+/// How long a reply takes, from the moment the request is sent.
+fn reply_takes(rig: &mut Rig, frame: &[u8]) -> Duration {
+    let bus = rig.bench.bus(rig.seat, Port(0)).expect("a line");
+    let client = rig.bench.connect(bus);
+    let start = rig.now();
+    rig.bench.send(client, frame);
+    let mut reply = Vec::new();
+    while rig.bench.receive(client, &mut reply) == 0 {
+        let next = rig.bench.next();
+        assert!(next < start + 1_000.secs(), "no reply");
+        rig.bench.run_until(next);
+    }
+    let took = rig.now().since(start);
+    rig.bench.settle();
+    rig.bench.disconnect(client);
+    took
+}
+
+/// "An additional delay between the received packet and the reply message", in ms (decision 25), from the
+/// restart on as the other three.
+#[test]
+fn section_6_4_timeout() {
+    let read = rtu::read(1, at::SPEED, 1);
+    let plain = reply_takes(&mut timed(), &read);
+    // The request and 3.5 characters, at least: 8 of 11 bits at 115,200 are 764 µs, and 1.75 ms.
+    assert!(plain >= 2_500.micros() && plain < 4.millis(), "{plain:?}");
+    for ms in [1, 250, 2_000, 65_535] {
+        let mut rig = restarted(&[(at::TIMEOUT, ms)]);
+        assert_eq!(reply_takes(&mut rig, &read), plain + u64::from(ms).millis());
+        rig.after(1.secs());
+        // A refusal is a reply.
+        let refused = reply_takes(&mut rig, &rtu::read(1, 0, 1));
+        assert_eq!(refused, plain + u64::from(ms).millis());
+    }
+}
+
+/// A message as the specification has it, and its LRC by hand: 01+03+50+0B+00+01 = 60h, so A0h.
+#[test]
+fn section_6_4_ascii_messages() {
+    let mut rig = restarted(&[(at::TYPE, 1)]);
+    let reply = ":01030203E80F\r\n";
+    assert_eq!(ask_ascii(&mut rig, b":0103500B0001A0\r\n"), reply);
+    assert_eq!(ascii(&[1, 3, 0x50, 0x0B, 0, 1]), b":0103500B0001A0\r\n");
+    // Either case is accepted (decision 13 of the general list).
+    assert_eq!(ask_ascii(&mut rig, b":0103500b0001a0\r\n"), reply);
+    // A write, a refusal, a coil.
+    assert_eq!(ask_ascii(&mut rig, &ascii(&[1, 6, 0x50, 0x0B, 0x01, 0xF4])), ":0106500B01F4A9\r\n");
+    assert_eq!(ask_ascii(&mut rig, &ascii(&[1, 6, 0x50, 0x0B, 0, 1])), ":01860376\r\n");
+    assert_eq!(ask_ascii(&mut rig, &ascii(&[1, 5, 0x20, 0x03, 0xFF, 0])), ":01052003FF00D8\r\n");
+    // A broadcast, a foreign address.
+    assert_eq!(ask_ascii(&mut rig, &ascii(&[0, 6, 0x50, 0x0B, 0x01, 0xF5])), "");
+    assert_eq!(ask_ascii(&mut rig, &ascii(&[2, 6, 0x50, 0x0B, 0x01, 0xF6])), "");
+    assert_eq!(ask_ascii(&mut rig, b":0103500B0001A0\r\n"), ":01030201F504\r\n");
+}
+
+/// A wrong LRC, an odd digit, a letter that is none, no CR: silence, and the next message is answered. Noise
+/// resynchronises at the next `:`.
+#[test]
+fn section_6_4_ascii_noise() {
+    let mut rig = restarted(&[(at::TYPE, 2)]);
+    let good = ":0103500B0001A0\r\n";
+    let reply = ":01030203E80F\r\n";
+    for bad in [
+        ":0103500B0001A1\r\n",
+        ":0103500B0001A\r\n",
+        ":0103500B000GA0\r\n",
+        ":0103500B0001A0\n",
+        "0103500B0001A0\r\n",
+        ":\r\n",
+        ":01\r\n",
+        "\r\n\r\n",
+    ] {
+        assert_eq!(ask_ascii(&mut rig, bad.as_bytes()), "", "{bad:?}");
+        rig.after(2.secs());
+        assert_eq!(ask_ascii(&mut rig, good.as_bytes()), reply, "after {bad:?}");
+    }
+    for noise in ["xyz", ":0103", ":0106500B", ":::", "\r\n:01", "\u{7f}\u{1}"] {
+        assert_eq!(ask_ascii(&mut rig, format!("{noise}{good}").as_bytes()), reply, "after {noise:?}");
+    }
+    // Decision 32: none of this sets an error.
+    assert_eq!(ask_ascii(&mut rig, &ascii(&[1, 3, 0x50, 0x23, 0, 1])), ":0103020000FA\r\n");
+}
+
+/// "Intervals of up to one second may elapse between characters within the message."
+#[test]
+fn section_6_4_ascii_pauses() {
+    for (pause, answered) in [(900.millis(), true), (1_100.millis(), false)] {
+        let mut rig = restarted(&[(at::TYPE, 1)]);
+        rig.bench.set_patience(1.millis());
+        let bus = rig.bench.bus(rig.seat, Port(0)).expect("a line");
+        let client = rig.bench.connect(bus);
+        let (one, other) = b":0103500B0001A0\r\n".split_at(6);
+        rig.bench.send(client, one);
+        rig.after(pause);
+        rig.bench.send(client, other);
+        rig.after(1.secs());
+        let mut reply = Vec::new();
+        rig.bench.receive(client, &mut reply);
+        assert_eq!(!reply.is_empty(), answered, "{pause:?}");
+    }
+}
+
+/// Characters of another rate or parity: silence. Decision 32: wrong parity sets bit 14; a write clears it.
+#[test]
+fn section_6_5_parity() {
+    let mut rig = timed();
+    let bus = rig.bench.bus(rig.seat, Port(0)).expect("a line");
+    let client = rig.bench.connect(bus);
+    let odd = Sender { odd: Some(true), ..Sender::default() };
+    rig.bench.send_from(client, &rtu::write(1, at::SPEED, 500), odd);
+    rig.bench.settle();
+    rig.after(100.millis());
+    let mut reply = Vec::new();
+    rig.bench.receive(client, &mut reply);
+    assert_eq!(reply, SILENCE);
+    rig.bench.disconnect(client);
+    assert_eq!((rig.read(at::SPEED), rig.read(at::ERROR)), (1_000, 1 << 14));
+    rig.write(at::ERROR, 0);
+    assert_eq!(rig.read(at::ERROR), 0);
+}

@@ -1,0 +1,163 @@
+//! 6.5, 7: power-on, restart, saving, factory reset.
+
+use standin_firmware::device::Level;
+use standin_protocol::modbus::rtu;
+use standin_protocol::time::{Duration, Span};
+use standin_sim::bench::{Driving, PowerAction, Setup};
+use standin_sim::bus::LineMode;
+use standin_tests::rs434::{BOOT, Rig, at, key};
+
+fn answers(rig: &mut Rig) -> bool {
+    !rig.bench.ask(rig.seat, &rtu::read(1, at::SPEED, 1)).is_empty()
+}
+
+/// Decision 2: 500 ms without ears.
+#[test]
+fn section_6_power_on() {
+    let mut rig = Rig::new("rs434544", LineMode::Fast, Setup::default());
+    rig.after(BOOT - 1.millis());
+    assert!(!answers(&mut rig));
+    rig.after(1.millis());
+    assert!(answers(&mut rig));
+    assert_eq!([at::STATUS, at::ERROR, at::STATUS_USER_PROGRAM].map(|address| rig.read(address)), [0, 0, 1]);
+}
+
+/// "Causes the controller reboot": answered, then the same 500 ms (decision 9 of the general list); the
+/// position is 0, the motor stands, what was not saved is gone.
+#[test]
+fn section_6_5_restart() {
+    let mut rig = Rig::default();
+    rig.write(at::START, 1);
+    rig.after(1.secs());
+    assert!(rig.read_long(at::CURRENT_POSITION) > 100);
+    rig.write(at::RESTART, key::RESTART);
+    rig.after(BOOT - 2.millis());
+    assert!(!answers(&mut rig));
+    rig.after(3.millis());
+    assert!(answers(&mut rig));
+    assert_eq!([at::STATUS, at::ERROR].map(|address| rig.read(address)), [0, 0]);
+    rig.after(2.secs());
+    assert_eq!(rig.motion().speed, 0);
+    // It may have coasted, but not far: it had 16 counts a turn at 1,000 rpm.
+    assert!(rig.read_long(at::CURRENT_POSITION).abs() < 100);
+    assert_eq!(rig.try_write(at::RESTART, 0x95AE), Err(3));
+}
+
+/// A restart of a drive at rest is at 0.
+#[test]
+fn section_6_5_restart_clears_the_position() {
+    let mut rig = Rig::default();
+    rig.write(at::MODE_ROTATION, 2);
+    rig.write_long(at::OFFSET, 100);
+    rig.write(at::START, 1);
+    rig.after(5.secs());
+    assert_eq!(rig.read_long(at::CURRENT_POSITION), 100);
+    rig.restart();
+    assert_eq!(rig.read_long(at::CURRENT_POSITION), 0);
+}
+
+/// Decision 8 of all Modbus drives, and 33: power fails in a save: factory values run, bit 9, and the memory
+/// stays as it is; a save and a restart mend it.
+#[test]
+fn section_6_5_power_lost_in_a_save() {
+    let mut rig = Rig::default();
+    rig.write(at::SPEED, 500);
+    rig.save();
+    rig.write(at::SPEED, 600);
+    rig.write(at::SAVE_INI, key::SAVE);
+    rig.after(1.millis());
+    rig.bench.power(rig.seat, PowerAction::Off);
+    rig.after(1.secs());
+    let memory = rig.bench.memory(rig.seat).to_vec();
+    rig.bench.power(rig.seat, PowerAction::On);
+    rig.after(BOOT + 1.millis());
+    assert_eq!((rig.read(at::SPEED), rig.read(at::ERROR)), (1_000, 1 << 9));
+    assert_eq!(rig.bench.memory(rig.seat), memory);
+    rig.write(at::ERROR, 0);
+    assert_eq!(rig.read(at::ERROR), 1 << 9, "decision 17: until a restart");
+    rig.write(at::SPEED, 700);
+    rig.save();
+    rig.restart();
+    assert_eq!((rig.read(at::SPEED), rig.read(at::ERROR)), (700, 0));
+}
+
+/// A drive with SPEED 500 and a program saved, that was given power with CLR_FLASH closed.
+fn with_clr_flash_closed() -> Rig {
+    let mut rig = Rig::default();
+    rig.write(at::SPEED, 500);
+    rig.write(at::SLAVE_ADDRESS, 9);
+    rig.save();
+    rig.load(&[0x0007_0001]);
+    rig.bench.power(rig.seat, PowerAction::Off);
+    rig.after(1.secs());
+    rig.close("CLR_FLASH");
+    rig.bench.power(rig.seat, PowerAction::On);
+    rig.after(Duration::TICK * 2);
+    rig
+}
+
+/// "The red and green LEDs on the unit will light up alternately."
+#[test]
+fn section_7_lights() {
+    let mut rig = with_clr_flash_closed();
+    let (mut changes, mut before) = (0, None);
+    rig.after(125.millis());
+    for _ in 0..19 {
+        let lit = ["RED", "GREEN"].map(|light| rig.level(light) == Level::High);
+        assert!(lit[0] != lit[1], "one of them, not both");
+        changes += u32::from(before.is_some_and(|before| before != lit));
+        before = Some(lit);
+        assert!(!answers(&mut rig));
+        rig.after(250.millis());
+    }
+    assert_eq!(changes, 18);
+}
+
+/// "Keep CLR_FLASH_CON and GND closed for 5s. After that, the controller parameters will be reset to the
+/// factory values." The user program stays (decision 31).
+#[test]
+fn section_7_factory_reset() {
+    let mut rig = with_clr_flash_closed();
+    rig.after(4_990.millis());
+    assert!(!answers(&mut rig));
+    rig.after(BOOT + 100.millis());
+    assert_eq!([at::SPEED, at::SLAVE_ADDRESS].map(|address| rig.read(address)), [1_000, 1]);
+    rig.open("CLR_FLASH");
+    rig.power_cycle();
+    assert_eq!([at::SPEED, at::SLAVE_ADDRESS, at::ERROR].map(|address| rig.read(address)), [1_000, 1, 0]);
+    rig.run();
+    rig.after(1.millis());
+    assert_eq!(rig.read(at::AX), 7);
+}
+
+/// Decision 31: opened earlier, it boots unchanged.
+#[test]
+fn section_7_opened_too_early() {
+    let mut rig = with_clr_flash_closed();
+    rig.after(4_900.millis());
+    rig.open("CLR_FLASH");
+    rig.after(BOOT + 10.millis());
+    assert!(!answers(&mut rig), "its address is 9");
+    let reply = rig.bench.ask(rig.seat, &rtu::read(9, at::SPEED, 1));
+    assert_eq!(reply, rtu::frame(9, &[3, 2, 0x01, 0xF4])[..]);
+}
+
+/// Only at power-on.
+#[test]
+fn section_7_not_while_it_runs() {
+    let mut rig = Rig::default();
+    rig.write(at::SPEED, 500);
+    rig.close("CLR_FLASH");
+    rig.after(10.secs());
+    assert_eq!(rig.read(at::SPEED), 500);
+}
+
+/// 4: "LED indicator of device operation": green while it is ready; red beside an error that stops the motor.
+#[test]
+fn section_4_lights() {
+    let mut rig = Rig::default();
+    assert_eq!(["GREEN", "RED"].map(|light| rig.level(light)), [Level::High, Level::Low]);
+    rig.drive("HARD_STOP", Driving::High);
+    rig.after(1.millis());
+    assert_eq!(rig.level("RED"), Level::High);
+}
