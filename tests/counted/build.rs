@@ -7,9 +7,7 @@ fn main() {
     println!("cargo::rustc-link-arg-bins=-Tlink.x");
     println!("cargo::rustc-link-arg-bins=--nmagic");
     // What is measured lies there.
-    println!("cargo::rustc-link-arg-bins=--defsym=_stack_length=12288");
-    // A drive lies there whole, and a program of an RS 434544 besides. There is little else in RAM.
-    println!("cargo::rustc-link-arg-bins=--defsym=_stack_length=0x3800");
+    println!("cargo::rustc-link-arg-bins=--defsym=_stack_length=14336");
     if std::env::var("TARGET").is_ok_and(|target| target.starts_with("thumbv6m")) {
         // The nRF51822 of a micro:bit. The default map is that of the LM3S6965.
         println!("cargo::rustc-link-arg-bins=--defsym=_ram_length=0x4000");

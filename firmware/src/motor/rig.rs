@@ -95,6 +95,8 @@ impl Sink for OfMotor<'_> {
 
 impl<D: Turns> Rig<D> {
     /// `drive` and the motor that its registers describe, which stands.
+    // Where it will be: a copy of a drive takes kilobytes of a board's stack.
+    #[inline(always)]
     pub fn new(drive: D) -> Self {
         let motor = Motor::new(drive.motor());
         Self { drive, motor, wires: Wires::EMPTY }

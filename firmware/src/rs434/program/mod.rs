@@ -86,6 +86,8 @@ pub(super) struct Program {
 }
 
 impl Program {
+    // Where it will be: a copy takes 6 KB of a board's stack.
+    #[inline(always)]
     pub(super) fn new() -> Self {
         Self {
             vm: Vm::new(),
