@@ -25,7 +25,8 @@ fn main() -> ! {
     done()
 }
 
-/// Runs a program.
+/// Runs a program. Not inlined: RAM has room for one drive.
+#[inline(never)]
 fn lines(name: &CStr, program: &Program, flash: &'static Flash) {
     let mut drive = rs434544();
     let out = &mut Hands(flash);
@@ -40,7 +41,7 @@ fn lines(name: &CStr, program: &Program, flash: &'static Flash) {
         count(|| carry_out(&mut drive, out));
     }
     let read = |reg: Reg| drive.peek(drive.deadline(), reg as usize);
-    assert!(read(Reg::STATUS_USER_PROGRAM) == 4 && read(Reg::AX_REG) == ROUNDS.into());
+    assert!(read(Reg::STATUS_USER_PROGRAM) == 4 && read(Reg::AX_REG) == i64::from(ROUNDS));
     let at = program.lines.get(read(Reg::PC_REG) as usize);
     assert!(program.lines.first() == Some(&MOV_AX_0) && at == Some(&JMP_1));
 }
