@@ -200,7 +200,7 @@ impl Drive {
         (self.bank.word(Reg::SLAVE_ADDRESS_MODBUS) & 0xFF) as u8
     }
 
-    /// How long every reply waits (6.4).
+    /// How long every reply waits from its next start on (6.4).
     pub(super) fn reply_delay(&self) -> Duration {
         Duration::millis(self.bank.word(Reg::TIMEOUT_BROADCAST_MODBUS).into())
     }

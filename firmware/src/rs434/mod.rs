@@ -31,8 +31,8 @@ use self::port::Serial;
 use self::registers::Model;
 pub use self::registers::Reg;
 use crate::device::{
-    Axis, AxisSpec, Boot, Device, Ends, Fault, Input, Instant, Level, Note, Output, Pin, PinSpec, Port,
-    PortSpec, Refused, Role, Sink, Spec,
+    Axis, AxisSpec, Boot, Device, Duration, Ends, Fault, Input, Instant, Level, Note, Output, Pin, PinSpec,
+    Port, PortSpec, Refused, Role, Sink, Spec,
 };
 use crate::memory;
 use crate::motor::{Parameters, Rig, Turns};
@@ -138,12 +138,21 @@ pub fn rs434546() -> Rig<Rs434> {
     Rig::new(Rs434::of(Model::Rs434546))
 }
 
+/// How the drive speaks: as its registers were when it started (6.4).
+#[derive(Clone, Copy, Debug)]
+struct Manners {
+    /// SLAVE_ADDRESS_MODBUS.
+    unit: u8,
+    /// How long every reply waits: TIMEOUT_BROADCAST_MODBUS.
+    delay: Duration,
+}
+
 /// An RS 434544 or 434546, without a motor.
 #[derive(Clone, Debug)]
 pub struct Rs434 {
     serial: Serial,
-    /// Its address on the bus, which holds from start to start (6.4); `None` until it knows when it listens.
-    unit: Option<u8>,
+    /// `None` until the drive knows when it listens.
+    manners: Option<Manners>,
     drive: Drive,
     /// When anything but the program is due.
     due: Instant,
@@ -155,7 +164,7 @@ impl Rs434 {
     fn of(model: Model) -> Self {
         Self {
             serial: Serial::new(registers::FACTORY_LINE),
-            unit: None,
+            manners: None,
             drive: Drive::new(model),
             due: Instant::NEVER,
         }
@@ -163,7 +172,7 @@ impl Rs434 {
 
     /// It starts, or starts again.
     fn start(&mut self, at: Instant, out: &mut dyn Sink) {
-        self.unit = None;
+        self.manners = None;
         self.serial.mute();
         self.follow(at, out);
     }
@@ -172,11 +181,11 @@ impl Rs434 {
     /// learnt when it listens, and has other deadlines.
     fn follow(&mut self, at: Instant, out: &mut dyn Sink) {
         self.drive.show(at, out);
-        if self.unit.is_none()
+        if self.manners.is_none()
             && let Some(from) = self.drive.hears_from()
         {
             self.serial.power_on(at, self.drive.line(), from, out);
-            self.unit = Some(self.drive.unit());
+            self.manners = Some(Manners { unit: self.drive.unit(), delay: self.drive.reply_delay() });
         }
         self.due = self.drive.deadline().min(self.serial.deadline());
     }
@@ -198,19 +207,19 @@ impl Rs434 {
 
     /// The message that has come is over.
     fn serve(&mut self, at: Instant, out: &mut dyn Sink) {
-        let Self { serial, unit: Some(unit), drive, .. } = self else { return };
+        let Self { serial, manners: Some(manners), drive, .. } = self else { return };
         let Some(message) = serial.take() else { return };
         let mut reply = Frame::new();
         let outcome = match message {
             Ok(body) => {
                 let mut map = Bus { drive, at, out };
-                serve_serial(body, *unit, &RULES, &mut map, &mut reply)
+                serve_serial(body, manners.unit, &RULES, &mut map, &mut reply)
             }
             Err(why) => Outcome::Dropped(why),
         };
         out.put(at, Output::Note(note(outcome)));
         if !reply.is_empty() {
-            let end = serial.reply(at, drive.reply_delay(), &reply, out);
+            let end = serial.reply(at, manners.delay, &reply, out);
             if drive.restart_after(end) {
                 serial.mute();
             }

@@ -102,10 +102,11 @@ fn every_reply_waits_for_the_timeout() {
     let sent = bed.now + CHARACTER * 8;
     assert_eq!(bed.read(0x500B), 1_000);
     assert_eq!(bed.world.sent[0].0, sent + 100.millis());
-    // As soon as it is written.
-    let sent = bed.now + CHARACTER * 8;
+    // Another one holds from the next start on.
     bed.write(0x5003, 200);
-    assert_eq!(bed.world.sent[1].0, sent + 200.millis());
+    let sent = bed.now + CHARACTER * 8;
+    assert_eq!(bed.read(0x5003), 200);
+    assert_eq!(bed.world.sent[2].0, sent + 100.millis());
 }
 
 #[test]

@@ -18,7 +18,6 @@ use crate::rs434::{LINES, MEMORY};
 const AX: u32 = 0;
 const BX: u32 = 1;
 const CX: u32 = 2;
-const DX: u32 = 3;
 const GX: u32 = 6;
 const IX: u32 = 8;
 const JX: u32 = 9;
