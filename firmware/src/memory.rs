@@ -29,12 +29,11 @@ pub enum Content {
 /// Judges the memory of a map with `words` saved words.
 #[must_use]
 pub fn content(memory: &[u8], words: usize) -> Content {
-    let Some(memory) = memory.get(..2 * words + 2) else { return Content::Bad };
-    if memory.iter().all(|&byte| byte == 0xFF) {
-        return Content::New;
-    }
-    match memory.split_last_chunk::<2>() {
-        Some((image, sum)) if crc(image) == u16::from_be_bytes(*sum) => Content::Good,
+    let image = memory.get(..2 * words);
+    let sum = memory.get(2 * words..).and_then(<[u8]>::first_chunk::<2>);
+    match (image, sum) {
+        (Some(image), Some([0xFF, 0xFF])) if image.iter().all(|&byte| byte == 0xFF) => Content::New,
+        (Some(image), Some(sum)) if crc(image) == u16::from_be_bytes(*sum) => Content::Good,
         _ => Content::Bad,
     }
 }

@@ -94,7 +94,7 @@ impl Constants {
             }
             None => (0, 0),
         };
-        let drives = push.clamp(-limit, limit);
+        let drives = push.min(limit).max(-limit);
         let ma = ((2 * drives * self.stall_ma).div_euclid(self.stall.max(1)) + 1) >> 1;
         let way = if now.speed != 0 {
             now.speed.signum()
@@ -105,7 +105,7 @@ impl Constants {
         };
         let against = self.load + way * self.friction;
         let acceleration = match closed {
-            Some(_) => (((push - against) * self.mean) >> 16).clamp(-limit - against, limit - against),
+            Some(_) => (((push - against) * self.mean) >> 16).min(limit - against).max(-limit - against),
             None => -against,
         };
         let stands = way == 0 || (now.speed == 0 && acceleration == 0);

@@ -89,6 +89,8 @@ const LEAST_DUTY: i64 = FULL / 100 + 1;
 const MISSED: I40F24 = I40F24::lit("4");
 /// How far from the middle of its count a move may end.
 const NEAR: I40F24 = I40F24::lit("0.25");
+/// From an edge to the middle of its count.
+const HALF: I40F24 = I40F24::lit("0.5");
 
 /// Speed and ramps, in counts, looks and looks².
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -235,7 +237,7 @@ impl Servo {
             ma: 0,
             load: I40F24::ZERO,
             held: false,
-            place: I40F24::lit("0.5"),
+            place: HALF,
             since: at,
             doubt: I40F24::ZERO,
             missed: I40F24::ZERO,
@@ -279,7 +281,7 @@ impl Servo {
                 I40F24::from_bits(speed.to_bits() * settings.counts() / before.counts().max(1))
             };
             (self.pace, self.seen.speed) = (scaled(self.pace), scaled(self.seen.speed));
-            (self.seen.load, self.seen.place) = (scaled(self.seen.load), I40F24::lit("0.5"));
+            (self.seen.load, self.seen.place) = (scaled(self.seen.load), HALF);
             self.last = None;
         }
         self.terminals(at, out);
@@ -303,7 +305,7 @@ impl Servo {
         (self.goal, self.left) = (Some(goal), counts);
         let way = I40F24::saturating_from_num(count.wrapping_sub(self.count)).abs();
         let speed = self.pace;
-        if self.is_moving() && speed * speed > I40F24::lit("2") * rates.down * way.min(FAR) {
+        if self.is_moving() && speed * speed > rates.down * way.min(FAR) * 2 {
             self.errors |= error::BRAKING;
         }
         self.begin(at, Order::Move { count, rates }, counts.signum() as i8, out);
@@ -444,14 +446,14 @@ impl Servo {
         // What is held back is waited for.
         let (target, rates) = self.target(speed, self.brakes(limit));
         let band = rates.up.max(rates.down) * 4 + self.model.slow;
-        let pace = self.pace.clamp(speed - band, speed + band);
+        let pace = within(self.pace, speed - band, speed + band);
         self.pace = ramped(pace, target, rates);
         self.face();
 
         let push = self.seen.load + (self.pace - speed) * self.model.inverse;
         // A current at the limit tells nothing of the speed; a little less does.
         let fair = if self.limited { limit - limit / 8 } else { limit };
-        let duty = self.model.duty(speed + push.clamp(-fair, fair));
+        let duty = self.model.duty(speed + within(push, -fair, fair));
         if push.abs() > fair && i64::from(duty.abs()) < MOST_DUTY {
             self.errors |= error::CURRENT;
         }
@@ -483,7 +485,7 @@ impl Servo {
         } else if !self.limited {
             seen.load -= mistake * model.inverse / 2;
         }
-        let push = (voltage - then).clamp(-limit, limit);
+        let push = within(voltage - then, -limit, limit);
         let change = if seen.held { -then } else { (push - seen.load) * model.gain };
         let part = looks(at.since(seen.since).min(LOOK));
         let way = part * (then + change - change * part / 2);
@@ -528,7 +530,7 @@ impl Servo {
 
     /// From where it is to the middle of that count.
     fn way_to(&self, count: i32) -> I40F24 {
-        I40F24::from_num(count.wrapping_sub(self.count)) + I40F24::lit("0.5") - self.seen.place
+        I40F24::from_num(count.wrapping_sub(self.count)) + HALF - self.seen.place
     }
 
     /// Whether what was ordered is done.
@@ -627,6 +629,11 @@ impl Servo {
 
 /// So much may be rounding: less by it is not at the limit, and more is not standing.
 const MARGIN_MA: i64 = 4;
+
+/// `clamp`, but for limits of which nobody can prove the order.
+fn within(value: I40F24, least: I40F24, most: I40F24) -> I40F24 {
+    value.min(most).max(least)
+}
 
 /// From so many counts on no motor is as fast that it would have to brake.
 const FAR: I40F24 = I40F24::lit("65536");
