@@ -261,17 +261,18 @@ fn ask(qemu: &mut Child, work: &Work) -> Result<()> {
     let mut exchange = |request: &[u8]| loop {
         stdin.write_all(request)?;
         stdin.flush()?;
-        heard.clear();
-        // A host that pauses within a request spoils it.
-        while let Some(byte) = match hears.recv_timeout(PATIENCE) {
-            Err(RecvTimeoutError::Disconnected) => bail!("the board does not answer"),
-            byte => byte.ok(),
-        } {
-            heard.push(byte);
+        loop {
             if let Some(answer) = (work.answer)(&mut heard) {
                 return anyhow::Ok(answer);
             }
+            match hears.recv_timeout(PATIENCE) {
+                Ok(byte) => heard.push(byte),
+                // A host that pauses within a request spoils it.
+                Err(RecvTimeoutError::Timeout) => break,
+                Err(RecvTimeoutError::Disconnected) => bail!("the board does not answer"),
+            }
         }
+        heard.clear();
     };
     for order in (work.orders)() {
         exchange(&order)?;
