@@ -25,6 +25,8 @@ const LATE: &str = "the first steps of a ramp, far apart, are searched for; QEMU
 const HOST: &str =
     "QEMU's UART brings as many characters at once as the host has sent, so it is not judged there";
 const FLASH: &str = "what has been reached; the aim is 32 KiB";
+const RS434: &str = "what has been reached, with two framings, a program that runs, and a motor";
+const PROGRAM: &str = "a program of 1,024 lines takes 4 KiB, twice: in the buffer and in the memory";
 const RAM: &str = "the aim; the rp2040 has more, and waits for its flash: 256 things may be caught meanwhile";
 const ANSWERS: &str = "1,024 characters of answers may wait on the stack, three times as many as an MD3's";
 const BEGIN: &str =
@@ -66,6 +68,18 @@ pub(crate) const BUDGETS: &[Budget] = &[
     most("qsb-s: calls of a panic", [0, 36], NO_PANIC),
     most("qsb-s without a board: flash, bytes", [36_352, 38_400], REACHED),
     most("qsb-s without a board: RAM, bytes", [640, 640], REACHED),
+    most("rs434544: flash, bytes", [62_464, 76_800], RS434),
+    most("rs434544: RAM with its stack, bytes", [22_016, 23_040], PROGRAM),
+    most("rs434544: stack, bytes", [14_848, 17_408], RESERVED),
+    most("rs434544: calls of a panic", [0, 36], NO_PANIC),
+    most("rs434544 without a board: flash, bytes", [66_560, 69_632], REACHED),
+    most("rs434544 without a board: RAM, bytes", [5_760, 5_760], PROGRAM),
+    most("rs434546: flash, bytes", [62_464, 76_800], RS434),
+    most("rs434546: RAM with its stack, bytes", [22_016, 23_040], PROGRAM),
+    most("rs434546: stack, bytes", [14_848, 17_408], RESERVED),
+    most("rs434546: calls of a panic", [0, 36], NO_PANIC),
+    most("rs434546 without a board: flash, bytes", [66_560, 69_632], REACHED),
+    most("rs434546 without a board: RAM, bytes", [5_760, 5_760], PROGRAM),
     most("md3: stack in use, bytes", [5_376, 6_656], DEPTH),
     most("md3: bus's interrupt, at worst", [NO_BUDGET, 460], HOST),
     most("md3: clock's interrupt, at worst", [40, NO_BUDGET], REACHED),
@@ -76,6 +90,10 @@ pub(crate) const BUDGETS: &[Budget] = &[
     most("qsb-m: clock's interrupt, at worst", [40, NO_BUDGET], REACHED),
     most("qsb-m: step's interrupt, with the wait for its pulse, at worst", [NO_BUDGET, 2_000], LATE),
     most("qsb-m: pins' interrupt, at worst", [NO_BUDGET, 600], REACHED),
+    most("rs434544: stack in use, bytes", [14_336, 16_896], DEPTH),
+    most("rs434544: bus's interrupt, at worst", [NO_BUDGET, 460], HOST),
+    most("rs434544: clock's interrupt, at worst", [40, NO_BUDGET], REACHED),
+    most("rs434544: pins' interrupt, at worst", [NO_BUDGET, 600], REACHED),
     most("step, one of the first 100 at 10,000 steps/s²", [240, 415], REACHED),
     most("step, one of the first 100 at 10,000 steps/s², at worst", [615, 1_650], REACHED),
     most("step in a ramp at 10,000 steps/s²", [80, 150], AIM),
@@ -99,12 +117,12 @@ pub(crate) const BUDGETS: &[Budget] = &[
     most("counter: edge without quadrature, at worst", [165, 205], REACHED),
     most("counter: 1,000 steps at once in x4", [850, 930], REACHED),
     most("counter: 1,000 steps at once in x4 and modulo-n", [750, 880], REACHED),
-    most("program: line", [390, 600], REACHED),
-    most("program: line, at worst", [935, 1_360], REACHED),
-    most("program: line of system registers", [300, 480], REACHED),
-    most("program: line of system registers, at worst", [310, 500], REACHED),
-    most("program: line of registers of the bus", [600, 880], REACHED),
-    most("program: line of registers of the bus, at worst", [935, 1_360], REACHED),
+    most("program: line", [400, 600], REACHED),
+    most("program: line, at worst", [950, 1_370], REACHED),
+    most("program: line of system registers", [310, 480], REACHED),
+    most("program: line of system registers, at worst", [320, 500], REACHED),
+    most("program: line of registers of the bus", [610, 880], REACHED),
+    most("program: line of registers of the bus, at worst", [950, 1_370], REACHED),
     most("md3: byte received", [376, 705], REACHED),
     most("md3: byte received, at worst", [380, 710], REACHED),
     most("md3: request of 10 registers", [1_395, 2_070], REACHED),
@@ -117,4 +135,10 @@ pub(crate) const BUDGETS: &[Budget] = &[
     most("qsb-m: command R0E", [1_345, 2_030], REACHED),
     most("qsb-s: byte received", [285, 525], REACHED),
     most("qsb-s: command R0E", [1_345, 2_030], REACHED),
+    most("rs434544: byte received", [700, 1_190], REACHED),
+    most("rs434544: byte received, at worst", [705, 1_195], REACHED),
+    most("rs434544: request of 10 registers", [3_230, 4_240], REACHED),
+    most("rs434546: byte received", [700, 1_190], REACHED),
+    most("rs434546: byte received, at worst", [705, 1_195], REACHED),
+    most("rs434546: request of 10 registers", [3_230, 4_240], REACHED),
 ];

@@ -4,14 +4,20 @@
 use std::io::{BufRead, BufReader, Read, Write};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
+use std::sync::mpsc::{self, RecvTimeoutError};
+use std::thread;
+use std::time::Duration;
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result, bail, ensure};
 use standin_protocol::modbus::{Burst, rtu};
 use xshell::{Shell, cmd};
 
 use crate::board::{LM3S6965, RP2040};
 use crate::counted;
 use crate::image::Image;
+
+/// How long an answer is waited for before the board is asked again.
+const PATIENCE: Duration = Duration::from_secs(1);
 
 const BUS: &str = "bus's interrupt";
 const CLOCK: &str = "clock's interrupt";
@@ -246,19 +252,27 @@ fn ask(qemu: &mut Child, work: &Work) -> Result<()> {
     let stderr = qemu.stderr.take().context("it is piped")?;
     let says = BufReader::new(stderr).lines().map_while(Result::ok).any(|line| line.contains("has power"));
     ensure!(says, "the board does not boot");
-    let mut bus = (qemu.stdin.take().context("it is piped")?, qemu.stdout.take().context("it is piped")?);
+    let mut stdin = qemu.stdin.take().context("it is piped")?;
+    let stdout = qemu.stdout.take().context("it is piped")?;
+    let (said, hears) = mpsc::channel();
+    // It ends with QEMU.
+    thread::spawn(move || stdout.bytes().map_while(Result::ok).try_for_each(|byte| said.send(byte)));
     let mut heard = Vec::new();
-    let mut exchange = |request: &[u8]| {
-        bus.0.write_all(request)?;
-        bus.0.flush()?;
+    let mut exchange = |request: &[u8]| loop {
+        stdin.write_all(request)?;
+        stdin.flush()?;
         loop {
             if let Some(answer) = (work.answer)(&mut heard) {
                 return anyhow::Ok(answer);
             }
-            let mut byte = [0];
-            bus.1.read_exact(&mut byte).context("the board does not answer")?;
-            heard.extend(byte);
+            match hears.recv_timeout(PATIENCE) {
+                Ok(byte) => heard.push(byte),
+                // A host that pauses within a request spoils it.
+                Err(RecvTimeoutError::Timeout) => break,
+                Err(RecvTimeoutError::Disconnected) => bail!("the board does not answer"),
+            }
         }
+        heard.clear();
     };
     for order in (work.orders)() {
         exchange(&order)?;

@@ -6,7 +6,7 @@ use std::fmt::Write as _;
 use standin_protocol::modbus::rtu;
 
 use crate::image_of;
-use crate::play::{Did, MS, Nanos, Run, Script};
+use crate::play::{Did, Drive, MS, Nanos, Run, Script};
 
 /// When it is asked first: the board has copied itself to RAM.
 const START: Nanos = 60 * MS;
@@ -204,6 +204,49 @@ fn every_request_is_heard_while_a_program_runs() {
         let rounds = pair[1].wrapping_sub(pair[0]);
         assert!((17..=18).contains(&rounds), "{rounds} rounds in 7 ms");
     }
+}
+
+#[test]
+#[ignore = "needs the emulator and the image of the board: `cargo xtask test` brings both"]
+fn every_request_is_heard_while_the_motor_turns_and_its_edges_show_at_the_pins() {
+    const REQUESTS: u64 = 60;
+    /// A request of 8 characters, an answer of 75, and silences.
+    const PACE: Nanos = 13 * MS;
+    let mut script = Script::fast();
+    let coil =
+        |coil: u16| rtu::frame(1, &[5, coil.to_be_bytes()[0], coil.to_be_bytes()[1], 0xFF, 0]).to_vec();
+    let begin = ask(&mut script, START, &[rtu::write(1, SPEED, 2_800).to_vec(), coil(0x2000)]);
+    let asked: Vec<Nanos> = (0..REQUESTS).map(|n| begin + n * PACE).collect();
+    for at in &asked {
+        script.hear(*at, &rtu::read(1, 0x5000, 35));
+    }
+    // STATUS, CURRENT_VALID, SPEED_VALID, CURRENT_POSITION of two words.
+    let state = rtu::frame(1, &[4, 0x30, 0, 0, 5]).to_vec();
+    let turning = ask(&mut script, begin + REQUESTS * PACE, &[state.clone(), coil(0x2001)]);
+    let stood = turning + 1_000 * MS;
+    let end = ask(&mut script, stood, &[state]);
+    let run = play(&script, end);
+    for at in asked {
+        let (_, reply) = run.sent(at, at + PACE);
+        assert!(reply.len() == 75 && rtu::checked(&reply).is_some(), "{reply:02x?} at {at} ns");
+    }
+    let state = |at| {
+        let (_, reply) = run.sent(at, at + TURN);
+        let pdu = rtu::checked(&reply).unwrap_or_else(|| panic!("{reply:02x?} at {at} ns")).to_vec();
+        let word = |n: usize| u32::from(u16::from_be_bytes([pdu[3 + 2 * n], pdu[4 + 2 * n]]));
+        (word(0), word(2), word(3) | word(4) << 16)
+    };
+    let (status, speed, _) = state(turning - 2 * TURN);
+    assert!(status == 1 && speed.abs_diff(2_800) < 56, "status {status}, {speed} rpm");
+    let (status, speed, position) = state(stood);
+    assert_eq!((status, speed), (0, 0));
+    // HA and HB: both edges of both are counted (6.3).
+    let edges = [9, 10].map(|pin| {
+        let edges = [Drive::Low, Drive::High].map(|drive| run.edges(pin, drive));
+        edges.iter().flatten().filter(|at| **at > begin - TURN).count()
+    });
+    assert!(position > 500, "{position} counts");
+    assert_eq!(edges[0] + edges[1], position as usize);
 }
 
 #[test]

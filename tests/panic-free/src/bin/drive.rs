@@ -5,7 +5,7 @@
 use core::sync::atomic::AtomicU8;
 
 use panic_free::{opaque, perhaps_panic};
-use standin_firmware::device::{Boot, Device, Input, Instant, Output, Port, Sink, advance};
+use standin_firmware::device::{Axis, Boot, Device, Input, Instant, Output, Port, Sink, advance};
 
 /// Place of the drive in the list of all.
 const PLACE: usize = match usize::from_str_radix(env!("PLACE"), 10) {
@@ -43,6 +43,7 @@ fn exercise<D: Device>(make: fn() -> D) -> ! {
         opaque(device.peek(at, opaque(0)));
         let _ = opaque(device.poke(at, opaque(0), opaque(0), out));
         opaque(advance(device, at, opaque(&[(at, input)]).iter().copied(), out));
+        opaque(device.shaft(at, opaque(Axis(0))));
         perhaps_panic(opaque(&[]), opaque(0));
     }
 }
