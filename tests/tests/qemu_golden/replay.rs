@@ -8,7 +8,7 @@ use std::collections::BTreeSet;
 
 use standin_firmware::device::{Duration, Instant, Level, Pin, Role};
 use standin_protocol::line::{Line, Parity};
-use standin_sim::trace::Trace;
+use standin_sim::trace::{Did, Event, Trace};
 
 use crate::expected::{Expected, Reply};
 use crate::feed::{self, Act};
@@ -16,17 +16,24 @@ use crate::figures::Figures;
 use crate::image::Image;
 use crate::lag::Lag;
 use crate::machine::{CYCLES_PER_US, Gpio, Machine, Overslept};
-use crate::pins::{DE, DIR, FAST, STEP, Wires};
+use crate::pins::{self, DE, DIR, FAST, STEP, Wires};
 use crate::place::Places;
 use crate::stack::Stack;
 
 /// How long after its instant the board may do a thing, or hear one: interrupts and the loop. This bound
-/// and the next two are for the speed of its code: the instructions that take so long at 16 ns each.
+/// and the next ones are for the speed of its code: the instructions that take so long at 16 ns each.
 const LATENCY: Duration = Duration::micros(200);
+/// How long if the motor is in the image, which is reckoned first.
+const WITH_MOTOR: Duration = Duration::micros(400);
 /// How long if the motor is given a new plan then, which the loop computes before it does anything else.
 pub(crate) const PLANNING: Duration = Duration::micros(700);
 /// How long it may take from its first instruction until it has done all that it does at power-on.
 const BOOT: Duration = Duration::micros(450);
+/// How much longer for each byte of its memory, which is read and judged then; as much where the drive judges and
+/// stores [many](MANY) bytes.
+const BYTE: Duration = Duration::from_ticks(4);
+/// Bytes that are stored in no time.
+const MANY: usize = 256;
 
 /// A replay under way.
 struct Replay {
@@ -41,6 +48,12 @@ struct Replay {
     has_axis_pins: bool,
     /// What each input is driven to, for the next reset.
     inputs: Vec<(Gpio, bool)>,
+    /// How late the board may be, and how long it may take to start.
+    latency: Duration,
+    /// When it stores many bytes, and how long that may take.
+    stores: Vec<Instant>,
+    storing: Duration,
+    boot: Duration,
     /// When the board's clock was 0.
     origin: Instant,
     powered: bool,
@@ -96,6 +109,10 @@ pub(crate) fn play(
         wires: shown,
         has_axis_pins,
         inputs,
+        latency: if pins::has_motor(spec.kind) { WITH_MOTOR } else { LATENCY },
+        boot: BOOT + BYTE * u64::from(spec.memory),
+        stores: stores(trace),
+        storing: LATENCY + BYTE * u64::from(spec.memory),
         origin: drive.from,
         powered: true,
         now: drive.from,
@@ -116,6 +133,16 @@ pub(crate) fn play(
     Ok(replay.figures)
 }
 
+/// When many bytes are stored, or a user program of an RS 434544 is brought back (FLAG_SAVE_USER_PROGRAM).
+fn stores(trace: &Trace) -> Vec<Instant> {
+    let many = |event: &Event| match event {
+        Event::Did(Did::Store { bytes, .. }) => bytes.len() > MANY,
+        Event::Did(Did::Bytes { bytes, .. }) => bytes.get(1..4) == Some(&[6, 0x50, 0x25]),
+        _ => false,
+    };
+    trace.events().filter(|entry| many(&entry.event)).map(|entry| entry.at).collect()
+}
+
 impl Replay {
     /// Lets the board run from its first instruction until it has done what it does at power-on.
     fn boot(&mut self) {
@@ -125,7 +152,7 @@ impl Replay {
         self.forward = false;
         self.run();
         let boot = self.now.since(self.origin);
-        assert!(boot < BOOT, "{}: the board starts in {boot:?}", self.here());
+        assert!(boot < self.boot, "{}: the board starts in {boot:?}", self.here());
         self.figures.boot = self.figures.boot.max(boot);
         let axis = [("STEP", STEP), ("DIR", DIR)].into_iter().filter(|_| self.has_axis_pins);
         for (name, gpio) in axis.chain([("DE", DE)]) {
@@ -237,9 +264,12 @@ impl Replay {
     fn patience(&self, at: Instant) -> Duration {
         match at {
             _ if self.expected.plans(earlier(at, PLANNING), at) => PLANNING,
+            _ if self.stores.iter().any(|store| (earlier(at, self.storing)..=at).contains(store)) => {
+                self.storing
+            }
             // What it does at power-on.
-            _ if at == self.origin => BOOT,
-            _ => LATENCY,
+            _ if at == self.origin => self.boot,
+            _ => self.latency,
         }
     }
 
