@@ -256,7 +256,9 @@ fn ask(qemu: &mut Child, work: &Work) -> Result<()> {
     let stdout = qemu.stdout.take().context("it is piped")?;
     let (said, hears) = mpsc::channel();
     // It ends with QEMU.
-    thread::spawn(move || stdout.bytes().map_while(Result::ok).try_for_each(|byte| said.send(byte)));
+    thread::spawn(move || {
+        BufReader::new(stdout).bytes().map_while(Result::ok).try_for_each(|byte| said.send(byte))
+    });
     let mut heard = Vec::new();
     let mut exchange = |request: &[u8]| loop {
         stdin.write_all(request)?;

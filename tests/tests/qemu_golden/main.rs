@@ -33,21 +33,13 @@ use image::Image;
 use pins::Wires;
 
 /// Traces that this board cannot show, and why.
-static LEFT_OUT: [(&str, &str); 6] = [
+static LEFT_OUT: [(&str, &str); 4] = [
     ("command-format", "the UART of QEMU never receives a character that nobody can read"),
     (
         "serial-2.5.1-silences",
         "its silences are to the tick, and an interrupt stamps a character microseconds late",
     ),
     ("example-2-analogue", "no image measures a voltage"),
-    (
-        "offset-move",
-        "a current and a speed are asked for while they change, and a request is heard microseconds late",
-    ),
-    (
-        "6.9-full-stop",
-        "its last edge comes as the motor comes to rest, where microseconds of the start are many more",
-    ),
     ("power-lost-in-a-save", "the flash of this board can only be read; the Pico's loses power in a save"),
 ];
 

@@ -27,11 +27,6 @@ pub(crate) fn wires(kind: &str) -> Wires {
     }
 }
 
-/// Whether the motor of a kind is in its image, too.
-pub(crate) fn has_motor(kind: &str) -> bool {
-    matches!(kind, "rs434544" | "rs434546")
-}
-
 /// STEP and DIR of the drive of a trace, if they are at pins that serve other purposes, too.
 pub(crate) fn shared(trace: &Trace, wires: &Wires) -> Option<(Pin, Pin)> {
     let spec = trace.drives.first()?.spec;

@@ -16,15 +16,13 @@ use crate::figures::Figures;
 use crate::image::Image;
 use crate::lag::Lag;
 use crate::machine::{CYCLES_PER_US, Gpio, Machine, Overslept};
-use crate::pins::{self, DE, DIR, FAST, STEP, Wires};
+use crate::pins::{DE, DIR, FAST, STEP, Wires};
 use crate::place::Places;
 use crate::stack::Stack;
 
 /// How long after its instant the board may do a thing, or hear one: interrupts and the loop. This bound
 /// and the next ones are for the speed of its code: the instructions that take so long at 16 ns each.
 const LATENCY: Duration = Duration::micros(200);
-/// How long if the motor is in the image, which is reckoned first.
-const WITH_MOTOR: Duration = Duration::micros(400);
 /// How long if the motor is given a new plan then, which the loop computes before it does anything else.
 pub(crate) const PLANNING: Duration = Duration::micros(700);
 /// How long it may take from its first instruction until it has done all that it does at power-on.
@@ -48,11 +46,10 @@ struct Replay {
     has_axis_pins: bool,
     /// What each input is driven to, for the next reset.
     inputs: Vec<(Gpio, bool)>,
-    /// How late the board may be, and how long it may take to start.
-    latency: Duration,
     /// When it stores many bytes, and how long that may take.
     stores: Vec<Instant>,
     storing: Duration,
+    /// How long it may take to start.
     boot: Duration,
     /// When the board's clock was 0.
     origin: Instant,
@@ -109,7 +106,6 @@ pub(crate) fn play(
         wires: shown,
         has_axis_pins,
         inputs,
-        latency: if pins::has_motor(spec.kind) { WITH_MOTOR } else { LATENCY },
         boot: BOOT + BYTE * u64::from(spec.memory),
         stores: stores(trace),
         storing: LATENCY + BYTE * u64::from(spec.memory),
@@ -269,7 +265,7 @@ impl Replay {
             }
             // What it does at power-on.
             _ if at == self.origin => self.boot,
-            _ => self.latency,
+            _ => LATENCY,
         }
     }
 
