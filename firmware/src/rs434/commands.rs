@@ -66,7 +66,7 @@ impl Drive {
         }
         self.bank.set(Reg::MODE_USER_PROGRAM, mode.into());
         self.servo.set(at, motion::settings(&self.bank), out);
-        self.stop(at, out);
+        self.stop();
         // What is left of a move by OFFSET is not to be counted down in what was remembered.
         self.motion = Motion::None;
     }
@@ -74,7 +74,7 @@ impl Drive {
     /// It came to a line that cannot be carried out, or there is none.
     fn program_failed(&mut self, at: Instant, out: &mut dyn Sink) {
         self.raise(at, error::PROGRAM, out);
-        self.stop(at, out);
+        self.stop();
     }
 }
 

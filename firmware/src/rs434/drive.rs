@@ -23,7 +23,7 @@ use super::saved::Save;
 use super::servo::Servo;
 use super::startup::{Clearing, Lights};
 use super::thermal::{Part, Thermal};
-use crate::device::{Boot, Duration, Instant, Line, Output, Refused, Sink};
+use crate::device::{Boot, Duration, Instant, Line, Refused, Sink};
 use crate::motor::Parameters;
 
 /// Whether the drive listens and moves.
@@ -82,17 +82,6 @@ pub(super) struct Drive {
     pub(super) remembered: Words,
 }
 
-/// Where the drive puts its outputs before it has power.
-struct Nowhere;
-
-impl Sink for Nowhere {
-    fn put(&mut self, _at: Instant, _output: Output<'_>) {}
-
-    fn memory(&self) -> &[u8] {
-        &[]
-    }
-}
-
 impl Drive {
     // Where it will be: a copy takes 6 KB of a board's stack.
     #[inline(always)]
@@ -112,7 +101,7 @@ impl Drive {
             thermal: Thermal::new(Instant::ZERO, model.rated_ma()),
             lights: Lights::DARK,
             inputs: Inputs::REST,
-            servo: Servo::new(Instant::ZERO, settings, &mut Nowhere),
+            servo: Servo::new(settings),
             motion: Motion::None,
             program: Program::new(),
             remembered: bank.clone(),
@@ -149,9 +138,10 @@ impl Drive {
         }
         (self.save, self.restart_due) = (None, Instant::NEVER);
         self.motion = Motion::None;
-        self.servo = Servo::new(at, motion::settings(&self.bank), out);
+        self.servo = Servo::new(motion::settings(&self.bank));
+        self.servo.power_on(at, out);
         self.inputs.forget();
-        self.show_halls(at, out);
+        self.show_halls(at);
     }
 
     /// When anything but the program is due.

@@ -19,6 +19,7 @@ pub(super) mod error {
     pub(in crate::rs434) const SETTINGS: u16 = 1 << 9;
     pub(in crate::rs434) const SWITCHES: u16 = 1 << 10;
     pub(in crate::rs434) const CURRENT_LIMIT: u16 = 1 << 11;
+    pub(in crate::rs434) const BRAKING: u16 = 1 << 12;
     pub(in crate::rs434) const OUT_OF_RANGE: u16 = 1 << 13;
     pub(in crate::rs434) const PARITY: u16 = 1 << 14;
     pub(in crate::rs434) const TOO_FEW_HALLS: u16 = 1 << 15;

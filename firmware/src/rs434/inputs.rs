@@ -93,18 +93,18 @@ impl Drive {
             HA | HB => {
                 let [a, b] = &mut self.inputs.halls;
                 *if pin == HA { a } else { b } = Some(high);
-                self.servo.edge(at, pin == HA, high, out);
+                self.servo.edge(at, pin == HA, high);
             }
             _ => {}
         }
     }
 
     /// Shows the servo the Hall sensors as they are: nobody else will when the drive restarts itself.
-    pub(super) fn show_halls(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn show_halls(&mut self, at: Instant) {
         let [a, b] = self.inputs.halls;
         for (is_a, high) in [(true, a), (false, b)] {
             if let Some(high) = high {
-                self.servo.edge(at, is_a, high, out);
+                self.servo.edge(at, is_a, high);
             }
         }
     }
@@ -149,7 +149,7 @@ impl Drive {
                 if self.servo.direction() == 0 {
                     self.start(at, Heading::Registers, out);
                 } else {
-                    self.stop(at, out);
+                    self.stop();
                 }
             }
             3 | 4 if first => self.run_by_level(at, out),

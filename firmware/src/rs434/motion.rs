@@ -74,7 +74,7 @@ impl Drive {
         if hard_stop {
             self.halt(at, out);
         } else if stop {
-            self.stop(at, out);
+            self.stop();
         } else if start && !self.is_by_inputs() {
             self.start(at, Heading::Registers, out);
         }
@@ -151,15 +151,15 @@ impl Drive {
     pub(super) fn run(&mut self, at: Instant, heading: Option<Heading>, out: &mut dyn Sink) {
         match heading {
             Some(heading) => self.start(at, heading, out),
-            None => self.stop(at, out),
+            None => self.stop(),
         }
     }
 
     /// Stops the motor with DEC.
-    pub(super) fn stop(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn stop(&mut self) {
         if self.motion != Motion::None {
             self.forget_motion();
-            self.servo.stop(at, out);
+            self.servo.stop();
         }
     }
 

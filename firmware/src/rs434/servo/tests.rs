@@ -8,7 +8,7 @@ use proptest::prelude::*;
 
 use super::*;
 use crate::device::{Axis, Boot, Device, Fault, Input, Pin, Refused, Shaft, Spec, advance, feed};
-use crate::motor::{Rig, Turns};
+use crate::motor::{Parameters, Rig, Turns};
 
 const HALLS: [Pin; 2] = [Pin(0), Pin(1)];
 const HELD: Fault = Fault(0);
@@ -31,7 +31,8 @@ mod ask {
     pub(super) const POSITION: usize = 1;
     pub(super) const LEFT: usize = 2;
     pub(super) const SPEED: usize = 3;
-    pub(super) const ERRORS: usize = 4;
+    pub(super) const CURRENT: usize = 4;
+    pub(super) const ERRORS: usize = 5;
 }
 
 /// A drive that is nothing but a servo.
@@ -59,13 +60,14 @@ impl Device for Bare {
     }
 
     fn power_on(&mut self, at: Instant, _boot: Boot, out: &mut dyn Sink) {
-        self.servo = Some(Servo::new(at, self.settings, out));
+        let servo = self.servo.insert(Servo::new(self.settings));
+        servo.power_on(at, out);
     }
 
-    fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Sink) {
+    fn input(&mut self, at: Instant, input: Input<'_>, _out: &mut dyn Sink) {
         let servo = self.servo.as_mut().unwrap();
         match input {
-            Input::Edge { pin, high } => servo.edge(at, pin == HALLS[0], high, out),
+            Input::Edge { pin, high } => servo.edge(at, pin == HALLS[0], high),
             Input::Draws { ma, .. } => servo.draws(at, ma),
             _ => {}
         }
@@ -89,6 +91,7 @@ impl Device for Bare {
             ask::POSITION => servo.position().into(),
             ask::LEFT => servo.left().into(),
             ask::SPEED => servo.speed(at).into(),
+            ask::CURRENT => servo.current().into(),
             _ => self.errors.into(),
         }
     }
@@ -98,7 +101,7 @@ impl Device for Bare {
         match row {
             tell::ROTATE => servo.rotate(at, value > 0, out),
             tell::GO => servo.go(at, value as i32, self.compensation, out),
-            tell::STOP => servo.stop(at, out),
+            tell::STOP => servo.stop(),
             tell::HALT => servo.halt(at, out),
             tell::COMPENSATION => self.compensation = value as i16,
             _ => {
@@ -146,10 +149,25 @@ impl Sink for Log {
     }
 }
 
+/// How often Hall sensor A has changed.
+#[derive(Default)]
+struct Edges(i64);
+
+impl Sink for Edges {
+    fn put(&mut self, _at: Instant, output: Output<'_>) {
+        self.0 += i64::from(matches!(output, Output::Level { pin, .. } if pin == HALLS[0]));
+    }
+
+    fn memory(&self) -> &[u8] {
+        &[]
+    }
+}
+
 /// A servo with its motor, and a clock.
 struct Bench {
     rig: Rig<Bare>,
     now: Instant,
+    edges: Edges,
 }
 
 impl Bench {
@@ -162,13 +180,13 @@ impl Bench {
         let motor = Parameters { no_load_rpm: settings.rated.into(), hall_pulses: settings.pulses, ..motor };
         let mut rig = Rig::new(Bare { settings, motor, compensation: 0, errors: 0, servo: None });
         rig.power_on(Instant::ZERO, Boot::default(), &mut Nowhere);
-        let mut bench = Self { rig, now: Instant::ZERO };
+        let mut bench = Self { rig, now: Instant::ZERO, edges: Edges(0) };
         bench.run(LOOK);
         bench
     }
 
     fn tell(&mut self, what: usize, value: i64) {
-        self.rig.poke(self.now, what, value, &mut Nowhere).unwrap();
+        self.rig.poke(self.now, what, value, &mut self.edges).unwrap();
     }
 
     fn ask(&self, what: usize) -> i64 {
@@ -176,7 +194,7 @@ impl Bench {
     }
 
     fn hold(&mut self, on: bool) {
-        feed(&mut self.rig, Instant::NEVER, self.now, Input::Fault { fault: HELD, on }, &mut Nowhere);
+        feed(&mut self.rig, Instant::NEVER, self.now, Input::Fault { fault: HELD, on }, &mut self.edges);
     }
 
     fn shaft(&self) -> Shaft {
@@ -185,7 +203,7 @@ impl Bench {
 
     fn run(&mut self, span: Duration) {
         self.now += span;
-        advance(&mut self.rig, self.now, core::iter::empty(), &mut Nowhere);
+        advance(&mut self.rig, self.now, core::iter::empty(), &mut self.edges);
     }
 
     /// Until it stands; how long that took.
@@ -239,6 +257,15 @@ fn moves() -> impl Strategy<Value = (Settings, i32)> {
     })
 }
 
+/// Friction and load in percent of the torque that REF_CURRENT gives: together half of it at most, because the
+/// ramps want some, too.
+fn burdens() -> impl Strategy<Value = (u32, i32)> {
+    (0..51_u32).prop_flat_map(|friction| {
+        let rest = 50 - friction.cast_signed();
+        (Just(friction), -rest..=rest)
+    })
+}
+
 /// Torque of a current, in µN·m.
 fn torque(settings: &Settings, ma: u32) -> u32 {
     let k = 24.0 / (f64::from(settings.rated) * TAU / 60.0);
@@ -287,25 +314,28 @@ proptest! {
         let made = i64::from(bench.shaft().position - begin);
         match halls {
             0 => prop_assert_eq!(bench.ask(ask::POSITION), 0),
-            // Which way it turned while it was pushed through standstill one sensor does not tell.
-            1 => {}
+            // Which way it turned while it was pushed through standstill one sensor does not tell; how often it
+            // passed an edge of that one it does.
+            1 => {
+                let (edges, position) = (bench.edges.0, bench.ask(ask::POSITION));
+                prop_assert!(position.abs() <= edges && (edges - position) % 2 == 0, "{} {}", edges, position);
+            }
             _ => prop_assert_eq!(bench.ask(ask::POSITION), made),
         }
         prop_assert_eq!(bench.ask(ask::ERRORS) & 0x10, 0);
     }
 
     #[test]
-    fn a_move_ends_on_its_count((settings, counts) in moves(), friction in 0..51_u32, load in -50..51_i32) {
-        // Half of what REF_CURRENT can carry, for both together.
+    fn a_move_ends_on_its_count((settings, counts) in moves(), (friction, load) in burdens()) {
         let most = torque(&settings, settings.limit_ma) / 100;
-        let (friction, load) = if friction.cast_signed() + load.abs() > 50 { (friction / 2, load / 2) } else { (friction, load) };
         let motor = Parameters { friction_unm: friction * most, load_unm: load * most.cast_signed(), ..Parameters::NOMINAL };
         // A load that friction does not hold turns the motor before the move and after it.
         let mut bench = Bench::with(settings, motor);
-        let before = bench.ask(ask::POSITION);
+        let (before, shaft) = (bench.ask(ask::POSITION), bench.shaft().position);
         bench.tell(tell::GO, counts.into());
         bench.finish();
         prop_assert_eq!(bench.ask(ask::POSITION), before + i64::from(counts));
+        prop_assert_eq!(bench.shaft().position, shaft + counts);
         prop_assert_eq!(bench.ask(ask::LEFT), 0);
     }
 }
@@ -371,13 +401,110 @@ fn a_stopped_move_keeps_what_is_left_and_the_rest_brings_it_there() {
 
 #[test]
 fn compensation_moves_the_stopping_point_along_the_motion() {
-    for (counts, compensation, position) in [(500, -15, 485), (-500, -15, -485), (500, 15, 515), (15, -15, 0)]
+    for (counts, compensation, position) in
+        [(500, -15, 485), (-500, -15, -485), (500, 15, 515), (-5, 15, -20)]
     {
         let mut bench = Bench::new(FACTORY);
         bench.tell(tell::COMPENSATION, compensation);
         bench.tell(tell::GO, counts);
         bench.finish();
         assert_eq!((bench.ask(ask::POSITION), bench.ask(ask::LEFT)), (position, 0));
+    }
+}
+
+#[test]
+fn compensation_never_turns_a_move_round() {
+    for (counts, compensation) in [(10, -15), (-10, -15), (15, -15), (1, -32_768), (-32_768, -32_768)] {
+        let mut bench = Bench::new(FACTORY);
+        bench.tell(tell::COMPENSATION, compensation);
+        bench.tell(tell::GO, counts);
+        assert_eq!((bench.ask(ask::DIRECTION), bench.ask(ask::LEFT)), (0, 0), "{counts} {compensation}");
+        bench.run(Duration::secs(1));
+        assert_eq!((bench.ask(ask::POSITION), bench.edges.0), (0, 0), "{counts} {compensation}");
+    }
+}
+
+#[test]
+fn the_longest_moves_go_where_their_sign_says() {
+    for counts in [i32::MAX, i32::MIN, i32::MAX - 32_767] {
+        for compensation in [0, 1, -1, 32_767, -32_768] {
+            let mut bench = Bench::new(FACTORY);
+            let sign = i64::from(counts.signum());
+            bench.tell(tell::COMPENSATION, compensation);
+            bench.tell(tell::GO, counts.into());
+            for _ in 0..20 {
+                bench.run(Duration::millis(50));
+                let (position, left) = (bench.ask(ask::POSITION), bench.ask(ask::LEFT));
+                assert_eq!(position + left, i64::from(counts), "{compensation}");
+                assert_eq!(bench.ask(ask::DIRECTION), sign, "{counts} {compensation}");
+            }
+            assert!(bench.ask(ask::POSITION) * sign > 200, "{counts} {compensation}");
+        }
+    }
+}
+
+/// Turns that way for a while, brakes, and is told to go on by so many counts meanwhile.
+fn told_while_it_brakes(settings: Settings, way: i64, counts: i64) -> Bench {
+    let mut bench = Bench::new(settings);
+    bench.tell(tell::ROTATE, way);
+    bench.run(Duration::millis(300));
+    bench.tell(tell::STOP, 0);
+    bench.run(Duration::millis(2));
+    assert_eq!(bench.ask(ask::DIRECTION), way);
+    bench.tell(tell::GO, counts);
+    bench
+}
+
+#[test]
+fn what_is_left_of_a_move_does_not_depend_on_what_turns_now() {
+    for way in [1, -1] {
+        // It has to turn round first; or it goes too far and comes back.
+        for counts in [-100 * way, 3 * way] {
+            let mut bench = told_while_it_brakes(Settings { speed: 2_000, ..FACTORY }, way, counts);
+            let goal = bench.ask(ask::POSITION) + counts;
+            assert_eq!(bench.ask(ask::LEFT), counts);
+            let mut beyond = 0;
+            while bench.ask(ask::DIRECTION) != 0 {
+                bench.run(Duration::micros(100));
+                let left = goal - bench.ask(ask::POSITION);
+                let expected = if left.signum() == counts.signum() { left } else { 0 };
+                assert_eq!(bench.ask(ask::LEFT), expected, "{way} {counts}");
+                beyond += i64::from(left.signum() == -counts.signum());
+            }
+            assert_eq!(beyond > 0, counts == 3 * way, "{way} {counts}");
+            assert_eq!((bench.ask(ask::POSITION), bench.ask(ask::LEFT)), (goal, 0));
+        }
+    }
+}
+
+#[test]
+fn a_move_that_cannot_stop_in_time_is_warned_of() {
+    const BRAKING: i64 = 1 << 12;
+    let fast = Settings { speed: 2_000, ..FACTORY };
+    let weak = Settings { limit_ma: 1_000, dec: 1_000, ..fast };
+    // 2,000 rpm are 33.3 rps; with DEC 100, 545.5 rps², that is a turn, 16 counts.
+    // With DEC 1,000, 5,000 rps², that is 0.11 turns, 1.8 counts. But 1 A gives 76.4 mN·m, with friction
+    // 86.4 on 400 g·cm² are 344 rps²: 1.6 turns, 26 counts.
+    for (settings, counts, warned) in [
+        (fast, 4, true),
+        (fast, 25, false),
+        (fast, -4, false),
+        (fast, -100, false),
+        (weak, 10, true),
+        (weak, 60, false),
+    ] {
+        for way in [1, -1] {
+            let mut bench = told_while_it_brakes(settings, way, way * counts);
+            let goal = bench.ask(ask::POSITION) + way * counts;
+            assert_eq!(bench.ask(ask::ERRORS) & BRAKING != 0, warned, "{counts} {way}");
+            let mut farthest = 0;
+            while bench.ask(ask::DIRECTION) != 0 {
+                bench.run(LOOK);
+                farthest = farthest.max((bench.ask(ask::POSITION) - goal) * way * counts.signum());
+            }
+            // What it was warned of comes to pass, and the move ends on its count all the same.
+            assert_eq!((farthest > 0, bench.ask(ask::POSITION)), (warned, goal), "{counts} {way}");
+        }
     }
 }
 
@@ -435,6 +562,57 @@ fn without_sensors_the_duty_is_the_speed_of_the_rated_one() {
 }
 
 #[test]
+fn without_sensors_no_speed_is_too_slow_for_the_least_duty() {
+    for (way, duty) in [(1, 656), (-1, -656)] {
+        let mut bench = Bench::new(Settings { halls: 0, speed: 30, rated: 15_000, ..FACTORY });
+        bench.tell(tell::ROTATE, way);
+        bench.run(Duration::millis(500));
+        // 0.01 of 65,536, and not less; 30 rpm would be 0.002.
+        assert_eq!((bench.ask(ask::DIRECTION), bench.shaft().duty), (way, duty));
+        assert_eq!(bench.ask(ask::SPEED), 150);
+        bench.tell(tell::STOP, 0);
+        bench.run(Duration::millis(100));
+        assert_eq!((bench.ask(ask::DIRECTION), bench.shaft().duty), (0, 0));
+    }
+}
+
+#[test]
+fn the_current_is_what_the_supply_gives() {
+    // A load against the motion is driven by the supply, one with it feeds the current back.
+    for (load_unm, supplied) in [(200_000, true), (-200_000, false)] {
+        for way in [1, -1] {
+            let load = Parameters { load_unm: load_unm * way, ..Parameters::NOMINAL };
+            let mut bench = Bench::with(FACTORY, load);
+            bench.tell(tell::ROTATE, way.into());
+            bench.run(Duration::millis(500));
+            let Shaft { duty, ma, .. } = bench.shaft();
+            let given = (f64::from(ma) * f64::from(duty) / 65_536.0).round();
+            assert!(ma.abs() > 2_000 && (given > 0.0) == supplied, "{ma} mA, duty {duty}");
+            assert_eq!(bench.ask(ask::CURRENT), given.max(0.0) as i64);
+            // Shorted terminals carry a current that no supply gives.
+            bench.tell(tell::HALT, 0);
+            bench.run(Duration::micros(100));
+            assert!(bench.shaft().ma.abs() > 1_000);
+            assert_eq!((bench.ask(ask::DIRECTION).abs(), bench.ask(ask::CURRENT)), (1, 0));
+        }
+    }
+}
+
+#[test]
+fn a_halt_goes_by_the_current_that_flows_now() {
+    // So slow a ramp begins with less than half the least duty.
+    let mut servo = Servo::new(Settings { halls: 0, acc: 10, ..FACTORY });
+    let begin = Instant::ZERO;
+    servo.rotate(begin, true, &mut Nowhere);
+    // Something turns the motor, so its shorted terminals draw a current; to short them anew changes nothing.
+    let now = begin + Duration::micros(500);
+    servo.draws(now, -3_000);
+    servo.halt(now, &mut Nowhere);
+    servo.timeout(servo.deadline(), &mut Nowhere);
+    assert_eq!(servo.direction(), 1, "it still turns");
+}
+
+#[test]
 fn one_sensor_counts_half_in_the_direction_that_is_told() {
     let mut bench = Bench::new(Settings { halls: 1, ..FACTORY });
     let begin = bench.shaft().position;
@@ -448,7 +626,7 @@ fn one_sensor_counts_half_in_the_direction_that_is_told() {
 
 #[test]
 fn a_servo_without_edges_tells_so() {
-    let mut servo = Servo::new(Instant::ZERO, FACTORY, &mut Nowhere);
+    let mut servo = Servo::new(FACTORY);
     servo.rotate(Instant::ZERO, true, &mut Nowhere);
     // No current at all: the motor makes all of the voltage itself, so it turns.
     for n in 1..500 {
@@ -459,12 +637,12 @@ fn a_servo_without_edges_tells_so() {
 
 #[test]
 fn an_edge_that_is_none_is_an_error() {
-    let mut servo = Servo::new(Instant::ZERO, FACTORY, &mut Nowhere);
+    let mut servo = Servo::new(FACTORY);
     for a in [true, false] {
-        servo.edge(Instant::ZERO, a, true, &mut Nowhere);
+        servo.edge(Instant::ZERO, a, true);
     }
     assert_eq!((servo.position(), servo.errors()), (0, 0));
-    servo.edge(Instant::ZERO + LOOK, true, true, &mut Nowhere);
+    servo.edge(Instant::ZERO + LOOK, true, true);
     assert_eq!((servo.position(), servo.errors()), (0, 0x10));
 }
 

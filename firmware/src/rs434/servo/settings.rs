@@ -1,0 +1,57 @@
+//! What a motion goes by: as the registers say it (6.5), and in the servo's units.
+
+use fixed::types::I40F24;
+
+use super::LOOKS_PER_SECOND;
+use super::path::Rates;
+
+/// What a motion goes by (6.5).
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(in crate::rs434) struct Settings {
+    /// SPEED, in rpm.
+    pub(in crate::rs434) speed: u16,
+    /// ACC, as the register holds it.
+    pub(in crate::rs434) acc: u16,
+    /// DEC, as the register holds it.
+    pub(in crate::rs434) dec: u16,
+    /// RATED_SPEED, in rpm.
+    pub(in crate::rs434) rated: u16,
+    /// PULSES_PER_REVOLUTION.
+    pub(in crate::rs434) pulses: u16,
+    /// USE_HALL.
+    pub(in crate::rs434) halls: u16,
+    /// REF_CURRENT, in mA.
+    pub(in crate::rs434) limit_ma: u32,
+    /// MODE_COIL: the terminals are closed while the motor stands.
+    pub(in crate::rs434) closed: bool,
+}
+
+impl Settings {
+    /// Counts in a turn.
+    pub(super) fn counts(&self) -> i64 {
+        2 * i64::from(self.pulses.max(1)) * i64::from(self.halls.max(1))
+    }
+
+    /// Whether sensors tell where the motor is.
+    pub(super) fn sees(&self) -> bool {
+        self.halls > 0
+    }
+
+    /// Counts in a look.
+    pub(super) fn of_rpm(&self, rpm: u16) -> I40F24 {
+        I40F24::from_bits(((i64::from(rpm) * self.counts()) << 24) / (60 * LOOKS_PER_SECOND))
+    }
+
+    /// ACC or DEC: 10 is 100 rps², 1,000 is 5,000 rps² (6.5).
+    fn of_ramp(&self, ramp: u16) -> I40F24 {
+        let over = i64::from(ramp) - 10;
+        let rps2_times_990 = 100 * 990 + over * (5_000 - 100);
+        let bits = ((rps2_times_990 * self.counts()) << 24) / (990 * LOOKS_PER_SECOND * LOOKS_PER_SECOND);
+        I40F24::from_bits(bits.max(1))
+    }
+
+    /// What its ramps and speeds are now.
+    pub(super) fn rates(&self) -> Rates {
+        Rates { speed: self.of_rpm(self.speed), up: self.of_ramp(self.acc), down: self.of_ramp(self.dec) }
+    }
+}
