@@ -482,7 +482,8 @@ impl Spec {
 /// What a motor does at an instant.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Shaft {
-    /// Where it is, in counts of its drive; wraps.
+    /// Where it is, in counts: each edge of both its Hall sensors is one, 4 a pulse, also for a drive that looks at
+    /// one sensor or none; wraps.
     pub position: i32,
     /// Counts per second, signed.
     pub speed: I48F16,

@@ -48,7 +48,10 @@ pub struct Parameters {
 }
 
 impl Parameters {
-    /// A motor of some 200 W at 24 V, without load.
+    /// A motor of some 200 W at 24 V, without load. It is no product: its figures are ours, of the size that a drive
+    /// for 20 A is bought for. At 3,000 rpm they are 76 mN·m for an ampere, 48 A at standstill, which the drive has to
+    /// limit, 0.13 A of friction without load, and 3.4 ms to come to its speed: some looks of a drive that looks
+    /// every millisecond.
     pub const NOMINAL: Self = Self {
         supply_mv: 24_000,
         no_load_rpm: 3_000,
@@ -189,10 +192,15 @@ impl Motor {
     fn coast(&mut self, at: Instant) {
         (self.limit_ma, self.duty, self.ma) = (0, 0, 0);
         self.begin(self.stretch.since());
-        while self.stretch.end() < at {
-            self.begin(self.stretch.end());
+        let stands = self.stretch.stands();
+        if stands < at {
+            self.stretch = self.stretch.lasting_to(stands);
+            self.begin(stands);
         }
-        let angle = self.stretch.at(at).angle;
+        // From there on friction holds it or the load turns it, and neither changes any more.
+        self.stretch = self.stretch.lasting_to(at);
+        self.begin(at);
+        let angle = self.stretch.angle;
         self.halls = self.halls.moved_to(angle);
         self.encoder = self.encoder.moved_to(angle);
     }

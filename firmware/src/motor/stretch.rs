@@ -34,14 +34,24 @@ impl Stretch {
     /// What begins here with that acceleration and lasts `length`, or until it stands.
     pub(super) fn with(self, acceleration: i64, length: Duration) -> Self {
         let acceleration = acceleration.clamp(-Self::STEEPEST, Self::STEEPEST);
-        let length = length.min(Self::LONGEST);
-        let stops = if (self.speed < 0) == (acceleration < 0) || self.speed == 0 {
-            None
-        } else {
-            (self.speed.unsigned_abs() << 8).div_ceil(acceleration.unsigned_abs().max(1)).into()
-        };
-        let length = stops.map_or(length, |ticks| length.min(Duration::from_ticks(ticks)));
-        Self { acceleration, length, ..self }
+        let lasting = Self { acceleration, ..self };
+        let length = length.min(Self::LONGEST).min(lasting.stands().since(self.since));
+        Self { length, ..lasting }
+    }
+
+    /// Whether its acceleration is against its speed.
+    fn slows(&self) -> bool {
+        self.speed.signum() * self.acceleration.signum() < 0
+    }
+
+    /// How many ticks it accelerates until it has that speed.
+    fn ticks_to(&self, speed: i64) -> u64 {
+        ((speed - self.speed).unsigned_abs() << 8).div_ceil(self.acceleration.unsigned_abs().max(1))
+    }
+
+    /// When it stands if its acceleration lasts, also after its end; never if it does not slow down.
+    pub(super) fn stands(&self) -> Instant {
+        if self.slows() { self.since + Duration::from_ticks(self.ticks_to(0)) } else { Instant::NEVER }
     }
 
     pub(super) fn since(&self) -> Instant {
@@ -67,6 +77,23 @@ impl Stretch {
             speed: if turned_round { 0 } else { speed.clamp(-MOST, MOST) },
             ..*self
         }
+    }
+
+    /// Where it is at `at`, however late, if its acceleration lasts: until it stands, or until nothing is faster.
+    pub(super) fn lasting_to(&self, at: Instant) -> Self {
+        let last = if self.slows() { 0 } else { MOST * self.acceleration.signum() };
+        let passed = at.since(self.since).ticks();
+        let changing = if self.acceleration == 0 { passed } else { passed.min(self.ticks_to(last)) };
+        let (steady, changing) = (i128::from(passed - changing), i128::from(changing));
+        let gain = (i128::from(self.acceleration) * changing) >> 8;
+        let way = ((2 * i128::from(self.speed) + gain) * changing + 2 * i128::from(last) * steady) >> 25;
+        let speed = self.speed + gain as i64;
+        let speed = match self.acceleration.signum() {
+            1 => speed.min(last),
+            -1 => speed.max(last),
+            _ => speed,
+        };
+        Self { since: at, angle: self.angle.wrapping_add(way as i64), speed, ..*self }
     }
 
     /// The angle at `at`, not after its end.

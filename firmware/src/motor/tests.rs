@@ -199,6 +199,25 @@ proptest! {
         }
     }
 
+    /// What nobody looks at coasts as what is looked at all the time.
+    #[test]
+    fn it_coasts_in_one_go_as_stretch_by_stretch(
+        parameters in parameters(), spun in -65_536..65_537_i32, ms in 1..3_000_u64,
+    ) {
+        let (mut motor, mut log) = (motor(parameters), Log::default());
+        motor.input(at_ms(0), duty(spun), &mut log);
+        motor.input(at_ms(0), current(20_000), &mut log);
+        advance(&mut motor, at_ms(300), core::iter::empty(), &mut log);
+        motor.input(at_ms(300), current(0), &mut log);
+        let at = at_ms(300 + ms);
+        let unseen = motor.shaft(at, AXIS).unwrap();
+        advance(&mut motor, at, core::iter::empty(), &mut log);
+        let seen = motor.shaft(at, AXIS).unwrap();
+        prop_assert!((unseen.position - seen.position).abs() <= 1, "{:?} {:?}", unseen, seen);
+        let off = (unseen.speed - seen.speed).abs().to_num::<f64>();
+        prop_assert!(off <= 0.001 + 1e-6 * seen.speed.abs().to_num::<f64>(), "{:?} {:?}", unseen, seen);
+    }
+
     #[test]
     fn left_alone_it_only_gets_slower_and_then_is_quiet(
         parameters in parameters(), spun in -65_536..65_537_i32, shorted in any::<bool>(),
@@ -293,6 +312,35 @@ fn without_power_it_coasts() {
     assert_eq!(turns_per_second(&motor, at_ms(1_500)), slower);
     motor.power_on(at_ms(10_000), Boot::default(), &mut log);
     assert_eq!(motor.deadline(), Instant::NEVER);
+}
+
+#[test]
+fn without_power_it_coasts_however_long() {
+    let spun = |load_unm, friction_unm| {
+        let mut motor = motor(Parameters { load_unm, friction_unm, ..Parameters::NOMINAL });
+        motor.input(at_ms(0), duty(32_768), &mut Log::default());
+        motor.input(at_ms(0), current(20_000), &mut Log::default());
+        advance(&mut motor, at_ms(1_000), core::iter::empty(), &mut Log::default());
+        motor.input(at_ms(1_000), current(0), &mut Log::default());
+        motor
+    };
+    let day = Instant::from(Duration::secs(86_400));
+    // Nothing brakes it: 25 turns a second.
+    let motor = spun(0, 0);
+    let made = f64::from(
+        motor.shaft(day, AXIS).unwrap().position - motor.shaft(at_ms(1_000), AXIS).unwrap().position,
+    );
+    assert!((made / (86_399.0 * 25.0 * 16.0) - 1.0).abs() < 1e-6, "{made}");
+    // A load pulls it, or turns it round first: 234,375 rpm is as fast as anything is.
+    for load in [-200_000, 200_000] {
+        let mut motor = spun(load, 10_000);
+        for at in [day, Instant::from(Duration::from_ticks(1 << 60))] {
+            assert_eq!(turns_per_second(&motor, at), -3_906.25 * f64::from(load.signum()));
+        }
+        motor.power_on(day, Boot::default(), &mut Log::default());
+        assert!(motor.deadline() > day && motor.deadline() <= day + Duration::from_ticks(1 << 16));
+    }
+    assert_eq!(turns_per_second(&spun(0, 1), day), 0.0);
 }
 
 #[test]

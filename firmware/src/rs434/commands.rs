@@ -66,7 +66,7 @@ impl Drive {
         }
         self.bank.set(Reg::MODE_USER_PROGRAM, mode.into());
         self.servo.set(at, motion::settings(&self.bank), out);
-        self.stop();
+        self.servo.brake();
         // What is left of a move by OFFSET is not to be counted down in what was remembered.
         self.motion = Motion::None;
     }

@@ -181,7 +181,7 @@ impl Servo {
     }
 
     /// To standstill with DEC as it is now, whatever a move began with.
-    pub(super) fn stop_as_set(&mut self) {
+    pub(super) fn brake(&mut self) {
         self.stop();
         if let Order::Stop { rates } = &mut self.order {
             *rates = None;
