@@ -289,6 +289,18 @@ fn a_write_of_several_is_all_or_nothing() {
 }
 
 #[test]
+fn every_address_is_judged_before_any_value() {
+    use rs434::Reg;
+    let mut rs = Keeper::<Reg, { Reg::WORDS }>::new();
+    // 5000h = 300 is out of range, and 5002h is not among the ten.
+    assert_eq!(rs.ask(&RULES, &[16, 0x50, 0x00, 0, 3, 6, 0x01, 0x2C, 0, 3, 0, 0]), [0x90, 2]);
+    let mut md3 = Keeper::<md3::Reg, { md3::Reg::WORDS }>::new();
+    // 0x00 = 0 is out of range, and 0x02 is not among the ten.
+    assert_eq!(md3.ask(&RULES, &[16, 0, 0x00, 0, 3, 6, 0, 0, 0, 0, 0, 0]), [0x90, 2]);
+    assert!(rs.written.is_empty() && md3.written.is_empty());
+}
+
+#[test]
 fn a_pid_is_read_and_written_whole() {
     use mdrobot::Pid;
     let mut md = Keeper::<Pid, { Pid::WORDS }>::new();

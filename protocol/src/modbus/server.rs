@@ -1,8 +1,8 @@
 //! The answering half of a slave: a register map and the rules of a manual in, replies out.
 //!
 //! Checks come in the order of the specification (application, figures 9 to 21): function,
-//! structure, address, value. What is refused changes nothing; a write of several registers is all
-//! or nothing.
+//! structure, address, value, execution, each for the whole request before the next. What is refused changes
+//! nothing; a write of several registers is all or nothing.
 
 use super::pdu::{
     EXCEPTION_BIT, Exception, READ_COILS, READ_DISCRETE_INPUTS, READ_INPUT_REGISTERS, Request,
@@ -219,8 +219,9 @@ fn read<M: Map>(
     Ok(())
 }
 
-/// Functions 5, 6, 15 and 16: judge everything, then store everything, then say so. `values` are as 15 and
-/// 16 bring them: bits of coils from the lowest one up, words with the high byte first.
+/// Functions 5, 6, 15 and 16: judge all addresses, then all values, then whether they may be written now; then
+/// store everything, then say so. `values` are as 15 and 16 bring them: bits of coils from the lowest one up,
+/// words with the high byte first.
 fn write<M: Map>(
     space: Space,
     first: u16,
@@ -240,12 +241,15 @@ fn write<M: Map>(
         if !row.access.writes() {
             return Err(rules.read_only);
         }
-        let whole = part.words == row.shape.words();
-        if entries.layout.objects && !whole {
+        if entries.layout.objects && part.words != row.shape.words() {
             return Err(rules.bad_quantity);
         }
+    }
+    let mut permitted = Ok(());
+    for part in Parts::new(entries, space, first, count).flatten() {
+        let row = entries.list.get(part.row).ok_or(Exception::IllegalDataAddress)?;
         // Halves are judged when the value is used.
-        if !whole {
+        if part.words != row.shape.words() {
             continue;
         }
         let value = entries.assemble(row.shape, |n| word(part.offset + n));
@@ -254,8 +258,9 @@ fn write<M: Map>(
             map.out_of_range(register);
             return Err(rules.bad_value);
         }
-        map.permits(register, value)?;
+        permitted = permitted.and_then(|()| map.permits(register, value));
     }
+    permitted?;
     for part in Parts::new(entries, space, first, count).flatten() {
         let place = entries.place(part.row) + usize::from(part.first);
         let words = map.words_mut().get_mut(place..).unwrap_or(&mut []);

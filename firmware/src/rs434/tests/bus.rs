@@ -68,6 +68,26 @@ fn what_is_refused_changes_nothing() {
 }
 
 #[test]
+fn addresses_go_before_values_and_values_before_what_cannot_be_now() {
+    let mut bed = Bed::ready();
+    // 5024h = 37FBh is a wrong key, and behind 5026h there is nothing.
+    assert_eq!(bed.try_write_all(0x5024, &[0x37FB, 0, 0, 0]), [0x90, 2]);
+    // FX_REG may hold anything, and PC_REG cannot be written.
+    assert_eq!(bed.try_write_all(0x7005, &[1, 1]), [0x90, 2]);
+    assert_eq!(bed.get(Reg::ERROR), 0, "no value was looked at");
+    // A program that stays where it is: 8426h has to wait, but 1 is a wrong key.
+    bed.set(Reg::CMD_W, 0x85);
+    bed.set(Reg::WRITE_CMD, 0);
+    bed.set(Reg::FLAG_SAVE_USER_PROGRAM, 0x8426);
+    bed.set(Reg::MODE_USER_PROGRAM, 2);
+    bed.wait(1.millis());
+    assert_eq!(bed.try_write_all(0x5025, &[0x8426, 0]), [0x90, 4]);
+    assert_eq!(bed.get(Reg::ERROR), 0);
+    assert_eq!(bed.try_write_all(0x5025, &[0x8426, 1]), [0x90, 3]);
+    assert_eq!(bed.get(Reg::ERROR), 1 << 13);
+}
+
+#[test]
 fn values_of_32_bits_have_the_low_word_first() {
     let mut bed = Bed::ready();
     assert_eq!(bed.try_write_all(0x501B, &[0x5678, 0x1234])[0], 16);
