@@ -323,6 +323,8 @@ pub enum Refused {
     OutOfRange,
     /// The saved values cannot be changed, because the memory is bad.
     BadMemory,
+    /// Not now, because of what the drive does.
+    Busy,
 }
 
 /// How a message on a port ends.

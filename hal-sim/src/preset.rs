@@ -147,6 +147,7 @@ pub(crate) fn why(refused: Refused) -> &'static str {
         Refused::ReadOnly => "the drive sets it itself",
         Refused::OutOfRange => "the drive does not take the value",
         Refused::BadMemory => "the drive's memory is bad, so what is saved there cannot be changed",
+        Refused::Busy => "the drive cannot do that while it does what it does now",
     }
 }
 

@@ -8,7 +8,7 @@ use standin_firmware::device::Spec;
 use standin_firmware::rs434::LINES;
 use standin_sim::rsasm::{self, Image};
 
-use crate::cli;
+use crate::{cli, kinds};
 
 /// More bytes than the text of a program needs.
 const MOST_TEXT: usize = 1 << 20;
@@ -48,8 +48,10 @@ pub(crate) fn disasm(file: &Path) -> Result<String, String> {
 /// # Errors
 /// One sentence: the drive has no programs, or what is wrong with it.
 pub(crate) fn load(file: &Path, spec: &Spec) -> Result<Image, String> {
-    if !rsasm::KINDS.contains(&spec.kind) {
-        let kinds = rsasm::KINDS.join(" and ");
+    if !rsasm::runs_on(spec) {
+        let kinds: Vec<_> =
+            kinds::specs().filter(|spec| rsasm::runs_on(spec)).map(|spec| spec.kind).collect();
+        let kinds = kinds.join(" and ");
         return Err(format!("--program: {} has no user programs; {kinds} have", spec.kind));
     }
     Ok(Image::of(&assemble(file)?))

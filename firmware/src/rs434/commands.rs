@@ -4,8 +4,7 @@ use standin_protocol::registers::{Register, Space};
 
 use super::drive::{Drive, State};
 use super::errors::error;
-use super::motion::{self, Motion};
-use super::program::vm::{NotThere, Step, World};
+use super::program::vm::{CannotWrite, Step, World};
 use super::program::{self, Program, Status};
 use super::registers::{Reg, Word};
 use crate::device::{Instant, Sink};
@@ -27,7 +26,7 @@ impl Drive {
         }
         self.refresh(at, Reg::OFFSET);
         self.remembered = self.bank.clone();
-        self.errors &= !error::PROGRAM;
+        self.errors.clear(error::PROGRAM);
         self.program.start(at, status);
         if self.program.status() == Status::Failed {
             self.program_failed(at, out);
@@ -65,10 +64,8 @@ impl Drive {
             *word = *before;
         }
         self.bank.set(Reg::MODE_USER_PROGRAM, mode.into());
-        self.servo.set(at, motion::settings(&self.bank), out);
-        self.servo.brake();
-        // What is left of a move by OFFSET is not to be counted down in what was remembered.
-        self.motion = Motion::None;
+        self.set_servo(at, out);
+        self.brake();
     }
 
     /// It came to a line that cannot be carried out, or there is none.
@@ -88,20 +85,12 @@ struct Reach<'a> {
 }
 
 impl Reach<'_> {
-    /// Whether a register takes what `words` begin with: a half of one is not judged.
-    fn accepts(&mut self, word: Word, words: &[u16]) -> Result<bool, NotThere> {
+    /// What `words` begin with, as the value of a register: a half of one is not judged.
+    fn value(&self, word: Word, words: &[u16]) -> Option<i64> {
         let entries = self.drive.model.entries();
-        let entry = entries.list.get(word.reg.row()).ok_or(NotThere)?;
-        if word.index() != 0 || words.len() < usize::from(entry.shape.words()) {
-            return Ok(true);
-        }
-        let value = entries.assemble(entry.shape, |n| words.get(n).copied().unwrap_or(0));
-        if !entry.accepts(value) {
-            self.drive.out_of_range();
-            return Ok(false);
-        }
-        self.drive.permits(word.reg, value).map_err(|_| NotThere)?;
-        Ok(true)
+        let shape = entries.list.get(word.reg.row())?.shape;
+        let whole = word.index() == 0 && words.len() >= usize::from(shape.words());
+        whole.then(|| entries.assemble(shape, |n| words.get(n).copied().unwrap_or(0)))
     }
 }
 
@@ -122,18 +111,25 @@ impl World for Reach<'_> {
         self.drive.bank.words().get(word.place).copied()
     }
 
-    fn write(&mut self, space: Space, first: u16, words: &[u16]) -> Result<(), NotThere> {
+    fn write(&mut self, space: Space, first: u16, words: &[u16]) -> Result<(), CannotWrite> {
         let mut there = [None; 2];
         for (n, place) in (0..).zip(&mut there).take(words.len()) {
             let word = first.checked_add(n).and_then(|address| Word::at(space, address));
-            *place = Some(word.filter(|word| word.is_writable()).ok_or(NotThere)?);
+            *place = Some(word.filter(|word| word.is_writable()).ok_or(CannotWrite)?);
         }
         let there = || there.into_iter().flatten();
         self.wrote = true;
+        let mut permitted = true;
         for (n, word) in there().enumerate() {
-            if !self.accepts(word, words.get(n..).unwrap_or(&[]))? {
+            let Some(value) = self.value(word, words.get(n..).unwrap_or(&[])) else { continue };
+            if !self.drive.model.accepts(word.reg, value) {
+                self.drive.out_of_range();
                 return Ok(());
             }
+            permitted &= self.drive.permits(word.reg, value).is_ok();
+        }
+        if !permitted {
+            return Err(CannotWrite);
         }
         for (word, value) in there().zip(words) {
             if let Some(place) = self.drive.bank.words_mut().get_mut(word.place) {

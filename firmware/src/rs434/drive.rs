@@ -1,12 +1,14 @@
-//! An RS 434544 without its serial port: its registers, and what happens when one is written.
+//! An RS 434544 or 434546 without its serial port: its registers, and what happens when one is written.
 //!
 //! | file | what of the drive |
 //! |---|---|
+//! | `registers` | their table, and what the models differ in |
 //! | `startup` | how it starts, factory reset, lights |
 //! | `errors` | ERROR |
 //! | `inputs` | IN1, IN2, HARD_STOP |
 //! | `motion` | what starts and stops the motor |
-//! | `commands` | what starts and stops the user program, and what the program reaches |
+//! | `program` | the user program |
+//! | `commands` | what starts and stops it, and what it reaches |
 //! | `saved` | settings in the flash |
 //! | `servo` | how the motor is made to move |
 //! | `thermal` | temperatures |
@@ -14,7 +16,7 @@
 use standin_protocol::modbus::pdu::Exception;
 use standin_protocol::registers::{Bank, Register};
 
-use super::errors::error;
+use super::errors::{Errors, error};
 use super::inputs::Inputs;
 use super::motion::{self, Motion};
 use super::program::Program;
@@ -64,12 +66,7 @@ pub(super) struct Drive {
     /// When it restarts, because FLAG_RESTART was written.
     pub(super) restart_due: Instant,
 
-    /// ERROR.
-    pub(super) errors: u16,
-    /// What of it has a cause that somebody injected.
-    pub(super) causes: u16,
-    /// What CURRENT_VALID was made to show, in mA.
-    pub(super) injected_ma: Option<u16>,
+    pub(super) errors: Errors,
     pub(super) thermal: Thermal,
     pub(super) lights: Lights,
 
@@ -87,7 +84,7 @@ impl Drive {
     #[inline(always)]
     pub(super) fn new(model: Model) -> Self {
         let bank = Bank::of(model.entries());
-        let settings = motion::settings(&bank);
+        let settings = motion::settings(&bank, Errors::NONE);
         Self {
             model,
             state: State::Off,
@@ -95,9 +92,7 @@ impl Drive {
             random: 0,
             save: None,
             restart_due: Instant::NEVER,
-            errors: 0,
-            causes: 0,
-            injected_ma: None,
+            errors: Errors::NONE,
             thermal: Thermal::new(Instant::ZERO, model.rated_ma()),
             lights: Lights::DARK,
             inputs: Inputs::REST,
@@ -112,7 +107,7 @@ impl Drive {
     /// Power comes: what is around the drive will be told anew.
     pub(super) fn power_on(&mut self, at: Instant, boot: Boot, out: &mut dyn Sink) {
         (self.fast, self.random) = (boot.fast, boot.seed);
-        (self.causes, self.injected_ma) = (0, None);
+        self.errors = Errors::NONE;
         self.thermal = Thermal::new(at, self.model.rated_ma());
         self.lights = Lights::DARK;
         self.inputs = Inputs::REST;
@@ -129,16 +124,16 @@ impl Drive {
     /// Everything volatile is forgotten.
     fn begin(&mut self, at: Instant, out: &mut dyn Sink) {
         self.state = State::Waking { due: at };
-        self.errors = 0;
+        self.errors.clear(u16::MAX);
         if !self.load_settings(out) {
-            self.errors |= error::SETTINGS;
+            self.errors.warn(error::SETTINGS);
         }
         if !self.program.power_on(out) {
-            self.errors |= error::PROGRAM_TEST;
+            self.errors.warn(error::PROGRAM_TEST);
         }
         (self.save, self.restart_due) = (None, Instant::NEVER);
         self.motion = Motion::None;
-        self.servo = Servo::new(motion::settings(&self.bank));
+        self.servo = Servo::new(self.servo_settings());
         self.servo.power_on(at, out);
         self.inputs.forget();
         self.show_halls(at);
@@ -231,7 +226,7 @@ impl Drive {
                 1.. => 1,
                 _ => 2,
             },
-            Reg::CURRENT_VALID => self.injected_ma.unwrap_or_else(|| self.servo.current()).into(),
+            Reg::CURRENT_VALID => self.errors.injected_ma().unwrap_or_else(|| self.servo.current()).into(),
             Reg::SPEED_VALID => self.servo.speed(at).into(),
             Reg::CURRENT_POSITION => self.servo.position().into(),
             Reg::TEMPERATURE_MCU => self.thermal.temperature(at, Part::Mcu).into(),
@@ -240,7 +235,7 @@ impl Drive {
             Reg::TASK_COUNTER => i64::from(mixed(self.random) as u16),
             Reg::STATUS_USER_PROGRAM => self.program.status() as i64,
             Reg::OFFSET => self.offset(),
-            Reg::ERROR => self.errors.into(),
+            Reg::ERROR => self.errors.bits().into(),
             Reg::PC_REG => self.program.vm.line.into(),
             _ => match reg.system().and_then(|n| self.program.vm.registers.get(n)) {
                 Some(&word) => word.into(),
@@ -257,7 +252,7 @@ impl Drive {
         }
     }
 
-    /// Whether a value that its row accepts may be written now.
+    /// Whether a value that its row accepts may be written now: it is refused while the drive is busy.
     pub(super) fn permits(&self, reg: Reg, value: i64) -> Result<(), Exception> {
         // What runs is read from the flash.
         let saves = reg == Reg::FLAG_SAVE_USER_PROGRAM && value == key::SAVE_PROGRAM;
@@ -272,16 +267,22 @@ impl Drive {
             }
             Reg::MODE_DEVICE | Reg::MODE_EXT_IN => self.levels_act(at, out),
             Reg::MODE_USER_PROGRAM => self.command_program(at, out),
-            Reg::REF_CURRENT
-            | Reg::RATED_SPEED
+            Reg::REF_CURRENT => {
+                self.set_servo(at, out);
+                self.look_for_errors(at, out);
+            }
+            Reg::USE_HALL => {
+                self.halls_changed(at, out);
+                self.set_servo(at, out);
+            }
+            Reg::RATED_SPEED
             | Reg::SPEED
             | Reg::ACC
             | Reg::DEC
             | Reg::PULSES_PER_REVOLUTION
-            | Reg::USE_HALL
-            | Reg::MODE_COIL => self.servo.set(at, motion::settings(&self.bank), out),
+            | Reg::MODE_COIL => self.set_servo(at, out),
             Reg::DIRECTION => self.direction_changed(at, out),
-            Reg::ERROR => self.write_errors(self.bank.word(reg)),
+            Reg::ERROR => self.write_errors(at, self.bank.word(reg), out),
             Reg::FLAG_SAVE_INI => {
                 if self.take_key(reg) == key::SAVE {
                     self.save_settings(at, out);
@@ -323,12 +324,12 @@ impl Drive {
 
     /// A value was outside the range of its row.
     pub(super) fn out_of_range(&mut self) {
-        self.errors |= error::OUT_OF_RANGE;
+        self.errors.warn(error::OUT_OF_RANGE);
     }
 
     /// A character had the wrong parity, or nobody could read it.
     pub(super) fn spoiled(&mut self) {
-        self.errors |= error::PARITY;
+        self.errors.warn(error::PARITY);
     }
 
     pub(super) fn poke(
@@ -348,7 +349,7 @@ impl Drive {
         if !row.access.writes() {
             return self.inject(at, reg, value as u16, out);
         }
-        self.permits(reg, value).map_err(|_| Refused::OutOfRange)?;
+        self.permits(reg, value).map_err(|_| Refused::Busy)?;
         self.bank.set(reg, value);
         self.written(at, reg, out);
         Ok(())
@@ -357,15 +358,13 @@ impl Drive {
     /// Makes a register show something that was not measured.
     fn inject(&mut self, at: Instant, reg: Reg, value: u16, out: &mut dyn Sink) -> Result<(), Refused> {
         match reg {
-            Reg::CURRENT_VALID => self.injected_ma = Some(value),
+            Reg::CURRENT_VALID => self.errors.inject_ma(value),
             Reg::TEMPERATURE_MCU => self.thermal.inject(Part::Mcu, value),
             Reg::TEMPERATURE_MOSFET => self.thermal.inject(Part::Power, value),
             Reg::TEMPERATURE_BRAKE => self.thermal.inject(Part::Brake, value),
             _ => return Err(Refused::ReadOnly),
         }
-        if self.state == State::Ready {
-            self.look_for_errors(at, out);
-        }
+        self.look_for_errors(at, out);
         Ok(())
     }
 

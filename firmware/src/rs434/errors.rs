@@ -49,32 +49,87 @@ const CAUSES: [u16; 8] = [
     error::CURRENT_LIMIT,
 ];
 
+/// ERROR, and what of it somebody brings about.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) struct Errors {
+    /// ERROR.
+    bits: u16,
+    /// What of it has a cause that somebody injected.
+    causes: u16,
+    /// What CURRENT_VALID was made to show, in mA.
+    injected_ma: Option<u16>,
+}
+
+impl Errors {
+    pub(super) const NONE: Self = Self { bits: 0, causes: 0, injected_ma: None };
+
+    /// ERROR as it reads.
+    pub(super) fn bits(self) -> u16 {
+        self.bits
+    }
+
+    /// Whether the motor must not move.
+    pub(super) fn stop(self) -> bool {
+        self.bits & error::STOPS != 0
+    }
+
+    /// Whether somebody brings about this bit.
+    pub(super) fn has_cause(self, bit: u16) -> bool {
+        self.causes & bit != 0
+    }
+
+    /// What CURRENT_VALID was made to show, in mA.
+    pub(super) fn injected_ma(self) -> Option<u16> {
+        self.injected_ma
+    }
+
+    /// Makes CURRENT_VALID show so many mA from now on.
+    pub(super) fn inject_ma(&mut self, ma: u16) {
+        self.injected_ma = Some(ma);
+    }
+
+    /// Sets bits that do not stop the motor.
+    pub(super) fn warn(&mut self, bits: u16) {
+        self.bits |= bits;
+    }
+
+    /// Clears bits.
+    pub(super) fn clear(&mut self, bits: u16) {
+        self.bits &= !bits;
+    }
+}
+
 impl Drive {
-    /// Sets bits of ERROR, and stops the motor if one of them does.
+    /// Sets bits of ERROR, and stops the motor if one of them does and was not there.
     pub(super) fn raise(&mut self, at: Instant, errors: u16, out: &mut dyn Sink) {
-        self.errors |= errors;
-        if errors & error::STOPS != 0 {
+        let new = errors & !self.errors.bits;
+        self.errors.bits |= new;
+        if new & error::STOPS != 0 {
             self.halt(at, out);
         }
     }
 
-    /// ERROR has been written: warnings go where it has a 0.
-    pub(super) fn write_errors(&mut self, word: u16) {
-        self.errors &= word | error::STAYS;
+    /// ERROR has been written: warnings go where it has a 0, and come back if they are still true.
+    pub(super) fn write_errors(&mut self, at: Instant, word: u16, out: &mut dyn Sink) {
+        self.errors.clear(!(word | error::STAYS));
+        self.look_for_errors(at, out);
     }
 
     /// The cause of a fault comes or goes.
     pub(super) fn set_cause(&mut self, at: Instant, fault: Fault, on: bool, out: &mut dyn Sink) {
         let Some(&bit) = CAUSES.get(usize::from(fault.0)) else { return };
-        self.causes = if on { self.causes | bit } else { self.causes & !bit };
-        if on && self.state == State::Ready {
-            self.raise(at, bit, out);
-        }
+        let causes = &mut self.errors.causes;
+        *causes = if on { *causes | bit } else { *causes & !bit };
+        self.set_servo(at, out);
+        self.look_for_errors(at, out);
     }
 
-    /// Raises what is wrong now: at the end of the start, and when something was injected.
+    /// Raises what is wrong now: at the end of the start, and when what may be wrong has changed.
     pub(super) fn look_for_errors(&mut self, at: Instant, out: &mut dyn Sink) {
-        let mut errors = self.causes;
+        if self.state != State::Ready {
+            return;
+        }
+        let mut errors = self.errors.causes;
         if !self.inputs.hard_stop {
             errors |= error::EMERGENCY_STOP;
         }
@@ -87,7 +142,7 @@ impl Drive {
                 errors |= bit;
             }
         }
-        if let Some(ma) = self.injected_ma {
+        if let Some(ma) = self.errors.injected_ma {
             if ma > self.bank.word(Reg::REF_CURRENT) {
                 errors |= error::CURRENT_LIMIT;
             }

@@ -180,6 +180,11 @@ impl Drive {
         self.bank.word(Reg::MODE_DEVICE) == 2
     }
 
+    /// Whether each input has its own direction: way 5.
+    pub(super) fn is_by_both(&self) -> bool {
+        self.is_by_inputs() && self.bank.word(Reg::MODE_EXT_IN) == 5
+    }
+
     /// IN2 is the direction: closed is backward.
     fn direction_by_level(&mut self, at: Instant, out: &mut dyn Sink) {
         self.set_direction(at, if self.inputs.in2.on { 2 } else { 1 }, out);
@@ -190,7 +195,7 @@ impl Drive {
         self.run(at, self.inputs.in1.on.then_some(Heading::Registers), out);
     }
 
-    /// IN1 lets it run forward, IN2 backward, both together not at all.
+    /// IN1 lets it run forward, IN2 backward, both together not at all; to a position either of them.
     fn run_by_both(&mut self, at: Instant, out: &mut dyn Sink) {
         let heading = match (self.inputs.in1.on, self.inputs.in2.on) {
             (true, false) => Some(Heading::Forward),

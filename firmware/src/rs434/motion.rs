@@ -2,7 +2,7 @@
 //! 6.5).
 
 use super::drive::{Drive, State, Words};
-use super::errors::error;
+use super::errors::{Errors, error};
 use super::registers::Reg;
 use super::servo::Settings;
 use crate::device::{Instant, Sink};
@@ -46,7 +46,9 @@ pub(super) enum Way {
 }
 
 /// What the servo goes by.
-pub(super) fn settings(bank: &Words) -> Settings {
+pub(super) fn settings(bank: &Words, errors: Errors) -> Settings {
+    // So a fault shows that limits and does not stop.
+    let share = if errors.has_cause(error::CURRENT_LIMIT) { 2 } else { 1 };
     Settings {
         speed: bank.word(Reg::SPEED),
         acc: bank.word(Reg::ACC),
@@ -54,12 +56,22 @@ pub(super) fn settings(bank: &Words) -> Settings {
         rated: bank.word(Reg::RATED_SPEED),
         pulses: bank.word(Reg::PULSES_PER_REVOLUTION),
         halls: bank.word(Reg::USE_HALL),
-        limit_ma: bank.word(Reg::REF_CURRENT).into(),
+        limit_ma: u32::from(bank.word(Reg::REF_CURRENT)) / share,
         closed: bank.word(Reg::MODE_COIL) == 1,
     }
 }
 
 impl Drive {
+    /// Tells the servo what it goes by now.
+    pub(super) fn set_servo(&mut self, at: Instant, out: &mut dyn Sink) {
+        let settings = self.servo_settings();
+        self.servo.set(at, settings, out);
+    }
+
+    pub(super) fn servo_settings(&self) -> Settings {
+        settings(&self.bank, self.errors)
+    }
+
     /// One of the coils was written. Of several at once the strongest counts; all read 0 again (6.2).
     pub(super) fn take_coils(&mut self, at: Instant, out: &mut dyn Sink) {
         let mut take = |reg| {
@@ -82,18 +94,17 @@ impl Drive {
 
     /// Starts the motor as MODE_ROTATION says, unless an error forbids it or a move runs.
     pub(super) fn start(&mut self, at: Instant, heading: Heading, out: &mut dyn Sink) {
-        if self.state != State::Ready || self.errors & error::STOPS != 0 {
+        if self.state != State::Ready || self.errors.stop() {
             return;
         }
         match self.motion {
             Motion::Moves { braking: false, .. } => return,
             Motion::Moves { braking: true, .. } => self.move_over(),
-            Motion::Rotates if heading == Heading::Registers => return,
             Motion::Rotates => return self.rotate(at, heading, out),
             Motion::None => {}
         }
         let rotation = self.bank.word(Reg::MODE_ROTATION);
-        if rotation != 1 && self.bank.word(Reg::USE_HALL) < 2 {
+        if rotation != 1 && self.has_too_few_halls() {
             self.raise(at, error::TOO_FEW_HALLS, out);
             return;
         }
@@ -149,10 +160,18 @@ impl Drive {
 
     /// Lets the motor run, or stops it: what an input asks for as long as it is closed.
     pub(super) fn run(&mut self, at: Instant, heading: Option<Heading>, out: &mut dyn Sink) {
-        match heading {
-            Some(heading) => self.start(at, heading, out),
-            None => self.stop(),
+        if heading.is_none_or(|heading| self.moves_against(heading)) {
+            self.stop();
         }
+        if let Some(heading) = heading {
+            self.start(at, heading, out);
+        }
+    }
+
+    /// Whether a move by OFFSET runs that is not the one of this heading.
+    fn moves_against(&self, heading: Heading) -> bool {
+        let other = if heading == Heading::Backward { Way::Offset } else { Way::MinusOffset };
+        matches!(self.motion, Motion::Moves { way, .. } if way == other)
     }
 
     /// Stops the motor with DEC.
@@ -161,6 +180,13 @@ impl Drive {
             self.forget_motion();
             self.servo.stop();
         }
+    }
+
+    /// Stops the motor with DEC as it is now, which was perhaps not there when its move began. What is left of that
+    /// is not counted down any more.
+    pub(super) fn brake(&mut self) {
+        self.motion = Motion::None;
+        self.servo.brake();
     }
 
     /// Stops the motor without a ramp.
@@ -187,11 +213,25 @@ impl Drive {
         self.direction_changed(at, out);
     }
 
-    /// Continuous rotation follows DIRECTION at once.
+    /// Continuous rotation follows DIRECTION at once, unless each input has its own direction.
     pub(super) fn direction_changed(&mut self, at: Instant, out: &mut dyn Sink) {
-        if self.motion == Motion::Rotates {
+        if self.motion == Motion::Rotates && !self.is_by_both() {
             self.rotate(at, Heading::Registers, out);
         }
+    }
+
+    /// USE_HALL was written, and the servo does not know yet: what is left of a move can be counted only with two.
+    pub(super) fn halls_changed(&mut self, at: Instant, out: &mut dyn Sink) {
+        if matches!(self.motion, Motion::Moves { .. }) && self.has_too_few_halls() {
+            self.raise(at, error::TOO_FEW_HALLS, out);
+            self.stop();
+            self.move_over();
+        }
+    }
+
+    /// Whether nobody can tell where a move is.
+    fn has_too_few_halls(&self) -> bool {
+        self.bank.word(Reg::USE_HALL) < 2
     }
 
     /// OFFSET: what is left of a move by it; what was written, or was left of the last one, otherwise.

@@ -273,6 +273,11 @@ impl Model {
         }
     }
 
+    /// Whether a register of it takes a value.
+    pub(super) fn accepts(self, reg: Reg, value: i64) -> bool {
+        self.entries().list.get(reg.row()).is_some_and(|entry| entry.accepts(value))
+    }
+
     /// What the bus goes by.
     pub(super) fn entries(self) -> &'static Entries {
         match self {

@@ -46,6 +46,7 @@ impl Drive {
     /// Brings the settings back to those of the factory, also in the flash (7).
     pub(super) fn reset_settings(&mut self, at: Instant, out: &mut dyn Sink) {
         memory::reset(self.model.entries(), self.bank.words_mut());
+        self.set_servo(at, out);
         self.save_settings(at, out);
     }
 

@@ -1,7 +1,6 @@
 //! How the drive starts, resets itself to the factory, and what its two lights show (4, 7).
 
 use super::drive::{Drive, State};
-use super::errors::error;
 use super::program::Status;
 use super::registers::Reg;
 use super::{GREEN, RED};
@@ -104,7 +103,7 @@ impl Drive {
         let lights = match self.state {
             State::Off | State::Waking { .. } | State::Booting { .. } => Lights::DARK,
             State::Clearing(Clearing { red, .. }) => Lights { red, green: !red },
-            State::Ready => Lights { red: self.errors & error::STOPS != 0, green: true },
+            State::Ready => Lights { red: self.errors.stop(), green: true },
         };
         let mut change = |pin: Pin, was: bool, is: bool| {
             if was != is {

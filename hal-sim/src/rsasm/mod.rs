@@ -19,15 +19,13 @@ mod tests;
 
 use std::fmt;
 
+use standin_firmware::device::Spec;
 use standin_firmware::rs434::LINES;
 use standin_protocol::registers::Space;
 
 pub use self::assemble::assemble;
 pub use self::disassemble::disassemble;
 pub use self::image::Image;
-
-/// The kinds of drive that carry out such programs.
-pub const KINDS: [&str; 2] = ["rs434544", "rs434546"];
 
 /// The system registers, by uAdrSysReg.
 const SYSTEM: [&str; 10] = ["ax", "bx", "cx", "dx", "ex", "fx", "gx", "hx", "ix", "jx"];
@@ -48,6 +46,12 @@ const WORD: &str = ".word";
 const RELATIVE: &str = "rel";
 /// The ways of a shift, by bTypeJmp.
 const WAYS: [&str; 2] = ["left", "right"];
+
+/// Whether a kind of drive carries out such programs: it has the register through which they come.
+#[must_use]
+pub fn runs_on(spec: &Spec) -> bool {
+    spec.find("CMD_W").is_some()
+}
 
 /// What is wrong with a program's text.
 #[derive(Clone, PartialEq, Eq, Debug)]

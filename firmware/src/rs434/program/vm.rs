@@ -62,12 +62,12 @@ pub(in crate::rs434) trait World {
     ///
     /// # Errors
     /// One of them cannot be written; nothing was.
-    fn write(&mut self, space: Space, first: u16, words: &[u16]) -> Result<(), NotThere>;
+    fn write(&mut self, space: Space, first: u16, words: &[u16]) -> Result<(), CannotWrite>;
 }
 
-/// There is no such register, or it cannot be written.
+/// There is no such register, or it cannot be written, at all or now.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(in crate::rs434) struct NotThere;
+pub(in crate::rs434) struct CannotWrite;
 
 /// What follows from a line.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]

@@ -31,12 +31,12 @@ fn faults_raise_their_bits() {
 }
 
 #[test]
-fn a_cause_that_stays_comes_back_with_a_restart() {
+fn a_cause_that_stays_comes_back() {
     let mut bed = Bed::ready();
     bed.fault("hall", true);
     bed.fault("current_limit", true);
     bed.write(0x5023, 0);
-    assert_eq!(bed.get(Reg::ERROR), 1 << 4);
+    assert_eq!(bed.get(Reg::ERROR), 1 << 4 | 1 << 11, "a warning comes back at once");
     bed.write(0x5026, 0x95AF);
     bed.wait(1.secs());
     assert_eq!(bed.get(Reg::ERROR), 1 << 4 | 1 << 11);
@@ -81,6 +81,22 @@ fn an_injected_current_stays_and_raises_what_it_would() {
     bed.set(Reg::CURRENT_VALID, 30_000);
     assert_eq!(bed.get(Reg::ERROR), 1 << 11 | 1 << 1);
     assert_eq!(bed.pdu(&[4, 0x30, 1, 0, 1]), [4, 2, 0x75, 0x30]);
+}
+
+#[test]
+fn an_injected_current_is_looked_at_again() {
+    let mut bed = Bed::ready();
+    bed.set(Reg::CURRENT_VALID, 5_000);
+    bed.write(0x5009, 5_000);
+    assert_eq!(bed.get(Reg::ERROR), 0);
+    bed.write(0x5009, 4_999);
+    assert_eq!(bed.get(Reg::ERROR), 1 << 11);
+    bed.write(0x5023, 0);
+    assert_eq!(bed.get(Reg::ERROR), 1 << 11, "it is still there");
+    bed.write(0x5009, 5_000);
+    assert_eq!(bed.get(Reg::ERROR), 1 << 11, "it stays until it is cleared");
+    bed.write(0x5023, 0);
+    assert_eq!(bed.get(Reg::ERROR), 0);
 }
 
 #[test]

@@ -199,3 +199,70 @@ fn a_level_goes_on_while_the_motor_brakes() {
     bed.wait(10.secs());
     assert_eq!((bed.get(Reg::CURRENT_POSITION), bed.get(Reg::OFFSET)), (1_000, 0));
 }
+
+#[test]
+fn in_way_5_the_inputs_alone_are_the_direction() {
+    let mut bed = Bed::by_inputs(5);
+    bed.contact(IN2, true);
+    assert_eq!(bed.does(), 2);
+    // SPEED, ACC, DEC and DIRECTION, which is what it was.
+    assert_eq!(bed.try_write_all(0x500B, &[1_500, 100, 100, 1])[0], 16);
+    assert_eq!(bed.does(), 2);
+    let rpm = bed.get(Reg::SPEED_VALID);
+    assert!((1_400..=1_600).contains(&rpm), "SPEED is followed: {rpm} rpm");
+    // The bus takes over a motor that turns, and with it DIRECTION.
+    bed.write(0x5004, 1);
+    assert_eq!(bed.does(), 2);
+    bed.write(0x500E, 1);
+    assert_eq!(bed.does(), 1);
+}
+
+#[test]
+fn a_level_takes_over_with_its_direction() {
+    let mut bed = Bed::by_inputs(5);
+    bed.set(Reg::DIRECTION, 2);
+    bed.contact(IN1, true);
+    assert_eq!(bed.does(), 1);
+    bed.write(0x5007, 3);
+    assert_eq!(bed.does(), 2);
+}
+
+#[test]
+fn inputs_that_change_together_turn_a_move_round() {
+    let mut bed = Bed::by_inputs(5);
+    bed.set(Reg::MODE_ROTATION, 2);
+    bed.set(Reg::OFFSET, 1_000);
+    bed.contact(IN1, true);
+    bed.wait(500.millis());
+    bed.contact(IN1, false);
+    bed.contact(IN2, true);
+    bed.wait(10.millis());
+    let position = bed.get(Reg::CURRENT_POSITION);
+    assert!(0 < position && position < 1_000);
+    // What is left of it goes the other way.
+    assert_eq!(bed.get(Reg::OFFSET), 1_000 - position);
+    bed.wait(10.secs());
+    assert_eq!(bed.get(Reg::CURRENT_POSITION), position - (1_000 - position));
+    assert_eq!((bed.get(Reg::OFFSET), bed.get(Reg::STATUS), bed.get(Reg::ERROR)), (0, 0, 0));
+}
+
+#[test]
+fn each_input_moves_to_the_position() {
+    let mut bed = Bed::by_inputs(5);
+    bed.set(Reg::MODE_ROTATION, 3);
+    bed.set(Reg::TARGET_POSITION1, 1_000);
+    bed.contact(IN1, true);
+    bed.wait(500.millis());
+    assert_eq!(bed.get(Reg::STATUS), 1);
+    // A change-over changes nothing.
+    bed.contact(IN1, false);
+    bed.contact(IN2, true);
+    bed.wait(10.secs());
+    assert_eq!((bed.get(Reg::CURRENT_POSITION), bed.get(Reg::STATUS)), (1_000, 0));
+    bed.contact(IN2, false);
+    bed.set(Reg::TARGET_POSITION1, 0);
+    bed.wait(LONG);
+    bed.contact(IN2, true);
+    bed.wait(10.secs());
+    assert_eq!((bed.get(Reg::CURRENT_POSITION), bed.get(Reg::STATUS)), (0, 0));
+}

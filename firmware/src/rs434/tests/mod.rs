@@ -17,8 +17,8 @@ use standin_protocol::time::Span;
 
 use super::{CLR_FLASH, GREEN, HARD_STOP, IN1, IN2, MEMORY, RED, Reg, Rs434, SETTINGS, rs434544, rs434546};
 use crate::device::{
-    Boot, Device, Duration, Fault, Input, Instant, Level, Line, Note, Output, Pin, Port, Refused, Sink, Why,
-    advance,
+    Axis, Boot, Device, Duration, Fault, Input, Instant, Level, Line, Note, Output, Pin, Port, Refused, Sink,
+    Why, advance,
 };
 use crate::motor::Rig;
 

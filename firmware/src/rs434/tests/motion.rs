@@ -198,6 +198,40 @@ fn moves_need_two_hall_sensors() {
 }
 
 #[test]
+fn a_move_that_loses_its_hall_sensors_stops() {
+    for halls in [0, 1] {
+        let mut bed = Bed::saved(&[(Reg::MODE_ROTATION, 2)]);
+        bed.set(Reg::OFFSET, 100_000);
+        bed.coil(0x2000);
+        bed.wait(500.millis());
+        let left = bed.get(Reg::OFFSET);
+        assert_eq!(left + bed.position(), 100_000);
+        bed.set(Reg::USE_HALL, halls);
+        assert_eq!(bed.get(Reg::STATUS), 1, "it brakes");
+        bed.wait(1.secs());
+        assert_eq!((bed.get(Reg::STATUS), bed.get(Reg::ERROR)), (0, 1 << 15), "USE_HALL {halls}");
+        assert_eq!(bed.get(Reg::OFFSET), left, "nobody counts any more");
+        // With its sensors it goes on.
+        bed.set(Reg::USE_HALL, 2);
+        bed.write(0x5023, 0);
+        bed.coil(0x2000);
+        bed.wait(100.millis());
+        assert_eq!((bed.get(Reg::STATUS), bed.get(Reg::ERROR)), (1, 0));
+    }
+}
+
+#[test]
+fn a_rotation_may_lose_its_hall_sensors() {
+    for halls in [0, 1] {
+        let mut bed = Bed::ready();
+        bed.coil(0x2000);
+        bed.wait(500.millis());
+        bed.set(Reg::USE_HALL, halls);
+        assert_eq!((bed.turns().0, bed.get(Reg::ERROR)), (1, 0), "USE_HALL {halls}");
+    }
+}
+
+#[test]
 fn an_error_stops_the_motor_and_no_start_moves_it() {
     for name in ["short_circuit", "mcu_overheat"] {
         let mut bed = Bed::ready();
@@ -227,6 +261,24 @@ fn a_warning_stops_nothing() {
     let (status, rpm) = bed.turns();
     assert_eq!(status, 1);
     about(rpm, 1_000);
+}
+
+#[test]
+fn the_fault_current_limit_halves_the_limit() {
+    let mut bed = Bed::saved(&[(Reg::REF_CURRENT, 4_000)]);
+    bed.fault("stall", true);
+    bed.coil(0x2000);
+    let held = |bed: &mut Bed| {
+        bed.wait(200.millis());
+        bed.drive.shaft(bed.now, Axis(0)).unwrap().ma.abs()
+    };
+    assert!((3_600..=4_000).contains(&held(&mut bed)));
+    bed.fault("current_limit", true);
+    assert!((1_800..=2_000).contains(&held(&mut bed)));
+    bed.write(0x5009, 6_000);
+    assert!((2_700..=3_000).contains(&held(&mut bed)));
+    bed.fault("current_limit", false);
+    assert!((5_400..=6_000).contains(&held(&mut bed)));
 }
 
 #[test]
@@ -317,4 +369,30 @@ fn a_full_stop_brings_offset_back_while_the_motor_brakes() {
     bed.wait(200.millis());
     bed.stand();
     assert_eq!((bed.get(Reg::OFFSET), bed.get(Reg::MODE_ROTATION)), (1_000, 1));
+}
+
+#[test]
+fn a_full_stop_brakes_with_the_deceleration_that_was() {
+    // DEC = 10, MODE_ROTATION = 2, START, 400 ms, full stop.
+    let image = super::super::program::image([
+        0x000A_0001,
+        0x500D_3002,
+        0x0002_0001,
+        0x5006_3002,
+        0x0001_0001,
+        0x2000_1002,
+        0x0190_0004,
+        0x0000_000D,
+    ]);
+    let mut bed = Bed::new();
+    bed.world.memory[SETTINGS..].copy_from_slice(&image);
+    bed.set(Reg::OFFSET, 100_000);
+    bed.power_on(Boot { fast: true, ..Boot::default() });
+    bed.run_until(Instant::ZERO);
+    bed.set(Reg::MODE_USER_PROGRAM, 2);
+    bed.wait(401.millis());
+    assert_eq!((bed.get(Reg::STATUS_USER_PROGRAM), bed.get(Reg::DEC), bed.get(Reg::STATUS)), (6, 100, 1));
+    // 1,000 rpm are gone in 31 ms with DEC = 100, 545 rps²; with 10, 100 rps², in 167 ms.
+    bed.wait(60.millis());
+    assert_eq!(bed.get(Reg::STATUS), 0);
 }

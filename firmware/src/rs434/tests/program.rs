@@ -178,6 +178,20 @@ fn the_bus_stops_it_and_what_runs_cannot_be_changed() {
 }
 
 #[test]
+fn nothing_saves_the_program_while_it_runs() {
+    let mut bed = Bed::ready();
+    bed.load(&[set(0, 0x8426), put(HOLDING, 0x5025, 0), STAY]);
+    let stores = bed.world.stores.clone();
+    bed.start();
+    assert_eq!(bed.try_set(Reg::FLAG_SAVE_USER_PROGRAM, 0x8426), Err(Refused::Busy));
+    bed.wait(1.millis());
+    assert_eq!((bed.status(), bed.get(Reg::PC_REG), bed.get(Reg::ERROR)), (7, 1, 1 << 8));
+    assert_eq!(bed.world.stores, stores);
+    bed.set(Reg::FLAG_SAVE_USER_PROGRAM, 0x8426);
+    assert_eq!(bed.world.stores.len(), stores.len() + 2, "it has ended");
+}
+
+#[test]
 fn a_saved_3_starts_with_the_power() {
     let mut bed = Bed::ready();
     bed.load(&[set(0, 1), STAY]);
@@ -233,6 +247,15 @@ fn it_may_stop_save_and_restart_its_own_drive() {
     bed.start();
     bed.wait(1.secs());
     assert_eq!((bed.status(), bed.get(Reg::BX_REG)), (1, 0));
+    assert_eq!((bed.get(Reg::PC_REG), bed.get(Reg::AX_REG)), (1, 1), "they stay as they were");
+    bed.start();
+    assert_eq!((bed.status(), bed.get(Reg::PC_REG)), (2, 0));
+    // 5004h = 1 and 5005h = 1 by one line.
+    bed.write(0x5005, 1);
+    bed.load(&[set(0, 1), set(1, 1), line(0x13, 0, 0, HOLDING, 0x5004), set(1, 2), STAY]);
+    bed.start();
+    bed.wait(1.secs());
+    assert_eq!((bed.status(), bed.get(Reg::PC_REG), bed.get(Reg::BX_REG)), (1, 2, 1));
     // 5024h = 37FAh, 5026h = 95AFh.
     let mut bed = Bed::ready();
     bed.load(&[set(0, 0x37FA), put(HOLDING, 0x5024, 0), set(0, 0x95AF), put(HOLDING, 0x5026, 0), STAY]);

@@ -109,6 +109,22 @@ fn clr_flash_for_five_seconds_is_the_factory() {
 }
 
 #[test]
+fn the_motor_goes_by_the_factory_after_a_reset() {
+    let mut bed = Bed::new();
+    for (reg, value) in [(Reg::SPEED, 3_000), (Reg::RATED_SPEED, 6_000), (Reg::USE_HALL, 0)] {
+        bed.set(reg, value);
+    }
+    bed.power_on(Boot::default());
+    bed.contact(CLR_FLASH, true);
+    bed.run_until(6.secs());
+    bed.coil(0x2000);
+    bed.wait(1.secs());
+    let rpm = bed.get(Reg::SPEED_VALID);
+    assert!((950..=1_050).contains(&rpm), "{rpm} rpm");
+    assert!(bed.get(Reg::CURRENT_POSITION) > 200, "16 counts a turn");
+}
+
+#[test]
 fn clr_flash_that_opens_earlier_changes_nothing() {
     let mut bed = Bed::new();
     bed.set(Reg::SPEED, 5_000);

@@ -10,7 +10,7 @@ use std::vec::Vec;
 use standin_protocol::registers::Space;
 use standin_protocol::time::Span;
 
-use super::vm::{NotThere, Step, World};
+use super::vm::{CannotWrite, Step, World};
 use super::{Program, Status, image, run};
 use crate::device::{Instant, Output, Sink};
 use crate::rs434::{LINES, MEMORY};
@@ -121,13 +121,13 @@ impl World for Drive {
         self.bus.iter().find(|&&(s, a, _)| (s, a) == (space, address)).map(|&(.., value)| value)
     }
 
-    fn write(&mut self, space: Space, first: u16, words: &[u16]) -> Result<(), NotThere> {
+    fn write(&mut self, space: Space, first: u16, words: &[u16]) -> Result<(), CannotWrite> {
         if matches!(space, Space::Discrete | Space::Input) {
-            return Err(NotThere);
+            return Err(CannotWrite);
         }
         let places: Vec<_> = (u32::from(first)..).take(words.len()).collect();
         let place = |address: &u32| {
-            self.bus.iter().position(|&(s, a, _)| s == space && u32::from(a) == *address).ok_or(NotThere)
+            self.bus.iter().position(|&(s, a, _)| s == space && u32::from(a) == *address).ok_or(CannotWrite)
         };
         let places = places.iter().map(place).collect::<Result<Vec<_>, _>>()?;
         for (place, word) in places.into_iter().zip(words) {
