@@ -7,7 +7,7 @@
 use standin_protocol::modbus::rtu::crc;
 use standin_protocol::registers::Entries;
 
-use crate::device::{Instant, Output, Sink};
+use crate::device::{Duration, Instant, Output, Sink};
 
 /// Bytes of the memory for `words` saved words.
 #[must_use]
@@ -54,29 +54,62 @@ pub fn load(entries: &Entries, memory: &[u8], bank: &mut [u16]) {
     }
 }
 
-/// Stores the image of a bank with a wrong CRC, and returns the right one for [`finish`].
-pub fn begin<const BYTES: usize>(
-    entries: &Entries,
-    bank: &[u16],
-    at: Instant,
-    out: &mut dyn Sink,
-) -> [u8; 2] {
-    let mut memory = [0; BYTES];
-    for ((place, mask), word) in saved_words(entries).zip(memory.as_chunks_mut().0) {
-        *word = (bank.get(place).copied().unwrap_or(0) & mask).to_be_bytes();
-    }
-    let mut right = [0; 2];
-    if let Some((image, sum)) = memory.split_last_chunk_mut::<2>() {
-        right = crc(image).to_be_bytes();
-        *sum = right.map(|byte| !byte);
-    }
-    out.put(at, Output::Store { offset: 0, bytes: &memory });
-    right
+/// A save that has begun: its image is stored, and behind it a CRC that is certainly wrong.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Save {
+    crc: [u8; 2],
+    /// Where it goes.
+    place: u16,
+    due: Instant,
 }
 
-/// Stores the CRC that [`begin`] returned: now the image passes.
-pub fn finish<const BYTES: usize>(crc: [u8; 2], at: Instant, out: &mut dyn Sink) {
-    out.put(at, Output::Store { offset: (BYTES - 2) as u16, bytes: &crc });
+impl Save {
+    /// Begins to save the image of a bank at the beginning of a memory, of which it takes `BYTES`
+    /// ([`bytes`]); that takes some `time`.
+    pub fn of_rows<const BYTES: usize>(
+        entries: &Entries,
+        bank: &[u16],
+        at: Instant,
+        time: Duration,
+        out: &mut dyn Sink,
+    ) -> Self {
+        let mut memory = [0; BYTES];
+        for ((place, mask), word) in saved_words(entries).zip(memory.as_chunks_mut().0) {
+            *word = (bank.get(place).copied().unwrap_or(0) & mask).to_be_bytes();
+        }
+        let mut right = [0; 2];
+        if let Some((image, sum)) = memory.split_last_chunk_mut::<2>() {
+            right = crc(image).to_be_bytes();
+            *sum = wrong(right);
+        }
+        out.put(at, Output::Store { offset: 0, bytes: &memory });
+        Self { crc: right, place: (BYTES - 2) as u16, due: at + time }
+    }
+
+    /// Begins to save an image of another kind from `offset` on, too large for a copy; that takes some `time`.
+    pub fn of_bytes(image: &[u8], offset: u16, at: Instant, time: Duration, out: &mut dyn Sink) -> Self {
+        let (crc, place) = (crc(image).to_be_bytes(), offset + image.len() as u16);
+        // First, so that there is never a right one behind half an image.
+        out.put(at, Output::Store { offset: place, bytes: &wrong(crc) });
+        out.put(at, Output::Store { offset, bytes: image });
+        Self { crc, place, due: at + time }
+    }
+
+    /// When its time is over.
+    #[must_use]
+    pub fn due(self) -> Instant {
+        self.due
+    }
+
+    /// Stores the right CRC: now the image passes.
+    pub fn finish(self, at: Instant, out: &mut dyn Sink) {
+        out.put(at, Output::Store { offset: self.place, bytes: &self.crc });
+    }
+}
+
+/// A CRC that certainly is not this one.
+fn wrong(crc: [u8; 2]) -> [u8; 2] {
+    crc.map(|byte| !byte)
 }
 
 /// Place in the bank and saved bits of every saved word.

@@ -13,7 +13,7 @@
 
 use standin_protocol::registers::{Bank, Register};
 
-use super::eeprom::Eeprom;
+use super::eeprom::{Eeprom, SAVE};
 use super::encoder::Encoder;
 use super::motion::Motion;
 use super::motor::Motor;
@@ -22,7 +22,7 @@ use super::registers::{Reg, Version, eeprom_control, homing, io_port, motion_con
 use super::startup::{Lights, Startup};
 use super::{BUSY, J2_9, J2_10, J2_12, J3_8, MEMORY};
 use crate::device::{self, Instant, Level, Output, Refused, Sink};
-use crate::memory;
+use crate::memory::Save;
 
 /// Whether the drive listens and moves.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -281,8 +281,7 @@ impl Drive {
                 return Err(Refused::BadMemory);
             }
             self.bank.set(reg, value);
-            let crc = memory::begin::<MEMORY>(Reg::ENTRIES, self.bank.words(), at, out);
-            memory::finish::<MEMORY>(crc, at, out);
+            Save::of_rows::<MEMORY>(Reg::ENTRIES, self.bank.words(), at, SAVE, out).finish(at, out);
         } else {
             self.bank.set(reg, value);
             self.written(at, reg, out);

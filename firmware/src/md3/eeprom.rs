@@ -5,17 +5,10 @@ use standin_protocol::registers::Register;
 use super::MEMORY;
 use super::registers::{Reg, eeprom_control};
 use crate::device::{Duration, Instant, Sink};
-use crate::memory::{self, Content};
+use crate::memory::{self, Content, Save};
 
 /// How long a save takes (7.20 does not say).
-const SAVE: Duration = Duration::millis(20);
-
-/// A save that has begun.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
-struct Save {
-    crc: [u8; 2],
-    due: Instant,
-}
+pub(super) const SAVE: Duration = Duration::millis(20);
 
 /// What the drive knows of its EEPROM.
 #[derive(Clone, Debug)]
@@ -57,21 +50,20 @@ impl Eeprom {
     /// Begins to save the registers; nothing while a save runs.
     pub(super) fn save(&mut self, at: Instant, words: &[u16], out: &mut dyn Sink) {
         if self.save.is_none() {
-            let crc = memory::begin::<MEMORY>(Reg::ENTRIES, words, at, out);
-            self.save = Some(Save { crc, due: at + SAVE });
+            self.save = Some(Save::of_rows::<MEMORY>(Reg::ENTRIES, words, at, SAVE, out));
         }
     }
 
     pub(super) fn deadline(&self) -> Instant {
-        self.save.map_or(Instant::NEVER, |save| save.due)
+        self.save.map_or(Instant::NEVER, Save::due)
     }
 
     /// The save's time is over.
     pub(super) fn timeout(&mut self, at: Instant, out: &mut dyn Sink) {
         if let Some(save) = self.save
-            && save.due <= at
+            && save.due() <= at
         {
-            memory::finish::<MEMORY>(save.crc, at, out);
+            save.finish(at, out);
             (self.save, self.status) = (None, 0);
         }
     }

@@ -9,12 +9,12 @@ use super::command;
 use super::encoder::Pwm;
 use super::motor::Motor;
 use super::registers::{Reg, Variant, mdr1};
-use super::saved::Save;
 use super::serial::Serial;
 use super::stream::{self, Streams};
 use super::{A, B, I, Words};
 use crate::counter::{Channel, Ls7366r, status};
 use crate::device::{Duration, Input, Instant, LOGIC_HIGH_MV, Sink};
+use crate::memory::Save;
 
 /// From a reset to the banner; the list does not say.
 const STARTUP: Duration = Duration::millis(50);

@@ -6,17 +6,10 @@ use super::adapter::Adapter;
 use super::registers::Reg;
 use super::{MEMORY, Words};
 use crate::device::{Duration, Instant, Refused, Sink};
-use crate::memory::{self, Content};
+use crate::memory::{self, Content, Save};
 
 /// How long a save takes; the list does not say.
 const SAVE: Duration = Duration::millis(10);
-
-/// A save that has begun.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Save {
-    crc: [u8; 2],
-    due: Instant,
-}
 
 impl Adapter {
     /// What was saved last; of a new or a bad memory the factory's values.
@@ -46,18 +39,17 @@ impl Adapter {
     }
 
     fn store(&mut self, at: Instant, words: &Words, out: &mut dyn Sink) {
-        let crc = memory::begin::<MEMORY>(Reg::ENTRIES, words.words(), at, out);
-        self.save = Some(Save { crc, due: at + SAVE });
+        self.save = Some(Save::of_rows::<MEMORY>(Reg::ENTRIES, words.words(), at, SAVE, out));
     }
 
     pub(super) fn save_due(&self) -> Instant {
-        self.save.map_or(Instant::NEVER, |save| save.due)
+        self.save.map_or(Instant::NEVER, Save::due)
     }
 
     /// Ends the save that runs.
     pub(super) fn finish_save(&mut self, at: Instant, out: &mut dyn Sink) {
         if let Some(save) = self.save.take() {
-            memory::finish::<MEMORY>(save.crc, at, out);
+            save.finish(at, out);
         }
     }
 
@@ -74,8 +66,7 @@ impl Adapter {
         }
         let mut words = self.stored(out);
         words.set(reg, value);
-        let crc = memory::begin::<MEMORY>(Reg::ENTRIES, words.words(), at, out);
-        memory::finish::<MEMORY>(crc, at, out);
+        Save::of_rows::<MEMORY>(Reg::ENTRIES, words.words(), at, SAVE, out).finish(at, out);
         Ok(())
     }
 }

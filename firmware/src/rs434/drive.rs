@@ -21,11 +21,11 @@ use super::inputs::Inputs;
 use super::motion::{self, Motion};
 use super::program::Program;
 use super::registers::{Model, Reg, key, line};
-use super::saved::Save;
 use super::servo::Servo;
 use super::startup::{Clearing, Lights};
 use super::thermal::{Part, Thermal};
 use crate::device::{Boot, Duration, Instant, Line, Refused, Sink};
+use crate::memory::Save;
 use crate::motor::Parameters;
 
 /// Whether the drive listens and moves.

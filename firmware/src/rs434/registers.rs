@@ -3,6 +3,8 @@
 use standin_protocol::line::{Line, Parity};
 use standin_protocol::registers::{Entries, Entry, Register, Row, Space, Table, entries};
 
+use super::LINES;
+
 /// What the two models differ in.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum Model {
@@ -12,6 +14,7 @@ pub(super) enum Model {
     Rs434546,
 }
 
+const LAST_LINE: i64 = LINES as i64 - 1;
 const NOT_KNOWN: &str = "the manual prints x";
 
 standin_protocol::registers! {
@@ -61,7 +64,7 @@ standin_protocol::registers! {
         /// 0 to 10: 600, 1,200, 2,400, 4,800, 9,600, 14,400, 19,200, 38,400, 57,600, 115,200, 128,000 baud.
         /// Holds after a save and a restart.
         BITRATE_MODBUS = rw(0x5002, "6.4").range(0, 10).reset(9).saved(),
-        /// Delay of every reply, in ms.
+        /// Delay of every reply, in ms. Holds after a save and a restart.
         TIMEOUT_BROADCAST_MODBUS = rw(0x5003, "6.4").saved(),
 
         /// 1 the bus starts the motor, 2 the inputs do.
@@ -122,35 +125,35 @@ standin_protocol::registers! {
         FLAG_RESTART = rw(0x5026, "6.5").one_of(&[0, key::RESTART]),
 
         /// Moves CMD_W to this line of the buffer.
-        WRITE_CMD = rw(0x6000, "6.6").range(0, 1_023),
+        WRITE_CMD = rw(0x6000, "6.6").range(0, LAST_LINE),
         /// An instruction for WRITE_CMD: the command, then its data.
         CMD_W = rw(0x6001, "6.6").u32(),
         /// Moves this line of the buffer to CMD_R.
-        READ_CMD = rw(0x6003, "6.6").range(0, 1_023),
+        READ_CMD = rw(0x6003, "6.6").range(0, LAST_LINE),
         /// The instruction that READ_CMD brought: the command, then its data.
         CMD_R = rw(0x6004, "6.6").u32(),
 
-        /// Of the user program.
+        /// Of the user program: its uAdrSysReg 0, the low word of a pair with BX_REG.
         AX_REG = rw(0x7000, "6.7").live(),
-        /// Of the user program.
+        /// Of the user program: its uAdrSysReg 1, the low word of a pair with CX_REG.
         BX_REG = rw(0x7001, "6.7").live(),
-        /// Of the user program.
+        /// Of the user program: its uAdrSysReg 2, the low word of a pair with DX_REG.
         CX_REG = rw(0x7002, "6.7").live(),
-        /// Of the user program.
+        /// Of the user program: its uAdrSysReg 3, the low word of a pair with EX_REG.
         DX_REG = rw(0x7003, "6.7").live(),
-        /// Of the user program.
+        /// Of the user program: its uAdrSysReg 4, the low word of a pair with FX_REG.
         EX_REG = rw(0x7004, "6.7").live(),
-        /// Of the user program.
+        /// Of the user program: its uAdrSysReg 5, the low word of a pair with GX_REG.
         FX_REG = rw(0x7005, "6.7").live(),
         /// The line that the user program is at.
         PC_REG = ro(0x7006, "6.7").live(),
-        /// Of the user program.
+        /// Of the user program: its uAdrSysReg 6, the low word of a pair with HX_REG.
         GX_REG = rw(0x7007, "6.7").live(),
-        /// Of the user program.
+        /// Of the user program: its uAdrSysReg 7, the low word of a pair with IX_REG.
         HX_REG = rw(0x7008, "6.7").live(),
-        /// Of the user program.
+        /// Of the user program: its uAdrSysReg 8, the low word of a pair with JX_REG.
         IX_REG = rw(0x7009, "6.7").live(),
-        /// Of the user program.
+        /// Of the user program: its uAdrSysReg 9, the high word of a pair with IX_REG only.
         JX_REG = rw(0x700A, "6.7").live(),
 
         /// Driver type: 1001 is the RS 434544, 1002 the RS 434546.
@@ -257,12 +260,9 @@ impl Reg {
 }
 
 impl Model {
-    /// The most that the motor may draw, in mA (3).
+    /// The most that the motor may draw, in mA (3): REF_CURRENT of a new drive.
     pub(super) fn rated_ma(self) -> u16 {
-        match self {
-            Self::Rs434544 => 20_000,
-            Self::Rs434546 => 40_000,
-        }
+        self.entries().list.get(Reg::REF_CURRENT.row()).map_or(0, |entry| entry.reset as u16)
     }
 
     /// What the drive takes for a short circuit, in mA (3).
@@ -288,7 +288,13 @@ impl Model {
 }
 
 /// The line of a new drive (6).
-pub(super) const FACTORY_LINE: Line = line(3, 9);
+pub(super) const FACTORY_LINE: Line = line(factory(Reg::TYPE_MODBUS), factory(Reg::BITRATE_MODBUS));
+
+/// The factory value of a register.
+#[expect(clippy::indexing_slicing, reason = "only ever evaluated by the compiler")]
+const fn factory(reg: Reg) -> u16 {
+    Reg::ROWS[reg as usize].entry.reset as u16
+}
 
 /// The line of a TYPE_MODBUS and a BITRATE_MODBUS (6.4).
 pub(super) const fn line(kind: u16, bitrate: u16) -> Line {

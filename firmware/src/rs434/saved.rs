@@ -6,17 +6,10 @@ use super::SETTINGS;
 use super::drive::Drive;
 use super::registers::Reg;
 use crate::device::{Duration, Instant, Refused, Sink};
-use crate::memory::{self, Content};
+use crate::memory::{self, Content, Save};
 
-/// How long a save takes; the manual does not say.
-const SAVE: Duration = Duration::millis(10);
-
-/// A save that has begun.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Save {
-    crc: [u8; 2],
-    due: Instant,
-}
+/// How long a save takes, be it of the settings or of the user program; the manual does not say.
+pub(super) const SAVE: Duration = Duration::millis(10);
 
 impl Drive {
     /// Loads the settings, those of a new drive or of a bad flash from the factory. Whether the flash was good.
@@ -39,8 +32,8 @@ impl Drive {
     /// Begins to save the settings; one that runs begins again.
     pub(super) fn save_settings(&mut self, at: Instant, out: &mut dyn Sink) {
         self.refresh(at, Reg::OFFSET);
-        let crc = memory::begin::<SETTINGS>(self.model.entries(), self.bank.words(), at, out);
-        self.save = Some(Save { crc, due: at + SAVE });
+        let (entries, words) = (self.model.entries(), self.bank.words());
+        self.save = Some(Save::of_rows::<SETTINGS>(entries, words, at, SAVE, out));
     }
 
     /// Brings the settings back to those of the factory, also in the flash (7).
@@ -51,13 +44,13 @@ impl Drive {
     }
 
     pub(super) fn save_due(&self) -> Instant {
-        self.save.map_or(Instant::NEVER, |save| save.due)
+        self.save.map_or(Instant::NEVER, Save::due)
     }
 
     /// Ends the save that runs.
     pub(super) fn finish_save(&mut self, at: Instant, out: &mut dyn Sink) {
         if let Some(save) = self.save.take() {
-            memory::finish::<SETTINGS>(save.crc, at, out);
+            save.finish(at, out);
         }
     }
 
@@ -74,8 +67,7 @@ impl Drive {
         }
         let entries = self.model.entries();
         entries.put(self.bank.words_mut(), reg.row(), value);
-        let crc = memory::begin::<SETTINGS>(entries, self.bank.words(), at, out);
-        memory::finish::<SETTINGS>(crc, at, out);
+        Save::of_rows::<SETTINGS>(entries, self.bank.words(), at, SAVE, out).finish(at, out);
         Ok(())
     }
 }

@@ -14,15 +14,13 @@ pub(super) mod vm;
 use standin_protocol::modbus::rtu::crc;
 
 use self::vm::{REGISTERS, Step, Vm, World};
+use super::saved::SAVE;
 use super::{LINES, SETTINGS};
-use crate::device::{Duration, Instant, Output, Sink};
-use crate::memory::{self, Content};
+use crate::device::{Duration, Instant, Sink};
+use crate::memory::{self, Content, Save};
 
 /// How long a line takes; that of a DELAY is longer.
 pub(super) const LINE: Duration = Duration::micros(100);
-
-/// How long a save takes (the manual does not say).
-const SAVE: Duration = Duration::millis(10);
 
 /// Bytes of all lines, which lie behind the settings. Their CRC lies behind them, high byte first.
 const BYTES: usize = 4 * LINES;
@@ -59,13 +57,6 @@ pub(super) enum Status {
     FullyEnded = 6,
     /// It came to a line that cannot be carried out.
     Failed = 7,
-}
-
-/// A save that has begun: its CRC is still to come.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
-struct Save {
-    crc: [u8; 2],
-    due: Instant,
 }
 
 /// The buffer, the flash and the state of the program.
@@ -153,17 +144,14 @@ impl Program {
     /// Begins to store the buffer in the flash: a CRC that is certainly wrong, the lines, and when the time of a
     /// save is over the right one. Not while lines are carried out.
     pub(super) fn save(&mut self, at: Instant, out: &mut dyn Sink) {
-        let lines = self.buffer.as_flattened();
-        let crc = crc(lines).to_be_bytes();
-        store(BYTES, &crc.map(|byte| !byte), at, out);
-        store(0, lines, at, out);
-        (self.flash, self.save) = (Content::Good, Some(Save { crc, due: at + SAVE }));
+        let save = Save::of_bytes(self.buffer.as_flattened(), SETTINGS as u16, at, SAVE, out);
+        (self.flash, self.save) = (Content::Good, Some(save));
     }
 
     /// Ends a save that runs: its time is over, or a restart waits for it.
     pub(super) fn finish_save(&mut self, at: Instant, out: &mut dyn Sink) {
         if let Some(save) = self.save.take() {
-            store(BYTES, &save.crc, at, out);
+            save.finish(at, out);
         }
     }
 
@@ -193,7 +181,7 @@ impl Program {
 
     /// When a save is over: see [`finish_save`](Self::finish_save).
     pub(super) fn save_due(&self) -> Instant {
-        self.save.map_or(Instant::NEVER, |save| save.due)
+        self.save.map_or(Instant::NEVER, Save::due)
     }
 
     /// Looks at the flash; whether it passes.
@@ -236,9 +224,4 @@ pub(super) fn run(at: Instant, world: &mut impl World) -> Option<Step> {
         Step::Error => program.end(Status::Failed),
     }
     Some(step)
-}
-
-/// Stores bytes of the program's part of the memory.
-fn store(offset: usize, bytes: &[u8], at: Instant, out: &mut dyn Sink) {
-    out.put(at, Output::Store { offset: (SETTINGS + offset) as u16, bytes });
 }
