@@ -281,6 +281,7 @@ impl Drive {
             | Reg::DEC
             | Reg::PULSES_PER_REVOLUTION
             | Reg::MODE_COIL => self.set_servo(at, out),
+            Reg::OFFSET => self.offset_written(),
             Reg::DIRECTION => self.direction_changed(at, out),
             Reg::ERROR => self.write_errors(at, self.bank.word(reg), out),
             Reg::FLAG_SAVE_INI => {

@@ -25,11 +25,11 @@ pub(super) enum Motion {
     None,
     /// To rotate until it is stopped.
     Rotates,
-    /// A move, until it stands.
+    /// A move, until it has arrived; one that was stopped, until another motion begins or OFFSET is written.
     Moves {
         /// Where it goes.
         way: Way,
-        /// It was stopped on it.
+        /// It was stopped on it; also when it stands by now.
         braking: bool,
     },
 }
@@ -223,8 +223,10 @@ impl Drive {
     /// USE_HALL was written, and the servo does not know yet: what is left of a move can be counted only with two.
     pub(super) fn halls_changed(&mut self, at: Instant, out: &mut dyn Sink) {
         if matches!(self.motion, Motion::Moves { .. }) && self.has_too_few_halls() {
-            self.raise(at, error::TOO_FEW_HALLS, out);
-            self.stop();
+            if self.servo.direction() != 0 {
+                self.raise(at, error::TOO_FEW_HALLS, out);
+                self.stop();
+            }
             self.move_over();
         }
     }
@@ -243,7 +245,14 @@ impl Drive {
         }
     }
 
-    /// A move is over, or a new one takes its place: OFFSET keeps what is left.
+    /// OFFSET was written: a motor that stands goes on with it, and not with what was left of its last move.
+    pub(super) fn offset_written(&mut self) {
+        if matches!(self.motion, Motion::Moves { .. }) && self.servo.direction() == 0 {
+            self.motion = Motion::None;
+        }
+    }
+
+    /// A move is over, because another one takes its place or nobody can count: OFFSET keeps what is left.
     fn move_over(&mut self) {
         self.bank.set(Reg::OFFSET, self.offset());
         self.motion = Motion::None;
@@ -255,8 +264,14 @@ impl Drive {
         if errors != 0 {
             self.raise(at, errors, out);
         }
-        if matches!(self.motion, Motion::Moves { .. }) && self.servo.direction() == 0 {
-            self.move_over();
+        if let Motion::Moves { braking, .. } = self.motion
+            && self.servo.direction() == 0
+        {
+            self.bank.set(Reg::OFFSET, self.offset());
+            // A shaft that was stopped may still turn a little: what is left of its move follows it.
+            if !braking {
+                self.motion = Motion::None;
+            }
         }
     }
 }

@@ -94,7 +94,7 @@ pub(super) struct Servo {
     ma: i32,
     seen: Seen,
     counter: Counter,
-    /// Of the present move, also while it is stopped.
+    /// Of the present move, or of one that was stopped on its way.
     goal: Option<Goal>,
     /// Of the last move.
     left: i32,
@@ -361,10 +361,9 @@ impl Servo {
     /// It stands.
     fn rest(&mut self, at: Instant, out: &mut dyn Sink) {
         if matches!(self.order, Order::Move { .. }) {
-            self.left = 0;
+            (self.goal, self.left) = (None, 0);
         }
         (self.order, self.next, self.pace) = (Order::None, Instant::NEVER, I40F24::ZERO);
-        self.goal = None;
         self.counter.forget_speed();
         self.apply(at, 0, out);
         self.terminals(at, out);

@@ -116,6 +116,44 @@ fn a_stopped_offset_keeps_its_rest_for_the_next_start() {
 }
 
 #[test]
+fn what_a_shaft_turns_on_after_a_hard_stop_is_counted_too() {
+    for n in 0..100 {
+        let mut bed = Bed::saved(&[(Reg::MODE_ROTATION, 2)]);
+        bed.set(Reg::OFFSET, 500);
+        bed.set(Reg::START_bit, 1);
+        bed.wait(200.millis() + Duration::micros(n * 137));
+        bed.set(Reg::HARD_STOP_bit, 1);
+        bed.wait(1.secs());
+        assert_eq!((bed.get(Reg::STATUS), bed.position() + bed.get(Reg::OFFSET)), (0, 500), "{n}");
+        bed.set(Reg::START_bit, 1);
+        bed.wait(5.secs());
+        assert_eq!((bed.position(), bed.get(Reg::OFFSET)), (500, 0), "{n}");
+    }
+}
+
+#[test]
+fn an_offset_written_at_rest_takes_the_place_of_what_was_left() {
+    let mut bed = Bed::saved(&[(Reg::MODE_ROTATION, 2)]);
+    bed.set(Reg::OFFSET, 100_000);
+    bed.coil(0x2000);
+    bed.wait(500.millis());
+    bed.coil(0x2001);
+    bed.stand();
+    let left = bed.get(Reg::OFFSET);
+    // One half of it.
+    bed.write(0x5016, 0);
+    assert_eq!(bed.get(Reg::OFFSET), left & 0xFFFF);
+    assert_eq!(bed.try_write_all(0x5015, &[40, 0])[0], 16);
+    let before = bed.position();
+    // Sensors that nobody needs just now are no error.
+    bed.write(0x5010, 1);
+    bed.write(0x5010, 2);
+    bed.coil(0x2000);
+    bed.stand();
+    assert_eq!((bed.position(), bed.get(Reg::OFFSET), bed.get(Reg::ERROR)), (before + 40, 0, 0));
+}
+
+#[test]
 fn a_constant_offset_is_taken_by_every_start() {
     let mut bed = Bed::saved(&[(Reg::MODE_ROTATION, 2), (Reg::OFFSET_CONST, 100)]);
     for n in 1..4 {
