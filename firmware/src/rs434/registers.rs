@@ -39,7 +39,7 @@ standin_protocol::registers! {
 
         /// 0 the motor stands, 1 it turns forward, 2 backward.
         STATUS = input(0x3000, "6.3").range(0, 2).live(),
-        /// What the motor draws, in mA.
+        /// What the supply gives the motor, in mA; 0 while current flows back.
         CURRENT_VALID = input(0x3001, "6.3").live(),
         /// How fast it turns, in rpm.
         SPEED_VALID = input(0x3002, "6.3").live(),

@@ -251,6 +251,32 @@ fn section_6_5_ref_current() {
     }
 }
 
+/// "The current consumed by the motor from the power supply": the motor's own current during the part of the time
+/// in which the supply drives it. Terminals that are shorted have none of it.
+#[test]
+fn section_6_3_current_of_the_supply() {
+    for direction in [1, 2] {
+        let mut rig = Rig::default();
+        rig.write(at::DIRECTION, direction);
+        rig.write(at::USE_HALL, 0);
+        rig.fault("stall", true);
+        rig.write(at::START, 1);
+        rig.after(1.secs());
+        // A shaft that is held has no voltage of its own: a third of the supply is a third of the time, and gives
+        // the motor a third of what all of it would.
+        let motion = rig.motion();
+        let supply = f64::from(motion.current_ma) * f64::from(motion.duty.abs()) / 65_536.0;
+        assert!(motion.current_ma > 10_000 && supply < 0.4 * f64::from(motion.current_ma), "{motion:?}");
+        assert_near(f64::from(rig.read(at::CURRENT_VALID)), supply, 0.1, "CURRENT_VALID");
+        rig.fault("stall", false);
+        rig.after(1.secs());
+        rig.write(at::HARD_STOP, 1);
+        rig.after(1.millis());
+        assert!(rig.motion().current_ma > 1_000, "it brakes");
+        assert_eq!(rig.read(at::CURRENT_VALID), 0);
+    }
+}
+
 /// A motor that runs free is far below the limit.
 #[test]
 fn section_6_5_no_warning_in_normal_use() {

@@ -111,6 +111,31 @@ fn section_6_5_stop_in_an_offset() {
     assert_at(&mut rig, 1_000);
 }
 
+/// A move that begins while the motor still turns the other way: what is left grows first, and is never 0 on the
+/// way.
+#[test]
+fn section_6_5_an_offset_against_the_motion() {
+    let mut rig = mover(1);
+    rig.write(at::DIRECTION, 2);
+    rig.write(at::START, 1);
+    rig.after(1.secs());
+    rig.write(at::STOP, 1);
+    rig.after(2.millis());
+    rig.write(at::MODE_ROTATION, 2);
+    rig.write_long(at::OFFSET, 100);
+    let goal = rig.read_long(at::CURRENT_POSITION) + 100;
+    rig.write(at::START, 1);
+    let mut most = 0;
+    while rig.read(at::STATUS) != 0 {
+        let left = rig.read_long(at::OFFSET);
+        assert_eq!(left + rig.read_long(at::CURRENT_POSITION), goal);
+        most = most.max(left);
+        rig.after(500.micros());
+    }
+    assert!(most > 100, "it turned on backward");
+    assert_eq!((rig.read_long(at::OFFSET), rig.read_long(at::CURRENT_POSITION)), (0, goal));
+}
+
 /// "If the value of the register OFFSET_CONST ≠ 0, it is copied to the register OFFSET at every motor start."
 #[test]
 fn section_6_5_offset_const() {
@@ -205,6 +230,21 @@ fn section_6_5_offset_compensation() {
         rig.write_long(at::OFFSET, offset);
         start(&mut rig);
         assert_eq!(rig.read_long(at::CURRENT_POSITION), end, "{offset} and {compensation}");
+        assert_eq!(rig.read_long(at::OFFSET), 0);
+    }
+}
+
+/// It moves the point where a move stops, and this cannot lie behind its beginning: then there is no motion.
+#[test]
+fn section_6_5_more_compensation_than_way() {
+    for offset in [10, -10] {
+        let mut rig = mover(2);
+        rig.write(at::OFFSET_COMPENSATION, i16::cast_unsigned(-15));
+        rig.write_long(at::OFFSET, offset);
+        rig.write(at::START, 1);
+        assert_eq!(rig.read(at::STATUS), 0);
+        rig.after(1.secs());
+        assert_at(&mut rig, 0);
         assert_eq!(rig.read_long(at::OFFSET), 0);
     }
 }
