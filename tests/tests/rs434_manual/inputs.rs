@@ -30,7 +30,7 @@ fn assert_turns(rig: &mut Rig, status: u16, direction: u16) {
     assert_eq!(sign, [0, 1, -1][usize::from(status)], "the shaft");
 }
 
-/// "1 - input shorted to output GND, 0 - input open", before debouncing (easily missed 16).
+/// "1 - input shorted to output GND, 0 - input open", before debouncing (decision 21).
 #[test]
 fn section_6_1_contacts() {
     let mut rig = Rig::default();
@@ -67,7 +67,7 @@ fn section_6_5_mode_ext_in_1() {
 }
 
 /// 2: IN1 start/stop at the end of a pulse, IN2 direction by level: open forward, closed backward (decision
-/// 24).
+/// 22).
 #[test]
 fn section_6_5_mode_ext_in_2() {
     let mut rig = by_inputs(2);
@@ -115,7 +115,7 @@ fn section_6_5_mode_ext_in_4() {
     assert_turns(&mut rig, 0, 2);
 }
 
-/// 5: IN1 forward, IN2 backward, by level; both: stop (decision 24).
+/// 5: IN1 forward, IN2 backward, by level; both: stop (decision 22).
 #[test]
 fn section_6_5_mode_ext_in_5() {
     let mut rig = by_inputs(5);
@@ -136,7 +136,7 @@ fn section_6_5_mode_ext_in_5() {
     assert_eq!(status(&mut rig), 2);
 }
 
-/// Decision 20: in way 5 IN2 moves the negative offset.
+/// Decision 22: in way 5 IN2 moves the negative offset.
 #[test]
 fn section_6_5_mode_ext_in_5_and_offsets() {
     for (contact, position) in [("IN1", 200), ("IN2", -200)] {
@@ -171,7 +171,7 @@ fn section_6_1_pressed() {
     }
 }
 
-/// WAITED: the opening behind it must last, and only then the pulse is over (decision 23).
+/// WAITED: the opening behind it must last, and only then the pulse is over (decision 21).
 #[test]
 fn section_6_1_waited() {
     let mut rig = by_inputs(1);
@@ -185,7 +185,7 @@ fn section_6_1_waited() {
     assert_eq!(rig.read(at::STATUS), 1);
 }
 
-/// Easily missed 16: two closures with a short opening are one pulse.
+/// Decision 21: two closures with a short opening are one pulse.
 #[test]
 fn section_6_1_contact_bounce() {
     let mut rig = by_inputs(1);
@@ -210,8 +210,8 @@ fn section_6_1_contact_bounce() {
     assert_turns(&mut rig, 1, 1);
 }
 
-/// 6.5: MODE_DEVICE: in 1 the inputs do nothing; in 2 START does nothing, and its reply is normal (decision
-/// 18); STOP works in both (decision 38).
+/// 6.5: MODE_DEVICE: in 1 the inputs do nothing; in 2 START does nothing, and its reply is normal; STOP
+/// works in both (decision 6).
 #[test]
 fn section_6_5_mode_device() {
     let mut rig = Rig::default();
@@ -238,7 +238,7 @@ fn section_6_5_mode_device() {
     }
 }
 
-/// Decision 24: levels act at power-up and when the mode is written, edges do not.
+/// Decision 22: levels act at power-up and when the mode is written, edges do not.
 #[test]
 fn section_6_5_levels_at_power_up() {
     for (mode, status) in [(1, 0), (2, 0), (3, 1), (4, 2), (5, 0)] {
@@ -267,7 +267,7 @@ fn section_6_5_levels_at_power_up() {
 }
 
 /// "Operation is permitted with closed contact" (6): open: at once, bit 5, latched until a restart (decision
-/// 8 of the general list), whatever MODE_DEVICE says.
+/// 20), whatever MODE_DEVICE says.
 #[test]
 fn section_6_hard_stop() {
     for mode in [1, 2] {
@@ -295,7 +295,7 @@ fn section_6_hard_stop() {
     }
 }
 
-/// Also at power-up (decision 8 of the general list).
+/// Also at power-up: it is a level (decision 20).
 #[test]
 fn section_6_hard_stop_at_power_up() {
     let mut rig = Rig::default();

@@ -111,7 +111,7 @@ fn section_6_4_addresses() {
     }
 }
 
-/// Decision 26: 0 obeys broadcasts and never answers.
+/// Decision 3: 0 obeys broadcasts and never answers.
 #[test]
 fn section_6_4_address_0() {
     let mut rig = restarted(&[(at::SLAVE_ADDRESS, 0)]);
@@ -140,7 +140,7 @@ fn reply_takes(rig: &mut Rig, frame: &[u8]) -> Duration {
     took
 }
 
-/// "An additional delay between the received packet and the reply message", in ms (decision 25), from the
+/// "An additional delay between the received packet and the reply message", in ms (decision 3), from the
 /// restart on as the other three.
 #[test]
 fn section_6_4_timeout() {
@@ -165,7 +165,7 @@ fn section_6_4_ascii_messages() {
     let reply = ":01030203E80F\r\n";
     assert_eq!(ask_ascii(&mut rig, b":0103500B0001A0\r\n"), reply);
     assert_eq!(ascii(&[1, 3, 0x50, 0x0B, 0, 1]), b":0103500B0001A0\r\n");
-    // Either case is accepted (decision 13 of the general list).
+    // Either case is accepted.
     assert_eq!(ask_ascii(&mut rig, b":0103500b0001a0\r\n"), reply);
     // A write, a refusal, a coil.
     assert_eq!(ask_ascii(&mut rig, &ascii(&[1, 6, 0x50, 0x0B, 0x01, 0xF4])), ":0106500B01F4A9\r\n");
@@ -201,7 +201,7 @@ fn section_6_4_ascii_noise() {
     for noise in ["xyz", ":0103", ":0106500B", ":::", "\r\n:01", "\u{7f}\u{1}"] {
         assert_eq!(ask_ascii(&mut rig, format!("{noise}{good}").as_bytes()), reply, "after {noise:?}");
     }
-    // Decision 32: none of this sets an error.
+    // Decision 5: none of this sets an error.
     assert_eq!(ask_ascii(&mut rig, &ascii(&[1, 3, 0x50, 0x23, 0, 1])), ":0103020000FA\r\n");
 }
 
@@ -224,7 +224,7 @@ fn section_6_4_ascii_pauses() {
     }
 }
 
-/// Characters of another rate or parity: silence. Decision 32: wrong parity sets bit 14; a write clears it.
+/// Characters of another rate or parity: silence. Decision 5: wrong parity sets bit 14; a write clears it.
 #[test]
 fn section_6_5_parity() {
     let mut rig = timed();

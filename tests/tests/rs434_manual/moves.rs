@@ -48,7 +48,7 @@ fn section_6_5_offsets() {
     }
 }
 
-/// Decision 20: its sign alone decides; DIRECTION is for continuous rotation.
+/// Decision 16: its sign alone decides; DIRECTION is for continuous rotation.
 #[test]
 fn section_6_5_offset_and_direction() {
     let mut rig = mover(2);
@@ -91,7 +91,7 @@ fn section_6_5_offset_counts_down() {
     assert_at(&mut rig, 400);
 }
 
-/// Decision 22, easily missed 9: STOP keeps the rest, also of what it braked over, and the next START goes on
+/// Decision 16: STOP keeps the rest, also of what it braked over, and the next START goes on
 /// with it.
 #[test]
 fn section_6_5_stop_in_an_offset() {
@@ -128,7 +128,7 @@ fn section_6_5_offset_const() {
     assert_at(&mut rig, -100);
 }
 
-/// Decision 22: a START while a move runs is nothing; decision 21: a move keeps what it started with.
+/// Decision 15: a START while a move runs is nothing; a move keeps what it started with.
 #[test]
 fn section_6_5_what_a_move_does_not_care_for() {
     let mut rig = mover(2);
@@ -168,7 +168,7 @@ fn section_6_5_positions() {
     }
 }
 
-/// Easily missed 10: what is written during the move does not matter to it.
+/// The coordinate is copied "before moving": what is written during the move does not matter to it.
 #[test]
 fn section_6_5_a_position_changed_on_the_way() {
     let mut rig = mover(3);
@@ -194,7 +194,7 @@ fn section_6_5_positions_after_clr_position() {
     assert_eq!(rig.motion().position, 200);
 }
 
-/// Decision 29: it moves the stopping point along the motion; OFFSET is 0 all the same.
+/// Decision 17: it moves the stopping point along the motion; OFFSET is 0 all the same.
 #[test]
 fn section_6_5_offset_compensation() {
     for (offset, compensation, end) in
@@ -209,8 +209,7 @@ fn section_6_5_offset_compensation() {
     }
 }
 
-/// Bit 15: "using positioning mode with less than two Hall sensors": no motion (decision 10 of the general
-/// list).
+/// Bit 15: "using positioning mode with less than two Hall sensors": no motion (decision 18).
 #[test]
 fn section_6_5_moves_want_two_sensors() {
     for mode in [2, 3] {
