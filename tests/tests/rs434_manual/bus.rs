@@ -84,6 +84,19 @@ fn section_6_all_or_nothing() {
     assert_eq!(rig.read(at::ERROR), 0);
 }
 
+/// Decision 4 of all Modbus drives: address before value. A block that runs past 5026h has a value out of range
+/// before its end.
+#[test]
+fn section_6_address_before_value() {
+    let mut rig = Rig::default();
+    let values = [0, 0, 0x1111, 0, 0];
+    assert_eq!(rig.try_write_all(at::ERROR - 1, &values[..3]), Err(3));
+    assert_eq!(rig.read(at::ERROR), 0x2000);
+    rig.write(at::ERROR, 0);
+    assert_eq!(rig.try_write_all(at::ERROR, &values), Err(2));
+    assert_eq!(rig.read(at::ERROR), 0);
+}
+
 /// "After which the register is reset to 0": coils read 0 whatever happens; 0 does nothing.
 #[test]
 fn section_6_2_coils_read_0() {

@@ -79,6 +79,22 @@ fn section_6_5_current_limit() {
     assert_eq!((rig.read(at::ERROR), rig.read(at::STATUS)), (0, 1));
 }
 
+/// Decision 24: while the fault is there the limit is half of REF_CURRENT. A shaft that is held takes all of it.
+#[test]
+fn section_6_5_current_limit_halves_the_limit() {
+    let mut rig = Rig::default();
+    rig.write(at::REF_CURRENT, 4_000);
+    rig.fault("stall", true);
+    rig.write(at::START, 1);
+    for (fault, limit) in [(false, 4_000), (true, 2_000), (false, 4_000)] {
+        rig.fault("current_limit", fault);
+        rig.after(100.millis());
+        let ma = rig.motion().current_ma;
+        assert!((limit * 3 / 4..=limit * 21 / 20).contains(&ma), "{ma} mA, and {limit} at most");
+        assert_eq!(rig.read(at::ERROR), 1 << 11);
+    }
+}
+
 /// Temperatures in 0.1 °C; their limits are 85 °C of the processor, 100 °C of switches and brake (decision 24).
 #[test]
 fn section_6_3_temperatures() {

@@ -1,7 +1,7 @@
 //! 6.1 and MODE_EXT_IN of 6.5: IN1, IN2 and HARD_STOP.
 
 use standin_protocol::time::{Duration, Span};
-use standin_sim::bench::PowerAction;
+use standin_sim::bench::{Driving, PowerAction};
 use standin_tests::rs434::{BOOT, Rig, at};
 
 /// Longer than any ramp here, and than the debouncing.
@@ -146,6 +146,64 @@ fn section_6_5_mode_ext_in_5_and_offsets() {
         rig.close(contact);
         rig.after(5.secs());
         assert_eq!((rig.read_long(at::CURRENT_POSITION), rig.read(at::STATUS)), (position, 0), "{contact}");
+    }
+}
+
+/// Decision 22: in way 5 DIRECTION is neither read nor written: a master that writes it, as it is or otherwise,
+/// does not turn the motor against its input.
+#[test]
+fn section_6_5_mode_ext_in_5_and_direction() {
+    for (contact, status) in [("IN1", 1), ("IN2", 2)] {
+        let mut rig = by_inputs(5);
+        rig.close(contact);
+        rig.after(WHILE);
+        for direction in [1, 2, 1] {
+            assert_eq!(rig.try_write_all(at::SPEED, &[500, 100, 100, direction]), Ok(()));
+            rig.after(WHILE);
+            assert_turns(&mut rig, status, direction);
+        }
+    }
+}
+
+/// A change-over contact opens IN1 and closes IN2 at once: the motor goes the other way.
+#[test]
+fn section_6_5_mode_ext_in_5_changes_over() {
+    for (rotation, from, to, status) in
+        [(1, "IN1", "IN2", 2), (1, "IN2", "IN1", 1), (2, "IN1", "IN2", 2), (2, "IN2", "IN1", 1)]
+    {
+        let mut rig = by_inputs(5);
+        rig.write(at::MODE_ROTATION, rotation);
+        rig.write_long(at::OFFSET_CONST, 2_000);
+        rig.close(from);
+        rig.after(WHILE);
+        let before = rig.read_long(at::CURRENT_POSITION);
+        for (contact, driving) in [(from, Driving::High), (to, Driving::Low)] {
+            rig.bench.set_pin(rig.seat, rig.pin(contact), driving);
+        }
+        rig.after(WHILE);
+        assert_turns(&mut rig, status, 1);
+        if rotation == 2 {
+            // 2,000 counts back from where it was: PRESSED and WAITED are 10 ms, in which it made 3 more.
+            rig.after(10.secs());
+            let way = rig.read_long(at::CURRENT_POSITION) - before;
+            let sign = if status == 1 { 1 } else { -1 };
+            assert!((1_990..2_000).contains(&(way * sign)), "{way} counts");
+            assert_turns(&mut rig, 0, 1);
+        }
+    }
+}
+
+/// Decision 22: both go to the same position.
+#[test]
+fn section_6_5_mode_ext_in_5_and_positions() {
+    for contact in ["IN1", "IN2"] {
+        let mut rig = by_inputs(5);
+        rig.write(at::MODE_ROTATION, 3);
+        rig.write_long(at::TARGET_POSITION1, 200);
+        rig.close(contact);
+        rig.after(5.secs());
+        assert_eq!(rig.read_long(at::CURRENT_POSITION), 200, "{contact}");
+        assert_turns(&mut rig, 0, 1);
     }
 }
 

@@ -226,6 +226,31 @@ fn section_6_5_moves_want_two_sensors() {
     }
 }
 
+/// Decision 15: a move that loses a sensor on its way ends there, with the same bit.
+#[test]
+fn section_6_5_a_move_that_loses_its_sensors() {
+    for mode in [2, 3] {
+        for halls in [0, 1] {
+            let mut rig = mover(mode);
+            rig.write_long(at::OFFSET, 1_000);
+            rig.write_long(at::TARGET_POSITION1, 1_000);
+            rig.write(at::START, 1);
+            rig.after(1.secs());
+            assert_eq!(rig.read(at::STATUS), 1);
+            // 1,000 rpm are 267 counts a second, and a ramp of some 30 ms 4 more.
+            let before = rig.motion().position;
+            rig.write(at::USE_HALL, halls);
+            assert_eq!(rig.read(at::ERROR), 1 << 15, "{halls} sensors");
+            rig.after(2.secs());
+            let case = format!("MODE_ROTATION {mode}, {halls} sensors");
+            assert_eq!((rig.read(at::STATUS), rig.motion().speed.to_num::<f64>()), (0, 0.0), "{case}");
+            // It brakes with DEC, or with nothing to tell it how fast it turns: not over half of its way.
+            let on = rig.motion().position - before;
+            assert!((0..500).contains(&on), "{case}: {on} counts more");
+        }
+    }
+}
+
 /// The motor of the other model, of other pulses, with a higher current: the end is as exact.
 #[test]
 fn section_6_5_moves_of_the_other_model() {

@@ -130,6 +130,32 @@ fn section_7_factory_reset() {
     assert_eq!(rig.read(at::AX), 7);
 }
 
+/// The motor obeys them, too: settings that turned it otherwise were saved before.
+#[test]
+fn section_7_the_motor_after_a_factory_reset() {
+    let mut rig = Rig::default();
+    for (address, value) in
+        [(at::USE_HALL, 0), (at::SPEED, 2_000), (at::DIRECTION, 2), (at::ACC, 10), (at::REF_CURRENT, 1_000)]
+    {
+        rig.write(address, value);
+    }
+    rig.save();
+    rig.bench.power(rig.seat, PowerAction::Off);
+    rig.after(1.secs());
+    rig.close("CLR_FLASH");
+    rig.bench.power(rig.seat, PowerAction::On);
+    rig.after(5.secs() + BOOT + 1.millis());
+    rig.write(at::START, 1);
+    // From 1,000 rpm a ramp of ACC 100, 545 rps², is 31 ms away; one of ACC 10, 100 rps², 167 ms.
+    rig.after(60.millis());
+    let rpm = rig.motion().speed.to_num::<f64>() / 16.0 * 60.0;
+    assert!((980.0..1_020.0).contains(&rpm), "{rpm} rpm");
+    rig.after(6.secs());
+    let counts = rig.read_long(at::CURRENT_POSITION);
+    assert!((1_550..1_650).contains(&counts), "{counts} counts of 100 turns");
+    assert_eq!((rig.read(at::STATUS), rig.read(at::SPEED_VALID).abs_diff(1_000) < 30), (1, true));
+}
+
 /// Decision 10: opened earlier, it boots unchanged.
 #[test]
 fn section_7_opened_too_early() {

@@ -614,6 +614,23 @@ fn section_6_9_full_stop() {
     assert_eq!(rig.read(at::MODE_USER_PROGRAM), 2);
 }
 
+/// The motor stops with the DEC that was, also in a move that began with another one (decision 27).
+#[test]
+fn section_6_9_full_stop_in_a_move() {
+    let mut rig = Rig::default();
+    let program = [put(3, at::DEC), 10, put(3, at::MODE_ROTATION), 2, put(1, at::START), 1, delay(500), ENDF];
+    rig.load(&program);
+    rig.write(at::SPEED, 2_400);
+    rig.write_long(at::OFFSET, 30_000);
+    rig.run();
+    rig.after(500.millis());
+    assert_eq!([at::STATUS, at::DEC].map(|address| rig.read(address)), [1, 10]);
+    // 40 turns/s: DEC 100, 545 rps², takes 73 ms; DEC 10, 100 rps², takes 400.
+    rig.after(200.millis());
+    let registers = [at::STATUS_USER_PROGRAM, at::DEC, at::STATUS].map(|address| rig.read(address));
+    assert_eq!(registers, [status::ENDF, 100, 0]);
+}
+
 /// An error stops the motor (decision 33).
 #[test]
 fn section_6_9_an_error_stops_the_motor() {
@@ -633,7 +650,24 @@ fn section_6_9_an_error_stops_the_motor() {
     assert_eq!(rig.read(at::ERROR), 0);
 }
 
-/// A program cannot save itself over: 8426h writes nothing while it runs; it may restart the drive.
+/// A program cannot save itself over: one that writes 8426h fails (decision 28), and the flash is as it was.
+#[test]
+fn section_6_9_a_program_that_saves_programs() {
+    let mut rig = Rig::default();
+    rig.load(&[mov(0, 1), put(3, at::SAVE_PROGRAM), key::SAVE_PROGRAM.into(), mov(0, 2), END]);
+    // What it would save: a program that ends at once.
+    assert_eq!(rig.try_write_all(at::WRITE_CMD, &[0, 0, 0]), Ok(()));
+    rig.run();
+    rig.after(1.millis());
+    assert_ended(&mut rig, status::ERROR, 1);
+    assert_eq!(rig.read(at::AX), 1);
+    rig.write(at::AX, 0);
+    rig.run();
+    rig.after(1.millis());
+    assert_eq!(rig.read(at::AX), 1);
+}
+
+/// It may restart the drive, and save its settings.
 #[test]
 fn section_6_9_keys_in_a_program() {
     let mut rig = Rig::default();
