@@ -1,7 +1,8 @@
 //! A user program as the manual tells it (6.9), one line after the other, with no regard to speed.
 //!
 //! The drive around it is one that cannot move: its contact HARD_STOP was open at power-on, so that START
-//! does nothing (decision 6) and STATUS, SPEED_VALID and the like stand still. All contacts are open.
+//! does nothing (decision 6) and STATUS, SPEED_VALID and the like stand still. All contacts are open. What a program
+//! does with a motor that turns is shown by the examples (`tests/rs434_examples.rs`) and in `flow.rs`.
 
 use standin_tests::rs434::at;
 
