@@ -102,7 +102,7 @@ fn run_with<D: Device, const CHARACTERS: usize>(
         let Event::Fed(fed) = &entry.event else { continue };
         match fed {
             Fed::Bytes { port, bytes } => {
-                player.go(entry.at - Duration::TICK);
+                player.sleep_before(entry.at);
                 let character = player.line().character();
                 for (n, byte) in (0..).zip(bytes) {
                     player.catch(entry.at + character * n, Caught::Byte(*port, *byte));
@@ -116,7 +116,7 @@ fn run_with<D: Device, const CHARACTERS: usize>(
             Fed::Fault { fault, on } => player.catch(entry.at, Caught::Fault(*fault, *on)),
             Fed::Slipped { axis, steps } => player.catch(entry.at, Caught::Slipped(*axis, *steps)),
             Fed::Power(power @ (Power::On | Power::Off)) => {
-                player.go(entry.at - Duration::TICK);
+                player.sleep_before(entry.at);
                 player.board.set_now(entry.at);
                 player.power(*power == Power::On);
             }
@@ -199,8 +199,16 @@ impl<D: Device, M: Fn() -> D, const CHARACTERS: usize> Player<D, M, CHARACTERS> 
 
     /// An interrupt catches something at `at`; the loop has slept until then.
     fn catch(&mut self, at: Instant, caught: Caught) {
-        self.go(at - Duration::TICK);
+        self.sleep_before(at);
         self.board.catch(at, caught);
+    }
+
+    /// Sleeps until the tick before `at`. What comes in the very instant of a power-on is caught before the
+    /// loop turns for the first time.
+    fn sleep_before(&mut self, at: Instant) {
+        if self.board.now() < at {
+            self.go(at - Duration::TICK);
+        }
     }
 
     /// Sleeps and turns until `until`.

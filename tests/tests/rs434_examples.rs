@@ -114,6 +114,35 @@ fn positioning_goes_out_and_home_at_each_press() {
     assert!((1..320).contains(&rig.get("CURRENT_POSITION")));
 }
 
+/// HARD_STOP opens while the feeder rests, at home or in the pause when it is out: no part is counted for which
+/// it did not go out and come back.
+#[test]
+fn positioning_counts_no_part_when_hard_stop_is_open() {
+    for opens_at in [0, 320] {
+        let mut rig = Rig::new(include_str!("../../examples/positioning.rsasm"));
+        rig.after(1.secs());
+        // One part, so that the registers are those of a feeder that works.
+        rig.button(Driving::Low);
+        rig.after(3.secs());
+        rig.button(Driving::Open);
+        rig.after(100.millis());
+        assert_eq!((rig.get("STATUS_USER_PROGRAM"), rig.get("CX_REG")), (RUNS, 1));
+
+        if opens_at == 0 {
+            rig.contact(HARD_STOP, Driving::High);
+            rig.button(Driving::Low);
+        } else {
+            rig.button(Driving::Low);
+            rig.until_status(STOPPED, 2.secs());
+            rig.contact(HARD_STOP, Driving::High);
+        }
+        rig.after(3.secs());
+        let registers = ["STATUS_USER_PROGRAM", "STATUS", "CX_REG", "CURRENT_POSITION"];
+        assert_eq!(registers.map(|name| rig.get(name)), [ENDED, STOPPED, 1, opens_at]);
+        assert_eq!(rig.get("ERROR"), 1 << 5);
+    }
+}
+
 #[test]
 fn the_speed_profile_climbs_and_descends_both_ways() {
     let mut rig = Rig::new(include_str!("../../examples/speed-profile.rsasm"));

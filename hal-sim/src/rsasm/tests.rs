@@ -13,7 +13,7 @@ fn wrong(source: &str) -> String {
     assemble(source).unwrap_err().to_string()
 }
 
-/// A line of its fields, which lie as decisions 3 and 4 say: data, space, register, bTypeJmp, command.
+/// A line of its fields, from the highest bit on (6.9): data, space, register, bTypeJmp, command.
 fn line(data: u16, space: u32, register: u32, type_jmp: u32, command: u32) -> u32 {
     u32::from(data) << 16 | space << 12 | register << 8 | type_jmp << 7 | command
 }

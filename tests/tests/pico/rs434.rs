@@ -74,6 +74,32 @@ fn restart(script: &mut Script, at: Nanos) -> Nanos {
     at + 400 * MS
 }
 
+/// CLR_FLASH, RED and GREEN on this board.
+const CLR_FLASH: u8 = 8;
+const RED: u8 = 14;
+const GREEN: u8 = 15;
+
+#[test]
+#[ignore = "needs the emulator and the image of the board: `cargo xtask test` brings both"]
+fn a_contact_that_is_closed_when_power_comes_counts_from_there() {
+    for closed in [true, false] {
+        let mut script = Script::default();
+        if closed {
+            script.at(0, format_args!("pin {CLR_FLASH} low"));
+        }
+        let run = play(&script, 900 * MS);
+        let lit = [RED, GREEN].map(|light| run.edges(light, Drive::High));
+        // Each has its turn for 250 ms, red first (7); else green says that it is ready, after 500 ms.
+        let turns: [&[Nanos]; 2] = if closed { [&[0, 500], &[250, 750]] } else { [&[], &[500]] };
+        for (lit, turns) in lit.iter().zip(turns) {
+            assert_eq!(lit.len(), turns.len(), "{lit:?}");
+            for (lit, turn) in lit.iter().zip(turns) {
+                assert!((turn * MS..turn * MS + START).contains(lit), "{lit} ns");
+            }
+        }
+    }
+}
+
 #[test]
 #[ignore = "needs the emulator and the image of the board: `cargo xtask test` brings both"]
 fn a_program_is_stored_before_the_answer_and_outlasts_the_power() {

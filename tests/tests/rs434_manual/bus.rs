@@ -1,4 +1,4 @@
-//! The eight functions (decision 2), and what is refused.
+//! The eight functions (decision 1), and what is refused.
 
 use standin_firmware::device::Port;
 use standin_protocol::modbus::rtu;
@@ -66,7 +66,7 @@ fn section_6_structure() {
     assert_eq!((rig.read(at::SPEED), rig.read(at::STATUS)), (1_000, 0));
 }
 
-/// Decision 5 of all Modbus drives.
+/// All or nothing: decision 4 of all Modbus drives.
 #[test]
 fn section_6_all_or_nothing() {
     let mut rig = Rig::default();
@@ -81,6 +81,19 @@ fn section_6_all_or_nothing() {
     assert_eq!(rig.try_write_coils(at::CLR_POSITION, &[true, true]), Err(2));
     assert_eq!(rig.try_write_all(at::SPEED, &[500, 50, 60]), Ok(()));
     assert_eq!(rig.try_words(3, at::SPEED, 3), Ok(vec![500, 50, 60]));
+    assert_eq!(rig.read(at::ERROR), 0);
+}
+
+/// Decision 4 of all Modbus drives: address before value. A block that runs past 5026h has a value out of range
+/// before its end.
+#[test]
+fn section_6_address_before_value() {
+    let mut rig = Rig::default();
+    let values = [0, 0, 0x1111, 0, 0];
+    assert_eq!(rig.try_write_all(at::ERROR - 1, &values[..3]), Err(3));
+    assert_eq!(rig.read(at::ERROR), 0x2000);
+    rig.write(at::ERROR, 0);
+    assert_eq!(rig.try_write_all(at::ERROR, &values), Err(2));
     assert_eq!(rig.read(at::ERROR), 0);
 }
 
@@ -101,7 +114,7 @@ fn section_6_2_coils_read_0() {
     assert_eq!(rig.read(at::STATUS), 1);
 }
 
-/// Decision 18: HARD_STOP, else STOP, else START; CLR_POSITION besides.
+/// Decision 6: HARD_STOP, else STOP, else START; CLR_POSITION besides.
 #[test]
 fn section_6_2_several_coils_at_once() {
     for (coils, status) in [
@@ -134,7 +147,7 @@ fn section_6_4_broadcasts_and_others() {
     let mut bad = rtu::write(1, at::SPEED, 700).to_vec();
     bad[7] ^= 1;
     silent(&mut rig, &bad);
-    assert_eq!((rig.read(at::SPEED), rig.read(at::ERROR)), (500, 0), "decision 32: a bad CRC sets nothing");
+    assert_eq!((rig.read(at::SPEED), rig.read(at::ERROR)), (500, 0), "decision 5: a bad CRC sets nothing");
 }
 
 /// Both models on one line, 1 and 2.

@@ -1,7 +1,7 @@
 //! 6.1 and MODE_EXT_IN of 6.5: IN1, IN2 and HARD_STOP.
 
 use standin_protocol::time::{Duration, Span};
-use standin_sim::bench::PowerAction;
+use standin_sim::bench::{Driving, PowerAction};
 use standin_tests::rs434::{BOOT, Rig, at};
 
 /// Longer than any ramp here, and than the debouncing.
@@ -30,7 +30,7 @@ fn assert_turns(rig: &mut Rig, status: u16, direction: u16) {
     assert_eq!(sign, [0, 1, -1][usize::from(status)], "the shaft");
 }
 
-/// "1 - input shorted to output GND, 0 - input open", before debouncing (easily missed 16).
+/// "1 - input shorted to output GND, 0 - input open", before debouncing (decision 21).
 #[test]
 fn section_6_1_contacts() {
     let mut rig = Rig::default();
@@ -67,7 +67,7 @@ fn section_6_5_mode_ext_in_1() {
 }
 
 /// 2: IN1 start/stop at the end of a pulse, IN2 direction by level: open forward, closed backward (decision
-/// 24).
+/// 22).
 #[test]
 fn section_6_5_mode_ext_in_2() {
     let mut rig = by_inputs(2);
@@ -115,7 +115,7 @@ fn section_6_5_mode_ext_in_4() {
     assert_turns(&mut rig, 0, 2);
 }
 
-/// 5: IN1 forward, IN2 backward, by level; both: stop (decision 24).
+/// 5: IN1 forward, IN2 backward, by level; both: stop (decision 22).
 #[test]
 fn section_6_5_mode_ext_in_5() {
     let mut rig = by_inputs(5);
@@ -136,7 +136,7 @@ fn section_6_5_mode_ext_in_5() {
     assert_eq!(status(&mut rig), 2);
 }
 
-/// Decision 20: in way 5 IN2 moves the negative offset.
+/// Decision 22: in way 5 IN2 moves the negative offset.
 #[test]
 fn section_6_5_mode_ext_in_5_and_offsets() {
     for (contact, position) in [("IN1", 200), ("IN2", -200)] {
@@ -146,6 +146,64 @@ fn section_6_5_mode_ext_in_5_and_offsets() {
         rig.close(contact);
         rig.after(5.secs());
         assert_eq!((rig.read_long(at::CURRENT_POSITION), rig.read(at::STATUS)), (position, 0), "{contact}");
+    }
+}
+
+/// Decision 22: in way 5 DIRECTION is neither read nor written: a master that writes it, as it is or otherwise,
+/// does not turn the motor against its input.
+#[test]
+fn section_6_5_mode_ext_in_5_and_direction() {
+    for (contact, status) in [("IN1", 1), ("IN2", 2)] {
+        let mut rig = by_inputs(5);
+        rig.close(contact);
+        rig.after(WHILE);
+        for direction in [1, 2, 1] {
+            assert_eq!(rig.try_write_all(at::SPEED, &[500, 100, 100, direction]), Ok(()));
+            rig.after(WHILE);
+            assert_turns(&mut rig, status, direction);
+        }
+    }
+}
+
+/// A change-over contact opens IN1 and closes IN2 at once: the motor goes the other way.
+#[test]
+fn section_6_5_mode_ext_in_5_changes_over() {
+    for (rotation, from, to, status) in
+        [(1, "IN1", "IN2", 2), (1, "IN2", "IN1", 1), (2, "IN1", "IN2", 2), (2, "IN2", "IN1", 1)]
+    {
+        let mut rig = by_inputs(5);
+        rig.write(at::MODE_ROTATION, rotation);
+        rig.write_long(at::OFFSET_CONST, 2_000);
+        rig.close(from);
+        rig.after(WHILE);
+        let before = rig.read_long(at::CURRENT_POSITION);
+        for (contact, driving) in [(from, Driving::High), (to, Driving::Low)] {
+            rig.bench.set_pin(rig.seat, rig.pin(contact), driving);
+        }
+        rig.after(WHILE);
+        assert_turns(&mut rig, status, 1);
+        if rotation == 2 {
+            // 2,000 counts back from where it was: PRESSED and WAITED are 10 ms, in which it made 3 more.
+            rig.after(10.secs());
+            let way = rig.read_long(at::CURRENT_POSITION) - before;
+            let sign = if status == 1 { 1 } else { -1 };
+            assert!((1_990..2_000).contains(&(way * sign)), "{way} counts");
+            assert_turns(&mut rig, 0, 1);
+        }
+    }
+}
+
+/// Decision 22: both go to the same position.
+#[test]
+fn section_6_5_mode_ext_in_5_and_positions() {
+    for contact in ["IN1", "IN2"] {
+        let mut rig = by_inputs(5);
+        rig.write(at::MODE_ROTATION, 3);
+        rig.write_long(at::TARGET_POSITION1, 200);
+        rig.close(contact);
+        rig.after(5.secs());
+        assert_eq!(rig.read_long(at::CURRENT_POSITION), 200, "{contact}");
+        assert_turns(&mut rig, 0, 1);
     }
 }
 
@@ -171,7 +229,7 @@ fn section_6_1_pressed() {
     }
 }
 
-/// WAITED: the opening behind it must last, and only then the pulse is over (decision 23).
+/// WAITED: the opening behind it must last, and only then the pulse is over (decision 21).
 #[test]
 fn section_6_1_waited() {
     let mut rig = by_inputs(1);
@@ -185,7 +243,7 @@ fn section_6_1_waited() {
     assert_eq!(rig.read(at::STATUS), 1);
 }
 
-/// Easily missed 16: two closures with a short opening are one pulse.
+/// Decision 21: two closures with a short opening are one pulse.
 #[test]
 fn section_6_1_contact_bounce() {
     let mut rig = by_inputs(1);
@@ -210,8 +268,8 @@ fn section_6_1_contact_bounce() {
     assert_turns(&mut rig, 1, 1);
 }
 
-/// 6.5: MODE_DEVICE: in 1 the inputs do nothing; in 2 START does nothing, and its reply is normal (decision
-/// 18); STOP works in both (decision 38).
+/// 6.5: MODE_DEVICE: in 1 the inputs do nothing; in 2 START does nothing, and its reply is normal; STOP
+/// works in both (decision 6).
 #[test]
 fn section_6_5_mode_device() {
     let mut rig = Rig::default();
@@ -238,7 +296,7 @@ fn section_6_5_mode_device() {
     }
 }
 
-/// Decision 24: levels act at power-up and when the mode is written, edges do not.
+/// Decision 22: levels act at power-up and when the mode is written, edges do not.
 #[test]
 fn section_6_5_levels_at_power_up() {
     for (mode, status) in [(1, 0), (2, 0), (3, 1), (4, 2), (5, 0)] {
@@ -267,7 +325,7 @@ fn section_6_5_levels_at_power_up() {
 }
 
 /// "Operation is permitted with closed contact" (6): open: at once, bit 5, latched until a restart (decision
-/// 8 of the general list), whatever MODE_DEVICE says.
+/// 20), whatever MODE_DEVICE says.
 #[test]
 fn section_6_hard_stop() {
     for mode in [1, 2] {
@@ -295,7 +353,7 @@ fn section_6_hard_stop() {
     }
 }
 
-/// Also at power-up (decision 8 of the general list).
+/// Also at power-up: it is a level (decision 20).
 #[test]
 fn section_6_hard_stop_at_power_up() {
     let mut rig = Rig::default();

@@ -111,7 +111,7 @@ fn section_6_4_addresses() {
     }
 }
 
-/// Decision 26: 0 obeys broadcasts and never answers.
+/// Decision 3: 0 obeys broadcasts and never answers.
 #[test]
 fn section_6_4_address_0() {
     let mut rig = restarted(&[(at::SLAVE_ADDRESS, 0)]);
@@ -122,8 +122,9 @@ fn section_6_4_address_0() {
     assert_eq!(rig.bench.peek(rig.seat, row), 500);
 }
 
-/// How long a reply takes, from the moment the request is sent.
+/// How long a reply takes, from the moment the request is sent on a line that has been silent.
 fn reply_takes(rig: &mut Rig, frame: &[u8]) -> Duration {
+    rig.after(1.secs());
     let bus = rig.bench.bus(rig.seat, Port(0)).expect("a line");
     let client = rig.bench.connect(bus);
     let start = rig.now();
@@ -140,7 +141,7 @@ fn reply_takes(rig: &mut Rig, frame: &[u8]) -> Duration {
     took
 }
 
-/// "An additional delay between the received packet and the reply message", in ms (decision 25), from the
+/// "An additional delay between the received packet and the reply message", in ms (decision 3), from the
 /// restart on as the other three.
 #[test]
 fn section_6_4_timeout() {
@@ -151,11 +152,25 @@ fn section_6_4_timeout() {
     for ms in [1, 250, 2_000, 65_535] {
         let mut rig = restarted(&[(at::TIMEOUT, ms)]);
         assert_eq!(reply_takes(&mut rig, &read), plain + u64::from(ms).millis());
-        rig.after(1.secs());
         // A refusal is a reply.
         let refused = reply_takes(&mut rig, &rtu::read(1, 0, 1));
         assert_eq!(refused, plain + u64::from(ms).millis());
     }
+}
+
+/// "After the reboot": written, or saved, it does not hold yet; without a save it never does.
+#[test]
+fn section_6_4_timeout_before_the_restart() {
+    let read = rtu::read(1, at::SPEED, 1);
+    let mut rig = timed();
+    let plain = reply_takes(&mut rig, &read);
+    rig.write(at::TIMEOUT, 2_000);
+    assert_eq!(reply_takes(&mut rig, &read), plain);
+    rig.restart();
+    assert_eq!((reply_takes(&mut rig, &read), rig.read(at::TIMEOUT)), (plain, 0));
+    rig.write(at::TIMEOUT, 2_000);
+    rig.save();
+    assert_eq!((reply_takes(&mut rig, &read), rig.read(at::TIMEOUT)), (plain, 2_000));
 }
 
 /// A message as the specification has it, and its LRC by hand: 01+03+50+0B+00+01 = 60h, so A0h.
@@ -165,7 +180,7 @@ fn section_6_4_ascii_messages() {
     let reply = ":01030203E80F\r\n";
     assert_eq!(ask_ascii(&mut rig, b":0103500B0001A0\r\n"), reply);
     assert_eq!(ascii(&[1, 3, 0x50, 0x0B, 0, 1]), b":0103500B0001A0\r\n");
-    // Either case is accepted (decision 13 of the general list).
+    // Either case is accepted.
     assert_eq!(ask_ascii(&mut rig, b":0103500b0001a0\r\n"), reply);
     // A write, a refusal, a coil.
     assert_eq!(ask_ascii(&mut rig, &ascii(&[1, 6, 0x50, 0x0B, 0x01, 0xF4])), ":0106500B01F4A9\r\n");
@@ -201,7 +216,7 @@ fn section_6_4_ascii_noise() {
     for noise in ["xyz", ":0103", ":0106500B", ":::", "\r\n:01", "\u{7f}\u{1}"] {
         assert_eq!(ask_ascii(&mut rig, format!("{noise}{good}").as_bytes()), reply, "after {noise:?}");
     }
-    // Decision 32: none of this sets an error.
+    // Decision 5: none of this sets an error.
     assert_eq!(ask_ascii(&mut rig, &ascii(&[1, 3, 0x50, 0x23, 0, 1])), ":0103020000FA\r\n");
 }
 
@@ -224,7 +239,7 @@ fn section_6_4_ascii_pauses() {
     }
 }
 
-/// Characters of another rate or parity: silence. Decision 32: wrong parity sets bit 14; a write clears it.
+/// Characters of another rate or parity: silence. Decision 5: wrong parity sets bit 14; a write clears it.
 #[test]
 fn section_6_5_parity() {
     let mut rig = timed();

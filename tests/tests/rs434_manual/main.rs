@@ -3,7 +3,7 @@
 //! come from the arithmetic in the comments. The instructions of 6.9 have a test of their own.
 //!
 //! Where the manual is silent or contradicts itself the project has decided. In comments "decision 5" is the
-//! fifth on this drive in docs/decisions.md; numbers like 6.5 are the manual's sections.
+//! fifth under "RS 434544 / 434546" in docs/decisions.md; numbers like 6.5 are the manual's sections.
 #![allow(missing_docs, reason = "a test")]
 
 mod bus;

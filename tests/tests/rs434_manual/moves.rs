@@ -48,7 +48,7 @@ fn section_6_5_offsets() {
     }
 }
 
-/// Decision 20: its sign alone decides; DIRECTION is for continuous rotation.
+/// Decision 16: its sign alone decides; DIRECTION is for continuous rotation.
 #[test]
 fn section_6_5_offset_and_direction() {
     let mut rig = mover(2);
@@ -91,7 +91,7 @@ fn section_6_5_offset_counts_down() {
     assert_at(&mut rig, 400);
 }
 
-/// Decision 22, easily missed 9: STOP keeps the rest, also of what it braked over, and the next START goes on
+/// Decision 16: STOP keeps the rest, also of what it braked over, and the next START goes on
 /// with it.
 #[test]
 fn section_6_5_stop_in_an_offset() {
@@ -153,7 +153,7 @@ fn section_6_5_offset_const() {
     assert_at(&mut rig, -100);
 }
 
-/// Decision 22: a START while a move runs is nothing; decision 21: a move keeps what it started with.
+/// Decision 15: a START while a move runs is nothing; a move keeps what it started with.
 #[test]
 fn section_6_5_what_a_move_does_not_care_for() {
     let mut rig = mover(2);
@@ -193,7 +193,7 @@ fn section_6_5_positions() {
     }
 }
 
-/// Easily missed 10: what is written during the move does not matter to it.
+/// The coordinate is copied "before moving": what is written during the move does not matter to it.
 #[test]
 fn section_6_5_a_position_changed_on_the_way() {
     let mut rig = mover(3);
@@ -219,7 +219,7 @@ fn section_6_5_positions_after_clr_position() {
     assert_eq!(rig.motion().position, 200);
 }
 
-/// Decision 29: it moves the stopping point along the motion; OFFSET is 0 all the same.
+/// Decision 17: it moves the stopping point along the motion; OFFSET is 0 all the same.
 #[test]
 fn section_6_5_offset_compensation() {
     for (offset, compensation, end) in
@@ -249,8 +249,7 @@ fn section_6_5_more_compensation_than_way() {
     }
 }
 
-/// Bit 15: "using positioning mode with less than two Hall sensors": no motion (decision 10 of the general
-/// list).
+/// Bit 15: "using positioning mode with less than two Hall sensors": no motion (decision 18).
 #[test]
 fn section_6_5_moves_want_two_sensors() {
     for mode in [2, 3] {
@@ -263,6 +262,31 @@ fn section_6_5_moves_want_two_sensors() {
             assert_eq!((rig.motion().position, rig.read(at::ERROR)), (0, 1 << 15));
             rig.write(at::ERROR, 0);
             assert_eq!(rig.read(at::ERROR), 0);
+        }
+    }
+}
+
+/// Decision 15: a move that loses a sensor on its way ends there, with the same bit.
+#[test]
+fn section_6_5_a_move_that_loses_its_sensors() {
+    for mode in [2, 3] {
+        for halls in [0, 1] {
+            let mut rig = mover(mode);
+            rig.write_long(at::OFFSET, 1_000);
+            rig.write_long(at::TARGET_POSITION1, 1_000);
+            rig.write(at::START, 1);
+            rig.after(1.secs());
+            assert_eq!(rig.read(at::STATUS), 1);
+            // 1,000 rpm are 267 counts a second, and a ramp of some 30 ms 4 more.
+            let before = rig.motion().position;
+            rig.write(at::USE_HALL, halls);
+            assert_eq!(rig.read(at::ERROR), 1 << 15, "{halls} sensors");
+            rig.after(2.secs());
+            let case = format!("MODE_ROTATION {mode}, {halls} sensors");
+            assert_eq!((rig.read(at::STATUS), rig.motion().speed.to_num::<f64>()), (0, 0.0), "{case}");
+            // It brakes with DEC, or with nothing to tell it how fast it turns: not over half of its way.
+            let on = rig.motion().position - before;
+            assert!((0..500).contains(&on), "{case}: {on} counts more");
         }
     }
 }

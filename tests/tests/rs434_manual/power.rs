@@ -11,7 +11,7 @@ fn answers(rig: &mut Rig) -> bool {
     !rig.bench.ask(rig.seat, &rtu::read(1, at::SPEED, 1)).is_empty()
 }
 
-/// Decision 2: 500 ms without ears.
+/// Decision 9: 500 ms without ears.
 #[test]
 fn section_6_power_on() {
     let mut rig = Rig::new("rs434544", LineMode::Fast, Setup::default());
@@ -22,7 +22,7 @@ fn section_6_power_on() {
     assert_eq!([at::STATUS, at::ERROR, at::STATUS_USER_PROGRAM].map(|address| rig.read(address)), [0, 0, 1]);
 }
 
-/// "Causes the controller reboot": answered, then the same 500 ms (decision 9 of the general list); the
+/// "Causes the controller reboot": answered, then the same 500 ms (decision 9); the
 /// position is 0, the motor stands, what was not saved is gone.
 #[test]
 fn section_6_5_restart() {
@@ -56,7 +56,7 @@ fn section_6_5_restart_clears_the_position() {
     assert_eq!(rig.read_long(at::CURRENT_POSITION), 0);
 }
 
-/// Decision 8 of all Modbus drives, and 33: power fails in a save: factory values run, bit 9, and the memory
+/// Decision 11: power fails in a save: factory values run, bit 9, and the memory
 /// stays as it is; a save and a restart mend it.
 #[test]
 fn section_6_5_power_lost_in_a_save() {
@@ -74,7 +74,7 @@ fn section_6_5_power_lost_in_a_save() {
     assert_eq!((rig.read(at::SPEED), rig.read(at::ERROR)), (1_000, 1 << 9));
     assert_eq!(rig.bench.memory(rig.seat), memory);
     rig.write(at::ERROR, 0);
-    assert_eq!(rig.read(at::ERROR), 1 << 9, "decision 17: until a restart");
+    assert_eq!(rig.read(at::ERROR), 1 << 9, "decision 23: until a restart");
     rig.write(at::SPEED, 700);
     rig.save();
     rig.restart();
@@ -114,7 +114,7 @@ fn section_7_lights() {
 }
 
 /// "Keep CLR_FLASH_CON and GND closed for 5s. After that, the controller parameters will be reset to the
-/// factory values." The user program stays (decision 31).
+/// factory values." The user program stays (decision 10).
 #[test]
 fn section_7_factory_reset() {
     let mut rig = with_clr_flash_closed();
@@ -130,7 +130,33 @@ fn section_7_factory_reset() {
     assert_eq!(rig.read(at::AX), 7);
 }
 
-/// Decision 31: opened earlier, it boots unchanged.
+/// The motor obeys them, too: settings that turned it otherwise were saved before.
+#[test]
+fn section_7_the_motor_after_a_factory_reset() {
+    let mut rig = Rig::default();
+    for (address, value) in
+        [(at::USE_HALL, 0), (at::SPEED, 2_000), (at::DIRECTION, 2), (at::ACC, 10), (at::REF_CURRENT, 1_000)]
+    {
+        rig.write(address, value);
+    }
+    rig.save();
+    rig.bench.power(rig.seat, PowerAction::Off);
+    rig.after(1.secs());
+    rig.close("CLR_FLASH");
+    rig.bench.power(rig.seat, PowerAction::On);
+    rig.after(5.secs() + BOOT + 1.millis());
+    rig.write(at::START, 1);
+    // From 1,000 rpm a ramp of ACC 100, 545 rps², is 31 ms away; one of ACC 10, 100 rps², 167 ms.
+    rig.after(60.millis());
+    let rpm = rig.motion().speed.to_num::<f64>() / 16.0 * 60.0;
+    assert!((980.0..1_020.0).contains(&rpm), "{rpm} rpm");
+    rig.after(6.secs());
+    let counts = rig.read_long(at::CURRENT_POSITION);
+    assert!((1_550..1_650).contains(&counts), "{counts} counts of 100 turns");
+    assert_eq!((rig.read(at::STATUS), rig.read(at::SPEED_VALID).abs_diff(1_000) < 30), (1, true));
+}
+
+/// Decision 10: opened earlier, it boots unchanged.
 #[test]
 fn section_7_opened_too_early() {
     let mut rig = with_clr_flash_closed();

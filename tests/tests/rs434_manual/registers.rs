@@ -4,7 +4,7 @@ use standin_protocol::time::Span;
 use standin_tests::rs434::{KINDS, Rig, at};
 
 /// A register as the manual prints it: address, name, bits, the least and the greatest value, the default
-/// (decision 12 of the general list), whether a save keeps it. `RO` can only be read.
+/// (of the line as 6 prints it, of the others ours), whether a save keeps it. `RO` can only be read.
 type Row = (u16, &'static str, u32, Range, i64, bool);
 
 #[derive(Clone, Copy, PartialEq)]
@@ -182,7 +182,7 @@ fn section_6_no_others() {
     assert_eq!(rig.read(at::ERROR), 0, "bit 13 is for values");
 }
 
-/// "This group of registers is read-only" (6.1, 6.3, 6.8), and PC (decision 10): functions 05, 06, 15 and 16
+/// "This group of registers is read-only" (6.1, 6.3, 6.8), and PC (decision 2): functions 05, 06, 15 and 16
 /// do not find them.
 #[test]
 fn section_6_what_cannot_be_written() {
@@ -198,7 +198,7 @@ fn section_6_what_cannot_be_written() {
     assert_eq!(rig.read(at::ERROR), 0);
 }
 
-/// The edges of each range, and one beyond: exception 03, ERROR bit 13, nothing written (decision 2), with
+/// The edges of each range, and one beyond: exception 03, ERROR bit 13, nothing written (decision 1), with
 /// functions 06 and 16 alike.
 #[test]
 fn section_6_ranges() {
@@ -253,7 +253,7 @@ fn section_6_pairs() {
     }
 }
 
-/// What a save keeps: 5000h to 5020h, and nothing else (decision 34).
+/// What a save keeps: 5000h to 5020h, and nothing else (decision 9).
 #[test]
 fn section_6_5_what_a_save_keeps() {
     for kind in KINDS {
@@ -309,7 +309,7 @@ fn section_6_5_what_was_not_saved_is_forgotten() {
     }
 }
 
-/// A key register reads 0 and takes 0 (decision 16).
+/// A key register reads 0 and takes 0 (decision 2).
 #[test]
 fn section_6_5_keys() {
     let mut rig = Rig::default();

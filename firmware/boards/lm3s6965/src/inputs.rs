@@ -52,7 +52,7 @@ pub(crate) fn add(gpio: Gpio, end: End, rests_high: bool) {
     });
 }
 
-/// Tells which inputs do not rest, and listens to all of them from now on.
+/// Tells which inputs do not rest, as they have been since power came, and listens to all of them from now on.
 pub(crate) fn begin() {
     with(|inputs| {
         for input in inputs {
@@ -62,7 +62,7 @@ pub(crate) fn begin() {
                 // A host that is there already has not come now.
                 input.high = high;
             }
-            input.tell(clock::now(), high);
+            input.tell(Instant::ZERO, high);
         }
     });
 }

@@ -80,15 +80,16 @@ pub fn run<D: Device, const MEMORY: usize, const CHARACTERS: usize, const WIRES:
     }
     watchdog::start();
     let mut shell: Board<'_, D, MEMORY, CHARACTERS, WIRES> = assemble(drive, saved.begin(memory), wires);
-    // Not before: the stack is nowhere as deep as while the drive is put on the board.
-    if let Some(core) = &mut core {
-        unmask(&mut core.NVIC);
-    }
     FAST.pulled(true);
     // Time for the pull-ups: 20 µs.
     asm::delay(1_000);
     let boot = Boot { seed: 0, fast: !FAST.is_high() };
     inputs::begin();
+    // Not before: the stack is nowhere as deep as while the drive is put on the board, and what the inputs are goes
+    // before all that interrupts catch.
+    if let Some(core) = &mut core {
+        unmask(&mut core.NVIC);
+    }
     shell.power_on(Instant::ZERO, boot);
     log::power(shell.device().spec().kind);
     loop {

@@ -87,7 +87,8 @@ pub(crate) fn is_tied(pin: u32) -> bool {
     IN.read() & pin == 0
 }
 
-/// Wires what `spec` knows by the names of `wires`. All of it is let go, and what does not rest is told.
+/// Wires what `spec` knows by the names of `wires`. All of it is let go, and what does not rest is told, as it has
+/// been since power came.
 pub(crate) fn start<const N: usize>(spec: &Spec, wires: &[Wire; N]) -> [(Option<End>, Pin); N] {
     let wired = wires.map(|(name, gpios)| (End::of(spec, name), Pin { gpios, released: true }));
     for (end, pin) in &wired {
@@ -115,7 +116,7 @@ pub(crate) fn start<const N: usize>(spec: &Spec, wires: &[Wire; N]) -> [(Option<
                 told.set(told.get() & !pin.gpios | IN.read() & pin.gpios);
             });
         }
-        pin.listen(true);
+        pin.listen(Instant::ZERO, true);
     }
     wired
 }
@@ -148,8 +149,8 @@ pub(crate) struct Pin {
 }
 
 impl Pin {
-    /// Hears edges, or does not. What has changed meanwhile is told.
-    fn listen(&self, on: bool) {
+    /// Hears edges from `at` on, or does not. What has changed meanwhile is told.
+    fn listen(&self, at: Instant, on: bool) {
         each(self.gpios, |gpio| {
             let (bank, shift) = (gpio as usize / 8 * 4, gpio % 8 * 4);
             let enabled = Register::at(ENABLED, bank);
@@ -160,7 +161,7 @@ impl Pin {
                 if on {
                     Register::at(RAISED, bank).write((FELL | ROSE) << shift);
                     enabled.set((FELL | ROSE) << shift);
-                    tell(timer::now(), gpio, 0);
+                    tell(at, gpio, 0);
                 } else {
                     enabled.clear((FELL | ROSE) << shift);
                 }
@@ -203,7 +204,7 @@ impl Release for Pin {
             if released {
                 DRIVEN_CLEAR.write(self.gpios);
             }
-            self.listen(released);
+            self.listen(timer::now(), released);
         }
     }
 }
