@@ -194,9 +194,7 @@ impl<D: Turns> Device for Rig<D> {
         if self.wires.arrives <= at || self.motor.deadline() <= at {
             self.turn(at, out);
         }
-        if self.drive.deadline() <= at {
-            self.with_drive(at, out, |drive, out| drive.timeout(at, out));
-        }
+        self.with_drive(at, out, |drive, out| drive.timeout(at, out));
     }
 
     fn peek(&self, at: Instant, row: usize) -> i64 {
