@@ -115,6 +115,8 @@ pub struct Motor {
     encoder: Wheel,
     /// The next edge of a sensor.
     edge: Instant,
+    /// That one, or the end of the stretch.
+    due: Instant,
     ma: i32,
 }
 
@@ -135,6 +137,7 @@ impl Motor {
             halls,
             encoder,
             edge: Instant::NEVER,
+            due: Instant::NEVER,
             ma: 0,
         }
     }
@@ -186,6 +189,7 @@ impl Motor {
     /// Looks for the next edge of the present stretch.
     fn find_edge(&mut self, at: Instant) {
         self.edge = self.halls.next_edge(&self.stretch, at).min(self.encoder.next_edge(&self.stretch, at));
+        self.due = self.edge.min(self.stretch.end());
     }
 
     /// Without power, from wherever it was last looked at: open terminals, and nobody sees its sensors.
@@ -234,7 +238,7 @@ impl Device for Motor {
     }
 
     fn deadline(&self) -> Instant {
-        self.edge.min(self.stretch.end())
+        self.due
     }
 
     fn timeout(&mut self, at: Instant, out: &mut dyn Sink) {

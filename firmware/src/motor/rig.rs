@@ -14,6 +14,11 @@ pub trait Turns: Device {
 
     /// The motor that its registers describe.
     fn motor(&self) -> Parameters;
+
+    /// The same, if it may have become another one since this was last asked.
+    fn new_motor(&mut self) -> Option<Parameters> {
+        Some(self.motor())
+    }
 }
 
 /// The axis of the drive that has the motor.
@@ -141,11 +146,15 @@ impl<D: Turns> Rig<D> {
         does: impl FnOnce(&mut D, &mut dyn Sink) -> T,
     ) -> T {
         let done = does(&mut self.drive, &mut OfDrive { wires: &mut self.wires, out });
-        let parameters = self.drive.motor();
-        if parameters != *self.motor.parameters() {
-            self.with_motor(out, |motor, out| motor.become_another(at, parameters, out));
+        if let Some(parameters) = self.drive.new_motor() {
+            self.become_another(at, parameters, out);
         }
         done
+    }
+
+    #[inline(never)]
+    fn become_another(&mut self, at: Instant, parameters: Parameters, out: &mut dyn Sink) {
+        self.with_motor(out, |motor, out| motor.become_another(at, parameters, out));
     }
 }
 
@@ -185,9 +194,7 @@ impl<D: Turns> Device for Rig<D> {
         if self.wires.arrives <= at || self.motor.deadline() <= at {
             self.turn(at, out);
         }
-        if self.drive.deadline() <= at {
-            self.with_drive(at, out, |drive, out| drive.timeout(at, out));
-        }
+        self.with_drive(at, out, |drive, out| drive.timeout(at, out));
     }
 
     fn peek(&self, at: Instant, row: usize) -> i64 {

@@ -1,5 +1,7 @@
 //! What starts and stops the user program, and what of the drive it reaches (6.5, 6.9).
 
+use core::slice;
+
 use standin_protocol::registers::{Register, Space};
 
 use super::drive::{Drive, State};
@@ -42,10 +44,10 @@ impl Drive {
 
     /// The line of the program that is due, if one is. Whether it did more than to reckon.
     pub(super) fn run_program(&mut self, at: Instant, out: &mut dyn Sink) -> bool {
-        let mut reach = Reach { drive: self, at, out, wrote: false };
+        let mut reach = Reach { drive: self, at, out, acted: false };
         match program::run(at, &mut reach) {
             None => return false,
-            Some(Step::Next | Step::Delay(_)) => return reach.wrote,
+            Some(Step::Next | Step::Delay(_)) => return reach.acted,
             Some(Step::End) => {}
             Some(Step::FullEnd) => self.program_fully_ended(at, out),
             Some(Step::Error) => self.program_failed(at, out),
@@ -80,17 +82,41 @@ struct Reach<'a> {
     drive: &'a mut Drive,
     at: Instant,
     out: &'a mut dyn Sink,
-    /// A register of the drive was written.
-    wrote: bool,
+    /// Something was written that acts at once.
+    acted: bool,
 }
 
 impl Reach<'_> {
-    /// What `words` begin with, as the value of a register: a half of one is not judged.
-    fn value(&self, word: Word, words: &[u16]) -> Option<i64> {
+    /// Writes words of one or two registers, all or none of them. One word of two is not judged.
+    fn write_all(&mut self, parts: &[(Word, &[u16])]) -> Result<(), CannotWrite> {
         let entries = self.drive.model.entries();
-        let shape = entries.list.get(word.reg.row())?.shape;
-        let whole = word.index() == 0 && words.len() >= usize::from(shape.words());
-        whole.then(|| entries.assemble(shape, |n| words.get(n).copied().unwrap_or(0)))
+        let mut permitted = true;
+        for &(Word { reg, .. }, words) in parts {
+            let entry = entries.list.get(reg.row()).ok_or(CannotWrite)?;
+            if words.len() < usize::from(entry.shape.words()) {
+                continue;
+            }
+            let value = entries.assemble(entry.shape, |n| words.get(n).copied().unwrap_or(0));
+            if !entry.accepts(value) {
+                self.drive.out_of_range();
+                return Ok(());
+            }
+            permitted &= self.drive.permits(reg, value).is_ok();
+        }
+        if !permitted {
+            return Err(CannotWrite);
+        }
+        for &(Word { place, .. }, words) in parts {
+            for (place, value) in (place..).zip(words) {
+                if let Some(word) = self.drive.bank.words_mut().get_mut(place) {
+                    *word = *value;
+                }
+            }
+        }
+        for &(Word { reg, .. }, _) in parts {
+            self.acted |= self.drive.written(self.at, reg, self.out);
+        }
+        Ok(())
     }
 }
 
@@ -106,43 +132,20 @@ impl World for Reach<'_> {
     fn read(&mut self, space: Space, address: u16) -> Option<u16> {
         let word = Word::at(space, address)?;
         if word.is_live() {
-            self.drive.refresh(self.at, word.reg);
+            return Some(word.of(self.drive.read(self.at, word.reg)));
         }
         self.drive.bank.words().get(word.place).copied()
     }
 
     fn write(&mut self, space: Space, first: u16, words: &[u16]) -> Result<(), CannotWrite> {
-        let mut there = [None; 2];
-        for (n, place) in (0..).zip(&mut there).take(words.len()) {
-            let word = first.checked_add(n).and_then(|address| Word::at(space, address));
-            *place = Some(word.filter(|word| word.is_writable()).ok_or(CannotWrite)?);
-        }
-        let there = || there.into_iter().flatten();
-        self.wrote = true;
-        let mut permitted = true;
-        for (n, word) in there().enumerate() {
-            let Some(value) = self.value(word, words.get(n..).unwrap_or(&[])) else { continue };
-            if !self.drive.model.accepts(word.reg, value) {
-                self.drive.out_of_range();
-                return Ok(());
-            }
-            permitted &= self.drive.permits(word.reg, value).is_ok();
-        }
-        if !permitted {
-            return Err(CannotWrite);
-        }
-        for (word, value) in there().zip(words) {
-            if let Some(place) = self.drive.bank.words_mut().get_mut(word.place) {
-                *place = *value;
+        let at = |address| Word::at(space, address).filter(|word| word.is_writable()).ok_or(CannotWrite);
+        let word = at(first)?;
+        if let [low, high] = words {
+            let next = at(first.checked_add(1).ok_or(CannotWrite)?)?;
+            if next.reg != word.reg {
+                return self.write_all(&[(word, slice::from_ref(low)), (next, slice::from_ref(high))]);
             }
         }
-        let mut last = None;
-        for Word { reg, .. } in there() {
-            // Of two words of a register it was written once.
-            if last.replace(reg) != Some(reg) {
-                self.drive.written(self.at, reg, self.out);
-            }
-        }
-        Ok(())
+        self.write_all(&[(word, words)])
     }
 }

@@ -244,12 +244,19 @@ impl Drive {
         }
     }
 
-    /// Puts a live register into the bank, because it is read.
-    pub(super) fn refresh(&mut self, at: Instant, reg: Reg) {
-        self.bank.set(reg, self.value(at, reg));
+    /// A live register is read.
+    pub(super) fn read(&mut self, at: Instant, reg: Reg) -> i64 {
+        let value = self.value(at, reg);
         if reg == Reg::TASK_COUNTER {
             self.random = self.random.wrapping_add(RANDOM_STEP);
         }
+        value
+    }
+
+    /// Puts a live register into the bank, because it is read.
+    pub(super) fn refresh(&mut self, at: Instant, reg: Reg) {
+        let value = self.read(at, reg);
+        self.bank.set(reg, value);
     }
 
     /// Whether a value that its row accepts may be written now: it is refused while the drive is busy.
@@ -259,8 +266,8 @@ impl Drive {
         if saves && self.program.is_running() { Err(Exception::ServerDeviceFailure) } else { Ok(()) }
     }
 
-    /// Something was written: what it means, in the manual's order.
-    pub(super) fn written(&mut self, at: Instant, reg: Reg, out: &mut dyn Sink) {
+    /// Something was written: what it means, in the manual's order. Whether it means anything at once.
+    pub(super) fn written(&mut self, at: Instant, reg: Reg, out: &mut dyn Sink) -> bool {
         match reg {
             Reg::START_bit | Reg::STOP_bit | Reg::HARD_STOP_bit | Reg::CLR_POSITION_bit => {
                 self.take_coils(at, out);
@@ -280,7 +287,7 @@ impl Drive {
             | Reg::ACC
             | Reg::DEC
             | Reg::PULSES_PER_REVOLUTION
-            | Reg::MODE_COIL => self.set_servo(at, out),
+            | Reg::MODE_COIL => return self.set_servo(at, out),
             Reg::OFFSET => self.offset_written(),
             Reg::DIRECTION => self.direction_changed(at, out),
             Reg::ERROR => self.write_errors(at, self.bank.word(reg), out),
@@ -312,8 +319,10 @@ impl Drive {
                 if let Some(register) = reg.system().and_then(|n| self.program.vm.registers.get_mut(n)) {
                     *register = self.bank.word(reg);
                 }
+                return false;
             }
         }
+        true
     }
 
     /// The value of a key register, which reads 0 again.

@@ -18,6 +18,8 @@ mod startup;
 mod tests;
 mod thermal;
 
+use core::mem;
+
 use standin_protocol::modbus::Frame;
 use standin_protocol::modbus::pdu::{
     Exception, READ_COILS, READ_DISCRETE_INPUTS, READ_HOLDING_REGISTERS, READ_INPUT_REGISTERS,
@@ -156,6 +158,8 @@ pub struct Rs434 {
     drive: Drive,
     /// When anything but the program is due.
     due: Instant,
+    /// Its registers may describe another motor than before.
+    other_motor: bool,
 }
 
 impl Rs434 {
@@ -167,6 +171,7 @@ impl Rs434 {
             manners: None,
             drive: Drive::new(model),
             due: Instant::NEVER,
+            other_motor: false,
         }
     }
 
@@ -188,6 +193,7 @@ impl Rs434 {
             self.manners = Some(Manners { unit: self.drive.unit(), delay: self.drive.reply_delay() });
         }
         self.due = self.drive.deadline().min(self.serial.deadline());
+        self.other_motor = true;
     }
 
     /// Something is due that is no line of the program.
@@ -233,6 +239,10 @@ impl Turns for Rs434 {
 
     fn motor(&self) -> Parameters {
         self.drive.motor()
+    }
+
+    fn new_motor(&mut self) -> Option<Parameters> {
+        mem::take(&mut self.other_motor).then(|| self.motor())
     }
 }
 

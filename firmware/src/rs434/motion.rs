@@ -62,10 +62,10 @@ pub(super) fn settings(bank: &Words, errors: Errors) -> Settings {
 }
 
 impl Drive {
-    /// Tells the servo what it goes by now.
-    pub(super) fn set_servo(&mut self, at: Instant, out: &mut dyn Sink) {
+    /// Tells the servo what it goes by now. Whether that is something else than before.
+    pub(super) fn set_servo(&mut self, at: Instant, out: &mut dyn Sink) -> bool {
         let settings = self.servo_settings();
-        self.servo.set(at, settings, out);
+        self.servo.set(at, settings, out)
     }
 
     pub(super) fn servo_settings(&self) -> Settings {

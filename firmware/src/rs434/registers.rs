@@ -227,9 +227,10 @@ impl Word {
         Some(Self { reg: Reg::from_row(row)?, place })
     }
 
-    /// Which word of its register it is, in the order of the bus.
-    pub(super) fn index(self) -> usize {
-        self.place.saturating_sub(Reg::ENTRIES.place(self.reg.row()))
+    /// It, of its register's value.
+    pub(super) fn of(self, value: i64) -> u16 {
+        let is_first = self.place == Reg::ENTRIES.place(self.reg.row());
+        if is_first { value as u16 } else { (value >> 16) as u16 }
     }
 
     fn entry(self) -> Option<&'static Entry> {
@@ -271,11 +272,6 @@ impl Model {
             Self::Rs434544 => 30_000,
             Self::Rs434546 => 100_000,
         }
-    }
-
-    /// Whether a register of it takes a value.
-    pub(super) fn accepts(self, reg: Reg, value: i64) -> bool {
-        self.entries().list.get(reg.row()).is_some_and(|entry| entry.accepts(value))
     }
 
     /// What the bus goes by.

@@ -53,21 +53,6 @@ impl Instruction {
     }
 }
 
-/// When a jump is taken. Values are compared without a sign.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Condition {
-    /// Always.
-    Always,
-    /// PARI: they are equal.
-    Equal,
-    /// NOPARI: they are not.
-    Unequal,
-    /// MORE: the first one is greater.
-    Greater,
-    /// LESS: it is less.
-    Less,
-}
-
 /// What a command does.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Operation {
@@ -77,8 +62,16 @@ pub enum Operation {
     FullStop,
     /// The next line comes after some ms.
     Delay,
-    /// Goes on elsewhere: by AX and BX or, of 32 bits, by the pairs of GX and IX.
-    Jump(Condition),
+    /// Goes on elsewhere.
+    Jump,
+    /// PARI: the same if two values are equal: AX and BX or, of 32 bits, the pairs of GX and IX.
+    JumpEqual,
+    /// NOPARI: if they are not.
+    JumpUnequal,
+    /// MORE: if the first one is greater, without a sign.
+    JumpGreater,
+    /// LESS: if it is less, without a sign.
+    JumpLess,
     /// Goes on elsewhere, until [`Return`](Self::Return).
     Call,
     /// Goes on behind the last [`Call`](Self::Call).
@@ -198,7 +191,6 @@ const COUNT: usize = 0x67;
 
 #[rustfmt::skip]
 const TABLE: [(&str, Command); COUNT] = {
-    use Condition::*;
     use Form::*;
     use Operation::*;
     [
@@ -208,11 +200,11 @@ const TABLE: [(&str, Command); COUNT] = {
         word("mov_modbus_sysreg",    Move,          ModbusRegister),
         word("mov_sysreg_modbus",    Move,          RegisterModbus),
         word("delay",                Delay,         Time),
-        word("jmp",                  Jump(Always),  Target),
-        word("jmp_ax_pari_bx",       Jump(Equal),   Target),
-        word("jmp_ax_nopari_bx",     Jump(Unequal), Target),
-        word("jmp_ax_more_bx",       Jump(Greater), Target),
-        word("jmp_ax_less_bx",       Jump(Less),    Target),
+        word("jmp",                  Jump,          Target),
+        word("jmp_ax_pari_bx",       JumpEqual,     Target),
+        word("jmp_ax_nopari_bx",     JumpUnequal,   Target),
+        word("jmp_ax_more_bx",       JumpGreater,   Target),
+        word("jmp_ax_less_bx",       JumpLess,      Target),
         word("call",                 Call,          Subroutine),
         word("return",               Return,        Bare),
         word("for",                  For,           Loop),
@@ -308,10 +300,10 @@ const TABLE: [(&str, Command); COUNT] = {
         pair("dand_sysreg_sysreg",   And,           RegisterRegister),
         pair("dor_sysreg_sysreg",    Or,            RegisterRegister),
         pair("dxor_sysreg_sysreg",   Xor,           RegisterRegister),
-        pair("djmp_gx_pari_ix",      Jump(Equal),   Target),
-        pair("djmp_gx_nopari_ix",    Jump(Unequal), Target),
-        pair("djmp_gx_more_ix",      Jump(Greater), Target),
-        pair("djmp_gx_less_ix",      Jump(Less),    Target),
+        pair("djmp_gx_pari_ix",      JumpEqual,     Target),
+        pair("djmp_gx_nopari_ix",    JumpUnequal,   Target),
+        pair("djmp_gx_more_ix",      JumpGreater,   Target),
+        pair("djmp_gx_less_ix",      JumpLess,      Target),
     ]
 };
 

@@ -4,7 +4,7 @@ use heapless::Vec;
 use standin_protocol::registers::Space;
 
 use super::Program;
-use super::instruction::{Command, Condition, Form, Instruction, Operation};
+use super::instruction::{Command, Form, Instruction, Operation};
 use crate::rs434::{LINES, SETTINGS};
 
 /// The system registers, AX to JX.
@@ -110,9 +110,7 @@ fn carry_out(world: &mut impl World) -> Option<Step> {
             _ => return Some(Step::End),
         },
         Form::Target => {
-            if let Operation::Jump(condition) = operation
-                && vm.holds(condition, wide)
-            {
+            if vm.jumps(operation, wide) {
                 vm.next = vm.target(instruction)?;
             }
             return Some(Step::Next);
@@ -142,7 +140,7 @@ fn carry_out(world: &mut impl World) -> Option<Step> {
 /// A line of the flash; `None` past the last one.
 fn fetch(world: &impl World, line: u16) -> Option<u32> {
     let place = SETTINGS + 4 * usize::from(existing(line)?);
-    world.memory().get(place..)?.first_chunk().copied().map(u32::from_le_bytes)
+    world.memory().get(place..place + 4)?.first_chunk().copied().map(u32::from_le_bytes)
 }
 
 /// uCMD_DATA, the line behind this one; of 16 bits its low half.
@@ -255,11 +253,11 @@ impl Vm {
 
     /// The value of a system register, or of a pair of them.
     fn get(&self, number: u16, wide: bool) -> Option<u32> {
-        let registers = self.registers.get(usize::from(number)..)?;
+        let number = usize::from(number);
         if wide {
-            registers.first_chunk().map(|&[low, high]| join(low, high))
+            self.registers.get(number..number + 2)?.first_chunk().map(|&[low, high]| join(low, high))
         } else {
-            registers.first().map(|&word| word.into())
+            self.registers.get(number).map(|&word| word.into())
         }
     }
 
@@ -271,13 +269,13 @@ impl Vm {
         instruction: Instruction,
         second: u32,
     ) -> Option<Step> {
-        let registers = self.registers.get_mut(usize::from(number)..)?;
+        let number = usize::from(number);
         if command.wide {
-            let pair = registers.first_chunk_mut()?;
+            let pair = self.registers.get_mut(number..number + 2)?.first_chunk_mut()?;
             let [low, high] = *pair;
             *pair = split(calculate(command.operation, instruction, join(low, high), second)?);
         } else {
-            let register = registers.first_mut()?;
+            let register = self.registers.get_mut(number)?;
             let result = calculate(command.operation, instruction, (*register).into(), second)?;
             *register = (result & 0xFFFF) as u16;
         }
@@ -285,15 +283,15 @@ impl Vm {
     }
 
     /// Whether a jump is taken.
-    fn holds(&self, condition: Condition, wide: bool) -> bool {
+    fn jumps(&self, jump: Operation, wide: bool) -> bool {
         let [ax, bx, _, _, _, _, gx, hx, ix, jx] = self.registers;
         let (first, second) = if wide { (join(gx, hx), join(ix, jx)) } else { (ax.into(), bx.into()) };
-        match condition {
-            Condition::Always => true,
-            Condition::Equal => first == second,
-            Condition::Unequal => first != second,
-            Condition::Greater => first > second,
-            Condition::Less => first < second,
+        match jump {
+            Operation::JumpEqual => first == second,
+            Operation::JumpUnequal => first != second,
+            Operation::JumpGreater => first > second,
+            Operation::JumpLess => first < second,
+            _ => true,
         }
     }
 

@@ -130,10 +130,10 @@ impl Servo {
 
     /// Registers have been written. A move keeps the speed and the ramps that it began with; all else follows at
     /// once: continuous rotation, the motor that is expected, its sensors, the limit of its current, and the
-    /// terminals of one that stands.
-    pub(super) fn set(&mut self, at: Instant, settings: Settings, out: &mut dyn Sink) {
+    /// terminals of one that stands. Whether they are others than before.
+    pub(super) fn set(&mut self, at: Instant, settings: Settings, out: &mut dyn Sink) -> bool {
         if settings == self.settings {
-            return;
+            return false;
         }
         let before = core::mem::replace(&mut self.settings, settings);
         self.model = Model::of(&settings);
@@ -144,6 +144,7 @@ impl Servo {
             self.counter.forget_speed();
         }
         self.terminals(at, out);
+        true
     }
 
     /// Continuous rotation, or the other way by way of standstill.
