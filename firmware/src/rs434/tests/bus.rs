@@ -23,7 +23,7 @@ fn the_whole_of_5000h_is_read_at_once() {
     let mut bed = Bed::ready();
     let reply = bed.pdu(&[3, 0x50, 0, 0, 0x27]);
     assert_eq!(reply[..2], [3, 2 * 0x27]);
-    // Decisions, RS 12.
+    // The defaults, in their order: those of the line are printed (6), the others ours.
     let mut words = [0; 0x27];
     words[..0x15]
         .copy_from_slice(&[1, 3, 9, 0, 1, 1, 1, 1, 1, 20_000, 3_000, 1_000, 100, 100, 1, 4, 2, 0, 0, 10, 10]);
