@@ -6,7 +6,7 @@ use standin_protocol::registers::{Register, Space};
 
 use super::drive::{Drive, State};
 use super::errors::error;
-use super::program::vm::{CannotWrite, Step, World};
+use super::program::vm::{CannotWrite, Step, World, join};
 use super::program::{self, Program, Status};
 use super::registers::{Reg, Word};
 use crate::device::{Instant, Sink};
@@ -129,12 +129,18 @@ impl World for Reach<'_> {
         self.out.memory()
     }
 
-    fn read(&mut self, space: Space, address: u16) -> Option<u16> {
-        let word = Word::at(space, address)?;
-        if word.is_live() {
-            return Some(word.of(self.drive.read(self.at, word.reg)));
-        }
-        self.drive.bank.words().get(word.place).copied()
+    #[inline(never)]
+    fn read(&mut self, space: Space, first: u16, wide: bool) -> Option<u32> {
+        let mut read = |address| {
+            let word = Word::at(space, address)?;
+            if word.is_live() {
+                return Some(word.of(self.drive.read(self.at, word.reg)));
+            }
+            self.drive.bank.words().get(word.place).copied()
+        };
+        let low = read(first)?;
+        let high = if wide { read(first.checked_add(1)?)? } else { 0 };
+        Some(join(low, high))
     }
 
     fn write(&mut self, space: Space, first: u16, words: &[u16]) -> Result<(), CannotWrite> {

@@ -18,8 +18,6 @@ mod startup;
 mod tests;
 mod thermal;
 
-use core::mem;
-
 use standin_protocol::modbus::Frame;
 use standin_protocol::modbus::pdu::{
     Exception, READ_COILS, READ_DISCRETE_INPUTS, READ_HOLDING_REGISTERS, READ_INPUT_REGISTERS,
@@ -242,7 +240,11 @@ impl Turns for Rs434 {
     }
 
     fn new_motor(&mut self) -> Option<Parameters> {
-        mem::take(&mut self.other_motor).then(|| self.motor())
+        if !self.other_motor {
+            return None;
+        }
+        self.other_motor = false;
+        Some(self.motor())
     }
 }
 

@@ -54,8 +54,8 @@ pub(in crate::rs434) trait World {
     /// The drive's flash.
     fn memory(&self) -> &[u8];
 
-    /// A register of the bus; `None` if there is none to read.
-    fn read(&mut self, space: Space, address: u16) -> Option<u16>;
+    /// A register of the bus or, `wide`, two of them; `None` if there is none to read.
+    fn read(&mut self, space: Space, first: u16, wide: bool) -> Option<u32>;
 
     /// Writes registers of the bus, as the bus would: one or two. A value out of range is a warning of the drive's
     /// (ERROR bit 13) and no error. The last thing that a line does.
@@ -123,7 +123,10 @@ fn carry_out(world: &mut impl World) -> Option<Step> {
         Form::RegisterConstant | Form::RegisterShift => (register, data.into()),
         Form::RegisterRegister if operation == Operation::Move => (data, vm.get(register, wide)?),
         Form::RegisterRegister => (register, vm.get(data, wide)?),
-        Form::RegisterModbus => (register, read(world, bus()?, wide)?),
+        Form::RegisterModbus => {
+            let (space, address) = bus()?;
+            (register, world.read(space, address, wide)?)
+        }
         Form::ModbusRegister => {
             let second = vm.get(register, wide)?;
             return change(world, bus()?, command, instruction, second);
@@ -162,30 +165,21 @@ fn space(number: u8) -> Option<Space> {
     }
 }
 
-/// The value of a register of the bus, or of two.
-#[inline(never)]
-fn read(world: &mut impl World, (space, address): (Space, u16), wide: bool) -> Option<u32> {
-    let low = world.read(space, address)?;
-    let high = if wide { world.read(space, address.checked_add(1)?)? } else { 0 };
-    Some(join(low, high))
-}
-
 /// Carries out a command on a register of the bus, or on two, with a second operand.
 #[inline(never)]
 fn change(
     world: &mut impl World,
-    place: (Space, u16),
+    (space, address): (Space, u16),
     command: Command,
     instruction: Instruction,
     second: u32,
 ) -> Option<Step> {
     let Command { operation, wide, .. } = command;
-    let (space, address) = place;
     let bits = matches!(space, Space::Coil | Space::Discrete);
     let result = match operation {
         Operation::Move => second,
-        Operation::Not if bits => read(world, place, wide)? ^ 0x0001_0001,
-        _ => calculate(operation, instruction, read(world, place, wide)?, second)?,
+        Operation::Not if bits => world.read(space, address, wide)? ^ 0x0001_0001,
+        _ => calculate(operation, instruction, world.read(space, address, wide)?, second)?,
     };
     let words = split(result);
     // A bit is set by whatever is not 0.
@@ -211,7 +205,7 @@ fn calculate(operation: Operation, instruction: Instruction, first: u32, second:
     })
 }
 
-const fn join(low: u16, high: u16) -> u32 {
+pub(in crate::rs434) const fn join(low: u16, high: u16) -> u32 {
     (high as u32) << 16 | low as u32
 }
 

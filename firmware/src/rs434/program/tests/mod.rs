@@ -117,8 +117,12 @@ impl World for Drive {
         &self.memory.bytes
     }
 
-    fn read(&mut self, space: Space, address: u16) -> Option<u16> {
-        self.bus.iter().find(|&&(s, a, _)| (s, a) == (space, address)).map(|&(.., value)| value)
+    fn read(&mut self, space: Space, first: u16, wide: bool) -> Option<u32> {
+        let read = |address| {
+            self.bus.iter().find(|&&(s, a, _)| (s, a) == (space, address)).map(|&(.., value)| u32::from(value))
+        };
+        let high = if wide { read(first.checked_add(1)?)? } else { 0 };
+        Some(read(first)? | high << 16)
     }
 
     fn write(&mut self, space: Space, first: u16, words: &[u16]) -> Result<(), CannotWrite> {
