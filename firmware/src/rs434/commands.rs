@@ -42,13 +42,11 @@ impl Drive {
         }
     }
 
-    /// The line of the program that is due, if one is. Whether it did more than to reckon.
+    /// The line of the program that is due, if one is. Whether more follows from it than what it wrote.
     pub(super) fn run_program(&mut self, at: Instant, out: &mut dyn Sink) -> bool {
-        let mut reach = Reach { drive: self, at, out, acted: false };
-        match program::run(at, &mut reach) {
-            None => return false,
-            Some(Step::Next | Step::Delay(_)) => return reach.acted,
-            Some(Step::End) => {}
+        match program::run(at, &mut Reach { drive: self, at, out }) {
+            None | Some(Step::Next | Step::Delay(_)) => return false,
+            Some(Step::Acted | Step::End) => {}
             Some(Step::FullEnd) => self.program_fully_ended(at, out),
             Some(Step::Error) => self.program_failed(at, out),
         }
@@ -82,13 +80,12 @@ struct Reach<'a> {
     drive: &'a mut Drive,
     at: Instant,
     out: &'a mut dyn Sink,
-    /// Something was written that acts at once.
-    acted: bool,
 }
 
 impl Reach<'_> {
-    /// Writes words of one or two registers, all or none of them. One word of two is not judged.
-    fn write_all(&mut self, parts: &[(Word, &[u16])]) -> Result<(), CannotWrite> {
+    /// Writes words of one or two registers, all or none of them. One word of two is not judged. Whether they act
+    /// at once.
+    fn write_all(&mut self, parts: &[(Word, &[u16])]) -> Result<bool, CannotWrite> {
         let entries = self.drive.model.entries();
         let mut permitted = true;
         for &(Word { reg, .. }, words) in parts {
@@ -99,7 +96,7 @@ impl Reach<'_> {
             let value = entries.assemble(entry.shape, |n| words.get(n).copied().unwrap_or(0));
             if !entry.accepts(value) {
                 self.drive.out_of_range();
-                return Ok(());
+                return Ok(false);
             }
             permitted &= self.drive.permits(reg, value).is_ok();
         }
@@ -113,10 +110,11 @@ impl Reach<'_> {
                 }
             }
         }
+        let mut acted = false;
         for &(Word { reg, .. }, _) in parts {
-            self.acted |= self.drive.written(self.at, reg, self.out);
+            acted |= self.drive.written(self.at, reg, self.out);
         }
-        Ok(())
+        Ok(acted)
     }
 }
 
@@ -143,7 +141,7 @@ impl World for Reach<'_> {
         Some(join(low, high))
     }
 
-    fn write(&mut self, space: Space, first: u16, words: &[u16]) -> Result<(), CannotWrite> {
+    fn write(&mut self, space: Space, first: u16, words: &[u16]) -> Result<bool, CannotWrite> {
         let at = |address| Word::at(space, address).filter(|word| word.is_writable()).ok_or(CannotWrite);
         let word = at(first)?;
         if let [low, high] = words {

@@ -214,7 +214,7 @@ pub(super) fn run(at: Instant, world: &mut impl World) -> Option<Step> {
     let step = vm::step(world);
     let program = world.program();
     match step {
-        Step::Next => {}
+        Step::Next | Step::Acted => {}
         Step::Delay(ms) => program.line_due = at + Duration::millis(ms.into()).max(LINE),
         Step::End => program.end(Status::Ended),
         Step::FullEnd => {

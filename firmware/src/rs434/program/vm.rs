@@ -58,11 +58,11 @@ pub(in crate::rs434) trait World {
     fn read(&mut self, space: Space, first: u16, wide: bool) -> Option<u32>;
 
     /// Writes registers of the bus, as the bus would: one or two. A value out of range is a warning of the drive's
-    /// (ERROR bit 13) and no error. The last thing that a line does.
+    /// (ERROR bit 13) and no error. The last thing that a line does. Whether it acts at once.
     ///
     /// # Errors
     /// One of them cannot be written; nothing was.
-    fn write(&mut self, space: Space, first: u16, words: &[u16]) -> Result<(), CannotWrite>;
+    fn write(&mut self, space: Space, first: u16, words: &[u16]) -> Result<bool, CannotWrite>;
 }
 
 /// There is no such register, or it cannot be written, at all or now.
@@ -74,6 +74,8 @@ pub(in crate::rs434) struct CannotWrite;
 pub(in crate::rs434) enum Step {
     /// The next line, in a line's time.
     Next,
+    /// Likewise, and a register was written that acts at once.
+    Acted,
     /// The next line, in so many ms.
     Delay(u16),
     /// CMD_STOP_PROGRAM.
@@ -184,8 +186,8 @@ fn change(
     let words = split(result);
     // A bit is set by whatever is not 0.
     let words = if bits { words.map(|word| u16::from(word != 0)) } else { words };
-    world.write(space, address, words.get(..if wide { 2 } else { 1 })?).ok()?;
-    Some(Step::Next)
+    let acted = world.write(space, address, words.get(..if wide { 2 } else { 1 })?).ok()?;
+    Some(if acted { Step::Acted } else { Step::Next })
 }
 
 /// D of S1 and S2; of 16 bits its low half counts.

@@ -119,13 +119,16 @@ impl World for Drive {
 
     fn read(&mut self, space: Space, first: u16, wide: bool) -> Option<u32> {
         let read = |address| {
-            self.bus.iter().find(|&&(s, a, _)| (s, a) == (space, address)).map(|&(.., value)| u32::from(value))
+            self.bus
+                .iter()
+                .find(|&&(s, a, _)| (s, a) == (space, address))
+                .map(|&(.., value)| u32::from(value))
         };
         let high = if wide { read(first.checked_add(1)?)? } else { 0 };
         Some(read(first)? | high << 16)
     }
 
-    fn write(&mut self, space: Space, first: u16, words: &[u16]) -> Result<(), CannotWrite> {
+    fn write(&mut self, space: Space, first: u16, words: &[u16]) -> Result<bool, CannotWrite> {
         if matches!(space, Space::Discrete | Space::Input) {
             return Err(CannotWrite);
         }
@@ -141,7 +144,7 @@ impl World for Drive {
         if self.stops == Some(first) {
             self.program.stop();
         }
-        Ok(())
+        Ok(self.stops == Some(first))
     }
 }
 
@@ -203,7 +206,7 @@ impl Drive {
     }
 
     fn word(&mut self, space: Space, address: u16) -> u16 {
-        self.read(space, address).unwrap()
+        self.read(space, address, false).unwrap() as u16
     }
 }
 
