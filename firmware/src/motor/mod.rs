@@ -25,6 +25,9 @@ use crate::device::{
     Role, Shaft, Sink, Spec,
 };
 
+/// The only axis of a motor, and of the drive that has it.
+pub(crate) const AXIS: Axis = Axis(0);
+
 /// What a brush motor and its load are. What is beyond a limit acts as the limit.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Parameters {
@@ -171,7 +174,7 @@ impl Motor {
         let ma = self.begin(at);
         if ma != self.ma {
             self.ma = ma;
-            out.put(at, Output::Draws { axis: Axis(0), ma });
+            out.put(at, Output::Draws { axis: AXIS, ma });
         }
     }
 
@@ -268,7 +271,7 @@ impl Device for Motor {
         if at > self.stretch.end() {
             let mut later = self.clone();
             later.coast(at);
-            return later.shaft(at, Axis(0));
+            return later.shaft(at, AXIS);
         }
         let now = self.stretch.at(at);
         Some(Shaft {

@@ -1,6 +1,6 @@
 //! A drive and the motor that it turns, as one device.
 
-use super::{HALL_PINS, Motor, Parameters};
+use super::{AXIS, HALL_PINS, Motor, Parameters};
 use crate::device::{
     Axis, Boot, Device, Duration, Fault, Input, Instant, Level, Output, Pin, Refused, Shaft, Sink, Spec,
 };
@@ -20,9 +20,6 @@ pub trait Turns: Device {
         Some(self.motor())
     }
 }
-
-/// The axis of the drive that has the motor.
-const AXIS: Axis = Axis(0);
 
 /// A drive with its motor, joined by wires that take a tick. What it carries on them stays inside, but for the
 /// Hall sensors, whose levels are those of the drive's pins.

@@ -31,14 +31,13 @@ use self::port::Serial;
 use self::registers::Model;
 pub use self::registers::Reg;
 use crate::device::{
-    Axis, AxisSpec, Boot, Device, Duration, Ends, Fault, Input, Instant, Level, Note, Output, Pin, PinSpec,
-    Port, PortSpec, Refused, Role, Sink, Spec,
+    AxisSpec, Boot, Device, Duration, Ends, Fault, Input, Instant, Level, Note, Output, Pin, PinSpec, Port,
+    PortSpec, Refused, Role, Sink, Spec,
 };
 use crate::memory;
 use crate::motor::{Parameters, Rig, Turns};
 
 const RS485: Port = Port(0);
-const AXIS: Axis = Axis(0);
 const IN1: Pin = Pin(0);
 const IN2: Pin = Pin(1);
 const HARD_STOP: Pin = Pin(2);

@@ -24,9 +24,9 @@ use self::model::{LEAST_DUTY, MARGIN_MA, MOST_DUTY, Model};
 use self::path::{FAR, Rates};
 use self::seen::{Drives, Seen, scaled};
 pub(super) use self::settings::Settings;
-use super::AXIS;
 use super::errors::error;
 use crate::device::{Duration, Instant, Output, Sink};
+use crate::motor::AXIS;
 
 const LOOKS_PER_SECOND: i64 = 1_000;
 const LOOK: Duration = Duration::millis(1);
