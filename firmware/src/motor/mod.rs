@@ -5,9 +5,9 @@
 //! not modelled: inductance, iron, cogging, the supply's own resistance, warmth of the winding.
 //!
 //! All numbers are integers. An angle is in 2⁻³² turns, a speed in 2⁻⁵⁶ turns a tick, an acceleration in
-//! 2⁻⁶⁴ turns a tick². A motor lives in stretches of constant acceleration ([`Stretch`]); inside one every
+//! 2⁻⁶⁴ turns a tick². A motor lives in stretches of constant acceleration (`stretch`); inside one every
 //! edge of its sensors is found where it is. How the acceleration of a stretch follows from what turns the
-//! motor is in [`Constants`].
+//! motor is in `constants`.
 
 mod constants;
 mod rig;
