@@ -72,6 +72,8 @@ pub(super) struct Drive {
 
     pub(super) inputs: Inputs,
     pub(super) servo: Servo,
+    /// The servo was told what motor to expect.
+    pub(super) other_motor: bool,
     pub(super) motion: Motion,
 
     pub(super) program: Program,
@@ -97,6 +99,7 @@ impl Drive {
             lights: Lights::DARK,
             inputs: Inputs::REST,
             servo: Servo::new(settings),
+            other_motor: false,
             motion: Motion::None,
             program: Program::new(),
             remembered: bank.clone(),
@@ -133,7 +136,7 @@ impl Drive {
         }
         (self.save, self.restart_due) = (None, Instant::NEVER);
         self.motion = Motion::None;
-        self.servo = Servo::new(self.servo_settings());
+        (self.servo, self.other_motor) = (Servo::new(self.servo_settings()), true);
         self.servo.power_on(at, out);
         self.inputs.forget();
         self.show_halls(at);
@@ -206,6 +209,15 @@ impl Drive {
             hall_pulses: self.bank.word(Reg::PULSES_PER_REVOLUTION),
             ..Parameters::NOMINAL
         }
+    }
+
+    /// The same, if it may have become another one since this was last asked.
+    pub(super) fn new_motor(&mut self) -> Option<Parameters> {
+        if !self.other_motor {
+            return None;
+        }
+        self.other_motor = false;
+        Some(self.motor())
     }
 
     /// The motor draws so many mA.

@@ -155,8 +155,6 @@ pub struct Rs434 {
     drive: Drive,
     /// When anything but the program is due.
     due: Instant,
-    /// Its registers may describe another motor than before.
-    other_motor: bool,
 }
 
 impl Rs434 {
@@ -168,7 +166,6 @@ impl Rs434 {
             manners: None,
             drive: Drive::new(model),
             due: Instant::NEVER,
-            other_motor: false,
         }
     }
 
@@ -190,7 +187,6 @@ impl Rs434 {
             self.manners = Some(Manners { unit: self.drive.unit(), delay: self.drive.reply_delay() });
         }
         self.due = self.drive.deadline().min(self.serial.deadline());
-        self.other_motor = true;
     }
 
     /// Something is due that is no line of the program.
@@ -239,11 +235,7 @@ impl Turns for Rs434 {
     }
 
     fn new_motor(&mut self) -> Option<Parameters> {
-        if !self.other_motor {
-            return None;
-        }
-        self.other_motor = false;
-        Some(self.motor())
+        self.drive.new_motor()
     }
 }
 

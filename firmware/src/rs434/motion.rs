@@ -65,7 +65,9 @@ impl Drive {
     /// Tells the servo what it goes by now. Whether that is something else than before.
     pub(super) fn set_servo(&mut self, at: Instant, out: &mut dyn Sink) -> bool {
         let settings = self.servo_settings();
-        self.servo.set(at, settings, out)
+        let changed = self.servo.set(at, settings, out);
+        self.other_motor |= changed;
+        changed
     }
 
     pub(super) fn servo_settings(&self) -> Settings {
