@@ -21,8 +21,9 @@ use crate::place::Places;
 use crate::stack::Stack;
 
 /// How long after its instant the board may do a thing, or hear one: interrupts and the loop. This bound
-/// and the next ones are for the speed of its code: the instructions that take so long at 16 ns each.
-const LATENCY: Duration = Duration::micros(200);
+/// and the next ones are for the speed of its code: the instructions that take so long at 16 ns each. Longest is a
+/// request that gives an RS 434544 a speed and two ramps, each of which its servo takes in: 207 µs.
+const LATENCY: Duration = Duration::micros(250);
 /// How long if the motor is given a new plan then, which the loop computes before it does anything else.
 pub(crate) const PLANNING: Duration = Duration::micros(700);
 /// How long it may take from its first instruction until it has done all that it does at power-on.
