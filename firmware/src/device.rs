@@ -8,6 +8,7 @@
 use fixed::types::I48F16;
 pub use standin_protocol::line::Line;
 pub use standin_protocol::modbus::Why;
+use standin_protocol::modbus::server::Outcome;
 use standin_protocol::registers::{Named, Row, Table};
 pub use standin_protocol::time::{Duration, Instant};
 
@@ -290,6 +291,20 @@ pub enum Note {
         /// Why.
         why: Why,
     },
+}
+
+impl Note {
+    /// What a log says of a Modbus message on a serial port.
+    #[must_use]
+    pub fn of(port: Port, outcome: Outcome) -> Self {
+        match outcome {
+            Outcome::Served { unit, function, refused: None } => Self::Request { port, unit, function },
+            Outcome::Served { function, refused: Some(exception), .. } => {
+                Self::Refused { port, function, code: exception.code() }
+            }
+            Outcome::Dropped(why) => Self::Dropped { port, why },
+        }
+    }
 }
 
 /// Where a drive's outputs go, and where it reads its memory.

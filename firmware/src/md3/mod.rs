@@ -156,7 +156,7 @@ impl Md3 {
             Ok(frame) => serve_rtu(frame, unit, &RULES, &mut map, &mut reply),
             Err(why) => Outcome::Dropped(why),
         };
-        out.put(at, Output::Note(note(outcome)));
+        out.put(at, Output::Note(Note::of(RS485, outcome)));
         if !reply.is_empty() {
             out.put(at, Output::Bytes { port: RS485, bytes: &reply });
         }
@@ -283,16 +283,5 @@ impl Map for Bus<'_> {
 
     fn written(&mut self, register: Reg) {
         self.drive.written(self.at, register, self.out);
-    }
-}
-
-/// What a log says of a frame.
-fn note(outcome: Outcome) -> Note {
-    match outcome {
-        Outcome::Served { unit, function, refused: None } => Note::Request { port: RS485, unit, function },
-        Outcome::Served { function, refused: Some(exception), .. } => {
-            Note::Refused { port: RS485, function, code: exception.code() }
-        }
-        Outcome::Dropped(why) => Note::Dropped { port: RS485, why },
     }
 }

@@ -216,7 +216,7 @@ impl Rs434 {
             }
             Err(why) => Outcome::Dropped(why),
         };
-        out.put(at, Output::Note(note(outcome)));
+        out.put(at, Output::Note(Note::of(RS485, outcome)));
         if !reply.is_empty() {
             let end = serial.reply(at, manners.delay, &reply, out);
             if drive.restart_after(end) {
@@ -347,16 +347,5 @@ impl Map for Bus<'_> {
 
     fn out_of_range(&mut self, _register: Reg) {
         self.drive.out_of_range();
-    }
-}
-
-/// What a log says of a message.
-fn note(outcome: Outcome) -> Note {
-    match outcome {
-        Outcome::Served { unit, function, refused: None } => Note::Request { port: RS485, unit, function },
-        Outcome::Served { function, refused: Some(exception), .. } => {
-            Note::Refused { port: RS485, function, code: exception.code() }
-        }
-        Outcome::Dropped(why) => Note::Dropped { port: RS485, why },
     }
 }

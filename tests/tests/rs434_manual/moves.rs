@@ -249,6 +249,24 @@ fn section_6_5_more_compensation_than_way() {
     }
 }
 
+/// Decision 15: a move keeps the speed that it began with, also where its sensors have other pulses on the way.
+#[test]
+fn section_6_5_other_pulses_in_a_move() {
+    for pulses in [1, 12] {
+        let mut rig = mover(2);
+        rig.write_long(at::OFFSET, 2_000);
+        rig.write(at::START, 1);
+        rig.after(1.secs());
+        rig.write(at::PULSES, pulses);
+        rig.after(1.secs());
+        let speed = rig.read(at::SPEED_VALID);
+        assert!((950..=1_050).contains(&speed), "{pulses} pulses: {speed} rpm instead of 1,000");
+        rig.after(30.secs());
+        assert_eq!((rig.read(at::STATUS), rig.read(at::ERROR)), (0, 0));
+        assert_at(&mut rig, 2_000);
+    }
+}
+
 /// Bit 15: "using positioning mode with less than two Hall sensors": no motion (decision 18).
 #[test]
 fn section_6_5_moves_want_two_sensors() {

@@ -140,6 +140,9 @@ impl Servo {
         let (to, from) = (settings.counts(), before.counts());
         if to != from {
             self.pace = scaled(self.pace, to, from);
+            if let Order::Move { rates, .. } | Order::Stop { rates: Some(rates) } = &mut self.order {
+                *rates = rates.rescaled(to, from);
+            }
             self.seen.rescale(to, from);
             self.counter.forget_speed();
         }

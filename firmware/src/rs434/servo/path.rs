@@ -2,6 +2,8 @@
 
 use fixed::types::I40F24;
 
+use super::seen::scaled;
+
 /// From so many counts on no motor is so fast that it would have to brake.
 pub(super) const FAR: i64 = 65_536;
 
@@ -21,6 +23,12 @@ pub(super) struct Rates {
 }
 
 impl Rates {
+    /// The same motion of the shaft, where a turn has `to` counts and not `from` any more.
+    pub(super) fn rescaled(self, to: i64, from: i64) -> Self {
+        let [speed, up, down] = [self.speed, self.up, self.down].map(|rate| scaled(rate, to, from));
+        Self { speed, up, down }
+    }
+
     /// The speed at the next look: on from `pace` towards `target`.
     pub(super) fn ramped(self, pace: I40F24, target: I40F24) -> I40F24 {
         let (from, to, sign) = if pace < 0 { (-pace, -target, -1) } else { (pace, target, 1) };
