@@ -155,6 +155,20 @@ pub enum Input<'a> {
         /// In mA, signed as the duty is: what brakes it has the other sign.
         ma: i32,
     },
+    /// Of a stepper motor: how the drive's axis moves from the stamp on, as [`Output::Plan`] says.
+    Plan {
+        /// Which axis.
+        axis: Axis,
+        /// In steps of the drive.
+        plan: &'a Plan,
+    },
+    /// Of a stepper motor: steps without a ramp, as [`Output::Step`] says.
+    Step {
+        /// Which axis.
+        axis: Axis,
+        /// How many, signed.
+        steps: i32,
+    },
     /// A board took a plan late, so that many more steps were made than the plan says; never in the
     /// simulator.
     Slipped {
@@ -510,6 +524,15 @@ pub struct Shaft {
     pub ma: i32,
 }
 
+/// The motor that a drive has parted from.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Parted {
+    /// As the drive's factory registers describe it.
+    pub motor: crate::motor::Parameters,
+    /// The drive's pins for its Hall sensors, A first.
+    pub halls: &'static [Pin],
+}
+
 /// A drive, or anything else that sits on a bench.
 pub trait Device {
     /// What it is.
@@ -540,6 +563,17 @@ pub trait Device {
     /// What the motor on an axis does; `None` where a plan says it, or nobody knows.
     fn shaft(&self, _at: Instant, _axis: Axis) -> Option<Shaft> {
         None
+    }
+
+    /// Parts from the brush motor that it turns, if it has one of its own, before its first power-on: from
+    /// then on it says what it does to its motor and is told what that does. Returns that motor.
+    fn part(&mut self) -> Option<Parted> {
+        None
+    }
+
+    /// Steps of its plans in a full step of the motor.
+    fn microsteps(&self, _axis: Axis) -> u16 {
+        1
     }
 }
 
@@ -575,6 +609,14 @@ impl<D: Device + ?Sized> Device for &mut D {
 
     fn shaft(&self, at: Instant, axis: Axis) -> Option<Shaft> {
         (**self).shaft(at, axis)
+    }
+
+    fn part(&mut self) -> Option<Parted> {
+        (**self).part()
+    }
+
+    fn microsteps(&self, axis: Axis) -> u16 {
+        (**self).microsteps(axis)
     }
 }
 

@@ -12,6 +12,7 @@
 
 mod hands;
 mod lines;
+mod motors;
 #[cfg(test)]
 mod tests;
 mod wires;
@@ -23,9 +24,11 @@ use fixed::types::I48F16;
 use standin_firmware::device::{Device, Duration, Instant, Port, Refused, Shaft, Spec};
 
 use crate::bus::{LineMode, Outside, Wire};
+use crate::capture::Capture;
 use crate::schedule::{Class, Event, Heap, Tournament, What};
 use crate::seat::{Outbox, Seated, Tape};
 use crate::trace::{self, Fed, Power, Trace, TraceKeep};
+pub use motors::{Closed, Fitting, Motor, Turn};
 use wires::PinWire;
 pub use wires::StepOutput;
 
@@ -52,11 +55,19 @@ pub struct Settings {
     pub patience: Duration,
     /// How much of what happens is kept.
     pub trace: TraceKeep,
+    /// How much of what is on the lines is kept.
+    pub capture: TraceKeep,
 }
 
 impl Default for Settings {
     fn default() -> Self {
-        Self { seed: 1, line: LineMode::Timed, patience: Duration::millis(20), trace: TraceKeep::default() }
+        Self {
+            seed: 1,
+            line: LineMode::Timed,
+            patience: Duration::millis(20),
+            trace: TraceKeep::default(),
+            capture: TraceKeep::Off,
+        }
     }
 }
 
@@ -75,6 +86,8 @@ pub struct Setup {
     /// Rows and their values: saved ones are in the memory before the first power-on, others are
     /// set after every power-on.
     pub presets: Vec<(usize, i64)>,
+    /// The brush motor that it turns is one of the bench, and not its own.
+    pub apart: bool,
 }
 
 /// Why a device cannot be seated; the bench is as before.
@@ -224,6 +237,7 @@ pub struct Bench {
     /// What the device called last has sent.
     outbox: Outbox,
     trace: Trace,
+    capture: Capture,
 }
 
 impl Default for Bench {
@@ -260,6 +274,7 @@ impl Bench {
             arrivals: 0,
             outbox: Outbox::default(),
             trace: Trace::new(settings.seed, settings.trace),
+            capture: Capture::new(settings.capture),
         }
     }
 
@@ -286,7 +301,7 @@ impl Bench {
             return Err(SeatError::Taken(name.to_owned()));
         }
         let place = u32::try_from(self.seats.len()).expect("a bench has room for four billion drives");
-        let Setup { boot_fast, memory, keep, presets } = setup;
+        let Setup { boot_fast, memory, keep, presets, apart: _ } = setup;
         let spec = device.spec();
         let saved = |row: usize| spec.registers.rows.get(row).is_some_and(|row| row.saved != 0);
         let (now, mark) = (self.now, self.trace.mark());
@@ -351,6 +366,12 @@ impl Bench {
     #[must_use]
     pub fn trace(&self) -> &Trace {
         &self.trace
+    }
+
+    /// What was on the lines.
+    #[must_use]
+    pub fn capture(&self) -> &Capture {
+        &self.capture
     }
 
     fn at(&self, seat: Seat) -> &Seated {

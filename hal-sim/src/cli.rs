@@ -6,9 +6,9 @@ use std::str::FromStr;
 use clap::error::ErrorKind;
 use clap::{ArgAction, Args, CommandFactory as _, Parser, Subcommand, ValueEnum};
 
-use crate::ports::{Listen, Uri};
-use crate::preset::Number;
-use crate::realtime::Pace;
+use standin_sim::listen::{Listen, is_host_and_port};
+use standin_sim::pace::Pace;
+use standin_sim::preset::Number;
 
 /// Emulated motion drives: a drive on a pty or a TCP port, as its manual says, without the drive.
 #[derive(Parser)]
@@ -172,41 +172,6 @@ fn seed(text: &str) -> Result<u64, String> {
     text.parse().map_err(|_| format!("it takes a whole number from 0 to {}", u64::MAX))
 }
 
-fn is_host_and_port(text: &str) -> bool {
-    text.rsplit_once(':').is_some_and(|(host, port)| !host.is_empty() && port.parse::<u16>().is_ok())
-}
-
-impl FromStr for Listen {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        // A port's name ends before the scheme of the URI; a link's name may hold anything.
-        let (port, uri) = match text.split_once('=') {
-            Some((port, uri)) if !port.contains(':') => (Some(port.to_owned()), uri),
-            _ => (None, text),
-        };
-        Ok(Self { port, uri: uri.parse()? })
-    }
-}
-
-impl FromStr for Uri {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        let takes =
-            || "it takes pty:, pty:LINK or tcp:HOST:PORT, with PORT= of the drive before it".to_owned();
-        let (scheme, rest) = text.split_once(':').ok_or_else(takes)?;
-        match scheme {
-            "pty" => Ok(Self::Pty((!rest.is_empty()).then(|| rest.into()))),
-            "tcp" if is_host_and_port(rest) => Ok(Self::Tcp(rest.into())),
-            "tcp" => Err("tcp: takes HOST:PORT, like tcp:127.0.0.1:5020 (port 0: any free one)".into()),
-            "serial" => Err("serial: ports are not yet there; pty: and tcp: are".into()),
-            "stdio" => Err("stdio: is not yet there; pty: and tcp: are".into()),
-            _ => Err(takes()),
-        }
-    }
-}
-
 /// What is wrong with a command line, in one sentence.
 pub(crate) fn sentence(error: &clap::Error) -> String {
     if error.kind() == ErrorKind::MissingSubcommand {
@@ -246,22 +211,6 @@ mod tests {
         let run = run(&[]).unwrap();
         assert_eq!(run.control, Control::At("127.0.0.1:0".into()));
         assert_eq!((run.time, run.line, run.seed), (Pace::Times(1), Line::Timed, 1));
-    }
-
-    #[test]
-    fn places_to_listen() {
-        let listen = |text: &str| text.parse::<Listen>();
-        let at = |port: Option<&str>, uri| Ok(Listen { port: port.map(Into::into), uri });
-        assert_eq!(listen("pty:"), at(None, Uri::Pty(None)));
-        assert_eq!(listen("pty:a=b.tty"), at(None, Uri::Pty(Some("a=b.tty".into()))));
-        assert_eq!(listen("rs485=tcp:[::1]:0"), at(Some("rs485"), Uri::Tcp("[::1]:0".into())));
-        for wrong in
-            ["", "tcp", "tcp:", "tcp:5020", "tcp::5020", "tcp:a:70000", "udp:1:2", "rs485=", "/dev/pts/4"]
-        {
-            assert!(listen(wrong).is_err(), "{wrong}");
-        }
-        assert!(listen("serial:/dev/ttyUSB0").unwrap_err().contains("not yet"));
-        assert!(listen("stdio:").unwrap_err().contains("not yet"));
     }
 
     #[test]

@@ -4,8 +4,14 @@
 //! |---|---|
 //! | [`mod@bench`] | the bench: seats for drives, time, pins, power; what a test writes against |
 //! | [`bus`] | serial lines: whose turn it is, and when each character is where |
+//! | [`capture`] | what was on the lines |
+//! | [`faults`] | what disturbs a line |
 //! | [`hal`] | a board that is not there: embedded-hal, embedded-io and embedded-storage on virtual time |
+//! | [`layout`] | what is on a bench, as plain data |
+//! | [`listen`] | where a port is reached, as users write it |
 //! | [`nearest`] | what somebody may have meant who mistyped a name |
+//! | [`pace`] | how time runs, as users write it |
+//! | [`preset`] | registers set by name |
 //! | [`pulses`] | step pulses, from the plans of an axis |
 //! | [`rsasm`] | user programs of the RS drives as text |
 //! | [`spi`] | chips on an SPI bus |
@@ -15,10 +21,16 @@
 
 pub mod bench;
 pub mod bus;
+pub mod capture;
 mod dice;
 mod drives;
+pub mod faults;
 pub mod hal;
+pub mod layout;
+pub mod listen;
 pub mod nearest;
+pub mod pace;
+pub mod preset;
 pub mod pulses;
 pub mod replay;
 pub mod rsasm;

@@ -8,7 +8,6 @@ mod log;
 mod nv;
 mod output;
 mod ports;
-mod preset;
 mod programs;
 mod ready;
 mod realtime;

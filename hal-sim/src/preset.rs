@@ -7,9 +7,9 @@ use crate::nearest;
 
 /// A value for a register, or for the high or low word of one.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(crate) struct Preset {
+pub struct Preset {
     /// Its row.
-    pub(crate) row: usize,
+    pub row: usize,
     /// Which half is meant, if not the whole.
     half: Option<Half>,
     value: i64,
@@ -27,7 +27,7 @@ impl Preset {
     ///
     /// # Errors
     /// One sentence: there is no such register, or it does not take the value.
-    pub(crate) fn new(spec: &Spec, name: &str, value: Number) -> Result<Self, String> {
+    pub fn new(spec: &Spec, name: &str, value: Number) -> Result<Self, String> {
         let rows = spec.registers.rows;
         let found = spec.find(name);
         let (named, row) = found.and_then(|named| Some((named, rows.get(named.row)?))).ok_or_else(|| {
@@ -53,7 +53,7 @@ impl Preset {
     }
 
     /// Whether only a half is meant.
-    pub(crate) fn is_half(&self) -> bool {
+    pub fn is_half(&self) -> bool {
         self.half.is_some()
     }
 
@@ -62,7 +62,7 @@ impl Preset {
     ///
     /// # Errors
     /// One sentence: which bits can be preset.
-    pub(crate) fn check_saved(&self, spec: &Spec) -> Result<(), String> {
+    pub fn check_saved(&self, spec: &Spec) -> Result<(), String> {
         let Some(row) = spec.registers.rows.get(self.row) else { return Ok(()) };
         let word = i64::from(row.saved);
         let both = word << 16 | word;
@@ -76,7 +76,7 @@ impl Preset {
     }
 
     /// The register's new value, where `old` is its present one.
-    pub(crate) fn onto(&self, spec: &Spec, old: i64) -> i64 {
+    pub fn onto(&self, spec: &Spec, old: i64) -> i64 {
         let pair = match self.half {
             None => return self.value,
             Some(Half::High) => self.value << 16 | old & 0xFFFF,
@@ -89,7 +89,7 @@ impl Preset {
 
 /// A number as somebody typed it.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(crate) enum Number {
+pub enum Number {
     /// A value.
     Decimal(i64),
     /// The bits of one: `0xFFFF` is −1 where the register is a signed word.
@@ -98,7 +98,7 @@ pub(crate) enum Number {
 
 impl Number {
     /// Reads `8000`, `-5` or `0x1F40`.
-    pub(crate) fn parse(text: &str) -> Option<Self> {
+    pub fn parse(text: &str) -> Option<Self> {
         match text.strip_prefix("0x").or_else(|| text.strip_prefix("0X")) {
             // Not `0x-5`, which `from_str_radix` would take.
             Some(digits) if digits.starts_with(['+', '-']) => None,
@@ -141,7 +141,7 @@ fn span(least: i64, greatest: i64) -> String {
 }
 
 /// Why a drive does not take a preset, as the end of a sentence.
-pub(crate) fn why(refused: Refused) -> &'static str {
+pub fn why(refused: Refused) -> &'static str {
     match refused {
         Refused::NoSuchRegister => "the drive has no such register",
         Refused::ReadOnly => "the drive sets it itself",

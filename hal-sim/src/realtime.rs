@@ -4,12 +4,10 @@
 //! moment, and takes what has come: that is an input's stamp. Requests and calls of the control API
 //! are served one at a time.
 
-use std::fmt;
 use std::io;
 use std::num::NonZeroU64;
 use std::os::fd::OwnedFd;
 use std::os::unix::net::UnixStream;
-use std::str::FromStr;
 use std::sync::{Arc, mpsc};
 use std::time::{Duration as WallSpan, Instant as WallInstant};
 
@@ -17,6 +15,7 @@ use rustix::event::{EventfdFlags, PollFd, PollFlags, Timespec};
 use standin_firmware::device::{Duration, Instant};
 use standin_protocol::time::TICKS_PER_SECOND;
 use standin_sim::bench::Bench;
+use standin_sim::pace::Pace;
 use tokio::sync::oneshot;
 use tracing::warn;
 
@@ -26,9 +25,6 @@ use crate::waveforms::Waveforms;
 /// How far the bench may fall behind the wall clock before the rest is given up.
 const MAX_LAG: Duration = Duration::secs(1);
 
-/// How long half a message may wait for its rest, as the wall clock counts.
-const PATIENCE: Duration = Duration::millis(20);
-
 /// How long the bench may run before somebody looks whether something has come.
 const BUDGET: WallSpan = WallSpan::from_millis(20);
 
@@ -37,52 +33,6 @@ const SLICE: Duration = Duration::millis(10);
 
 /// How far the bench goes, at most, until the waveforms follow.
 const SWEEP: Duration = Duration::millis(100);
-
-/// The greatest factor of [`Pace::Times`].
-const FASTEST: u32 = 1000;
-
-/// How the time of the bench runs.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(crate) enum Pace {
-    /// So many times as fast as the wall clock.
-    Times(u32),
-    /// It stands, but for what a request or a call needs.
-    Manual,
-}
-
-impl Pace {
-    /// How long half a message may wait, in time of the bench.
-    pub(crate) fn patience(self) -> Duration {
-        match self {
-            Self::Times(factor) => PATIENCE * u64::from(factor),
-            Self::Manual => PATIENCE,
-        }
-    }
-}
-
-impl FromStr for Pace {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        let factor = text.strip_prefix('x').and_then(|factor| factor.parse().ok());
-        match (text, factor) {
-            ("real", _) => Ok(Self::Times(1)),
-            ("manual", _) => Ok(Self::Manual),
-            (_, Some(factor)) if (1..=FASTEST).contains(&factor) => Ok(Self::Times(factor)),
-            _ => Err(format!("it takes real, xN (N from 1 to {FASTEST}) or manual")),
-        }
-    }
-}
-
-impl fmt::Display for Pace {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Times(1) => f.write_str("real"),
-            Self::Times(factor) => write!(f, "x{factor}"),
-            Self::Manual => f.write_str("manual"),
-        }
-    }
-}
 
 /// Bench time as the wall clock paces it: at `wall` it was `bench`.
 struct Clock {
@@ -372,11 +322,5 @@ mod tests {
             assert!(clock.at(start + span) >= due);
             assert!(clock.at(start + span - WallSpan::from_nanos(1)) < due);
         }
-    }
-
-    #[test]
-    fn patience_is_wall_time() {
-        assert_eq!(Pace::Times(10).patience(), Duration::millis(200));
-        assert_eq!(Pace::Manual.patience(), Duration::millis(20));
     }
 }

@@ -15,6 +15,8 @@ use signal_hook::consts::{SIGINT, SIGTERM};
 use standin_firmware::device::{Port, Spec};
 use standin_sim::bench::{Bench, Keep, SeatError, Settings, Setup};
 use standin_sim::bus::LineMode;
+use standin_sim::listen::{Listen, Uri};
+use standin_sim::preset::{self, Preset};
 use standin_sim::rsasm::Image;
 use standin_sim::trace::TraceKeep;
 use tracing::{error, info};
@@ -25,8 +27,7 @@ use crate::kinds;
 use crate::nearest;
 use crate::nv::Nv;
 use crate::output::Output;
-use crate::ports::{self, Bound, Listen, Ports, Uri};
-use crate::preset::{self, Preset};
+use crate::ports::{self, Bound, Ports};
 use crate::programs;
 use crate::ready::{Address, Ready};
 use crate::realtime::{self, Host};
@@ -68,12 +69,14 @@ pub(crate) fn run(options: &cli::Run) -> Result<(), String> {
         },
         patience: options.time.patience(),
         trace: if record.is_some() { TraceKeep::All } else { TraceKeep::default() },
+        capture: TraceKeep::Off,
     });
     let setup = Setup {
         boot_fast: options.fast_boot,
         memory: memory.content.clone(),
         keep: memory.keeper(),
         presets: values(&presets, spec, memory.content.as_deref()),
+        apart: false,
     };
     let seat = bench.seat(spec.kind, device, setup).map_err(|error| seat_error(&error, spec, options))?;
     if let Some(program) = &program {
@@ -228,6 +231,7 @@ fn reserve(places: Vec<(Port, Uri)>) -> Result<Vec<(Port, Reserved)>, String> {
                 }
                 Reserved::Pty(link)
             }
+            Uri::Serial(_) | Uri::Stdio => return Err(crate::not_yet(&uri.to_string())),
         };
         Ok((port, place))
     });

@@ -219,7 +219,7 @@ impl Device for Md3 {
             Input::Fault { fault, on } => self.drive.set_cause(at, fault, on, out),
             Input::Count { steps, a, b, .. } => self.drive.take_count(steps, a, b),
             Input::Slipped { steps, .. } => self.drive.slipped(steps),
-            // It has no such ports.
+            // It has no such ports, and the motor's inputs are its outputs.
             Input::Spoiled { .. }
             | Input::Attached { .. }
             | Input::Message { .. }
@@ -227,7 +227,9 @@ impl Device for Md3 {
             | Input::Millivolts { .. }
             | Input::Current { .. }
             | Input::Duty { .. }
-            | Input::Draws { .. } => {}
+            | Input::Draws { .. }
+            | Input::Plan { .. }
+            | Input::Step { .. } => {}
         }
     }
 

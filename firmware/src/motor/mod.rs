@@ -11,6 +11,7 @@
 
 mod constants;
 mod rig;
+pub mod stepper;
 mod stretch;
 #[cfg(test)]
 mod tests;

@@ -280,6 +280,8 @@ impl Device for Rs434 {
             | Input::Count { .. }
             | Input::Current { .. }
             | Input::Duty { .. }
+            | Input::Plan { .. }
+            | Input::Step { .. }
             | Input::Slipped { .. } => {}
         }
         self.follow(at, out);

@@ -8,6 +8,8 @@ use serde::Deserialize;
 use standin_firmware::device::{Duration, Encoder, Fault, Pin, Refused, Role};
 use standin_protocol::time::TICKS_PER_SECOND;
 use standin_sim::bench::{Driving, Seat};
+use standin_sim::pace::Pace;
+use standin_sim::preset::{self, Number, Preset};
 use tokio::sync::oneshot;
 
 use super::guard::Body;
@@ -15,8 +17,7 @@ use super::model::{Advance, Bench, Drive, Driven, Mode, PinLevel, Power, Pulses,
 use super::problem::Problem;
 use super::{Api, stopping};
 use crate::nearest;
-use crate::preset::{self, Number, Preset};
-use crate::realtime::{Host, Pace};
+use crate::realtime::Host;
 
 /// The longest way to go at once, in seconds.
 const MAX_ADVANCE: f64 = 86_400.0;

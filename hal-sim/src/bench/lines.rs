@@ -7,6 +7,8 @@ use standin_protocol::modbus::rtu::Timing;
 
 use super::{Bench, Bus, Client, Seat};
 use crate::bus::{LineMode, Offer, Outside, Sender, Turn, Wire};
+use crate::capture::{Frame, From};
+use crate::faults::LineFaults;
 use crate::schedule::{Class, What};
 use crate::seat::Sent;
 use crate::trace::Fed;
@@ -101,6 +103,34 @@ impl Bench {
     pub fn ports(&self, bus: Bus) -> &[(Seat, Port)] {
         &self.buses[bus.0 as usize].ports
     }
+
+    /// All lines with a drive on them, by the names of their first drives and ports.
+    #[must_use]
+    pub fn buses(&self) -> Vec<Bus> {
+        let lines = (0..self.buses.len() as u32).map(Bus);
+        let mut lines: Vec<Bus> = lines.filter(|&bus| !self.ports(bus).is_empty()).collect();
+        lines.sort_by_key(|&bus| self.ports(bus).first().map(|&(seat, port)| (self.name(seat), port)));
+        lines
+    }
+
+    /// The line of that name. A line of one drive may also be called by the names of its drive and port:
+    /// `reader.usb`.
+    #[must_use]
+    pub fn find_bus(&self, name: &str) -> Option<Bus> {
+        self.buses().into_iter().find(|&bus| self.bus_name(bus) == name)
+    }
+
+    /// Disturbs a line from its next frame on.
+    pub fn disturb(&mut self, _bus: Bus, _faults: LineFaults) {}
+
+    /// What disturbs a line.
+    #[must_use]
+    pub fn disturbed(&self, _bus: Bus) -> LineFaults {
+        LineFaults::default()
+    }
+
+    /// Whether characters on a line that overlap spoil each other; at first they do not.
+    pub fn let_collide(&mut self, _bus: Bus, _collisions: bool) {}
 
     /// The settings of a line now: those of its first drive, by name.
     #[must_use]
@@ -276,6 +306,16 @@ impl Bench {
             let said = self.say(seat, port, start, bytes, Voice::Client(sender));
             (last, judged) = (last.max(said.last), judged.max(said.judged));
         }
+        let line = self.line(Bus(bus));
+        let lasts = line.character() * if self.fast() { 0 } else { bytes.len() as u64 };
+        self.capture.record(|| Frame {
+            at: start,
+            lasts,
+            bus: Bus(bus),
+            from: From::Client,
+            line,
+            bytes: bytes.to_vec(),
+        });
         let wire = &mut self.buses[bus as usize];
         self.busy += usize::from(wire.turn == Turn::Free);
         (wire.turn, wire.served, wire.free) = (Turn::Asked, client, last);
@@ -364,6 +404,14 @@ impl Bench {
             (true, Turn::Free) => sent.start + took,
             (true, _) => sent.start + Duration::TICK,
         };
+        self.capture.record(|| Frame {
+            at: sent.start,
+            lasts,
+            bus: Bus(bus),
+            from: From::Drive(Seat(sent.seat)),
+            line: sent.line,
+            bytes: bytes.to_vec(),
+        });
         let voice = Voice::Drive(sent.line, sent.start);
         for n in 0..self.ports(Bus(bus)).len() {
             let (seat, port) = self.ports(Bus(bus))[n];

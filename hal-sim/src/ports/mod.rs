@@ -9,7 +9,6 @@ mod link;
 mod pty;
 mod tcp;
 
-use std::fmt;
 use std::io;
 use std::os::fd::OwnedFd;
 use std::path::PathBuf;
@@ -23,33 +22,6 @@ use standin_sim::bench::{Bench, Bus, Client};
 pub(crate) use link::check_link;
 pub(crate) use pty::PtyError;
 pub(crate) use tcp::{Bound, bind};
-
-/// Where a port of a drive is to be reached (`--listen`).
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) struct Listen {
-    /// Which port of the drive; its first one if not said.
-    pub(crate) port: Option<String>,
-    pub(crate) uri: Uri,
-}
-
-/// What a port is reached by.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) enum Uri {
-    /// A pseudo terminal, and where to link it.
-    Pty(Option<PathBuf>),
-    /// `HOST:PORT`.
-    Tcp(String),
-}
-
-impl fmt::Display for Uri {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Pty(None) => f.write_str("pty:"),
-            Self::Pty(Some(link)) => write!(f, "pty:{}", link.display()),
-            Self::Tcp(address) => write!(f, "tcp:{address}"),
-        }
-    }
-}
 
 /// Bytes read from a client at once.
 const READ_BYTES: usize = 4096;

@@ -1,0 +1,90 @@
+//! What was on the lines: frames as a probe on the wires sees them, disturbed as they are.
+
+use std::collections::VecDeque;
+
+use standin_firmware::device::{Duration, Instant, Line};
+
+use crate::bench::{Bus, Seat};
+use crate::trace::TraceKeep;
+
+/// Frames that were on the lines.
+#[derive(Clone, Debug)]
+pub struct Capture {
+    frames: VecDeque<Frame>,
+    keep: TraceKeep,
+    bytes: usize,
+    /// How many frames a full ring has dropped.
+    lost: u64,
+}
+
+/// Characters that were sent together.
+#[derive(Clone, Debug)]
+pub struct Frame {
+    /// When the first one begins.
+    pub at: Instant,
+    /// How long all of them take.
+    pub lasts: Duration,
+    /// On which line.
+    pub bus: Bus,
+    /// Who sent them.
+    pub from: From,
+    /// At which settings.
+    pub line: Line,
+    /// The characters.
+    pub bytes: Vec<u8>,
+}
+
+/// Who sent a frame.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum From {
+    /// Somebody outside.
+    Client,
+    /// A drive.
+    Drive(Seat),
+    /// Nobody: noise.
+    Noise,
+}
+
+impl Capture {
+    /// One that has seen nothing.
+    pub(crate) fn new(keep: TraceKeep) -> Self {
+        Self { frames: VecDeque::new(), keep, bytes: 0, lost: 0 }
+    }
+
+    /// Frames so far, with those that a ring has dropped.
+    #[must_use]
+    pub fn seen(&self) -> u64 {
+        self.lost + self.frames.len() as u64
+    }
+
+    /// The frames that are kept, in the order in which they were sent on their way; those after the first `seen`.
+    pub fn since(&self, seen: u64) -> impl Iterator<Item = &Frame> {
+        let skip = usize::try_from(seen.saturating_sub(self.lost)).unwrap_or(usize::MAX);
+        self.frames.iter().skip(skip)
+    }
+
+    /// A frame is on a line.
+    pub(crate) fn record(&mut self, frame: impl FnOnce() -> Frame) {
+        if self.keep == TraceKeep::Off {
+            return;
+        }
+        let frame = frame();
+        self.bytes += frame.size();
+        self.frames.push_back(frame);
+        if let TraceKeep::Ring(most) = self.keep {
+            while self.bytes > most
+                && let Some(oldest) = self.frames.pop_front()
+            {
+                self.bytes -= oldest.size();
+                self.lost += 1;
+            }
+        }
+    }
+}
+
+impl Frame {
+    /// Bytes that it holds on to.
+    fn size(&self) -> usize {
+        size_of::<Self>() + self.bytes.len()
+    }
+}

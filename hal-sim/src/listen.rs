@@ -1,0 +1,107 @@
+//! Where the port of a drive is to be reached from outside, as users write it.
+
+use std::fmt;
+use std::path::PathBuf;
+use std::str::FromStr;
+
+/// Where a port of a drive is to be reached: `[PORT=]URI`.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Listen {
+    /// Which port of the drive; its first one if not said.
+    pub port: Option<String>,
+    /// What it is reached by.
+    pub uri: Uri,
+}
+
+/// What a port is reached by.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Uri {
+    /// A pseudo terminal, and where to link it.
+    Pty(Option<PathBuf>),
+    /// `HOST:PORT`.
+    Tcp(String),
+    /// A serial port of this machine.
+    Serial(PathBuf),
+    /// Standard input and output of this process.
+    Stdio,
+}
+
+impl fmt::Display for Uri {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Pty(None) => f.write_str("pty:"),
+            Self::Pty(Some(link)) => write!(f, "pty:{}", link.display()),
+            Self::Tcp(address) => write!(f, "tcp:{address}"),
+            Self::Serial(path) => write!(f, "serial:{}", path.display()),
+            Self::Stdio => f.write_str("stdio:"),
+        }
+    }
+}
+
+/// Whether that is `HOST:PORT`.
+#[must_use]
+pub fn is_host_and_port(text: &str) -> bool {
+    text.rsplit_once(':').is_some_and(|(host, port)| !host.is_empty() && port.parse::<u16>().is_ok())
+}
+
+impl FromStr for Listen {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        // A port's name ends before the scheme of the URI; a link's name may hold anything.
+        let (port, uri) = match text.split_once('=') {
+            Some((port, uri)) if !port.contains(':') => (Some(port.to_owned()), uri),
+            _ => (None, text),
+        };
+        Ok(Self { port, uri: uri.parse()? })
+    }
+}
+
+impl FromStr for Uri {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let takes = || "it takes pty:, pty:LINK, tcp:HOST:PORT, serial:DEVICE or stdio:".to_owned();
+        let (scheme, rest) = text.split_once(':').ok_or_else(takes)?;
+        match scheme {
+            "pty" => Ok(Self::Pty((!rest.is_empty()).then(|| rest.into()))),
+            "tcp" if is_host_and_port(rest) => Ok(Self::Tcp(rest.into())),
+            "tcp" => Err("tcp: takes HOST:PORT, like tcp:127.0.0.1:5020 (port 0: any free one)".into()),
+            "serial" if !rest.is_empty() => Ok(Self::Serial(rest.into())),
+            "serial" => Err("serial: takes a device, like serial:/dev/ttyUSB0".into()),
+            "stdio" if rest.is_empty() => Ok(Self::Stdio),
+            _ => Err(takes()),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn places_to_listen() {
+        let listen = |text: &str| text.parse::<Listen>();
+        let at = |port: Option<&str>, uri| Ok(Listen { port: port.map(Into::into), uri });
+        assert_eq!(listen("pty:"), at(None, Uri::Pty(None)));
+        assert_eq!(listen("pty:a=b.tty"), at(None, Uri::Pty(Some("a=b.tty".into()))));
+        assert_eq!(listen("rs485=tcp:[::1]:0"), at(Some("rs485"), Uri::Tcp("[::1]:0".into())));
+        assert_eq!(listen("serial:/dev/ttyUSB0"), at(None, Uri::Serial("/dev/ttyUSB0".into())));
+        assert_eq!(listen("usb=stdio:"), at(Some("usb"), Uri::Stdio));
+        for wrong in [
+            "",
+            "tcp",
+            "tcp:",
+            "tcp:5020",
+            "tcp::5020",
+            "tcp:a:70000",
+            "udp:1:2",
+            "rs485=",
+            "/dev/pts/4",
+            "serial:",
+            "stdio:x",
+        ] {
+            assert!(listen(wrong).is_err(), "{wrong}");
+        }
+    }
+}

@@ -1,0 +1,66 @@
+//! How the time of a bench runs, as users write it.
+
+use std::fmt;
+use std::str::FromStr;
+
+use standin_firmware::device::Duration;
+
+/// How long half a message may wait for its rest, as the wall clock counts.
+const PATIENCE: Duration = Duration::millis(20);
+
+/// The greatest factor of [`Pace::Times`].
+const FASTEST: u32 = 1000;
+
+/// How the time of the bench runs.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Pace {
+    /// So many times as fast as the wall clock.
+    Times(u32),
+    /// It stands, but for what a request or a call needs.
+    Manual,
+}
+
+impl Pace {
+    /// How long half a message may wait, in time of the bench.
+    pub fn patience(self) -> Duration {
+        match self {
+            Self::Times(factor) => PATIENCE * u64::from(factor),
+            Self::Manual => PATIENCE,
+        }
+    }
+}
+
+impl FromStr for Pace {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let factor = text.strip_prefix('x').and_then(|factor| factor.parse().ok());
+        match (text, factor) {
+            ("real", _) => Ok(Self::Times(1)),
+            ("manual", _) => Ok(Self::Manual),
+            (_, Some(factor)) if (1..=FASTEST).contains(&factor) => Ok(Self::Times(factor)),
+            _ => Err(format!("it takes real, xN (N from 1 to {FASTEST}) or manual")),
+        }
+    }
+}
+
+impl fmt::Display for Pace {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Times(1) => f.write_str("real"),
+            Self::Times(factor) => write!(f, "x{factor}"),
+            Self::Manual => f.write_str("manual"),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn patience_is_wall_time() {
+        assert_eq!(Pace::Times(10).patience(), Duration::millis(200));
+        assert_eq!(Pace::Manual.patience(), Duration::millis(20));
+    }
+}
