@@ -329,7 +329,7 @@ impl Bench {
         self.trace.drives.push(trace::Drive { name: name.to_owned(), spec, boot_fast, from: now, memory });
         for (port, serial) in (0..).map(Port).zip(spec.ports) {
             if serial.line.is_some() {
-                self.buses.push(Wire::new(serial.name, vec![(Seat(place), port)]));
+                self.buses.push(Wire::own(name, serial.name, (Seat(place), port)));
                 seated.set_bus(port, self.buses.len() - 1);
             }
         }

@@ -41,7 +41,10 @@ impl Sender {
 
 /// A line and the ports on it.
 pub(crate) struct Wire {
+    /// Its name on any bench: as given to it, or those of its drive and port.
     pub(crate) name: String,
+    /// The name of its port, where a drive has it for itself.
+    pub(crate) port: Option<&'static str>,
     /// By the names of their seats.
     pub(crate) ports: Vec<(Seat, Port)>,
     /// Who listens.
@@ -70,9 +73,11 @@ pub(crate) enum Turn {
 }
 
 impl Wire {
-    pub(crate) fn new(name: &str, ports: Vec<(Seat, Port)>) -> Self {
+    /// A line that drives share.
+    pub(crate) fn shared(name: &str, ports: Vec<(Seat, Port)>) -> Self {
         Self {
             name: name.to_owned(),
+            port: None,
             ports,
             clients: Vec::new(),
             turn: Turn::Free,
@@ -81,6 +86,11 @@ impl Wire {
             free: Instant::ZERO,
             sends_until: Instant::ZERO,
         }
+    }
+
+    /// The line that a drive has for itself at a port called `name`.
+    pub(crate) fn own(drive: &str, name: &'static str, at: (Seat, Port)) -> Self {
+        Self { port: Some(name), ..Self::shared(&format!("{drive}.{name}"), vec![at]) }
     }
 }
 

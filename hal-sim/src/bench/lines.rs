@@ -71,7 +71,12 @@ struct Said {
 /// Lines.
 impl Bench {
     /// Puts several serial ports on one line. Clients connect after it.
+    ///
+    /// # Panics
+    /// If drives share a line of that name already.
     pub fn share(&mut self, name: &str, ports: &[(Seat, Port)]) -> Bus {
+        let taken = self.buses.iter().any(|wire| wire.port.is_none() && wire.name == name);
+        assert!(!taken, "there are two lines called {name}");
         let bus = self.buses.len();
         let mut shared: Vec<(Seat, Port)> = Vec::new();
         for &(seat, port) in ports {
@@ -82,7 +87,7 @@ impl Bench {
             }
         }
         shared.sort_by(|a, b| (self.name(a.0), a.1).cmp(&(self.name(b.0), b.1)));
-        self.buses.push(Wire::new(name, shared));
+        self.buses.push(Wire::shared(name, shared));
         Bus(bus as u32)
     }
 
@@ -92,10 +97,12 @@ impl Bench {
         self.at(seat).bus(port).map(Bus)
     }
 
-    /// The name of a line: as given to [`share`](Self::share), or that of its port.
+    /// The name of a line: as given to [`share`](Self::share); of a line that a drive has for itself that of its
+    /// port, or where drives are several those of both, `reader.usb`.
     #[must_use]
     pub fn bus_name(&self, bus: Bus) -> &str {
-        &self.buses[bus.0 as usize].name
+        let wire = &self.buses[bus.0 as usize];
+        wire.port.filter(|_| self.seats.len() == 1).unwrap_or(&wire.name)
     }
 
     /// The ports on a line, by the names of their seats.
@@ -113,11 +120,15 @@ impl Bench {
         lines
     }
 
-    /// The line of that name. A line of one drive may also be called by the names of its drive and port:
-    /// `reader.usb`.
+    /// The line of that name. A line that a drive has for itself may also be called by the name of its port
+    /// alone, if no other line can.
     #[must_use]
     pub fn find_bus(&self, name: &str) -> Option<Bus> {
-        self.buses().into_iter().find(|&bus| self.bus_name(bus) == name)
+        let lines = self.buses();
+        let wire = |bus: &Bus| &self.buses[bus.0 as usize];
+        let called = lines.iter().find(|bus| wire(bus).name == name);
+        let mut alike = lines.iter().filter(|bus| wire(bus).port == Some(name));
+        called.or_else(|| alike.next().filter(|_| alike.next().is_none())).copied()
     }
 
     /// Disturbs a line from its next frame on.
