@@ -15,7 +15,7 @@ macro_rules! boxed {
 standin_firmware::devices!(boxed);
 
 /// What each kind is, in the order of the list.
-pub(crate) fn specs() -> impl Iterator<Item = &'static Spec> {
+pub fn specs() -> impl Iterator<Item = &'static Spec> {
     ALL.iter().map(|make| make().spec())
 }
 
@@ -23,7 +23,7 @@ pub(crate) fn specs() -> impl Iterator<Item = &'static Spec> {
 ///
 /// # Errors
 /// One sentence: there is no such kind.
-pub(crate) fn make(kind: &str) -> Result<Box<dyn Device>, String> {
+pub fn make(kind: &str) -> Result<Box<dyn Device>, String> {
     let found = ALL.iter().map(|make| make()).find(|device| device.spec().kind == kind);
     found.ok_or_else(|| nearest::unknown("kind", kind, specs().map(|spec| spec.kind)))
 }

@@ -1,16 +1,21 @@
 //! What is on a bench, as plain data: what a bench file says, or the options of a single drive.
 //!
-//! Everything in a [`Layout`] is checked: names are there once, pins and registers exist, values are legal.
+//! Everything in a [`Layout`] is checked: names are there once, pins and registers exist, values are legal. One
+//! function makes the [bench](Layout::build) of it.
 
-use std::path::PathBuf;
+mod build;
 
-use standin_firmware::device::{Axis, Fault, Pin, Port};
+use std::path::{Path, PathBuf};
+
+use standin_firmware::device::{Axis, Fault, Pin, Port, Spec};
 use standin_firmware::motor;
 
-use crate::bench::Closed;
+pub use self::build::Built;
+use crate::bench::{Closed, Settings};
 use crate::bus::LineMode;
 use crate::faults::LineFaults;
-use crate::listen::Uri;
+use crate::listen::{Listen, Uri};
+use crate::nearest;
 use crate::pace::Pace;
 use crate::preset::Preset;
 
@@ -37,6 +42,35 @@ pub struct Layout {
     pub wires: Vec<Wire>,
     /// What disturbs lines from the beginning.
     pub faults: Vec<Disturbed>,
+}
+
+impl Layout {
+    /// The settings of its bench: what is not said is as [`Settings::default`] has it.
+    #[must_use]
+    pub fn settings(&self) -> Settings {
+        let default = Settings::default();
+        Settings {
+            seed: self.seed.unwrap_or(default.seed),
+            line: self.line.unwrap_or(default.line),
+            patience: self.time.map_or(default.patience, Pace::patience),
+            ..default
+        }
+    }
+
+    /// Takes its paths, which a bench file has relative to its folder, as relative to `folder`.
+    pub fn relative_to(&mut self, folder: &Path) {
+        for drive in &mut self.drives {
+            for path in [&mut drive.nv, &mut drive.program].into_iter().flatten() {
+                *path = folder.join(&path);
+            }
+        }
+        let own = self.drives.iter_mut().flat_map(|drive| &mut drive.listen).map(|(_, uri)| uri);
+        for uri in own.chain(self.buses.iter_mut().flat_map(|bus| &mut bus.listen)) {
+            if let Uri::Pty(Some(path)) | Uri::Serial(path) = uri {
+                *path = folder.join(&path);
+            }
+        }
+    }
 }
 
 /// A pin of a drive: place in [`Layout::drives`].
@@ -153,4 +187,38 @@ pub struct Disturbed {
     pub bus: String,
     /// How.
     pub faults: LineFaults,
+}
+
+/// Which port of a drive is meant, and that it can be reached so.
+///
+/// # Errors
+/// One sentence: there is no such port, or it is reached otherwise.
+pub fn reached(spec: &Spec, listen: &Listen) -> Result<(Port, Uri), String> {
+    let Listen { port: name, uri } = listen;
+    let mut ports = (0..).map(Port).zip(spec.ports);
+    let found = ports.find(|(_, port)| name.as_deref().is_none_or(|name| port.name == name));
+    let (port, of) = found.ok_or_else(|| {
+        let name = name.as_deref().unwrap_or_default();
+        nearest::unknown(&format!("port of {}", spec.kind), name, spec.ports.iter().map(|port| port.name))
+    })?;
+    match (of.line, uri) {
+        (None, Uri::Pty(_)) => Err(format!("{} of {} is a TCP port and has no pty", of.name, spec.kind)),
+        (None, Uri::Serial(_) | Uri::Stdio) => {
+            Err(format!("{} of {} is a TCP port and is reached by tcp: alone", of.name, spec.kind))
+        }
+        _ => Ok((port, uri.clone())),
+    }
+}
+
+/// Whether two places to be reached cannot both be.
+#[must_use]
+pub fn clash(a: &Uri, b: &Uri) -> bool {
+    // Joined to any folder, `./a` is `a`.
+    let same = |a: &Path, b: &Path| Path::new("/").join(a) == Path::new("/").join(b);
+    match (a, b) {
+        (Uri::Pty(Some(a)), Uri::Pty(Some(b))) | (Uri::Serial(a), Uri::Serial(b)) => same(a, b),
+        (Uri::Tcp(a), Uri::Tcp(b)) => a == b && !a.ends_with(":0"),
+        (Uri::Stdio, Uri::Stdio) => true,
+        _ => false,
+    }
 }

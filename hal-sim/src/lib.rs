@@ -6,7 +6,9 @@
 //! | [`bus`] | serial lines: whose turn it is, and when each character is where |
 //! | [`capture`] | what was on the lines |
 //! | [`faults`] | what disturbs a line |
+//! | [`file`] | bench files |
 //! | [`hal`] | a board that is not there: embedded-hal, embedded-io and embedded-storage on virtual time |
+//! | [`kinds`] | which drives there are |
 //! | [`layout`] | what is on a bench, as plain data |
 //! | [`listen`] | where a port is reached, as users write it |
 //! | [`nearest`] | what somebody may have meant who mistyped a name |
@@ -25,7 +27,9 @@ pub mod capture;
 mod dice;
 mod drives;
 pub mod faults;
+pub mod file;
 pub mod hal;
+pub mod kinds;
 pub mod layout;
 pub mod listen;
 pub mod nearest;

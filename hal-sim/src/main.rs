@@ -3,7 +3,6 @@
 mod api;
 mod cli;
 mod describe;
-mod kinds;
 mod log;
 mod nv;
 mod output;
@@ -20,7 +19,7 @@ use std::process::ExitCode;
 
 use clap::Parser as _;
 use standin_sim::trace::Trace;
-use standin_sim::{nearest, replay};
+use standin_sim::{kinds, nearest, replay};
 
 use crate::cli::{Cli, Command};
 

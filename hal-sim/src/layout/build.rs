@@ -1,0 +1,190 @@
+//! The bench of a layout.
+
+use standin_firmware::device::Spec;
+
+use super::{At, BrushKeys, Layout, MotorKind};
+use crate::bench::{Bench, Bus, Fitting, Motor, Seat, SeatError, Settings, Setup};
+use crate::preset::{self, Preset};
+use crate::trace::Make;
+
+/// A bench that was made of a [`Layout`].
+pub struct Built {
+    /// The bench, at the beginning of time.
+    pub bench: Bench,
+    /// The seats of [`Layout::drives`].
+    pub seats: Vec<Seat>,
+    /// The lines of [`Layout::buses`]; those of other ports are found by [`Bench::bus`].
+    pub buses: Vec<Bus>,
+    /// The motors of [`Layout::motors`].
+    pub motors: Vec<Motor>,
+}
+
+impl Layout {
+    /// Makes the bench of a layout, for instance with its own [settings](Self::settings). It does not depend on the
+    /// order of what is in the layout.
+    ///
+    /// `given` is what is known of each of [`drives`](Self::drives) beside the layout: the content of its memory, with
+    /// its user program, and who keeps it. Presets, a fast start and motors are added to it. Who is given nothing is
+    /// new.
+    ///
+    /// # Errors
+    /// One sentence: a drive does not take a preset or its name, or there is no such kind, motor or line.
+    pub fn build(&self, settings: Settings, make: &Make<'_>, given: Vec<Setup>) -> Result<Built, String> {
+        let mut bench = Bench::with(settings);
+        let mut given: Vec<Setup> = given;
+        given.resize_with(self.drives.len(), Setup::default);
+        let mut seats = vec![None; self.drives.len()];
+        for place in sorted(&self.drives, |drive| drive.name.clone()) {
+            let setup = std::mem::take(&mut given[place]);
+            seats[place] = Some(self.seat(&mut bench, place, make, setup)?);
+        }
+        let seats: Vec<Seat> = seats.into_iter().flatten().collect();
+        let buses = self.share(&mut bench, &seats);
+        let motors = self.fit(&mut bench, &seats)?;
+        self.connect(&mut bench, &seats, &motors);
+        for disturbed in &self.faults {
+            let bus = bench.find_bus(&disturbed.bus);
+            let bus = bus.ok_or_else(|| format!("there is no bus '{}'", disturbed.bus))?;
+            bench.disturb(bus, disturbed.faults);
+        }
+        Ok(Built { bench, seats, buses, motors })
+    }
+
+    fn seat(
+        &self,
+        bench: &mut Bench,
+        place: usize,
+        make: &Make<'_>,
+        mut setup: Setup,
+    ) -> Result<Seat, String> {
+        let drive = &self.drives[place];
+        let device = make(drive.kind).ok_or_else(|| format!("there is no kind '{}'", drive.kind))?;
+        let spec = device.spec();
+        setup.boot_fast |= drive.fast_boot;
+        setup.presets.extend(values(&drive.presets, spec, make, setup.memory.as_deref()));
+        setup.apart |=
+            self.motors.iter().any(|motor| motor.drive == place && matches!(motor.is, MotorKind::Brush(_)));
+        let seat = bench.seat(&drive.name, device, setup).map_err(|error| match error {
+            SeatError::Preset { row, why } => {
+                let name = spec.registers.rows.get(row).map_or("", |row| row.name);
+                let kept = drive.nv.as_ref().map(|path| format!(" ({})", path.display())).unwrap_or_default();
+                format!("{}: {name} cannot be preset: {}{kept}", drive.name, preset::why(why))
+            }
+            SeatError::Name(_) | SeatError::Taken(_) => error.to_string(),
+        })?;
+        let mut faults = drive.faults.clone();
+        faults.sort_unstable();
+        for fault in faults {
+            bench.fault(seat, fault, true);
+        }
+        Ok(seat)
+    }
+
+    fn share(&self, bench: &mut Bench, seats: &[Seat]) -> Vec<Bus> {
+        let mut buses = vec![None; self.buses.len()];
+        for place in sorted(&self.buses, |bus| bus.name.clone()) {
+            let shared = &self.buses[place];
+            let ports: Vec<_> = shared.drives.iter().map(|&(drive, port)| (seats[drive], port)).collect();
+            let bus = bench.share(&shared.name, &ports);
+            bench.let_collide(bus, shared.collisions);
+            buses[place] = Some(bus);
+        }
+        buses.into_iter().flatten().collect()
+    }
+
+    fn fit(&self, bench: &mut Bench, seats: &[Seat]) -> Result<Vec<Motor>, String> {
+        let mut motors = vec![None; self.motors.len()];
+        for place in sorted(&self.motors, |motor| motor.name.clone()) {
+            let motor = &self.motors[place];
+            let seat = seats[motor.drive];
+            let is = match &motor.is {
+                MotorKind::Stepper(parameters) => Fitting::Stepper(*parameters),
+                MotorKind::Brush(keys) => Fitting::Brush(brush(bench, seat, keys)?),
+            };
+            motors[place] = Some(bench.fit(&motor.name, seat, motor.axis, is)?);
+        }
+        Ok(motors.into_iter().flatten().collect())
+    }
+
+    /// Encoders, switches and wires.
+    fn connect(&self, bench: &mut Bench, seats: &[Seat], motors: &[Motor]) {
+        let at = |(drive, pin): At| (seats[drive], pin);
+        // By name, since what happens first at one pin at one instant may matter.
+        let key = |(drive, pin): At| (self.drives[drive].name.clone(), pin);
+        let keys = |ats: [Option<At>; 3]| ats.map(|at| at.map(key));
+        let named = |motor: usize| self.motors[motor].name.clone();
+        for place in sorted(&self.encoders, |encoder| {
+            (named(encoder.motor), keys([encoder.a, encoder.b, encoder.index]), encoder.cycles_per_rev)
+        }) {
+            let encoder = &self.encoders[place];
+            let to = [encoder.a, encoder.b, encoder.index].map(|pin| pin.map(at));
+            bench.encode(motors[encoder.motor], encoder.cycles_per_rev, to);
+        }
+        for place in sorted(&self.switches, |switch| {
+            let bits = |bound: Option<f64>| bound.map(f64::to_bits);
+            (
+                named(switch.motor),
+                key(switch.to),
+                bits(switch.closed.above_rev),
+                bits(switch.closed.below_rev),
+            )
+        }) {
+            let switch = &self.switches[place];
+            bench.switch(motors[switch.motor], switch.closed, at(switch.to));
+        }
+        for place in sorted(&self.wires, |wire| (key(wire.from), key(wire.to))) {
+            let wire = &self.wires[place];
+            bench.wire(at(wire.from), at(wire.to));
+        }
+    }
+}
+
+/// The places of things, in the order of their keys.
+fn sorted<T, K: Ord>(things: &[T], key: impl Fn(&T) -> K) -> Vec<usize> {
+    let mut places: Vec<usize> = (0..things.len()).collect();
+    places.sort_by_key(|&place| key(&things[place]));
+    places
+}
+
+/// A brush motor: what is not said of it is as its drive describes it.
+fn brush(bench: &Bench, seat: Seat, keys: &BrushKeys) -> Result<standin_firmware::motor::Parameters, String> {
+    let own = bench.parted(seat);
+    let own = own.ok_or_else(|| format!("{} turns no brush motor", bench.name(seat)))?;
+    Ok(standin_firmware::motor::Parameters {
+        supply_mv: keys.supply_mv.unwrap_or(own.supply_mv),
+        no_load_rpm: keys.no_load_rpm.unwrap_or(own.no_load_rpm),
+        resistance_mohm: keys.resistance_mohm.unwrap_or(own.resistance_mohm),
+        inertia_gcm2: keys.inertia_gcm2.unwrap_or(own.inertia_gcm2),
+        friction_unm: keys.friction_unm.unwrap_or(own.friction_unm),
+        load_unm: keys.load_unm.unwrap_or(own.load_unm),
+        hall_pulses: keys.hall_pulses.unwrap_or(own.hall_pulses),
+        encoder_cycles: own.encoder_cycles,
+    })
+}
+
+/// The presets as whole values. A half goes onto what was set before, or is in the memory.
+fn values(presets: &[Preset], spec: &Spec, make: &Make<'_>, memory: Option<&[u8]>) -> Vec<(usize, i64)> {
+    let mut values: Vec<(usize, i64)> = Vec::new();
+    for preset in presets {
+        let before = values.iter().position(|&(row, _)| row == preset.row);
+        let old = match before {
+            Some(place) => values[place].1,
+            None if preset.is_half() => stored(spec, make, memory, preset.row),
+            None => 0,
+        };
+        let value = preset.onto(spec, old);
+        match before {
+            Some(place) => values[place].1 = value,
+            None => values.push((preset.row, value)),
+        }
+    }
+    values
+}
+
+/// What a row holds when a drive wakes up with `memory`.
+fn stored(spec: &Spec, make: &Make<'_>, memory: Option<&[u8]>, row: usize) -> i64 {
+    let mut bench = Bench::new();
+    let setup = Setup { boot_fast: true, memory: memory.map(<[u8]>::to_vec), ..Setup::default() };
+    let seat = make(spec.kind).and_then(|device| bench.seat(spec.kind, device, setup).ok());
+    seat.map_or(0, |seat| bench.peek(seat, row))
+}
