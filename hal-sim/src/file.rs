@@ -1,9 +1,27 @@
 //! Bench files: a [`Layout`] as TOML, as `docs/bench-files.md` describes it.
+//!
+//! The order of tables and of keys does not matter: what a table names may stand behind it.
 
+mod drives;
+mod machinery;
+mod table;
+
+use std::collections::BTreeMap;
 use std::fmt;
+use std::path::PathBuf;
 
-use crate::layout::Layout;
-use crate::trace::Make;
+use toml::de::DeTable;
+
+use crate::bus::LineMode;
+use crate::faults::LineFaults;
+use crate::layout::{Disturbed, Layout};
+use crate::listen::Uri;
+use crate::trace::{self, Make};
+use drives::{BUS, DRIVE};
+use machinery::{ENCODER, MOTOR, SWITCH, WIRE};
+use standin_firmware::device::Duration;
+use standin_protocol::time::TICKS_PER_SECOND;
+use table::{Said, Table, Wrong};
 
 /// What is wrong with a bench file.
 #[derive(Clone, PartialEq, Eq, Debug)]
@@ -14,6 +32,15 @@ pub struct FileError {
     pub column: usize,
     /// One sentence.
     pub what: String,
+}
+
+impl FileError {
+    fn new(text: &str, wrong: Wrong) -> Self {
+        let before = text.get(..wrong.at).unwrap_or(text);
+        let start = before.rfind('\n').map_or(0, |at| at + 1);
+        let (line, column) = (before.matches('\n').count() + 1, before[start..].chars().count() + 1);
+        Self { line, column, what: wrong.what }
+    }
 }
 
 impl fmt::Display for FileError {
@@ -27,7 +54,160 @@ impl std::error::Error for FileError {}
 /// Reads a bench file. Its paths are as it says them: see [`Layout::relative_to`].
 ///
 /// # Errors
-/// What is wrong first, and where.
-pub fn parse(_text: &str, _make: &Make<'_>) -> Result<Layout, FileError> {
-    Err(FileError { line: 1, column: 1, what: "bench files are not read yet".to_owned() })
+/// What is wrong, and where.
+pub fn parse(text: &str, make: &Make<'_>) -> Result<Layout, FileError> {
+    let root = DeTable::parse(text).map_err(|error| Wrong {
+        at: error.span().map_or(0, |span| span.start),
+        what: format!("this is not TOML: {}", error.message()),
+    });
+    let layout = root.and_then(|root| {
+        let keys = ["seed", "time", "line", "drive", "bus", "motor", "encoder", "switch", "wire", "fault"];
+        Reader::new(make).read(Table::new("a bench file", root.span().start, root.get_ref(), &keys)?)
+    });
+    layout.map_err(|wrong| FileError::new(text, wrong))
+}
+
+/// The keys of `[[fault]]`.
+const FAULT: [&str; 12] = [
+    "bus",
+    "drop",
+    "corrupt",
+    "duplicate",
+    "truncate",
+    "wrong_address",
+    "exception",
+    "exception_code",
+    "noise",
+    "delay_ms",
+    "mute",
+    "baud",
+];
+
+/// The most that a reply may be late, in ms.
+const LATEST: f64 = 60_000.0;
+
+/// What has been read so far, and what it may not clash with.
+struct Reader<'a> {
+    make: &'a Make<'a>,
+    layout: Layout,
+    /// What every drive, bus and motor is called, and what it is.
+    names: BTreeMap<String, &'static str>,
+    /// Where the ports of each drive are reached, where the file says it.
+    told: Vec<bool>,
+    /// Every place to be reached.
+    places: Vec<Uri>,
+    /// Every file of a memory.
+    memories: Vec<PathBuf>,
+}
+
+impl<'a> Reader<'a> {
+    fn new(make: &'a Make<'a>) -> Self {
+        Self {
+            make,
+            layout: Layout::default(),
+            names: BTreeMap::new(),
+            told: Vec::new(),
+            places: Vec::new(),
+            memories: Vec::new(),
+        }
+    }
+
+    fn read(mut self, root: Table<'_>) -> Result<Layout, Wrong> {
+        self.layout.seed = root.whole("seed", 0, u64::MAX)?.map(|seed| seed.is);
+        self.layout.time =
+            read_as(root.text("time")?, |text| text.parse().map_err(|error| format!("time: {error}")))?;
+        self.layout.line = read_as(root.text("line")?, line_mode)?;
+        let drives = root.each("drive", "[[drive]]", &DRIVE)?;
+        if drives.is_empty() {
+            return Err(Wrong { at: root.at, what: "a bench needs a [[drive]]".to_owned() });
+        }
+        for table in drives {
+            self.drive(&table)?;
+        }
+        for table in root.each("bus", "[[bus]]", &BUS)? {
+            self.bus(&table)?;
+        }
+        self.reach_the_others();
+        for table in root.each("motor", "[[motor]]", &MOTOR)? {
+            self.motor(&table)?;
+        }
+        for table in root.each("encoder", "[[encoder]]", &ENCODER)? {
+            self.encoder(&table)?;
+        }
+        for table in root.each("switch", "[[switch]]", &SWITCH)? {
+            self.switch(&table)?;
+        }
+        for table in root.each("wire", "[[wire]]", &WIRE)? {
+            self.wire(&table)?;
+        }
+        for table in root.each("fault", "[[fault]]", &FAULT)? {
+            self.fault(&table)?;
+        }
+        Ok(self.layout)
+    }
+
+    /// The name of a drive, bus or motor, of which there is none yet.
+    fn name(&mut self, table: &Table<'_>, what: &'static str) -> Result<String, Wrong> {
+        let name = table.needed_text("name")?;
+        let word = |name: &str| name.chars().all(|char| char.is_alphanumeric() || "-_".contains(char));
+        if !trace::is_name(name.is) || !word(name.is) {
+            let rule =
+                "a name is one word of letters, digits, - and _, with no digit first and other than 'end'";
+            return Err(name.wrong(format!("'{}' is no name; {rule}", name.is)));
+        }
+        if let Some(other) = self.names.insert(name.is.to_owned(), what) {
+            return Err(name.wrong(format!("there is a {other} '{}' already", name.is)));
+        }
+        Ok(name.is.to_owned())
+    }
+
+    fn fault(&mut self, table: &Table<'_>) -> Result<(), Wrong> {
+        let bus = table.needed_text("bus")?;
+        let line = self.line_named(bus.is).map_err(Wrong::at(bus.at))?;
+        let name = self.name_of(line);
+        if self.layout.faults.iter().any(|other| other.bus == name) {
+            return Err(bus.wrong(format!("'{name}' has a [[fault]] already")));
+        }
+        if !self.is_modbus(line)
+            && let Some(key) = table.any_of(&["wrong_address", "exception", "exception_code"])
+        {
+            return Err(key.wrong(format!("'{name}' is no line of Modbus, which {} is for", key.is)));
+        }
+        let none = LineFaults::default();
+        let share = |key| Ok(table.number(key, 0.0, 1.0)?.map_or(0.0, |share| share.is));
+        let delay = table.number("delay_ms", 0.0, LATEST)?.map_or(0.0, |delay| delay.is);
+        let faults = LineFaults {
+            drop: share("drop")?,
+            corrupt: share("corrupt")?,
+            duplicate: share("duplicate")?,
+            truncate: share("truncate")?,
+            wrong_address: share("wrong_address")?,
+            exception: share("exception")?,
+            exception_code: table
+                .whole("exception_code", 1, u8::MAX)?
+                .map_or(none.exception_code, |code| code.is),
+            noise: share("noise")?,
+            delay: Duration::from_ticks((delay * (TICKS_PER_SECOND / 1_000) as f64).round() as u64),
+            mute: table.flag("mute")?.is_some_and(|mute| mute.is),
+            baud: table.whole("baud", 50, 4_000_000)?.map(|baud| baud.is),
+        };
+        self.layout.faults.push(Disturbed { bus: name, faults });
+        Ok(())
+    }
+}
+
+/// What a string means, if it is there.
+fn read_as<T>(
+    text: Option<Said<&str>>,
+    read: impl FnOnce(&str) -> Result<T, String>,
+) -> Result<Option<T>, Wrong> {
+    text.map(|text| read(text.is).map_err(Wrong::at(text.at))).transpose()
+}
+
+fn line_mode(text: &str) -> Result<LineMode, String> {
+    match text {
+        "timed" | "wire" => Ok(LineMode::Timed),
+        "fast" => Ok(LineMode::Fast),
+        _ => Err(format!("line takes timed or fast, not '{text}'")),
+    }
 }

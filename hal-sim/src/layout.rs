@@ -210,13 +210,17 @@ pub fn reached(spec: &Spec, listen: &Listen) -> Result<(Port, Uri), String> {
     }
 }
 
+/// Whether two paths in one folder are the same, as far as they tell.
+pub(crate) fn same_path(a: &Path, b: &Path) -> bool {
+    // Joined to any folder, `./a` is `a`.
+    Path::new("/").join(a) == Path::new("/").join(b)
+}
+
 /// Whether two places to be reached cannot both be.
 #[must_use]
 pub fn clash(a: &Uri, b: &Uri) -> bool {
-    // Joined to any folder, `./a` is `a`.
-    let same = |a: &Path, b: &Path| Path::new("/").join(a) == Path::new("/").join(b);
     match (a, b) {
-        (Uri::Pty(Some(a)), Uri::Pty(Some(b))) | (Uri::Serial(a), Uri::Serial(b)) => same(a, b),
+        (Uri::Pty(Some(a)), Uri::Pty(Some(b))) | (Uri::Serial(a), Uri::Serial(b)) => same_path(a, b),
         (Uri::Tcp(a), Uri::Tcp(b)) => a == b && !a.ends_with(":0"),
         (Uri::Stdio, Uri::Stdio) => true,
         _ => false,

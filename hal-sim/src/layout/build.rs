@@ -1,8 +1,9 @@
 //! The bench of a layout.
 
-use standin_firmware::device::Spec;
+use standin_firmware::device::{Refused, Spec};
+use standin_firmware::motor;
 
-use super::{At, BrushKeys, Layout, MotorKind};
+use super::{At, BrushKeys, Drive, Layout, MotorKind};
 use crate::bench::{Bench, Bus, Fitting, Motor, Seat, SeatError, Settings, Setup};
 use crate::preset::{self, Preset};
 use crate::trace::Make;
@@ -41,7 +42,7 @@ impl Layout {
         let seats: Vec<Seat> = seats.into_iter().flatten().collect();
         let buses = self.share(&mut bench, &seats);
         let motors = self.fit(&mut bench, &seats)?;
-        self.connect(&mut bench, &seats, &motors);
+        self.put_up(&mut bench, &seats, &motors);
         for disturbed in &self.faults {
             let bus = bench.find_bus(&disturbed.bus);
             let bus = bus.ok_or_else(|| format!("there is no bus '{}'", disturbed.bus))?;
@@ -107,7 +108,7 @@ impl Layout {
     }
 
     /// Encoders, switches and wires.
-    fn connect(&self, bench: &mut Bench, seats: &[Seat], motors: &[Motor]) {
+    fn put_up(&self, bench: &mut Bench, seats: &[Seat], motors: &[Motor]) {
         let at = |(drive, pin): At| (seats[drive], pin);
         // By name, since what happens first at one pin at one instant may matter.
         let key = |(drive, pin): At| (self.drives[drive].name.clone(), pin);
@@ -147,10 +148,10 @@ fn sorted<T, K: Ord>(things: &[T], key: impl Fn(&T) -> K) -> Vec<usize> {
 }
 
 /// A brush motor: what is not said of it is as its drive describes it.
-fn brush(bench: &Bench, seat: Seat, keys: &BrushKeys) -> Result<standin_firmware::motor::Parameters, String> {
+fn brush(bench: &Bench, seat: Seat, keys: &BrushKeys) -> Result<motor::Parameters, String> {
     let own = bench.parted(seat);
     let own = own.ok_or_else(|| format!("{} turns no brush motor", bench.name(seat)))?;
-    Ok(standin_firmware::motor::Parameters {
+    Ok(motor::Parameters {
         supply_mv: keys.supply_mv.unwrap_or(own.supply_mv),
         no_load_rpm: keys.no_load_rpm.unwrap_or(own.no_load_rpm),
         resistance_mohm: keys.resistance_mohm.unwrap_or(own.resistance_mohm),
@@ -160,6 +161,19 @@ fn brush(bench: &Bench, seat: Seat, keys: &BrushKeys) -> Result<standin_firmware
         hall_pulses: keys.hall_pulses.unwrap_or(own.hall_pulses),
         encoder_cycles: own.encoder_cycles,
     })
+}
+
+impl Drive {
+    /// Whether a new drive of the kind takes its presets; which row does not, and why.
+    pub(crate) fn try_presets(&self, make: &Make<'_>) -> Result<(), (usize, Refused)> {
+        let Some(device) = make(self.kind).filter(|_| !self.presets.is_empty()) else { return Ok(()) };
+        let presets = values(&self.presets, device.spec(), make, None);
+        let setup = Setup { boot_fast: self.fast_boot, presets, ..Setup::default() };
+        match Bench::new().seat(self.kind, device, setup) {
+            Err(SeatError::Preset { row, why }) => Err((row, why)),
+            _ => Ok(()),
+        }
+    }
 }
 
 /// The presets as whole values. A half goes onto what was set before, or is in the memory.

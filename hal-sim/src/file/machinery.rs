@@ -1,0 +1,193 @@
+//! What is around the drives: motors, what is on their shafts, and wires.
+
+use standin_firmware::device::{Axis, Pin, Role, Spec};
+use standin_firmware::motor::stepper;
+
+use super::Reader;
+use super::table::{Said, Table, Wrong};
+use crate::bench::Closed;
+use crate::layout::{At, BrushKeys, Encoder, Motor, MotorKind, Switch, Wire};
+use crate::nearest;
+
+/// The keys of `[[motor]]`.
+pub(super) const MOTOR: [&str; 13] = [
+    "name",
+    "drive",
+    "inertia_gcm2",
+    "friction_mnm",
+    "load_mnm",
+    STEPPER[0],
+    STEPPER[1],
+    STEPPER[2],
+    STEPPER[3],
+    BRUSH[0],
+    BRUSH[1],
+    BRUSH[2],
+    BRUSH[3],
+];
+/// Those that only a stepper motor has.
+const STEPPER: [&str; 4] = ["steps_per_rev", "holding_mnm", "rated_ma", "pull_out_rpm"];
+/// Those that only a brush motor has.
+const BRUSH: [&str; 4] = ["no_load_rpm", "supply_v", "resistance_ohm", "hall_pulses"];
+/// The keys of `[[encoder]]`.
+pub(super) const ENCODER: [&str; 3] = ["motor", "cycles_per_rev", "to"];
+/// The keys of `[[switch]]`.
+pub(super) const SWITCH: [&str; 3] = ["motor", "closed", "to"];
+/// The keys of `[[wire]]`.
+pub(super) const WIRE: [&str; 2] = ["from", "to"];
+
+/// The greatest torque, in mN·m.
+const STRONGEST: f64 = 100_000.0;
+/// The greatest speed, in rpm.
+const FASTEST: u32 = 200_000;
+/// The greatest inertia, in g·cm².
+const HEAVIEST: u32 = 10_000_000;
+/// The furthest that a switch may be, in turns.
+const FURTHEST: f64 = 10_000_000.0;
+
+impl Reader<'_> {
+    pub(super) fn motor(&mut self, table: &Table<'_>) -> Result<(), Wrong> {
+        let name = self.name(table, "motor")?;
+        let text = table.needed_text("drive")?;
+        let drive = self.drive_named(text.is).map_err(Wrong::at(text.at))?;
+        let axis = Axis(0);
+        let spec = self.spec(drive);
+        if spec.axes.is_empty() {
+            return Err(text.wrong(format!("{} turns no motor", spec.kind)));
+        }
+        if let Some(other) =
+            self.layout.motors.iter().find(|motor| (motor.drive, motor.axis) == (drive, axis))
+        {
+            return Err(text.wrong(format!("'{}' turns the motor '{}' already", text.is, other.name)));
+        }
+        let is_brush = (self.make)(spec.kind).is_some_and(|mut device| device.part().is_some());
+        let (foreign, own, other) =
+            if is_brush { (&STEPPER, "brush", "stepper") } else { (&BRUSH, "stepper", "brush") };
+        if let Some(key) = table.any_of(foreign) {
+            return Err(
+                key.wrong(format!("{} is of a {other} motor; {} turns a {own} motor", key.is, spec.kind))
+            );
+        }
+        let is = if is_brush { MotorKind::Brush(brush(table)?) } else { MotorKind::Stepper(stepper(table)?) };
+        self.layout.motors.push(Motor { name, drive, axis, is });
+        Ok(())
+    }
+
+    pub(super) fn encoder(&mut self, table: &Table<'_>) -> Result<(), Wrong> {
+        let motor = self.motor_named(&table.needed_text("motor")?)?;
+        let cycles = table.needs("cycles_per_rev", table.whole("cycles_per_rev", 1, 100_000)?)?;
+        let to = table.needs("'to', like { a = \"x.A\" }", table.table("to", &["a", "b", "index"])?)?;
+        if to.keys().is_empty() {
+            return Err(Wrong { at: to.at, what: "to takes a, b, index or some of them".to_owned() });
+        }
+        let pin = |key| to.text(key)?.map(|text| self.input(&text)).transpose();
+        let encoder =
+            Encoder { motor, cycles_per_rev: cycles.is, a: pin("a")?, b: pin("b")?, index: pin("index")? };
+        self.layout.encoders.push(encoder);
+        Ok(())
+    }
+
+    pub(super) fn switch(&mut self, table: &Table<'_>) -> Result<(), Wrong> {
+        let motor = self.motor_named(&table.needed_text("motor")?)?;
+        let closed = table.table("closed", &["above_rev", "below_rev"])?;
+        let closed = table.needs("'closed', like { above_rev = 2.5 }", closed)?;
+        let bound = |key| closed.number(key, -FURTHEST, FURTHEST);
+        let wrong = |what: String| Wrong { at: closed.at, what };
+        let closed = match (bound("above_rev")?, bound("below_rev")?) {
+            (None, None) => return Err(wrong("closed takes above_rev, below_rev or both".to_owned())),
+            (Some(above), Some(below)) if above.is >= below.is => {
+                let nowhere = format!("above {} and below {} is nowhere", above.is, below.is);
+                return Err(wrong(format!("{nowhere}; two ranges are two switches")));
+            }
+            (above, below) => {
+                Closed { above_rev: above.map(|above| above.is), below_rev: below.map(|below| below.is) }
+            }
+        };
+        let to = self.input(&table.needed_text("to")?)?;
+        self.layout.switches.push(Switch { motor, closed, to });
+        Ok(())
+    }
+
+    pub(super) fn wire(&mut self, table: &Table<'_>) -> Result<(), Wrong> {
+        let (from, to) = (table.needed_text("from")?, table.needed_text("to")?);
+        let wire = Wire { from: self.output(&from)?, to: self.input(&to)? };
+        if wire.from == wire.to {
+            return Err(to.wrong(format!("'{}' is wired to itself", to.is)));
+        }
+        if self.layout.wires.iter().any(|other| (other.from, other.to) == (wire.from, wire.to)) {
+            return Err(from.wrong(format!("'{}' is wired to '{}' already", from.is, to.is)));
+        }
+        self.layout.wires.push(wire);
+        Ok(())
+    }
+
+    fn motor_named(&self, text: &Said<&str>) -> Result<usize, Wrong> {
+        let names = self.layout.motors.iter().map(|motor| motor.name.as_str());
+        let place = names.clone().position(|name| name == text.is);
+        place.ok_or_else(|| text.wrong(nearest::unknown("motor", text.is, names)))
+    }
+
+    /// A pin that a drive reads.
+    fn input(&self, text: &Said<&str>) -> Result<At, Wrong> {
+        let at = self.pin(text.is).map_err(Wrong::at(text.at))?;
+        match self.role(at) {
+            Role::Input | Role::Both | Role::Analogue | Role::Mixed => Ok(at),
+            Role::Output => Err(text.wrong(format!("'{}' is an output; an input is wanted here", text.is))),
+            Role::Led => Err(text.wrong(format!("'{}' is a light; an input is wanted here", text.is))),
+        }
+    }
+
+    /// A pin that a drive can drive.
+    fn output(&self, text: &Said<&str>) -> Result<At, Wrong> {
+        let at = self.pin(text.is).map_err(Wrong::at(text.at))?;
+        match self.role(at) {
+            Role::Output | Role::Both | Role::Led => Ok(at),
+            Role::Input | Role::Analogue | Role::Mixed => {
+                Err(text.wrong(format!("'{}' is an input; an output is wanted here", text.is)))
+            }
+        }
+    }
+
+    fn role(&self, (drive, pin): (usize, Pin)) -> Role {
+        let spec: &Spec = self.spec(drive);
+        spec.pins.get(usize::from(pin.0)).map_or(Role::Input, |pin| pin.role)
+    }
+}
+
+fn stepper(table: &Table<'_>) -> Result<stepper::Parameters, Wrong> {
+    let nominal = stepper::Parameters::NOMINAL;
+    let inertia = table.whole("inertia_gcm2", 1, HEAVIEST)?;
+    Ok(stepper::Parameters {
+        steps_per_rev: table
+            .whole("steps_per_rev", 4, 10_000)?
+            .map_or(nominal.steps_per_rev, |steps| steps.is),
+        holding_unm: thousandths(table, "holding_mnm", 0.0, STRONGEST)?.map_or(nominal.holding_unm, unsigned),
+        rated_ma: table.whole("rated_ma", 1, 100_000)?.map_or(nominal.rated_ma, |rated| rated.is),
+        pull_out_rpm: table.whole("pull_out_rpm", 1, FASTEST)?.map_or(nominal.pull_out_rpm, |speed| speed.is),
+        inertia_gcm2: inertia.map_or(nominal.inertia_gcm2, |inertia| inertia.is),
+        friction_unm: thousandths(table, "friction_mnm", 0.0, STRONGEST)?
+            .map_or(nominal.friction_unm, unsigned),
+        load_unm: thousandths(table, "load_mnm", -STRONGEST, STRONGEST)?.unwrap_or(nominal.load_unm),
+    })
+}
+
+fn brush(table: &Table<'_>) -> Result<BrushKeys, Wrong> {
+    Ok(BrushKeys {
+        supply_mv: thousandths(table, "supply_v", 0.001, 100.0)?.map(unsigned),
+        no_load_rpm: table.whole("no_load_rpm", 60, FASTEST)?.map(|speed| speed.is),
+        resistance_mohm: thousandths(table, "resistance_ohm", 0.01, 1_000.0)?.map(unsigned),
+        inertia_gcm2: table.whole("inertia_gcm2", 1, HEAVIEST)?.map(|inertia| inertia.is),
+        friction_unm: thousandths(table, "friction_mnm", 0.0, STRONGEST)?.map(unsigned),
+        load_unm: thousandths(table, "load_mnm", -STRONGEST, STRONGEST)?,
+        hall_pulses: table.whole("hall_pulses", 1, 1_000)?.map(|pulses| pulses.is),
+    })
+}
+
+/// A number in thousandths of its unit; its range fits an `i32`.
+fn thousandths(table: &Table<'_>, key: &str, least: f64, greatest: f64) -> Result<Option<i32>, Wrong> {
+    Ok(table.number(key, least, greatest)?.map(|number| (number.is * 1_000.0).round() as i32))
+}
+
+fn unsigned(thousandths: i32) -> u32 {
+    thousandths.unsigned_abs()
+}
