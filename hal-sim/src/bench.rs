@@ -17,13 +17,12 @@ mod motors;
 mod tests;
 mod wires;
 
-use std::collections::BTreeMap;
 use std::fmt;
 
 use fixed::types::I48F16;
 use standin_firmware::device::{Device, Duration, Instant, Port, Refused, Shaft, Spec};
 
-use crate::bus::{LineMode, Outside, Wire};
+use crate::bus::{Clients, LineMode, Wire};
 use crate::capture::Capture;
 use crate::schedule::{Class, Event, Heap, Tournament, What};
 use crate::seat::{Outbox, Seated, Tape};
@@ -229,7 +228,7 @@ pub struct Bench {
     buses: Vec<Wire>,
     /// Lines on which somebody is being served.
     busy: usize,
-    clients: BTreeMap<u32, Outside>,
+    clients: Clients,
     /// Clients there have been.
     connected: u32,
     /// Bytes that have arrived from clients, in the order of arrival.
@@ -269,7 +268,7 @@ impl Bench {
             wires: Vec::new(),
             buses: Vec::new(),
             busy: 0,
-            clients: BTreeMap::new(),
+            clients: Clients::default(),
             connected: 0,
             arrivals: 0,
             outbox: Outbox::default(),
@@ -395,8 +394,7 @@ impl Bench {
     /// [`Instant::NEVER`] if nothing is under way.
     #[must_use]
     pub fn next(&self) -> Instant {
-        let characters = self.clients.values().map(Outside::due);
-        characters.fold(self.next_event(), Instant::min)
+        self.next_event().min(self.clients.due())
     }
 
     fn next_event(&self) -> Instant {

@@ -1,6 +1,6 @@
 //! Serial lines: whose turn it is, and when each character is where.
 
-use std::collections::VecDeque;
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
 use standin_firmware::device::{Duration, Instant, Line, Port};
 use standin_protocol::line::Parity;
@@ -100,6 +100,8 @@ pub(crate) struct Outside {
     pub(crate) bus: u32,
     /// Whether it has left, and only its whole messages are still sent.
     pub(crate) left: bool,
+    /// Whether its port gives characters their time itself, so that it gets what a drive says whole.
+    pub(crate) paces_itself: bool,
     pub(crate) sender: Sender,
     /// Bytes that are not on the line yet.
     bytes: VecDeque<u8>,
@@ -209,25 +211,107 @@ impl Outside {
     }
 
     /// A character for it ends at `at`. Two drives that send at once are mixed.
-    pub(crate) fn hear(&mut self, at: Instant, byte: u8) {
+    fn hear(&mut self, at: Instant, byte: u8) {
         let place = self.inbox.partition_point(|&(end, _)| end <= at);
         self.inbox.insert(place, (at, byte));
     }
 
     /// Characters that end after `at` never came.
-    pub(crate) fn hush(&mut self, at: Instant) {
+    fn hush(&mut self, at: Instant) {
         self.inbox.truncate(self.inbox.partition_point(|&(end, _)| end <= at));
     }
 
     /// When the next character for it ends.
-    pub(crate) fn due(&self) -> Instant {
+    fn due(&self) -> Instant {
         self.inbox.front().map_or(Instant::NEVER, |&(end, _)| end)
     }
 
     /// Appends the characters that have ended by `now`.
-    pub(crate) fn receive(&mut self, now: Instant, into: &mut Vec<u8>) -> usize {
+    fn receive(&mut self, now: Instant, into: &mut Vec<u8>) -> usize {
         let count = self.inbox.partition_point(|&(end, _)| end <= now);
         into.extend(self.inbox.drain(..count).map(|(_, byte)| byte));
         count
+    }
+}
+
+/// Everybody outside, and who can read something when. There may be thousands of them, of whom few hear
+/// something at a time.
+#[derive(Default)]
+pub(crate) struct Clients {
+    all: BTreeMap<u32, Outside>,
+    /// When each one can read its next character, if there is one.
+    audible: BTreeSet<(Instant, u32)>,
+}
+
+impl Clients {
+    pub(crate) fn get(&self, id: &u32) -> Option<&Outside> {
+        self.all.get(id)
+    }
+
+    pub(crate) fn get_mut(&mut self, id: &u32) -> Option<&mut Outside> {
+        self.all.get_mut(id)
+    }
+
+    pub(crate) fn insert(&mut self, id: u32, outside: Outside) {
+        self.all.insert(id, outside);
+    }
+
+    pub(crate) fn remove(&mut self, id: &u32) -> Option<Outside> {
+        let outside = self.all.remove(id)?;
+        self.audible.remove(&(outside.due(), *id));
+        Some(outside)
+    }
+
+    /// A client hears nothing more, and is here only until its whole messages are sent.
+    pub(crate) fn leave(&mut self, id: u32) -> Option<&Outside> {
+        self.listening(id, |outside| outside.inbox.clear());
+        let outside = self.all.get_mut(&id)?;
+        outside.left = true;
+        Some(outside)
+    }
+
+    /// Characters for a client, from `start` on; whole then if its port paces itself.
+    pub(crate) fn hear(&mut self, id: u32, start: Instant, character: Duration, bytes: &[u8]) {
+        self.listening(id, |outside| {
+            let character = if outside.paces_itself { Duration::ZERO } else { character };
+            for (n, &byte) in (1..).zip(bytes) {
+                outside.hear(start + character * n, byte);
+            }
+        });
+    }
+
+    /// Characters for a client that end after `at` never came.
+    pub(crate) fn hush(&mut self, id: u32, at: Instant) {
+        self.listening(id, |outside| outside.hush(at));
+    }
+
+    /// Appends the characters that a client can read by `now`; returns how many.
+    pub(crate) fn receive(&mut self, id: u32, now: Instant, into: &mut Vec<u8>) -> usize {
+        self.listening(id, |outside| outside.receive(now, into)).unwrap_or(0)
+    }
+
+    /// When somebody can read the next character.
+    pub(crate) fn due(&self) -> Instant {
+        self.audible.first().map_or(Instant::NEVER, |&(at, _)| at)
+    }
+
+    /// Who can read something by `now`.
+    pub(crate) fn audible(&self, now: Instant) -> impl Iterator<Item = u32> {
+        self.audible.iter().take_while(move |&&(at, _)| at <= now).map(|&(_, id)| id)
+    }
+
+    /// Does something with what a client that has not left hears.
+    fn listening<T>(&mut self, id: u32, act: impl FnOnce(&mut Outside) -> T) -> Option<T> {
+        let outside = self.all.get_mut(&id).filter(|outside| !outside.left)?;
+        let before = outside.due();
+        let result = act(outside);
+        let after = outside.due();
+        if before != after {
+            self.audible.remove(&(before, id));
+            if after < Instant::NEVER {
+                self.audible.insert((after, id));
+            }
+        }
+        Some(result)
     }
 }

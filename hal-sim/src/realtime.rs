@@ -11,7 +11,7 @@ use std::os::unix::net::UnixStream;
 use std::sync::{Arc, mpsc};
 use std::time::{Duration as WallSpan, Instant as WallInstant};
 
-use rustix::event::{EventfdFlags, PollFd, PollFlags, Timespec};
+use rustix::event::EventfdFlags;
 use standin_firmware::device::{Duration, Instant};
 use standin_protocol::time::TICKS_PER_SECOND;
 use standin_sim::bench::Bench;
@@ -121,12 +121,6 @@ pub(crate) struct Host {
     inbox: Inbox,
 }
 
-/// What woke the thread.
-struct Woken {
-    stop: bool,
-    ports: Vec<PollFlags>,
-}
-
 impl Host {
     /// `bench` with `ports`, paced by `pace` from now on, and followed by `waveforms`.
     pub(crate) fn new(
@@ -169,27 +163,32 @@ impl Host {
         }
     }
 
-    /// Serves until something can be read from `stop`.
+    /// Serves until something can be read from `stop`, or the ports are of no use any more.
     ///
     /// # Errors
     /// The system does not let it wait.
     pub(crate) fn run(&mut self, stop: &UnixStream) -> io::Result<()> {
         // Else the kernel wakes us up to 50 µs late, half a character at 115,200 baud.
         let _ = rustix::thread::set_current_timer_slack(NonZeroU64::new(1));
-        loop {
-            let woken = self.wait(stop)?;
-            if woken.stop {
-                return Ok(());
+        let stop = self.ports.wake_for(stop)?;
+        let bell = self.ports.wake_for(&self.inbox.bell)?;
+        while !self.ports.are_over() {
+            self.ports.wait(self.time_left())?;
+            if self.ports.is_ready(stop) {
+                break;
             }
             self.catch_up();
             if self.advance.is_none() {
-                self.ports.take(&mut self.bench, &woken.ports, self.clock.is_none());
-                self.work();
+                self.ports.take(&mut self.bench, self.clock.is_none());
+                if self.ports.is_ready(bell) {
+                    self.work();
+                }
             }
             self.catch_up();
             self.ports.deliver(&mut self.bench);
             self.follow();
         }
+        Ok(())
     }
 
     /// Ends the waveforms where the bench has come to.
@@ -213,34 +212,14 @@ impl Host {
         }
     }
 
-    /// Sleeps until something is to be done.
-    fn wait(&self, stop: &UnixStream) -> io::Result<Woken> {
-        let mut fds = vec![PollFd::new(stop, PollFlags::IN), PollFd::new(&*self.inbox.bell, PollFlags::IN)];
-        self.ports.watch(&self.bench, &mut fds);
-        let timeout = self.time_left().map(|left| Timespec {
-            tv_sec: left.as_secs().try_into().unwrap_or(i64::MAX),
-            tv_nsec: left.subsec_nanos().into(),
-        });
-        match rustix::event::poll(&mut fds, timeout.as_ref()) {
-            Ok(_) | Err(rustix::io::Errno::INTR) => {}
-            Err(error) => return Err(error.into()),
-        }
-        let mut events = fds.iter().map(PollFd::revents);
-        let stop = events.next().is_some_and(|event| !event.is_empty());
-        events.next();
-        Ok(Woken { stop, ports: events.collect() })
-    }
-
     /// How long the thread may sleep; `None` for as long as nothing comes.
     fn time_left(&self) -> Option<WallSpan> {
         if self.advance.is_some() {
             return Some(WallSpan::ZERO);
         }
-        let due = self.clock.as_ref().and_then(|clock| {
-            let due = clock.until(self.next().min(self.ports.deadline()))?;
-            Some(due.saturating_sub(wall().saturating_duration_since(clock.wall)))
-        });
-        due.into_iter().chain(self.ports.next_look()).min()
+        let clock = self.clock.as_ref()?;
+        let due = clock.until(self.next().min(self.ports.deadline()))?;
+        Some(due.saturating_sub(wall().saturating_duration_since(clock.wall)))
     }
 
     /// Brings the bench to where it should be now, or as near as a slice of time gets it.

@@ -165,8 +165,7 @@ impl Bench {
 
     /// A client leaves, and takes its half message along. What was complete is still sent.
     pub fn disconnect(&mut self, client: Client) {
-        let Some(outside) = self.clients.get_mut(&client.0) else { return };
-        outside.left = true;
+        let Some(outside) = self.clients.leave(client.0) else { return };
         let bus = outside.bus;
         if outside.backlog() == 0 {
             self.forget(client.0);
@@ -201,7 +200,28 @@ impl Bench {
 
     /// Appends the characters that have reached a client by now; returns how many.
     pub fn receive(&mut self, client: Client, into: &mut Vec<u8>) -> usize {
-        self.clients.get_mut(&client.0).map_or(0, |outside| outside.receive(self.now, into))
+        self.clients.receive(client.0, self.now, into)
+    }
+
+    /// The clients that can read something now.
+    pub fn audible(&self) -> impl Iterator<Item = Client> {
+        self.clients.audible(self.now).map(Client)
+    }
+
+    /// A client's port gives characters their time itself, as a real serial port does: what a drive says
+    /// reaches it whole, as the first character begins.
+    pub fn let_pace_itself(&mut self, client: Client) {
+        if let Some(outside) = self.clients.get_mut(&client.0) {
+            outside.paces_itself = true;
+        }
+    }
+
+    /// Whether nothing is under way on a line: it is nobody's turn, and nobody's bytes wait for one.
+    #[must_use]
+    pub fn is_at_rest(&self, bus: Bus) -> bool {
+        let wire = &self.buses[bus.0 as usize];
+        let waits = |id| self.clients.get(id).is_some_and(|outside| outside.backlog() > 0);
+        wire.turn == Turn::Free && !wire.clients.iter().any(waits)
     }
 
     /// Somebody opens or leaves the port at the other end of a line (DTR, a pty).
@@ -401,12 +421,8 @@ impl Bench {
             if fast { (Duration::ZERO, Duration::ZERO) } else { (sent.line.character(), took) };
         let wire = &mut self.buses[bus as usize];
         wire.sends_until = wire.sends_until.max(sent.start + lasts);
-        for id in &wire.clients {
-            if let Some(outside) = self.clients.get_mut(id).filter(|outside| !outside.left) {
-                for (n, &byte) in (1..).zip(bytes) {
-                    outside.hear(sent.start + character * n, byte);
-                }
-            }
+        for &id in &wire.clients {
+            self.clients.hear(id, sent.start, character, bytes);
         }
         let start = match (fast, wire.turn) {
             (false, _) => sent.start,
@@ -445,10 +461,8 @@ impl Bench {
             let serials = self.ports(Bus(bus)).iter().filter_map(|&(seat, port)| self.at(seat).serial(port));
             let sends_until = serials.map(|serial| serial.sends_until).max().unwrap_or(now);
             self.buses[bus as usize].sends_until = sends_until;
-            for id in &self.buses[bus as usize].clients {
-                if let Some(outside) = self.clients.get_mut(id) {
-                    outside.hush(now);
-                }
+            for &id in &self.buses[bus as usize].clients {
+                self.clients.hush(id, now);
             }
         }
     }

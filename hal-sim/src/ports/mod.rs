@@ -1,27 +1,38 @@
-//! Where the lines of a bench are reached from outside: ptys and TCP ports.
+//! Where the lines of a bench are reached from outside: ptys, TCP ports, serial ports, standard input and
+//! output.
 //!
-//! All descriptors are non-blocking and belong to the bench's thread. [`Ports::watch`] says what to
-//! wait for, [`Ports::take`] takes what has come, [`Ports::deliver`] hands out what the drives sent.
+//! All descriptors are non-blocking and belong to the bench's thread. [`Ports::wait`] sleeps until something
+//! comes, [`Ports::take`] takes it, [`Ports::deliver`] hands out what the drives sent. Each touches only the
+//! ends of lines where something is to be done, so those where nothing is cost nothing.
 //! Nobody is waited for: a client that does not read loses its connection (TCP) or its characters
 //! (pty), and one that sends faster than its line is read only as fast as the line.
 
 mod link;
 mod pty;
+mod serial;
+mod stdio;
 mod tcp;
+mod timer;
+mod watch;
 
+use std::collections::btree_map::Entry;
+use std::collections::{BTreeMap, BTreeSet};
 use std::io;
-use std::os::fd::OwnedFd;
+use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 use std::path::PathBuf;
 use std::time::Duration;
 
-use rustix::event::{PollFd, PollFlags};
+use rustix::event::epoll::EventFlags;
 use rustix::fs::inotify;
 use standin_firmware::device::Instant;
 use standin_sim::bench::{Bench, Bus, Client};
+use tracing::error;
 
 pub(crate) use link::check_link;
 pub(crate) use pty::PtyError;
+pub(crate) use serial::Device;
 pub(crate) use tcp::{Bound, bind};
+use watch::Watch;
 
 /// Bytes read from a client at once.
 const READ_BYTES: usize = 4096;
@@ -32,22 +43,110 @@ const BACKLOG_BYTES: usize = 4096;
 /// Bytes that may wait for a client that does not read.
 const UNREAD_BYTES: usize = 64 << 10;
 
+/// The end of a line where somebody from outside talks and listens, or may come to.
+trait End {
+    /// Who talks there, while somebody does.
+    fn client(&self) -> Option<Client>;
+
+    /// Its descriptor, while it has one.
+    fn fd(&self) -> Option<BorrowedFd<'_>>;
+
+    /// What is waited for; not even for errors if `None`.
+    fn interest(&self, bench: &Bench) -> Option<EventFlags>;
+
+    /// Takes what has come. In manual time it has its whole effect now.
+    fn take(&mut self, bench: &mut Bench, ready: EventFlags, manual: bool);
+
+    /// Hands out what the drives have sent by now.
+    fn deliver(&mut self, bench: &mut Bench);
+
+    /// When it is of no use any more.
+    fn ends(&self) -> Instant {
+        Instant::NEVER
+    }
+
+    /// Whether [`End::deliver`] is wanted whenever time has gone on, though the drives may have sent nothing.
+    fn goes_with_time(&self) -> bool {
+        false
+    }
+
+    /// How long after each other it wants to be looked at, because of what nothing tells.
+    fn pause(&self) -> Option<Duration> {
+        None
+    }
+
+    /// Looks at what nothing tells.
+    fn look(&mut self, _bench: &mut Bench) {}
+
+    /// Somebody opens or closes it, as far as openings tell.
+    fn opened_or_closed(&mut self, _bench: &mut Bench, _events: inotify::ReadFlags) {}
+
+    /// It is of no use any more: who talks there leaves.
+    fn leave(&mut self, bench: &mut Bench);
+}
+
+/// An end of a line, and what is known of it.
+struct Place {
+    end: Box<dyn End>,
+    client: Option<Client>,
+    /// What the system was told to wait for.
+    interest: Option<EventFlags>,
+    ends: Instant,
+    pause: Option<Duration>,
+}
+
+/// Who is looked at again and again.
+struct Round {
+    timer: OwnedFd,
+    number: u64,
+    places: BTreeSet<u64>,
+}
+
 /// All ports of a bench.
 pub(crate) struct Ports {
-    tcp: Vec<tcp::Listener>,
-    ptys: Vec<pty::Pty>,
+    watch: Watch,
+    listeners: BTreeMap<u64, tcp::Listener>,
+    places: BTreeMap<u64, Place>,
+    /// The place of each client.
+    clients: BTreeMap<Client, u64>,
+    /// Those for which it matters that time goes on: it may make room for more of those that are not read.
+    going: BTreeSet<u64>,
+    /// Those that end, and when.
+    ending: BTreeSet<(Instant, u64)>,
+    rounds: BTreeMap<Duration, Round>,
     /// Tells who opens a pty.
     openings: OwnedFd,
+    /// The ptys by their watches among the openings.
+    ptys: BTreeMap<i32, u64>,
+    /// The place of standard input and output.
+    stdio: Option<u64>,
+    /// The last number given.
+    last: u64,
 }
 
 impl Ports {
     /// No port yet.
     ///
     /// # Errors
-    /// The system gives no inotify instance.
+    /// The system gives no epoll or inotify instance.
     pub(crate) fn new() -> io::Result<Self> {
         let openings = inotify::init(inotify::CreateFlags::NONBLOCK | inotify::CreateFlags::CLOEXEC)?;
-        Ok(Self { tcp: Vec::new(), ptys: Vec::new(), openings })
+        let mut ports = Self {
+            watch: Watch::new()?,
+            listeners: BTreeMap::new(),
+            places: BTreeMap::new(),
+            clients: BTreeMap::new(),
+            going: BTreeSet::new(),
+            ending: BTreeSet::new(),
+            rounds: BTreeMap::new(),
+            openings,
+            ptys: BTreeMap::new(),
+            stdio: None,
+            last: 0,
+        };
+        let number = ports.number();
+        ports.watch.add(number, &ports.openings, EventFlags::IN)?;
+        Ok(ports)
     }
 
     /// Reaches `bus` by a TCP port, from now on; returns its URI.
@@ -57,7 +156,9 @@ impl Ports {
     pub(crate) fn add_tcp(&mut self, bus: Bus, bound: Bound) -> io::Result<String> {
         let listener = tcp::Listener::new(bus, bound)?;
         let uri = format!("tcp:{}", listener.address());
-        self.tcp.push(listener);
+        let number = self.number();
+        self.watch.add(number, listener.socket(), EventFlags::IN)?;
+        self.listeners.insert(number, listener);
         Ok(uri)
     }
 
@@ -67,70 +168,248 @@ impl Ports {
     /// There is no pty to be had, or no link to be made.
     pub(crate) fn add_pty(&mut self, bus: Bus, link: Option<PathBuf>) -> Result<PathBuf, PtyError> {
         let pty = pty::Pty::new(bus, link, &self.openings)?;
-        let path = pty.path().to_owned();
-        self.ptys.push(pty);
+        let (path, watch) = (pty.path().to_owned(), pty.watch());
+        let number = self.place(Box::new(pty));
+        self.ptys.insert(watch, number);
         Ok(path)
     }
 
-    /// What to wait for. [`take`](Self::take) gets the answers in the same order.
-    pub(crate) fn watch<'a>(&'a self, bench: &Bench, fds: &mut Vec<PollFd<'a>>) {
-        fds.push(PollFd::new(&self.openings, PollFlags::IN));
-        for pty in &self.ptys {
-            pty.watch(bench, fds);
-        }
-        for listener in &self.tcp {
-            listener.watch(bench, fds);
-        }
+    /// Reaches `bus` by a serial port of this machine.
+    pub(crate) fn add_serial(&mut self, bench: &mut Bench, bus: Bus, device: Device) {
+        let number = self.place(Box::new(serial::Serial::new(bench, bus, device)));
+        self.note(bench, number);
+    }
+
+    /// Reaches `bus` by standard input and output, with which the bench ends.
+    ///
+    /// # Errors
+    /// The system gives no sockets or threads.
+    pub(crate) fn add_stdio(&mut self, bench: &mut Bench, bus: Bus) -> io::Result<()> {
+        let number = self.place(Box::new(stdio::Stdio::new(bench, bus)?));
+        self.stdio = Some(number);
+        self.note(bench, number);
+        Ok(())
+    }
+
+    /// Wakes for somebody else, too, whose descriptor gets the number that is returned.
+    ///
+    /// # Errors
+    /// The system cannot wait for that.
+    pub(crate) fn wake_for(&mut self, fd: impl AsFd) -> io::Result<u64> {
+        let number = self.number();
+        self.watch.add(number, fd, EventFlags::IN)?;
+        Ok(number)
+    }
+
+    /// Sleeps until something comes, or for `timeout`.
+    ///
+    /// # Errors
+    /// The system does not let it wait.
+    pub(crate) fn wait(&mut self, timeout: Option<Duration>) -> io::Result<()> {
+        self.watch.wait(timeout)
+    }
+
+    /// Whether that woke it.
+    pub(crate) fn is_ready(&self, number: u64) -> bool {
+        self.watch.ready().any(|(ready, _)| ready == number)
     }
 
     /// When a port wants to be looked at though nothing comes.
     pub(crate) fn deadline(&self) -> Instant {
-        self.tcp.iter().map(tcp::Listener::deadline).min().unwrap_or(Instant::NEVER)
+        self.ending.first().map_or(Instant::NEVER, |&(at, _)| at)
     }
 
-    /// How soon a port wants to be looked at in any case, as the wall clock counts.
-    pub(crate) fn next_look(&self) -> Option<Duration> {
-        self.ptys.iter().filter_map(pty::Pty::next_look).min()
+    /// Whether the bench is of no use any more, because standard input has ended and all is answered.
+    pub(crate) fn are_over(&self) -> bool {
+        self.stdio.is_some_and(|stdio| !self.places.contains_key(&stdio))
     }
 
     /// Takes what has come. In manual time one request is over before the next one is looked at.
-    pub(crate) fn take(&mut self, bench: &mut Bench, ready: &[PollFlags], manual: bool) {
-        let mut ready = ready.iter().copied();
-        let opened = ready.next().is_some_and(|ready| !ready.is_empty());
-        let mut of_pty = |pty: &pty::Pty| if pty.is_open() { ready.next() } else { None };
-        let of_ptys: Vec<_> = self.ptys.iter().map(|pty| of_pty(pty).unwrap_or(PollFlags::empty())).collect();
+    pub(crate) fn take(&mut self, bench: &mut Bench, manual: bool) {
+        let ready: Vec<_> = self.watch.ready().collect();
         // What somebody sent who came a moment ago is his, not his predecessor's.
-        if opened {
+        if !ready.is_empty() && !self.ptys.is_empty() {
             self.note_openings(bench);
         }
-        for (pty, ready) in self.ptys.iter_mut().zip(of_ptys) {
-            pty.take(bench, ready, manual);
-        }
-        for listener in &mut self.tcp {
-            listener.take(bench, &mut ready, manual);
+        for (number, flags) in ready {
+            if let Some(place) = self.places.get_mut(&number) {
+                place.end.take(bench, flags, manual);
+                if flags.contains(EventFlags::OUT) {
+                    place.end.deliver(bench);
+                }
+                self.note(bench, number);
+            } else if self.listeners.contains_key(&number) {
+                self.accept(bench, number);
+            } else {
+                self.go_round(bench, number);
+            }
         }
     }
 
     /// Hands out what the drives have sent by now.
     pub(crate) fn deliver(&mut self, bench: &mut Bench) {
-        for pty in &mut self.ptys {
-            pty.deliver(bench);
+        let audible = bench.audible().filter_map(|client| self.clients.get(&client).copied());
+        let numbers: Vec<u64> = audible.chain(self.going.iter().copied()).collect();
+        for number in numbers {
+            if let Some(place) = self.places.get_mut(&number) {
+                place.end.deliver(bench);
+                self.note(bench, number);
+            }
         }
-        for listener in &mut self.tcp {
-            listener.deliver(bench);
+        while let Some(&(at, number)) = self.ending.first()
+            && at <= bench.now()
+        {
+            self.remove(bench, number);
         }
+    }
+
+    /// A number for something new.
+    fn number(&mut self) -> u64 {
+        self.last += 1;
+        self.last
+    }
+
+    fn place(&mut self, end: Box<dyn End>) -> u64 {
+        let number = self.number();
+        let place = Place { end, client: None, interest: None, ends: Instant::NEVER, pause: None };
+        self.places.insert(number, place);
+        number
+    }
+
+    /// Notes what has become of an end.
+    fn note(&mut self, bench: &Bench, number: u64) {
+        let Some(place) = self.places.get_mut(&number) else { return };
+        let Place { end, client, interest, ends, pause } = place;
+        if end.client() != *client {
+            if let Some(gone) = std::mem::replace(client, end.client()) {
+                self.clients.remove(&gone);
+            }
+            if let Some(client) = *client {
+                self.clients.insert(client, number);
+            }
+        }
+        let wanted = end.interest(bench);
+        if wanted != *interest
+            && let Some(fd) = end.fd()
+        {
+            let told = match (*interest, wanted) {
+                (None, Some(wanted)) => self.watch.add(number, fd, wanted),
+                (Some(_), Some(wanted)) => self.watch.change(number, fd, wanted),
+                (_, None) => self.watch.remove(fd),
+            };
+            if let Err(error) = told {
+                error!("a port cannot be waited for: {error}");
+            }
+        }
+        *interest = wanted;
+        if end.ends() != *ends {
+            self.ending.remove(&(*ends, number));
+            *ends = end.ends();
+            self.ending.insert((*ends, number));
+        }
+        let reads = wanted.is_some_and(|wanted| wanted.contains(EventFlags::IN));
+        let held_back = client.is_some() && !reads && *ends == Instant::NEVER;
+        if held_back || end.goes_with_time() {
+            self.going.insert(number);
+        } else {
+            self.going.remove(&number);
+        }
+        if end.pause() != *pause {
+            let (old, new) = (std::mem::replace(pause, end.pause()), end.pause());
+            self.look_every(number, old, new);
+        }
+    }
+
+    /// An end is looked at in other rounds than before.
+    fn look_every(&mut self, number: u64, old: Option<Duration>, new: Option<Duration>) {
+        if let Some(round) = old.and_then(|pause| self.rounds.get_mut(&pause)) {
+            round.places.remove(&number);
+            if round.places.is_empty() {
+                timer::stop(&round.timer);
+            }
+        }
+        let Some(pause) = new else { return };
+        let round = match self.rounds.entry(pause) {
+            Entry::Occupied(round) => round.into_mut(),
+            Entry::Vacant(vacant) => {
+                self.last += 1;
+                let timer = timer::new().and_then(|timer| {
+                    self.watch.add(self.last, &timer, EventFlags::IN)?;
+                    Ok(timer)
+                });
+                match timer {
+                    Ok(timer) => vacant.insert(Round { timer, number: self.last, places: BTreeSet::new() }),
+                    Err(error) => return error!("a port cannot be looked at again: {error}"),
+                }
+            }
+        };
+        if round.places.is_empty() {
+            timer::start(&round.timer, pause);
+        }
+        round.places.insert(number);
+    }
+
+    /// Looks at the ends of a round whose timer has told so.
+    fn go_round(&mut self, bench: &mut Bench, timer: u64) {
+        let Some(round) = self.rounds.values().find(|round| round.number == timer) else { return };
+        timer::hear(&round.timer);
+        for number in round.places.iter().copied().collect::<Vec<_>>() {
+            if let Some(place) = self.places.get_mut(&number) {
+                place.end.look(bench);
+                self.note(bench, number);
+            }
+        }
+    }
+
+    /// Lets in who knocks at a TCP port.
+    fn accept(&mut self, bench: &mut Bench, listener: u64) {
+        while let Some(connection) = self.listeners.get(&listener).and_then(|listener| listener.accept(bench))
+        {
+            let number = self.place(Box::new(connection));
+            self.note(bench, number);
+        }
+    }
+
+    /// An end is of no use any more.
+    fn remove(&mut self, bench: &mut Bench, number: u64) {
+        let Some(mut place) = self.places.remove(&number) else { return };
+        if let Some(fd) = place.end.fd() {
+            // One that nothing is waited for is not there.
+            let _ = self.watch.remove(fd);
+        }
+        place.end.leave(bench);
+        if let Some(client) = place.client {
+            self.clients.remove(&client);
+        }
+        self.ending.remove(&(place.ends, number));
+        self.going.remove(&number);
+        self.look_every(number, place.pause, None);
     }
 
     /// Tells each pty who opened or left it.
     fn note_openings(&mut self, bench: &mut Bench) {
+        let mut told = Vec::new();
         let mut buffer = [std::mem::MaybeUninit::uninit(); 1024];
         let mut events = inotify::Reader::new(&self.openings, &mut buffer);
         while let Ok(event) = events.next() {
-            if let Some(pty) = self.ptys.iter_mut().find(|pty| pty.is_watched_by(event.wd())) {
-                pty.opened_or_closed(bench, event.events());
+            told.push((event.wd(), event.events()));
+        }
+        for (watch, events) in told {
+            let Some(&number) = self.ptys.get(&watch) else { continue };
+            if let Some(place) = self.places.get_mut(&number) {
+                place.end.opened_or_closed(bench, events);
+                self.note(bench, number);
             }
         }
     }
+}
+
+/// What to wait for of somebody who talks and listens.
+fn interest(reads: bool, unread: &[u8]) -> EventFlags {
+    let mut interest = EventFlags::empty();
+    interest.set(EventFlags::IN, reads);
+    interest.set(EventFlags::OUT, !unread.is_empty());
+    interest
 }
 
 /// Whether a client may be read further.
@@ -146,7 +425,7 @@ fn over(bench: &mut Bench, manual: bool) {
 }
 
 /// Writes as much of `bytes` as the other end takes now, and removes it.
-fn write_some(to: impl std::os::fd::AsFd, bytes: &mut Vec<u8>) -> io::Result<()> {
+fn write_some(to: impl AsFd, bytes: &mut Vec<u8>) -> io::Result<()> {
     while !bytes.is_empty() {
         match rustix::io::write(&to, bytes) {
             Ok(written) => drop(bytes.drain(..written)),
@@ -169,7 +448,7 @@ enum Came {
 }
 
 /// Reads what is there.
-fn read_some(from: impl std::os::fd::AsFd, buffer: &mut [u8]) -> Came {
+fn read_some(from: impl AsFd, buffer: &mut [u8]) -> Came {
     match rustix::io::read(from, buffer) {
         Ok(0) => Came::End,
         Ok(count) => Came::Bytes(count),

@@ -11,12 +11,12 @@
 use std::ffi::OsStr;
 use std::fmt;
 use std::io;
-use std::os::fd::{AsFd, OwnedFd};
+use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 use std::os::unix::ffi::OsStrExt;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use rustix::event::{PollFd, PollFlags};
+use rustix::event::epoll::EventFlags;
 use rustix::fs::{OFlags, inotify};
 use rustix::pty::OpenptFlags;
 use rustix::termios::{
@@ -27,7 +27,7 @@ use standin_sim::bus::Sender;
 use tracing::{info, warn};
 
 use super::link::Link;
-use super::{Came, READ_BYTES, UNREAD_BYTES, may_read, over, read_some, write_some};
+use super::{Came, End, READ_BYTES, UNREAD_BYTES, interest, may_read, over, read_some, write_some};
 
 /// A pty of a line.
 pub(super) struct Pty {
@@ -113,82 +113,9 @@ impl Pty {
         &self.path
     }
 
-    pub(super) fn is_watched_by(&self, watch: i32) -> bool {
-        self.watch == watch
-    }
-
-    /// A pty that nobody has open is always "ready", so it is left to the openings then.
-    pub(super) fn watch<'a>(&'a self, bench: &Bench, fds: &mut Vec<PollFd<'a>>) {
-        if let Some(client) = self.client {
-            let mut interest = PollFlags::empty();
-            interest.set(PollFlags::IN, may_read(bench, client, &self.unread));
-            interest.set(PollFlags::OUT, !self.unread.is_empty());
-            fds.push(PollFd::new(&self.master, interest));
-        }
-    }
-
-    /// Whether somebody has it open, as far as is known; only then it is watched.
-    pub(super) fn is_open(&self) -> bool {
-        self.client.is_some()
-    }
-
-    pub(super) fn take(&mut self, bench: &mut Bench, ready: PollFlags, manual: bool) {
-        let Some(client) = self.client else { return };
-        if let Err(error) = self.look() {
-            warn!("the settings of {} cannot be kept: {error}", self.path.display());
-        }
-        if !ready.intersects(PollFlags::IN | PollFlags::HUP | PollFlags::ERR) {
-            return;
-        }
-        let gone = ready.contains(PollFlags::HUP);
-        // Of somebody who is gone all is taken at once, lest the next one adds to it.
-        loop {
-            if self.is_full(bench) {
-                // `HUP` is told unasked: he sent more than the line can take.
-                return self.clear(bench);
-            }
-            let mut buffer = [0; READ_BYTES];
-            match read_some(&self.master, &mut buffer) {
-                Came::Bytes(count) => {
-                    let sender = self.sender(bench);
-                    bench.send_from(client, &buffer[..count], sender);
-                    over(bench, manual);
-                    if !gone {
-                        return;
-                    }
-                }
-                Came::End => return self.clear(bench),
-                Came::Nothing => return,
-            }
-        }
-    }
-
-    pub(super) fn deliver(&mut self, bench: &mut Bench) {
-        let Some(client) = self.client else { return };
-        bench.receive(client, &mut self.unread);
-        // A failure here is the other end going away, which the next read tells.
-        let _ = write_some(&self.master, &mut self.unread);
-        // As on a real port, what is not read in time is lost.
-        self.unread.truncate(UNREAD_BYTES);
-    }
-
-    /// What the openings tell of this pty. Whether anybody is there at all the next read tells for
-    /// certain; what is seen here only is somebody who leaves and comes back between two looks.
-    pub(super) fn opened_or_closed(&mut self, bench: &mut Bench, events: inotify::ReadFlags) {
-        if events.contains(inotify::ReadFlags::OPEN) {
-            if self.openers == 0 {
-                if self.is_full(bench) {
-                    self.clear(bench);
-                }
-                self.leave(bench);
-            }
-            if self.client.is_none() {
-                self.arrive(bench);
-            }
-            self.openers += 1;
-        } else if events.intersects(inotify::ReadFlags::CLOSE_WRITE | inotify::ReadFlags::CLOSE_NOWRITE) {
-            self.openers = self.openers.saturating_sub(1);
-        }
+    /// Its watch among the openings.
+    pub(super) fn watch(&self) -> i32 {
+        self.watch
     }
 
     /// Whether somebody is there of whom no more is read.
@@ -210,23 +137,8 @@ impl Pty {
         bench.attach(self.bus, true);
     }
 
-    fn leave(&mut self, bench: &mut Bench) {
-        if let Some(client) = self.client.take() {
-            info!("{} is left", self.path.display());
-            bench.disconnect(client);
-            bench.attach(self.bus, false);
-        }
-        self.openers = 0;
-        self.unread.clear();
-    }
-
-    /// When to look at its settings again; `None` while nobody is there to change them.
-    pub(super) fn next_look(&self) -> Option<Duration> {
-        self.client.map(|_| LOOK)
-    }
-
     /// Sets the flags that wait to be changed, if somebody has cleared them.
-    fn look(&mut self) -> io::Result<()> {
+    fn keep_waiting(&mut self) -> io::Result<()> {
         let mut settings = tcgetattr(&self.master)?;
         if !settings.local_modes.contains(WAITING) {
             self.other = !self.other;
@@ -273,6 +185,99 @@ impl Pty {
             );
         }
         sender
+    }
+}
+
+impl End for Pty {
+    fn client(&self) -> Option<Client> {
+        self.client
+    }
+
+    fn fd(&self) -> Option<BorrowedFd<'_>> {
+        Some(self.master.as_fd())
+    }
+
+    /// A pty that nobody has open is always "ready", so it is left to the openings then.
+    fn interest(&self, bench: &Bench) -> Option<EventFlags> {
+        self.client.map(|client| interest(may_read(bench, client, &self.unread), &self.unread))
+    }
+
+    fn take(&mut self, bench: &mut Bench, ready: EventFlags, manual: bool) {
+        let Some(client) = self.client else { return };
+        self.look(bench);
+        if !ready.intersects(EventFlags::IN | EventFlags::HUP | EventFlags::ERR) {
+            return;
+        }
+        let gone = ready.contains(EventFlags::HUP);
+        // Of somebody who is gone all is taken at once, lest the next one adds to it.
+        loop {
+            if self.is_full(bench) {
+                // `HUP` is told unasked: he sent more than the line can take.
+                return self.clear(bench);
+            }
+            let mut buffer = [0; READ_BYTES];
+            match read_some(&self.master, &mut buffer) {
+                Came::Bytes(count) => {
+                    let sender = self.sender(bench);
+                    bench.send_from(client, &buffer[..count], sender);
+                    over(bench, manual);
+                    if !gone {
+                        return;
+                    }
+                }
+                Came::End => return self.clear(bench),
+                Came::Nothing => return,
+            }
+        }
+    }
+
+    fn deliver(&mut self, bench: &mut Bench) {
+        let Some(client) = self.client else { return };
+        bench.receive(client, &mut self.unread);
+        // A failure here is the other end going away, which the next read tells.
+        let _ = write_some(&self.master, &mut self.unread);
+        // As on a real port, what is not read in time is lost.
+        self.unread.truncate(UNREAD_BYTES);
+    }
+
+    /// An open pty does not tell when its settings change; while nobody is there nobody changes them.
+    fn pause(&self) -> Option<Duration> {
+        self.client.map(|_| LOOK)
+    }
+
+    fn look(&mut self, _bench: &mut Bench) {
+        if let Err(error) = self.keep_waiting() {
+            warn!("the settings of {} cannot be kept: {error}", self.path.display());
+        }
+    }
+
+    /// Whether anybody is there at all the next read tells for certain; what is seen here only is
+    /// somebody who leaves and comes back between two looks.
+    fn opened_or_closed(&mut self, bench: &mut Bench, events: inotify::ReadFlags) {
+        if events.contains(inotify::ReadFlags::OPEN) {
+            if self.openers == 0 {
+                if self.is_full(bench) {
+                    self.clear(bench);
+                }
+                self.leave(bench);
+            }
+            if self.client.is_none() {
+                self.arrive(bench);
+            }
+            self.openers += 1;
+        } else if events.intersects(inotify::ReadFlags::CLOSE_WRITE | inotify::ReadFlags::CLOSE_NOWRITE) {
+            self.openers = self.openers.saturating_sub(1);
+        }
+    }
+
+    fn leave(&mut self, bench: &mut Bench) {
+        if let Some(client) = self.client.take() {
+            info!("{} is left", self.path.display());
+            bench.disconnect(client);
+            bench.attach(self.bus, false);
+        }
+        self.openers = 0;
+        self.unread.clear();
     }
 }
 

@@ -2,15 +2,16 @@
 
 use std::io;
 use std::net::{SocketAddr, TcpListener, TcpStream, ToSocketAddrs};
-use std::os::fd::OwnedFd;
+use std::os::fd::{AsFd as _, BorrowedFd, OwnedFd};
+use std::rc::Rc;
 
-use rustix::event::{PollFd, PollFlags};
+use rustix::event::epoll::EventFlags;
 use rustix::net::{AddressFamily, SocketFlags, SocketType, sockopt};
 use standin_firmware::device::{Duration, Instant};
 use standin_sim::bench::{Bench, Bus, Client};
-use tracing::{info, warn};
+use tracing::{debug, info, warn};
 
-use super::{Came, READ_BYTES, UNREAD_BYTES, may_read, over, read_some, write_some};
+use super::{Came, End, READ_BYTES, UNREAD_BYTES, interest, may_read, over, read_some, write_some};
 
 /// Connections that a port takes at once; the next one is closed.
 const MAX_CLIENTS: usize = 64;
@@ -57,25 +58,24 @@ impl Bound {
     }
 }
 
-/// A TCP port of a line, and who is connected.
+/// A TCP port of a line.
 pub(super) struct Listener {
     socket: TcpListener,
-    address: SocketAddr,
     bus: Bus,
-    clients: Vec<Connection>,
+    /// Where it is. Each connection has it, too, so they are counted by it.
+    address: Rc<SocketAddr>,
 }
 
 /// One client.
-struct Connection {
+pub(super) struct Connection {
     stream: TcpStream,
     peer: SocketAddr,
+    address: Rc<SocketAddr>,
     client: Client,
     /// What the drives sent and it has not taken.
     unread: Vec<u8>,
-    /// It sends no more, and is let go then.
-    leaves: Option<Instant>,
-    /// The connection is of no use any more.
-    broken: bool,
+    /// When it ends: it sends no more, or is of no use any more.
+    ends: Instant,
 }
 
 impl Listener {
@@ -85,60 +85,32 @@ impl Listener {
     /// The system refuses.
     pub(super) fn new(bus: Bus, bound: Bound) -> io::Result<Self> {
         let socket = bound.listen()?;
-        let address = socket.local_addr()?;
-        Ok(Self { socket, address, bus, clients: Vec::new() })
+        let address = Rc::new(socket.local_addr()?);
+        Ok(Self { socket, bus, address })
     }
 
     /// Where it listens.
     pub(super) fn address(&self) -> SocketAddr {
-        self.address
+        *self.address
     }
 
-    /// When the next client is to be let go.
-    pub(super) fn deadline(&self) -> Instant {
-        self.clients.iter().filter_map(|client| client.leaves).min().unwrap_or(Instant::NEVER)
+    /// What tells that somebody knocks.
+    pub(super) fn socket(&self) -> &TcpListener {
+        &self.socket
     }
 
-    pub(super) fn watch<'a>(&'a self, bench: &Bench, fds: &mut Vec<PollFd<'a>>) {
-        fds.push(PollFd::new(&self.socket, PollFlags::IN));
-        for client in &self.clients {
-            fds.push(PollFd::new(&client.stream, client.interest(bench)));
-        }
-    }
-
-    pub(super) fn take(
-        &mut self,
-        bench: &mut Bench,
-        ready: &mut impl Iterator<Item = PollFlags>,
-        manual: bool,
-    ) {
-        let called = ready.next().is_some_and(|ready| !ready.is_empty());
-        for client in &mut self.clients {
-            client.take(bench, ready.next().unwrap_or(PollFlags::empty()), manual);
-        }
-        if called {
-            self.accept(bench);
-        }
-    }
-
-    pub(super) fn deliver(&mut self, bench: &mut Bench) {
-        for client in &mut self.clients {
-            client.deliver(bench);
-        }
-        let now = bench.now();
-        self.clients.retain(|client| {
-            let stays = !client.broken && client.leaves.is_none_or(|leaves| now < leaves);
-            if !stays {
-                info!("{} leaves tcp:{}", client.peer, self.address);
-                bench.disconnect(client.client);
-            }
-            stays
-        });
-    }
-
-    fn accept(&mut self, bench: &mut Bench) {
-        while let Ok((stream, peer)) = self.socket.accept() {
-            if self.clients.len() >= MAX_CLIENTS {
+    /// The next one who knocks and can be served.
+    pub(super) fn accept(&self, bench: &mut Bench) -> Option<Connection> {
+        loop {
+            let (stream, peer) = match self.socket.accept() {
+                Ok(accepted) => accepted,
+                Err(error) if error.kind() == io::ErrorKind::WouldBlock => return None,
+                Err(error) => {
+                    debug!("somebody cannot come to tcp:{}: {error}", self.address);
+                    return None;
+                }
+            };
+            if Rc::strong_count(&self.address) > MAX_CLIENTS {
                 warn!("{peer} is turned away from tcp:{}: {MAX_CLIENTS} are there", self.address);
                 continue;
             }
@@ -147,31 +119,48 @@ impl Listener {
                 continue;
             }
             info!("{peer} comes to tcp:{}", self.address);
-            let client = bench.connect(self.bus);
-            self.clients.push(Connection {
+            return Some(Connection {
                 stream,
                 peer,
-                client,
+                address: Rc::clone(&self.address),
+                client: bench.connect(self.bus),
                 unread: Vec::new(),
-                leaves: None,
-                broken: false,
+                ends: Instant::NEVER,
             });
         }
     }
 }
 
 impl Connection {
-    fn interest(&self, bench: &Bench) -> PollFlags {
-        let mut interest = PollFlags::empty();
-        interest.set(PollFlags::IN, self.leaves.is_none() && may_read(bench, self.client, &self.unread));
-        interest.set(PollFlags::OUT, !self.unread.is_empty());
-        interest
+    /// Whether it has said all that it has to say.
+    fn is_leaving(&self) -> bool {
+        self.ends < Instant::NEVER
     }
 
-    fn take(&mut self, bench: &mut Bench, ready: PollFlags, manual: bool) {
-        if ready.contains(PollFlags::ERR) || (ready.contains(PollFlags::HUP) && self.leaves.is_some()) {
-            self.broken = true;
-        } else if self.leaves.is_none() && ready.intersects(PollFlags::IN | PollFlags::HUP) {
+    /// It is of no use any more.
+    fn broken(&mut self) {
+        self.ends = Instant::ZERO;
+    }
+}
+
+impl End for Connection {
+    fn client(&self) -> Option<Client> {
+        Some(self.client)
+    }
+
+    fn fd(&self) -> Option<BorrowedFd<'_>> {
+        Some(self.stream.as_fd())
+    }
+
+    fn interest(&self, bench: &Bench) -> Option<EventFlags> {
+        let reads = !self.is_leaving() && may_read(bench, self.client, &self.unread);
+        Some(interest(reads, &self.unread))
+    }
+
+    fn take(&mut self, bench: &mut Bench, ready: EventFlags, manual: bool) {
+        if ready.contains(EventFlags::ERR) || (ready.contains(EventFlags::HUP) && self.is_leaving()) {
+            self.broken();
+        } else if !self.is_leaving() && ready.intersects(EventFlags::IN | EventFlags::HUP) {
             let mut buffer = [0; READ_BYTES];
             match read_some(&self.stream, &mut buffer) {
                 Came::Bytes(count) => {
@@ -180,9 +169,7 @@ impl Connection {
                 }
                 // It may have closed one direction only and wait for a reply; in manual time there is
                 // none to wait for.
-                Came::End => {
-                    self.leaves = Some(if manual { bench.now() } else { bench.now() + LAST_WORDS });
-                }
+                Came::End => self.ends = if manual { bench.now() } else { bench.now() + LAST_WORDS },
                 Came::Nothing => {}
             }
         }
@@ -191,10 +178,19 @@ impl Connection {
     fn deliver(&mut self, bench: &mut Bench) {
         bench.receive(self.client, &mut self.unread);
         if write_some(&self.stream, &mut self.unread).is_err() {
-            self.broken = true;
+            self.broken();
         } else if self.unread.len() > UNREAD_BYTES {
             warn!("{} does not read and is disconnected", self.peer);
-            self.broken = true;
+            self.broken();
         }
+    }
+
+    fn ends(&self) -> Instant {
+        self.ends
+    }
+
+    fn leave(&mut self, bench: &mut Bench) {
+        info!("{} leaves tcp:{}", self.peer, self.address);
+        bench.disconnect(self.client);
     }
 }

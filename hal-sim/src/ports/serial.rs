@@ -1,0 +1,188 @@
+//! A line reached by a serial port of this machine.
+//!
+//! It is the drive's end of a cable, so its settings follow the drive's, and it gives characters their time
+//! itself: what a drive sends goes there whole. A character of wrong parity comes as 0, by which its frame
+//! fails. The port is ours alone. One that is unplugged is looked for until it is back; meanwhile nobody is
+//! on that end of the line. Its modem lines are not read: a drive that its host resets (by DTR) is reset when
+//! the port is there, and not when a program at the other end opens its own.
+
+use std::io;
+use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use rustix::event::epoll::EventFlags;
+use rustix::fs::{Mode, OFlags};
+use rustix::termios::{
+    ControlModes, InputModes, OptionalActions, QueueSelector, ioctl_tiocexcl, isatty, tcflush, tcgetattr,
+    tcsetattr,
+};
+use standin_firmware::device::Line;
+use standin_protocol::line::Parity;
+use standin_sim::bench::{Bench, Bus, Client};
+use tracing::{info, warn};
+
+use super::{Came, End, READ_BYTES, UNREAD_BYTES, interest, may_read, over, read_some, write_some};
+
+/// Time between two attempts to find a port that is gone.
+const RETRY: Duration = Duration::from_secs(1);
+
+/// A serial port that is open.
+pub(crate) struct Device {
+    path: PathBuf,
+    fd: OwnedFd,
+}
+
+impl Device {
+    /// Opens the serial port `path`.
+    ///
+    /// # Errors
+    /// It is none, it is not there, or somebody else has it.
+    pub(crate) fn open(path: &Path) -> io::Result<Self> {
+        let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::NONBLOCK | OFlags::CLOEXEC;
+        let fd = rustix::fs::open(path, flags, Mode::empty())?;
+        if !isatty(&fd) {
+            return Err(io::Error::new(io::ErrorKind::InvalidInput, "not a serial port"));
+        }
+        ioctl_tiocexcl(&fd)?;
+        Ok(Self { path: path.into(), fd })
+    }
+}
+
+/// A serial port of a line.
+pub(super) struct Serial {
+    path: PathBuf,
+    /// `None` while it is gone.
+    fd: Option<OwnedFd>,
+    /// The settings it has.
+    line: Option<Line>,
+    bus: Bus,
+    client: Option<Client>,
+    /// What the drives sent and it has not taken.
+    unread: Vec<u8>,
+}
+
+impl Serial {
+    /// A port of `bus`.
+    pub(super) fn new(bench: &mut Bench, bus: Bus, device: Device) -> Self {
+        let Device { path, fd } = device;
+        let mut serial = Self { path, fd: None, line: None, bus, client: None, unread: Vec::new() };
+        serial.come(bench, fd);
+        serial
+    }
+
+    /// The port is there.
+    fn come(&mut self, bench: &mut Bench, fd: OwnedFd) {
+        self.line = None;
+        // What was sent before is nobody's.
+        let _ = tcflush(&fd, QueueSelector::IOFlush);
+        self.fd = Some(fd);
+        self.follow(bench);
+        let client = bench.connect(self.bus);
+        bench.let_pace_itself(client);
+        bench.attach(self.bus, true);
+        self.client = Some(client);
+    }
+
+    /// Gives the port the settings of the line, if it has others.
+    fn follow(&mut self, bench: &Bench) {
+        let line = bench.line(self.bus);
+        if self.line == Some(line) {
+            return;
+        }
+        let Some(fd) = &self.fd else { return };
+        // Asked for once only, whatever becomes of it.
+        self.line = Some(line);
+        match set(fd, line) {
+            Ok(()) => info!("serial:{} is {line}", self.path.display()),
+            Err(error) => warn!("serial:{} cannot be {line}: {error}", self.path.display()),
+        }
+    }
+}
+
+impl End for Serial {
+    fn client(&self) -> Option<Client> {
+        self.client
+    }
+
+    fn fd(&self) -> Option<BorrowedFd<'_>> {
+        self.fd.as_ref().map(AsFd::as_fd)
+    }
+
+    fn interest(&self, bench: &Bench) -> Option<EventFlags> {
+        self.client.map(|client| interest(may_read(bench, client, &self.unread), &self.unread))
+    }
+
+    fn take(&mut self, bench: &mut Bench, ready: EventFlags, manual: bool) {
+        let (Some(client), Some(fd)) = (self.client, &self.fd) else { return };
+        if !ready.intersects(EventFlags::IN | EventFlags::HUP | EventFlags::ERR) {
+            return;
+        }
+        let mut buffer = [0; READ_BYTES];
+        match read_some(fd, &mut buffer) {
+            Came::Bytes(count) => {
+                bench.send(client, &buffer[..count]);
+                over(bench, manual);
+            }
+            Came::End => {
+                warn!("serial:{} is gone; it is used again when it is back", self.path.display());
+                self.leave(bench);
+            }
+            Came::Nothing => {}
+        }
+    }
+
+    fn deliver(&mut self, bench: &mut Bench) {
+        let (Some(client), Some(fd)) = (self.client, &self.fd) else { return };
+        bench.receive(client, &mut self.unread);
+        // A failure here is the port going away, which the next read tells.
+        let _ = write_some(fd, &mut self.unread);
+        self.unread.truncate(UNREAD_BYTES);
+        if self.unread.is_empty() {
+            self.follow(bench);
+        }
+    }
+
+    /// The line's settings change when a drive says so.
+    fn goes_with_time(&self) -> bool {
+        self.client.is_some()
+    }
+
+    fn pause(&self) -> Option<Duration> {
+        self.fd.is_none().then_some(RETRY)
+    }
+
+    fn look(&mut self, bench: &mut Bench) {
+        if self.fd.is_none()
+            && let Ok(Device { fd, .. }) = Device::open(&self.path)
+        {
+            warn!("serial:{} is back", self.path.display());
+            self.come(bench, fd);
+        }
+    }
+
+    fn leave(&mut self, bench: &mut Bench) {
+        self.fd = None;
+        self.unread.clear();
+        if let Some(client) = self.client.take() {
+            bench.disconnect(client);
+            bench.attach(self.bus, false);
+        }
+    }
+}
+
+/// Gives a port the settings of a line, as soon as it has sent what it has.
+fn set(fd: &OwnedFd, line: Line) -> io::Result<()> {
+    let mut settings = tcgetattr(fd)?;
+    settings.make_raw();
+    settings.set_speed(line.baud)?;
+    let control = &mut settings.control_modes;
+    control.insert(ControlModes::CLOCAL | ControlModes::CREAD);
+    control.remove(ControlModes::CSIZE | ControlModes::CRTSCTS);
+    control.insert(if line.data == 7 { ControlModes::CS7 } else { ControlModes::CS8 });
+    control.set(ControlModes::CSTOPB, line.stop == 2);
+    control.set(ControlModes::PARENB, line.parity != Parity::None);
+    control.set(ControlModes::PARODD, line.parity == Parity::Odd);
+    settings.input_modes.set(InputModes::INPCK, line.parity != Parity::None);
+    Ok(tcsetattr(fd, OptionalActions::Drain, &settings)?)
+}

@@ -1,0 +1,148 @@
+//! A line reached by standard input and output.
+//!
+//! They may be shared with other programs, a shell for one, which non-blocking descriptors would surprise. So two
+//! threads copy between them and a pair of sockets, of which the bench's thread has the other end. The bench ends
+//! when input has ended and all is answered and written, or when nobody reads the output any more.
+
+use std::io::{self, Read as _, Write as _};
+use std::net::Shutdown;
+use std::os::fd::{AsFd as _, BorrowedFd};
+use std::os::unix::net::UnixStream;
+
+use rustix::event::epoll::EventFlags;
+use standin_firmware::device::Instant;
+use standin_sim::bench::{Bench, Bus, Client};
+use tracing::debug;
+
+use super::{Came, End, READ_BYTES, interest, may_read, over, read_some, write_some};
+
+/// Standard input and output as an end of a line.
+pub(super) struct Stdio {
+    near: UnixStream,
+    bus: Bus,
+    client: Client,
+    /// What the drives sent and nobody has taken.
+    unread: Vec<u8>,
+    stage: Stage,
+}
+
+/// How far it has come.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Stage {
+    /// Input may come.
+    Open,
+    /// It has ended; what was asked is still answered.
+    Asked,
+    /// All is answered, and is still written.
+    Answered,
+    /// It is over.
+    Over,
+}
+
+impl Stdio {
+    /// Standard input and output on `bus`.
+    ///
+    /// # Errors
+    /// The system gives no sockets or threads.
+    pub(super) fn new(bench: &mut Bench, bus: Bus) -> io::Result<Self> {
+        let (near, far) = UnixStream::pair()?;
+        near.set_nonblocking(true)?;
+        let input = far.try_clone()?;
+        std::thread::Builder::new().name("stdin".into()).spawn(move || copy_in(input))?;
+        std::thread::Builder::new().name("stdout".into()).spawn(move || copy_out(far))?;
+        let client = bench.connect(bus);
+        bench.attach(bus, true);
+        Ok(Self { near, bus, client, unread: Vec::new(), stage: Stage::Open })
+    }
+}
+
+impl End for Stdio {
+    fn client(&self) -> Option<Client> {
+        Some(self.client)
+    }
+
+    fn fd(&self) -> Option<BorrowedFd<'_>> {
+        Some(self.near.as_fd())
+    }
+
+    fn interest(&self, bench: &Bench) -> Option<EventFlags> {
+        let reads = self.stage == Stage::Open && may_read(bench, self.client, &self.unread);
+        Some(interest(reads, &self.unread))
+    }
+
+    fn take(&mut self, bench: &mut Bench, ready: EventFlags, manual: bool) {
+        // Both directions have ended.
+        if ready.intersects(EventFlags::HUP | EventFlags::ERR) && self.stage != Stage::Open {
+            self.stage = Stage::Over;
+        } else if self.stage == Stage::Open {
+            let mut buffer = [0; READ_BYTES];
+            match read_some(&self.near, &mut buffer) {
+                Came::Bytes(count) => {
+                    bench.send(self.client, &buffer[..count]);
+                    over(bench, manual);
+                }
+                Came::End => self.stage = Stage::Asked,
+                Came::Nothing => {}
+            }
+        }
+    }
+
+    fn deliver(&mut self, bench: &mut Bench) {
+        bench.receive(self.client, &mut self.unread);
+        if write_some(&self.near, &mut self.unread).is_err() {
+            self.stage = Stage::Over;
+        }
+        if self.stage == Stage::Asked && self.unread.is_empty() && bench.is_at_rest(self.bus) {
+            // The writing thread ends with it.
+            let _ = self.near.shutdown(Shutdown::Write);
+            self.stage = Stage::Answered;
+        }
+    }
+
+    fn ends(&self) -> Instant {
+        if self.stage == Stage::Over { Instant::ZERO } else { Instant::NEVER }
+    }
+
+    fn leave(&mut self, bench: &mut Bench) {
+        bench.disconnect(self.client);
+    }
+}
+
+/// Carries what comes to the bench, until nothing more does.
+fn copy_in(mut to: UnixStream) {
+    let mut buffer = [0; READ_BYTES];
+    let mut stdin = io::stdin().lock();
+    loop {
+        match stdin.read(&mut buffer) {
+            Ok(count) if count > 0 && to.write_all(&buffer[..count]).is_ok() => {}
+            Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+            _ => break,
+        }
+    }
+    let _ = to.shutdown(Shutdown::Write);
+}
+
+/// Carries what the drives send out, until nothing more comes or nobody reads it.
+fn copy_out(mut from: UnixStream) {
+    let mut buffer = [0; READ_BYTES];
+    // No line is waited for: `io::stdout` would keep what has no end of line.
+    let write = |bytes: &[u8]| {
+        let mut stdout = io::stdout().lock();
+        stdout.write_all(bytes).and_then(|()| stdout.flush())
+    };
+    loop {
+        match from.read(&mut buffer) {
+            Ok(0) => break,
+            Ok(count) => {
+                if let Err(error) = write(&buffer[..count]) {
+                    debug!("stdout is closed: {error}");
+                    break;
+                }
+            }
+            Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+            Err(_) => break,
+        }
+    }
+    // Whoever still writes to the bench does so in vain.
+    let _ = from.shutdown(Shutdown::Both);
+}
