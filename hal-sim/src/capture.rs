@@ -63,6 +63,24 @@ impl Capture {
         self.frames.iter().skip(skip)
     }
 
+    /// Frames that a full ring has dropped.
+    #[must_use]
+    pub fn lost(&self) -> u64 {
+        self.lost
+    }
+
+    /// What a drive says on a line ends at `at`.
+    pub(crate) fn cut(&mut self, bus: Bus, seat: Seat, at: Instant) {
+        let said = |frame: &&mut Frame| frame.bus == bus && frame.from == From::Drive(seat);
+        for frame in self.frames.iter_mut().filter(said).filter(|frame| frame.end() > at) {
+            self.bytes -= frame.size();
+            let whole = at.since(frame.at) / frame.line.character();
+            frame.bytes.truncate(usize::try_from(whole).unwrap_or(usize::MAX));
+            frame.lasts = at.since(frame.at);
+            self.bytes += frame.size();
+        }
+    }
+
     /// A frame is on a line.
     pub(crate) fn record(&mut self, frame: impl FnOnce() -> Frame) {
         if self.keep == TraceKeep::Off {
@@ -83,6 +101,12 @@ impl Capture {
 }
 
 impl Frame {
+    /// When the last character ends.
+    #[must_use]
+    pub fn end(&self) -> Instant {
+        self.at + self.lasts
+    }
+
     /// Bytes that it holds on to.
     fn size(&self) -> usize {
         size_of::<Self>() + self.bytes.len()

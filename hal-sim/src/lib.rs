@@ -13,6 +13,7 @@
 //! | [`listen`] | where a port is reached, as users write it |
 //! | [`nearest`] | what somebody may have meant who mistyped a name |
 //! | [`pace`] | how time runs, as users write it |
+//! | [`pcapng`] | frames of the lines |
 //! | [`preset`] | registers set by name |
 //! | [`pulses`] | step pulses, from the plans of an axis |
 //! | [`rsasm`] | user programs of the RS drives as text |
@@ -34,6 +35,7 @@ pub mod layout;
 pub mod listen;
 pub mod nearest;
 pub mod pace;
+pub mod pcapng;
 pub mod preset;
 pub mod pulses;
 pub mod replay;

@@ -458,6 +458,7 @@ impl Bench {
             }
             serial.sends_until = now;
             let Some(Bus(bus)) = self.bus(Seat(place), port) else { continue };
+            self.capture.cut(Bus(bus), Seat(place), now);
             let serials = self.ports(Bus(bus)).iter().filter_map(|&(seat, port)| self.at(seat).serial(port));
             let sends_until = serials.map(|serial| serial.sends_until).max().unwrap_or(now);
             self.buses[bus as usize].sends_until = sends_until;
