@@ -13,14 +13,13 @@ use std::path::PathBuf;
 use toml::de::DeTable;
 
 use crate::bus::LineMode;
-use crate::faults::LineFaults;
+use crate::faults::{BAUDS, LONGEST_DELAY, LineFaults};
 use crate::layout::{Disturbed, Layout};
 use crate::listen::Uri;
 use crate::trace::{self, Make};
 use drives::{BUS, DRIVE};
 use machinery::{ENCODER, MOTOR, SWITCH, WIRE};
 use standin_firmware::device::Duration;
-use standin_protocol::time::TICKS_PER_SECOND;
 use table::{Said, Table, Wrong};
 
 /// What is wrong with a bench file.
@@ -56,17 +55,22 @@ impl std::error::Error for FileError {}
 /// # Errors
 /// What is wrong, and where.
 pub fn parse(text: &str, make: &Make<'_>) -> Result<Layout, FileError> {
-    let root = DeTable::parse(text).map_err(|error| Wrong {
+    let (root, errors) = DeTable::parse_recoverable(text);
+    let errors = errors.iter().map(|error| Wrong {
         at: error.span().map_or(0, |span| span.start),
         what: format!("this is not TOML: {}", error.message()),
     });
-    let layout = root.and_then(|root| {
-        let keys = ["seed", "time", "line", "drive", "bus", "motor", "encoder", "switch", "wire", "fault"];
-        Reader::new(make).read(Table::new("a bench file", root.span().start, root.get_ref(), &keys)?)
-    });
+    let layout = match errors.min_by_key(|wrong| wrong.at) {
+        Some(wrong) => Err(wrong),
+        None => Table::new("a bench file", root.span().start, root.get_ref(), &KEYS)
+            .and_then(|root| Reader::new(make).read(&root)),
+    };
     layout.map_err(|wrong| FileError::new(text, wrong))
 }
 
+/// The keys of a bench file.
+const KEYS: [&str; 10] =
+    ["seed", "time", "line", "drive", "bus", "motor", "encoder", "switch", "wire", "fault"];
 /// The keys of `[[fault]]`.
 const FAULT: [&str; 12] = [
     "bus",
@@ -83,8 +87,8 @@ const FAULT: [&str; 12] = [
     "baud",
 ];
 
-/// The most that a reply may be late, in ms.
-const LATEST: f64 = 60_000.0;
+/// Ticks in a ms.
+const MILLI: f64 = Duration::millis(1).ticks() as f64;
 
 /// What has been read so far, and what it may not clash with.
 struct Reader<'a> {
@@ -112,7 +116,7 @@ impl<'a> Reader<'a> {
         }
     }
 
-    fn read(mut self, root: Table<'_>) -> Result<Layout, Wrong> {
+    fn read(mut self, root: &Table<'_>) -> Result<Layout, Wrong> {
         self.layout.seed = root.whole("seed", 0, u64::MAX)?.map(|seed| seed.is);
         self.layout.time =
             read_as(root.text("time")?, |text| text.parse().map_err(|error| format!("time: {error}")))?;
@@ -168,14 +172,11 @@ impl<'a> Reader<'a> {
         if self.layout.faults.iter().any(|other| other.bus == name) {
             return Err(bus.wrong(format!("'{name}' has a [[fault]] already")));
         }
-        if !self.is_modbus(line)
-            && let Some(key) = table.any_of(&["wrong_address", "exception", "exception_code"])
-        {
-            return Err(key.wrong(format!("'{name}' is no line of Modbus, which {} is for", key.is)));
-        }
         let none = LineFaults::default();
         let share = |key| Ok(table.number(key, 0.0, 1.0)?.map_or(0.0, |share| share.is));
-        let delay = table.number("delay_ms", 0.0, LATEST)?.map_or(0.0, |delay| delay.is);
+        let delay = table
+            .number("delay_ms", 0.0, LONGEST_DELAY.ticks() as f64 / MILLI)?
+            .map_or(0.0, |delay| delay.is);
         let faults = LineFaults {
             drop: share("drop")?,
             corrupt: share("corrupt")?,
@@ -187,10 +188,14 @@ impl<'a> Reader<'a> {
                 .whole("exception_code", 1, u8::MAX)?
                 .map_or(none.exception_code, |code| code.is),
             noise: share("noise")?,
-            delay: Duration::from_ticks((delay * (TICKS_PER_SECOND / 1_000) as f64).round() as u64),
+            delay: Duration::from_ticks((delay * MILLI).round() as u64),
             mute: table.flag("mute")?.is_some_and(|mute| mute.is),
-            baud: table.whole("baud", 50, 4_000_000)?.map(|baud| baud.is),
+            baud: table.whole("baud", *BAUDS.start(), *BAUDS.end())?.map(|baud| baud.is),
         };
+        if let Some(port) = self.port_of(line) {
+            let at = table.any_of(&["wrong_address", "exception"]).map_or(table.at, |key| key.at);
+            faults.check_for(port).map_err(Wrong::at(at))?;
+        }
         self.layout.faults.push(Disturbed { bus: name, faults });
         Ok(())
     }

@@ -95,7 +95,7 @@ impl Reader<'_> {
             drives: Vec::new(),
             collisions: table.flag("collisions")?.is_some_and(|collide| collide.is),
         };
-        let drives = table.needs("list of drives", table.texts("drives")?)?;
+        let drives = table.needs("drives", table.texts("drives")?)?;
         if drives.is.is_empty() {
             return Err(drives.wrong("a bus needs a drive"));
         }
@@ -245,7 +245,8 @@ impl Reader<'_> {
             .collect()
     }
 
-    fn port_of(&self, line: Line) -> Option<&'static PortSpec> {
+    /// What a line is to the first drive on it.
+    pub(super) fn port_of(&self, line: Line) -> Option<&'static PortSpec> {
         let (drive, port) = match line {
             Line::Shared(bus) => *self.layout.buses[bus].drives.first()?,
             Line::Own(drive, port) => (drive, port),
@@ -255,11 +256,6 @@ impl Reader<'_> {
 
     fn port_name(&self, line: Line) -> &'static str {
         self.port_of(line).map_or("", |port| port.name)
-    }
-
-    /// Whether Modbus is spoken on a line.
-    pub(super) fn is_modbus(&self, line: Line) -> bool {
-        self.port_of(line).is_some_and(|port| port.ends == Ends::Silence)
     }
 
     /// The name of a line that no other one has.

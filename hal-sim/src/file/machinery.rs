@@ -76,7 +76,7 @@ impl Reader<'_> {
     pub(super) fn encoder(&mut self, table: &Table<'_>) -> Result<(), Wrong> {
         let motor = self.motor_named(&table.needed_text("motor")?)?;
         let cycles = table.needs("cycles_per_rev", table.whole("cycles_per_rev", 1, 100_000)?)?;
-        let to = table.needs("'to', like { a = \"x.A\" }", table.table("to", &["a", "b", "index"])?)?;
+        let to = table.needs("to", table.table("to", &["a", "b", "index"])?)?;
         if to.keys().is_empty() {
             return Err(Wrong { at: to.at, what: "to takes a, b, index or some of them".to_owned() });
         }
@@ -90,7 +90,7 @@ impl Reader<'_> {
     pub(super) fn switch(&mut self, table: &Table<'_>) -> Result<(), Wrong> {
         let motor = self.motor_named(&table.needed_text("motor")?)?;
         let closed = table.table("closed", &["above_rev", "below_rev"])?;
-        let closed = table.needs("'closed', like { above_rev = 2.5 }", closed)?;
+        let closed = table.needs("closed", closed)?;
         let bound = |key| closed.number(key, -FURTHEST, FURTHEST);
         let wrong = |what: String| Wrong { at: closed.at, what };
         let closed = match (bound("above_rev")?, bound("below_rev")?) {

@@ -93,7 +93,7 @@ impl<'a> Table<'a> {
 
     /// A value that has to be there.
     pub(super) fn needs<T>(&self, key: &str, value: Option<T>) -> Result<T, Wrong> {
-        value.ok_or_else(|| Wrong { at: self.at, what: format!("{} needs a {key}", self.what) })
+        value.ok_or_else(|| Wrong { at: self.at, what: format!("{} needs '{key}'", self.what) })
     }
 
     /// The value of a key, if it is what `read` wants.
