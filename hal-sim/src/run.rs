@@ -23,6 +23,7 @@ use tracing::{error, info};
 
 use crate::api;
 use crate::cli::{self, Control};
+use crate::followed::Followed;
 use crate::kinds;
 use crate::nearest;
 use crate::nv::Nv;
@@ -31,7 +32,6 @@ use crate::ports::{self, Bound, Ports};
 use crate::programs;
 use crate::ready::{Address, Ready};
 use crate::realtime::{self, Host};
-use crate::waveforms::Waveforms;
 
 /// Runs a drive until a signal ends it.
 ///
@@ -55,10 +55,15 @@ pub(crate) fn run(options: &cli::Run) -> Result<(), String> {
     }
     let record = output("--record", options.record.as_deref(), &memory)?;
     let waves = output("--vcd", options.vcd.as_deref(), &memory)?;
-    if let (Some(record), Some(waves)) = (&record, &waves)
-        && record.is(waves)?
-    {
-        return Err(format!("--vcd and --record are the same file, {}; use two", waves.path().display()));
+    let frames = output("--pcap", options.pcap.as_deref(), &memory)?;
+    let all: Vec<&Output> = [&record, &waves, &frames].into_iter().flatten().collect();
+    for (n, output) in all.iter().enumerate() {
+        for other in &all[..n] {
+            if output.is(other)? {
+                let (one, two, path) = (output.option(), other.option(), output.path().display());
+                return Err(format!("{one} and {two} are the same file, {path}; use two"));
+            }
+        }
     }
 
     let mut bench = Bench::with(Settings {
@@ -69,7 +74,7 @@ pub(crate) fn run(options: &cli::Run) -> Result<(), String> {
         },
         patience: options.time.patience(),
         trace: if record.is_some() { TraceKeep::All } else { TraceKeep::default() },
-        capture: TraceKeep::Off,
+        capture: TraceKeep::default(),
     });
     let setup = Setup {
         boot_fast: options.fast_boot,
@@ -111,18 +116,20 @@ pub(crate) fn run(options: &cli::Run) -> Result<(), String> {
         ready.controlled_at(api.map_err(|error| format!("--control cannot listen: {error}"))?);
     }
     record.as_ref().map_or(Ok(()), Output::begin)?;
-    let waveforms = waves.map(|output| Waveforms::begin(output, &bench)).transpose()?;
-    let mut host = Host::new(bench, ports, options.time, waveforms, inbox);
+    let waves = waves.map(|output| Followed::waves(output, &bench));
+    let frames = frames.map(|output| Followed::frames(output, &bench));
+    let files = waves.into_iter().chain(frames).collect::<Result<Vec<_>, _>>()?;
+    let mut host = Host::new(bench, ports, options.time, files, inbox);
     ready.print(options.json, unit).map_err(|error| format!("stdout cannot be written: {error}"))?;
 
     let ended = host.run(&stop);
     info!("stopping");
     memory.sync();
-    let waveforms = host.end_waveforms();
+    let files = host.end_files();
     if let Some(record) = record {
         record.fails(write_trace(&host.bench, record.file()))?;
     }
-    waveforms?;
+    files?;
     ended.map_err(|error| format!("the bench cannot go on: {error}"))
 }
 
@@ -130,8 +137,6 @@ pub(crate) fn run(options: &cli::Run) -> Result<(), String> {
 fn not_yet(options: &cli::Run) -> Result<(), String> {
     let missing = if options.kind.ends_with(".toml") {
         "bench files"
-    } else if options.pcap.is_some() {
-        "--pcap"
     } else {
         return Ok(());
     };
