@@ -3,7 +3,7 @@
 import subprocess
 from pathlib import Path
 
-from conftest import PATIENCE, ask
+from conftest import PATIENCE, ask, receive
 from md3 import USER_REGISTER
 from modbus import frame, write
 from rs434 import SPEED
@@ -118,21 +118,26 @@ def test_a_frame_with_a_wrong_crc_is_data(run, tmp_path):
 
 
 def texts(file):
-    """Which way each packet of text went, and its characters."""
-    names = ["frame.protocols", "frame.packet_flags_direction", "exported_pdu.exported_pdu"]
+    """The flags of each packet of text, and its characters."""
+    names = ["frame.protocols", "frame.packet_flags", "exported_pdu.exported_pdu"]
     packets = fields(file, *names)
     assert {protocols for protocols, _, _ in packets} == {"exported_pdu:data-text-lines"}
-    return [(way, bytes.fromhex(text)) for _, way, text in packets]
+    return [(flags, bytes.fromhex(text)) for _, flags, text in packets]
 
 
 def test_text_is_lines(run, tmp_path):
     def talk(standin, sock):
-        standin.advance(1.0)
+        banner = b"QSB-D  0E!\r\n"
+        assert receive(sock, len(banner)) == banner
         ask(sock, b"R0E\r\n", len(b"r 0E 00000000 !\r\n"))
 
     file = captured(run, tmp_path, talk, kind="qsb-d")
-    assert texts(file) == [("0x00000001", b"R0E\r\n"), ("0x00000002", b"r 0E 00000000 !\r\n")]
-    assert shown(file) == [["Text", ""]] * 2
+    assert texts(file) == [
+        ("0x00000002", b"QSB-D  0E!\r\n"),
+        ("0x00000001", b"R0E\r\n"),
+        ("0x00000002", b"r 0E 00000000 !\r\n"),
+    ]
+    assert shown(file) == [["Text", ""]] * 3
 
 
 def test_messages_in_ascii_are_lines(run, tmp_path):
