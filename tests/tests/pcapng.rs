@@ -2,12 +2,13 @@
 //! `tests/foreign/test_pcap.py`; that one also reads what the program writes.
 #![allow(missing_docs, reason = "a test")]
 
+use proptest::prelude::*;
 use standin_firmware::device::{Instant, Port};
 use standin_firmware::md3::Md3;
 use standin_firmware::qsb::Qsb;
 use standin_protocol::modbus::rtu;
 use standin_protocol::time::{Duration, Span};
-use standin_sim::bench::{Bench, PowerAction, Seat, Settings, Setup};
+use standin_sim::bench::{Bench, Bus, PowerAction, Seat, Settings, Setup};
 use standin_sim::capture::From;
 use standin_sim::pcapng::{self, File, Packet, Pcapng, Protocol, Way};
 use standin_sim::trace::TraceKeep;
@@ -77,15 +78,132 @@ fn the_writer_makes_the_file_made_by_hand() {
     assert_eq!(made, include_bytes!("../captures/modbus-tcp.pcapng"));
 }
 
-/// Two drives on a line, one on its own, and a QSB that is asked in lines with both ends.
-fn busy_bench() -> (Bench, Vec<standin_sim::bench::Client>) {
+/// When the talk below is over.
+const END: Duration = Duration::millis(1_500);
+
+/// Two drives on a line, one on its own, and a QSB that streams besides what it is asked.
+/// `stops` are instants at which a file follows.
+fn talk(stops: &[Duration]) -> (Bench, Vec<u8>) {
     let mut bench = bench(TraceKeep::All);
     let (x, y, z) = (seat(&mut bench, "x"), seat(&mut bench, "y"), seat(&mut bench, "z"));
-    let qsb = bench.add::<Qsb>("q");
+    let qsb = bench.seat("q", Box::new(Qsb::m()), Setup { boot_fast: true, ..Setup::default() }).unwrap();
     let shared = bench.share("line1", &[(x, Port(0)), (y, Port(0))]);
     let own = bench.bus(z, Port(0)).unwrap();
     let text = bench.bus(qsb, Port(0)).unwrap();
-    bench.attach(text, true);
-    let clients = [shared, own, text].map(|bus| bench.connect(bus)).to_vec();
-    (bench, clients)
+    let mut said: Vec<(Duration, Bus, Vec<u8>)> = Vec::new();
+    for n in 0..20 {
+        let at = 100.millis() + 61.millis() * n;
+        said.push((at, shared, rtu::write(1, 0x1D, n as u16).to_vec()));
+        said.push((at + 7.micros(), own, rtu::read(1, 0x12, 2).to_vec()));
+        said.push((at + 13.millis(), text, b"R0E\r\n".to_vec()));
+        said.push((at + 14.millis(), text, b"R01\rR".to_vec()));
+        said.push((at + 50.millis(), text, b"0E\n".to_vec()));
+    }
+    said.push((90.millis(), text, b"W0C0\rS0E\r".to_vec()));
+    said.sort();
+    let clients = [shared, own, text].map(|bus| (bus, bench.connect(bus)));
+    let client = |bus: Bus| clients.iter().find(|(other, _)| *other == bus).unwrap().1;
+
+    let mut file = Vec::new();
+    let mut pcapng = Pcapng::new(&bench, &mut file).unwrap();
+    let mut stops: Vec<Duration> = stops.iter().copied().filter(|stop| *stop < END).collect();
+    stops.sort_by(|a, b| b.cmp(a));
+    for (at, bus, bytes) in said {
+        while let Some(stop) = stops.pop_if(|stop| *stop < at) {
+            bench.run_until(stop);
+            pcapng.follow(&bench).unwrap();
+        }
+        bench.run_until(at);
+        bench.send(client(bus), &bytes);
+    }
+    for stop in stops.into_iter().rev() {
+        bench.run_until(stop);
+        pcapng.follow(&bench).unwrap();
+    }
+    bench.run_until(END);
+    pcapng.follow(&bench).unwrap();
+    pcapng.finish().unwrap();
+    (bench, file)
+}
+
+#[test]
+fn each_line_has_its_packets() {
+    let (bench, file) = talk(&[]);
+    assert_eq!(file, written(&bench));
+    let packets = packets(&file);
+    // By the names of their first drives.
+    let names: Vec<&str> = bench.buses().into_iter().map(|bus| bench.bus_name(bus)).collect();
+    let on = |line: &str| {
+        let interface = names.iter().position(|name| *name == line).unwrap() as u32;
+        packets.iter().filter(move |packet| packet.interface == interface)
+    };
+    // 20 writes to the first of two drives with one address: both answer, and what that gives is on the line.
+    assert!(on("line1").count() >= 40);
+    let own: Vec<&Found> =
+        on(bench.bus_name(bench.bus(bench.seat_named("z").unwrap(), Port(0)).unwrap())).collect();
+    assert_eq!(own.len(), 40);
+    for (n, pair) in (0_u64..).zip(own.chunks(2)) {
+        assert_eq!(pair[0].bytes, rtu::read(1, 0x12, 2)[..]);
+        assert_eq!(pair[0].nanos, 100_007_000 + 61_000_000 * n);
+        assert_eq!(pair[1].bytes, rtu::frame(1, &[3, 4, 0, 0, 0x27, 0x10])[..]);
+    }
+    let text: Vec<&[u8]> = on(bench.bus_name(bench.bus(bench.seat_named("q").unwrap(), Port(0)).unwrap()))
+        .map(|packet| packet.bytes.as_slice())
+        .collect();
+    let count = |line: &[u8]| text.iter().filter(|text| **text == line).count();
+    assert_eq!((count(b"R0E\r\n"), count(b"R01\r"), count(b"R0E\n")), (20, 20, 20));
+    assert_eq!((count(b"W0C0\r"), count(b"S0E\r")), (1, 1));
+    assert!(text.len() > 500, "it streams: {}", text.len());
+    assert!(text.iter().all(|text| matches!(text.last(), Some(b'\r' | b'\n'))));
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(16))]
+
+    /// A file is the same however often it follows.
+    #[test]
+    fn following_does_not_change_a_file(stops in proptest::collection::vec(0..END.ticks(), 0..200)) {
+        let stops: Vec<Duration> = stops.into_iter().map(Duration::from_ticks).collect();
+        prop_assert_eq!(talk(&stops).1, talk(&[]).1);
+    }
+}
+
+#[test]
+fn what_a_ring_forgot_is_counted() {
+    let mut bench = bench(TraceKeep::Ring(2_000));
+    let md3 = seat(&mut bench, "x");
+    for _ in 0..50 {
+        bench.ask(md3, &rtu::read(1, 0x12, 2));
+    }
+    let packets = packets(&written(&bench));
+    assert!(packets.len() < 100);
+    assert_eq!(packets[0].lost, 100 - packets.len() as u64);
+    assert!(packets[1..].iter().all(|packet| packet.lost == 0));
+}
+
+#[test]
+fn a_power_failure_cuts_what_a_drive_says() {
+    let mut bench = bench(TraceKeep::All);
+    let md3 = seat(&mut bench, "x");
+    let client = bench.connect(bench.bus(md3, Port(0)).unwrap());
+    bench.send(client, &rtu::read(1, 0x12, 2));
+    bench.run_until(1.millis());
+    let reply = loop {
+        bench.run_until(bench.now() + 100.micros());
+        if let Some(frame) = bench.capture().since(1).next() {
+            break frame.clone();
+        }
+    };
+    assert_eq!((reply.from, reply.bytes.len()), (From::Drive(md3), 9));
+    // Within the fourth character.
+    let character = Duration::of_bits(11, 9_600);
+    bench.run_until(reply.at + character * 3 + 100.micros());
+    bench.power(md3, PowerAction::Off);
+    bench.run_until(1.secs());
+    let mut heard = Vec::new();
+    bench.receive(client, &mut heard);
+    assert_eq!(heard, reply.bytes[..3]);
+    let packets = packets(&written(&bench));
+    assert_eq!(packets.len(), 2);
+    assert_eq!(packets[1].bytes, heard);
 }
