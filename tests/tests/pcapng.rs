@@ -95,9 +95,9 @@ fn talk(stops: &[Duration]) -> (Bench, Vec<u8>) {
         let at = 100.millis() + 61.millis() * n;
         said.push((at, shared, rtu::write(1, 0x1D, n as u16).to_vec()));
         said.push((at + 7.micros(), own, rtu::read(1, 0x12, 2).to_vec()));
-        said.push((at + 13.millis(), text, b"R0E\r\n".to_vec()));
-        said.push((at + 14.millis(), text, b"R01\rR".to_vec()));
-        said.push((at + 50.millis(), text, b"0E\n".to_vec()));
+        said.push((at + 13.millis(), text, b"R03\r\n".to_vec()));
+        said.push((at + 14.millis(), text, b"R04\rR".to_vec()));
+        said.push((at + 50.millis(), text, b"05\n".to_vec()));
     }
     said.push((90.millis(), text, b"W0C0\rS0E\r".to_vec()));
     said.sort();
@@ -151,7 +151,7 @@ fn each_line_has_its_packets() {
         .map(|packet| packet.bytes.as_slice())
         .collect();
     let count = |line: &[u8]| text.iter().filter(|text| **text == line).count();
-    assert_eq!((count(b"R0E\r\n"), count(b"R01\r"), count(b"R0E\n")), (20, 20, 20));
+    assert_eq!((count(b"R03\r\n"), count(b"R04\r"), count(b"R05\n")), (20, 20, 20));
     assert_eq!((count(b"W0C0\r"), count(b"S0E\r")), (1, 1));
     assert!(text.len() > 500, "it streams: {}", text.len());
     assert!(text.iter().all(|text| matches!(text.last(), Some(b'\r' | b'\n'))));
