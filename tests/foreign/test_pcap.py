@@ -3,7 +3,7 @@
 import subprocess
 from pathlib import Path
 
-from conftest import PATIENCE, ask
+from conftest import PATIENCE, ask, receive
 from md3 import USER_REGISTER
 from modbus import frame, write
 from rs434 import SPEED
@@ -126,13 +126,16 @@ def texts(file):
 
 
 def test_text_is_lines(run, tmp_path):
-    def talk(_, sock):
+    banner = b"QSB-D  0E!\r\n"
+
+    def talk(standin, sock):
+        standin.advance(0.1)
+        assert receive(sock, len(banner)) == banner
         ask(sock, b"R0E\r\n", len(b"r 0E 00000000 !\r\n"))
 
     file = captured(run, tmp_path, talk, kind="qsb-d")
     assert texts(file) == [
-        # Before anybody was there.
-        ("0x00000002", b"QSB-D  0E!\r\n"),
+        ("0x00000002", banner),
         ("0x00000001", b"R0E\r\n"),
         ("0x00000002", b"r 0E 00000000 !\r\n"),
     ]
