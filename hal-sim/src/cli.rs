@@ -113,7 +113,8 @@ pub(crate) struct Run {
     /// Write waveforms of the pins to FILE while it runs (VCD, for GTKWave)
     #[arg(long, value_name = "FILE.vcd")]
     pub(crate) vcd: Option<PathBuf>,
-    #[arg(long, hide = true)]
+    /// Write the frames of the lines to FILE while it runs (pcapng, for Wireshark)
+    #[arg(long, value_name = "FILE.pcapng")]
     pub(crate) pcap: Option<PathBuf>,
     /// One line of JSON on stdout when ready, and nothing else there
     #[arg(long)]

@@ -3,6 +3,7 @@
 mod api;
 mod cli;
 mod describe;
+mod followed;
 mod log;
 mod nv;
 mod output;
@@ -11,7 +12,6 @@ mod programs;
 mod ready;
 mod realtime;
 mod run;
-mod waveforms;
 
 use std::io::{self, Write as _};
 use std::path::Path;

@@ -19,8 +19,8 @@ use standin_sim::pace::Pace;
 use tokio::sync::oneshot;
 use tracing::warn;
 
+use crate::followed::Followed;
 use crate::ports::Ports;
-use crate::waveforms::Waveforms;
 
 /// How far the bench may fall behind the wall clock before the rest is given up.
 const MAX_LAG: Duration = Duration::secs(1);
@@ -31,7 +31,7 @@ const BUDGET: WallSpan = WallSpan::from_millis(20);
 /// Bench time between two looks at the wall clock.
 const SLICE: Duration = Duration::millis(10);
 
-/// How far the bench goes, at most, until the waveforms follow.
+/// How far the bench goes, at most, until the files follow.
 const SWEEP: Duration = Duration::millis(100);
 
 /// Bench time as the wall clock paces it: at `wall` it was `bench`.
@@ -113,7 +113,7 @@ pub(crate) struct Host {
     /// The bench.
     pub(crate) bench: Bench,
     ports: Ports,
-    waveforms: Option<Waveforms>,
+    files: Vec<Followed>,
     /// The clock; `None` in manual time.
     clock: Option<Clock>,
     warned: bool,
@@ -122,15 +122,9 @@ pub(crate) struct Host {
 }
 
 impl Host {
-    /// `bench` with `ports`, paced by `pace` from now on, and followed by `waveforms`.
-    pub(crate) fn new(
-        bench: Bench,
-        ports: Ports,
-        pace: Pace,
-        waveforms: Option<Waveforms>,
-        inbox: Inbox,
-    ) -> Self {
-        let mut host = Self { bench, ports, waveforms, clock: None, warned: false, advance: None, inbox };
+    /// `bench` with `ports`, paced by `pace` from now on, and followed by `files`.
+    pub(crate) fn new(bench: Bench, ports: Ports, pace: Pace, files: Vec<Followed>, inbox: Inbox) -> Self {
+        let mut host = Self { bench, ports, files, clock: None, warned: false, advance: None, inbox };
         host.set_pace(pace);
         host
     }
@@ -191,24 +185,25 @@ impl Host {
         Ok(())
     }
 
-    /// Ends the waveforms where the bench has come to.
+    /// Ends the files where the bench has come to.
     ///
     /// # Errors
-    /// One sentence: which file is not complete, and why.
-    pub(crate) fn end_waveforms(&mut self) -> Result<(), String> {
-        self.waveforms.take().map_or(Ok(()), |waveforms| waveforms.finish(&self.bench))
+    /// One sentence: which file is not complete, and why; of the first such one.
+    pub(crate) fn end_files(&mut self) -> Result<(), String> {
+        let ended = self.files.drain(..).map(|file| file.finish(&self.bench));
+        ended.fold(Ok(()), Result::and)
     }
 
     /// When something is to be done with the bench.
     fn next(&self) -> Instant {
-        let sweep = self.waveforms.as_ref().map_or(Instant::NEVER, |_| self.bench.now() + SWEEP);
+        let sweep = if self.files.is_empty() { Instant::NEVER } else { self.bench.now() + SWEEP };
         self.bench.next().min(sweep)
     }
 
-    /// Lets the waveforms follow what has happened.
+    /// Lets the files follow what has happened.
     fn follow(&mut self) {
-        if let Some(waveforms) = &mut self.waveforms {
-            waveforms.follow(&self.bench);
+        for file in &mut self.files {
+            file.follow(&self.bench);
         }
     }
 

@@ -35,9 +35,11 @@ pub(crate) fn all(sh: &Shell) -> Result<bool> {
     report.check("build", &[], build);
     report.check("generated documents", &[], docs::check);
     report.check("foreign masters", &[Tool::Python], |sh| {
-        pytest(sh, &["tests/foreign", "--ignore", MBPOLL, "--ignore", BOARDS])
+        pytest(sh, &["tests/foreign", "--ignore", MBPOLL, "--ignore", PCAP, "--ignore", BOARDS])
     });
     report.check("mbpoll", &[Tool::Python, Tool::Mbpoll], |sh| pytest(sh, &[MBPOLL]));
+    report.check("captures", &[Tool::Python, Tool::Tshark], |sh| pytest(sh, &[PCAP]));
+    report.check("example of pytest", &[Tool::Python], |sh| pytest(sh, &["examples/pytest"]));
     report.check("no panics on Cortex-M", &[Tool::ThumbTargets], panic_free::check);
     report.check("sizes and counts", &size::NEEDS, size::check);
     report.check("LM3S6965 under QEMU", &[Tool::ThumbTargets, Tool::Qemu], board::run);
@@ -64,6 +66,7 @@ pub(crate) fn build(sh: &Shell) -> Result<()> {
 }
 
 const MBPOLL: &str = "tests/foreign/test_mbpoll.py";
+const PCAP: &str = "tests/foreign/test_pcap.py";
 const BOARDS: &str = "tests/foreign/test_boards.py";
 
 /// Lets masters that we did not write talk to the binary.

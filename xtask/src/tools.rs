@@ -27,6 +27,8 @@ pub(crate) enum Tool {
     Qemu,
     /// A Modbus master.
     Mbpoll,
+    /// Wireshark without its windows.
+    Tshark,
     /// Counts instructions for `cargo bench`.
     Valgrind,
     /// Python with `venv`, and in it the masters of `tests/foreign/requirements.txt`.
@@ -35,12 +37,13 @@ pub(crate) enum Tool {
     Node,
 }
 
-const ALL: [Tool; 8] = [
+const ALL: [Tool; 9] = [
     Tool::Rustfmt,
     Tool::Clippy,
     Tool::ThumbTargets,
     Tool::Qemu,
     Tool::Mbpoll,
+    Tool::Tshark,
     Tool::Valgrind,
     Tool::Python,
     Tool::Node,
@@ -96,6 +99,7 @@ impl Tool {
             Self::ThumbTargets => "Rust for Cortex-M",
             Self::Qemu => "qemu-system-arm",
             Self::Mbpoll => "mbpoll",
+            Self::Tshark => "tshark",
             Self::Valgrind => "valgrind",
             Self::Python => "a Python environment with pymodbus, minimalmodbus and pyserial",
             Self::Node => "Node 20 with the emulator of the Pico",
@@ -110,6 +114,7 @@ impl Tool {
             Self::ThumbTargets => "rustup target add thumbv6m-none-eabi thumbv7m-none-eabi",
             Self::Qemu => "apt-get install qemu-system-arm",
             Self::Mbpoll => "apt-get install mbpoll",
+            Self::Tshark => "apt-get install tshark",
             Self::Valgrind => "apt-get install valgrind",
             Self::Python => "apt-get install python3 python3-venv",
             Self::Node => "apt-get install nodejs npm",
@@ -123,6 +128,7 @@ impl Tool {
             Self::ThumbTargets => THUMB_TARGETS.iter().all(|target| has_target(sh, target)),
             Self::Qemu => runs(sh, "qemu-system-arm"),
             Self::Mbpoll => cmd!(sh, "mbpoll -V").quiet().ignore_status().output().is_ok(),
+            Self::Tshark => runs(sh, "tshark"),
             Self::Valgrind => runs(sh, "valgrind"),
             Self::Python => environment_is_current(sh),
             Self::Node => has_node(sh) && emulator_is_current(sh),
@@ -136,6 +142,7 @@ impl Tool {
             Self::ThumbTargets => Ok(cmd!(sh, "rustup target add {THUMB_TARGETS...}").run()?),
             Self::Qemu => apt.install(sh, "qemu-system-arm"),
             Self::Mbpoll => apt.install(sh, "mbpoll"),
+            Self::Tshark => apt.install(sh, "tshark"),
             Self::Valgrind => apt.install(sh, "valgrind"),
             Self::Python => {
                 if cmd!(sh, "python3 -c").arg("import venv, ensurepip").quiet().ignore_stderr().run().is_err()

@@ -161,7 +161,7 @@ impl<W: Write> File<W> {
             block.extend(1_u16.to_le_bytes());
             block.extend(0_u16.to_le_bytes());
             block.extend((-1_i64).to_le_bytes());
-            option(block, USER_APPLICATION, concat!("standin ", env!("CARGO_PKG_VERSION")).as_bytes());
+            option(block, USER_APPLICATION, b"standin");
             end_options(block);
         })?;
         Ok(file)

@@ -9,13 +9,14 @@ use standin_sim::trace::TraceKeep;
 
 use super::memory::Memory;
 use crate::cli;
+use crate::followed::Followed;
 use crate::output::Output;
-use crate::waveforms::Waveforms;
 
 /// The files that options name, opened and as they were.
 pub(super) struct Files {
     record: Option<Output>,
     waves: Option<Output>,
+    frames: Option<Output>,
 }
 
 impl Files {
@@ -26,7 +27,8 @@ impl Files {
     pub(super) fn open(options: &cli::Run, memories: &[Memory]) -> Result<Self, String> {
         let record = open("--record", options.record.as_deref(), memories)?;
         let waves = open("--vcd", options.vcd.as_deref(), memories)?;
-        let all: Vec<&Output> = [&record, &waves].into_iter().flatten().collect();
+        let frames = open("--pcap", options.pcap.as_deref(), memories)?;
+        let all: Vec<&Output> = [&record, &waves, &frames].into_iter().flatten().collect();
         for (n, output) in all.iter().enumerate() {
             for other in &all[..n] {
                 if output.is(other)? {
@@ -35,22 +37,30 @@ impl Files {
                 }
             }
         }
-        Ok(Self { record, waves })
+        Ok(Self { record, waves, frames })
     }
 
-    /// How much of what happens they need.
-    pub(super) fn keep(&self) -> TraceKeep {
-        if self.record.is_some() { TraceKeep::All } else { TraceKeep::default() }
+    /// How much of what happens is kept, and of what is on the lines: for them, and for the control API if it is
+    /// `controlled`.
+    pub(super) fn keep(&self, controlled: bool) -> (TraceKeep, TraceKeep) {
+        let ring = |wanted| if wanted { TraceKeep::default() } else { TraceKeep::Off };
+        let trace = match self.record {
+            Some(_) => TraceKeep::All,
+            None => ring(controlled || self.waves.is_some()),
+        };
+        (trace, ring(controlled || self.frames.is_some()))
     }
 
-    /// Begins them anew; those that follow the bench, and the one that is written at its end.
+    /// Begins them anew; the one that is written at the bench's end, and those that follow it.
     ///
     /// # Errors
     /// One sentence: which one cannot be written, and why.
-    pub(super) fn begin(self, bench: &Bench) -> Result<(Option<Output>, Option<Waveforms>), String> {
+    pub(super) fn begin(self, bench: &Bench) -> Result<(Option<Output>, Vec<Followed>), String> {
         self.record.as_ref().map_or(Ok(()), Output::begin)?;
-        let waveforms = self.waves.map(|output| Waveforms::begin(output, bench)).transpose()?;
-        Ok((self.record, waveforms))
+        let waves = self.waves.map(|output| Followed::waves(output, bench));
+        let frames = self.frames.map(|output| Followed::frames(output, bench));
+        let followed = waves.into_iter().chain(frames).collect::<Result<Vec<_>, _>>()?;
+        Ok((self.record, followed))
     }
 }
 

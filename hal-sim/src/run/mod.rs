@@ -17,7 +17,6 @@ use standin_sim::bench::{Settings, Setup};
 use standin_sim::kinds;
 use standin_sim::layout::Built;
 use standin_sim::pace::Pace;
-use standin_sim::trace::TraceKeep;
 use tracing::info;
 
 use crate::api;
@@ -52,7 +51,8 @@ pub(crate) fn run(options: &cli::Run) -> Result<(), String> {
     }
     let files = Files::open(options, &memories)?;
 
-    let settings = Settings { trace: files.keep(), capture: TraceKeep::Off, ..layout.settings() };
+    let (trace, capture) = files.keep(control.is_some());
+    let settings = Settings { trace, capture, ..layout.settings() };
     let given =
         |memory: &Memory| Setup { memory: memory.content(), keep: memory.keeper(), ..Setup::default() };
     let given = memories.iter().map(given).collect();
@@ -78,8 +78,8 @@ pub(crate) fn run(options: &cli::Run) -> Result<(), String> {
         });
         ready.controlled_at(api.map_err(|error| format!("--control cannot listen: {error}"))?);
     }
-    let (record, waveforms) = files.begin(&bench)?;
-    let mut host = Host::new(bench, ports, layout.time.unwrap_or(Pace::Times(1)), waveforms, inbox);
+    let (record, followed) = files.begin(&bench)?;
+    let mut host = Host::new(bench, ports, layout.time.unwrap_or(Pace::Times(1)), followed, inbox);
     ready.print(options.json).map_err(|error| format!("stdout cannot be written: {error}"))?;
 
     let ended = host.run(&stop);
@@ -87,9 +87,9 @@ pub(crate) fn run(options: &cli::Run) -> Result<(), String> {
     for memory in &memories {
         memory.sync();
     }
-    let waveforms = host.end_waveforms();
+    let followed = host.end_files();
     record.map_or(Ok(()), |record| record.fails(write_trace(&host.bench, record.file())))?;
-    waveforms?;
+    followed?;
     ended.map_err(|error| format!("the bench cannot go on: {error}"))
 }
 

@@ -40,7 +40,6 @@ fn what_is_wrong_with_options_is_told_in_one_sentence() {
         (vec!["run", "qsb-m", "--set", "Version=1"], "Version cannot be preset"),
         (vec!["run", "qsb-d", "--address", "1"], "qsb-d has no bus address"),
         (vec!["run", "bench.toml"], "bench files: not yet"),
-        (vec!["run", "md3", "--pcap", "x"], "--pcap: not yet"),
         (vec!["run", "md3", "--listen", "serial:/dev/ttyUSB0"], "serial: ports are not yet there"),
         (vec!["run", "md3", "--listen", "stdio:"], "stdio: is not yet there"),
         (
@@ -56,6 +55,8 @@ fn what_is_wrong_with_options_is_told_in_one_sentence() {
         (vec!["run", "md3", "--nv", &both, "--record", &both], "--record and --nv are the same file"),
         (vec!["run", "md3", "--nv", &both, "--vcd", &both], "--vcd and --nv are the same file"),
         (vec!["run", "md3", "--record", &both, "--vcd", &both], "--vcd and --record are the same file"),
+        (vec!["run", "md3", "--nv", &both, "--pcap", &both], "--pcap and --nv are the same file"),
+        (vec!["run", "md3", "--vcd", &both, "--pcap", &both], "--pcap and --vcd are the same file"),
         (vec!["run", "md3", "--time", "x0"], "--time"),
         (vec!["run", "md3", "--address", "248"], "--address: DeviceAddress takes 1 to 247, not 248"),
         (vec!["run", "md3", "--address", "one"], "'one' is not a number"),
