@@ -10,7 +10,7 @@ use standin_sim::listen::{Listen, is_host_and_port};
 use standin_sim::pace::Pace;
 use standin_sim::preset::Number;
 
-/// Emulated motion drives: a drive on a pty or a TCP port, as its manual says, without the drive.
+/// Emulated motion drives: on a pty, a TCP port or a serial port, as their manuals say, without the drives.
 #[derive(Parser)]
 #[command(name = "standin", version, disable_help_subcommand = true, arg_required_else_help = false)]
 pub(crate) struct Cli {
@@ -26,7 +26,7 @@ pub(crate) struct Cli {
 
 #[derive(Subcommand)]
 pub(crate) enum Command {
-    /// Start a drive
+    /// Start a drive, or a bench of several
     Run(Box<Run>),
     /// List the kinds of drive
     List {
@@ -73,38 +73,40 @@ pub(crate) struct Asm {
 
 #[derive(Args)]
 pub(crate) struct Run {
-    /// Which kind (see `standin list`)
-    pub(crate) kind: String,
-    /// Where a port of the drive is reached, [PORT=]URI: pty:, pty:LINK or tcp:HOST:PORT; may repeat
-    #[arg(long, value_name = "[PORT=]URI")]
+    /// Which kind (see `standin list`), or a bench file of several drives, whose name ends in .toml
+    #[arg(value_name = "KIND|BENCH.toml")]
+    pub(crate) what: String,
+    /// Where a port of the drive is reached, [PORT=]URI: pty:, pty:LINK, tcp:HOST:PORT, serial:DEVICE or
+    /// stdio:; may repeat [default: a pty and a free loopback TCP port]
+    #[arg(long, value_name = "[PORT=]URI", help_heading = ONE_DRIVE)]
     pub(crate) listen: Vec<Listen>,
     /// Where the control API listens: HOST:PORT or off
     #[arg(long, value_name = "ADDR", default_value = "127.0.0.1:0")]
     pub(crate) control: Control,
-    /// How time runs: real, xN (N times faster) or manual (it stands)
-    #[arg(long, default_value = "real", value_name = "real|xN|manual")]
-    pub(crate) time: Pace,
-    /// Whether characters take their time on the line
-    #[arg(long, value_enum, default_value_t = Line::Timed)]
-    pub(crate) line: Line,
+    /// How time runs: real, xN (N times faster) or manual (it stands) [default: real]
+    #[arg(long, value_name = "real|xN|manual")]
+    pub(crate) time: Option<Pace>,
+    /// Whether characters take their time on the line [default: timed]
+    #[arg(long, value_enum)]
+    pub(crate) line: Option<Line>,
     /// The bus address to start with, as if saved before power-on
-    #[arg(long, value_name = "N", allow_hyphen_values = true, value_parser = number)]
+    #[arg(long, value_name = "N", allow_hyphen_values = true, value_parser = number, help_heading = ONE_DRIVE)]
     pub(crate) address: Option<Number>,
     /// Keep the non-volatile memory in FILE
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", help_heading = ONE_DRIVE)]
     pub(crate) nv: Option<PathBuf>,
     /// Preset a register by its name; may repeat
-    #[arg(long, value_name = "REG=VALUE")]
+    #[arg(long, value_name = "REG=VALUE", help_heading = ONE_DRIVE)]
     pub(crate) set: Vec<Assignment>,
     /// Assemble a user program and have it in the memory at power-on, as if saved (rs434544, rs434546)
-    #[arg(long, value_name = "FILE.rsasm")]
+    #[arg(long, value_name = "FILE.rsasm", help_heading = ONE_DRIVE)]
     pub(crate) program: Option<PathBuf>,
     /// No start-up delay
     #[arg(long)]
     pub(crate) fast_boot: bool,
-    /// Seed of every random choice
-    #[arg(long, default_value_t = 1, value_name = "N", allow_hyphen_values = true, value_parser = seed)]
-    pub(crate) seed: u64,
+    /// Seed of every random choice [default: 1]
+    #[arg(long, value_name = "N", allow_hyphen_values = true, value_parser = seed)]
+    pub(crate) seed: Option<u64>,
     /// Keep what happens in FILE, to be replayed
     #[arg(long, value_name = "FILE.trace")]
     pub(crate) record: Option<PathBuf>,
@@ -118,6 +120,9 @@ pub(crate) struct Run {
     #[arg(long)]
     pub(crate) json: bool,
 }
+
+/// What a bench file says of each of its drives.
+const ONE_DRIVE: &str = "Options for a single drive; a bench file says these itself";
 
 /// Where the control API listens.
 #[derive(Clone, PartialEq, Eq, Debug)]
@@ -211,13 +216,13 @@ mod tests {
     fn defaults() {
         let run = run(&[]).unwrap();
         assert_eq!(run.control, Control::At("127.0.0.1:0".into()));
-        assert_eq!((run.time, run.line, run.seed), (Pace::Times(1), Line::Timed, 1));
+        assert_eq!((run.time, run.line, run.seed), (None, None, None));
     }
 
     #[test]
     fn paces() {
-        assert_eq!(run(&["--time", "x10"]).unwrap().time, Pace::Times(10));
-        assert_eq!(run(&["--time", "manual"]).unwrap().time, Pace::Manual);
+        assert_eq!(run(&["--time", "x10"]).unwrap().time, Some(Pace::Times(10)));
+        assert_eq!(run(&["--time", "manual"]).unwrap().time, Some(Pace::Manual));
         for wrong in ["x0", "x", "x-1", "x1.5", "fast", "x100000"] {
             assert!(run(&["--time", wrong]).is_err(), "{wrong}");
         }

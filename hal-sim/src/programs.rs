@@ -52,7 +52,7 @@ pub(crate) fn load(file: &Path, spec: &Spec) -> Result<Image, String> {
         let kinds: Vec<_> =
             kinds::specs().filter(|spec| rsasm::runs_on(spec)).map(|spec| spec.kind).collect();
         let kinds = kinds.join(" and ");
-        return Err(format!("--program: {} has no user programs; {kinds} have", spec.kind));
+        return Err(format!("{} has no user programs; {kinds} have", spec.kind));
     }
     Ok(Image::of(&assemble(file)?))
 }

@@ -1,5 +1,6 @@
 //! What `standin run` says when it is ready: where to connect, and a command to try.
 
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
 use std::io::{self, Write as _};
 use std::net::SocketAddr;
@@ -10,13 +11,16 @@ use standin_firmware::device::{Ends, Line, Port, Spec};
 use standin_protocol::line::Parity;
 use standin_protocol::modbus::ascii;
 use standin_protocol::registers::Space;
+use standin_sim::bench::{Bench, Bus};
+use standin_sim::listen::Uri;
 
 use crate::api::Places;
+use crate::log;
 
-/// Where a port is reached.
+/// Where a line is reached.
 pub(crate) enum Address {
-    /// By TCP: the whole URI.
-    Tcp(String),
+    /// By what a whole URI says.
+    Uri(String),
     /// By the pty of that name.
     Pty(PathBuf),
 }
@@ -24,39 +28,54 @@ pub(crate) enum Address {
 impl Address {
     fn uri(&self) -> String {
         match self {
-            Self::Tcp(uri) => uri.clone(),
+            Self::Uri(uri) => uri.clone(),
             Self::Pty(path) => format!("pty:{}", path.display()),
         }
     }
 }
 
-/// A port and everywhere it is reached.
+/// A line, and everywhere it is reached.
 struct Reached {
-    port: Port,
-    bus: String,
+    name: String,
     line: Line,
     addresses: Vec<Address>,
 }
 
 /// A drive that is ready.
-pub(crate) struct Ready {
+struct Drive {
+    name: String,
     spec: &'static Spec,
-    ports: Vec<Reached>,
+    /// Its bus address, if it has one.
+    unit: Option<i64>,
+    /// Its serial ports, and their lines.
+    ports: Vec<(Port, Bus)>,
+}
+
+/// A bench that is ready.
+pub(crate) struct Ready {
+    drives: Vec<Drive>,
+    lines: BTreeMap<Bus, Reached>,
     control: Option<SocketAddr>,
 }
 
 impl Ready {
-    /// A drive that nobody can reach yet, named like its kind.
-    pub(crate) fn new(spec: &'static Spec) -> Self {
-        Self { spec, ports: Vec::new(), control: None }
-    }
-
-    /// `port`, on the line `bus`, is reached at `address`.
-    pub(crate) fn reached(&mut self, port: Port, bus: &str, line: Line, address: Address) {
-        match self.ports.iter_mut().find(|reached| reached.port == port) {
-            Some(reached) => reached.addresses.push(address),
-            None => self.ports.push(Reached { port, bus: bus.into(), line, addresses: vec![address] }),
-        }
+    /// A bench whose lines are reached at `addresses`.
+    pub(crate) fn new(bench: &Bench, mut addresses: BTreeMap<Bus, Vec<Address>>) -> Self {
+        let drives = bench.seats().map(|seat| {
+            let spec = bench.spec(seat);
+            let ports = (0..).map(Port).take(spec.ports.len());
+            Drive {
+                name: bench.name(seat).into(),
+                spec,
+                unit: spec.address.map(|row| bench.peek(seat, row)),
+                ports: ports.filter_map(|port| Some((port, bench.bus(seat, port)?))).collect(),
+            }
+        });
+        let lines = bench.buses().into_iter().map(|bus| {
+            let addresses = addresses.remove(&bus).unwrap_or_default();
+            (bus, Reached { name: bench.bus_name(bus).into(), line: bench.line(bus), addresses })
+        });
+        Self { drives: drives.collect(), lines: lines.collect(), control: None }
     }
 
     /// The control API listens there.
@@ -66,16 +85,20 @@ impl Ready {
 
     /// Where each line is reached.
     pub(crate) fn places(&self) -> Places {
-        let uris = |reached: &Reached| reached.addresses.iter().map(Address::uri).collect();
-        self.ports.iter().map(|reached| (reached.bus.clone(), uris(reached))).collect()
+        self.lines.values().map(|line| (line.name.clone(), line.uris())).collect()
     }
 
-    /// Says it on stdout, of a drive with the bus address `unit`.
+    /// Says it: on stdout, if that does not belong to a line.
     ///
     /// # Errors
     /// Nobody can hear it.
-    pub(crate) fn print(&self, json: bool, unit: Option<i64>) -> io::Result<()> {
-        let text = if json { self.json()? + "\n" } else { self.text(unit) };
+    pub(crate) fn print(&self, json: bool) -> io::Result<()> {
+        let text = if json { self.json()? + "\n" } else { self.text() };
+        let stdio = Uri::Stdio.to_string();
+        if self.lines.values().any(|line| line.uris().contains(&stdio)) {
+            log::say(text.as_bytes());
+            return Ok(());
+        }
         let mut stdout = io::stdout();
         stdout.write_all(text.as_bytes())?;
         stdout.flush()
@@ -84,83 +107,109 @@ impl Ready {
     fn json(&self) -> io::Result<String> {
         #[derive(Serialize)]
         struct Line<'a> {
-            devices: [Device<'a>; 1],
+            devices: Vec<Device<'a>>,
             control: Option<String>,
         }
         #[derive(Serialize)]
         struct Device<'a> {
             name: &'a str,
             kind: &'a str,
-            #[serde(serialize_with = "ports")]
-            ports: &'a Ready,
+            #[serde(serialize_with = "in_order")]
+            ports: Vec<(&'a str, Vec<String>)>,
         }
-        fn ports<S: Serializer>(ready: &&Ready, serializer: S) -> Result<S::Ok, S::Error> {
-            serializer.collect_map(ready.ports.iter().map(|reached| {
-                let uris: Vec<String> = reached.addresses.iter().map(Address::uri).collect();
-                (ready.port_name(reached), uris)
-            }))
+        fn in_order<S: Serializer>(ports: &[(&str, Vec<String>)], serializer: S) -> Result<S::Ok, S::Error> {
+            serializer.collect_map(ports.iter().map(|(name, uris)| (name, uris)))
         }
+        let devices = self.drives.iter().map(|drive| {
+            let uris = |bus| self.lines.get(bus).map(Reached::uris).unwrap_or_default();
+            let ports = drive.ports.iter().map(|(port, bus)| (drive.port_name(*port), uris(bus)));
+            Device { name: &drive.name, kind: drive.spec.kind, ports: ports.collect() }
+        });
         let line = Line {
-            devices: [Device { name: self.spec.kind, kind: self.spec.kind, ports: self }],
+            devices: devices.collect(),
             control: self.control.map(|address| format!("http://{address}")),
         };
         Ok(serde_json::to_string(&line)?)
     }
 
-    fn text(&self, unit: Option<i64>) -> String {
-        let mut text = format!("{}: {}\n", self.spec.kind, self.spec.product);
-        for reached in &self.ports {
-            let _ = write!(text, "  {}, {}", self.port_name(reached), reached.line);
-            let _ = unit.map(|unit| write!(text, ", address {unit}"));
-            text.push('\n');
-            for address in &reached.addresses {
-                let _ = writeln!(text, "    {}", address.uri());
+    fn text(&self) -> String {
+        let mut text = String::new();
+        let mut told = BTreeSet::new();
+        for drive in &self.drives {
+            let _ = writeln!(text, "{}: {}", drive.name, drive.spec.product);
+            for (_, bus) in &drive.ports {
+                let Some(reached) = self.lines.get(bus) else { continue };
+                let _ = write!(text, "  {}, {}", reached.name, reached.line);
+                let _ = drive.unit.map(|unit| write!(text, ", address {unit}"));
+                text.push('\n');
+                // Who shares a line is reached where its first drive is.
+                if told.insert(bus) {
+                    for uri in reached.uris() {
+                        let _ = writeln!(text, "    {uri}");
+                    }
+                }
             }
         }
         if let Some(address) = self.control {
-            let _ = writeln!(text, "  control\n    http://{address}  (what it does: /openapi.json)");
+            let _ = writeln!(text, "control\n    http://{address}  (what it does: /openapi.json)");
         }
-        if let Some(command) = self.command(unit) {
+        if let Some(command) = self.command() {
             let _ = writeln!(text, "Try:\n  {command}");
         }
         text.push_str("Ctrl-C ends it.\n");
         text
     }
 
-    /// A command that reads the drive's registers, or opens a terminal where somebody may type.
-    fn command(&self, unit: Option<i64>) -> Option<String> {
-        let by_pty = self.ports.iter().find_map(|reached| {
-            let ends = self.spec.ports.get(usize::from(reached.port.0))?.ends;
-            let pty = reached.addresses.iter().find_map(|address| match address {
-                Address::Pty(path) => Some(path),
-                Address::Tcp(_) => None,
-            })?;
-            if ends == Ends::Character {
-                let pty = pty.display();
-                return Some(format!("python3 -m serial.tools.miniterm {pty} {}", reached.line.baud));
-            }
-            let (first, count) = self.readable()?;
-            // mbpoll has no ASCII.
-            (ends == Ends::Silence && !ascii::is_on(reached.line)).then(|| {
-                let Line { baud, parity, stop, .. } = reached.line;
-                let parity = match parity {
-                    Parity::None => "none",
-                    Parity::Even => "even",
-                    Parity::Odd => "odd",
-                };
-                let stop = if stop == 1 { "" } else { " -s 2" };
-                let unit = unit.unwrap_or(1);
-                // mbpoll counts registers from 1.
-                let first = u32::from(first) + 1;
-                let pty = pty.display();
-                format!(
-                    "mbpoll -m rtu -a {unit} -b {baud} -P {parity}{stop} -t 4:hex -r {first} -c {count} {pty}"
-                )
-            })
+    /// A command to begin with.
+    fn command(&self) -> Option<String> {
+        let by_pty = self.drives.iter().find_map(|drive| {
+            drive.ports.iter().find_map(|(port, bus)| drive.command(*port, self.lines.get(bus)?))
         });
         by_pty.or_else(|| {
-            let control = self.control?;
-            Some(format!("curl -s http://{control}/api/drives/{}", self.spec.kind))
+            let (control, drive) = (self.control?, self.drives.first()?);
+            Some(format!("curl -s http://{control}/api/drives/{}", drive.name))
+        })
+    }
+}
+
+impl Reached {
+    fn uris(&self) -> Vec<String> {
+        self.addresses.iter().map(Address::uri).collect()
+    }
+}
+
+impl Drive {
+    fn port_name(&self, port: Port) -> &'static str {
+        self.spec.ports.get(usize::from(port.0)).map_or("", |port| port.name)
+    }
+
+    /// A command that reads the drive's registers, or opens a terminal where somebody may type, by a pty of
+    /// `port`.
+    fn command(&self, port: Port, reached: &Reached) -> Option<String> {
+        let ends = self.spec.ports.get(usize::from(port.0))?.ends;
+        let pty = reached.addresses.iter().find_map(|address| match address {
+            Address::Pty(path) => Some(path.display()),
+            Address::Uri(_) => None,
+        })?;
+        let Line { baud, parity, stop, .. } = reached.line;
+        if ends == Ends::Character {
+            return Some(format!("python3 -m serial.tools.miniterm {pty} {baud}"));
+        }
+        let (first, count) = self.readable()?;
+        // mbpoll has no ASCII.
+        (ends == Ends::Silence && !ascii::is_on(reached.line)).then(|| {
+            let parity = match parity {
+                Parity::None => "none",
+                Parity::Even => "even",
+                Parity::Odd => "odd",
+            };
+            let stop = if stop == 1 { "" } else { " -s 2" };
+            let unit = self.unit.unwrap_or(1);
+            // mbpoll counts registers from 1.
+            let first = u32::from(first) + 1;
+            format!(
+                "mbpoll -m rtu -a {unit} -b {baud} -P {parity}{stop} -t 4:hex -r {first} -c {count} {pty}"
+            )
         })
     }
 
@@ -172,9 +221,5 @@ impl Ready {
         let first = table.rows.iter().find(|row| row.space == Space::Holding && row.access.reads())?.address;
         let count = (1..=MOST).rev().find(|&count| table.readable(Space::Holding, first, count).is_some())?;
         Some((first, count))
-    }
-
-    fn port_name(&self, reached: &Reached) -> &'static str {
-        self.spec.ports.get(usize::from(reached.port.0)).map_or("", |port| port.name)
     }
 }

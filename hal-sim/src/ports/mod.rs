@@ -174,10 +174,12 @@ impl Ports {
         Ok(path)
     }
 
-    /// Reaches `bus` by a serial port of this machine.
-    pub(crate) fn add_serial(&mut self, bench: &mut Bench, bus: Bus, device: Device) {
+    /// Reaches `bus` by a serial port of this machine; returns its URI.
+    pub(crate) fn add_serial(&mut self, bench: &mut Bench, bus: Bus, device: Device) -> String {
+        let uri = device.uri();
         let number = self.place(Box::new(serial::Serial::new(bench, bus, device)));
         self.note(bench, number);
+        uri
     }
 
     /// Reaches `bus` by standard input and output, with which the bench ends.

@@ -20,6 +20,7 @@ use rustix::termios::{
 use standin_firmware::device::Line;
 use standin_protocol::line::Parity;
 use standin_sim::bench::{Bench, Bus, Client};
+use standin_sim::listen::Uri;
 use tracing::{info, warn};
 
 use super::{Came, End, READ_BYTES, UNREAD_BYTES, interest, may_read, over, read_some, write_some};
@@ -46,6 +47,11 @@ impl Device {
         }
         ioctl_tiocexcl(&fd)?;
         Ok(Self { path: path.into(), fd })
+    }
+
+    /// Its URI.
+    pub(super) fn uri(&self) -> String {
+        Uri::Serial(self.path.clone()).to_string()
     }
 }
 

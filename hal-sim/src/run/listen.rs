@@ -1,0 +1,129 @@
+//! Where the lines of a bench are reached: reserved first, and opened when all else is right.
+
+use std::collections::BTreeMap;
+use std::io;
+use std::path::PathBuf;
+
+use standin_firmware::device::Port;
+use standin_sim::bench::{Bench, Bus, Seat};
+use standin_sim::kinds;
+use standin_sim::layout::Layout;
+use standin_sim::listen::Uri;
+
+use crate::ports::{self, Bound, Device, Ports};
+use crate::ready::Address;
+
+/// Whose line is reached.
+#[derive(Clone, Copy)]
+enum Line {
+    /// That of a port: place of the drive in the layout.
+    Own(usize, Port),
+    /// One that drives share: place in the layout.
+    Shared(usize),
+}
+
+/// A place to be reached that nobody else can take any more.
+enum Place {
+    Tcp(Bound),
+    Pty(Option<PathBuf>),
+    Serial(Device),
+    Stdio,
+}
+
+/// All places where the lines of a layout will be reached.
+pub(super) struct Reserved(Vec<(Line, Place)>);
+
+impl Reserved {
+    /// Reserves all of them.
+    ///
+    /// # Errors
+    /// One sentence: which one is not to be had, and why.
+    pub(super) fn all(layout: &Layout) -> Result<Self, String> {
+        let mut places = Vec::new();
+        for (place, drive) in layout.drives.iter().enumerate() {
+            let spec = kinds::make(drive.kind)?.spec();
+            for (port, uri) in &drive.listen {
+                let of = spec.ports.get(usize::from(port.0));
+                if let Some(of) = of.filter(|of| of.line.is_none()) {
+                    return Err(crate::not_yet(&format!("TCP ports like {} of {}", of.name, spec.kind)));
+                }
+                places.push((Line::Own(place, *port), reserve(uri)?));
+            }
+        }
+        for (place, bus) in layout.buses.iter().enumerate() {
+            for uri in &bus.listen {
+                places.push((Line::Shared(place), reserve(uri)?));
+            }
+        }
+        Ok(Self(places))
+    }
+
+    /// Whether standard input and output are among them.
+    pub(super) fn has_stdio(&self) -> bool {
+        self.0.iter().any(|(_, place)| matches!(place, Place::Stdio))
+    }
+
+    /// Opens all of them; where each line is reached then.
+    ///
+    /// # Errors
+    /// One sentence: which one cannot be opened, and why.
+    pub(super) fn open(
+        self,
+        bench: &mut Bench,
+        seats: &[Seat],
+        buses: &[Bus],
+    ) -> Result<(Ports, BTreeMap<Bus, Vec<Address>>), String> {
+        let mut ports = Ports::new().map_err(|error| format!("ports cannot be waited for: {error}"))?;
+        let mut addresses: BTreeMap<Bus, Vec<Address>> = BTreeMap::new();
+        for (line, place) in self.0 {
+            let bus = match line {
+                Line::Own(drive, port) => bench.bus(seats[drive], port).ok_or("a port without a line")?,
+                Line::Shared(bus) => buses[bus],
+            };
+            let address = match place {
+                Place::Tcp(bound) => Address::Uri(
+                    ports.add_tcp(bus, bound).map_err(|error| format!("tcp: cannot listen: {error}"))?,
+                ),
+                Place::Pty(link) => {
+                    Address::Pty(ports.add_pty(bus, link).map_err(|error| error.to_string())?)
+                }
+                Place::Serial(device) => Address::Uri(ports.add_serial(bench, bus, device)),
+                Place::Stdio => {
+                    let added = ports.add_stdio(bench, bus);
+                    added.map_err(|error| format!("stdio: cannot be read and written: {error}"))?;
+                    Address::Uri(Uri::Stdio.to_string())
+                }
+            };
+            addresses.entry(bus).or_default().push(address);
+        }
+        Ok((ports, addresses))
+    }
+}
+
+fn reserve(uri: &Uri) -> Result<Place, String> {
+    match uri {
+        Uri::Tcp(address) => Ok(Place::Tcp(reserve_tcp("tcp:", address)?)),
+        Uri::Pty(link) => {
+            if let Some(link) = link {
+                ports::check_link(link).map_err(|error| format!("{uri}: {error}"))?;
+            }
+            Ok(Place::Pty(link.clone()))
+        }
+        Uri::Serial(path) => match Device::open(path) {
+            Ok(device) => Ok(Place::Serial(device)),
+            Err(error) => Err(format!("{uri} cannot be opened: {error}")),
+        },
+        Uri::Stdio => Ok(Place::Stdio),
+    }
+}
+
+/// Reserves `HOST:PORT`; `what` begins the sentence.
+///
+/// # Errors
+/// One sentence: it is not to be had.
+pub(super) fn reserve_tcp(what: &str, address: &str) -> Result<Bound, String> {
+    ports::bind(address).map_err(|error| match error.kind() {
+        io::ErrorKind::AddrInUse => format!("{what}{address} is in use; another port, or port 0, is free"),
+        _ => format!("{what}{address} cannot be listened on: {error}"),
+    })
+}

@@ -1,0 +1,109 @@
+//! `standin run`: everything that is checked and made before the first byte moves.
+//!
+//! What can be wrong is found before anything listens: names and values, addresses in use, files. An
+//! old recording is overwritten last of all.
+
+mod files;
+mod listen;
+mod memory;
+mod told;
+
+use std::io;
+use std::os::unix::net::UnixStream;
+
+use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
+use signal_hook::consts::{SIGINT, SIGTERM};
+use standin_sim::bench::{Settings, Setup};
+use standin_sim::kinds;
+use standin_sim::layout::Built;
+use standin_sim::pace::Pace;
+use tracing::info;
+
+use crate::api;
+use crate::cli::{self, Control};
+use crate::ready::Ready;
+use crate::realtime::{self, Host};
+use files::{Files, write_trace};
+use listen::Reserved;
+use memory::Memory;
+use told::Told;
+
+/// Runs a drive, or a bench of several, until a signal ends it.
+///
+/// # Errors
+/// One sentence: what is wrong, and where.
+pub(crate) fn run(options: &cli::Run) -> Result<(), String> {
+    raise_limit_of_descriptors();
+    let told = Told::new(options)?;
+    let layout = &told.layout;
+    let programs = told.programs()?;
+    let listen = Reserved::all(layout)?;
+    if options.json && listen.has_stdio() {
+        return Err("--json and stdio: cannot share stdout; use one of them".into());
+    }
+    let control = match &options.control {
+        Control::Off => None,
+        Control::At(address) => Some(listen::reserve_tcp("--control ", address)?),
+    };
+    let mut memories = Vec::new();
+    for (place, program) in programs.iter().enumerate() {
+        memories.push(Memory::open(&told, place, program.as_ref())?);
+    }
+    let files = Files::open(options, &memories)?;
+
+    let (trace, capture) = files.keep(control.is_some());
+    let settings = Settings { trace, capture, ..layout.settings() };
+    let given =
+        |memory: &Memory| Setup { memory: memory.content(), keep: memory.keeper(), ..Setup::default() };
+    let given = memories.iter().map(given).collect();
+    let built = layout.build(settings, &|kind| kinds::make(kind).ok(), given);
+    let Built { mut bench, seats, buses, .. } = built.map_err(|sentence| told.wrong(&sentence))?;
+    for (memory, program) in memories.iter().zip(&programs) {
+        program.as_ref().map_or(Ok(()), |program| memory.hold(program))?;
+    }
+
+    // A drive may tell its line when it has looked at its pins.
+    bench.run_until(bench.now());
+
+    // From here on somebody may come.
+    let stop = signals().map_err(|error| format!("signals cannot be caught: {error}"))?;
+    let (ports, addresses) = listen.open(&mut bench, &seats, &buses)?;
+    let (door, inbox) = realtime::door().map_err(|error| format!("the bench cannot be woken: {error}"))?;
+    let mut ready = Ready::new(&bench, addresses);
+    if let Some(bound) = control {
+        let api = bound.listen().and_then(|listener| {
+            let address = listener.local_addr()?;
+            api::serve(listener, door, ready.places())?;
+            Ok(address)
+        });
+        ready.controlled_at(api.map_err(|error| format!("--control cannot listen: {error}"))?);
+    }
+    let (record, followed) = files.begin(&bench)?;
+    let mut host = Host::new(bench, ports, layout.time.unwrap_or(Pace::Times(1)), followed, inbox);
+    ready.print(options.json).map_err(|error| format!("stdout cannot be written: {error}"))?;
+
+    let ended = host.run(&stop);
+    info!("stopping");
+    for memory in &memories {
+        memory.sync();
+    }
+    let followed = host.end_files();
+    record.map_or(Ok(()), |record| record.fails(write_trace(&host.bench, record.file())))?;
+    followed?;
+    ended.map_err(|error| format!("the bench cannot go on: {error}"))
+}
+
+/// A bench may have thousands of ports, and the usual limit is 1,024 descriptors.
+fn raise_limit_of_descriptors() {
+    let Rlimit { maximum, .. } = getrlimit(Resource::Nofile);
+    // As far as we may; what is refused for lack of them says so.
+    let _ = setrlimit(Resource::Nofile, Rlimit { current: maximum, maximum });
+}
+
+/// A stream on which Ctrl-C and SIGTERM can be read.
+fn signals() -> io::Result<UnixStream> {
+    let (stop, caught) = UnixStream::pair()?;
+    signal_hook::low_level::pipe::register(SIGINT, caught.try_clone()?)?;
+    signal_hook::low_level::pipe::register(SIGTERM, caught)?;
+    Ok(stop)
+}
