@@ -241,8 +241,8 @@ fn motors() {
                 "line 5, column 12: load_mnm takes a number from -100000 to 100000, not nan",
             ),
             (
-                "[[motor]]\nname = 'm'\ndrive = 'x'\ninertia = 3",
-                "line 5, column 1: there is no key of [[motor]] 'inertia'; the nearest is 'inertia_gcm2'",
+                "[[motor]]\nname = 'm'\ndrive = 'x'\ninertia_gcm = 3",
+                "line 5, column 1: there is no key of [[motor]] 'inertia_gcm'; the nearest is 'inertia_gcm2'",
             ),
         ],
     );

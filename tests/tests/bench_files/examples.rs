@@ -45,7 +45,7 @@ fn two_drives_on_one_line_are_two_addresses() {
 fn the_qsb_moves_the_motor_of_the_md3_and_reads_its_encoder() {
     /// Of an MD3 from the factory, which makes 8 microsteps of a step (7.2), with a motor of 200 steps.
     const TURN: u32 = 8 * 200;
-    /// 1,000 cycles, of which a QSB from the factory counts all four edges (MDR0).
+    /// 1,000 cycles, of which the QSB counts all four edges (MDR0).
     const COUNTS: i32 = 4 * 1_000;
     let mut built = example("step-and-encoder");
     let bench = &mut built.bench;
@@ -56,7 +56,7 @@ fn the_qsb_moves_the_motor_of_the_md3_and_reads_its_encoder() {
     // The motor drive takes its lines: the MD3 steps once when the step line falls.
     assert_eq!(command(bench, client, "W162"), 2);
     let began = (bench.motion(stepper, AXIS).position, command(bench, client, "R0E"));
-    let indexes = moments(bench, "edge I high").len();
+    let indexes = moments(bench, "reader > pin I high").len();
     command(bench, client, &format!("W11{TURN:08X}"));
     for turns in 1..=3 {
         command(bench, client, "W168");
@@ -64,7 +64,7 @@ fn the_qsb_moves_the_motor_of_the_md3_and_reads_its_encoder() {
         let now = (bench.motion(stepper, AXIS).position, command(bench, client, "R0E"));
         let turned = (now.0 - began.0, now.1 - began.1);
         assert_eq!(turned, (turns * TURN.cast_signed(), turns * COUNTS));
-        assert_eq!(moments(bench, "edge I high").len() - indexes, turns as usize);
+        assert_eq!(moments(bench, "reader > pin I high").len() - indexes, turns as usize);
     }
 }
 
@@ -98,5 +98,5 @@ fn the_limit_switch_stops_the_motor() {
     assert_eq!((register(bench, feeder, "STATUS"), turn.rpm), (0, 0.0), "it stands");
     let expected = 10.0 + braked;
     assert!((turn.revolutions - expected).abs() < 0.05, "{} turns, expected {expected}", turn.revolutions);
-    assert_eq!(moments(bench, "IN1 high").len(), 1, "the switch opens once");
+    assert_eq!(moments(bench, "feeder > pin IN1 high").len(), 1, "the switch opens once");
 }
