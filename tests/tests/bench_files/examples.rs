@@ -98,5 +98,5 @@ fn the_limit_switch_stops_the_motor() {
     assert_eq!((register(bench, feeder, "STATUS"), turn.rpm), (0, 0.0), "it stands");
     let expected = 10.0 + braked;
     assert!((turn.revolutions - expected).abs() < 0.05, "{} turns, expected {expected}", turn.revolutions);
-    assert_eq!(moments(bench, "feeder > pin IN1 high").len(), 1, "the switch opens once");
+    assert_eq!(moments(bench, "> pin IN1 high").len(), 1, "the switch opens once");
 }
