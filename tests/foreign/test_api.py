@@ -3,6 +3,7 @@
 import http.client
 import json
 import os
+import struct
 import subprocess
 import threading
 import urllib.error
@@ -171,6 +172,27 @@ def test_the_trace_can_be_replayed(run, tmp_path):
     file.write_text(text(standin, "?format=trace"))
     replayed = subprocess.run([os.environ["STANDIN"], "replay", file], capture_output=True, text=True)
     assert replayed.returncode == 0, replayed.stdout + replayed.stderr
+
+
+def test_frames_of_the_lines(run):
+    """A section of pcapng, whose blocks are as long as they say: the line, a request, a reply."""
+    standin = run("--fast-boot", "--time", "manual")
+    with standin.socket() as line:
+        ask(line, MOVE, len(MOVE))
+    connection = connect(standin)
+    connection.request("GET", "/api/trace?format=pcapng")
+    answer = connection.getresponse()
+    assert (answer.status, answer.getheader("Content-Type")) == (200, "application/x-pcapng")
+    file = answer.read()
+    kinds = []
+    while file:
+        kind, length = struct.unpack_from("<II", file)
+        assert file[length - 4 : length] == file[4:8]
+        kinds.append(kind)
+        if kind == 6:
+            assert MOVE in file[:length]
+        file = file[length:]
+    assert kinds == [0x0A0D0D0A, 1, 6, 6]
 
 
 def test_waveforms_have_every_step(run):

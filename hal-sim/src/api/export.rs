@@ -12,8 +12,9 @@ use axum::http::header;
 use axum::response::{IntoResponse, Response};
 use futures_util::stream;
 use serde::Deserialize;
+use standin_sim::bench::Bench;
 use standin_sim::trace::Trace;
-use standin_sim::vcd;
+use standin_sim::{pcapng, vcd};
 use tokio::runtime::Handle;
 use tokio::sync::mpsc;
 use utoipa::ToSchema;
@@ -49,36 +50,64 @@ pub(super) enum Format {
     Trace,
     /// Waveforms of the pins.
     Vcd,
+    /// Frames of the lines.
+    Pcapng,
 }
+
+/// What writes a trace.
+type Written = Box<dyn FnOnce(&mut dyn Write) -> io::Result<()> + Send>;
 
 /// What happened, as far back as the ring reaches.
 #[utoipa::path(get, path = "/api/trace",
     params(("format" = Option<Format>, Query, description = "`trace` if not given")),
-    responses((status = 200, description = "To be replayed, or for a viewer of waveforms.", body = String, content_type = "text/plain")),
+    responses((status = 200, description = "To be replayed, or for a viewer of waveforms or of frames.", content(
+        (String = "text/plain"),
+        (Vec<u8> = "application/x-pcapng"),
+    ))),
 )]
 pub(super) async fn trace(State(api): State<Api>, Asked(wanted): Asked<Wanted>) -> Result<Response, Problem> {
     let place = api.exports.clone().try_acquire_owned();
     let place = place.map_err(|_| nobody_more("be sent a trace"))?;
-    let trace = copy(&api).await?;
+    let (media, written): (_, Written) = match wanted.format {
+        Format::Trace => {
+            let trace = events(&api).await?;
+            ("text/plain; charset=utf-8", Box::new(move |out| trace.write(out)))
+        }
+        Format::Vcd => {
+            let trace = events(&api).await?;
+            ("text/plain; charset=utf-8", Box::new(move |out| vcd::write(&trace, out)))
+        }
+        Format::Pcapng => {
+            let frames = copied(&api, pcapng::Copy::begin, |copy, bench| copy.go_on(bench, PIECE)).await?;
+            ("application/x-pcapng", Box::new(move |out| frames.write(out)))
+        }
+    };
     let (pipe, body) = pipe();
     tokio::task::spawn_blocking(move || {
         let _place = place;
         // The body ends early; there is nobody else to tell.
-        let _ = pipe.fill(|out| match wanted.format {
-            Format::Trace => trace.write(out),
-            Format::Vcd => vcd::write(&trace, out),
-        });
+        let _ = pipe.fill(written);
     });
-    Ok(([(header::CONTENT_TYPE, "text/plain; charset=utf-8")], body).into_response())
+    Ok(([(header::CONTENT_TYPE, media)], body).into_response())
 }
 
 /// A copy of the trace as it is now.
-async fn copy(api: &Api) -> Result<Trace, Problem> {
-    let begun = api.look(|bench| (bench.trace().outline(), bench.trace().mark()));
-    let (mut copy, mark) = begun.await?;
+async fn events(api: &Api) -> Result<Trace, Problem> {
+    let begin = |bench: &Bench| (bench.trace().outline(), bench.trace().mark());
+    let copied = copied(api, begin, |(copy, mark), bench| copy.copy_on(bench.trace(), *mark, PIECE));
+    copied.await.map(|(copy, _)| copy)
+}
+
+/// A copy of something as it is now: begun at one look, and gone on with at others while there is more.
+async fn copied<T: Send + 'static>(
+    api: &Api,
+    begin: fn(&Bench) -> T,
+    go_on: fn(&mut T, &Bench) -> bool,
+) -> Result<T, Problem> {
+    let mut copy = api.look(begin).await?;
     loop {
         let piece = api.look(move |bench| {
-            let more = copy.copy_on(bench.trace(), mark, PIECE);
+            let more = go_on(&mut copy, bench);
             (copy, more)
         });
         let more;

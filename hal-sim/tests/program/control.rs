@@ -337,7 +337,9 @@ fn a_web_page_is_refused() {
     assert_eq!(request(&format!("{get}Host: [::1]"), "").status, 200);
     assert!(request(&format!("{get}Host: evil.example"), "").problem(403).contains("Host"));
     assert!(request(&format!("{get}Host: 127.0.0.1.evil.example:80"), "").problem(403).contains("Host"));
-    assert!(request(&format!("{get}Host: localhost\r\nHost: evil.example"), "").problem(403).contains("Host"));
+    assert!(
+        request(&format!("{get}Host: localhost\r\nHost: evil.example"), "").problem(403).contains("Host")
+    );
     let target = "GET http://evil.example/api/bench HTTP/1.1\r\nHost: localhost";
     assert!(request(target, "").problem(403).contains("Host"));
     assert!(request("GET /api/bench HTTP/1.0", "").problem(403).contains("Host"));
@@ -353,7 +355,8 @@ fn a_web_page_is_refused() {
         assert_eq!(request(&ask, "").status, status, "{site}");
     }
     // Before it sends what is not simple a browser asks whether it may.
-    let preflight = "OPTIONS /api/drives/md3/power HTTP/1.1\r\nHost: localhost\r\nAccess-Control-Request-Method: POST";
+    let preflight =
+        "OPTIONS /api/drives/md3/power HTTP/1.1\r\nHost: localhost\r\nAccess-Control-Request-Method: POST";
     let answer = request(preflight, "");
     assert_eq!(answer.status, 405);
     assert!(!answer.head.contains("access-control"), "{answer:?}");
@@ -422,9 +425,14 @@ fn a_line_is_disturbed_by_what_is_named_and_by_nothing_else() {
 
     assert!(put("rs458", "{}").problem(404).contains("the nearest is 'rs485'"));
     assert!(put("rs485", "{\"drops\":1}").problem(422).contains("unknown field `drops`"));
-    for wrong in
-        ["\"drop\":1.5", "\"noise\":-0.1", "\"delay_ms\":60001", "\"delay_ms\":-1", "\"exception_code\":0", "\"baud\":1"]
-    {
+    for wrong in [
+        "\"drop\":1.5",
+        "\"noise\":-0.1",
+        "\"delay_ms\":60001",
+        "\"delay_ms\":-1",
+        "\"exception_code\":0",
+        "\"baud\":1",
+    ] {
         put("rs485", &format!("{{{wrong}}}")).problem(422);
     }
     assert_eq!(faults(), quiet);
