@@ -42,6 +42,7 @@
 //! | `store 0x0010 01 02` | into the memory |
 //! | `power off` | the cut has come, in the store before |
 
+mod copy;
 mod text;
 
 use std::borrow::Cow;
@@ -445,12 +446,13 @@ impl Trace {
         }
     }
 
-    /// How much is recorded, for [`rewind`](Self::rewind).
-    pub(crate) fn mark(&self) -> u64 {
+    /// How far it has come: events so far, with those that a ring has dropped.
+    #[must_use]
+    pub fn mark(&self) -> u64 {
         self.lost + self.events.len() as u64
     }
 
-    /// Forgets what was recorded since.
+    /// Forgets what was recorded since a [mark](Self::mark).
     pub(crate) fn rewind(&mut self, mark: u64) {
         while self.mark() > mark
             && let Some(newest) = self.events.pop_back()
