@@ -2,6 +2,7 @@
 
 mod ascii;
 mod characters;
+mod motors;
 
 use std::cell::RefCell;
 use std::rc::Rc;
