@@ -44,6 +44,9 @@ fn run(cycles: u32) -> (f64, u32) {
     }
     let client = bench.connect(bench.bus(qsb, Port(0)).expect("a serial port"));
     bench.run_until(100.millis());
+    // Quadrature, each edge of both channels counts.
+    bench.send(client, b"W033\r");
+    bench.run_until(200.millis());
     bench.poke(md3, Reg::MotionControl as usize, motion_control::JOG.into()).expect("a register");
     let end = bench.now() + 600.secs();
     let seconds = took(|| bench.run_until(end)).as_secs_f64();

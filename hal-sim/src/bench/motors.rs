@@ -159,8 +159,12 @@ impl Sink for Felt {
 
 /// What looks at a shaft. It is at one of many places, in the order of angles.
 struct Sensor {
+    /// Where its first wire goes: the order of a motor's sensors.
+    key: (String, Pin),
     sees: Sees,
     place: i64,
+    /// Whether that has been shown.
+    shown: bool,
     /// When the shaft comes to another place next, and which.
     next: Instant,
     to: i64,
@@ -243,6 +247,10 @@ impl Sees {
 impl Sensor {
     /// Foresees what comes next, from `from` on, at a shaft that turns like that.
     fn foresee(&mut self, rotor: &dyn Rotor, pace: &Pace, began: i64, from: Instant) {
+        if !self.shown {
+            (self.next, self.to) = (from, self.sees.place(rotor.angle_at(from).wrapping_sub(began)));
+            return;
+        }
         self.next = Instant::NEVER;
         let ways = if stands(pace) { [true, false].as_slice() } else { &[forward(pace)] };
         for &forward in ways {
@@ -397,8 +405,8 @@ impl Bench {
     pub fn encode(&mut self, motor: Motor, cycles_per_rev: u32, to: [Option<(Seat, Pin)>; 3]) {
         let counts = 4 * i64::from(cycles_per_rev.clamp(1, 10_000_000));
         let wires = to.map(|to| to.map(|to| self.end_of_wire(to)));
-        if wires.iter().any(Option::is_some) {
-            self.put_sensor(motor, Sees::Encoder { counts, wires });
+        if let Some(to) = to.into_iter().flatten().next() {
+            self.put_sensor(motor, to, Sees::Encoder { counts, wires });
         }
     }
 
@@ -407,27 +415,24 @@ impl Bench {
     /// # Panics
     /// If the pin is not there.
     pub fn switch(&mut self, motor: Motor, closed: Closed, to: (Seat, Pin)) {
-        let wire = self.end_of_wire(to);
+        let (wire, pin) = (self.end_of_wire(to), to);
         // Above and below, and not there.
         let from = closed.above_rev.map(|rev| (rev * TURN).floor() as i64 + 1);
         let to = closed.below_rev.map(|rev| (rev * TURN).ceil() as i64);
         // One that is never closed is so at no angle.
         let to = if let (Some(from), Some(to)) = (from, to) { Some(to.max(from)) } else { to };
-        self.put_sensor(motor, Sees::Switch { from, to, wire });
+        self.put_sensor(motor, pin, Sees::Switch { from, to, wire });
     }
 
-    fn put_sensor(&mut self, motor: Motor, sees: Sees) {
-        let now = self.now;
-        let fitted = &mut self.motors[motor.0 as usize];
-        let rotor = fitted.machine.rotor();
-        let place = sees.place(rotor.angle_at(now).wrapping_sub(fitted.began));
-        let mut sensor = Sensor { sees, place, next: Instant::NEVER, to: place };
-        sensor.foresee(rotor, &rotor.pace(), fitted.began, now);
-        let shows = sensor.sees.shows(place);
-        fitted.sensors.push(sensor);
-        for (wire, level) in shows.into_iter().flatten() {
-            self.carry_to_end(wire, level);
-        }
+    /// What it shows so far is on its way like all that it will show.
+    fn put_sensor(&mut self, motor: Motor, to: (Seat, Pin), sees: Sees) {
+        let (now, key) = (self.now, (self.name(to.0).to_owned(), to.1));
+        let Fitted { machine, sensors, began, .. } = &mut self.motors[motor.0 as usize];
+        let rotor = machine.rotor();
+        let mut sensor = Sensor { key, sees, place: 0, shown: false, next: now, to: 0 };
+        sensor.foresee(rotor, &rotor.pace(), *began, now);
+        let place = sensors.partition_point(|other| other.key <= sensor.key);
+        sensors.insert(place, sensor);
         self.foresee_motor(motor.0 as usize);
     }
 
@@ -572,14 +577,15 @@ impl Bench {
             if sensor.next >= self.now {
                 continue;
             }
-            let (before, after) = (sensor.sees.shows(sensor.place), sensor.sees.shows(sensor.to));
-            sensor.place = sensor.to;
+            let before = if sensor.shown { sensor.sees.shows(sensor.place) } else { [None; 3] };
+            let after = sensor.sees.shows(sensor.to);
+            (sensor.place, sensor.shown) = (sensor.to, true);
             let rotor = machine.rotor();
             sensor.foresee(rotor, &rotor.pace(), *began, self.now);
-            for (wire, level) in
-                before.iter().zip(after).filter(|(old, new)| *old != new).filter_map(|(_, new)| new)
-            {
-                self.wired(wire, level);
+            for (before, after) in before.into_iter().zip(after) {
+                if let Some((wire, level)) = after.filter(|_| after != before) {
+                    self.wired(wire, level);
+                }
             }
         }
     }

@@ -91,12 +91,6 @@ impl Bench {
         wire
     }
 
-    /// A level is on its way to the end of a wire.
-    pub(super) fn carry_to_end(&mut self, wire: u32, level: Level) {
-        let (seat, _) = self.wires[wire as usize].to;
-        self.schedule(self.now + Duration::TICK, Class::Pin, seat.0, What::Wired { wire, level });
-    }
-
     /// Carries what an output did to the ends of its wires.
     pub(super) fn carry_moved(&mut self, place: u32, moved: &Moved) {
         match *moved {
