@@ -2,6 +2,7 @@
 
 mod ascii;
 mod characters;
+mod motors;
 mod names;
 
 use std::cell::RefCell;

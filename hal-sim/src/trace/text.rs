@@ -89,11 +89,12 @@ impl Trace {
         let mut text = format!("standin trace {VERSION}\nseed {}\n", self.seed);
         for drive in self.by_name().iter().map(|&index| &self.drives[index]) {
             let fast = if drive.boot_fast { " fast" } else { "" };
+            let apart = if drive.apart { " apart" } else { "" };
             let from = match drive.from {
                 Instant::ZERO => String::new(),
                 later => format!(" from {}", stamp(later)),
             };
-            line(&mut text, format_args!("drive {} {}{fast}{from}", drive.name, drive.spec.kind));
+            line(&mut text, format_args!("drive {} {}{fast}{apart}{from}", drive.name, drive.spec.kind));
             for (row, bytes) in drive.memory.chunks(MEMORY_ROW).enumerate() {
                 if bytes.iter().any(|&byte| byte != 0xFF) {
                     let offset = row * MEMORY_ROW;
@@ -247,6 +248,7 @@ fn fed_text(spec: &'static Spec, fed: &Fed) -> String {
             format!("count {} {steps} {} {}", encoder.0, high_low(*a), high_low(*b))
         }
         Fed::Slipped { axis, steps } => format!("slipped {} {steps}", axis_name(spec, *axis)),
+        Fed::Draws { axis, ma } => format!("draws {} {ma}", axis_name(spec, *axis)),
         Fed::Bytes { port, bytes } => {
             format!("{}{}", at_port(spec, "rx", *port), payload(port_of(spec, *port), bytes))
         }
@@ -402,14 +404,16 @@ impl Reader {
             name,
             spec,
             boot_fast: false,
+            apart: false,
             from: Instant::ZERO,
             memory: vec![0xFF; usize::from(spec.memory)],
         };
         while let Some(word) = words.more() {
             match word {
                 "fast" => drive.boot_fast = true,
+                "apart" => drive.apart = true,
                 "from" => drive.from = Instant::from_ticks(words.millis()?),
-                _ => return Err(format!("\"{word}\" is not known here: \"fast\" or \"from\"")),
+                _ => return Err(format!("\"{word}\" is not known here: \"fast\", \"apart\" or \"from\"")),
             }
         }
         self.trace.drives.push(drive);
@@ -485,6 +489,7 @@ fn fed(spec: &'static Spec, words: &mut Words<'_>) -> Result<Fed, String> {
             b: words.either("high", "low")?,
         },
         "slipped" => Fed::Slipped { axis: words.axis(spec)?, steps: words.number("steps")? },
+        "draws" => Fed::Draws { axis: words.axis(spec)?, ma: words.number("a current in mA")? },
         "fault" => {
             let names = spec.faults.iter().copied();
             Fed::Fault { fault: Fault(words.place("fault", names)?), on: words.either("on", "off")? }
@@ -516,6 +521,7 @@ fn fed(spec: &'static Spec, words: &mut Words<'_>) -> Result<Fed, String> {
                 "millivolts",
                 "count",
                 "slipped",
+                "draws",
                 "fault",
                 "poke",
                 "power",
