@@ -251,7 +251,6 @@ fn motors() {
 }
 
 #[test]
-#[ignore = "no drive parts from its motor yet"]
 fn brush_motors() {
     check(
         DRIVES,

@@ -41,7 +41,6 @@ fn two_drives_on_one_line_are_two_addresses() {
 }
 
 #[test]
-#[ignore = "there are no motors yet"]
 fn the_qsb_moves_the_motor_of_the_md3_and_reads_its_encoder() {
     /// Of an MD3 from the factory, which makes 8 microsteps of a step (7.2), with a motor of 200 steps.
     const TURN: u32 = 8 * 200;
@@ -83,7 +82,6 @@ fn command(bench: &mut Bench, client: Client, command: &str) -> i32 {
 /// 1,000 rpm and a DEC of 100, which is 545 rps² (decision 14 of "RS 434544 / 434546"): the switch opens at ten turns,
 /// for 10 ms (WAITED_INPUTS_EXTERN) it may bounce, then the motor brakes.
 #[test]
-#[ignore = "there are no motors yet"]
 fn the_limit_switch_stops_the_motor() {
     const SPEED: f64 = 1_000.0 / 60.0;
     const DEC: f64 = 100.0 + (100.0 - 10.0) / (1_000.0 - 10.0) * 4_900.0;

@@ -7,17 +7,23 @@ use standin_protocol::time::Span;
 use super::{ask, built};
 
 /// The tables of a file: header, and lines of keys.
-const TABLES: [(&str, &[&str]); 12] = [
+const TABLES: [(&str, &[&str]); 18] = [
     ("[[bus]]", &["name = 'line1'", "drives = ['b', 'a.rs485']", "collisions = true"]),
     ("[[drive]]", &["name = 'a'", "kind = 'md3'", "set = { SpeedHigh = 0, MoveSteps = 300, Speed = 4000 }"]),
     ("[[drive]]", &["name = 'b'", "kind = 'md3-low'", "address = 2", "fast_boot = true"]),
     ("[[drive]]", &["name = 'c'", "kind = 'qsb-m'", "faults = []"]),
-    ("[[drive]]", &["name = 'd'", "kind = 'rs434544'", "faults = ['current_limit', 'stall']"]),
+    ("[[drive]]", &["name = 'd'", "kind = 'rs434544'", "faults = ['current_limit']"]),
     ("[[wire]]", &["from = 'a.STEP'", "to = 'c.A'"]),
     ("[[wire]]", &["from = 'a.DIR'", "to = 'c.B'"]),
     ("[[wire]]", &["from = 'b.J3.7'", "to = 'd.IN1'"]),
     ("[[wire]]", &["from = 'a.STEP'", "to = 'd.IN1'"]),
     ("[[wire]]", &["from = 'c.DIO0'", "to = 'd.IN1'"]),
+    ("[[motor]]", &["name = 'm'", "drive = 'a'", "steps_per_rev = 40", "holding_mnm = 200"]),
+    ("[[motor]]", &["name = 'n'", "drive = 'd'", "friction_mnm = 30", "load_mnm = 0"]),
+    ("[[encoder]]", &["motor = 'm'", "cycles_per_rev = 100", "to = { b = 'c.B', a = 'c.A' }"]),
+    ("[[encoder]]", &["motor = 'm'", "cycles_per_rev = 70", "to = { index = 'd.IN2', a = 'c.A' }"]),
+    ("[[switch]]", &["motor = 'm'", "closed = { above_rev = 0.5, below_rev = 0.6 }", "to = 'b.J2.2'"]),
+    ("[[switch]]", &["motor = 'n'", "closed = { above_rev = 1 }", "to = 'b.J2.3'"]),
     ("[[fault]]", &["bus = 'line1'", "corrupt = 0.3", "drop = 0.2"]),
     ("[[fault]]", &["bus = 'd.rs485'", "delay_ms = 2", "duplicate = 0.5"]),
 ];
@@ -36,6 +42,8 @@ fn perform(tables: &[(&str, Vec<&str>)]) -> String {
         ask(bench, line1, &request);
         ask(bench, single, &request);
     }
+    // START of the RS drive.
+    ask(bench, single, &rtu::frame(1, &[5, 0x20, 0x00, 0xFF, 0x00]));
     bench.run_until(5.secs());
     bench.trace().to_text()
 }
@@ -51,6 +59,10 @@ proptest! {
     #[test]
     fn shuffled_tables_and_keys_are_the_same_bench(tables in shuffled()) {
         let sorted = TABLES.map(|(header, keys)| (header, keys.to_vec()));
-        prop_assert_eq!(perform(&tables), perform(&sorted));
+        let trace = perform(&sorted);
+        for happens in ["a > rx", "b > rx", "c > pin A", "d > pin IN1", "d > pin IN2", "b > pin J2.2", "b > pin J2.3"] {
+            prop_assert!(trace.contains(happens), "{} does not happen", happens);
+        }
+        prop_assert_eq!(perform(&tables), trace);
     }
 }
