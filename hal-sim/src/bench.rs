@@ -335,8 +335,14 @@ impl Bench {
             self.outbox.clear();
             return Err(error);
         }
-        let name = name.to_owned();
-        self.trace.drives.push(trace::Drive { name, spec, boot_fast, apart, from: now, memory });
+        self.trace.drives.push(trace::Drive {
+            name: name.to_owned(),
+            spec,
+            boot_fast,
+            apart,
+            from: now,
+            memory,
+        });
         for (port, serial) in (0..).map(Port).zip(spec.ports) {
             if serial.line.is_some() {
                 self.buses.push(Wire::own(name, serial.name, (Seat(place), port)));

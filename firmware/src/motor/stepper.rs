@@ -305,7 +305,8 @@ impl Stepper {
         }
         let per_rev = i128::from(self.steps_per_rev());
         let ma = self.current_ma.unwrap_or(rated_ma).min(MOST);
-        let holds = (i128::from(holding_unm) * i128::from(ma) << 8).checked_div(rated_ma.into())?;
+        let holds = (i128::from(holding_unm) * i128::from(ma)) << 8;
+        let holds = holds.checked_div(rated_ma.into())?;
         let accelerates = i128::from(inertia_gcm2) * i128::from(a) * TORQUE;
         let accelerates = accelerates.checked_div(per_rev << 16)?;
         let against = i128::from(load_unm) + i128::from(way) * i128::from(friction_unm);
