@@ -25,14 +25,47 @@ CHECKS = (
     response_schema_conformance,
 )
 
+BENCH = """
+[[bus]]
+name = "line1"
+drives = ["x", "y"]
+
+[[drive]]
+name = "x"
+kind = "md3"
+
+[[drive]]
+name = "y"
+kind = "md3-low"
+address = 2
+
+[[drive]]
+name = "reader"
+kind = "qsb-m"
+
+[[drive]]
+name = "brush"
+kind = "rs434546"
+
+[[motor]]
+name = "m"
+drive = "x"
+steps_per_rev = 200
+
+[[encoder]]
+motor = "m"
+cycles_per_rev = 1000
+to = { a = "reader.A", b = "reader.B", index = "reader.I" }
+"""
+
 NAMES = {
     "/api/drives/{name}": {
-        "name": ["md3", "md4"],
-        "pin": ["J2.2", "J2.5", "D5", "J2.22"],
-        "register": ["Speed", "DeviceAddress", "SpeedLow", "Sped"],
+        "name": ["x", "reader", "brush", "z"],
+        "pin": ["J2.2", "J2.5", "D5", "DIO0", "ANALOG", "IN1", "J2.22"],
+        "register": ["Speed", "DeviceAddress", "SpeedLow", "Mdr0", "Sped"],
         "fault": ["over_temperature", "stall"],
     },
-    "/api/buses/{name}": {"name": ["rs485", "md3.rs485", "rs458"]},
+    "/api/buses/{name}": {"name": ["line1", "reader.usb", "brush.rs485", "line2"]},
 }
 """What is called so, and what is not: hardly any other name would meet something."""
 
@@ -58,8 +91,10 @@ def tame(case):
 
 
 @pytest.fixture(scope="module")
-def standin():
-    standin = Standin("--fast-boot", "--time", "manual")
+def standin(tmp_path_factory):
+    bench = tmp_path_factory.mktemp("bench") / "bench.toml"
+    bench.write_text(BENCH)
+    standin = Standin("--fast-boot", "--time", "manual", kind=bench)
     yield standin
     assert standin.stop() == 0
     standin.kill()
