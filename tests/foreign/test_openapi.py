@@ -60,9 +60,9 @@ to = { a = "reader.A", b = "reader.B", index = "reader.I" }
 
 NAMES = {
     "/api/drives/{name}": {
-        "name": ["x", "reader", "brush", "z"],
-        "pin": ["J2.2", "J2.5", "D5", "DIO0", "ANALOG", "IN1", "J2.22"],
-        "register": ["Speed", "DeviceAddress", "SpeedLow", "Mdr0", "Sped"],
+        "name": ["x", "reader", "z"],
+        "pin": ["J2.5", "A", "J2.22"],
+        "register": ["Speed", "Mdr0", "Sped"],
         "fault": ["over_temperature", "stall"],
     },
     "/api/buses/{name}": {"name": ["line1", "reader.usb", "brush.rs485", "line2"]},
