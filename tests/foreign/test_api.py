@@ -287,3 +287,28 @@ def test_calls_at_once_are_all_answered(run):
     for thread in threads:
         thread.join()
     assert not failed
+
+
+def test_a_motor_is_seen_turning(run, tmp_path):
+    """At 5,000 steps/s and 10,000 steps/s² (7.15) a move has made 6,250 steps after 1.5 s; 8 of them are a full
+    step (7.2), 200 of those a turn."""
+    bench = tmp_path / "bench.toml"
+    bench.write_text(
+        """
+        [[drive]]
+        name = "x"
+        kind = "md3"
+
+        [[motor]]
+        name = "m"
+        drive = "x"
+        steps_per_rev = 200
+        """
+    )
+    standin = run("--fast-boot", "--time", "manual", kind=bench)
+    standin.call("PUT", "/api/drives/x/registers/MotionControl", {"value": 1})
+    standin.call("POST", "/api/time/advance", {"seconds": 1.5})
+    (motor,) = standin.call("GET", "/api/bench")["motors"]
+    assert (motor["name"], motor["drive"], motor["stalled"]) == ("m", "x", False)
+    assert motor["revolutions"] == pytest.approx(6_250 / 1_600, abs=1e-3)
+    assert motor["rpm"] == pytest.approx(5_000 / 1_600 * 60)
