@@ -241,7 +241,7 @@ impl Fate {
     /// What `count` characters of `line` are to somebody who reads `baud` bits per second: as many as have
     /// room in their time, and no more.
     pub(crate) fn garbage(&self, line: Line, baud: u32, count: usize) -> Vec<u8> {
-        let room = (count as u64 * u64::from(baud)).div_ceil(u64::from(line.baud.max(1)));
+        let room = count as u64 * u64::from(baud) / u64::from(line.baud.max(1));
         let mut dice = Dice::branch(self.garbage);
         (0..room.min(count as u64)).map(|_| dice.next() as u8 & data_bits(line)).collect()
     }
