@@ -1198,6 +1198,7 @@ fn perform(acts: &[(u64, Act)], order: &[usize], chunks: &[u64], (line, twins): 
     let end = bench.now();
     assert!(end <= at + 600.secs(), "settled at {end:?} only");
     bench.run_until(end + 3.secs());
+    assert!(clients.iter().all(|&client| bench.backlog(client) == 0), "a line is stuck");
     format!("{}# {heard:?}\n", bench.trace().to_text())
 }
 
@@ -1236,7 +1237,7 @@ fn act() -> impl Strategy<Value = Act> {
         2 => (seat.clone(), power).prop_map(|(n, power)| Act::Power(n, power)),
         1 => (seat.clone(), any::<bool>()).prop_map(|(n, on)| Act::Fault(n, on)),
         2 => (seat, 0_i64..300).prop_map(|(n, value)| Act::Poke(n, value)),
-        1 => (0..8_usize, faults::any_faults()).prop_map(|(n, faults)| Act::Disturb(n, faults)),
+        3 => (0..8_usize, faults::any_faults()).prop_map(|(n, faults)| Act::Disturb(n, faults)),
         1 => (0..8_usize, any::<bool>()).prop_map(|(n, collide)| Act::Collide(n, collide)),
     ]
 }

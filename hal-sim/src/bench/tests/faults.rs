@@ -55,7 +55,7 @@ fn leaves() -> Duration {
 
 pub(super) fn any_faults() -> impl Strategy<Value = LineFaults> {
     let share = || prop_oneof![3 => Just(0.0), 1 => Just(1.0), 2 => 0.0..1.0];
-    let delay = prop_oneof![3 => Just(0_u64), 2 => 0..100_u64, 1 => Just(60_000)];
+    let delay = prop_oneof![3 => Just(0_u64), 2 => 0..100_u64, 1 => Just(1_500)];
     let baud = prop_oneof![4 => Just(None), 1 => prop::sample::select(&[50, 9_600, 115_200, 4_000_000][..]).prop_map(Some)];
     let shares = (share(), share(), share(), share(), share(), share(), share());
     let mute = prop::bool::weighted(0.1);
