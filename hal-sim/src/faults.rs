@@ -23,7 +23,7 @@ pub struct LineFaults {
     /// Frames in which a data bit is turned over. Drives on a line with parity notice it in that character.
     pub corrupt: f64,
     /// Frames that come twice: a reply again when the line has been silent behind it, a request again when its
-    /// answer is over.
+    /// answer is over; what was written to a line on which each character has its time, at once.
     pub duplicate: f64,
     /// Frames whose end is missing: at least a character, and all but one at most.
     pub truncate: f64,

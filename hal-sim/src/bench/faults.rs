@@ -36,7 +36,9 @@ impl Bench {
     pub fn let_collide(&mut self, bus: Bus, collisions: bool) {
         let may = collisions && !self.fast() && self.framed(bus.0).is_some();
         let wire = &mut self.buses[bus.0 as usize];
-        wire.air = may.then(|| Air::new(self.settings.seed, &wire.name));
+        if may != wire.air.is_some() {
+            wire.air = may.then(|| Air::new(self.settings.seed, &wire.name));
+        }
     }
 
     /// Bytes of a client arrive for a line on which each character has its time, as faults leave them.
@@ -70,7 +72,7 @@ impl Bench {
         let wire = &mut self.buses[bus as usize];
         let Some(fate) = wire.disturbance.request() else { return request };
         let code = wire.disturbance.faults().exception_code;
-        let refused = Refusal::of(line, &request.text.bytes, code).filter(|_| fate.refused);
+        let refused = if fate.refused { Refusal::of(line, &request.text.bytes, code) } else { None };
         let refused = refused.map(|(refusal, instead)| (refusal, fate.spoil(line, &instead).bytes));
         let text = fate.spoil(line, &request.text.bytes);
         let request = Request { text, refused, ..request };

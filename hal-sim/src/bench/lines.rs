@@ -382,17 +382,18 @@ impl Bench {
         }
         self.record(bus, start, line, if noise { From::Noise } else { From::Client }, &text.bytes);
         let wire = &mut self.buses[bus as usize];
-        if let Some(air) = &mut wire.air {
-            air.spoke.push(client);
-        }
-        wire.refusal = refused.as_ref().map(|&(refusal, _)| refusal);
+        wire.refusal = refused.as_ref().map(|&(refusal, _)| refusal).or(wire.refusal);
         wire.free = wire.free.max(last);
+        let free = wire.turn == Turn::Free;
+        self.busy += usize::from(free);
         // What follows a character is looked for when it has ended.
         let mut until = if framed { judged } else { last };
-        if wire.turn == Turn::Free {
-            self.busy += 1;
-        } else if wire.until != Instant::NEVER {
-            until = until.max(wire.until);
+        if let Some(air) = &mut wire.air {
+            air.spoke.push(client);
+            // What it speaks into may last longer.
+            if !free && wire.until < Instant::NEVER {
+                until = until.max(wire.until);
+            }
         }
         (wire.turn, wire.served) = (Turn::Asked, client);
         self.turn_until(bus, until);

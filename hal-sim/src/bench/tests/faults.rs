@@ -599,3 +599,24 @@ fn on_a_colliding_line_a_client_waits_for_its_own_answers() {
     bench.settle();
     assert_eq!(received(&mut bench, b)[28..], ANSWER.repeat(2));
 }
+
+#[test]
+fn a_turn_on_a_colliding_line_lasts_as_long_as_the_longest_in_it() {
+    let (mut bench, [x, y], [a, b]) = colliding([1, 2]);
+    // 16 registers: 37 characters of answer, into which b speaks at its beginning.
+    bench.send(a, &rtu::read(1, 0, 16));
+    bench.run_until(start() + leaves() + CHARACTER);
+    bench.send(b, &rtu::read(2, 0, 1));
+    bench.settle();
+    assert_eq!(bench.now(), start() + leaves() + CHARACTER * 37);
+    let heard = received(&mut bench, b);
+    let sound = rtu::frame(1, &[&[3, 32][..], &[0; 32]].concat()).len();
+    assert_eq!(heard.len(), sound);
+    // Characters 2 to 9 are spoiled, and no others.
+    bench.send(a, &rtu::read(1, 0, 16));
+    bench.settle();
+    let clean = received(&mut bench, b);
+    let spoiled: Vec<usize> = (0..37).filter(|&place| heard[place] != clean[place]).collect();
+    assert_eq!(spoiled, [1, 2, 3, 4, 5, 6, 7, 8]);
+    assert_eq!((bench.statistics(x, RS485).requests, bench.statistics(y, RS485).requests), (2, 0));
+}
