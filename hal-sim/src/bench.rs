@@ -10,6 +10,7 @@
 //! under way, and only the drive that is due is woken. Step pulses and the edges of waves are made
 //! where a [wire](Bench::wire) listens, one ahead; where none does, a move is one event.
 
+mod faults;
 mod hands;
 mod lines;
 mod motors;
@@ -345,7 +346,7 @@ impl Bench {
         });
         for (port, serial) in (0..).map(Port).zip(spec.ports) {
             if serial.line.is_some() {
-                self.buses.push(Wire::own(name, serial.name, (Seat(place), port)));
+                self.buses.push(Wire::own(self.settings.seed, name, serial.name, (Seat(place), port)));
                 seated.set_bus(port, self.buses.len() - 1);
             }
         }
@@ -544,6 +545,10 @@ impl Bench {
                 if !(self.fast() && self.seats[event.seat as usize].began(&fed) == Some(began)) {
                     self.deliver(event.seat, &fed);
                 }
+            }
+            What::Exposed { fed, number } => {
+                let fed = self.exposed(event.seat, fed, number);
+                self.deliver(event.seat, &fed);
             }
             What::Hand { pin, drive } => self.hand(event.seat, pin, drive),
             What::Wired { wire, level } => self.wired(wire, level),

@@ -25,6 +25,7 @@
 pub mod bench;
 pub mod bus;
 pub mod capture;
+mod collisions;
 mod dice;
 mod drives;
 pub mod faults;

@@ -70,6 +70,9 @@ pub(crate) enum What {
     Fed(Fed),
     /// To be fed to a device that shares a line with the one that began to say it then.
     Overheard { fed: Fed, began: Instant },
+    /// A character to be fed to a device, if it overlaps no other one: it belongs to what has that number on the
+    /// line.
+    Exposed { fed: Fed, number: u32 },
     /// What hands do to a pin.
     Hand { pin: Pin, drive: Driving },
     /// The other end of a wire takes a level.
