@@ -128,7 +128,7 @@ fn survives<const N: usize, const COUNT: usize, const SECTOR: usize, const WORD:
         let new = [(round % 255) as u8; N];
         // More steps than a store without an erase takes, so that some are done.
         let most = 3 * (N / WORD + N / PIECE * 16 + 32) / 2;
-        if store(&chip, "kind", new, round * 37 % most) {
+        if store(&chip, "kind", new, round * 7_919 % most) {
             done += 1;
             old = new;
             assert_eq!(found(&chip, "kind"), old, "round {round}");
@@ -145,21 +145,21 @@ fn survives<const N: usize, const COUNT: usize, const SECTOR: usize, const WORD:
         old = now;
     }
     assert!(done > rounds / 10 && cut > rounds / 10, "{done} stores, {cut} of them cut short");
-    assert!(chip.borrow().erased > 3 * COUNT, "sectors were erased {} times", chip.borrow().erased);
+    assert!(chip.borrow().erased > COUNT, "sectors were erased {} times", chip.borrow().erased);
     assert_eq!(found(&chip, "other"), [0xA5; 112], "of another drive");
 }
 
 #[test]
 fn a_small_memory_survives_power_that_fails() {
     // The sectors of a Pico, and of a Black Pill.
-    survives::<112, 4, 4_096, 1>(700);
-    survives::<112, 3, 16_384, 4>(2_200);
+    survives::<112, 4, 4_096, 1>(400);
+    survives::<112, 3, 16_384, 4>(1_000);
 }
 
 #[test]
 fn a_large_memory_survives_power_that_fails() {
-    survives::<4_352, 8, 4_096, 1>(80);
-    survives::<4_352, 3, 16_384, 4>(80);
+    survives::<4_352, 8, 4_096, 1>(50);
+    survives::<4_352, 3, 16_384, 4>(50);
 }
 
 #[test]

@@ -5,8 +5,6 @@ pub(crate) use cortex_m_rt::interrupt;
 
 /// An interrupt, by its position in the vector table. The attribute `interrupt` knows it by that name, too.
 #[derive(Clone, Copy)]
-#[expect(clippy::upper_case_acronyms, reason = "the manual's names")]
-#[allow(non_camel_case_types, reason = "the manual's names")]
 pub(crate) enum Interrupt {
     EXTI0 = 6,
     EXTI1 = 7,
