@@ -10,6 +10,7 @@
 //! under way, and only the drive that is due is woken. Step pulses and the edges of waves are made
 //! where a [wire](Bench::wire) listens, one ahead; where none does, a move is one event.
 
+mod faults;
 mod hands;
 mod lines;
 mod motors;
@@ -27,6 +28,7 @@ use crate::capture::Capture;
 use crate::schedule::{Class, Event, Heap, Tournament, What};
 use crate::seat::{Outbox, Seated, Tape};
 use crate::trace::{self, Fed, Power, Trace, TraceKeep};
+use motors::Fitted;
 pub use motors::{Closed, Fitting, Motor, Turn};
 use wires::PinWire;
 pub use wires::StepOutput;
@@ -225,6 +227,9 @@ pub struct Bench {
     under_way: Heap,
     /// Wires between pins.
     wires: Vec<PinWire>,
+    /// Motors, and the rank of each.
+    motors: Vec<Fitted>,
+    motor_ranks: Vec<u32>,
     buses: Vec<Wire>,
     /// Lines on which somebody is being served.
     busy: usize,
@@ -266,6 +271,8 @@ impl Bench {
             indexed: true,
             under_way: Heap::default(),
             wires: Vec::new(),
+            motors: Vec::new(),
+            motor_ranks: Vec::new(),
             buses: Vec::new(),
             busy: 0,
             clients: Clients::default(),
@@ -300,11 +307,15 @@ impl Bench {
             return Err(SeatError::Taken(name.to_owned()));
         }
         let place = u32::try_from(self.seats.len()).expect("a bench has room for four billion drives");
-        let Setup { boot_fast, memory, keep, presets, apart: _ } = setup;
+        let Setup { boot_fast, memory, keep, presets, apart } = setup;
         let spec = device.spec();
         let saved = |row: usize| spec.registers.rows.get(row).is_some_and(|row| row.saved != 0);
         let (now, mark) = (self.now, self.trace.mark());
         let mut seated = Seated::new(place, name, device, self.settings.seed, boot_fast, memory, keep);
+        if apart {
+            seated.part();
+        }
+        let apart = seated.parted.is_some();
         let mut tape = tape(&mut self.trace, &mut self.outbox, self.settings, self.now);
         let mut result = Ok(());
         for &(row, value) in presets.iter().filter(|(row, _)| saved(*row)) {
@@ -325,10 +336,17 @@ impl Bench {
             self.outbox.clear();
             return Err(error);
         }
-        self.trace.drives.push(trace::Drive { name: name.to_owned(), spec, boot_fast, from: now, memory });
+        self.trace.drives.push(trace::Drive {
+            name: name.to_owned(),
+            spec,
+            boot_fast,
+            apart,
+            from: now,
+            memory,
+        });
         for (port, serial) in (0..).map(Port).zip(spec.ports) {
             if serial.line.is_some() {
-                self.buses.push(Wire::own(name, serial.name, (Seat(place), port)));
+                self.buses.push(Wire::own(self.settings.seed, name, serial.name, (Seat(place), port)));
                 seated.set_bus(port, self.buses.len() - 1);
             }
         }
@@ -459,6 +477,7 @@ impl Bench {
         let next = seated.wake(due, &mut tape(&mut self.trace, &mut self.outbox, self.settings, self.now));
         let off = !seated.body.powered;
         self.deadlines.set(rank, next);
+        self.tell_motors(place);
         self.carry_all();
         if off {
             self.hush(place);
@@ -473,6 +492,7 @@ impl Bench {
         if self.indexed {
             self.deadlines.set(self.ranks[place as usize], seated.deadline());
         }
+        self.tell_motors(place);
         self.carry_all();
         if off {
             self.hush(place);
@@ -494,8 +514,12 @@ impl Bench {
         let deadlines: Vec<Instant> =
             self.order.iter().map(|&place| seats[place as usize].deadline()).collect();
         self.deadlines = Tournament::new(&deadlines);
-        let ranks = &self.ranks;
-        self.under_way.rank(|place| ranks[place as usize]);
+        self.rank_motors();
+        let (ranks, motor_ranks) = (&self.ranks, &self.motor_ranks);
+        self.under_way.rank(|place| match motors::at_place(place) {
+            Some(motor) => motor_ranks[motor],
+            None => ranks[place as usize],
+        });
         self.indexed = true;
     }
 
@@ -522,12 +546,18 @@ impl Bench {
                     self.deliver(event.seat, &fed);
                 }
             }
+            What::Exposed { fed, number } => {
+                let fed = self.exposed(event.seat, fed, number);
+                self.deliver(event.seat, &fed);
+            }
             What::Hand { pin, drive } => self.hand(event.seat, pin, drive),
             What::Wired { wire, level } => self.wired(wire, level),
             What::Pulse { pin, number } => self.pulse_edge(event.seat, pin, number),
             What::Encoder { encoder, number } => self.encoder_edge(event.seat, encoder, number),
             What::Wave { pin, number } => self.wave_edge(event.seat, pin, number),
             What::Steps { axis, number } => self.axis_edge(event.seat, axis, number),
+            What::Motor { number } => self.motor_is_due(event.seat, number, event.key.class),
+            What::Felt { motor } => self.felt(motor),
             What::Turn { bus } => self.turn_ends(bus, event.key.at),
         }
     }
@@ -535,6 +565,9 @@ impl Bench {
     /// Feeds a device now, unless it cannot hear.
     fn deliver(&mut self, place: u32, fed: &Fed) {
         let now = self.now;
+        if let Fed::Fault { fault, on } = *fed {
+            self.hold(place, fault, on);
+        }
         let seated = &mut self.seats[place as usize];
         if !seated.hears(now, fed) {
             return;

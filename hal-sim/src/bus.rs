@@ -7,6 +7,8 @@ use standin_protocol::line::Parity;
 use standin_protocol::modbus::{self, Burst};
 
 use crate::bench::Seat;
+use crate::collisions::Air;
+use crate::faults::{Disturbance, Refusal, Text};
 
 /// How long characters take.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
@@ -58,6 +60,30 @@ pub(crate) struct Wire {
     pub(crate) free: Instant,
     /// When the last character of a drive has left.
     pub(crate) sends_until: Instant,
+    pub(crate) disturbance: Disturbance,
+    /// What comes, as it is, before the line is free again.
+    pub(crate) behind: VecDeque<Request>,
+    /// The request that is refused now.
+    pub(crate) refusal: Option<Refusal>,
+    /// Until when replies are on the line that were held up, or came twice: no other one overtakes them.
+    pub(crate) held_up: Instant,
+    /// Where characters may collide, what is on the line.
+    pub(crate) air: Option<Air>,
+}
+
+/// A client's message, or noise, on a line.
+#[derive(Clone, Default)]
+pub(crate) struct Request {
+    pub(crate) client: u32,
+    pub(crate) sender: Sender,
+    /// How many characters it takes.
+    pub(crate) count: usize,
+    /// What of it is on the line.
+    pub(crate) text: Text,
+    /// How it is refused, and what the drives hear instead of it.
+    pub(crate) refused: Option<(Refusal, Vec<u8>)>,
+    /// Whether nobody has said it.
+    pub(crate) noise: bool,
 }
 
 /// Whose turn it is on a line.
@@ -74,7 +100,7 @@ pub(crate) enum Turn {
 
 impl Wire {
     /// A line that drives share.
-    pub(crate) fn shared(name: &str, ports: Vec<(Seat, Port)>) -> Self {
+    pub(crate) fn shared(seed: u64, name: &str, ports: Vec<(Seat, Port)>) -> Self {
         Self {
             name: name.to_owned(),
             port: None,
@@ -85,12 +111,25 @@ impl Wire {
             until: Instant::NEVER,
             free: Instant::ZERO,
             sends_until: Instant::ZERO,
+            disturbance: Disturbance::new(seed, name),
+            behind: VecDeque::new(),
+            refusal: None,
+            held_up: Instant::ZERO,
+            air: None,
+        }
+    }
+
+    /// What clients hear of a character that ends at `end`; `number` is that of its frame where it may collide.
+    pub(crate) fn heard(&self, number: Option<u32>, end: Instant, byte: u8) -> u8 {
+        match (&self.air, number) {
+            (Some(air), Some(number)) if air.spoils(number, end) => air.garbage(end, byte),
+            _ => byte,
         }
     }
 
     /// The line that a drive has for itself at a port called `name`.
-    pub(crate) fn own(drive: &str, name: &'static str, at: (Seat, Port)) -> Self {
-        Self { port: Some(name), ..Self::shared(&format!("{drive}.{name}"), vec![at]) }
+    pub(crate) fn own(seed: u64, drive: &str, name: &'static str, at: (Seat, Port)) -> Self {
+        Self { port: Some(name), ..Self::shared(seed, &format!("{drive}.{name}"), vec![at]) }
     }
 }
 
@@ -118,6 +157,16 @@ struct Arrival {
     order: u64,
     at: Instant,
     count: usize,
+    mark: Mark,
+}
+
+/// What a character is that a client has for a line on which each one has its time.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub(crate) struct Mark {
+    /// Nobody has said it.
+    pub(crate) noise: bool,
+    /// A drive finds that it is wrong.
+    pub(crate) unreadable: bool,
 }
 
 /// Bytes of a client that came without a silence beyond patience.
@@ -144,10 +193,14 @@ impl Outside {
     }
 
     /// Bytes arrive.
-    pub(crate) fn arrive(&mut self, at: Instant, order: u64, bytes: &[u8], sender: Sender) {
+    pub(crate) fn arrive(&mut self, at: Instant, order: u64, bytes: &[u8], mark: Mark) {
         self.bytes.extend(bytes);
-        self.arrivals.push_back(Arrival { order, at, count: bytes.len() });
-        self.sender = sender;
+        self.arrivals.push_back(Arrival { order, at, count: bytes.len(), mark });
+    }
+
+    /// What its first waiting byte is.
+    pub(crate) fn mark(&self) -> Mark {
+        self.arrivals.front().map(|arrival| arrival.mark).unwrap_or_default()
     }
 
     /// The place of its first waiting byte in the order of arrival.
@@ -214,6 +267,19 @@ impl Outside {
     fn hear(&mut self, at: Instant, byte: u8) {
         let place = self.inbox.partition_point(|&(end, _)| end <= at);
         self.inbox.insert(place, (at, byte));
+    }
+
+    /// Characters of that length that are on their way to it, and on the line in that time, become others.
+    pub(crate) fn garble(
+        &mut self,
+        from: Instant,
+        until: Instant,
+        character: Duration,
+        garbage: impl Fn(Instant, u8) -> u8,
+    ) {
+        for (end, byte) in self.inbox.iter_mut().filter(|(end, _)| from < *end && *end - character < until) {
+            *byte = garbage(*end, *byte);
+        }
     }
 
     /// Characters that end after `at` never came.

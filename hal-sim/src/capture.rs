@@ -69,6 +69,30 @@ impl Capture {
         self.lost
     }
 
+    /// A copy without the frames, which [`copy_on`](Self::copy_on) brings.
+    #[must_use]
+    pub fn outline(&self) -> Self {
+        Self { lost: self.lost, ..Self::new(TraceKeep::All) }
+    }
+
+    /// Brings at most `most` more frames of what this is an [outline](Self::outline) of, none beyond the
+    /// first `seen`; whether there are more. What the ring has dropped meanwhile is lost here, too, with all
+    /// before it.
+    pub fn copy_on(&mut self, original: &Self, seen: u64, most: usize) -> bool {
+        if original.lost > self.seen() {
+            self.frames.clear();
+            self.bytes = 0;
+            self.lost = original.lost.min(seen);
+        }
+        let missing = usize::try_from(seen - self.seen()).unwrap_or(usize::MAX);
+        self.frames.reserve(missing);
+        for frame in original.since(self.seen()).take(missing.min(most)) {
+            self.bytes += frame.size();
+            self.frames.push_back(frame.clone());
+        }
+        self.seen() < seen
+    }
+
     /// What a drive says on a line ends at `at`.
     pub(crate) fn cut(&mut self, bus: Bus, seat: Seat, at: Instant) {
         let said = |frame: &&mut Frame| frame.bus == bus && frame.from == From::Drive(seat);

@@ -1,5 +1,8 @@
 //! Chance that can be repeated: one stream for each seed and name of what it disturbs.
 
+/// From one state to the next.
+const STRIDE: u64 = 0x9E37_79B9_7F4A_7C15;
+
 /// A stream of random numbers (SplitMix64).
 #[derive(Clone, Debug)]
 pub(crate) struct Dice {
@@ -20,11 +23,28 @@ impl Dice {
 
     /// The next number.
     pub(crate) fn next(&mut self) -> u64 {
-        self.state = self.state.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        self.skip(1);
         let mut z = self.state;
         z = (z ^ z >> 30).wrapping_mul(0xBF58_476D_1CE4_E5B9);
         z = (z ^ z >> 27).wrapping_mul(0x94D0_49BB_1331_11EB);
         z ^ z >> 31
+    }
+
+    /// Whether something happens that happens to that share of all; to 0 or less never, to 1 or more always.
+    pub(crate) fn happens(&mut self, share: f64) -> bool {
+        // 53 bits are all that a float from 0 to 1 holds.
+        let throw = (self.next() >> 11) as f64 / (1_u64 << 53) as f64;
+        throw < share
+    }
+
+    /// Leaves out so many numbers.
+    pub(crate) fn skip(&mut self, numbers: u64) {
+        self.state = self.state.wrapping_add(STRIDE.wrapping_mul(numbers));
+    }
+
+    /// The stream that a number of this one is the beginning of.
+    pub(crate) fn branch(number: u64) -> Self {
+        Self { state: number }
     }
 }
 
@@ -38,5 +58,24 @@ mod tests {
         assert_eq!(first(1, "x"), first(1, "x"));
         assert_ne!(first(1, "x"), first(2, "x"));
         assert_ne!(first(1, "x"), first(1, "y"));
+    }
+
+    #[test]
+    fn numbers_left_out_are_those_that_would_have_come() {
+        let (mut thrown, mut skipped) = (Dice::new(1, "x"), Dice::new(1, "x"));
+        for _ in 0..1_000 {
+            thrown.next();
+        }
+        skipped.skip(1_000);
+        assert_eq!(thrown.next(), skipped.next());
+    }
+
+    #[test]
+    fn a_share_is_one_of_many() {
+        let mut dice = Dice::new(1, "x");
+        let mut count = |share| (0..10_000).filter(|_| dice.happens(share)).count();
+        assert_eq!((count(0.0), count(1.0), count(f64::NAN)), (0, 10_000, 0));
+        // 4 σ = 4·√(10,000·0.3·0.7).
+        assert!(count(0.3).abs_diff(3_000) < 184);
     }
 }

@@ -1,6 +1,11 @@
 //! What disturbs a line: frames lost, changed, doubled, cut, delayed, and noise between them.
 
-use standin_firmware::device::{Duration, Ends, PortSpec};
+use standin_firmware::device::{Duration, Ends, Line, PortSpec};
+use standin_protocol::line::Parity;
+use standin_protocol::modbus::pdu::EXCEPTION_BIT;
+use standin_protocol::modbus::{ascii, rtu};
+
+use crate::dice::Dice;
 
 /// The longest that a reply may be late.
 pub const LONGEST_DELAY: Duration = Duration::secs(60);
@@ -18,7 +23,7 @@ pub struct LineFaults {
     /// Frames in which a data bit is turned over. Drives on a line with parity notice it in that character.
     pub corrupt: f64,
     /// Frames that come twice: a reply again when the line has been silent behind it, a request again when its
-    /// answer is over.
+    /// answer is over; what was written to a line on which each character has its time, at once.
     pub duplicate: f64,
     /// Frames whose end is missing: at least a character, and all but one at most.
     pub truncate: f64,
@@ -103,6 +108,206 @@ impl LineFaults {
             _ => Ok(()),
         }
     }
+}
+
+/// What disturbs a line, and the chances that decide about its frames.
+pub(crate) struct Disturbance {
+    faults: LineFaults,
+    /// Whether that is nothing.
+    quiet: bool,
+    requests: Dice,
+    replies: Dice,
+}
+
+impl Disturbance {
+    /// Nothing yet, on the line of that name.
+    pub(crate) fn new(seed: u64, line: &str) -> Self {
+        Self {
+            faults: LineFaults::default(),
+            quiet: true,
+            requests: Dice::new(seed, &format!("faults of requests on {line}")),
+            replies: Dice::new(seed, &format!("faults of replies on {line}")),
+        }
+    }
+
+    pub(crate) fn set(&mut self, faults: LineFaults) {
+        self.faults = LineFaults {
+            delay: faults.delay.min(LONGEST_DELAY),
+            baud: faults.baud.map(|baud| baud.clamp(*BAUDS.start(), *BAUDS.end())),
+            ..faults
+        };
+        self.quiet = self.faults == LineFaults::default();
+    }
+
+    pub(crate) fn faults(&self) -> &LineFaults {
+        &self.faults
+    }
+
+    /// What becomes of the next request; `None`: nothing happens to it.
+    pub(crate) fn request(&mut self) -> Option<Fate> {
+        self.fate(|this| &mut this.requests)
+    }
+
+    /// What becomes of the next reply; `None`: nothing happens to it.
+    pub(crate) fn reply(&mut self) -> Option<Fate> {
+        self.fate(|this| &mut this.replies)
+    }
+
+    fn fate(&mut self, dice: impl Fn(&mut Self) -> &mut Dice) -> Option<Fate> {
+        let faults = self.faults;
+        if self.quiet {
+            dice(self).skip(Fate::THROWS);
+            return None;
+        }
+        Some(Fate::throw(&faults, dice(self)))
+    }
+}
+
+/// What becomes of a frame.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Fate {
+    /// Nobody hears it.
+    pub(crate) lost: bool,
+    /// Where it ends too early.
+    cut: Option<u64>,
+    /// What is turned over.
+    flip: Option<u64>,
+    /// It comes again.
+    pub(crate) twice: bool,
+    /// It bears another address.
+    pub(crate) elsewhere: bool,
+    /// It is refused.
+    pub(crate) refused: bool,
+    /// What comes behind it.
+    noise: Option<u64>,
+    /// What it is to somebody with another baud rate.
+    garbage: u64,
+}
+
+impl Fate {
+    /// How many numbers a frame takes, whatever the faults are: so no share moves what another one does.
+    const THROWS: u64 = 11;
+
+    fn throw(faults: &LineFaults, dice: &mut Dice) -> Self {
+        let mut which = |share: f64| {
+            let (happens, number) = (dice.happens(share), dice.next());
+            happens.then_some(number)
+        };
+        let (cut, flip, noise) = (which(faults.truncate), which(faults.corrupt), which(faults.noise));
+        Self {
+            lost: dice.happens(faults.drop),
+            cut,
+            flip,
+            twice: dice.happens(faults.duplicate),
+            elsewhere: dice.happens(faults.wrong_address),
+            refused: dice.happens(faults.exception),
+            noise,
+            garbage: dice.next(),
+        }
+    }
+
+    /// What is left of a frame.
+    pub(crate) fn spoil(&self, line: Line, bytes: &[u8]) -> Text {
+        if self.lost {
+            return Text::default();
+        }
+        let longest = bytes.len().saturating_sub(1) as u64;
+        let kept = self.cut.filter(|_| longest > 0).map_or(bytes.len(), |cut| 1 + (cut % longest) as usize);
+        let mut text = Text { bytes: bytes[..kept].to_vec(), unreadable: Vec::new() };
+        if let Some(flip) = self.flip.filter(|_| kept > 0) {
+            let place = (flip % kept as u64) as usize;
+            text.bytes[place] ^= 1 << ((flip >> 32) % u64::from(line.data));
+            if line.parity != Parity::None {
+                text.unreadable.push(place);
+            }
+        }
+        text
+    }
+
+    /// The noise behind it.
+    pub(crate) fn noise(&self, line: Line) -> Option<Text> {
+        let mut dice = Dice::branch(self.noise?);
+        let mut text = Text::default();
+        for place in 0..=(dice.next() % 8) as usize {
+            let number = dice.next();
+            text.bytes.push(number as u8 & data_bits(line));
+            if number >> 63 == 1 {
+                text.unreadable.push(place);
+            }
+        }
+        Some(text)
+    }
+
+    /// What `count` characters of `line` are to somebody who reads `baud` bits per second: as many as have
+    /// room in their time, and no more.
+    pub(crate) fn garbage(&self, line: Line, baud: u32, count: usize) -> Vec<u8> {
+        let room = count as u64 * u64::from(baud) / u64::from(line.baud.max(1));
+        let mut dice = Dice::branch(self.garbage);
+        (0..room.min(count as u64)).map(|_| dice.next() as u8 & data_bits(line)).collect()
+    }
+}
+
+/// The bits that a character of a line has.
+fn data_bits(line: Line) -> u8 {
+    if line.data == 7 { 0x7F } else { 0xFF }
+}
+
+/// Characters as they are on a line.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Text {
+    pub(crate) bytes: Vec<u8>,
+    /// Places of those in which a drive finds that they are wrong.
+    pub(crate) unreadable: Vec<usize>,
+}
+
+/// A request that is refused without being carried out.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Refusal {
+    unit: u8,
+    function: u8,
+    code: u8,
+}
+
+impl Refusal {
+    /// A user-defined function (application, 5) that no drive has.
+    const NOBODYS: u8 = 110;
+
+    /// How to refuse a request on a line of Modbus: what the drives hear instead. `None` where that cannot be,
+    /// because it is for all drives, or no request.
+    pub(crate) fn of(line: Line, request: &[u8], code: u8) -> Option<(Self, Vec<u8>)> {
+        let (unit, mut pdu) = opened(line, request)?;
+        let function = pdu.first_mut().filter(|function| unit != 0 && **function & EXCEPTION_BIT == 0)?;
+        let refusal = Self { unit, function: *function, code };
+        *function = Self::NOBODYS;
+        Some((refusal, framed(line, unit, &pdu)))
+    }
+
+    /// What the drive's answer becomes, if it is that to the request.
+    pub(crate) fn answer(self, line: Line, reply: &[u8]) -> Option<Vec<u8>> {
+        let (unit, pdu) = opened(line, reply)?;
+        let refused = unit == self.unit && pdu.first() == Some(&(Self::NOBODYS | EXCEPTION_BIT));
+        refused.then(|| framed(line, unit, &[self.function | EXCEPTION_BIT, self.code]))
+    }
+}
+
+/// A reply from another address, with a good check sum: the next one up of 1 to 247 that is free.
+pub(crate) fn readdressed(line: Line, reply: &[u8], taken: &[i64]) -> Option<Vec<u8>> {
+    let (unit, pdu) = opened(line, reply)?;
+    let mut others = (1..247).map(|up| (u32::from(unit) + up - 1) % 247 + 1).map(|other| other as u8);
+    let next = others.clone().next()?;
+    let other = others.find(|&other| !taken.contains(&i64::from(other))).unwrap_or(next);
+    Some(framed(line, other, &pdu))
+}
+
+/// Address and PDU of a good frame on a line of Modbus.
+fn opened(line: Line, frame: &[u8]) -> Option<(u8, Vec<u8>)> {
+    let split = |body: &[u8]| body.split_first().map(|(&unit, pdu)| (unit, pdu.to_vec()));
+    if ascii::is_on(line) { split(&ascii::decode(frame)?) } else { split(rtu::checked(frame)?) }
+}
+
+/// The frame of an address and a PDU on a line of Modbus.
+fn framed(line: Line, unit: u8, pdu: &[u8]) -> Vec<u8> {
+    if ascii::is_on(line) { ascii::frame(unit, pdu).to_vec() } else { rtu::frame(unit, pdu).to_vec() }
 }
 
 #[cfg(test)]

@@ -19,7 +19,7 @@ use crate::listen::Uri;
 use crate::trace::{self, Make};
 use drives::{BUS, DRIVE};
 use machinery::{ENCODER, MOTOR, SWITCH, WIRE};
-use standin_firmware::device::Duration;
+use standin_firmware::device::{Duration, Spec};
 use table::{Said, Table, Wrong};
 
 /// What is wrong with a bench file.
@@ -96,7 +96,9 @@ struct Reader<'a> {
     layout: Layout,
     /// What every drive, bus and motor is called, and what it is.
     names: BTreeMap<String, &'static str>,
-    /// Where the ports of each drive are reached, where the file says it.
+    /// What each drive is.
+    specs: Vec<&'static Spec>,
+    /// Of which drives the file says where they are reached.
     told: Vec<bool>,
     /// Every place to be reached.
     places: Vec<Uri>,
@@ -110,6 +112,7 @@ impl<'a> Reader<'a> {
             make,
             layout: Layout::default(),
             names: BTreeMap::new(),
+            specs: Vec::new(),
             told: Vec::new(),
             places: Vec::new(),
             memories: Vec::new(),
@@ -214,5 +217,38 @@ fn line_mode(text: &str) -> Result<LineMode, String> {
         "timed" | "wire" => Ok(LineMode::Timed),
         "fast" => Ok(LineMode::Fast),
         _ => Err(format!("line takes timed or fast, not '{text}'")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The reference has a heading for every table, and a row for every key of it.
+    #[test]
+    fn the_reference_has_every_key() {
+        let reference = include_str!("../../docs/bench-files.md");
+        let section = |heading: &str| {
+            let (_, rest) = reference.split_once(heading).unwrap_or_else(|| panic!("no {heading}"));
+            rest.split("\n## ").next().unwrap_or_default()
+        };
+        let tables: [(&str, &[&str]); 8] = [
+            ("\n## The bench\n", &KEYS[..3]),
+            ("\n## `[[drive]]`\n", &DRIVE),
+            ("\n## `[[bus]]`\n", &BUS),
+            ("\n## `[[motor]]`\n", &MOTOR),
+            ("\n## `[[encoder]]`\n", &ENCODER),
+            ("\n## `[[switch]]`\n", &SWITCH),
+            ("\n## `[[wire]]`\n", &WIRE),
+            ("\n## `[[fault]]`\n", &FAULT),
+        ];
+        assert_eq!(3 + tables.len() - 1, KEYS.len());
+        for (heading, keys) in tables {
+            let section = section(heading);
+            for key in keys {
+                let is_row = |row: &str| row.replace('*', "").starts_with(&format!("| `{key}` |"));
+                assert!(section.lines().any(is_row), "{heading}: {key}");
+            }
+        }
     }
 }

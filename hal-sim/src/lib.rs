@@ -6,7 +6,7 @@
 //! | [`bus`] | serial lines: whose turn it is, and when each character is where |
 //! | [`capture`] | what was on the lines |
 //! | [`faults`] | what disturbs a line |
-//! | [`file`] | bench files |
+//! | [`mod@file`] | bench files |
 //! | [`hal`] | a board that is not there: embedded-hal, embedded-io and embedded-storage on virtual time |
 //! | [`kinds`] | which drives there are |
 //! | [`layout`] | what is on a bench, as plain data |
@@ -25,6 +25,7 @@
 pub mod bench;
 pub mod bus;
 pub mod capture;
+mod collisions;
 mod dice;
 mod drives;
 pub mod faults;

@@ -24,7 +24,7 @@ use standin_protocol::modbus::ascii;
 
 pub use self::file::{File, Packet, Protocol, Way};
 use crate::bench::{Bench, Bus};
-use crate::capture::{Frame, From};
+use crate::capture::{Capture, Frame, From};
 
 /// A line of text that is longer is cut there.
 const LONGEST_TEXT: usize = 1 << 10;
@@ -39,14 +39,68 @@ pub fn write(bench: &Bench, out: impl Write) -> io::Result<()> {
     file.finish()
 }
 
+/// What a bench still knows of its lines at an instant, to be written elsewhere.
+pub struct Copy {
+    capture: Capture,
+    /// So many frames there were.
+    seen: u64,
+    now: Instant,
+    lines: Vec<(Bus, About)>,
+}
+
+impl Copy {
+    /// A copy as of now, without the frames.
+    #[must_use]
+    pub fn begin(bench: &Bench) -> Self {
+        let lines = bench.buses().into_iter().map(|bus| (bus, About::of(bench, bus)));
+        let capture = bench.capture();
+        Self { capture: capture.outline(), seen: capture.seen(), now: bench.now(), lines: lines.collect() }
+    }
+
+    /// Brings at most `most` more of the frames; whether there are more. What the bench has forgotten
+    /// meanwhile is lost.
+    pub fn go_on(&mut self, bench: &Bench, most: usize) -> bool {
+        self.capture.copy_on(bench.capture(), self.seen, most)
+    }
+
+    /// Writes it.
+    ///
+    /// # Errors
+    /// Those of the writer.
+    pub fn write(&self, out: impl Write) -> io::Result<()> {
+        let mut file = Pcapng::with(self.lines.iter().cloned(), out)?;
+        file.take_ended(&self.capture, self.now, &|bus| {
+            let known = self.lines.iter().find(|(known, _)| *known == bus);
+            known.map_or_else(About::default, |(_, about)| about.clone())
+        })?;
+        file.finish()
+    }
+}
+
+/// What a file has to know of a line.
+#[derive(Clone, Default)]
+struct About {
+    name: String,
+    /// What ends a message on it.
+    ends: Option<Ends>,
+}
+
+impl About {
+    fn of(bench: &Bench, bus: Bus) -> Self {
+        let first = bench.ports(bus).first();
+        let port = first.and_then(|&(seat, port)| bench.spec(seat).ports.get(usize::from(port.0)));
+        Self { name: bench.bus_name(bus).to_owned(), ends: port.map(|port| port.ends) }
+    }
+}
+
 /// A file that follows a bench. Between two calls it holds no more than the text of a line for each line.
 ///
 /// What is in it, and in which order, does not depend on how often it follows: packets are written in the
 /// order in which they end.
 pub struct Pcapng<W> {
     file: File<W>,
-    /// What the file calls each line.
-    lines: BTreeMap<Bus, u32>,
+    /// What the file calls each line, and what ends a message on it.
+    lines: BTreeMap<Bus, (u32, Option<Ends>)>,
     /// Text that is not written yet.
     texts: BTreeMap<(Bus, Way), Text>,
     /// The first frame that is not taken, and those behind it that are.
@@ -73,6 +127,10 @@ impl<W: Write> Pcapng<W> {
     /// # Errors
     /// Those of the writer.
     pub fn new(bench: &Bench, out: W) -> io::Result<Self> {
+        Self::with(bench.buses().into_iter().map(|bus| (bus, About::of(bench, bus))), out)
+    }
+
+    fn with(lines: impl IntoIterator<Item = (Bus, About)>, out: W) -> io::Result<Self> {
         let mut pcapng = Self {
             file: File::new(out)?,
             lines: BTreeMap::new(),
@@ -81,8 +139,8 @@ impl<W: Write> Pcapng<W> {
             ahead: BTreeSet::new(),
             lost: 0,
         };
-        for bus in bench.buses() {
-            pcapng.line(bench, bus)?;
+        for (bus, about) in lines {
+            pcapng.line(bus, &|_| about.clone())?;
         }
         Ok(pcapng)
     }
@@ -92,7 +150,16 @@ impl<W: Write> Pcapng<W> {
     /// # Errors
     /// Those of the writer.
     pub fn follow(&mut self, bench: &Bench) -> io::Result<()> {
-        let (capture, now) = (bench.capture(), bench.now());
+        self.take_ended(bench.capture(), bench.now(), &|bus| About::of(bench, bus))
+    }
+
+    /// Writes the frames of a capture that have ended by `now`.
+    fn take_ended(
+        &mut self,
+        capture: &Capture,
+        now: Instant,
+        about: &dyn Fn(Bus) -> About,
+    ) -> io::Result<()> {
         self.skip(capture.lost());
         let new = (self.first..).zip(capture.since(self.first));
         let ended = new.filter(|(number, frame)| frame.end() <= now && !self.ahead.contains(number));
@@ -100,7 +167,7 @@ impl<W: Write> Pcapng<W> {
         ended.sort_unstable_by_key(|&(end, number, _)| (end, number));
         for (end, number, frame) in ended {
             self.write_texts(end)?;
-            self.take(bench, frame)?;
+            self.take(frame, about)?;
             self.ahead.insert(number);
         }
         while self.ahead.remove(&self.first) {
@@ -128,14 +195,14 @@ impl<W: Write> Pcapng<W> {
         }
     }
 
-    fn take(&mut self, bench: &Bench, frame: &Frame) -> io::Result<()> {
+    fn take(&mut self, frame: &Frame, about: &dyn Fn(Bus) -> About) -> io::Result<()> {
         let way = match frame.from {
             From::Client => Way::In,
             From::Drive(_) => Way::Out,
             From::Noise => Way::Nowhere,
         };
-        let line = self.line(bench, frame.bus)?;
-        match protocol(bench, frame) {
+        let (line, ends) = self.line(frame.bus, about)?;
+        match protocol(ends, frame) {
             _ if frame.bytes.is_empty() => Ok(()),
             Protocol::Text => self.take_text((frame.bus, way), frame),
             protocol => self.packet(line, frame.at, way, protocol, &frame.bytes),
@@ -172,7 +239,7 @@ impl<W: Write> Pcapng<W> {
 
     fn write_text(&mut self, key: (Bus, Way)) -> io::Result<()> {
         match (self.texts.remove(&key), self.lines.get(&key.0)) {
-            (Some(text), Some(&line)) => self.packet(line, text.at, key.1, Protocol::Text, &text.bytes),
+            (Some(text), Some(&(line, _))) => self.packet(line, text.at, key.1, Protocol::Text, &text.bytes),
             _ => Ok(()),
         }
     }
@@ -189,12 +256,13 @@ impl<W: Write> Pcapng<W> {
         self.file.packet(&Packet { line, at, way, protocol, bytes, lost })
     }
 
-    /// What the file calls a line.
-    fn line(&mut self, bench: &Bench, bus: Bus) -> io::Result<u32> {
-        if let Some(&line) = self.lines.get(&bus) {
-            return Ok(line);
+    /// What the file calls a line, and what ends a message on it.
+    fn line(&mut self, bus: Bus, about: &dyn Fn(Bus) -> About) -> io::Result<(u32, Option<Ends>)> {
+        if let Some(&known) = self.lines.get(&bus) {
+            return Ok(known);
         }
-        let line = self.file.line(bench.bus_name(bus))?;
+        let About { name, ends } = about(bus);
+        let line = (self.file.line(&name)?, ends);
         self.lines.insert(bus, line);
         Ok(line)
     }
@@ -219,14 +287,73 @@ fn ends_line(byte: u8) -> bool {
 }
 
 /// What is spoken on a line.
-fn protocol(bench: &Bench, frame: &Frame) -> Protocol {
-    let first = bench.ports(frame.bus).first();
-    let port = first.and_then(|&(seat, port)| bench.spec(seat).ports.get(usize::from(port.0)));
-    match port.map(|port| port.ends) {
+fn protocol(ends: Option<Ends>, frame: &Frame) -> Protocol {
+    match ends {
         _ if frame.from == From::Noise => Protocol::Noise,
         Some(Ends::Silence) if ascii::is_on(frame.line) => Protocol::Ascii,
         Some(Ends::Silence) => Protocol::Rtu,
         Some(Ends::Mbap) => Protocol::Tcp,
         Some(Ends::Character | Ends::Return) | None => Protocol::Text,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use standin_firmware::md3::Md3;
+    use standin_protocol::modbus::rtu;
+
+    use super::*;
+    use crate::bench::{Seat, Settings};
+    use crate::trace::TraceKeep;
+
+    /// A bench that keeps so much of its lines, and has been asked as often.
+    fn asked(keep: TraceKeep, times: usize) -> (Bench, Seat) {
+        let mut bench = Bench::with(Settings { capture: keep, ..Settings::default() });
+        let md3 = bench.add::<Md3>("md3");
+        bench.run_until(Instant::ZERO + Duration::secs(3));
+        for _ in 0..times {
+            bench.ask(md3, &rtu::read(1, 0, 1));
+        }
+        (bench, md3)
+    }
+
+    fn copied(copy: &Copy) -> Vec<u8> {
+        let mut file = Vec::new();
+        copy.write(&mut file).unwrap();
+        file
+    }
+
+    #[test]
+    fn a_copy_in_pieces_is_what_was_there_when_it_was_begun() {
+        let (mut bench, md3) = asked(TraceKeep::All, 10);
+        let mut whole = Vec::new();
+        write(&bench, &mut whole).unwrap();
+        let mut copy = Copy::begin(&bench);
+        let mut pieces = 1;
+        while copy.go_on(&bench, 3) {
+            bench.ask(md3, &rtu::read(1, 0, 1));
+            pieces += 1;
+        }
+        // Ten requests and ten replies.
+        assert_eq!(pieces, 7);
+        assert_eq!(copied(&copy), whole);
+    }
+
+    #[test]
+    fn what_the_ring_drops_meanwhile_is_lost() {
+        let (mut bench, md3) = asked(TraceKeep::Ring(2_000), 30);
+        let mut copy = Copy::begin(&bench);
+        assert!(copy.go_on(&bench, 1));
+        bench.ask(md3, &rtu::read(1, 0, 1));
+        while copy.go_on(&bench, 1) {}
+        assert_eq!(copy.capture.lost(), bench.capture().lost());
+        assert_eq!(copy.capture.seen(), 60);
+        for _ in 0..30 {
+            bench.ask(md3, &rtu::read(1, 0, 1));
+        }
+        let mut copy = Copy { capture: copy.capture.outline(), ..copy };
+        while copy.go_on(&bench, 1) {}
+        assert_eq!((copy.capture.lost(), copy.capture.since(0).count()), (60, 0));
+        copied(&copy);
     }
 }

@@ -16,7 +16,7 @@ use standin_firmware::device::{Duration, Instant};
 use standin_protocol::time::TICKS_PER_SECOND;
 use standin_sim::bench::Bench;
 use standin_sim::pace::Pace;
-use tokio::sync::oneshot;
+use tokio::sync::{oneshot, watch};
 use tracing::warn;
 
 use crate::followed::Followed;
@@ -68,17 +68,25 @@ impl Clock {
 /// A piece of work for the bench's thread.
 type Job = Box<dyn FnOnce(&mut Host) + Send>;
 
+/// A look at the bench, which changes nothing.
+type Look = Box<dyn FnOnce(&Bench) + Send>;
+
 /// Where other threads hand in work for the bench's thread.
 #[derive(Clone)]
 pub(crate) struct Door {
     jobs: mpsc::Sender<Job>,
+    looks: mpsc::Sender<Look>,
     bell: Arc<OwnedFd>,
+    /// How far the trace has come, told while somebody wants to know.
+    grown: Arc<watch::Sender<u64>>,
 }
 
 /// What was handed in, as the bench's thread finds it.
 pub(crate) struct Inbox {
     jobs: mpsc::Receiver<Job>,
+    looks: mpsc::Receiver<Look>,
     bell: Arc<OwnedFd>,
+    grown: Arc<watch::Sender<u64>>,
 }
 
 /// A door for others, and what is behind it for the [`Host`].
@@ -88,8 +96,10 @@ pub(crate) struct Inbox {
 pub(crate) fn door() -> io::Result<(Door, Inbox)> {
     let bell = rustix::event::eventfd(0, EventfdFlags::CLOEXEC | EventfdFlags::NONBLOCK)?;
     let bell = Arc::new(bell);
-    let (sender, jobs) = mpsc::channel();
-    Ok((Door { jobs: sender, bell: Arc::clone(&bell) }, Inbox { jobs, bell }))
+    let ((to_jobs, jobs), (to_looks, looks)) = (mpsc::channel(), mpsc::channel());
+    let grown = Arc::new(watch::Sender::new(0));
+    let door = Door { jobs: to_jobs, looks: to_looks, bell: Arc::clone(&bell), grown: Arc::clone(&grown) };
+    Ok((door, Inbox { jobs, looks, bell, grown }))
 }
 
 impl Door {
@@ -98,6 +108,18 @@ impl Door {
         if self.jobs.send(Box::new(job)).is_ok() {
             ring(&self.bell);
         }
+    }
+
+    /// Hands in a look at the bench. It is let in between two jobs, and also while the clock is advanced.
+    pub(crate) fn look(&self, look: impl FnOnce(&Bench) + Send + 'static) {
+        if self.looks.send(Box::new(look)).is_ok() {
+            ring(&self.bell);
+        }
+    }
+
+    /// Who is told whenever something new is in the trace. What is there already is not told of.
+    pub(crate) fn watch(&self) -> watch::Receiver<u64> {
+        self.grown.subscribe()
     }
 }
 
@@ -174,9 +196,9 @@ impl Host {
             self.catch_up();
             if self.advance.is_none() {
                 self.ports.take(&mut self.bench, self.clock.is_none());
-                if self.ports.is_ready(bell) {
-                    self.work();
-                }
+            }
+            if self.ports.is_ready(bell) {
+                self.work();
             }
             self.catch_up();
             self.ports.deliver(&mut self.bench);
@@ -200,10 +222,14 @@ impl Host {
         self.bench.next().min(sweep)
     }
 
-    /// Lets the files follow what has happened.
+    /// Lets those follow what has happened who want to know.
     fn follow(&mut self) {
         for file in &mut self.files {
             file.follow(&self.bench);
+        }
+        if self.inbox.grown.receiver_count() > 0 {
+            let mark = self.bench.trace().mark();
+            self.inbox.grown.send_if_modified(|told| std::mem::replace(told, mark) != mark);
         }
     }
 
@@ -258,9 +284,17 @@ impl Host {
     }
 
     /// Does what another thread handed in, to its end. One job at a time: who hands in the next one
-    /// because this one is done may rely on it that the ports are looked at in between.
+    /// because this one is done may rely on it that the ports are looked at in between. While the clock
+    /// is advanced others may look, and jobs wait.
     fn work(&mut self) {
         let _ = rustix::io::read(&*self.inbox.bell, &mut [0; 8]);
+        if let Ok(look) = self.inbox.looks.try_recv() {
+            look(&self.bench);
+            ring(&self.inbox.bell);
+        }
+        if self.advance.is_some() {
+            return;
+        }
         if let Ok(job) = self.inbox.jobs.try_recv() {
             job(self);
             // There may be more of them.

@@ -110,7 +110,7 @@ fn seat(bench: &mut Bench, drive: &Drive, make: &Make<'_>) -> Result<Seat, Unpla
     let device: Box<dyn Device> =
         make(kind).ok_or_else(|| Unplayable::Seat(format!("there is no kind \"{kind}\"")))?;
     let memory = Some(drive.memory.clone());
-    let setup = Setup { boot_fast: drive.boot_fast, memory, ..Setup::default() };
+    let setup = Setup { boot_fast: drive.boot_fast, apart: drive.apart, memory, ..Setup::default() };
     bench.seat(&drive.name, device, setup).map_err(|error| Unplayable::Seat(error.to_string()))
 }
 

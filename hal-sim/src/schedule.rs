@@ -28,7 +28,11 @@ impl Class {
         match fed {
             Fed::Power(_) => Self::Power,
             Fed::Fault { .. } => Self::Fault,
-            Fed::Edge { .. } | Fed::Millivolts { .. } | Fed::Count { .. } | Fed::Slipped { .. } => Self::Pin,
+            Fed::Edge { .. }
+            | Fed::Millivolts { .. }
+            | Fed::Count { .. }
+            | Fed::Slipped { .. }
+            | Fed::Draws { .. } => Self::Pin,
             Fed::Bytes { .. }
             | Fed::Spoiled { .. }
             | Fed::Idle { .. }
@@ -66,6 +70,9 @@ pub(crate) enum What {
     Fed(Fed),
     /// To be fed to a device that shares a line with the one that began to say it then.
     Overheard { fed: Fed, began: Instant },
+    /// A character to be fed to a device, if it overlaps no other one: it belongs to what has that number on the
+    /// line.
+    Exposed { fed: Fed, number: u32 },
     /// What hands do to a pin.
     Hand { pin: Pin, drive: Driving },
     /// The other end of a wire takes a level.
@@ -79,6 +86,10 @@ pub(crate) enum What {
     Wave { pin: Pin, number: u32 },
     /// The next edge of the step pulses of an axis.
     Steps { axis: Axis, number: u32 },
+    /// Something is due at the motor in place of a seat, as it was foreseen last.
+    Motor { number: u32 },
+    /// What a motor does arrives at its drive.
+    Felt { motor: u32 },
     /// Somebody's turn on a line may end.
     Turn { bus: u32 },
 }

@@ -22,7 +22,7 @@ PATIENCE = 30.0
 
 
 class Standin:
-    """A `standin run` that is ready."""
+    """A `standin run` that is ready: of a drive, or of a bench file."""
 
     def __init__(self, *options, kind="md3"):
         self.kind = kind
@@ -38,6 +38,9 @@ class Standin:
         except BaseException:
             self.kill()
             raise
+        self.control = ready["control"]
+        if str(kind).endswith(".toml"):
+            return
         (device,) = ready["devices"]
         assert (device["name"], device["kind"]) == (kind, kind)
         (uris,) = device["ports"].values()
@@ -45,7 +48,6 @@ class Standin:
         host, port = addresses["tcp"].rsplit(":", 1)
         self.tcp = (host, int(port))
         self.pty = addresses["pty"]
-        self.control = ready["control"]
 
     def _line(self):
         """The one line that says where everything is."""

@@ -28,7 +28,7 @@ pub(crate) struct Board {
 }
 
 /// Every board.
-pub(crate) const BOARDS: [Board; 2] = [
+pub(crate) const BOARDS: [Board; 3] = [
     Board {
         name: "lm3s6965",
         package: "standin-lm3s6965",
@@ -41,6 +41,14 @@ pub(crate) const BOARDS: [Board; 2] = [
         package: "standin-rp2040",
         target: "thumbv6m-none-eabi",
         // The image runs from RAM.
+        vectors: None,
+        ram: 0x2000_0000,
+    },
+    Board {
+        name: "stm32f4",
+        package: "standin-stm32f4",
+        target: "thumbv7em-none-eabihf",
+        // As on the rp2040.
         vectors: None,
         ram: 0x2000_0000,
     },
@@ -129,7 +137,7 @@ impl Board {
     }
 
     /// Builds every image, at once. Each kind of drive has one.
-    fn all(&self, sh: &Shell) -> Result<PathBuf> {
+    pub(crate) fn all(&self, sh: &Shell) -> Result<PathBuf> {
         let Self { package, target, .. } = self;
         let kinds = kinds(sh)?;
         let bins = kinds.iter().flat_map(|kind| ["--bin", kind]);

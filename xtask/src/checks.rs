@@ -10,7 +10,7 @@ use crate::tools::{self, Tool};
 use crate::{board, docs, panic_free, pico, size};
 
 /// The crates that only a board, or a linker, can build.
-const BARE: [&str; 4] = ["counted", "panic-free", "standin-lm3s6965", "standin-rp2040"];
+const BARE: [&str; 5] = ["counted", "panic-free", "standin-lm3s6965", "standin-rp2040", "standin-stm32f4"];
 
 /// Runs every check; whether none failed.
 pub(crate) fn all(sh: &Shell) -> Result<bool> {

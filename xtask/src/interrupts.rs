@@ -145,7 +145,7 @@ pub(crate) struct Worst {
     pub(crate) stack: u64,
 }
 
-/// On each board, in the order of [`BOARDS`](crate::board::BOARDS).
+/// On each board that is emulated, the first two of [`BOARDS`](crate::board::BOARDS).
 pub(crate) fn worst(sh: &Shell, work: &Work) -> Result<[Worst; 2]> {
     Ok([lm3s6965(sh, work)?, rp2040(sh, work)?])
 }

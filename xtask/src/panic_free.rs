@@ -4,8 +4,8 @@ use anyhow::{Result, bail, ensure};
 use xshell::{Cmd, Shell, cmd};
 
 use crate::board::PROFILE;
+use crate::counted::PROCESSORS;
 use crate::docs::kinds;
-use crate::tools::THUMB_TARGETS;
 
 /// What the panic handler calls and nobody defines.
 const UNDEFINED: &str = "a_panic_can_happen";
@@ -16,8 +16,8 @@ const PROFILES: [&str; 2] = ["release", PROFILE];
 /// Links everything, and proves that a panic would not link.
 pub(crate) fn check(sh: &Shell) -> Result<()> {
     let kinds = kinds(sh)?;
-    for (target, profile) in THUMB_TARGETS.iter().flat_map(|target| PROFILES.map(|profile| (target, profile)))
-    {
+    let targets = PROCESSORS.iter().map(|processor| processor.target);
+    for (target, profile) in targets.flat_map(|target| PROFILES.map(|profile| (target, profile))) {
         refuses_a_panic(sh, target, profile)?;
         for program in ["protocol", "motion", "counter", "shell"] {
             link(sh, target, profile, program, None)?;

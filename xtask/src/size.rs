@@ -4,7 +4,7 @@ use anyhow::{Result, bail, ensure};
 use xshell::Shell;
 
 use crate::board::{BOARDS, PROFILE};
-use crate::budgets::{BUDGETS, Budget, NO_BUDGET};
+use crate::budgets::{BUDGETS, Budget, NO_BUDGET, PLACES};
 use crate::checks;
 use crate::counted::{self, Group, PROCESSORS};
 use crate::docs::kinds;
@@ -29,6 +29,9 @@ pub(crate) fn check(sh: &Shell) -> Result<()> {
     counted::check(sh)?;
     let kinds = kinds(sh)?;
     let mut table = Table::default();
+    for board in &BOARDS {
+        board.all(sh)?;
+    }
     for kind in &kinds {
         sizes(sh, kind, &mut table)?;
     }
@@ -76,14 +79,17 @@ fn sizes(sh: &Shell, kind: &str, table: &mut Table) -> Result<()> {
     Ok(())
 }
 
-/// What was measured, in its order, at up to two places: see [`Budget`].
+/// What was measured, in its order, on each board or its processor: see [`Budget`].
 #[derive(Default)]
-struct Table(Vec<(String, [Option<u64>; 2])>);
+struct Table(Vec<(String, [Option<u64>; PLACES])>);
+
+/// The heads of the table's columns.
+const HEADS: [&str; PLACES] = ["M3, lm3s6965", "M0+, rp2040", "M4F, stm32f4"];
 
 impl Table {
     fn put(&mut self, place: usize, what: String, value: u64) {
         let row = self.0.iter().position(|(known, _)| *known == what).unwrap_or_else(|| {
-            self.0.push((what, [None; 2]));
+            self.0.push((what, [None; PLACES]));
             self.0.len() - 1
         });
         self.0[row].1[place] = Some(value);
@@ -97,8 +103,9 @@ impl Table {
     }
 
     fn print(&self) {
-        println!("{:<66} {:>19} {:>19}", "instructions, or what is said", "M3, lm3s6965", "M0+, rp2040");
-        println!("{:<66} {:>9} {:>9} {:>9} {:>9}", "", "measured", "at most", "measured", "at most");
+        let [m3, m0, m4] = HEADS;
+        println!("{:<66} {m3:>19} {m0:>19} {m4:>19}", "instructions, or what is said");
+        println!("{:<66}{}", "", format!(" {:>9} {:>9}", "measured", "at most").repeat(PLACES));
         for (what, values) in &self.0 {
             print!("{what:<66}");
             for (place, value) in values.iter().enumerate() {

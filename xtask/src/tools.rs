@@ -11,8 +11,9 @@ use xshell::{Shell, cmd};
 
 use crate::checks::target_dir;
 
-/// The Cortex-M targets that every drive is built for.
-pub(crate) const THUMB_TARGETS: [&str; 2] = ["thumbv6m-none-eabi", "thumbv7m-none-eabi"];
+/// The Cortex-M targets of the boards.
+pub(crate) const THUMB_TARGETS: [&str; 3] =
+    ["thumbv6m-none-eabi", "thumbv7m-none-eabi", "thumbv7em-none-eabihf"];
 
 /// Something a check needs.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -111,7 +112,9 @@ impl Tool {
         match self {
             Self::Rustfmt => "rustup component add rustfmt",
             Self::Clippy => "rustup component add clippy",
-            Self::ThumbTargets => "rustup target add thumbv6m-none-eabi thumbv7m-none-eabi",
+            Self::ThumbTargets => {
+                "rustup target add thumbv6m-none-eabi thumbv7m-none-eabi thumbv7em-none-eabihf"
+            }
             Self::Qemu => "apt-get install qemu-system-arm",
             Self::Mbpoll => "apt-get install mbpoll",
             Self::Tshark => "apt-get install tshark",

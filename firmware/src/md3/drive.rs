@@ -18,7 +18,9 @@ use super::encoder::Encoder;
 use super::motion::Motion;
 use super::motor::Motor;
 use super::pins::Pins;
-use super::registers::{Reg, Version, eeprom_control, homing, io_port, motion_control, pin_function, pwm};
+use super::registers::{
+    Reg, Version, eeprom_control, homing, io_port, microsteps, motion_control, pin_function, pwm,
+};
 use super::startup::{Lights, Startup};
 use super::{BUSY, J2_9, J2_10, J2_12, J3_8, MEMORY};
 use crate::device::{self, Instant, Level, Output, Refused, Sink};
@@ -327,6 +329,11 @@ impl Drive {
             _ => {}
         }
         self.show(at, out);
+    }
+
+    /// Microsteps in a full step (7.2).
+    pub(super) fn microsteps(&self) -> u16 {
+        microsteps(self.bank.word(Reg::MotorCurrentAndMicrostepping))
     }
 
     /// Takes the settings of the motor, the pins and the encoder from their registers.

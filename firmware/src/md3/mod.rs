@@ -259,6 +259,10 @@ impl Device for Md3 {
         }
         Ok(())
     }
+
+    fn microsteps(&self, _axis: Axis) -> u16 {
+        self.drive.microsteps()
+    }
 }
 
 /// The drive as its bus sees it during a request.

@@ -230,6 +230,11 @@ pub(super) fn microstepping_percent(setting: u16) -> u32 {
     if setting & motor::DC == 0 && setting >> motor::PARAMETER_AT & 0x1F == 0 { 71 } else { 100 }
 }
 
+/// Microsteps in a full step of a stepper (7.2). Codes beyond the table act as its last row.
+pub(super) fn microsteps(setting: u16) -> u16 {
+    if setting & motor::DC != 0 { 1 } else { 1 << (setting >> motor::PARAMETER_AT & 0x1F).min(8) }
+}
+
 /// How a DC motor is driven (7.2).
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct Pwm {

@@ -34,7 +34,7 @@ use standin_protocol::time::{Duration, Instant, TICKS_PER_SECOND};
 use super::search::least;
 
 /// Units of phase in a step: 2·f².
-pub(super) const STEP: i64 = 2 * (TICKS_PER_SECOND * TICKS_PER_SECOND).cast_signed();
+pub(crate) const STEP: i64 = 2 * (TICKS_PER_SECOND * TICKS_PER_SECOND).cast_signed();
 
 /// The greatest speed of a plan, in steps/s: a tick for a pulse and one for the gap after it.
 pub const MAX_SPEED: u32 = (TICKS_PER_SECOND / 2) as u32;
@@ -83,18 +83,18 @@ pub struct Segment {
 
 impl Segment {
     /// Speed `d` ticks in, in the unit of `h`.
-    pub(super) fn speed(&self, d: u64) -> i64 {
+    pub(crate) fn speed(&self, d: u64) -> i64 {
         self.h + i64::from(self.a) * d.cast_signed()
     }
 
     /// Phase beyond `from`, `d` ticks in.
     #[inline(never)]
-    pub(super) fn phase(&self, d: u64) -> i128 {
+    pub(crate) fn phase(&self, d: u64) -> i128 {
         i128::from(self.rest) + i128::from(d) * i128::from(self.h + self.speed(d))
     }
 
     /// Steps made beyond `from`, `d` ticks in: every one whose nearest tick is not later.
-    pub(super) fn made(&self, d: u64) -> u64 {
+    pub(crate) fn made(&self, d: u64) -> u64 {
         let half_a_tick = (self.speed(d) - 1).max(0);
         steps_in(self.phase(d) + i128::from(half_a_tick))
     }
@@ -337,7 +337,7 @@ impl Plan {
 
     /// The segment that rules at `at`, and how many ticks it has run by then. After the last one it
     /// stands.
-    fn segment_at(&self, at: Instant) -> (Segment, u64) {
+    pub(crate) fn segment_at(&self, at: Instant) -> (Segment, u64) {
         let mut ticks = at.since(self.start).ticks();
         let mut last = Segment::default();
         for segment in self.segments() {

@@ -1,5 +1,8 @@
 //! Motors that are not there, and a drive that turns one.
 //!
+//! A stepper motor follows the plans of its drive ([`stepper`]). What is on a shaft looks at it as a [`Rotor`],
+//! whatever turns it.
+//!
 //! A brush motor: its winding has a resistance and no inductance, its speed makes a voltage against the
 //! supply, its current a torque; friction of one size holds or brakes it, a load pulls at it. What is
 //! not modelled: inductance, iron, cogging, the supply's own resistance, warmth of the winding.
@@ -11,6 +14,7 @@
 
 mod constants;
 mod rig;
+mod rotor;
 pub mod stepper;
 mod stretch;
 #[cfg(test)]
@@ -19,6 +23,7 @@ mod wheel;
 
 use self::constants::Constants;
 pub use self::rig::{Rig, Turns};
+pub use self::rotor::{Pace, Rotor};
 use self::stretch::Stretch;
 use self::wheel::Wheel;
 use crate::device::{
@@ -211,6 +216,28 @@ impl Motor {
         let angle = self.stretch.angle;
         self.halls = self.halls.moved_to(angle);
         self.encoder = self.encoder.moved_to(angle);
+    }
+}
+
+impl Rotor for Motor {
+    fn until(&self) -> Instant {
+        self.stretch.end()
+    }
+
+    fn angle_at(&self, at: Instant) -> i64 {
+        self.stretch.angle_at(at)
+    }
+
+    fn pace(&self) -> Pace {
+        self.stretch.pace()
+    }
+
+    fn stalled(&self) -> bool {
+        self.held
+    }
+
+    fn draws_ma(&self) -> i32 {
+        self.ma
     }
 }
 

@@ -2,7 +2,8 @@
 
 use super::{AXIS, HALL_PINS, Motor, Parameters};
 use crate::device::{
-    Axis, Boot, Device, Duration, Fault, Input, Instant, Level, Output, Pin, Refused, Shaft, Sink, Spec,
+    Axis, Boot, Device, Duration, Fault, Input, Instant, Level, Output, Parted, Pin, Refused, Shaft, Sink,
+    Spec,
 };
 
 /// A drive that turns a motor.
@@ -23,9 +24,13 @@ pub trait Turns: Device {
 
 /// A drive with its motor, joined by wires that take a tick. What it carries on them stays inside, but for the
 /// Hall sensors, whose levels are those of the drive's pins.
+///
+/// [Parted](Device::part) from its motor it is only the drive: it says what it does to a motor elsewhere, and is
+/// told what that does.
 #[derive(Clone, Debug)]
 pub struct Rig<D> {
     drive: D,
+    parted: bool,
     motor: Motor,
     wires: Wires,
 }
@@ -101,7 +106,7 @@ impl<D: Turns> Rig<D> {
     #[inline(always)]
     pub fn new(drive: D) -> Self {
         let motor = Motor::new(drive.motor());
-        Self { drive, motor, wires: Wires::EMPTY }
+        Self { drive, parted: false, motor, wires: Wires::EMPTY }
     }
 
     /// What has come through the wires by `at`.
@@ -142,6 +147,9 @@ impl<D: Turns> Rig<D> {
         out: &mut dyn Sink,
         does: impl FnOnce(&mut D, &mut dyn Sink) -> T,
     ) -> T {
+        if self.parted {
+            return does(&mut self.drive, out);
+        }
         let done = does(&mut self.drive, &mut OfDrive { wires: &mut self.wires, out });
         if let Some(parameters) = self.drive.new_motor() {
             self.become_another(at, parameters, out);
@@ -163,13 +171,17 @@ impl<D: Turns> Device for Rig<D> {
     /// The motor had no power since it was last looked at, and turned on as it was.
     fn power_on(&mut self, at: Instant, boot: Boot, out: &mut dyn Sink) {
         self.wires = Wires::EMPTY;
-        self.with_motor(out, |motor, out| motor.power_on(at, boot, out));
+        if !self.parted {
+            self.with_motor(out, |motor, out| motor.power_on(at, boot, out));
+        }
         self.with_drive(at, out, |drive, out| drive.power_on(at, boot, out));
     }
 
     fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Sink) {
         self.arrive(at, out);
         match input {
+            Input::Fault { fault, .. } if self.parted && D::STALL == Some(fault) => {}
+            _ if self.parted => self.with_drive(at, out, |drive, out| drive.input(at, input, out)),
             Input::Fault { fault, on } if D::STALL == Some(fault) => {
                 let input = Input::Fault { fault: super::STALL, on };
                 self.with_motor(out, |motor, out| motor.input(at, input, out));
@@ -184,11 +196,12 @@ impl<D: Turns> Device for Rig<D> {
     }
 
     fn deadline(&self) -> Instant {
-        self.wires.arrives.min(self.drive.deadline()).min(self.motor.deadline())
+        let motor = if self.parted { Instant::NEVER } else { self.motor.deadline() };
+        self.wires.arrives.min(self.drive.deadline()).min(motor)
     }
 
     fn timeout(&mut self, at: Instant, out: &mut dyn Sink) {
-        if self.wires.arrives <= at || self.motor.deadline() <= at {
+        if !self.parted && (self.wires.arrives <= at || self.motor.deadline() <= at) {
             self.turn(at, out);
         }
         self.with_drive(at, out, |drive, out| drive.timeout(at, out));
@@ -204,6 +217,15 @@ impl<D: Turns> Device for Rig<D> {
     }
 
     fn shaft(&self, at: Instant, axis: Axis) -> Option<Shaft> {
-        if axis == AXIS { self.motor.shaft(at, axis) } else { None }
+        if axis == AXIS && !self.parted { self.motor.shaft(at, axis) } else { None }
+    }
+
+    fn part(&mut self) -> Option<Parted> {
+        self.parted = true;
+        Some(Parted { motor: self.drive.motor(), halls: D::HALLS })
+    }
+
+    fn microsteps(&self, axis: Axis) -> u16 {
+        self.drive.microsteps(axis)
     }
 }

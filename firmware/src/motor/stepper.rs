@@ -1,6 +1,35 @@
 //! A stepper motor.
+//!
+//! Its drive moves a field, the motor's shaft follows: between two steps, too, since the current of a drive goes from
+//! one microstep to the next smoothly enough. So while a plan runs the shaft is at the plan's exact phase. Where
+//! the field jumps, the shaft turns evenly within a millisecond at most: a step without a plan, and what the
+//! standstill of a ramp leaves between two steps.
+//!
+//! The torque of the motor is its holding torque times the share of the rated current, and falls evenly to nothing
+//! at the pull-out speed. Load, friction and what accelerates the inertia may not take more. Where they do the shaft is
+//! out of step: it stands until the field does, and falls in at the nearest place of the field's torque, which
+//! repeats every four full steps.
+//!
+//! Not modelled: resonance, damping, a load that turns a motor without current.
+//!
+//! Everything is reckoned in the phase of a plan, a step of the drive being [`STEP`] units; so nothing is rounded but
+//! the angle that is shown, and the origin when the size of a step changes.
 
-/// What a stepper motor and its load are.
+use super::{Pace, Rotor, STALL};
+use crate::device::{AxisSpec, Boot, Device, Duration, Input, Instant, Plan, Refused, Sink, Spec};
+use crate::motion::STEP;
+use standin_protocol::time::TICKS_PER_SECOND;
+
+/// The longest time in which the shaft catches up with a field that has jumped.
+const CATCH_UP: Duration = Duration::millis(1);
+/// The longest stretch, so that nothing here exceeds 127 bits, and no position wraps unseen.
+const LONGEST: Duration = Duration::from_ticks(1 << 31);
+/// What is less is no jump, in units of phase: the even way of catching up is a whole number of units a tick.
+const NOTHING: i128 = 1 << 16;
+/// The field's torque repeats after so many full steps.
+const PERIOD: i64 = 4;
+
+/// What a stepper motor and its load are. What is beyond a limit acts as the limit.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Parameters {
     /// Full steps in a turn, 4 to 10,000.
@@ -30,4 +59,384 @@ impl Parameters {
         friction_unm: 10_000,
         load_unm: 0,
     };
+
+    fn limited(self) -> Self {
+        const TORQUE: u32 = 100_000_000;
+        Self {
+            steps_per_rev: self.steps_per_rev.clamp(4, 10_000),
+            holding_unm: self.holding_unm.min(TORQUE),
+            rated_ma: self.rated_ma.clamp(1, 100_000),
+            pull_out_rpm: self.pull_out_rpm.clamp(1, 200_000),
+            inertia_gcm2: self.inertia_gcm2.clamp(1, 10_000_000),
+            friction_unm: self.friction_unm.min(TORQUE),
+            load_unm: self.load_unm.clamp(-TORQUE.cast_signed(), TORQUE.cast_signed()),
+        }
+    }
 }
+
+static STEPPER: Spec = Spec {
+    kind: "stepper",
+    product: "Stepper motor",
+    axes: &[AxisSpec { name: "motor", step_dir: None }],
+    faults: &["stall"],
+    ..Spec::BARE
+};
+
+/// How the shaft turns from an instant on. It does not turn round inside.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+struct Stretch {
+    since: Instant,
+    end: Instant,
+    /// Its phase at the beginning.
+    from: i128,
+    /// Speed and acceleration as those of a [`Segment`](crate::motion::Segment), but signed.
+    h: i64,
+    a: i64,
+    /// How much of `h` catches up with the field.
+    catches_up: i64,
+}
+
+impl Stretch {
+    fn rest(since: Instant, end: Instant, phase: i128) -> Self {
+        Self { since, end, from: phase, h: 0, a: 0, catches_up: 0 }
+    }
+
+    fn phase_at(&self, at: Instant) -> i128 {
+        let d = i128::from(at.min(self.end).since(self.since).ticks());
+        if self.h == 0 && self.a == 0 {
+            return self.from;
+        }
+        self.from + d * (2 * i128::from(self.h) + i128::from(self.a) * d)
+    }
+
+    /// After how many ticks it would turn round, at the latest.
+    fn turns_round(&self) -> u64 {
+        let against = self.h.signum() * self.a.signum() < 0;
+        let ticks = self.h.unsigned_abs().checked_div(self.a.unsigned_abs());
+        ticks.filter(|_| against).map_or(u64::MAX, |ticks| ticks + 1)
+    }
+}
+
+/// A stepper motor. What its drive does is told by [`Input::Plan`], [`Input::Step`] and [`Input::Current`], whatever the
+/// axis.
+#[derive(Clone, Debug)]
+pub struct Stepper {
+    parameters: Parameters,
+    /// Steps of the drive in a full step.
+    microsteps: u16,
+    /// `None` from a drive that does not say it; then it is the rated one.
+    current_ma: Option<u32>,
+    held: bool,
+    plan: Plan,
+    /// Where phase 0 is, in 2⁻³² turns.
+    origin: i64,
+    /// Where the field is, in whole steps of the drive from there.
+    field: i64,
+    /// What the plan's position was there.
+    planned: i32,
+    /// How far from the field the shaft belongs, in steps of the drive: some periods of its torque.
+    lost: i64,
+    /// The phase at which it stands because it does not follow.
+    stands: Option<i128>,
+    /// When the last step without a plan was.
+    stepped: Instant,
+    /// Until when it catches up with the field.
+    catches_up: Instant,
+    stretch: Stretch,
+}
+
+impl Stepper {
+    /// One that stands at angle 0, at a drive of full steps.
+    #[must_use]
+    pub fn new(parameters: Parameters) -> Self {
+        Self {
+            parameters: parameters.limited(),
+            microsteps: 1,
+            current_ma: None,
+            held: false,
+            plan: Plan::rest(Instant::ZERO, 0),
+            origin: 0,
+            field: 0,
+            planned: 0,
+            lost: 0,
+            stands: None,
+            stepped: Instant::ZERO,
+            catches_up: Instant::ZERO,
+            stretch: Stretch::rest(Instant::ZERO, Instant::NEVER, 0),
+        }
+    }
+
+    /// From `at` on so many steps of the drive are a full step.
+    pub fn set_microsteps(&mut self, at: Instant, microsteps: u16) {
+        let (new, old) = (microsteps.max(1), self.microsteps);
+        if new == old {
+            return;
+        }
+        let shaft = self.stretch.phase_at(at);
+        self.move_field(at);
+        let field = i128::from(self.field) * i128::from(STEP);
+        let (to, from) = (i128::from(new), i128::from(old));
+        let resized = |phase: i128| ((phase - field) * to).checked_div(from).unwrap_or(0);
+        self.stretch = Stretch::rest(at, at, resized(shaft));
+        self.stands = self.stands.map(resized);
+        self.lost = (self.lost * i64::from(new)).checked_div(old.into()).unwrap_or(0);
+        self.origin = self.angle_of(field);
+        (self.field, self.microsteps) = (0, new);
+        self.begin(at, CATCH_UP);
+    }
+
+    /// Steps of the drive in a turn.
+    fn steps_per_rev(&self) -> i64 {
+        i64::from(self.parameters.steps_per_rev) * i64::from(self.microsteps)
+    }
+
+    /// Units of phase in a turn.
+    fn turn(&self) -> i128 {
+        i128::from(self.steps_per_rev()) * i128::from(STEP)
+    }
+
+    /// The angle of a phase, rounded up: so where a step is at an edge of an encoder, the shaft is beyond it.
+    fn angle_of(&self, phase: i128) -> i64 {
+        let (parts, turn) = (phase << 32, self.turn());
+        let down = parts.checked_div_euclid(turn).unwrap_or(0);
+        let rest = parts - down * turn;
+        self.origin.wrapping_add(down as i64).wrapping_add(i64::from(rest > 0))
+    }
+
+    /// Brings the field to where the plan has it at `at`; whole turns go into the origin.
+    fn move_field(&mut self, at: Instant) {
+        let position = self.plan.position_at(at);
+        self.field += i64::from(position.wrapping_sub(self.planned));
+        self.planned = position;
+        let turns = self.field.checked_div_euclid(self.steps_per_rev()).unwrap_or(0);
+        if turns != 0 {
+            self.field -= turns * self.steps_per_rev();
+            self.origin = self.origin.wrapping_add(turns << 32);
+            let phase = i128::from(turns) * self.turn();
+            self.stretch.from -= phase;
+            self.stands = self.stands.map(|stands| stands - phase);
+        }
+    }
+
+    /// Begins the next stretch, where the present one is at `at`. With a jump of the field the shaft catches up
+    /// `within` that time.
+    fn begin(&mut self, at: Instant, within: Duration) {
+        self.move_field(at);
+        let shaft = self.stretch.phase_at(at);
+        let field = Field::of(&self.plan, at);
+        // Whether the field itself is where it stays.
+        let rests = field.h == 0 && field.a == 0 && self.catches_up <= at;
+        let follows = !self.held && self.current_ma != Some(0);
+        let mut falls_in = false;
+        match self.stands {
+            None if !follows => self.stands = Some(shaft),
+            Some(_) if follows && rests => {
+                (self.stands, falls_in) = (None, true);
+                self.lost = self.nearest_period(shaft);
+            }
+            _ => {}
+        }
+        if self.stands.is_none() {
+            let next = self.following(at, within, shaft, &field);
+            let fails = if falls_in { None } else { self.fails_after(&next) };
+            if fails != Some(0) {
+                let stands = next.h == 0 && next.a == 0;
+                let longest = if stands { u64::MAX } else { LONGEST.ticks() };
+                let ticks = fails.unwrap_or(u64::MAX).min(next.turns_round()).min(longest);
+                self.stretch = Stretch { end: next.end.min(at + Duration::from_ticks(ticks)), ..next };
+                return;
+            }
+        }
+        let settles = if self.catches_up > at { self.catches_up } else { Instant::NEVER };
+        let stands = *self.stands.get_or_insert(shaft);
+        self.stretch = Stretch::rest(at, field.end.min(settles), stands);
+    }
+
+    /// How the shaft goes on from `shaft` if it follows the field.
+    fn following(&mut self, at: Instant, within: Duration, shaft: i128, field: &Field) -> Stretch {
+        let aim = i128::from(self.field + self.lost) * i128::from(STEP) + field.fraction;
+        let gap = aim - shaft;
+        let still = i128::from(self.catches_up.since(at).ticks());
+        let expected = 2 * i128::from(self.stretch.catches_up) * still;
+        // A plan changes its acceleration between two ticks, and is seen at the next one.
+        let nothing = NOTHING + i128::from(self.stretch.a.unsigned_abs());
+        if (gap - expected).abs() > nothing {
+            self.catches_up = at + within;
+        } else if gap.abs() <= nothing {
+            self.catches_up = self.catches_up.min(at);
+        }
+        let ticks = i128::from(self.catches_up.since(at).ticks());
+        let Some(speed) = gap.checked_div(2 * ticks) else {
+            return Stretch { since: at, end: field.end, from: aim, h: field.h, a: field.a, catches_up: 0 };
+        };
+        const FASTEST: i128 = 1 << 56;
+        let speed = speed.clamp(-FASTEST, FASTEST) as i64;
+        Stretch {
+            since: at,
+            end: field.end.min(self.catches_up),
+            from: shaft,
+            h: field.h + speed,
+            a: field.a,
+            catches_up: speed,
+        }
+    }
+
+    /// How far from the field the shaft belongs if it falls in at the nearest place.
+    fn nearest_period(&self, shaft: i128) -> i64 {
+        let steps = PERIOD * i64::from(self.microsteps);
+        let period = i128::from(steps) * i128::from(STEP);
+        let away = shaft - i128::from(self.field) * i128::from(STEP);
+        let periods = (away + period / 2).checked_div_euclid(period).unwrap_or(0);
+        (periods as i64).wrapping_mul(steps)
+    }
+
+    /// After how many ticks of a stretch the torque does not suffice.
+    fn fails_after(&self, stretch: &Stretch) -> Option<u64> {
+        /// 2π/10 in 2⁻²⁴: µN·m at 1 g·cm² and 1 turn/s². Torques here are in 1/256 µN·m.
+        const TORQUE: i128 = 10_541_437;
+        /// More than any drive gives, in mA.
+        const MOST: u32 = 1_000_000;
+        let Parameters { holding_unm, rated_ma, pull_out_rpm, inertia_gcm2, friction_unm, load_unm, .. } =
+            self.parameters;
+        let Stretch { h, a, .. } = *stretch;
+        let way = if h == 0 { a.signum() } else { h.signum() };
+        if holding_unm == 0 || way == 0 {
+            return None;
+        }
+        let per_rev = i128::from(self.steps_per_rev());
+        let ma = self.current_ma.unwrap_or(rated_ma).min(MOST);
+        let holds = (i128::from(holding_unm) * i128::from(ma)) << 8;
+        let holds = holds.checked_div(rated_ma.into())?;
+        let accelerates = i128::from(inertia_gcm2) * i128::from(a) * TORQUE;
+        let accelerates = accelerates.checked_div(per_rev << 16)?;
+        let against = i128::from(load_unm) + i128::from(way) * i128::from(friction_unm);
+        let left = holds - (accelerates + (against << 8)).abs();
+        if left < 0 {
+            return Some(0);
+        }
+        // The speed at which no more torque is left than that.
+        let pull_out = i128::from(pull_out_rpm) * per_rev * i128::from(TICKS_PER_SECOND) / 60;
+        let fastest = (pull_out * left).checked_div(holds).unwrap_or(0);
+        let spare = fastest - i128::from(h).abs();
+        if spare < 0 {
+            Some(0)
+        } else if a.signum() == way {
+            let ticks = spare.checked_div(i128::from(a).abs())? + 1;
+            Some(u64::try_from(ticks).unwrap_or(u64::MAX))
+        } else {
+            None
+        }
+    }
+}
+
+/// What the field of a plan does from an instant on.
+struct Field {
+    /// Phase beyond the plan's position there.
+    fraction: i128,
+    /// As of a [`Stretch`].
+    h: i64,
+    a: i64,
+    /// When it does something else.
+    end: Instant,
+}
+
+impl Field {
+    fn of(plan: &Plan, at: Instant) -> Self {
+        if at < plan.start() {
+            return Self { fraction: 0, h: 0, a: 0, end: plan.start() };
+        }
+        let (segment, d) = plan.segment_at(at);
+        let way = if segment.back { -1 } else { 1 };
+        let fraction = segment.phase(d) - i128::from(segment.made(d)) * i128::from(STEP);
+        // Behind its last segment a plan stands.
+        let ends = if segment.ticks == 0 { u64::MAX } else { segment.ticks };
+        Self {
+            fraction: i128::from(way) * fraction,
+            h: way * segment.speed(d),
+            a: way * i64::from(segment.a),
+            end: at + Duration::from_ticks(if ends == u64::MAX { ends } else { ends.saturating_sub(d) }),
+        }
+    }
+}
+
+impl Rotor for Stepper {
+    fn until(&self) -> Instant {
+        self.stretch.end
+    }
+
+    fn angle_at(&self, at: Instant) -> i64 {
+        self.angle_of(self.stretch.phase_at(at))
+    }
+
+    // As the angle says, without a division.
+    fn is_at_least(&self, at: Instant, angle: i64) -> bool {
+        let below = i128::from(angle.wrapping_sub(self.origin)) - 1;
+        self.stretch.phase_at(at) << 32 > below * self.turn()
+    }
+
+    fn pace(&self) -> Pace {
+        let Stretch { since, h, a, .. } = self.stretch;
+        Pace { since, angle: self.angle_at(since), h, a, turn: self.turn() }
+    }
+
+    fn stalled(&self) -> bool {
+        self.held || self.stands.is_some() && self.current_ma != Some(0)
+    }
+
+    fn draws_ma(&self) -> i32 {
+        self.current_ma.map_or(0, |ma| i32::try_from(ma).unwrap_or(i32::MAX))
+    }
+}
+
+impl Device for Stepper {
+    fn spec(&self) -> &'static Spec {
+        &STEPPER
+    }
+
+    /// Nothing of it needs power: the shaft stays where it is.
+    fn power_on(&mut self, _at: Instant, _boot: Boot, _out: &mut dyn Sink) {}
+
+    fn input(&mut self, at: Instant, input: Input<'_>, _out: &mut dyn Sink) {
+        let mut within = CATCH_UP;
+        match input {
+            Input::Plan { plan, .. } => {
+                self.move_field(at);
+                (self.plan, self.planned) = (*plan, plan.position_at(at));
+            }
+            Input::Step { steps, .. } => {
+                self.move_field(at);
+                self.field += i64::from(steps);
+                within = within.min(at.since(self.stepped)).max(Duration::TICK);
+                self.stepped = at;
+                if self.stands.is_some() {
+                    self.catches_up = at + within;
+                }
+            }
+            Input::Current { ma, .. } => self.current_ma = Some(ma),
+            Input::Fault { fault: STALL, on } => self.held = on,
+            _ => return,
+        }
+        self.begin(at, within);
+    }
+
+    fn deadline(&self) -> Instant {
+        self.stretch.end
+    }
+
+    fn timeout(&mut self, at: Instant, _out: &mut dyn Sink) {
+        if at >= self.stretch.end {
+            self.begin(at, CATCH_UP);
+        }
+    }
+
+    fn peek(&self, _at: Instant, _row: usize) -> i64 {
+        0
+    }
+
+    fn poke(&mut self, _at: Instant, _row: usize, _value: i64, _out: &mut dyn Sink) -> Result<(), Refused> {
+        Err(Refused::NoSuchRegister)
+    }
+}
+
+#[cfg(test)]
+mod tests;

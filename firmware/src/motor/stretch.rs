@@ -1,5 +1,6 @@
 //! A time in which a shaft has one acceleration.
 
+use super::Pace;
 use crate::device::{Duration, Instant};
 
 /// The greatest speed: 234,000 rpm.
@@ -94,6 +95,11 @@ impl Stretch {
             _ => speed,
         };
         Self { since: at, angle: self.angle.wrapping_add(way as i64), speed, ..*self }
+    }
+
+    /// What to reckon with.
+    pub(super) fn pace(&self) -> Pace {
+        Pace { since: self.since, angle: self.angle, h: self.speed << 8, a: self.acceleration, turn: 1 << 65 }
     }
 
     /// The angle at `at`, not after its end.

@@ -1,19 +1,20 @@
 //! The calls of the control API.
 
 use axum::Json;
-use axum::extract::{Path, Query, State};
-use axum::http::{StatusCode, header};
-use axum::response::{IntoResponse, Response};
-use serde::Deserialize;
+use axum::extract::{Path, State};
+use axum::http::StatusCode;
 use standin_firmware::device::{Duration, Encoder, Fault, Pin, Refused, Role};
 use standin_protocol::time::TICKS_PER_SECOND;
 use standin_sim::bench::{Driving, Seat};
+use standin_sim::faults::LineFaults;
 use standin_sim::pace::Pace;
 use standin_sim::preset::{self, Number, Preset};
 use tokio::sync::oneshot;
 
 use super::guard::Body;
-use super::model::{Advance, Bench, Drive, Driven, Mode, PinLevel, Power, Pulses, Time, Turn, Value};
+use super::model::{
+    Advance, Bench, Bus, Drive, Driven, Faults, Mode, NewValue, PinLevel, Power, Pulses, Time, Turn,
+};
 use super::problem::Problem;
 use super::{Api, stopping};
 use crate::nearest;
@@ -32,7 +33,6 @@ pub(super) async fn bench(State(api): State<Api>) -> Result<Json<Bench>, Problem
 /// A drive: registers, pins, lights, motion, ports.
 #[utoipa::path(get, path = "/api/drives/{name}", responses(
     (status = 200, body = Drive),
-    (status = 404, body = Problem, content_type = "application/problem+json"),
 ))]
 pub(super) async fn drive(State(api): State<Api>, Path(name): Path<String>) -> Result<Json<Drive>, Problem> {
     api.call(move |host| Ok(Json(Drive::of(&host.bench, seat(host, &name)?)))).await?
@@ -42,8 +42,6 @@ pub(super) async fn drive(State(api): State<Api>, Path(name): Path<String>) -> R
 /// what comes from outside counts once the drive lets go.
 #[utoipa::path(put, path = "/api/drives/{name}/pins/{pin}", request_body = PinLevel, responses(
     (status = 204),
-    (status = 404, body = Problem, content_type = "application/problem+json"),
-    (status = 422, body = Problem, content_type = "application/problem+json"),
 ))]
 pub(super) async fn drive_pin(
     State(api): State<Api>,
@@ -64,9 +62,7 @@ pub(super) async fn drive_pin(
 /// Sends a train of pulses into an input pin.
 #[utoipa::path(post, path = "/api/drives/{name}/pins/{pin}/pulses", request_body = Pulses, responses(
     (status = 204, description = "The train has begun."),
-    (status = 404, body = Problem, content_type = "application/problem+json"),
     (status = 409, description = "One runs there.", body = Problem, content_type = "application/problem+json"),
-    (status = 422, body = Problem, content_type = "application/problem+json"),
 ))]
 pub(super) async fn pulse_pin(
     State(api): State<Api>,
@@ -98,10 +94,8 @@ pub(super) async fn pulse_pin(
 /// Turns the drive's encoder: quadrature edges on its inputs A and B.
 #[utoipa::path(post, path = "/api/drives/{name}/encoder", request_body = Turn, responses(
     (status = 204, description = "It has begun to turn."),
-    (status = 404, body = Problem, content_type = "application/problem+json"),
     (status = 409, description = "It turns already, or pulses run on one of its inputs.", body = Problem,
         content_type = "application/problem+json"),
-    (status = 422, body = Problem, content_type = "application/problem+json"),
 ))]
 pub(super) async fn encoder(
     State(api): State<Api>,
@@ -127,16 +121,14 @@ pub(super) async fn encoder(
 }
 
 /// Presets a register, past the bus.
-#[utoipa::path(put, path = "/api/drives/{name}/registers/{register}", request_body = Value, responses(
+#[utoipa::path(put, path = "/api/drives/{name}/registers/{register}", request_body = NewValue, responses(
     (status = 204),
-    (status = 404, body = Problem, content_type = "application/problem+json"),
     (status = 409, description = "The drive has no power.", body = Problem, content_type = "application/problem+json"),
-    (status = 422, description = "It does not take the value.", body = Problem, content_type = "application/problem+json"),
 ))]
 pub(super) async fn preset(
     State(api): State<Api>,
     Path((name, register)): Path<(String, String)>,
-    Body(value): Body<Value>,
+    Body(value): Body<NewValue>,
 ) -> Result<StatusCode, Problem> {
     api.call(move |host| {
         let seat = seat(host, &name)?;
@@ -161,7 +153,6 @@ pub(super) async fn preset(
 /// Brings about the cause of a fault.
 #[utoipa::path(put, path = "/api/drives/{name}/faults/{fault}", responses(
     (status = 204),
-    (status = 404, body = Problem, content_type = "application/problem+json"),
 ))]
 pub(super) async fn fault(
     State(api): State<Api>,
@@ -173,7 +164,6 @@ pub(super) async fn fault(
 /// Takes the cause of a fault away.
 #[utoipa::path(delete, path = "/api/drives/{name}/faults/{fault}", responses(
     (status = 204),
-    (status = 404, body = Problem, content_type = "application/problem+json"),
 ))]
 pub(super) async fn heal(
     State(api): State<Api>,
@@ -199,7 +189,6 @@ async fn set_fault(api: &Api, name: String, fault: String, on: bool) -> Result<S
 /// Switches a drive's power.
 #[utoipa::path(post, path = "/api/drives/{name}/power", request_body = Power, responses(
     (status = 204),
-    (status = 404, body = Problem, content_type = "application/problem+json"),
 ))]
 pub(super) async fn power(
     State(api): State<Api>,
@@ -215,10 +204,42 @@ pub(super) async fn power(
     .await?
 }
 
+/// The serial lines, with what disturbs them.
+#[utoipa::path(get, path = "/api/buses", responses((status = 200, body = Vec<Bus>)))]
+pub(super) async fn buses(State(api): State<Api>) -> Result<Json<Vec<Bus>>, Problem> {
+    let places = api.places.clone();
+    Ok(Json(api.call(move |host| Bus::all(&host.bench, &places)).await?))
+}
+
+/// Disturbs a line from its next frame on. What is not named is off.
+#[utoipa::path(put, path = "/api/buses/{name}/faults", request_body = Faults, responses((status = 204)))]
+pub(super) async fn disturb(
+    State(api): State<Api>,
+    Path(name): Path<String>,
+    Body(faults): Body<Faults>,
+) -> Result<StatusCode, Problem> {
+    let faults = LineFaults::try_from(faults).map_err(Problem::refused)?;
+    api.call(move |host| {
+        let bench = &mut host.bench;
+        let bus = bench.find_bus(&name).ok_or_else(|| {
+            let buses = bench.buses();
+            let names = buses.iter().map(|&bus| bench.bus_name(bus));
+            Problem::not_found(nearest::unknown("bus", &name, names))
+        })?;
+        for &(seat, port) in bench.ports(bus) {
+            let port = bench.spec(seat).ports.get(usize::from(port.0));
+            port.map_or(Ok(()), |port| faults.check_for(port)).map_err(Problem::refused)?;
+        }
+        bench.disturb(bus, faults);
+        host.settle();
+        Ok(StatusCode::NO_CONTENT)
+    })
+    .await?
+}
+
 /// Lets time run otherwise.
 #[utoipa::path(put, path = "/api/time", request_body = Mode, responses(
     (status = 200, body = Time),
-    (status = 422, body = Problem, content_type = "application/problem+json"),
 ))]
 pub(super) async fn pace(State(api): State<Api>, Body(mode): Body<Mode>) -> Result<Json<Time>, Problem> {
     let pace: Pace = mode.mode.parse().map_err(|sentence| Problem::refused(format!("mode: {sentence}")))?;
@@ -234,7 +255,6 @@ pub(super) async fn pace(State(api): State<Api>, Body(mode): Body<Mode>) -> Resu
     (status = 200, body = Time),
     (status = 409, description = "Somebody does so already, or time runs by itself.", body = Problem,
         content_type = "application/problem+json"),
-    (status = 422, body = Problem, content_type = "application/problem+json"),
 ))]
 pub(super) async fn advance(
     State(api): State<Api>,
@@ -261,31 +281,6 @@ pub(super) async fn advance(
     begun.await??;
     there.await.map_err(|_| stopping())?;
     Ok(Json(api.call(|host| Time::of(host)).await?))
-}
-
-/// Which form of the trace is wanted.
-#[derive(Deserialize)]
-pub(super) struct Wanted {
-    format: Option<String>,
-}
-
-/// What happened.
-#[utoipa::path(get, path = "/api/trace", params(("format" = Option<String>, Query, description = "`trace`")), responses(
-    (status = 200, body = String, content_type = "text/plain"),
-    (status = 422, body = Problem, content_type = "application/problem+json"),
-    (status = 501, body = Problem, content_type = "application/problem+json"),
-))]
-pub(super) async fn trace(State(api): State<Api>, Query(wanted): Query<Wanted>) -> Result<Response, Problem> {
-    match wanted.format.as_deref() {
-        None | Some("trace") => {}
-        Some("vcd" | "pcapng") => {
-            let detail = "of this only format=trace is there; --vcd FILE writes waveforms";
-            return Err(Problem::new(StatusCode::NOT_IMPLEMENTED, detail));
-        }
-        Some(_) => return Err(Problem::refused("format is trace")),
-    }
-    let text = api.call(|host| host.bench.trace().to_text()).await?;
-    Ok(([(header::CONTENT_TYPE, "text/plain; charset=utf-8")], text).into_response())
 }
 
 /// The drive of that name.

@@ -2,14 +2,19 @@
 //!
 //! A page may send "simple" requests anywhere, and may rename its own host to a loopback address. So
 //! the `Host` of a request must be a loopback one, or the very address that the API was told to listen
-//! on; and what changes something has a media type that no page may send without asking first.
+//! on; and what changes something has a media type that no page may send without asking first, which is
+//! never allowed. Where a browser says that a page of another origin asks, nothing is answered, so that a
+//! page takes nobody's place either.
 
+use std::error::Error as _;
 use std::net::{IpAddr, SocketAddr};
 use std::time::Duration;
 
 use axum::body::Bytes;
-use axum::extract::{FromRequest, Request, State};
-use axum::http::{HeaderMap, Method, StatusCode, header};
+use axum::extract::{FromRequest, FromRequestParts, Query, Request, State};
+use axum::http::request::Parts;
+use axum::http::uri::Authority;
+use axum::http::{HeaderMap, StatusCode, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 use serde::de::DeserializeOwned;
@@ -20,20 +25,61 @@ use super::problem::Problem;
 pub(super) const BODY_BYTES: usize = 64 << 10;
 
 /// How long a body may take to come.
-const BODY_TIME: Duration = Duration::from_secs(10);
+const BODY_TIME: Duration = Duration::from_secs(5);
 
 /// Lets only requests through that a web page cannot make.
 pub(super) async fn check(State(here): State<SocketAddr>, request: Request, next: Next) -> Response {
+    match page(&request, here) {
+        None => next.run(request).await,
+        Some(sentence) => Problem::forbidden(sentence).into_response(),
+    }
+}
+
+/// Why a web page may have made a request, in a sentence; `None` if it cannot have.
+fn page(request: &Request, here: SocketAddr) -> Option<&'static str> {
     let headers = request.headers();
-    let host = headers.get(header::HOST).and_then(|host| host.to_str().ok());
-    if !host.is_some_and(|host| is_local(host, here)) {
-        return Problem::forbidden("the Host of a request must be a loopback address").into_response();
+    let mut hosts = headers.get_all(header::HOST).iter().map(|host| host.to_str().unwrap_or(""));
+    let host = hosts.next().unwrap_or("");
+    // A target may name a host as well.
+    let targets = request.uri().authority().map(Authority::as_str);
+    if !targets.into_iter().chain(hosts).chain([host]).all(|host| is_local(host, here)) {
+        return Some("the Host of a request must be a loopback address");
     }
-    let needs_type = has_body(headers) || request.method() == Method::POST;
-    if needs_type && !is_json(headers) {
-        return Problem::forbidden("the Content-Type of a request must be application/json").into_response();
+    let origin = headers.get(header::ORIGIN).map(|origin| origin.to_str().unwrap_or(""));
+    let is_own =
+        |origin: &str| origin.strip_prefix("http://").is_some_and(|of| of.eq_ignore_ascii_case(host));
+    let site = headers.get("sec-fetch-site").map(|site| site.to_str().unwrap_or(""));
+    if !origin.is_none_or(is_own) || !site.is_none_or(|site| matches!(site, "same-origin" | "none")) {
+        return Some("a page of another origin must not ask");
     }
-    next.run(request).await
+    if (!request.method().is_safe() || has_body(headers)) && !is_json(headers) {
+        return Some("the Content-Type of a request that changes something must be application/json");
+    }
+    None
+}
+
+/// Refuses a query where none is asked for.
+pub(super) async fn no_query(request: Request, next: Next) -> Response {
+    match request.uri().query() {
+        None | Some("") => next.run(request).await,
+        Some(_) => Problem::refused("nothing is asked for in a query here").into_response(),
+    }
+}
+
+/// The query of a request.
+pub(super) struct Asked<T>(pub(super) T);
+
+impl<T: DeserializeOwned, S: Send + Sync> FromRequestParts<S> for Asked<T> {
+    type Rejection = Problem;
+
+    async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, Problem> {
+        let asked = Query::try_from_uri(&parts.uri);
+        asked.map(|Query(asked)| Self(asked)).map_err(|error| {
+            // What is said first is which part of the framework says so.
+            let why = error.source().map_or_else(|| error.to_string(), ToString::to_string);
+            Problem::refused(format!("the query is not what is wanted here: {why}"))
+        })
+    }
 }
 
 /// Whether `host`, as the header has it, names this machine, or `here`.

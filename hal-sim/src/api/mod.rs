@@ -1,9 +1,12 @@
 //! The control API: HTTP and JSON, described by itself at `/openapi.json`.
 //!
 //! It runs on a thread of its own. Each call becomes one piece of work for the thread that owns the
-//! bench, which does them one at a time.
+//! bench, which does them one at a time. What is long is brought from there in pieces.
 
 mod calls;
+mod description;
+mod events;
+mod export;
 mod guard;
 mod model;
 mod problem;
@@ -17,13 +20,13 @@ use std::time::Duration;
 use axum::Router;
 use axum::extract::DefaultBodyLimit;
 use axum::http::{StatusCode, header};
-use axum::middleware::{from_fn_with_state, map_response};
+use axum::middleware::{from_fn, from_fn_with_state, map_response};
 use axum::routing::get;
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
+use standin_sim::bench::Bench;
 use tokio::sync::{Notify, Semaphore, oneshot};
 use tracing::{debug, warn};
-use utoipa::OpenApi;
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
@@ -33,6 +36,12 @@ use problem::Problem;
 
 /// Connections served at once; for the next one all that idle are closed.
 const MAX_CONNECTIONS: usize = 64;
+
+/// Those of them that may follow the bench at once.
+const MAX_READERS: usize = 16;
+
+/// Those of them that may be sent a trace at once, each from a copy of it.
+const MAX_EXPORTS: usize = 2;
 
 /// How long the head of a request may take to come, and a connection may idle.
 const HEAD_TIME: Duration = Duration::from_secs(5);
@@ -44,6 +53,10 @@ struct Api {
     places: Arc<Places>,
     /// Free while nobody advances the clock.
     advancing: Arc<Semaphore>,
+    /// Room for those who follow the bench.
+    readers: Arc<Semaphore>,
+    /// Room for those who are sent a trace.
+    exports: Arc<Semaphore>,
 }
 
 impl Api {
@@ -59,18 +72,30 @@ impl Api {
         });
         answer.await.map_err(|_| stopping())
     }
+
+    /// Looks at the bench, on its thread; calls that are under way are not waited for.
+    async fn look<T: Send + 'static>(
+        &self,
+        look: impl FnOnce(&Bench) -> T + Send + 'static,
+    ) -> Result<T, Problem> {
+        let (done, answer) = oneshot::channel();
+        self.door.look(|bench| {
+            // Nobody may wait for it any more.
+            let _ = done.send(look(bench));
+        });
+        answer.await.map_err(|_| stopping())
+    }
 }
 
 fn stopping() -> Problem {
     Problem::new(StatusCode::SERVICE_UNAVAILABLE, "the bench is stopping")
 }
 
-#[derive(OpenApi)]
-#[openapi(info(
-    title = "standin",
-    description = "Control of a bench of emulated drives. Errors are RFC 9457 problem documents."
-))]
-struct Description;
+/// As many do `what` as may.
+fn nobody_more(what: &str) -> Problem {
+    let detail = format!("nobody more can {what} now; wait until somebody leaves");
+    Problem::new(StatusCode::SERVICE_UNAVAILABLE, detail)
+}
 
 /// Serves the API on `listener`, on a thread of its own, until the process ends.
 ///
@@ -83,7 +108,9 @@ pub(crate) fn serve(listener: TcpListener, door: Door, places: Places) -> io::Re
         let _inside = runtime.enter();
         tokio::net::TcpListener::from_std(listener)?
     };
-    let api = Api { door, places: Arc::new(places), advancing: Arc::new(Semaphore::new(1)) };
+    let room = |most| Arc::new(Semaphore::new(most));
+    let (advancing, readers, exports) = (room(1), room(MAX_READERS), room(MAX_EXPORTS));
+    let api = Api { door, places: Arc::new(places), advancing, readers, exports };
     let router = router(api, here);
     std::thread::Builder::new().name("control".into()).spawn(move || {
         runtime.block_on(accept(listener, router));
@@ -92,7 +119,20 @@ pub(crate) fn serve(listener: TcpListener, door: Door, places: Places) -> io::Re
 }
 
 fn router(api: Api, here: SocketAddr) -> Router {
-    let (router, description) = OpenApiRouter::with_openapi(Description::openapi())
+    let (router, description) = calls().split_for_parts();
+    let description = description::complete(description).to_pretty_json().unwrap_or_default();
+    let description = move || async { ([(header::CONTENT_TYPE, "application/json")], description) };
+    router
+        .route("/openapi.json", get(description))
+        .layer(DefaultBodyLimit::max(guard::BODY_BYTES))
+        .layer(from_fn_with_state(here, guard::check))
+        .layer(map_response(problem::of_framework))
+        .with_state(api)
+}
+
+/// All calls, with their descriptions.
+fn calls() -> OpenApiRouter<Api> {
+    OpenApiRouter::with_openapi(description::begin())
         .routes(routes!(calls::bench))
         .routes(routes!(calls::drive))
         .routes(routes!(calls::drive_pin))
@@ -101,18 +141,13 @@ fn router(api: Api, here: SocketAddr) -> Router {
         .routes(routes!(calls::preset))
         .routes(routes!(calls::fault, calls::heal))
         .routes(routes!(calls::power))
+        .routes(routes!(calls::buses))
+        .routes(routes!(calls::disturb))
         .routes(routes!(calls::pace))
         .routes(routes!(calls::advance))
-        .routes(routes!(calls::trace))
-        .split_for_parts();
-    let description = description.to_pretty_json().unwrap_or_default();
-    let description = move || async { ([(header::CONTENT_TYPE, "application/json")], description) };
-    router
-        .route("/openapi.json", get(description))
-        .layer(DefaultBodyLimit::max(guard::BODY_BYTES))
-        .layer(from_fn_with_state(here, guard::check))
-        .layer(map_response(problem::of_framework))
-        .with_state(api)
+        .layer(from_fn(guard::no_query))
+        .routes(routes!(export::trace))
+        .routes(routes!(events::events))
 }
 
 /// Takes connections. Where there is no room for one more, each present one ends: at once if it idles,

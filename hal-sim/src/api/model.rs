@@ -3,9 +3,10 @@
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize, Serializer};
-use standin_firmware::device::{Axis, Instant, Level, Pin, Port, Role};
+use standin_firmware::device::{Axis, Duration, Instant, Level, Pin, Port, Role};
 use standin_protocol::time::TICKS_PER_SECOND;
 use standin_sim::bench::{self, PowerAction, Seat};
+use standin_sim::faults::LineFaults;
 use utoipa::ToSchema;
 
 use crate::realtime::Host;
@@ -24,8 +25,7 @@ impl<V: Serialize> Serialize for InOrder<V> {
 pub(super) struct Bench {
     drives: Vec<Seated>,
     buses: Vec<Bus>,
-    /// Simulated motors; none yet.
-    motors: Vec<String>,
+    motors: Vec<Motor>,
     time: Time,
 }
 
@@ -39,7 +39,7 @@ struct Seated {
 
 /// A serial line.
 #[derive(Serialize, ToSchema)]
-struct Bus {
+pub(super) struct Bus {
     name: String,
     /// Its settings now.
     #[schema(example = "9600 8E1")]
@@ -49,6 +49,63 @@ struct Bus {
     /// Where it is reached.
     #[schema(example = json!(["pty:/dev/pts/4", "tcp:127.0.0.1:5020"]))]
     listen: Vec<String>,
+    /// What disturbs it.
+    faults: Faults,
+}
+
+/// What disturbs a line. Shares are of its frames, requests and replies alike where nothing else is said.
+#[derive(Serialize, Deserialize, ToSchema)]
+#[serde(default, deny_unknown_fields)]
+#[schema(example = json!({"drop": 0.01, "delay_ms": 5}))]
+pub(super) struct Faults {
+    /// Frames that are lost.
+    #[schema(minimum = 0, maximum = 1)]
+    drop: f64,
+    /// Frames in which a bit is turned over.
+    #[schema(minimum = 0, maximum = 1)]
+    corrupt: f64,
+    /// Frames that come twice.
+    #[schema(minimum = 0, maximum = 1)]
+    duplicate: f64,
+    /// Frames whose end is missing.
+    #[schema(minimum = 0, maximum = 1)]
+    truncate: f64,
+    /// Replies that bear another drive's address.
+    #[schema(minimum = 0, maximum = 1)]
+    wrong_address: f64,
+    /// Requests that are refused with `exception_code`.
+    #[schema(minimum = 0, maximum = 1)]
+    exception: f64,
+    /// The code of such a refusal.
+    #[schema(minimum = 1, maximum = 255)]
+    exception_code: u8,
+    /// Frames after which the line carries some characters of noise.
+    #[schema(minimum = 0, maximum = 1)]
+    noise: f64,
+    /// Every reply is late by so many milliseconds.
+    #[schema(minimum = 0, maximum = 60000)]
+    delay_ms: f64,
+    /// No reply reaches anybody.
+    mute: bool,
+    /// Clients talk and listen at that rate, whatever the drives do.
+    #[schema(minimum = 50, maximum = 4000000)]
+    baud: Option<u32>,
+}
+
+/// A motor on the bench.
+#[derive(Serialize, ToSchema)]
+struct Motor {
+    name: String,
+    /// What turns it.
+    drive: String,
+    /// Turns from where it began.
+    revolutions: f64,
+    /// Turns per minute, signed.
+    rpm: f64,
+    /// Whether it cannot follow its drive.
+    stalled: bool,
+    /// What it draws, in A.
+    current: f64,
 }
 
 /// The clock of the bench.
@@ -138,6 +195,7 @@ struct Statistics {
 /// What is done to an input pin: one of the three.
 #[derive(Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
+#[schema(example = json!({"level": "low"}))]
 pub(super) struct PinLevel {
     /// Pulled low, driven high, or let go.
     pub(super) level: Option<Driven>,
@@ -159,8 +217,9 @@ pub(super) enum Driven {
 /// A train of pulses.
 #[derive(Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
+#[schema(example = json!({"count": 1000, "hz": 250000}))]
 pub(super) struct Pulses {
-    #[schema(minimum = 1)]
+    #[schema(minimum = 1, maximum = 4294967295_i64)]
     pub(super) count: u32,
     /// Pulses per second of bench time.
     #[schema(minimum = 0.000001, maximum = 8000000)]
@@ -173,6 +232,7 @@ pub(super) struct Pulses {
 /// A turn of an encoder.
 #[derive(Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
+#[schema(example = json!({"counts": 400, "hz": 10000}))]
 pub(super) struct Turn {
     /// Edges, four in a cycle; negative the other way, not 0.
     #[schema(minimum = -2147483648, maximum = 2147483647)]
@@ -185,13 +245,15 @@ pub(super) struct Turn {
 /// A register's new value.
 #[derive(Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
-pub(super) struct Value {
+#[schema(example = json!({"value": 5}))]
+pub(super) struct NewValue {
     pub(super) value: i64,
 }
 
 /// What is done to a drive's power.
 #[derive(Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
+#[schema(example = json!({"action": "cycle"}))]
 pub(super) struct Power {
     pub(super) action: Action,
 }
@@ -222,8 +284,8 @@ impl From<Action> for PowerAction {
 #[derive(Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Mode {
-    /// `real`, `xN` or `manual`.
-    #[schema(example = "manual")]
+    /// `real`, `xN` (N times faster, to 1000) or `manual`.
+    #[schema(example = "manual", pattern = "^(real|x([1-9][0-9]{0,2}|1000)|manual)$")]
     pub(super) mode: String,
 }
 
@@ -232,7 +294,7 @@ pub(super) struct Mode {
 #[serde(deny_unknown_fields)]
 pub(super) struct Advance {
     /// At most a day.
-    #[schema(minimum = 0, maximum = 86400)]
+    #[schema(minimum = 0, maximum = 86400, example = 1.25)]
     pub(super) seconds: f64,
 }
 
@@ -248,17 +310,95 @@ impl Bench {
             kind: bench.spec(seat).kind,
             powered: bench.powered(seat),
         });
-        let buses = bench.seats().flat_map(|seat| ports_of(bench, seat)).filter_map(|(seat, port)| {
-            let bus = bench.bus(seat, port)?;
-            // A line of several ports is told with its first one.
-            (bench.ports(bus).first() == Some(&(seat, port))).then(|| Bus {
-                name: bench.bus_name(bus).to_owned(),
-                line: bench.line(bus).to_string(),
-                drives: bench.ports(bus).iter().map(|&(seat, _)| name(seat)).collect(),
-                listen: places.get(bench.bus_name(bus)).cloned().unwrap_or_default(),
-            })
-        });
-        Self { drives: drives.collect(), buses: buses.collect(), motors: Vec::new(), time: Time::of(host) }
+        let motors = bench.motors().map(|motor| Motor::of(bench, motor));
+        Self {
+            drives: drives.collect(),
+            buses: Bus::all(bench, places),
+            motors: motors.collect(),
+            time: Time::of(host),
+        }
+    }
+}
+
+impl Bus {
+    pub(super) fn all(bench: &bench::Bench, places: &Places) -> Vec<Self> {
+        let bus = |bus: bench::Bus| Self {
+            name: bench.bus_name(bus).to_owned(),
+            line: bench.line(bus).to_string(),
+            drives: bench.ports(bus).iter().map(|&(seat, _)| bench.name(seat).to_owned()).collect(),
+            listen: places.get(bench.bus_name(bus)).cloned().unwrap_or_default(),
+            faults: bench.disturbed(bus).into(),
+        };
+        bench.buses().into_iter().map(bus).collect()
+    }
+}
+
+impl Motor {
+    fn of(bench: &bench::Bench, motor: bench::Motor) -> Self {
+        let bench::Turn { revolutions, rpm, stalled, ma } = bench.turn(motor);
+        let (drive, _) = bench.turned_by(motor);
+        Self {
+            name: bench.motor_name(motor).to_owned(),
+            drive: bench.name(drive).to_owned(),
+            revolutions,
+            rpm,
+            stalled,
+            current: f64::from(ma) / 1_000.0,
+        }
+    }
+}
+
+impl Default for Faults {
+    fn default() -> Self {
+        LineFaults::default().into()
+    }
+}
+
+impl From<LineFaults> for Faults {
+    fn from(faults: LineFaults) -> Self {
+        let LineFaults { drop, corrupt, duplicate, truncate, wrong_address, .. } = faults;
+        let LineFaults { exception, exception_code, noise, delay, mute, baud, .. } = faults;
+        let delay_ms = seconds(Instant::ZERO + delay) * 1_000.0;
+        Self {
+            drop,
+            corrupt,
+            duplicate,
+            truncate,
+            wrong_address,
+            exception,
+            exception_code,
+            noise,
+            delay_ms,
+            mute,
+            baud,
+        }
+    }
+}
+
+impl TryFrom<Faults> for LineFaults {
+    type Error = String;
+
+    fn try_from(faults: Faults) -> Result<Self, String> {
+        let Faults { drop, corrupt, duplicate, truncate, wrong_address, .. } = faults;
+        let Faults { exception, exception_code, noise, delay_ms, mute, baud, .. } = faults;
+        if !(0.0..=60_000.0).contains(&delay_ms) {
+            return Err("delay_ms is 0 to 60000".to_owned());
+        }
+        let delay = Duration::from_ticks((delay_ms / 1_000.0 * TICKS_PER_SECOND as f64).round() as u64);
+        let faults = Self {
+            drop,
+            corrupt,
+            duplicate,
+            truncate,
+            wrong_address,
+            exception,
+            exception_code,
+            noise,
+            delay,
+            mute,
+            baud,
+        };
+        faults.check().map(|()| faults)
     }
 }
 
@@ -340,6 +480,6 @@ fn ports_of(bench: &bench::Bench, seat: Seat) -> impl Iterator<Item = (Seat, Por
 }
 
 /// Seconds since the beginning.
-fn seconds(at: Instant) -> f64 {
+pub(super) fn seconds(at: Instant) -> f64 {
     at.ticks() as f64 / TICKS_PER_SECOND as f64
 }

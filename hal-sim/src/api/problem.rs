@@ -6,7 +6,7 @@ use serde::Serialize;
 use utoipa::ToSchema;
 
 /// The media type of a problem document.
-const MEDIA_TYPE: HeaderValue = HeaderValue::from_static("application/problem+json");
+pub(super) const MEDIA_TYPE: &str = "application/problem+json";
 
 /// What is wrong (RFC 9457).
 #[derive(Debug, Serialize, ToSchema)]
@@ -54,7 +54,7 @@ impl IntoResponse for Problem {
     fn into_response(self) -> Response {
         let status = StatusCode::from_u16(self.status).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR);
         let body = serde_json::to_string(&self).unwrap_or_default();
-        (status, [(header::CONTENT_TYPE, MEDIA_TYPE)], body).into_response()
+        (status, [(header::CONTENT_TYPE, HeaderValue::from_static(MEDIA_TYPE))], body).into_response()
     }
 }
 
@@ -62,7 +62,7 @@ impl IntoResponse for Problem {
 pub(super) async fn of_framework(response: Response) -> Response {
     let status = response.status();
     let is_error = status.is_client_error() || status.is_server_error();
-    if !is_error || response.headers().get(header::CONTENT_TYPE) == Some(&MEDIA_TYPE) {
+    if !is_error || response.headers().get(header::CONTENT_TYPE).is_some_and(|media| media == MEDIA_TYPE) {
         return response;
     }
     let detail = match status {

@@ -230,10 +230,10 @@ impl Bench {
         self.at(seat).peek(self.now, row)
     }
 
-    /// What an axis does now.
+    /// What an axis does now; of a drive that has parted from its motor what the bench's does.
     #[must_use]
     pub fn motion(&self, seat: Seat, axis: Axis) -> Motion {
-        self.at(seat).motion(self.now, axis)
+        self.shaft(seat, axis).map_or_else(|| self.at(seat).motion(self.now, axis), Motion::from)
     }
 
     /// What a port has seen since its device was seated.

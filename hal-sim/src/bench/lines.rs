@@ -6,9 +6,9 @@ use standin_protocol::modbus::ascii;
 use standin_protocol::modbus::rtu::Timing;
 
 use super::{Bench, Bus, Client, Seat};
-use crate::bus::{LineMode, Offer, Outside, Sender, Turn, Wire};
+use crate::bus::{LineMode, Mark, Offer, Outside, Request, Sender, Turn, Wire};
 use crate::capture::{Frame, From};
-use crate::faults::LineFaults;
+use crate::faults::Text;
 use crate::schedule::{Class, What};
 use crate::seat::Sent;
 use crate::trace::Fed;
@@ -17,7 +17,7 @@ use crate::trace::Fed;
 const AHEAD: Duration = Duration::secs(1);
 
 /// The silence that ends a message on a line of Modbus: in ASCII none, because a line feed does.
-fn silence_after(line: Line) -> Duration {
+pub(super) fn silence_after(line: Line) -> Duration {
     if ascii::is_on(line) { Duration::ZERO } else { Timing::of(line).t3_5 }
 }
 
@@ -28,7 +28,8 @@ fn judgement(line: Line) -> Duration {
 
 /// Who says something.
 #[derive(Clone, Copy)]
-enum Voice {
+pub(super) enum Voice {
+    /// A client, or nobody.
     Client(Sender),
     /// A drive, on its line, beginning then.
     Drive(Line, Instant),
@@ -36,7 +37,7 @@ enum Voice {
 
 impl Voice {
     /// The settings in which it reaches a port that is on `line`.
-    fn spoken(self, line: Line) -> Line {
+    pub(super) fn spoken(self, line: Line) -> Line {
         match self {
             Self::Client(sender) => Line { baud: sender.baud.unwrap_or(line.baud), ..line },
             Self::Drive(own, _) => own,
@@ -58,6 +59,17 @@ impl Voice {
             Self::Drive(_, began) => What::Overheard { fed, began },
         }
     }
+}
+
+/// Characters that follow each other.
+#[derive(Clone, Copy)]
+pub(super) struct Words<'a> {
+    pub(super) bytes: &'a [u8],
+    /// Places of those in which a drive finds that they are wrong.
+    pub(super) unreadable: &'a [usize],
+    pub(super) voice: Voice,
+    /// Their number where they may collide.
+    pub(super) number: Option<u32>,
 }
 
 /// When something said is heard.
@@ -87,7 +99,7 @@ impl Bench {
             }
         }
         shared.sort_by(|a, b| (self.name(a.0), a.1).cmp(&(self.name(b.0), b.1)));
-        self.buses.push(Wire::shared(name, shared));
+        self.buses.push(Wire::shared(self.settings.seed, name, shared));
         Bus(bus as u32)
     }
 
@@ -131,18 +143,6 @@ impl Bench {
         called.or_else(|| alike.next().filter(|_| alike.next().is_none())).copied()
     }
 
-    /// Disturbs a line from its next frame on.
-    pub fn disturb(&mut self, _bus: Bus, _faults: LineFaults) {}
-
-    /// What disturbs a line.
-    #[must_use]
-    pub fn disturbed(&self, _bus: Bus) -> LineFaults {
-        LineFaults::default()
-    }
-
-    /// Whether characters on a line that overlap spoil each other; at first they do not.
-    pub fn let_collide(&mut self, _bus: Bus, _collisions: bool) {}
-
     /// The settings of a line now: those of its first drive, by name.
     #[must_use]
     pub fn line(&self, bus: Bus) -> Line {
@@ -185,10 +185,22 @@ impl Bench {
         if bytes.is_empty() {
             return;
         }
-        self.arrivals += 1;
-        outside.arrive(self.now, self.arrivals, bytes, sender);
         let bus = outside.bus;
+        outside.sender = sender;
+        if self.framed(bus).is_some() {
+            self.queue(client, bytes, Mark::default());
+        } else {
+            self.queue_disturbed(client, bytes);
+        }
         self.serve(bus);
+    }
+
+    /// Bytes of a client wait for the line.
+    pub(super) fn queue(&mut self, client: Client, bytes: &[u8], mark: Mark) {
+        if let Some(outside) = self.clients.get_mut(&client.0) {
+            self.arrivals += 1;
+            outside.arrive(self.now, self.arrivals, bytes, mark);
+        }
     }
 
     /// Bytes of a client that are not on the line yet. A host that reads only while this is small
@@ -249,7 +261,7 @@ impl Bench {
     }
 
     /// The settings of a line of Modbus, on which messages go whole; `None` where each character has its time.
-    fn framed(&self, bus: u32) -> Option<Line> {
+    pub(super) fn framed(&self, bus: u32) -> Option<Line> {
         let &(seat, port) = self.ports(Bus(bus)).first()?;
         let serial = self.at(seat).serial(port).filter(|serial| serial.silence)?;
         Some(serial.line_at(self.now))
@@ -270,7 +282,7 @@ impl Bench {
             let first = waiting.min().map(|(_, id)| id);
             let goes_on = framed.is_none() && first == Some(wire.served) && wire.free <= self.now;
             if wire.turn != Turn::Free && !goes_on {
-                return;
+                return self.speak_into(bus);
             }
             let Some(id) = first else {
                 if wire.turn == Turn::Free {
@@ -284,11 +296,7 @@ impl Bench {
             let Some(outside) = self.clients.get_mut(&id) else { return };
             match outside.offer(self.now, framed, self.settings.patience) {
                 Offer::Message(length, came) => {
-                    let (bytes, sender) = (outside.take(length), outside.sender);
-                    if outside.left && outside.backlog() == 0 {
-                        self.forget(id);
-                    }
-                    self.transmit(bus, id, &bytes, came, sender);
+                    self.transmit(bus, id, length, came);
                     if framed.is_none() {
                         return;
                     }
@@ -299,7 +307,10 @@ impl Bench {
                     wire.free = wire.free.max(self.now);
                     self.forget(id);
                 }
-                Offer::Half(until) => return self.turn_until(bus, until),
+                Offer::Half(until) => {
+                    self.turn_until(bus, until);
+                    return self.speak_into(bus);
+                }
             }
         }
     }
@@ -308,10 +319,11 @@ impl Bench {
     /// client that does not wait for them would make an endless queue. Whether it does; the turn waits with it.
     fn holds_back(&mut self, bus: u32, client: u32) -> bool {
         let wire = &mut self.buses[bus as usize];
-        if wire.sends_until <= self.now + AHEAD {
+        let ahead = AHEAD + wire.disturbance.faults().delay;
+        if wire.sends_until <= self.now + ahead {
             return false;
         }
-        let until = wire.sends_until - AHEAD;
+        let until = wire.sends_until - ahead;
         self.busy += usize::from(wire.turn == Turn::Free);
         (wire.turn, wire.served) = (Turn::Asked, client);
         self.turn_until(bus, until);
@@ -325,51 +337,109 @@ impl Bench {
         }
     }
 
-    /// Puts a client's message on a line, as if sent without gaps from when it came, or from when the
-    /// line is free.
-    fn transmit(&mut self, bus: u32, client: u32, bytes: &[u8], came: Instant, sender: Sender) {
-        let start = came.max(self.buses[bus as usize].free);
+    /// Puts the first `length` bytes of a client on a line, as if sent without gaps from when they came, or from
+    /// when the line is free.
+    pub(super) fn transmit(&mut self, bus: u32, client: u32, length: usize, came: Instant) {
+        let Some(outside) = self.clients.get_mut(&client) else { return };
+        let (mark, bytes, sender) = (outside.mark(), outside.take(length), outside.sender);
+        if outside.left && outside.backlog() == 0 {
+            self.forget(client);
+        }
+        let unreadable = if mark.unreadable { vec![0] } else { Vec::new() };
+        let text = Text { bytes, unreadable };
+        let request = Request { client, sender, count: length, text, refused: None, noise: mark.noise };
+        let wire = &self.buses[bus as usize];
+        let start = came.max(match &wire.air {
+            // It speaks into what others say.
+            Some(air) if wire.turn != Turn::Free => air.free.max(self.now),
+            _ => wire.free,
+        });
+        let request = if self.framed(bus).is_some() { self.disturbed_request(bus, request) } else { request };
+        self.put(bus, start, &request);
+    }
+
+    /// Puts a message, or noise, on a line from `start` on.
+    pub(super) fn put(&mut self, bus: u32, start: Instant, request: &Request) {
+        let &Request { client, count, ref text, ref refused, noise, .. } = request;
+        let baud = self.buses[bus as usize].disturbance.faults().baud.filter(|_| !noise);
+        let voice = Voice::Client(Sender { baud: baud.or(request.sender.baud), ..request.sender });
+        let bytes = refused.as_ref().map_or(&text.bytes, |(_, instead)| instead);
+        let line = voice.spoken(self.line(Bus(bus)));
+        let number = self.on_air(bus, start, line, bytes.len());
+        let words = Words { bytes, unreadable: &text.unreadable, voice, number };
         let (mut last, mut judged) = (start, start);
         for n in 0..self.ports(Bus(bus)).len() {
             let (seat, port) = self.ports(Bus(bus))[n];
-            let said = self.say(seat, port, start, bytes, Voice::Client(sender));
+            let said = self.times(seat, port, start, count, voice);
+            self.say(seat, port, start, words);
             (last, judged) = (last.max(said.last), judged.max(said.judged));
         }
-        let line = self.line(Bus(bus));
-        let lasts = line.character() * if self.fast() { 0 } else { bytes.len() as u64 };
-        self.capture.record(|| Frame {
-            at: start,
-            lasts,
-            bus: Bus(bus),
-            from: From::Client,
-            line,
-            bytes: bytes.to_vec(),
-        });
+        let framed = self.framed(bus).is_some();
+        if noise && framed {
+            self.reach_clients(bus, start, line, &text.bytes, number);
+        }
+        self.record(bus, start, line, if noise { From::Noise } else { From::Client }, &text.bytes);
         let wire = &mut self.buses[bus as usize];
-        self.busy += usize::from(wire.turn == Turn::Free);
-        (wire.turn, wire.served, wire.free) = (Turn::Asked, client, last);
+        wire.refusal = refused.as_ref().map(|&(refusal, _)| refusal).or(wire.refusal);
+        wire.free = wire.free.max(last);
+        let free = wire.turn == Turn::Free;
+        self.busy += usize::from(free);
         // What follows a character is looked for when it has ended.
-        self.turn_until(bus, if self.framed(bus).is_some() { judged } else { last });
+        let mut until = if framed { judged } else { last };
+        if let Some(air) = &mut wire.air {
+            air.spoke.push(client);
+            // What it speaks into may last longer.
+            if !free && wire.until < Instant::NEVER {
+                until = until.max(wire.until);
+            }
+        }
+        (wire.turn, wire.served) = (Turn::Asked, client);
+        self.turn_until(bus, until);
+    }
+
+    /// When so many characters, said to a port from `start` on, are heard.
+    fn times(&self, seat: Seat, port: Port, start: Instant, count: usize, voice: Voice) -> Said {
+        let Some(serial) = self.at(seat).serial(port) else { return Said { last: start, judged: start } };
+        if self.fast() {
+            let at = self.at(seat).free(start, Class::Line);
+            return Said { last: at, judged: at };
+        }
+        let line = serial.line_at(start);
+        let character = voice.spoken(line).character();
+        let last = self.first_ends(start, character) + character * count.saturating_sub(1) as u64;
+        Said { last, judged: last + judgement(line) }
+    }
+
+    /// When a character ends that begins at `start`, or as soon as it still can: a line may have been free for a
+    /// part of a character by now.
+    fn first_ends(&self, start: Instant, character: Duration) -> Instant {
+        (start + character).max(self.now + Duration::TICK)
     }
 
     /// Says something to a port from `start` on.
-    fn say(&mut self, seat: Seat, port: Port, start: Instant, bytes: &[u8], voice: Voice) -> Said {
-        let Some(serial) = self.at(seat).serial(port) else { return Said { last: start, judged: start } };
+    fn say(&mut self, seat: Seat, port: Port, start: Instant, words: Words<'_>) {
+        let Words { bytes, unreadable, voice, number } = words;
+        let Some(serial) = self.at(seat).serial(port).filter(|_| !bytes.is_empty()) else { return };
         let line = serial.line_at(start);
         let (framed, fit, ascii) = (serial.silence, voice.fits(line), ascii::is_on(line));
-        // Characters that nobody can read come one by one, as do those that have their time. In ASCII what
-        // comes together ends at latest with a line feed.
-        let whole = framed && fit;
+        // Characters that nobody can read come one by one, as do those that have their time, and those that may
+        // collide. In ASCII what comes together ends at latest with a line feed.
+        let whole = framed && fit && unreadable.is_empty() && number.is_none();
         let pieces = bytes.split_inclusive(|&byte| !whole || (ascii && byte == b'\n'));
-        let message = |piece: &[u8]| {
-            let fed = if fit { Fed::Bytes { port, bytes: piece.to_vec() } } else { Fed::Spoiled { port } };
-            voice.carries(fed)
+        let message = |place: usize, piece: &[u8]| {
+            let readable = fit && !unreadable.contains(&place);
+            let fed =
+                if readable { Fed::Bytes { port, bytes: piece.to_vec() } } else { Fed::Spoiled { port } };
+            match number {
+                Some(number) => What::Exposed { fed, number },
+                None => voice.carries(fed),
+            }
         };
         if self.fast() {
             let at = self.at(seat).free(start, Class::Line);
             let over = || voice.carries(Fed::Idle { port });
-            for piece in pieces {
-                self.schedule(at, Class::Line, seat.0, message(piece));
+            for (place, piece) in pieces.enumerate() {
+                self.schedule(at, Class::Line, seat.0, message(place, piece));
                 if whole {
                     self.schedule(at, Class::Line, seat.0, over());
                 }
@@ -377,18 +447,14 @@ impl Bench {
             if framed && !whole {
                 self.schedule(at, Class::Line, seat.0, over());
             }
-            return Said { last: at, judged: at };
+            return;
         }
         let character = voice.spoken(line).character();
-        // A line may have been free for a part of a character by now.
-        let first = (start + character).max(self.now + Duration::TICK);
-        let mut end = first;
-        for piece in pieces {
-            self.schedule(end, Class::Line, seat.0, message(piece));
+        let mut end = self.first_ends(start, character);
+        for (place, piece) in pieces.enumerate() {
+            self.schedule(end, Class::Line, seat.0, message(place, piece));
             end += character * piece.len() as u64;
         }
-        let last = first + character * bytes.len().saturating_sub(1) as u64;
-        Said { last, judged: last + judgement(line) }
     }
 
     /// Carries what the device called last has sent.
@@ -413,36 +479,94 @@ impl Bench {
     /// Carries what a drive sends to all who listen; nobody hears himself.
     fn carry(&mut self, sent: &Sent, bytes: &[u8]) {
         let Some(Bus(bus)) = self.bus(Seat(sent.seat), sent.port) else { return };
-        let fast = self.fast();
-        let took = sent.line.character() * bytes.len() as u64;
-        let (character, lasts) =
-            if fast { (Duration::ZERO, Duration::ZERO) } else { (sent.line.character(), took) };
         let wire = &mut self.buses[bus as usize];
-        wire.sends_until = wire.sends_until.max(sent.start + lasts);
-        for &id in &wire.clients {
-            self.clients.hear(id, sent.start, character, bytes);
+        let start = sent.start.max(wire.held_up);
+        match wire.disturbance.reply() {
+            None if wire.refusal.is_none() => {
+                let end = start + self.takes(sent.line, bytes.len());
+                let wire = &mut self.buses[bus as usize];
+                wire.sends_until = wire.sends_until.max(end);
+                self.reach(bus, start, sent, (bytes, &[]), (sent.line, bytes));
+            }
+            fate => self.carry_disturbed(bus, sent, bytes, &fate.unwrap_or_default()),
         }
-        let start = match (fast, wire.turn) {
-            (false, _) => sent.start,
+    }
+
+    /// How long so many characters take.
+    pub(super) fn takes(&self, line: Line, count: usize) -> Duration {
+        if self.fast() { Duration::ZERO } else { line.character() * count as u64 }
+    }
+
+    /// What a drive has sent reaches all who listen, from `start` on; `outside` is what clients make of it.
+    pub(super) fn reach(
+        &mut self,
+        bus: u32,
+        start: Instant,
+        sent: &Sent,
+        (bytes, unreadable): (&[u8], &[usize]),
+        outside: (Line, &[u8]),
+    ) {
+        let number = self.on_air(bus, start, sent.line, bytes.len());
+        self.reach_clients(bus, start, outside.0, outside.1, number);
+        let voice = Voice::Drive(sent.line, sent.start);
+        let words = Words { bytes, unreadable, voice, number };
+        self.reach_drives(bus, start, sent.line, words, Some((Seat(sent.seat), sent.port)));
+        self.record(bus, start, sent.line, From::Drive(Seat(sent.seat)), bytes);
+    }
+
+    /// Characters reach all clients, from `start` on.
+    pub(super) fn reach_clients(
+        &mut self,
+        bus: u32,
+        start: Instant,
+        line: Line,
+        bytes: &[u8],
+        number: Option<u32>,
+    ) {
+        let character = self.takes(line, 1);
+        let wire = &self.buses[bus as usize];
+        let spoiled: Vec<u8>;
+        let bytes = if number.is_some() {
+            let ends = (1..).map(|n| start + character * n);
+            spoiled = ends.zip(bytes).map(|(end, &byte)| wire.heard(number, end, byte)).collect();
+            &spoiled
+        } else {
+            bytes
+        };
+        for &id in &wire.clients {
+            self.clients.hear(id, start, character, bytes);
+        }
+    }
+
+    /// Characters reach all drives but the one that has sent them, from `start` on.
+    pub(super) fn reach_drives(
+        &mut self,
+        bus: u32,
+        start: Instant,
+        line: Line,
+        words: Words<'_>,
+        sender: Option<(Seat, Port)>,
+    ) {
+        let start = match (self.fast(), self.buses[bus as usize].turn) {
+            (false, _) => start,
             // What nobody asked for takes its time: two drives with one address may answer each
             // other's answers for ever, and must not do so every tick.
-            (true, Turn::Free) => sent.start + took,
-            (true, _) => sent.start + Duration::TICK,
+            (true, Turn::Free) => start + line.character() * words.bytes.len() as u64,
+            (true, _) => start + Duration::TICK,
         };
-        self.capture.record(|| Frame {
-            at: sent.start,
-            lasts,
-            bus: Bus(bus),
-            from: From::Drive(Seat(sent.seat)),
-            line: sent.line,
-            bytes: bytes.to_vec(),
-        });
-        let voice = Voice::Drive(sent.line, sent.start);
         for n in 0..self.ports(Bus(bus)).len() {
             let (seat, port) = self.ports(Bus(bus))[n];
-            if (seat.0, port) != (sent.seat, sent.port) {
-                self.say(seat, port, start, bytes, voice);
+            if Some((seat, port)) != sender {
+                self.say(seat, port, start, words);
             }
+        }
+    }
+
+    /// Keeps what is on a line, if it is anything.
+    pub(super) fn record(&mut self, bus: u32, at: Instant, line: Line, from: From, bytes: &[u8]) {
+        let lasts = self.takes(line, bytes.len());
+        if !bytes.is_empty() {
+            self.capture.record(|| Frame { at, lasts, bus: Bus(bus), from, line, bytes: bytes.to_vec() });
         }
     }
 
@@ -456,18 +580,22 @@ impl Bench {
             }
             serial.sends_until = now;
             let Some(Bus(bus)) = self.bus(Seat(place), port) else { continue };
-            self.capture.cut(Bus(bus), Seat(place), now);
             let serials = self.ports(Bus(bus)).iter().filter_map(|&(seat, port)| self.at(seat).serial(port));
             let sends_until = serials.map(|serial| serial.sends_until).max().unwrap_or(now);
-            self.buses[bus as usize].sends_until = sends_until;
-            for &id in &self.buses[bus as usize].clients {
-                self.clients.hush(id, now);
+            let wire = &mut self.buses[bus as usize];
+            // What was held up still comes.
+            let until = now + wire.disturbance.faults().delay;
+            wire.sends_until = sends_until.max(until);
+            wire.held_up = wire.held_up.min(until);
+            self.capture.cut(Bus(bus), Seat(place), until);
+            for &id in &wire.clients {
+                self.clients.hush(id, until);
             }
         }
     }
 
     /// The present turn, or the patience with half a message, ends at `at`.
-    fn turn_until(&mut self, bus: u32, at: Instant) {
+    pub(super) fn turn_until(&mut self, bus: u32, at: Instant) {
         self.buses[bus as usize].until = at;
         if let Some(&(seat, _)) = self.ports(Bus(bus)).first() {
             self.schedule(at, Class::Turn, seat.0, What::Turn { bus });
@@ -490,18 +618,25 @@ impl Bench {
         }
     }
 
-    /// Where silence ends a message: the turn lasts until all drives have judged that, and answered.
+    /// Where silence ends a message: the turn lasts until all drives have judged that, and answered, and what
+    /// follows it is over.
     fn turn_ends_of_frames(&mut self, bus: u32, at: Instant) {
-        if self.answers(bus, at) {
+        // Once: drives may answer each other's answers for ever.
+        if self.buses[bus as usize].turn == Turn::Asked && self.answers(bus, at) {
             return;
         }
-        if self.fast() {
-            return self.free(bus, at);
+        let from = if self.fast() {
+            at
+        } else {
+            let silence = self.lines(bus).map(silence_after).max().unwrap_or(Duration::ZERO);
+            let wire = &self.buses[bus as usize];
+            // A character that began no sooner ends a tick after the drives have judged the silence.
+            (wire.free + Duration::TICK).max(wire.sends_until) + silence
+        };
+        match self.buses[bus as usize].behind.pop_front() {
+            Some(request) => self.put(bus, self.heard_by_all(bus, from), &request),
+            None => self.free(bus, from),
         }
-        let silence = self.lines(bus).map(silence_after).max().unwrap_or(Duration::ZERO);
-        let wire = &self.buses[bus as usize];
-        // A character that began no sooner ends a tick after the drives have judged the silence.
-        self.free(bus, (wire.free + Duration::TICK).max(wire.sends_until) + silence);
     }
 
     /// Where each character has its time: the client goes on; or, held back, tries again; or it has said all.
@@ -538,13 +673,22 @@ impl Bench {
         answers
     }
 
+    /// When all drives have heard what was said until then: where characters take no time the others hear an
+    /// answer a tick later.
+    fn heard_by_all(&self, bus: u32, at: Instant) -> Instant {
+        let waits = self.fast() && self.ports(Bus(bus)).len() > 1;
+        if waits { at + Duration::TICK } else { at }
+    }
+
     /// A turn is over: the line is free from then on, and goes to whoever waits.
     fn free(&mut self, bus: u32, from: Instant) {
-        let fast = self.fast();
+        let from = self.heard_by_all(bus, from);
         let wire = &mut self.buses[bus as usize];
-        // Where characters take no time the other drives hear the answer a tick later.
-        let waits = fast && wire.ports.len() > 1;
-        (wire.turn, wire.free) = (Turn::Free, if waits { from + Duration::TICK } else { from });
+        (wire.turn, wire.free, wire.refusal) = (Turn::Free, from, None);
+        if let Some(air) = &mut wire.air {
+            air.spoke.clear();
+            air.free = from;
+        }
         self.busy -= 1;
         self.serve(bus);
     }

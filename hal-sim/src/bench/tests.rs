@@ -2,6 +2,8 @@
 
 mod ascii;
 mod characters;
+mod faults;
+mod motors;
 mod names;
 
 use std::cell::RefCell;
@@ -16,6 +18,7 @@ use standin_protocol::time::Span;
 
 use super::*;
 use crate::bus::Sender;
+use crate::faults::LineFaults;
 use crate::replay;
 use crate::toy::{self, Toy};
 
@@ -1104,6 +1107,8 @@ enum Act {
     Power(usize, PowerAction),
     Fault(usize, bool),
     Poke(usize, i64),
+    Disturb(usize, LineFaults),
+    Collide(usize, bool),
 }
 
 const NAMES: [&str; 5] = ["b", "x", "a", "y", "z"];
@@ -1181,12 +1186,19 @@ fn perform(acts: &[(u64, Act)], order: &[usize], chunks: &[u64], (line, twins): 
             Act::Power(n, action) => bench.power(seats[*n], *action),
             Act::Fault(n, on) => bench.fault(seats[*n], Fault(0), *on),
             Act::Poke(n, value) => drop(bench.poke(seats[*n], 0, *value)),
+            Act::Disturb(n, faults) => bench.disturb(buses[n % buses.len()], *faults),
+            Act::Collide(n, collide) => bench.let_collide(buses[n % buses.len()], *collide),
         }
         for client in &clients {
             heard.push(received(&mut bench, *client));
         }
     }
-    bench.run_until(at + 3.secs());
+    // However late replies are: nothing lasts for ever.
+    bench.settle();
+    let end = bench.now();
+    assert!(end <= at + 600.secs(), "settled at {end:?} only");
+    bench.run_until(end + 3.secs());
+    assert!(clients.iter().all(|&client| bench.backlog(client) == 0), "a line is stuck");
     format!("{}# {heard:?}\n", bench.trace().to_text())
 }
 
@@ -1225,6 +1237,8 @@ fn act() -> impl Strategy<Value = Act> {
         2 => (seat.clone(), power).prop_map(|(n, power)| Act::Power(n, power)),
         1 => (seat.clone(), any::<bool>()).prop_map(|(n, on)| Act::Fault(n, on)),
         2 => (seat, 0_i64..300).prop_map(|(n, value)| Act::Poke(n, value)),
+        3 => (0..8_usize, faults::any_faults()).prop_map(|(n, faults)| Act::Disturb(n, faults)),
+        1 => (0..8_usize, any::<bool>()).prop_map(|(n, collide)| Act::Collide(n, collide)),
     ]
 }
 

@@ -60,11 +60,9 @@ impl Bench {
     /// # Panics
     /// If a pin is not there.
     pub fn wire(&mut self, from: (Seat, Pin), to: (Seat, Pin)) {
-        let wire = u32::try_from(self.wires.len()).expect("a bench has room for four billion wires");
-        for (seat, pin) in [from, to] {
-            assert!(self.at(seat).pin(pin).is_some(), "{} has no pin {}", self.name(seat), pin.0);
-        }
-        self.wires.push(PinWire { to, level: Level::Float });
+        let (seat, pin) = from;
+        assert!(self.at(seat).pin(pin).is_some(), "{} has no pin {}", self.name(seat), pin.0);
+        let wire = self.end_of_wire(to);
         let now = self.now;
         let source = self.at_mut(from.0);
         let mut first = false;
@@ -76,14 +74,21 @@ impl Bench {
             source.listen(now, axis);
             self.foresee(from.0.0, axis);
         }
-        if let Some(state) = self.at_mut(to.0).pin_mut(to.1) {
-            state.driven_by.push(wire);
-        }
         let level = self.at(from.0).driven(now, from.1);
         self.schedule(now + Duration::TICK, Class::Pin, to.0.0, What::Wired { wire, level });
         if first {
             self.foresee_wave(from.0.0, from.1);
         }
+    }
+
+    /// The end of a new wire, at an input pin. Nothing drives it so far.
+    pub(super) fn end_of_wire(&mut self, to: (Seat, Pin)) -> u32 {
+        let wire = u32::try_from(self.wires.len()).expect("a bench has room for four billion wires");
+        let name = self.name(to.0).to_owned();
+        let state = self.at_mut(to.0).pin_mut(to.1);
+        state.unwrap_or_else(|| panic!("{name} has no pin {}", to.1.0)).driven_by.push(wire);
+        self.wires.push(PinWire { to, level: Level::Float });
+        wire
     }
 
     /// Carries what an output did to the ends of its wires.

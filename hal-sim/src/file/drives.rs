@@ -84,6 +84,7 @@ impl Reader<'_> {
             return Err(Wrong { at, what: format!("{name} cannot be preset: {}", preset::why(why)) });
         }
         self.layout.drives.push(drive);
+        self.specs.push(spec);
         Ok(())
     }
 
@@ -156,8 +157,7 @@ impl Reader<'_> {
 
     /// What a drive is.
     pub(super) fn spec(&self, drive: usize) -> &'static Spec {
-        let kind = self.layout.drives[drive].kind;
-        (self.make)(kind).map_or(&Spec::BARE, |device| device.spec())
+        self.specs[drive]
     }
 
     /// The drive of that name.

@@ -6,6 +6,7 @@ use standin_firmware::motion::HIGH;
 use crate::bench::Motion;
 use crate::drives::level_of;
 use crate::pulses::{Lent, Shaper, StepDir};
+use crate::seat::Told;
 
 /// What is known of an axis.
 pub(super) struct AxisState {
@@ -18,7 +19,11 @@ pub(super) struct AxisState {
     /// Whether the last of `steps` was, if there are any.
     stepped: Option<bool>,
     pub(super) current_ma: u32,
+    /// Whether the device has ever said what current it gives.
+    pub(super) tells_current: bool,
     pub(super) duty: i32,
+    /// Whether a motor of the bench listens.
+    pub(super) turns_motor: bool,
     /// Makes the pulses for whoever is wired to them.
     pub(super) shaper: Option<Shaper>,
     /// How often the next edge has changed.
@@ -41,7 +46,9 @@ impl AxisState {
             forward: false,
             stepped: None,
             current_ma: 0,
+            tells_current: false,
             duty: 0,
+            turns_motor: false,
             shaper: None,
             changes: 0,
             shared,
@@ -96,6 +103,12 @@ impl AxisState {
         }
         self.steps = self.steps.wrapping_add(steps);
         self.stepped = Some(steps > 0);
+    }
+
+    /// What a motor must know that has been told nothing so far.
+    pub(super) fn told(&self) -> impl Iterator<Item = Told> + use<> {
+        let current = self.tells_current.then_some(Told::Current(self.current_ma));
+        [Told::Plan(self.plan), Told::Duty(self.duty)].into_iter().chain(current)
     }
 
     /// What it does.

@@ -1,6 +1,6 @@
 //! What a device leaves behind: its memory, its power, and what it does to the world.
 
-use standin_firmware::device::{Axis, Instant, Level, Line, Note, Output, Pin, Port, Sink, Spec, Why};
+use standin_firmware::device::{Axis, Instant, Level, Line, Note, Output, Pin, Plan, Port, Sink, Spec, Why};
 
 use super::axis::AxisState;
 use super::pin::{EncoderState, PinState};
@@ -69,9 +69,25 @@ pub(crate) enum Moved {
     Axis { axis: Axis },
 }
 
+/// What a motor hears of its drive, and what else is done to it.
+#[derive(Clone, Debug)]
+#[expect(clippy::large_enum_variant, reason = "most of what a motor hears is plans")]
+pub(crate) enum Told {
+    Plan(Plan),
+    /// From the next plan on, and for what is left of the present one.
+    Microsteps(u16),
+    Steps(i32),
+    Current(u32),
+    Duty(i32),
+    /// Its shaft is held, or let go.
+    Held(bool),
+}
+
 /// What a device has done in one call.
 #[derive(Default)]
 pub(crate) struct Outbox {
+    /// What its motors are to hear: the device, its axis, when it was done.
+    pub(crate) told: Vec<(u32, Axis, Instant, Told)>,
     pub(crate) sent: Vec<Sent>,
     /// All characters, one message behind the other.
     pub(crate) bytes: Vec<u8>,
@@ -89,6 +105,7 @@ impl Outbox {
         self.sent.clear();
         self.bytes.clear();
         self.moved.clear();
+        self.told.clear();
     }
 }
 
@@ -216,24 +233,34 @@ impl Body {
             Output::Plan { axis, plan } => {
                 self.take_back(axis, at, tape.outbox);
                 self.shape(axis, at, tape.outbox, |axis| axis.follow(at, plan));
+                self.tell(axis, at, tape.outbox, || Told::Plan(*plan));
             }
             Output::Step { axis, steps } => {
                 self.shape(axis, at, tape.outbox, |axis| axis.step(at, steps));
+                self.tell(axis, at, tape.outbox, || Told::Steps(steps));
             }
             Output::Current { axis, ma } => {
                 if let Some(axis) = self.axis(axis) {
-                    axis.current_ma = ma;
+                    (axis.current_ma, axis.tells_current) = (ma, true);
                 }
+                self.tell(axis, at, tape.outbox, || Told::Current(ma));
             }
             Output::Duty { axis, duty } => {
                 if let Some(axis) = self.axis(axis) {
                     axis.duty = duty;
                 }
+                self.tell(axis, at, tape.outbox, || Told::Duty(duty));
             }
             Output::Note(note) => self.count(note),
-            // A store has its own way; of connections only the trace tells so far. No motor has a seat of its
-            // own yet.
+            // A store has its own way; of connections only the trace tells so far. No motor has a seat.
             Output::Store { .. } | Output::Message { .. } | Output::Close { .. } | Output::Draws { .. } => {}
+        }
+    }
+
+    /// The motor of an axis, if it has one, is to hear of it.
+    fn tell(&self, axis: Axis, at: Instant, outbox: &mut Outbox, told: impl FnOnce() -> Told) {
+        if self.axes.get(usize::from(axis.0)).is_some_and(|axis| axis.turns_motor) {
+            outbox.told.push((self.seat, axis, at, told()));
         }
     }
 
@@ -334,6 +361,9 @@ impl Body {
         }
         for axis in (0..self.axes.len() as u8).map(Axis) {
             self.shape(axis, at, outbox, |axis| axis.power_off(at));
+            for told in self.axis(axis).map(|axis| axis.told()).into_iter().flatten() {
+                self.tell(axis, at, outbox, || told);
+            }
         }
     }
 

@@ -6,7 +6,8 @@ mod pin;
 mod serial;
 
 use standin_firmware::device::{
-    Axis, Boot, Device, Duration, Encoder, EncoderSpec, Fault, Instant, Level, Line, Pin, Port, Refused, Spec,
+    Axis, Boot, Device, Duration, Encoder, EncoderSpec, Fault, Instant, Level, Line, Parted, Pin, Port,
+    Refused, Spec,
 };
 
 use crate::bench::{Keep, Motion};
@@ -14,7 +15,7 @@ use crate::dice::Dice;
 use crate::schedule::Class;
 use crate::trace::{Fed, Power};
 use body::{Body, Hand};
-pub(crate) use body::{Moved, Outbox, Sent, Tape};
+pub(crate) use body::{Moved, Outbox, Sent, Tape, Told};
 pub(crate) use pin::{EdgeTrain, EncoderState, PinState, PulseTrain, Signal};
 pub(crate) use serial::Serial;
 
@@ -28,6 +29,10 @@ pub(crate) struct Seated {
     device: Box<dyn Device>,
     pub(crate) body: Body,
     boot_fast: bool,
+    /// The motor that it has parted from.
+    pub(crate) parted: Option<Parted>,
+    /// Motors of the bench that it turns.
+    pub(crate) motors: Vec<(Axis, u32)>,
     /// Rows that are set after every power-on, and their values.
     pub(crate) presets: Vec<(usize, i64)>,
     /// Seeds of its random choices, one for each power-on.
@@ -61,6 +66,8 @@ impl Seated {
             device,
             body,
             boot_fast,
+            parted: None,
+            motors: Vec::new(),
             presets: Vec::new(),
             dice,
             last,
@@ -72,6 +79,24 @@ impl Seated {
     /// When it wants to be woken; without power never.
     pub(crate) fn deadline(&self) -> Instant {
         self.deadline
+    }
+
+    /// Parts from the motor that it brings, before its first power-on.
+    pub(crate) fn part(&mut self) {
+        self.parted = self.device.part();
+    }
+
+    /// An axis turns a motor of the bench from now on; returns what that must know.
+    pub(crate) fn turns(&mut self, axis: Axis, motor: u32) -> Vec<Told> {
+        self.motors.push((axis, motor));
+        let Some(state) = self.body.axis(axis) else { return Vec::new() };
+        state.turns_motor = true;
+        state.told().collect()
+    }
+
+    /// Steps of its plans in a full step of the motor on an axis.
+    pub(crate) fn microsteps(&self, axis: Axis) -> u16 {
+        self.device.microsteps(axis)
     }
 
     /// Wakes it at its deadline; returns the next one.

@@ -3,7 +3,8 @@
 //! ```text
 //! standin trace 1                     the format, before anything else
 //! seed 1                              of every random choice; 1 if not given
-//! drive md3 md3                       name and kind; `fast`: no start-up delay; `from 12.5`: seated then
+//! drive md3 md3                       name and kind; `fast`: no start-up delay; `from 12.5`: seated then;
+//!                                     `apart`: without the motor that it brings
 //! memory md3 0x0000 01 00 9A          what its memory held; 0xFF where nothing is said
 //! compare tx pins                     which outputs count: tx line pins motion stores; all if not given
 //!
@@ -27,6 +28,7 @@
 //! | `pin J2.2 low` `millivolts ANALOG 2500` | an input changes |
 //! | `count 0 -4 high low` | encoder, quarter cycles, A, B |
 //! | `slipped motor 1` | steps made too many |
+//! | `draws motor 130` | mA that its motor draws |
 //! | `fault stall on` | the cause of a fault comes or goes |
 //! | `poke Speed 8000` | a register is preset past the bus |
 //! | `power off` `power on` | `power cut`: fails in the next save; `power cut 1 0`: one store goes through, of the next 0 bytes do |
@@ -42,6 +44,7 @@
 //! | `store 0x0010 01 02` | into the memory |
 //! | `power off` | the cut has come, in the store before |
 
+mod copy;
 mod text;
 
 use std::borrow::Cow;
@@ -104,6 +107,8 @@ pub struct Drive {
     pub spec: &'static Spec,
     /// Whether it has no start-up delay.
     pub boot_fast: bool,
+    /// Whether it has parted from the motor that it brings.
+    pub apart: bool,
     /// When it was seated and powered on.
     pub from: Instant,
     /// What its memory held then, [`Spec::memory`] bytes.
@@ -148,6 +153,8 @@ pub enum Fed {
     Count { encoder: Encoder, steps: i32, a: bool, b: bool },
     /// [`Input::Slipped`]
     Slipped { axis: Axis, steps: i32 },
+    /// [`Input::Draws`]
+    Draws { axis: Axis, ma: i32 },
     /// [`Input::Bytes`]; on a port where each character has its time, of several those after the
     /// first follow back to back.
     Bytes { port: Port, bytes: Vec<u8> },
@@ -176,6 +183,7 @@ impl Fed {
             Self::Millivolts { pin, mv } => Input::Millivolts { pin, mv },
             Self::Count { encoder, steps, a, b } => Input::Count { encoder, steps, a, b },
             Self::Slipped { axis, steps } => Input::Slipped { axis, steps },
+            Self::Draws { axis, ma } => Input::Draws { axis, ma },
             Self::Bytes { port, ref bytes } => Input::Bytes { port, bytes },
             Self::Spoiled { port } => Input::Spoiled { port },
             Self::Idle { port } => Input::Idle { port },
@@ -445,12 +453,13 @@ impl Trace {
         }
     }
 
-    /// How much is recorded, for [`rewind`](Self::rewind).
-    pub(crate) fn mark(&self) -> u64 {
+    /// How far it has come: events so far, with those that a ring has dropped.
+    #[must_use]
+    pub fn mark(&self) -> u64 {
         self.lost + self.events.len() as u64
     }
 
-    /// Forgets what was recorded since.
+    /// Forgets what was recorded since a [mark](Self::mark).
     pub(crate) fn rewind(&mut self, mark: u64) {
         while self.mark() > mark
             && let Some(newest) = self.events.pop_back()

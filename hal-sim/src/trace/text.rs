@@ -57,20 +57,44 @@ impl Trace {
     /// The trace as text, header included: drives by name, lines by stamp.
     #[must_use]
     pub fn to_text(&self) -> String {
-        let mut text = format!("standin trace {VERSION}\nseed {}\n", self.seed);
+        let mut text = self.header();
+        for entry in self.in_order() {
+            line(&mut text, format_args!("{}", self.entry_text(entry)));
+        }
+        line(&mut text, format_args!("{} end", stamp(self.end)));
+        text
+    }
+
+    /// Writes the text, line by line.
+    ///
+    /// # Errors
+    /// Those of the writer.
+    pub fn write(&self, to: &mut dyn io::Write) -> io::Result<()> {
+        to.write_all(self.header().as_bytes())?;
+        for entry in self.in_order() {
+            writeln!(to, "{}", self.entry_text(entry))?;
+        }
+        writeln!(to, "{} end", stamp(self.end))
+    }
+
+    /// The places of the drives, by name.
+    fn by_name(&self) -> Vec<usize> {
         let mut drives: Vec<usize> = (0..self.drives.len()).collect();
         drives.sort_by(|&a, &b| self.drives[a].name.cmp(&self.drives[b].name));
-        let mut rank = vec![0; drives.len()];
-        for (place, &index) in drives.iter().enumerate() {
-            rank[index] = place;
-        }
-        for drive in drives.iter().map(|&index| &self.drives[index]) {
+        drives
+    }
+
+    /// The lines before the first event.
+    fn header(&self) -> String {
+        let mut text = format!("standin trace {VERSION}\nseed {}\n", self.seed);
+        for drive in self.by_name().iter().map(|&index| &self.drives[index]) {
             let fast = if drive.boot_fast { " fast" } else { "" };
+            let apart = if drive.apart { " apart" } else { "" };
             let from = match drive.from {
                 Instant::ZERO => String::new(),
                 later => format!(" from {}", stamp(later)),
             };
-            line(&mut text, format_args!("drive {} {}{fast}{from}", drive.name, drive.spec.kind));
+            line(&mut text, format_args!("drive {} {}{fast}{apart}{from}", drive.name, drive.spec.kind));
             for (row, bytes) in drive.memory.chunks(MEMORY_ROW).enumerate() {
                 if bytes.iter().any(|&byte| byte != 0xFF) {
                     let offset = row * MEMORY_ROW;
@@ -85,32 +109,39 @@ impl Trace {
         if self.lost > 0 {
             line(&mut text, format_args!("lost {}", self.lost));
         }
-        let mut events: Vec<&Entry> = self.events.iter().collect();
-        events.sort_by_key(|entry| (entry.at, rank.get(entry.drive)));
-        for entry in events {
-            line(&mut text, format_args!("{}", self.entry_text(entry)));
-        }
-        line(&mut text, format_args!("{} end", stamp(self.end)));
         text
     }
 
-    /// Writes the text.
-    ///
-    /// # Errors
-    /// Those of the writer.
-    pub fn write(&self, to: &mut dyn io::Write) -> io::Result<()> {
-        to.write_all(self.to_text().as_bytes())
+    /// The events as the text has them: what a drive does may bear a stamp that lies ahead.
+    fn in_order(&self) -> Vec<&Entry> {
+        let mut rank = vec![0; self.drives.len()];
+        for (place, index) in self.by_name().into_iter().enumerate() {
+            rank[index] = place;
+        }
+        let mut events: Vec<&Entry> = self.events.iter().collect();
+        events.sort_by_key(|entry| (entry.at, rank.get(entry.drive)));
+        events
     }
 
     /// A line of the text.
     pub(crate) fn entry_text(&self, entry: &Entry) -> String {
         let Some(drive) = self.drives.get(entry.drive) else { return String::new() };
         let name = if self.drives.len() > 1 { format!(" {}", drive.name) } else { String::new() };
-        let (sign, words) = match &entry.event {
-            Event::Fed(fed) => ('>', fed_text(drive.spec, fed)),
-            Event::Did(did) => ('<', did_text(drive.spec, entry.at, did)),
+        let sign = match entry.event {
+            Event::Fed(_) => '>',
+            Event::Did(_) => '<',
         };
-        format!("{}{name} {sign} {words}", stamp(entry.at))
+        format!("{}{name} {sign} {}", stamp(entry.at), self.words(entry))
+    }
+
+    /// What a line of the text says happened: `rx 01 03`.
+    #[must_use]
+    pub fn words(&self, entry: &Entry) -> String {
+        let Some(drive) = self.drives.get(entry.drive) else { return String::new() };
+        match &entry.event {
+            Event::Fed(fed) => fed_text(drive.spec, fed),
+            Event::Did(did) => did_text(drive.spec, entry.at, did),
+        }
     }
 }
 
@@ -217,6 +248,7 @@ fn fed_text(spec: &'static Spec, fed: &Fed) -> String {
             format!("count {} {steps} {} {}", encoder.0, high_low(*a), high_low(*b))
         }
         Fed::Slipped { axis, steps } => format!("slipped {} {steps}", axis_name(spec, *axis)),
+        Fed::Draws { axis, ma } => format!("draws {} {ma}", axis_name(spec, *axis)),
         Fed::Bytes { port, bytes } => {
             format!("{}{}", at_port(spec, "rx", *port), payload(port_of(spec, *port), bytes))
         }
@@ -372,14 +404,16 @@ impl Reader {
             name,
             spec,
             boot_fast: false,
+            apart: false,
             from: Instant::ZERO,
             memory: vec![0xFF; usize::from(spec.memory)],
         };
         while let Some(word) = words.more() {
             match word {
                 "fast" => drive.boot_fast = true,
+                "apart" => drive.apart = true,
                 "from" => drive.from = Instant::from_ticks(words.millis()?),
-                _ => return Err(format!("\"{word}\" is not known here: \"fast\" or \"from\"")),
+                _ => return Err(format!("\"{word}\" is not known here: \"fast\", \"apart\" or \"from\"")),
             }
         }
         self.trace.drives.push(drive);
@@ -455,6 +489,7 @@ fn fed(spec: &'static Spec, words: &mut Words<'_>) -> Result<Fed, String> {
             b: words.either("high", "low")?,
         },
         "slipped" => Fed::Slipped { axis: words.axis(spec)?, steps: words.number("steps")? },
+        "draws" => Fed::Draws { axis: words.axis(spec)?, ma: words.number("a current in mA")? },
         "fault" => {
             let names = spec.faults.iter().copied();
             Fed::Fault { fault: Fault(words.place("fault", names)?), on: words.either("on", "off")? }
@@ -486,6 +521,7 @@ fn fed(spec: &'static Spec, words: &mut Words<'_>) -> Result<Fed, String> {
                 "millivolts",
                 "count",
                 "slipped",
+                "draws",
                 "fault",
                 "poke",
                 "power",

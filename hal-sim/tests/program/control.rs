@@ -337,6 +337,34 @@ fn a_web_page_is_refused() {
     assert_eq!(request(&format!("{get}Host: [::1]"), "").status, 200);
     assert!(request(&format!("{get}Host: evil.example"), "").problem(403).contains("Host"));
     assert!(request(&format!("{get}Host: 127.0.0.1.evil.example:80"), "").problem(403).contains("Host"));
+    assert!(
+        request(&format!("{get}Host: localhost\r\nHost: evil.example"), "").problem(403).contains("Host")
+    );
+    let target = "GET http://evil.example/api/bench HTTP/1.1\r\nHost: localhost";
+    assert!(request(target, "").problem(403).contains("Host"));
+    assert!(request("GET /api/bench HTTP/1.0", "").problem(403).contains("Host"));
+
+    // A page of another origin, also one on this machine; and one without an origin.
+    for origin in ["http://evil.example", "https://localhost:80", "http://localhost:81", "null"] {
+        let ask = format!("{get}Host: localhost:80\r\nOrigin: {origin}");
+        assert!(request(&ask, "").problem(403).contains("another origin"), "{origin}");
+    }
+    assert_eq!(request(&format!("{get}Host: localhost:80\r\nOrigin: http://localhost:80"), "").status, 200);
+    for (site, status) in [("cross-site", 403), ("same-site", 403), ("same-origin", 200), ("none", 200)] {
+        let ask = format!("{get}Host: localhost\r\nSec-Fetch-Site: {site}");
+        assert_eq!(request(&ask, "").status, status, "{site}");
+    }
+    // Before it sends what is not simple a browser asks whether it may.
+    let preflight =
+        "OPTIONS /api/drives/md3/power HTTP/1.1\r\nHost: localhost\r\nAccess-Control-Request-Method: POST";
+    let answer = request(preflight, "");
+    assert_eq!(answer.status, 405);
+    assert!(!answer.head.contains("access-control"), "{answer:?}");
+
+    let fault = "/api/drives/md3/faults/stall HTTP/1.1\r\nHost: localhost";
+    for method in ["PUT", "DELETE"] {
+        assert!(request(&format!("{method} {fault}"), "").problem(403).contains("Content-Type"), "{method}");
+    }
     let post = "POST /api/drives/md3/power HTTP/1.1\r\nHost: localhost";
     let off = "{\"action\":\"off\"}";
     assert!(request(post, off).problem(403).contains("Content-Type"));
@@ -361,8 +389,68 @@ fn every_error_is_a_problem_document() {
     md3.call("PUT", "/api/time", "{\"mode\":5}").problem(422);
     md3.call("PUT", "/api/time", "{\"mode\":\"real\",\"more\":1}").problem(422);
     md3.call("PUT", "/api/time", &" ".repeat(70_000)).problem(413);
-    md3.call("GET", "/api/trace?format=vcd", "").problem(501);
-    md3.call("GET", "/api/trace?format=text", "").problem(422);
+    let query = |path: &str| md3.call("GET", path, "").problem(422);
+    assert!(query("/api/trace?format=text").contains("expected one of `trace`, `vcd`, `pcapng`"));
+    assert!(query("/api/trace?fromat=vcd").contains("unknown field `fromat`, expected `format`"));
+    assert!(query("/api/trace?format=vcd&format=trace").contains("duplicate field `format`"));
+    assert!(query("/api/events?drive=md4").contains("the nearest is 'md3'"));
+    assert_eq!(query("/api/bench?drive=md3"), "nothing is asked for in a query here");
+    assert_eq!(md3.call("GET", "/api/bench?", "").status, 200);
+    let head = md3.call("HEAD", "/api/bench", "");
+    assert_eq!((head.status, head.body.as_str()), (200, ""));
+    let head = md3.call("HEAD", "/api/drives/md4", "");
+    assert_eq!((head.status, head.body.as_str()), (404, ""));
+    assert!(head.head.contains("content-type: application/problem+json"));
+}
+
+#[test]
+fn a_line_is_disturbed_by_what_is_named_and_by_nothing_else() {
+    let md3 = md3();
+    let put = |bus: &str, faults: &str| md3.call("PUT", &format!("/api/buses/{bus}/faults"), faults);
+    let faults = || md3.call("GET", "/api/buses", "").ok()[0]["faults"].clone();
+    let quiet = faults();
+    assert_eq!(quiet["drop"], 0.0);
+    assert_eq!(put("rs485", "{\"drop\":0.25,\"delay_ms\":2.5,\"exception_code\":6}").status, 204);
+    let disturbed = faults();
+    assert_eq!(disturbed["drop"], 0.25);
+    assert_eq!((&disturbed["delay_ms"], &disturbed["exception_code"]), (&2.5.into(), &6.into()));
+    assert_eq!(md3.call("GET", "/api/bench", "").ok()["buses"][0]["faults"], disturbed);
+    // What is told may be put again.
+    assert_eq!(put("rs485", &disturbed.to_string()).status, 204);
+    assert_eq!(faults(), disturbed);
+    assert_eq!(put("md3.rs485", "{\"mute\":true}").status, 204, "its other name");
+    assert_eq!((&faults()["drop"], &faults()["mute"]), (&0.0.into(), &true.into()));
+    assert_eq!(put("rs485", "{}").status, 204);
+    assert_eq!(faults(), quiet);
+
+    assert!(put("rs458", "{}").problem(404).contains("the nearest is 'rs485'"));
+    assert!(put("rs485", "{\"drops\":1}").problem(422).contains("unknown field `drops`"));
+    for wrong in [
+        "\"drop\":1.5",
+        "\"noise\":-0.1",
+        "\"delay_ms\":60001",
+        "\"delay_ms\":-1",
+        "\"exception_code\":0",
+        "\"baud\":1",
+    ] {
+        put("rs485", &format!("{{{wrong}}}")).problem(422);
+    }
+    assert_eq!(faults(), quiet);
+}
+
+#[test]
+fn a_line_that_is_mute_answers_nobody() {
+    let md3 = md3();
+    let requests = || md3.drive()["ports"]["rs485"]["requests"].as_u64().unwrap();
+    let mut line = md3.connect();
+    let mute = |on: bool| md3.call("PUT", "/api/buses/rs485/faults", &format!("{{\"mute\":{on}}}"));
+    assert_eq!(mute(true).status, 204);
+    line.write_all(&rtu::write(1, 0x11, 0)).unwrap();
+    while requests() < 1 {}
+    assert_eq!(mute(false).status, 204);
+    // Its answer is the first one that comes.
+    let request = rtu::read(1, 0x10, 1);
+    assert_eq!(ask(&mut line, &request, 7)[..3], [1, 3, 2]);
 }
 
 #[test]
@@ -389,9 +477,12 @@ fn it_describes_itself() {
         "/api/drives/{name}/registers/{register}",
         "/api/drives/{name}/faults/{fault}",
         "/api/drives/{name}/power",
+        "/api/buses",
+        "/api/buses/{name}/faults",
         "/api/time",
         "/api/time/advance",
         "/api/trace",
+        "/api/events",
     ] {
         assert!(paths.contains_key(path), "{path}");
     }

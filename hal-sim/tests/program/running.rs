@@ -166,7 +166,10 @@ impl Answer {
     fn read(text: &str) -> Self {
         let (head, body) = text.split_once("\r\n\r\n").unwrap();
         let status = head.split(' ').nth(1).unwrap().parse().unwrap();
-        Self { status, head: head.to_lowercase(), body: body.to_owned() }
+        let head = head.to_lowercase();
+        let body =
+            if head.contains("transfer-encoding: chunked") { unchunked(body) } else { body.to_owned() };
+        Self { status, head, body }
     }
 
     /// The body of a success.
@@ -184,6 +187,20 @@ impl Answer {
         assert_eq!(problem["type"], "about:blank");
         assert!(problem["title"].is_string());
         problem["detail"].as_str().unwrap().to_owned()
+    }
+}
+
+/// A body that was sent in chunks (RFC 9112, section 7.1).
+fn unchunked(mut rest: &str) -> String {
+    let mut body = String::new();
+    loop {
+        let (length, chunk) = rest.split_once("\r\n").unwrap();
+        let length = usize::from_str_radix(length, 16).unwrap();
+        if length == 0 {
+            return body;
+        }
+        body.push_str(&chunk[..length]);
+        rest = chunk[length..].strip_prefix("\r\n").unwrap();
     }
 }
 

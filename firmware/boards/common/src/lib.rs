@@ -9,12 +9,16 @@ mod axis;
 mod hands;
 mod pl011;
 mod queue;
+mod saved;
 mod slips;
+mod usart;
 mod wire;
 
 pub use axis::{Axis, Timer};
 pub use hands::{Bus, Hands, Release};
 pub use pl011::Pl011;
 pub use queue::Queue;
+pub use saved::{Saved, Unreadable};
 pub use slips::{SLIPPED, untold};
+pub use usart::Usart;
 pub use wire::{AxisPins, End, is_full_duplex};

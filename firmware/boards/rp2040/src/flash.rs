@@ -19,12 +19,20 @@ const CAPACITY: usize = 2 << 20;
 /// Where it is read.
 const WINDOW: usize = 0x1000_0000;
 
-/// The last sectors, for small memories.
-pub(crate) const SMALL: Range<u32> = sectors(4, CAPACITY as u32);
+/// A memory of more bytes is a large one. An item of a small one has been like that ever since there are images.
+const MOST_SMALL: usize = 112;
+
+/// The last sectors, for small memories: they need not wait until the pieces of a large one are moved.
+const SMALL: Range<u32> = sectors(4, CAPACITY as u32);
 /// Those before, for others.
-pub(crate) const LARGE: Range<u32> = sectors(MOST_SECTORS, SMALL.start);
+const LARGE: Range<u32> = sectors(MOST_SECTORS, SMALL.start);
 /// Sectors of the larger of the two.
 pub(crate) const MOST_SECTORS: usize = 8;
+
+/// Where a memory of so many bytes is.
+pub(crate) const fn place(bytes: usize) -> Range<u32> {
+    if bytes <= MOST_SMALL { SMALL } else { LARGE }
+}
 
 /// So many sectors that end there.
 const fn sectors(count: usize, end: u32) -> Range<u32> {
@@ -35,6 +43,7 @@ const fn sectors(count: usize, end: u32) -> Range<u32> {
 global_asm!(".global __saved", ".set __saved, {}", const WINDOW + LARGE.start as usize);
 
 /// The flash chip.
+#[derive(Clone, Copy)]
 pub(crate) struct Flash;
 
 impl Flash {

@@ -17,7 +17,7 @@
 //! | `bus` | UART0, and the direction of RS-485 |
 //! | `pins` | levels and edges |
 //! | `steps` | STEP and DIR |
-//! | `saved`, `flash` | saved registers |
+//! | `flash` | where saved registers are |
 //! | `watchdog` | the watchdog |
 //! | `log` | what shows over a debug probe |
 //! | `registers` | registers of the hardware |
@@ -31,7 +31,6 @@ mod flash;
 mod log;
 mod pins;
 mod registers;
-mod saved;
 mod steps;
 mod timer;
 mod watchdog;
@@ -43,7 +42,7 @@ use cortex_m::Peripherals;
 use cortex_m::peripheral::NVIC;
 use cortex_m_rt::exception;
 use rp2040_pac::Interrupt;
-use standin_board::{AxisPins, Hands, is_full_duplex};
+use standin_board::{AxisPins, Hands, Saved, is_full_duplex};
 use standin_firmware::device::{Boot, Device, Instant};
 use standin_firmware::motion::Follower;
 use standin_firmware::shell::Shell;
@@ -52,13 +51,16 @@ pub use self::pins::Wire;
 
 use self::bus::Sender;
 use self::caught::Ears;
+use self::flash::{Flash, MOST_SECTORS};
 use self::pins::Pin;
-use self::saved::Saved;
 use self::steps::Steps;
+
+/// The saved registers of a drive on this board.
+type Memory<'a> = Saved<'a, Flash, MOST_SECTORS>;
 
 /// A drive on this board.
 type Board<'a, D, const CHARACTERS: usize, const WIRES: usize> =
-    Shell<&'a mut D, Ears, Hands<Sender, Pin, Saved<'a>, Steps, WIRES>, CHARACTERS>;
+    Shell<&'a mut D, Ears, Hands<Sender, Pin, Memory<'a>, Steps, WIRES>, CHARACTERS>;
 
 /// Runs a drive whose pins and faults are wired like that. `memory` has as many bytes as its spec says;
 /// `CHARACTERS` is how many characters may wait to be sent.
@@ -73,7 +75,7 @@ pub fn run<D: Device, const CHARACTERS: usize, const WIRES: usize>(
     timer::start();
     watchdog::start();
     let boot = Boot { fast: pins::is_tied(wires::FAST), ..Boot::default() };
-    let saved = Saved::new(drive.spec().kind, memory);
+    let saved = Saved::new(Flash, flash::place(memory.len()), drive.spec().kind, memory);
     let mut shell: Board<'_, D, CHARACTERS, WIRES> = assemble(drive, saved, wires);
     shell.power_on(Instant::ZERO, boot);
     log::power(shell.device().spec().kind, boot);
@@ -93,7 +95,7 @@ pub fn run<D: Device, const CHARACTERS: usize, const WIRES: usize>(
 #[inline(never)]
 fn assemble<'a, D: Device, const CHARACTERS: usize, const WIRES: usize>(
     drive: &'a mut D,
-    memory: Saved<'a>,
+    memory: Memory<'a>,
     wires: &[Wire; WIRES],
 ) -> Board<'a, D, CHARACTERS, WIRES> {
     let spec = drive.spec();

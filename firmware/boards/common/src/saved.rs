@@ -3,58 +3,51 @@
 //! A drive stores bytes here and there. Its memory is kept in pieces, an item each: those that a store changes are
 //! written behind what is there, one after the other. So a power cut leaves the pieces from some place on as they
 //! were before that store, and all sectors wear alike. Only where a store fails is everything erased for another
-//! try. Each kind of drive has items of its own. Small memories, a piece each, have sectors of their own, too: they
-//! need not wait until the pieces of a large one are moved.
+//! try. Each kind of drive has items of its own.
 
 use core::ops::Range;
 use core::pin::pin;
 use core::task::{Context, Poll, Waker};
 
 use embedded_storage::{ReadStorage, Storage};
+use embedded_storage_async::nor_flash::NorFlash;
 use sequential_storage::cache::Cache;
 use sequential_storage::cache::key_pointers::ArrayKeyPointers;
 use sequential_storage::cache::page_pointers::ArrayPagePointers;
 use sequential_storage::cache::page_states::ArrayPageStates;
 use sequential_storage::map::{MapConfig, MapStorage};
 
-use crate::flash::{self, Flash, MOST_SECTORS};
-
 /// The kind of drive, as far as it fits, and behind it the number of the piece.
 type Key = [u8; 16];
 
 /// What is known of the flash: without it, making room in a sector takes a search for each of its items.
-type Known = Cache<
-    ArrayPageStates<MOST_SECTORS>,
-    ArrayPagePointers<MOST_SECTORS>,
-    ArrayKeyPointers<Key, KNOWN_ITEMS>,
-    Key,
->;
-type Map = MapStorage<Key, Flash, Known>;
+type Known<const SECTORS: usize> =
+    Cache<ArrayPageStates<SECTORS>, ArrayPagePointers<SECTORS>, ArrayKeyPointers<Key, KNOWN_ITEMS>, Key>;
+type Map<F, const SECTORS: usize> = MapStorage<Key, F, Known<SECTORS>>;
 /// Items that are found without a search. More than these take longer to find, and are found.
 const KNOWN_ITEMS: usize = 2;
 
 /// Bytes of a piece; the last one may have fewer.
 const PIECE: usize = 256;
-/// A memory of more bytes is a large one. An item of a small one has been like that ever since there are images.
-const SMALL: usize = 112;
 /// Bytes that an item takes at most.
 const ITEM: usize = size_of::<Key>() + PIECE;
 
 /// The items of a kind of drive.
-struct Items {
-    map: Map,
+struct Items<F: NorFlash, const SECTORS: usize> {
+    map: Map<F, SECTORS>,
+    flash: F,
     place: Range<u32>,
     kind: Key,
 }
 
-impl Items {
+impl<F: NorFlash + Copy, const SECTORS: usize> Items<F, SECTORS> {
     /// Those of that kind, which lie in that part of the flash.
-    fn of(kind: &str, place: Range<u32>) -> Self {
+    fn of(kind: &str, flash: F, place: Range<u32>) -> Self {
         let mut key = [0; _];
         for (place, letter) in key.iter_mut().take(size_of::<Key>() - 1).zip(kind.bytes()) {
             *place = letter;
         }
-        Self { map: open(place.clone()), place, kind: key }
+        Self { map: open(flash, place.clone()), flash, place, kind: key }
     }
 
     fn key(&self, number: u8) -> Key {
@@ -81,7 +74,7 @@ impl Items {
     /// Knows nothing of the flash any more. What that needs of the stack is free again when this returns.
     #[inline(never)]
     fn forget(&mut self) {
-        self.map = open(self.place.clone());
+        self.map = open(self.flash, self.place.clone());
     }
 
     fn erase(&mut self) -> Result<(), Unreadable> {
@@ -89,24 +82,28 @@ impl Items {
     }
 }
 
-fn open(place: Range<u32>) -> Map {
+fn open<F: NorFlash, const SECTORS: usize>(flash: F, place: Range<u32>) -> Map<F, SECTORS> {
     let known = Known::new(ArrayPageStates::new(), ArrayPagePointers::new(), ArrayKeyPointers::new());
-    Map::new(Flash, MapConfig::new(place), known)
+    Map::new(flash, MapConfig::new(place), known)
 }
 
-/// The non-volatile memory of a drive.
-pub(crate) struct Saved<'a> {
-    items: Items,
+/// The non-volatile memory of a drive, in up to `SECTORS` sectors of a flash whose functions return when they are
+/// done.
+pub struct Saved<'a, F: NorFlash, const SECTORS: usize> {
+    items: Items<F, SECTORS>,
     bytes: &'a mut [u8],
 }
 
-impl<'a> Saved<'a> {
-    /// What a drive of that kind saved, in `bytes`; all `0xFF` if it never did, or if the flash holds something
-    /// else than saved registers. What finding that out needs of the stack is free again when this returns.
+impl<'a, F: NorFlash + Copy, const SECTORS: usize> Saved<'a, F, SECTORS> {
+    /// What a drive of that kind saved at that `place` of the flash, in `bytes`; all `0xFF` if it never did, or if the
+    /// flash holds something else than saved registers. What finding that out needs of the stack is free again when
+    /// this returns.
+    ///
+    /// # Panics
+    /// If the place is less than two sectors, or no whole ones.
     #[inline(never)]
-    pub(crate) fn new(kind: &str, bytes: &'a mut [u8]) -> Self {
-        let place = if bytes.len() <= SMALL { flash::SMALL } else { flash::LARGE };
-        let mut saved = Self { items: Items::of(kind, place), bytes };
+    pub fn new(flash: F, place: Range<u32>, kind: &str, bytes: &'a mut [u8]) -> Self {
+        let mut saved = Self { items: Items::of(kind, flash, place), bytes };
         if saved.recall().is_err() {
             saved.bytes.fill(0xFF);
             let _ = saved.items.erase();
@@ -135,15 +132,15 @@ impl<'a> Saved<'a> {
 
 /// The flash holds something else than saved registers, or is broken.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Unreadable;
+pub struct Unreadable;
 
-impl AsRef<[u8]> for Saved<'_> {
+impl<F: NorFlash, const SECTORS: usize> AsRef<[u8]> for Saved<'_, F, SECTORS> {
     fn as_ref(&self) -> &[u8] {
         self.bytes
     }
 }
 
-impl ReadStorage for Saved<'_> {
+impl<F: NorFlash, const SECTORS: usize> ReadStorage for Saved<'_, F, SECTORS> {
     type Error = Unreadable;
 
     fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), Self::Error> {
@@ -158,7 +155,7 @@ impl ReadStorage for Saved<'_> {
     }
 }
 
-impl Storage for Saved<'_> {
+impl<F: NorFlash + Copy, const SECTORS: usize> Storage for Saved<'_, F, SECTORS> {
     fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), Self::Error> {
         let offset = offset as usize;
         let mut result = Ok(());

@@ -1,0 +1,19 @@
+//! Links for the board: by its own script alone, which says where everything lies.
+
+/// Bytes of the stacks that are not as `black_pill.x` says: those of drives with a large memory, which lie there
+/// with it.
+const STACKS: [(&str, u32); 2] = [("rs434544", 18 << 10), ("rs434546", 18 << 10)];
+
+fn main() {
+    let here = std::env::var("CARGO_MANIFEST_DIR").unwrap_or_default();
+    println!("cargo::rustc-link-arg-bins=-T{here}/black_pill.x");
+    for (kind, bytes) in STACKS {
+        println!("cargo::rustc-link-arg-bin={kind}=--defsym=_stack_length={bytes}");
+    }
+    // Sections are not padded to the pages of an operating system.
+    println!("cargo::rustc-link-arg-bins=--nmagic");
+    if std::env::var_os("CARGO_FEATURE_DEFMT").is_some() {
+        println!("cargo::rustc-link-arg-bins=-Tdefmt.x");
+    }
+    println!("cargo::rerun-if-changed=black_pill.x");
+}

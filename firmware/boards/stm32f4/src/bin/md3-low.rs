@@ -1,0 +1,14 @@
+//! An MD3 of 1.8 A on the STM32F411.
+#![no_std]
+#![no_main]
+
+use cortex_m_rt::entry;
+use standin_firmware::md3::{MEMORY, Md3};
+use standin_firmware::shell::ONE_ANSWER;
+use standin_stm32f4::{run, wires};
+
+#[entry]
+fn main() -> ! {
+    let mut drive = Md3::low();
+    run::<_, ONE_ANSWER, _>(&mut drive, &mut [0xFF; MEMORY], &wires::MD3)
+}

@@ -1,0 +1,85 @@
+//! The clocks, from the crystal.
+
+use crate::registers::Register;
+
+/// Cycles of the processor in a microsecond. The timer's clock is the same, and six of its cycles are a tick of
+/// standin's time: 100 MHz, which the chip can do, is no multiple of 16.
+pub(crate) const MHZ: u32 = 96;
+/// The Black Pill's crystal.
+const CRYSTAL_MHZ: u32 = 25;
+
+/// Reset and clock control (6.3).
+const RCC: usize = 0x4002_3800;
+const CONTROL: Register = Register::at(RCC, 0x00);
+const PLL: Register = Register::at(RCC, 0x04);
+const CONFIGURATION: Register = Register::at(RCC, 0x08);
+/// Clock gates of the ports.
+const AHB1_GATES: Register = Register::at(RCC, 0x30);
+/// Clock gates of TIM2 and of the power control.
+const APB1_GATES: Register = Register::at(RCC, 0x40);
+/// Clock gates of USART1 and of SYSCFG.
+const APB2_GATES: Register = Register::at(RCC, 0x44);
+
+/// Voltage of the core (5.4.1).
+const POWER: Register = Register::at(0x4000_7000, 0x00);
+/// Wait states of the flash (3.8.1).
+const FLASH: Register = Register::at(0x4002_3C00, 0x00);
+
+/// Prescaler of the bus of USART1, as it stands in the configuration.
+const APB2_PRESCALER: u32 = 0b111 << 13;
+const APB2_BY_4: u32 = 0b101 << 13;
+
+/// Runs the processor at 96 MHz from the crystal, and gives the peripherals their clock.
+pub(crate) fn start() {
+    const INTERNAL_ON: u32 = 1 << 0;
+    const INTERNAL_READY: u32 = 1 << 1;
+    const CRYSTAL_ON: u32 = 1 << 16;
+    const CRYSTAL_READY: u32 = 1 << 17;
+    const PLL_ON: u32 = 1 << 24;
+    const PLL_READY: u32 = 1 << 25;
+    const SELECTED: u32 = 0b11 << 2;
+    const FROM_PLL: u32 = 0b10;
+    const APB1_BY_2: u32 = 0b100 << 10;
+
+    // Away from the PLL, as the boot loader of the chip may leave it, and on to the internal oscillator.
+    CONTROL.set(INTERNAL_ON);
+    while CONTROL.read() & INTERNAL_READY == 0 {}
+    CONFIGURATION.write(0);
+    while CONFIGURATION.read() & SELECTED != 0 {}
+    CONTROL.clear(PLL_ON);
+    while CONTROL.read() & PLL_READY != 0 {}
+    CONTROL.set(CRYSTAL_ON);
+    while CONTROL.read() & CRYSTAL_READY == 0 {}
+
+    AHB1_GATES.set(0b111);
+    APB1_GATES.set(1 << 0 | 1 << 28);
+    APB2_GATES.set(1 << 4 | 1 << 14);
+    // The gates need two cycles of their bus before the registers behind them answer (6.2.11).
+    let _ = APB1_GATES.read();
+    // More than 84 MHz take the highest voltage, more than 90 three wait states.
+    POWER.set(0b11 << 14);
+    // Neither prefetch nor caches: nothing runs from flash, and what is read there may have been erased since.
+    FLASH.write(3);
+    // 25 MHz / 25 = 1 MHz; × 192 = 192 MHz; / 2 = 96 MHz. And / 4 for a USB that is not used, as 48 MHz.
+    PLL.write(4 << 24 | 1 << 22 | (2 * MHZ) << 6 | CRYSTAL_MHZ);
+    CONTROL.set(PLL_ON);
+    while CONTROL.read() & PLL_READY == 0 {}
+    // APB1 goes up to 50 MHz; a timer on it counts twice its clock (6.2).
+    CONFIGURATION.write(APB1_BY_2 | FROM_PLL);
+    while CONFIGURATION.read() & SELECTED != FROM_PLL << 2 {}
+}
+
+/// Divides the clock of USART1 by four, or not any more. All else that is on its bus only gets slower to reach.
+pub(crate) fn divide_uart(by_4: bool) {
+    CONFIGURATION.replace(APB2_PRESCALER, if by_4 { APB2_BY_4 } else { 0 });
+}
+
+/// Why the chip was reset last, as bits of RCC_CSR (6.3.20), which are clear from then on.
+#[cfg(feature = "defmt")]
+pub(crate) fn take_reset() -> u32 {
+    const STATUS: Register = Register::at(RCC, 0x74);
+    const FORGET: u32 = 1 << 24;
+    let causes = STATUS.read();
+    STATUS.set(FORGET);
+    causes
+}

@@ -1,0 +1,142 @@
+//! Sectors 1 to 3 of the flash, for saved registers (3.5).
+//!
+//! While it is erased or programmed nothing in it can be fetched, and the loop waits. Interrupts do not: everything
+//! that they need is in RAM. What they catch meanwhile must fit into the queue (`caught`).
+
+use core::arch::global_asm;
+use core::ops::Range;
+use core::ptr;
+
+use embedded_storage_async::nor_flash::{ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash};
+
+use crate::registers::Register;
+use crate::watchdog;
+
+/// Bytes of each of the first four sectors.
+const SECTOR: usize = 16 << 10;
+/// Bytes that are programmed at once.
+const WORD: usize = 4;
+/// Bytes of the flash.
+const CAPACITY: usize = 512 << 10;
+/// Where it is read.
+const WINDOW: usize = 0x0800_0000;
+
+/// Sectors for saved registers. The processor begins in the one before; those behind are larger, and take four times
+/// as long to erase, or more.
+pub(crate) const SECTORS: usize = 3;
+/// What is ours.
+pub(crate) const SAVED: Range<u32> = SECTOR as u32..((1 + SECTORS) * SECTOR) as u32;
+
+// For `black_pill.x`, which has nothing else lie there.
+global_asm!(
+    ".global __saved, __saved_end
+     .set __saved, {}
+     .set __saved_end, {}",
+    const WINDOW + SAVED.start as usize,
+    const WINDOW + SAVED.end as usize
+);
+
+/// The flash interface (3.8).
+const INTERFACE: usize = 0x4002_3C00;
+const KEY: Register = Register::at(INTERFACE, 0x04);
+const STATUS: Register = Register::at(INTERFACE, 0x0C);
+const CONTROL: Register = Register::at(INTERFACE, 0x10);
+
+const PROGRAM: u32 = 1 << 0;
+const ERASE: u32 = 1 << 1;
+/// 32 bits at once, for which the chip needs 2.7 V.
+const BY_WORDS: u32 = 0b10 << 8;
+const START: u32 = 1 << 16;
+const LOCK: u32 = 1 << 31;
+
+/// The flash.
+#[derive(Clone, Copy)]
+pub(crate) struct Flash;
+
+impl Flash {
+    /// Lets the interface do something, which begins with `control`, and waits until that is done.
+    fn command(control: u32, act: impl FnOnce()) -> Result<(), NorFlashErrorKind> {
+        const KEYS: [u32; 2] = [0x4567_0123, 0xCDEF_89AB];
+        const BUSY: u32 = 1 << 16;
+        // OPERR, WRPERR, PGAERR, PGPERR, PGSERR and RDERR.
+        const ERRORS: u32 = 0b1_1111_0010;
+        watchdog::feed();
+        // A key to an open lock would jam it.
+        if CONTROL.read() & LOCK != 0 {
+            for key in KEYS {
+                KEY.write(key);
+            }
+        }
+        // Errors of before are cleared by ones.
+        STATUS.write(ERRORS);
+        CONTROL.write(control);
+        act();
+        // No read before the write has begun what is waited for.
+        cortex_m::asm::dsb();
+        while STATUS.read() & BUSY != 0 {}
+        CONTROL.write(LOCK);
+        if STATUS.read() & ERRORS == 0 { Ok(()) } else { Err(NorFlashErrorKind::Other) }
+    }
+
+    fn erase_sector(number: u32) -> Result<(), NorFlashErrorKind> {
+        let control = ERASE | BY_WORDS | number << 3;
+        Self::command(control, || CONTROL.write(control | START))
+    }
+
+    /// Programs a word at a multiple of its bytes.
+    fn program(offset: u32, word: [u8; WORD]) -> Result<(), NorFlashErrorKind> {
+        let at: *mut u32 = ptr::without_provenance_mut(WINDOW + offset as usize);
+        // SAFETY: it lies in the sectors that are ours, as every caller has checked, is aligned, and is nobody's
+        // memory.
+        Self::command(PROGRAM | BY_WORDS, || unsafe { at.write_volatile(u32::from_le_bytes(word)) })
+    }
+}
+
+/// Whether `count` bytes from `offset` on are ours, and both are multiples of `unit`.
+fn check(offset: u32, count: usize, unit: usize) -> Result<(), NorFlashErrorKind> {
+    let end = u32::try_from(count).ok().and_then(|count| offset.checked_add(count));
+    if !end.is_some_and(|end| SAVED.start <= offset && end <= SAVED.end) {
+        return Err(NorFlashErrorKind::OutOfBounds);
+    }
+    let is_aligned = (offset as usize).is_multiple_of(unit) && count.is_multiple_of(unit);
+    if is_aligned { Ok(()) } else { Err(NorFlashErrorKind::NotAligned) }
+}
+
+impl ErrorType for Flash {
+    type Error = NorFlashErrorKind;
+}
+
+impl ReadNorFlash for Flash {
+    const READ_SIZE: usize = 1;
+
+    async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), NorFlashErrorKind> {
+        check(offset, bytes.len(), Self::READ_SIZE)?;
+        for (at, byte) in (WINDOW + offset as usize..).zip(bytes) {
+            let at: *const u8 = ptr::without_provenance(at);
+            // SAFETY: it lies in the flash; nobody writes to it at the same time.
+            *byte = unsafe { at.read_volatile() };
+        }
+        Ok(())
+    }
+
+    fn capacity(&self) -> usize {
+        CAPACITY
+    }
+}
+
+impl NorFlash for Flash {
+    const WRITE_SIZE: usize = WORD;
+    const ERASE_SIZE: usize = SECTOR;
+
+    async fn erase(&mut self, from: u32, to: u32) -> Result<(), NorFlashErrorKind> {
+        check(from, to.saturating_sub(from) as usize, SECTOR)?;
+        let number = |offset| offset / SECTOR as u32;
+        (number(from)..number(to)).try_for_each(Self::erase_sector)
+    }
+
+    async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), NorFlashErrorKind> {
+        check(offset, bytes.len(), WORD)?;
+        let (words, _) = bytes.as_chunks();
+        (offset..).step_by(WORD).zip(words).try_for_each(|(at, word)| Self::program(at, *word))
+    }
+}

@@ -1,0 +1,177 @@
+//! Pins (8.4).
+
+use core::convert::Infallible;
+
+use embedded_hal::digital::{ErrorType, OutputPin};
+use standin_board::Release;
+
+use crate::inputs;
+use crate::registers::Register;
+
+/// A port of 16 pins.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub struct Port(usize);
+
+/// Port A.
+pub const A: Port = Port(0);
+/// Port B.
+pub const B: Port = Port(1);
+/// Port C.
+pub const C: Port = Port(2);
+
+/// What a pin is, two bits each.
+const MODE: usize = 0x00;
+const INPUT: u32 = 0b00;
+const OUTPUT: u32 = 0b01;
+const ALTERNATE: u32 = 0b10;
+/// Pulls, two bits each.
+const PULL: usize = 0x0C;
+const UP: u32 = 0b01;
+const DOWN: u32 = 0b10;
+/// Levels.
+const IN: usize = 0x10;
+/// Bits set pins high; 16 bits up, low.
+const SET: usize = 0x18;
+/// Alternate functions, four bits each, in two registers.
+const FUNCTION: usize = 0x20;
+
+impl Port {
+    /// Its pin `n`, 0 to 15.
+    #[must_use]
+    pub const fn pin(self, n: usize) -> Gpio {
+        Gpio { port: self, n: n & 0xF, is_lit_low: false }
+    }
+
+    /// Its number among the ports: of port A, 0.
+    pub(crate) const fn number(self) -> u32 {
+        self.0 as u32
+    }
+
+    const fn register(self, offset: usize) -> Register {
+        Register::at(0x4002_0000 + 0x400 * self.0, offset)
+    }
+}
+
+/// A pin of a port.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub struct Gpio {
+    port: Port,
+    n: usize,
+    is_lit_low: bool,
+}
+
+impl Gpio {
+    /// A pin with a light that is lit while it is low: a high output drives it low.
+    #[must_use]
+    pub const fn lit_low(self) -> Self {
+        Self { is_lit_low: true, ..self }
+    }
+
+    pub(crate) const fn port(self) -> Port {
+        self.port
+    }
+
+    /// Its number in its port, which is that of its line at EXTI, too.
+    pub(crate) const fn n(self) -> usize {
+        self.n
+    }
+
+    /// A bit of its own among all pins of the board.
+    pub(crate) const fn place(self) -> u64 {
+        1 << (16 * self.port.0 + self.n)
+    }
+
+    /// Makes it an input that is pulled up or down.
+    pub(crate) fn pulled(self, high: bool) {
+        self.two_bits(PULL, if high != self.is_lit_low { UP } else { DOWN });
+        self.two_bits(MODE, INPUT);
+    }
+
+    /// Makes it an output, low at first.
+    pub(crate) fn drive_low(self) {
+        self.write(false);
+        self.drive(true);
+    }
+
+    /// Makes it an output, or an input again.
+    pub(crate) fn drive(self, driven: bool) {
+        self.two_bits(MODE, if driven { OUTPUT } else { INPUT });
+    }
+
+    /// Hands it to the peripheral behind it, by the number of its alternate function, pulled up.
+    pub(crate) fn give(self, function: u32) {
+        let shift = 4 * (self.n % 8);
+        self.port.register(FUNCTION + 4 * (self.n / 8)).replace(0xF << shift, function << shift);
+        self.two_bits(PULL, UP);
+        self.two_bits(MODE, ALTERNATE);
+    }
+
+    /// Its level.
+    #[inline]
+    pub(crate) fn is_high(self) -> bool {
+        self.port.register(IN).read() & 1 << self.n != 0
+    }
+
+    /// The level that it has as soon as it is an output.
+    #[inline]
+    pub(crate) fn write(self, high: bool) {
+        let shift = if high != self.is_lit_low { self.n } else { self.n + 16 };
+        self.port.register(SET).write(1 << shift);
+    }
+
+    fn two_bits(self, offset: usize, bits: u32) {
+        let shift = 2 * self.n;
+        self.port.register(offset).replace(0b11 << shift, bits << shift);
+    }
+}
+
+/// A pin as the drive drives it.
+pub(crate) struct Output {
+    gpio: Gpio,
+    released: bool,
+}
+
+impl Output {
+    /// One that is let go.
+    pub(crate) const fn new(gpio: Gpio) -> Self {
+        Self { gpio, released: true }
+    }
+
+    /// Drives a level, unless released. Here, and not as soon as it is no longer released, so that it
+    /// never drives the level of before.
+    fn set(&self, high: bool) {
+        self.gpio.write(high);
+        if !self.released {
+            self.gpio.drive(true);
+        }
+    }
+}
+
+impl ErrorType for Output {
+    type Error = Infallible;
+}
+
+impl OutputPin for Output {
+    fn set_low(&mut self) -> Result<(), Infallible> {
+        self.set(false);
+        Ok(())
+    }
+
+    fn set_high(&mut self) -> Result<(), Infallible> {
+        self.set(true);
+        Ok(())
+    }
+}
+
+impl Release for Output {
+    /// Drives from its next level on.
+    fn release(&mut self, released: bool) {
+        if released != self.released {
+            self.released = released;
+            if released {
+                self.gpio.drive(false);
+            }
+            inputs::listen(self.gpio, released);
+        }
+    }
+}

@@ -1,0 +1,202 @@
+//! Edges that the drive hears (10.2).
+//!
+//! EXTI has a line for the pins of one number of all ports, so inputs need numbers of their own (`wires`).
+
+use core::cell::Cell;
+use core::sync::atomic::{AtomicBool, Ordering};
+
+use critical_section::Mutex;
+use standin_board::End;
+use standin_firmware::device::{Instant, Spec};
+
+use crate::gpio::{Gpio, Output};
+use crate::registers::Register;
+use crate::vectors::interrupt;
+use crate::wires::Wire;
+use crate::{caught, timer};
+
+/// EXTI (10.3), a bit for each line.
+const EXTI: usize = 0x4001_3C00;
+const HEARD: Register = Register::at(EXTI, 0x00);
+const RISING: Register = Register::at(EXTI, 0x08);
+const FALLING: Register = Register::at(EXTI, 0x0C);
+const PENDING: Register = Register::at(EXTI, 0x14);
+/// Which port is behind a line, four bits each in four registers (7.2.3).
+const PORTS: usize = 0x4001_3808;
+
+/// Lines that belong to pins.
+const LINES: usize = 16;
+
+/// What is behind each line.
+static INPUTS: [Mutex<Cell<Option<Input>>>; LINES] = [const { Mutex::new(Cell::new(None)) }; LINES];
+/// There was no room to tell a level.
+static MISSED: AtomicBool = AtomicBool::new(false);
+
+#[derive(Clone, Copy)]
+struct Input {
+    gpio: Gpio,
+    end: End,
+    /// As the drive knows it.
+    high: bool,
+}
+
+impl Input {
+    /// Its level, with no edge of it left pending.
+    fn settle(&self) -> bool {
+        let line = 1 << self.gpio.n();
+        loop {
+            PENDING.write(line);
+            let high = self.gpio.is_high();
+            if PENDING.read() & line == 0 {
+                return high;
+            }
+        }
+    }
+
+    /// Tells the drive of a level that it does not know. If there is no room, it still does not.
+    fn tell(&mut self, at: Instant, high: bool) {
+        if high == self.high {
+        } else if caught::QUEUE.push((at, self.end.edge(high))) {
+            self.high = high;
+        } else {
+            MISSED.store(true, Ordering::Relaxed);
+        }
+    }
+}
+
+/// Wires what `spec` knows by the names of `wires`. All of it is let go, and inputs that do not rest are told, as they
+/// have been since power came.
+pub(crate) fn start<const N: usize>(spec: &Spec, wires: &[Wire; N]) -> [(Option<End>, Output); N] {
+    let wired = wires.map(|(name, gpio)| {
+        let end = End::of(spec, name);
+        if let Some(end) = end {
+            let high = end.rests_high(spec);
+            gpio.pulled(high);
+            if end.is_input(spec) {
+                add(Input { gpio, end, high });
+            }
+        }
+        (end, Output::new(gpio))
+    });
+    settle();
+    for line in 0..LINES {
+        with(line, |input| {
+            let high = input.settle();
+            if matches!(input.end, End::Dtr(_)) {
+                // A host that is there already has not come now.
+                input.high = high;
+            }
+            HEARD.set(1 << line);
+            input.tell(Instant::ZERO, high);
+        });
+    }
+    wired
+}
+
+fn add(input: Input) {
+    let line = input.gpio.n();
+    let shift = 4 * (line % 4);
+    Register::at(PORTS, 4 * (line / 4)).replace(0xF << shift, input.gpio.port().number() << shift);
+    RISING.set(1 << line);
+    FALLING.set(1 << line);
+    if let Some(place) = INPUTS.get(line) {
+        critical_section::with(|cs| place.borrow(cs).set(Some(input)));
+    }
+}
+
+/// Lets pulls charge what is wired.
+pub(crate) fn settle() {
+    const MICROS: u32 = 100;
+    let since = timer::ticks_low();
+    while timer::ticks_low().wrapping_sub(since) < 16 * MICROS {}
+}
+
+/// Hears edges of a pin from now on, or does not. What has changed meanwhile is told.
+pub(crate) fn listen(gpio: Gpio, on: bool) {
+    let line = gpio.n();
+    with(line, |input| {
+        if input.gpio != gpio {
+        } else if on {
+            let high = input.settle();
+            HEARD.set(1 << line);
+            input.tell(timer::now(), high);
+        } else {
+            HEARD.clear(1 << line);
+        }
+    });
+}
+
+/// Tells levels that there was no room to tell. The edges between are lost.
+pub(crate) fn tell_missed() {
+    if MISSED.swap(false, Ordering::Relaxed) {
+        let heard = HEARD.read();
+        for line in (0..LINES).filter(|line| heard & 1 << line != 0) {
+            with(line, |input| {
+                let high = input.settle();
+                input.tell(timer::now(), high);
+            });
+        }
+    }
+}
+
+/// Tells the drive of every line with an edge; of a pulse that is over already, both edges.
+fn edges() {
+    let at = timer::now();
+    let pending = PENDING.read() & HEARD.read();
+    for line in (0..LINES).filter(|line| pending & 1 << line != 0) {
+        with(line, |input| {
+            let high = input.settle();
+            if high == input.high {
+                input.tell(at, !high);
+            }
+            input.tell(at, high);
+        });
+    }
+}
+
+/// Does something with the input behind a line, if there is one.
+fn with(line: usize, act: impl FnOnce(&mut Input)) {
+    let Some(place) = INPUTS.get(line) else { return };
+    critical_section::with(|cs| {
+        let place = place.borrow(cs);
+        if let Some(mut input) = place.get() {
+            act(&mut input);
+            place.set(Some(input));
+        }
+    });
+}
+
+#[interrupt]
+fn EXTI0() {
+    edges();
+}
+
+#[interrupt]
+fn EXTI1() {
+    edges();
+}
+
+#[interrupt]
+fn EXTI2() {
+    edges();
+}
+
+#[interrupt]
+fn EXTI3() {
+    edges();
+}
+
+#[interrupt]
+fn EXTI4() {
+    edges();
+}
+
+#[interrupt]
+fn EXTI9_5() {
+    edges();
+}
+
+#[interrupt]
+fn EXTI15_10() {
+    edges();
+}

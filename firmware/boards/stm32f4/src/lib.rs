@@ -1,0 +1,146 @@
+//! Drives on an STM32F411, as on the Black Pill.
+//!
+//! Each binary is one kind of drive: it says which pin of the board is which of the drive, and calls
+//! [`run`]. What all have in common is here.
+//!
+//! README.md shows how it is wired. Sections beside the code are those of the reference manual, RM0383; the
+//! datasheet is DS10314.
+//!
+//! | module | what it holds |
+//! |---|---|
+//! | [`wires`] | which pins are what |
+//! | `boot` | from the reset to a program in RAM |
+//! | `vectors` | the interrupts that are taken |
+//! | [`run`] | the loop |
+//! | `clock` | the clocks |
+//! | `timer` | time, alarms, sleep |
+//! | `caught` | what interrupts have for the loop |
+//! | `bus` | USART1, and the direction of RS-485 |
+//! | [`gpio`], `inputs` | levels and edges |
+//! | `steps` | STEP and DIR |
+//! | `flash` | where saved registers are |
+//! | `watchdog` | the watchdog |
+//! | `log` | what shows over a debug probe |
+//! | `registers` | registers of the hardware |
+#![no_std]
+
+mod boot;
+mod bus;
+mod caught;
+mod clock;
+mod flash;
+pub mod gpio;
+mod inputs;
+mod log;
+mod registers;
+mod steps;
+mod timer;
+mod vectors;
+mod watchdog;
+pub mod wires;
+
+use core::panic::PanicInfo;
+
+use cortex_m::Peripherals;
+use cortex_m::peripheral::{NVIC, SCB};
+use cortex_m_rt::exception;
+use standin_board::{AxisPins, Hands, Saved, is_full_duplex};
+use standin_firmware::device::{Boot, Device, Instant};
+use standin_firmware::motion::Follower;
+use standin_firmware::shell::Shell;
+
+use self::bus::Sender;
+use self::caught::Ears;
+use self::flash::{Flash, SECTORS};
+use self::gpio::Output;
+use self::steps::Steps;
+use self::vectors::Interrupt;
+use self::wires::{FAST, Wire};
+
+/// The saved registers of a drive on this board.
+type Memory<'a> = Saved<'a, Flash, SECTORS>;
+
+/// A drive on this board.
+type Board<'a, D, const CHARACTERS: usize, const WIRES: usize> =
+    Shell<&'a mut D, Ears, Hands<Sender, Output, Memory<'a>, Steps, WIRES>, CHARACTERS>;
+
+/// Runs a drive whose pins and faults are wired like that. `memory` has as many bytes as its spec says;
+/// `CHARACTERS` is how many characters may wait to be sent.
+///
+/// Drive and memory are lent: they may be large, and whoever made them did so where they stay.
+pub fn run<D: Device, const CHARACTERS: usize, const WIRES: usize>(
+    drive: &mut D,
+    memory: &mut [u8],
+    wires: &[Wire; WIRES],
+) -> ! {
+    clock::start();
+    timer::start();
+    watchdog::start();
+    FAST.pulled(true);
+    inputs::settle();
+    let boot = Boot { fast: !FAST.is_high(), ..Boot::default() };
+    let saved = Saved::new(Flash, flash::SAVED, drive.spec().kind, memory);
+    let mut shell: Board<'_, D, CHARACTERS, WIRES> = assemble(drive, saved, wires);
+    shell.power_on(Instant::ZERO, boot);
+    log::power(shell.device().spec().kind, boot);
+    if let Some(mut core) = Peripherals::take() {
+        unmask(&mut core.NVIC);
+    }
+    loop {
+        watchdog::feed();
+        caught::look_at_bus();
+        if shell.turn().is_err() {
+            timer::sleep_until(shell.deadline());
+        }
+    }
+}
+
+/// Puts the drive on the board. What that needs of the stack is free again when it returns.
+#[inline(never)]
+fn assemble<'a, D: Device, const CHARACTERS: usize, const WIRES: usize>(
+    drive: &'a mut D,
+    memory: Memory<'a>,
+    wires: &[Wire; WIRES],
+) -> Board<'a, D, CHARACTERS, WIRES> {
+    let spec = drive.spec();
+    bus::start(is_full_duplex(spec));
+    let pins = inputs::start(spec, wires);
+    let axis_pins = AxisPins::of(spec, pins.iter().map(|(end, _)| *end));
+    if axis_pins == AxisPins::Own {
+        steps::start();
+    }
+    let hands = Hands { bus: Sender, pins, memory, axis: &steps::AXIS, axis_pins, follower: Follower::new() };
+    Shell::new(drive, Ears, hands)
+}
+
+/// Lets interrupts come. Nothing delays a step but a critical section. What stamps or sends has one priority, so that
+/// stamps ascend.
+fn unmask(nvic: &mut NVIC) {
+    let priorities = [
+        (Interrupt::TIM2, 0x00),
+        (Interrupt::USART1, 0x40),
+        (Interrupt::EXTI0, 0x40),
+        (Interrupt::EXTI1, 0x40),
+        (Interrupt::EXTI2, 0x40),
+        (Interrupt::EXTI3, 0x40),
+        (Interrupt::EXTI4, 0x40),
+        (Interrupt::EXTI9_5, 0x40),
+        (Interrupt::EXTI15_10, 0x40),
+    ];
+    for (interrupt, priority) in priorities {
+        // SAFETY: no critical section of this crate relies on priorities.
+        unsafe { nvic.set_priority(interrupt, priority) };
+        // SAFETY: none relies on the interrupt's mask.
+        unsafe { NVIC::unmask(interrupt) };
+    }
+}
+
+#[panic_handler]
+fn panic(_: &PanicInfo<'_>) -> ! {
+    SCB::sys_reset()
+}
+
+#[exception(trampoline = false)]
+unsafe fn HardFault() -> ! {
+    SCB::sys_reset()
+}

@@ -1,0 +1,172 @@
+//! The time since the start, alarms and sleep.
+//!
+//! TIM2 counts the ticks of standin's time (13), 16 in a microsecond, so nothing is rounded. It has 32 bits, and comes
+//! round every 268 s.
+
+use core::cell::Cell;
+use core::sync::atomic::{AtomicU32, Ordering};
+
+use cortex_m::asm;
+use critical_section::Mutex;
+use standin_firmware::device::{Duration, Instant};
+
+use crate::clock::MHZ;
+use crate::registers::Register;
+use crate::vectors::interrupt;
+use crate::{caught, steps, watchdog};
+
+/// TIM2 (13.4).
+const TIMER: usize = 0x4000_0000;
+const CONTROL: Register = Register::at(TIMER, 0x00);
+const INTERRUPTS: Register = Register::at(TIMER, 0x0C);
+const STATUS: Register = Register::at(TIMER, 0x10);
+const EVENT: Register = Register::at(TIMER, 0x14);
+const COUNT: Register = Register::at(TIMER, 0x24);
+const PRESCALER: Register = Register::at(TIMER, 0x28);
+const LAST: Register = Register::at(TIMER, 0x2C);
+/// Compare registers of the channels.
+const COMPARE: usize = TIMER + 0x34;
+
+/// It came round, in the status and among the interrupts. Channels 1 and 2 follow.
+const ROUND: u32 = 1 << 0;
+
+/// What stands still while a debugger holds the processor (23.16.4).
+const FROZEN: Register = Register::at(0xE004_2000, 0x08);
+
+/// How often it came round.
+static ROUNDS: AtomicU32 = AtomicU32::new(0);
+
+/// Starts to count.
+pub(crate) fn start() {
+    const _: () = assert!(MHZ.is_multiple_of(16), "a tick is a whole number of cycles");
+    const ENABLE: u32 = 1 << 0;
+    // An update that is asked for does not count as coming round.
+    const ONLY_ROUNDS: u32 = 1 << 2;
+    const UPDATE: u32 = 1 << 0;
+    const TIMER_2: u32 = 1 << 0;
+    const WATCHDOG: u32 = 1 << 12;
+    FROZEN.set(TIMER_2 | WATCHDOG);
+    CONTROL.write(ONLY_ROUNDS);
+    PRESCALER.write(MHZ / 16 - 1);
+    LAST.write(u32::MAX);
+    EVENT.write(UPDATE);
+    STATUS.write(0);
+    INTERRUPTS.write(ROUND);
+    CONTROL.write(ONLY_ROUNDS | ENABLE);
+}
+
+/// Ticks since the start.
+#[inline]
+fn ticks() -> u64 {
+    let (rounds, count) = critical_section::with(|_| {
+        let (rounds, count) = (ROUNDS.load(Ordering::Relaxed), COUNT.read());
+        // If it has come round, what it showed may be of before.
+        if STATUS.read() & ROUND != 0 { (rounds.wrapping_add(1), COUNT.read()) } else { (rounds, count) }
+    });
+    u64::from(rounds) << 32 | u64::from(count)
+}
+
+/// The low half of the ticks since the start: for spans.
+#[inline]
+pub(crate) fn ticks_low() -> u32 {
+    COUNT.read()
+}
+
+/// Now, as interrupts stamp it.
+#[inline]
+pub(crate) fn now() -> Instant {
+    Instant::from_ticks(ticks())
+}
+
+/// The last tick that is over, for the loop: all that bears this stamp has been caught, and nothing more will be.
+pub(crate) fn past() -> Instant {
+    Instant::from_ticks(ticks().saturating_sub(1))
+}
+
+/// A channel of TIM2.
+pub(crate) struct Alarm {
+    /// 1 to 4.
+    channel: usize,
+    due: Mutex<Cell<Instant>>,
+}
+
+impl Alarm {
+    /// The channel of that number, not set.
+    pub(crate) const fn new(channel: usize) -> Self {
+        Self { channel, due: Mutex::new(Cell::new(Instant::NEVER)) }
+    }
+
+    /// Its bit in the status and among the interrupts.
+    const fn bit(&self) -> u32 {
+        ROUND << self.channel
+    }
+
+    /// Asks for the interrupt at `due`, never at [`Instant::NEVER`]. `false` if that has gone by: then it does not
+    /// come.
+    #[inline]
+    pub(crate) fn set(&self, due: Instant) -> bool {
+        critical_section::with(|cs| {
+            self.due.borrow(cs).set(due);
+            // TIM2 compares the lower half, when it changes: it comes if this still lies ahead, and now and then
+            // before if it is far.
+            Register::at(COMPARE, 4 * (self.channel - 1)).write((due.ticks() & u64::from(u32::MAX)) as u32);
+            self.acknowledge();
+            let comes = due > now();
+            if comes && due != Instant::NEVER {
+                INTERRUPTS.set(self.bit());
+            } else {
+                INTERRUPTS.clear(self.bit());
+            }
+            comes
+        })
+    }
+
+    /// Its interrupt has been seen.
+    #[inline]
+    fn acknowledge(&self) {
+        STATUS.write(!self.bit());
+    }
+
+    /// What its interrupt does first: acknowledges it, and asks whether what it was set to has come. Else it
+    /// will come again.
+    #[inline]
+    pub(crate) fn has_come(&self) -> bool {
+        if STATUS.read() & INTERRUPTS.read() & self.bit() == 0 {
+            return false;
+        }
+        self.acknowledge();
+        let due = critical_section::with(|cs| self.due.borrow(cs).get());
+        now() >= due || !self.set(due)
+    }
+}
+
+/// Wakes the loop.
+static WAKE: Alarm = Alarm::new(2);
+
+/// Sleeps until something was caught, or until [`past`] is `deadline`.
+#[inline(never)]
+pub(crate) fn sleep_until(deadline: Instant) {
+    /// It wakes that often to feed the watchdog.
+    const NAP: Duration = Duration::millis(250);
+    let due = deadline + Duration::from_ticks(1);
+    while now() < due && !caught::is_there() {
+        watchdog::feed();
+        // An interrupt that is kept out ends the sleep, so none is missed between the look and the sleep.
+        critical_section::with(|_| {
+            if !caught::is_there() && WAKE.set(due.min(now() + NAP)) {
+                asm::wfi();
+            }
+        });
+    }
+}
+
+#[interrupt]
+fn TIM2() {
+    if STATUS.read() & ROUND != 0 {
+        STATUS.write(!ROUND);
+        ROUNDS.store(ROUNDS.load(Ordering::Relaxed).wrapping_add(1), Ordering::Relaxed);
+    }
+    steps::look();
+    // To come was all: the loop looks what time it is.
+    let _ = WAKE.has_come();
+}

@@ -1,0 +1,64 @@
+//! The chip's interrupts that are taken, and their vectors (10.1.3).
+
+use cortex_m::interrupt::InterruptNumber;
+pub(crate) use cortex_m_rt::interrupt;
+
+/// An interrupt, by its position in the vector table. The attribute `interrupt` knows it by that name, too.
+#[derive(Clone, Copy)]
+pub(crate) enum Interrupt {
+    EXTI0 = 6,
+    EXTI1 = 7,
+    EXTI2 = 8,
+    EXTI3 = 9,
+    EXTI4 = 10,
+    EXTI9_5 = 23,
+    TIM2 = 28,
+    USART1 = 37,
+    EXTI15_10 = 40,
+}
+
+pub(crate) use Interrupt as interrupt;
+
+// SAFETY: the numbers are those of the chip, and do not change.
+unsafe impl InterruptNumber for Interrupt {
+    fn number(self) -> u16 {
+        self as u16
+    }
+}
+
+/// A function that takes an interrupt.
+type Handler = unsafe extern "C" fn();
+
+unsafe extern "C" {
+    fn EXTI0();
+    fn EXTI1();
+    fn EXTI2();
+    fn EXTI3();
+    fn EXTI4();
+    fn EXTI9_5();
+    fn TIM2();
+    fn USART1();
+    fn EXTI15_10();
+    /// For those that are never enabled.
+    fn DefaultHandler();
+}
+
+/// Positions in the table.
+const VECTORS: usize = 86;
+
+/// The vectors behind those of the processor itself.
+#[unsafe(link_section = ".vector_table.interrupts")]
+#[unsafe(no_mangle)]
+static __INTERRUPTS: [Handler; VECTORS] = {
+    let mut vectors: [Handler; VECTORS] = [DefaultHandler; VECTORS];
+    vectors[Interrupt::EXTI0 as usize] = EXTI0;
+    vectors[Interrupt::EXTI1 as usize] = EXTI1;
+    vectors[Interrupt::EXTI2 as usize] = EXTI2;
+    vectors[Interrupt::EXTI3 as usize] = EXTI3;
+    vectors[Interrupt::EXTI4 as usize] = EXTI4;
+    vectors[Interrupt::EXTI9_5 as usize] = EXTI9_5;
+    vectors[Interrupt::TIM2 as usize] = TIM2;
+    vectors[Interrupt::USART1 as usize] = USART1;
+    vectors[Interrupt::EXTI15_10 as usize] = EXTI15_10;
+    vectors
+};

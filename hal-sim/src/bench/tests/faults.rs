@@ -1,0 +1,622 @@
+//! Lines that are disturbed: what drives and clients hear of each frame, and when.
+
+use super::*;
+use crate::capture::{Frame, From};
+
+/// Reads the address of drive 1, in 8 characters; its answer has 7.
+const ASKED: [u8; 8] = [1, 3, 0, 0, 0, 1, 0x84, 0x0A];
+const ANSWER: [u8; 7] = [1, 3, 2, 0, 1, 0x79, 0x84];
+const SEVEN: Duration = Duration::from_ticks(7 * 18_333);
+const QUIET: LineFaults = LineFaults {
+    drop: 0.0,
+    corrupt: 0.0,
+    duplicate: 0.0,
+    truncate: 0.0,
+    wrong_address: 0.0,
+    exception: 0.0,
+    exception_code: 4,
+    noise: 0.0,
+    delay: Duration::ZERO,
+    mute: false,
+    baud: None,
+};
+
+/// MD3s at addresses 1 and 2 on one line disturbed so, at 1 ms, and a client there.
+fn disturbed(line: LineMode, seed: u64, faults: LineFaults) -> (Bench, [Seat; 2], Bus, Client) {
+    let settings =
+        Settings { seed, line, trace: TraceKeep::All, capture: TraceKeep::All, ..Settings::default() };
+    let mut bench = Bench::with(settings);
+    let seats = [md3(&mut bench, "x", 1), md3(&mut bench, "y", 2)];
+    bench.run_until(start());
+    let bus = bench.share("line1", &seats.map(|seat| (seat, RS485)));
+    bench.disturb(bus, faults);
+    let client = bench.connect(bus);
+    (bench, seats, bus, client)
+}
+
+/// Sends a frame, settles, and returns what came.
+fn exchange(bench: &mut Bench, client: Client, frame: &[u8]) -> Vec<u8> {
+    bench.send(client, frame);
+    bench.settle();
+    received(bench, client)
+}
+
+/// Who sent each frame on the lines, and when, in ticks since `start()`.
+fn frames(bench: &Bench) -> Vec<(u64, From, &[u8])> {
+    let frame = |frame: &'_ Frame| (frame.at.since(start()).ticks(), frame.from);
+    let seen: Vec<&Frame> = bench.capture().since(0).collect();
+    seen.into_iter().map(|seen| (frame(seen).0, frame(seen).1, seen.bytes.as_slice())).collect()
+}
+
+/// When the answer to what was sent at `start()` begins to leave.
+fn leaves() -> Duration {
+    EIGHT + T3_5 + CHARACTER
+}
+
+pub(super) fn any_faults() -> impl Strategy<Value = LineFaults> {
+    let share = || prop_oneof![3 => Just(0.0), 1 => Just(1.0), 2 => 0.0..1.0];
+    let delay = prop_oneof![3 => Just(0_u64), 2 => 0..100_u64, 1 => Just(1_500)];
+    let baud = prop_oneof![4 => Just(None), 1 => prop::sample::select(&[50, 9_600, 115_200, 4_000_000][..]).prop_map(Some)];
+    let shares = (share(), share(), share(), share(), share(), share(), share());
+    let mute = prop::bool::weighted(0.1);
+    (shares, any::<u8>(), delay, mute, baud).prop_map(|(shares, exception_code, delay, mute, baud)| {
+        let (drop, corrupt, duplicate, truncate, wrong_address, exception, noise) = shares;
+        let delay = Duration::millis(delay);
+        LineFaults {
+            drop,
+            corrupt,
+            duplicate,
+            truncate,
+            wrong_address,
+            exception,
+            exception_code,
+            noise,
+            delay,
+            mute,
+            baud,
+        }
+    })
+}
+
+#[test]
+fn an_undisturbed_line_is_as_it_is() {
+    let (mut bench, [x, _], bus, client) = disturbed(LineMode::Timed, 1, QUIET);
+    assert_eq!(bench.disturbed(bus), LineFaults::default());
+    assert_eq!(exchange(&mut bench, client, &ASKED), ANSWER);
+    let answer = leaves().ticks();
+    assert_eq!(frames(&bench), [(0, From::Client, &ASKED[..]), (answer, From::Drive(x), &ANSWER[..])]);
+    let frame = bench.capture().since(1).next().unwrap();
+    assert_eq!((frame.bus, frame.lasts, frame.line.to_string()), (bus, SEVEN, "9600 8E1".to_owned()));
+}
+
+#[test]
+fn a_lost_request_is_over_when_it_would_be_judged() {
+    for line in [LineMode::Timed, LineMode::Fast] {
+        let (mut bench, [x, _], _, client) = disturbed(line, 1, LineFaults { drop: 1.0, ..QUIET });
+        assert_eq!(exchange(&mut bench, client, &ASKED), [0; 0]);
+        if line == LineMode::Timed {
+            assert_eq!(bench.now(), start() + EIGHT + T3_5 + CHARACTER);
+        }
+        assert_eq!(bench.statistics(x, RS485), Statistics::default());
+        assert_eq!((stamps(&bench, "> rx").len(), frames(&bench).len()), (0, 0));
+    }
+}
+
+#[test]
+fn a_reply_that_nobody_hears_takes_its_time() {
+    for line in [LineMode::Timed, LineMode::Fast] {
+        let (mut bench, [x, y], bus, client) = disturbed(line, 1, LineFaults { mute: true, ..QUIET });
+        assert_eq!(exchange(&mut bench, client, &ASKED), [0; 0]);
+        if line == LineMode::Timed {
+            assert_eq!(bench.now(), start() + leaves() + SEVEN);
+        }
+        assert_eq!((bench.statistics(x, RS485).requests, stamps(&bench, "< tx").len()), (1, 1));
+        assert_eq!(frames(&bench), [(0, From::Client, &ASKED[..])]);
+        // Nor does the other drive: it has heard the request only.
+        bench.run_until(1.secs());
+        assert_eq!(bench.statistics(y, RS485).foreign, 1);
+        bench.disturb(bus, QUIET);
+        assert_eq!(exchange(&mut bench, client, &ASKED), ANSWER);
+    }
+}
+
+#[test]
+fn a_bit_that_turns_over_is_a_wrong_parity_or_a_wrong_check_sum() {
+    // 7.22: 9,600 baud, no parity, one stop bit.
+    for (configuration, count) in [(0x21, (1, 0)), (0x01, (0, 1))] {
+        for seed in 0..50 {
+            let mut bench = Bench::with(Settings { seed, capture: TraceKeep::All, ..Settings::default() });
+            let presets = vec![(Reg::SerialPortConfiguration as usize, configuration)];
+            let setup = Setup { boot_fast: true, presets, ..Setup::default() };
+            let x = bench.seat("x", Box::new(Md3::new()), setup).unwrap();
+            bench.run_until(start());
+            let bus = bench.bus(x, RS485).unwrap();
+            bench.disturb(bus, LineFaults { corrupt: 1.0, ..QUIET });
+            assert_eq!(bench.ask(x, &ASKED), [0; 0]);
+            let Statistics { spoiled, crc, .. } = bench.statistics(x, RS485);
+            assert_eq!((spoiled, crc), count);
+            let seen = &frames(&bench)[0];
+            let turned: u32 = seen.2.iter().zip(ASKED).map(|(seen, sent)| (seen ^ sent).count_ones()).sum();
+            assert_eq!((seen.2.len(), turned), (8, 1));
+            // A reply reaches a client with its wrong bit: there is no parity on a pty or in TCP.
+            bench.disturb(bus, QUIET);
+            let client = bench.connect(bus);
+            bench.send(client, &ASKED);
+            bench.disturb(bus, LineFaults { corrupt: 1.0, ..QUIET });
+            bench.settle();
+            let heard = received(&mut bench, client);
+            let turned: u32 = heard.iter().zip(ANSWER).map(|(heard, sent)| (heard ^ sent).count_ones()).sum();
+            assert_eq!((heard.len(), turned), (7, 1));
+        }
+    }
+}
+
+#[test]
+fn a_frame_without_its_end_takes_all_its_time() {
+    let mut lengths = [0; 8];
+    for seed in 0..200 {
+        let (mut bench, [x, _], _, client) =
+            disturbed(LineMode::Timed, seed, LineFaults { truncate: 1.0, ..QUIET });
+        assert_eq!(exchange(&mut bench, client, &ASKED), [0; 0]);
+        assert_eq!(bench.now(), start() + EIGHT + T3_5 + CHARACTER);
+        let seen = frames(&bench);
+        assert_eq!(seen.len(), 1);
+        assert!(ASKED.starts_with(seen[0].2));
+        lengths[seen[0].2.len()] += 1;
+        assert_eq!(bench.statistics(x, RS485).requests, 0);
+        assert_eq!(bench.statistics(x, RS485).dropped(), 1);
+    }
+    assert_eq!(lengths[0], 0);
+    assert!(lengths[1..].iter().all(|&count| count > 0), "{lengths:?}");
+}
+
+#[test]
+fn what_comes_twice_comes_again_behind_silence() {
+    let (mut bench, [x, _], _, client) =
+        disturbed(LineMode::Timed, 1, LineFaults { duplicate: 1.0, ..QUIET });
+    let write = rtu::write(1, 0x15, 7);
+    let heard = exchange(&mut bench, client, &write);
+    assert_eq!(heard, write.repeat(4), "the answer to a write is the write");
+    assert_eq!(bench.statistics(x, RS485).requests, 2);
+    // Request, answer, answer, then the same again: each after t3.5, but for the drive's own patience.
+    let round = leaves() + EIGHT + T3_5 + EIGHT + T3_5;
+    let once = [Duration::ZERO, leaves(), leaves() + EIGHT + T3_5];
+    let expected: Vec<u64> = once.iter().chain(&once.map(|at| at + round)).map(|at| at.ticks()).collect();
+    assert_eq!(frames(&bench).iter().map(|frame| frame.0).collect::<Vec<_>>(), expected);
+    assert_eq!(bench.now(), start() + round + round - T3_5);
+    // And for those who wait for the line.
+    let (mut bench, _, bus, client) = disturbed(LineMode::Timed, 1, LineFaults { duplicate: 1.0, ..QUIET });
+    let other = bench.connect(bus);
+    bench.send(client, &write);
+    bench.send(other, &rtu::read(2, 0, 1));
+    bench.settle();
+    assert_eq!(frames(&bench)[6].0, (round + round).ticks());
+    assert_eq!(received(&mut bench, client).len(), 4 * 8 + 4 * 7);
+}
+
+#[test]
+fn what_comes_twice_comes_twice_where_characters_take_no_time() {
+    let (mut bench, [x, _], _, client) = disturbed(LineMode::Fast, 1, LineFaults { duplicate: 1.0, ..QUIET });
+    let write = rtu::write(1, 0x15, 7);
+    assert_eq!(exchange(&mut bench, client, &write), write.repeat(4));
+    assert_eq!(bench.statistics(x, RS485).requests, 2);
+    assert!(bench.now() <= start() + 10.micros());
+}
+
+#[test]
+fn a_wrong_address_is_one_that_no_drive_of_the_line_has() {
+    for line in [LineMode::Timed, LineMode::Fast] {
+        let (mut bench, _, _, client) = disturbed(line, 1, LineFaults { wrong_address: 1.0, ..QUIET });
+        let answer = exchange(&mut bench, client, &ASKED);
+        // 2 is taken.
+        assert_eq!(rtu::checked(&answer), Some(&[3, 3, 2, 0, 1][..]));
+    }
+    let mut bench = Bench::new();
+    let x = md3(&mut bench, "x", 247);
+    bench.run_until(start());
+    bench.disturb(bench.bus(x, RS485).unwrap(), LineFaults { wrong_address: 1.0, ..QUIET });
+    assert_eq!(bench.ask(x, &rtu::read(247, 0, 1))[0], 1);
+}
+
+#[test]
+fn a_refused_request_is_not_carried_out() {
+    for line in [LineMode::Timed, LineMode::Fast] {
+        let faults = LineFaults { exception: 1.0, exception_code: 6, ..QUIET };
+        let (mut bench, [x, _], bus, client) = disturbed(line, 1, faults);
+        let write = rtu::write(1, 0x15, 7);
+        let answer = exchange(&mut bench, client, &write);
+        assert_eq!(rtu::checked(&answer), Some(&[1, 0x86, 6][..]));
+        assert_eq!(bench.peek(x, Reg::Speed as usize), 5_000);
+        if line == LineMode::Timed {
+            // As long as any request and a refusal.
+            assert_eq!(bench.now(), start() + leaves() + CHARACTER * 5);
+        }
+        // Who looks at the line sees the write, and that it was refused.
+        assert_eq!(frames(&bench).iter().map(|frame| frame.2).collect::<Vec<_>>(), [&write[..], &answer]);
+        // Nobody answers a broadcast, so it is carried out.
+        assert_eq!(exchange(&mut bench, client, &rtu::write(0, 0x15, 7)), [0; 0]);
+        assert_eq!(bench.peek(x, Reg::Speed as usize), 7);
+        // The drive's own refusals stay its own.
+        bench.disturb(bus, QUIET);
+        let answer = exchange(&mut bench, client, &rtu::frame(1, &[110, 0]));
+        assert_eq!(rtu::checked(&answer), Some(&[1, 0x80 | 110, 1][..]));
+    }
+}
+
+#[test]
+fn a_late_reply_occupies_the_line_later() {
+    let delay = Duration::millis(5);
+    let (mut bench, [x, y], _, client) = disturbed(LineMode::Timed, 1, LineFaults { delay, ..QUIET });
+    bench.send(client, &[ASKED, ASKED].concat());
+    bench.run_until(start() + leaves() + delay + CHARACTER - Duration::TICK);
+    assert_eq!(received(&mut bench, client), [0; 0]);
+    bench.settle();
+    assert_eq!(received(&mut bench, client), ANSWER.repeat(2));
+    let round = leaves() + delay + SEVEN + T3_5;
+    let expected = [Duration::ZERO, leaves() + delay, round, round + leaves() + delay];
+    assert_eq!(frames(&bench).iter().map(|frame| frame.0).collect::<Vec<_>>(), expected.map(Duration::ticks));
+    assert_eq!(bench.now(), start() + round * 2 - T3_5);
+    bench.run_until(1.secs());
+    assert_eq!((bench.statistics(x, RS485).requests, bench.statistics(y, RS485).foreign), (2, 4));
+
+    let (mut bench, _, _, client) = disturbed(LineMode::Fast, 1, LineFaults { delay, ..QUIET });
+    assert_eq!(exchange(&mut bench, client, &ASKED), ANSWER);
+    assert!(bench.now().since(start() + delay) <= Duration::TICK, "{:?}", bench.now());
+}
+
+#[test]
+fn a_late_reply_still_comes_when_its_drive_has_lost_power() {
+    let delay = Duration::millis(100);
+    let (mut bench, [x, _], _, client) = disturbed(LineMode::Timed, 1, LineFaults { delay, ..QUIET });
+    bench.send(client, &ASKED);
+    // Three characters have left, and come 100 ms later.
+    bench.run_until(start() + leaves() + CHARACTER * 3);
+    bench.power(x, PowerAction::Off);
+    bench.run_until(1.secs());
+    assert_eq!(received(&mut bench, client), ANSWER[..3]);
+}
+
+#[test]
+fn noise_comes_behind_frames_and_spoils_none() {
+    let faults = LineFaults { noise: 1.0, ..QUIET };
+    let (mut bench, [x, _], _, client) = disturbed(LineMode::Timed, 1, faults);
+    let heard = exchange(&mut bench, client, &ASKED);
+    let seen = frames(&bench);
+    let [
+        (0, From::Client, _),
+        (answer, From::Drive(_), b),
+        (first, From::Noise, c),
+        (second, From::Noise, d),
+    ] = seen[..]
+    else {
+        panic!("{seen:?}");
+    };
+    assert_eq!(heard, [b, c, d].concat());
+    assert_eq!((answer, first), (leaves().ticks(), (leaves() + SEVEN + T3_5).ticks()));
+    assert!((1..=8).contains(&c.len()) && (1..=8).contains(&d.len()));
+    // That behind the answer, then that behind the request.
+    assert_eq!(second, first + (CHARACTER * c.len() as u64 + T3_5).ticks());
+    for _ in 0..100 {
+        bench.send(client, &ASKED);
+        bench.settle();
+        let heard = received(&mut bench, client);
+        assert_eq!(heard[..7], ANSWER);
+    }
+    let statistics = bench.statistics(x, RS485);
+    assert_eq!(statistics.requests, 101);
+    assert!(statistics.dropped() > 150, "the drives hear it, too: {statistics:?}");
+    assert!(statistics.spoiled > 50 && statistics.crc > 20, "{statistics:?}");
+}
+
+#[test]
+fn another_baud_rate_is_garbage_both_ways() {
+    let faults = LineFaults { baud: Some(4_800), ..QUIET };
+    let (mut bench, [x, _], bus, client) = disturbed(LineMode::Timed, 1, faults);
+    assert_eq!(exchange(&mut bench, client, &ASKED), [0; 0]);
+    assert_eq!(bench.statistics(x, RS485).spoiled, 1);
+    let frame = bench.capture().since(0).next().unwrap();
+    // 11 bits at 4,800 baud are 2,291.67 µs.
+    assert_eq!((frame.line.baud, frame.lasts), (4_800, Duration::from_ticks(8 * 36_667)));
+    // In the time of seven characters there is room for three of half the rate.
+    bench.disturb(bus, QUIET);
+    bench.send(client, &ASKED);
+    bench.disturb(bus, faults);
+    bench.settle();
+    let heard = received(&mut bench, client);
+    assert_eq!(heard.len(), 3);
+    assert_ne!(heard, ANSWER[..3]);
+    bench.disturb(bus, LineFaults { baud: Some(9_600), ..QUIET });
+    assert_eq!(exchange(&mut bench, client, &ASKED), ANSWER);
+}
+
+#[test]
+fn characters_are_disturbed_by_what_was_written_at_once() {
+    for line in [LineMode::Timed, LineMode::Fast] {
+        let mut bench = Bench::with(Settings { line, capture: TraceKeep::All, ..Settings::default() });
+        let toy = bench.add::<Toy>("t");
+        let bus = bench.bus(toy, toy::USB).unwrap();
+        let client = bench.connect(bus);
+        bench.disturb(bus, LineFaults { drop: 1.0, ..QUIET });
+        assert_eq!(exchange(&mut bench, client, b"rrr"), [0; 0]);
+        assert_eq!(bench.backlog(client), 0);
+        bench.disturb(bus, LineFaults { duplicate: 1.0, ..QUIET });
+        // Two of the request, and each answer of three characters twice.
+        assert_eq!(exchange(&mut bench, client, b"r").len(), 12);
+        bench.disturb(bus, LineFaults { truncate: 1.0, ..QUIET });
+        bench.send(client, b"10");
+        bench.settle();
+        assert_eq!(bench.level(toy, toy::OUT), Level::High, "the 1 was heard, and the 0 was not");
+        bench.disturb(bus, LineFaults { mute: true, wrong_address: 1.0, exception: 1.0, ..QUIET });
+        assert_eq!(exchange(&mut bench, client, b"0r"), [0; 0]);
+        assert_eq!(bench.level(toy, toy::OUT), Level::Low);
+        bench.disturb(bus, LineFaults { wrong_address: 1.0, exception: 1.0, ..QUIET });
+        assert_eq!(exchange(&mut bench, client, b"r").len(), 3);
+        let before = bench.capture().seen();
+        bench.disturb(bus, LineFaults { noise: 1.0, ..QUIET });
+        bench.send(client, b"x");
+        bench.settle();
+        let noise = bench.capture().since(before).filter(|frame| frame.from == From::Noise).count();
+        assert!((1..=8).contains(&noise), "{noise}");
+    }
+}
+
+#[test]
+fn a_stream_that_comes_twice_does_not_pile_up() {
+    let mut bench = Bench::new();
+    let toy = bench.add::<Toy>("t");
+    let bus = bench.bus(toy, toy::USB).unwrap();
+    let client = bench.connect(bus);
+    bench.send(client, b"s");
+    bench.disturb(bus, LineFaults { duplicate: 1.0, noise: 1.0, delay: Duration::millis(7), ..QUIET });
+    // A copy and noise behind it, each after 1.75 ms, and the next one comes after 3 ms: there is no room.
+    bench.run_until(20.secs());
+    let dots = received(&mut bench, client).iter().filter(|&&byte| byte == b'.').count();
+    assert!((6_450..13_300).contains(&dots), "{dots}");
+    bench.disturb(bus, QUIET);
+    bench.send(client, b"s");
+    bench.run_until(Instant::from(20.secs()) + 520.millis());
+    received(&mut bench, client);
+    assert_eq!(bench.next(), Instant::NEVER, "half a second late at most");
+}
+
+#[test]
+fn shares_are_what_they_say() {
+    // Over 10,000 frames, within 4 σ = 4·√(n·p·(1 − p)); an answer needs two frames that are not lost.
+    let (mut bench, [x, _], _, client) = disturbed(LineMode::Fast, 1, LineFaults { drop: 0.3, ..QUIET });
+    let answers = (0..10_000).filter(|_| !exchange(&mut bench, client, &ASKED).is_empty()).count();
+    assert!(bench.statistics(x, RS485).requests.abs_diff(7_000) < 184);
+    assert!(answers.abs_diff(4_900) < 200, "{answers}");
+
+    let faults = LineFaults { wrong_address: 0.2, exception: 0.1, ..QUIET };
+    let (mut bench, [x, _], _, client) = disturbed(LineMode::Fast, 1, faults);
+    let answers: Vec<Vec<u8>> = (0..10_000).map(|_| exchange(&mut bench, client, &ASKED)).collect();
+    let refused = answers.iter().filter(|answer| answer[1] == 0x83).count();
+    let elsewhere = answers.iter().filter(|answer| answer[0] != 1).count();
+    assert!(refused.abs_diff(1_000) < 120 && elsewhere.abs_diff(2_000) < 160, "{refused} {elsewhere}");
+    assert_eq!(bench.statistics(x, RS485).refused, refused as u64);
+
+    for (name, faults, ours) in [
+        ("corrupt", LineFaults { corrupt: 0.25, ..QUIET }, 0.25),
+        ("truncate", LineFaults { truncate: 0.05, ..QUIET }, 0.05),
+    ] {
+        let (mut bench, [x, _], _, client) = disturbed(LineMode::Fast, 1, faults);
+        for _ in 0..10_000 {
+            exchange(&mut bench, client, &ASKED);
+        }
+        let good = bench.statistics(x, RS485).requests as f64;
+        let sigma = f64::sqrt(10_000.0 * ours * (1.0 - ours));
+        assert!((good - 10_000.0 * (1.0 - ours)).abs() < 4.0 * sigma, "{name}: {good}");
+    }
+    for faults in [LineFaults { duplicate: 0.15, ..QUIET }, LineFaults { noise: 0.15, ..QUIET }] {
+        let (mut bench, _, _, client) = disturbed(LineMode::Fast, 1, faults);
+        let silent = rtu::write(0, 0x15, 1);
+        for _ in 0..10_000 {
+            exchange(&mut bench, client, &silent);
+        }
+        let more = frames(&bench).len() - 10_000;
+        assert!(more.abs_diff(1_500) < 143, "{more}");
+    }
+}
+
+/// Whether a drive is heard to answer a request.
+fn is_answered(bench: &mut Bench, client: Client) -> bool {
+    let before = bench.capture().seen();
+    exchange(bench, client, &ASKED);
+    bench.capture().since(before).any(|frame| matches!(frame.from, From::Drive(_)))
+}
+
+/// Which of 300 requests are answered, and all that is to be seen of them.
+fn answered(seed: u64, faults: LineFaults) -> (Vec<bool>, String) {
+    let (mut bench, _, _, client) = disturbed(LineMode::Fast, seed, faults);
+    let answered = (0..300).map(|_| is_answered(&mut bench, client)).collect();
+    (answered, format!("{:?}{}", frames(&bench), bench.trace().to_text()))
+}
+
+#[test]
+fn the_same_seed_is_the_same_chance() {
+    let some = LineFaults { drop: 0.2, corrupt: 0.1, noise: 0.3, duplicate: 0.1, truncate: 0.1, ..QUIET };
+    let (heard, seen) = answered(5, some);
+    assert_eq!(answered(5, some), (heard.clone(), seen));
+    assert_ne!(answered(6, some).0, heard);
+}
+
+#[test]
+fn one_share_does_not_move_the_others() {
+    let (heard, _) = answered(5, LineFaults { drop: 0.2, ..QUIET });
+    let more = LineFaults { wrong_address: 0.5, exception: 0.3, ..QUIET };
+    for other in [more, LineFaults { noise: 1.0, ..more }, LineFaults { delay: Duration::millis(1), ..more }]
+    {
+        assert_eq!(answered(5, LineFaults { drop: 0.2, ..other }).0, heard);
+    }
+}
+
+#[test]
+fn chances_go_by_the_number_of_a_frame() {
+    // Broadcasts, so that there are no replies.
+    let lost = |from: usize| {
+        let (mut bench, [x, _], bus, client) = disturbed(LineMode::Fast, 5, QUIET);
+        let mut lost = Vec::new();
+        for n in 0..300 {
+            if n == from {
+                bench.disturb(bus, LineFaults { drop: 0.2, ..QUIET });
+            }
+            let before = bench.statistics(x, RS485).requests;
+            exchange(&mut bench, client, &rtu::write(0, 0x15, 1));
+            if bench.statistics(x, RS485).requests == before {
+                lost.push(n);
+            }
+        }
+        lost
+    };
+    let all = lost(0);
+    assert!(all.len() > 30 && all[0] < 100, "{all:?}");
+    let later: Vec<usize> = all.iter().copied().filter(|&n| n >= 100).collect();
+    assert_eq!(lost(100), later, "quiet frames count, too");
+}
+
+#[test]
+fn a_retry_loop_gets_every_answer_at_last() {
+    let (mut bench, _, _, client) =
+        disturbed(LineMode::Timed, 1, LineFaults { drop: 0.3, corrupt: 0.1, ..QUIET });
+    let mut tries = 0;
+    for value in 0..200_u16 {
+        let write = rtu::write(1, 0x15, value);
+        loop {
+            tries += 1;
+            if exchange(&mut bench, client, &write) == write.as_slice() {
+                break;
+            }
+        }
+    }
+    // 200 / (0.7·0.9)² is 504.
+    assert!((400..620).contains(&tries), "{tries}");
+}
+
+#[test]
+fn a_disturbed_trace_replays_without_its_faults() {
+    let faults = LineFaults {
+        drop: 0.1,
+        corrupt: 0.1,
+        duplicate: 0.2,
+        truncate: 0.1,
+        exception: 0.2,
+        noise: 0.3,
+        ..QUIET
+    };
+    for line in [LineMode::Timed, LineMode::Fast] {
+        let (mut bench, _, _, client) =
+            disturbed(line, 3, LineFaults { delay: Duration::millis(3), ..faults });
+        for value in 0..100 {
+            exchange(&mut bench, client, &rtu::write(1 + (value % 2) as u8, 0x15, value));
+        }
+        let trace = Trace::parse(&bench.trace().to_text(), &make).unwrap();
+        assert_eq!(replay::run(&trace, &make), Ok(None));
+    }
+}
+
+/// A colliding line of two MD3s, at 1 ms, and two clients there.
+fn colliding(addresses: [i64; 2]) -> (Bench, [Seat; 2], [Client; 2]) {
+    let mut bench = Bench::with(Settings { capture: TraceKeep::All, ..Settings::default() });
+    let seats = [md3(&mut bench, "x", addresses[0]), md3(&mut bench, "y", addresses[1])];
+    bench.run_until(start());
+    let bus = bench.share("line1", &seats.map(|seat| (seat, RS485)));
+    bench.let_collide(bus, true);
+    let clients = [bench.connect(bus), bench.connect(bus)];
+    (bench, seats, clients)
+}
+
+#[test]
+fn two_clients_that_speak_at_once_spoil_each_other() {
+    let (mut bench, [x, _], [a, b]) = colliding([1, 2]);
+    bench.send(a, &ASKED);
+    // In the middle of a's third character.
+    let into = CHARACTER * 2 + Duration::from_ticks(9_000);
+    bench.run_until(start() + into);
+    bench.send(b, &ASKED);
+    bench.settle();
+    assert_eq!((received(&mut bench, a), received(&mut bench, b)), (vec![], vec![]));
+    // Characters 1 and 2 of a, then both, then b alone: one frame, which is spoiled.
+    let all = EIGHT + into;
+    assert_eq!(bench.now(), start() + all + T3_5 + CHARACTER);
+    assert_eq!(bench.statistics(x, RS485), Statistics { spoiled: 1, ..Statistics::default() });
+    // Six of a, the first six of b; b's last two are sound.
+    assert_eq!(stamps(&bench, "x > spoiled").len(), 12, "{}", bench.trace().to_text());
+    // The line is as good as before.
+    bench.send(a, &ASKED);
+    bench.settle();
+    assert_eq!(received(&mut bench, b), ANSWER);
+}
+
+#[test]
+fn a_client_that_speaks_into_an_answer_spoils_it() {
+    let (mut bench, [x, y], [a, b]) = colliding([1, 2]);
+    bench.send(a, &ASKED);
+    // At the end of the second character of the answer.
+    bench.run_until(start() + leaves() + CHARACTER * 2);
+    bench.send(b, &rtu::read(2, 0, 1));
+    bench.settle();
+    let heard = received(&mut bench, a);
+    assert_eq!((&heard[..2], heard.len()), (&ANSWER[..2], 7));
+    for (place, (heard, sent)) in heard.iter().zip(ANSWER).enumerate().skip(2) {
+        assert_ne!(*heard, sent, "character {place}");
+    }
+    assert_eq!(received(&mut bench, b), heard);
+    // Who sends does not hear, and the other drive hears what nobody can read.
+    assert_eq!((bench.statistics(x, RS485).requests, bench.statistics(y, RS485).requests), (1, 0));
+    bench.run_until(1.secs());
+    assert_eq!(bench.statistics(y, RS485).spoiled, 1);
+}
+
+#[test]
+fn two_drives_that_answer_at_once_spoil_each_other() {
+    let (mut bench, seats, [a, _]) = colliding([1, 1]);
+    bench.send(a, &ASKED);
+    bench.settle();
+    let heard = received(&mut bench, a);
+    assert_eq!(heard.len(), 14);
+    assert!(!heard.chunks(2).zip(ANSWER).any(|(both, sent)| both.contains(&sent)), "{heard:02X?}");
+    assert!(seats.iter().all(|&seat| bench.statistics(seat, RS485).requests == 1));
+}
+
+#[test]
+fn on_a_colliding_line_a_client_waits_for_its_own_answers() {
+    let (mut bench, [x, _], [a, b]) = colliding([1, 2]);
+    bench.send(a, &ASKED.repeat(3));
+    bench.settle();
+    assert_eq!(received(&mut bench, a), ANSWER.repeat(3));
+    // Half a message of another one is on the line only when patience with it has ended, and no turn runs.
+    bench.send(b, &ASKED[..3]);
+    bench.send(a, &ASKED);
+    bench.run_until(bench.now() + 60.millis());
+    assert_eq!(received(&mut bench, a), ANSWER);
+    assert_eq!(bench.statistics(x, RS485), Statistics { requests: 4, crc: 1, ..Statistics::default() });
+    // Without collisions they wait for each other.
+    let bus = bench.find_bus("line1").unwrap();
+    bench.let_collide(bus, false);
+    bench.run_until(1.secs());
+    bench.send(a, &ASKED);
+    bench.send(b, &ASKED);
+    bench.settle();
+    assert_eq!(received(&mut bench, b)[28..], ANSWER.repeat(2));
+}
+
+#[test]
+fn a_turn_on_a_colliding_line_lasts_as_long_as_the_longest_in_it() {
+    let (mut bench, [x, y], [a, b]) = colliding([1, 2]);
+    // 16 registers: 37 characters of answer, into which b speaks at its beginning.
+    bench.send(a, &rtu::read(1, 0, 16));
+    bench.run_until(start() + leaves() + CHARACTER);
+    bench.send(b, &rtu::read(2, 0, 1));
+    bench.settle();
+    assert_eq!(bench.now(), start() + leaves() + CHARACTER * 37);
+    let heard = received(&mut bench, b);
+    let sound = rtu::frame(1, &[&[3, 32][..], &[0; 32]].concat()).len();
+    assert_eq!(heard.len(), sound);
+    // Characters 2 to 9 are spoiled, and no others.
+    bench.send(a, &rtu::read(1, 0, 16));
+    bench.settle();
+    let clean = received(&mut bench, b);
+    let spoiled: Vec<usize> = (0..37).filter(|&place| heard[place] != clean[place]).collect();
+    assert_eq!(spoiled, [1, 2, 3, 4, 5, 6, 7, 8]);
+    assert_eq!((bench.statistics(x, RS485).requests, bench.statistics(y, RS485).requests), (2, 0));
+}

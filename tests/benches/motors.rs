@@ -1,0 +1,62 @@
+//! How long ten minutes of a motor with an encoder and two switches take: 40 million edges, made, carried and counted.
+
+#[path = "support/mod.rs"]
+mod support;
+
+use standin_firmware::device::{Axis, Port};
+use standin_firmware::md3::{Md3, Reg, motion_control};
+use standin_firmware::motor::stepper::Parameters;
+use standin_firmware::qsb::Qsb;
+use standin_protocol::time::Span;
+use standin_sim::bench::{Bench, Closed, Fitting, Settings, Setup};
+use standin_sim::trace::TraceKeep;
+
+use support::{line, took};
+
+fn main() {
+    println!("a motor of a bench");
+    let (no_edges, _) = run(0);
+    line("10 min, no sensor", &format!("{no_edges:.3} s"));
+    let (seconds, count) = run(1_000);
+    let ns = seconds * 1e9 / 40e6;
+    line("10 min, 1,000 rpm", &format!("{seconds:.2} s, {ns:.0} ns an edge; the QSB has counted {count}"));
+}
+
+/// Ten minutes at 1,000 rpm with an encoder of so many cycles: seconds of wall time, and what a QSB counted.
+fn run(cycles: u32) -> (f64, u32) {
+    let mut bench = Bench::with(Settings { trace: TraceKeep::Off, ..Settings::default() });
+    let fast = |presets| Setup { boot_fast: true, presets, ..Setup::default() };
+    // 1/8 step of 200: 1,600 in a turn.
+    let rates = vec![(Reg::Speed as usize, 26_667), (Reg::AccelDecel as usize, 100_000)];
+    let md3 = bench.seat("md3", Box::new(Md3::new()), fast(rates)).expect("a drive that can be seated");
+    let qsb = bench.seat("qsb", Box::new(Qsb::m()), fast(Vec::new())).expect("a drive that can be seated");
+    let motor =
+        bench.fit("m", md3, Axis(0), Fitting::Stepper(Parameters::NOMINAL)).expect("an MD3 turns steppers");
+    let pin =
+        |bench: &Bench, seat, name| (seat, bench.spec(seat).pin(name).expect("the manual has that pin"));
+    if cycles > 0 {
+        let to = ["A", "B", "I"].map(|name| Some(pin(&bench, qsb, name)));
+        bench.encode(motor, cycles, to);
+        for (name, rev) in [("J2.3", 1_000.0), ("J2.4", 5_000.0)] {
+            let closed = Closed { above_rev: Some(rev), below_rev: Some(rev + 0.5) };
+            bench.switch(motor, closed, pin(&bench, md3, name));
+        }
+    }
+    let client = bench.connect(bench.bus(qsb, Port(0)).expect("a serial port"));
+    bench.run_until(100.millis());
+    // Quadrature, each edge of both channels counts.
+    bench.send(client, b"W033\r");
+    bench.run_until(200.millis());
+    bench.poke(md3, Reg::MotionControl as usize, motion_control::JOG.into()).expect("a register");
+    let end = bench.now() + 600.secs();
+    let seconds = took(|| bench.run_until(end)).as_secs_f64();
+    let mut reply = Vec::new();
+    bench.receive(client, &mut reply);
+    reply.clear();
+    bench.send(client, b"R0E\r");
+    bench.run_until(end + 5.millis());
+    bench.receive(client, &mut reply);
+    let reply = String::from_utf8(reply).expect("text");
+    let count = u32::from_str_radix(reply[5..].trim_end_matches(['!', '\r', '\n', ' ']), 16);
+    (seconds, count.unwrap_or_else(|_| panic!("{reply:?}")))
+}

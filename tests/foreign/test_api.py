@@ -1,0 +1,314 @@
+"""The control API as a program meets it that knows HTTP, and nothing else of the emulator."""
+
+import http.client
+import json
+import os
+import struct
+import subprocess
+import threading
+import urllib.error
+import urllib.parse
+
+import pytest
+
+from conftest import PATIENCE, ask, receive
+from md3 import MOTION_CONTROL
+
+JSON = {"Content-Type": "application/json"}
+MOVE = bytes.fromhex("01 06 00 11 00 01 18 0F")
+"""Function 6: MotionControl (0x11) to 1, which moves (7.15)."""
+
+
+def connect(standin):
+    """A connection of its own."""
+    address = urllib.parse.urlsplit(standin.control).netloc
+    return http.client.HTTPConnection(address, timeout=PATIENCE)
+
+
+class Events:
+    """Somebody who follows the bench."""
+
+    def __init__(self, standin, query="", **headers):
+        self.connection = connect(standin)
+        self.connection.request("GET", "/api/events" + query, headers=headers)
+        self.answer = self.connection.getresponse()
+        assert self.answer.status == 200
+        assert self.answer.getheader("Content-Type") == "text/event-stream"
+
+    def next(self):
+        """The next event: what it is, its number, and its data."""
+        fields = {}
+        while line := self.answer.readline().decode().rstrip("\n"):
+            name, _, value = line.partition(": ")
+            fields[name] = value
+        return fields["event"], int(fields["id"]), json.loads(fields["data"])
+
+    def close(self):
+        self.answer.close()
+        self.connection.close()
+
+
+def level(standin, pin, to):
+    standin.call("PUT", f"/api/drives/md3/pins/{pin}", {"level": to})
+
+
+def refused(standin, method, path, body=None):
+    """The problem document of a call."""
+    with pytest.raises(urllib.error.HTTPError) as error:
+        standin.call(method, path, body)
+    assert error.value.headers["Content-Type"] == "application/problem+json"
+    problem = json.loads(error.value.read())
+    assert problem["status"] == error.value.code
+    return problem
+
+
+def text(standin, query=""):
+    """What happened."""
+    connection = connect(standin)
+    connection.request("GET", "/api/trace" + query)
+    answer = connection.getresponse()
+    assert answer.status == 200
+    return answer.read().decode()
+
+
+def test_events_tell_what_the_trace_tells(run):
+    standin = run("--fast-boot", "--time", "manual")
+    events = Events(standin)
+    level(standin, "J2.2", "low")
+    with standin.socket() as line:
+        assert ask(line, MOVE, len(MOVE)) == MOVE
+    standin.advance(2.5)
+    level(standin, "J2.2", "high")
+    seen = [events.next()]
+    while seen[-1][2]["words"] != "pin J2.2 high":
+        seen.append(events.next())
+    kinds = [(kind, data["words"]) for kind, _, data in seen]
+    assert kinds[0] == ("fed", "pin J2.2 low")
+    assert ("fed", "rx 01 06 00 11 00 01 18 0F") in kinds
+    assert ("did", "tx 01 06 00 11 00 01 18 0F") in kinds
+    # 10,000 steps at 5,000 steps/s and 10,000 steps/s² (7.15).
+    assert ("did", "plan motor 0 500.000000@5000 1500.000000@5000 500.000000@0 10000") in kinds
+    assert {data["drive"] for _, _, data in seen} == {"md3"}
+    first = seen[0][1]
+    assert [number for _, number, _ in seen] == list(range(first, first + len(seen)))
+    told = {f"{data['seconds'] * 1000:.6f} {'>' if kind == 'fed' else '<'} {data['words']}" for kind, _, data in seen}
+    assert told <= set(text(standin).splitlines())
+
+
+def test_events_go_on_where_they_broke_off(run):
+    standin = run("--fast-boot", "--time", "manual")
+    events = Events(standin)
+    for to in ["low", "high", "low"]:
+        level(standin, "J2.2", to)
+    seen = [events.next() for _ in range(3)]
+    events.close()
+    level(standin, "J2.2", "high")
+    events = Events(standin, **{"Last-Event-ID": str(seen[0][1])})
+    assert [events.next(), events.next()] == seen[1:]
+    kind, number, data = events.next()
+    assert (kind, number, data["words"]) == ("fed", seen[-1][1] + 1, "pin J2.2 high")
+
+
+def test_events_come_while_the_clock_is_advanced(run):
+    standin = run("--fast-boot", "--time", "manual")
+    standin.call("POST", "/api/drives/md3/pins/J2.5/pulses", {"count": 4_000_000_000, "hz": 50_000})
+    events = Events(standin)
+    # A day of pulses: the advance ends only when it is given up.
+    day = connect(standin)
+    day.request("POST", "/api/time/advance", json.dumps({"seconds": 86_400}), JSON)
+    kinds = {events.next()[2]["words"] for _ in range(1_000)}
+    assert kinds >= {"pin J2.5 low", "pin J2.5 high"}
+    assert refused(standin, "POST", "/api/time/advance", {"seconds": 1})["status"] == 409
+    day.close()
+    assert 0 < standin.seconds() < 86_400
+
+
+def test_who_is_too_slow_is_told_and_goes_on(run):
+    """Nothing is taken until the ring of 64 MiB has been filled: an event takes 64 bytes of it or more."""
+    standin = run("--fast-boot", "--time", "manual")
+    events = Events(standin)
+    standin.call("POST", "/api/drives/md3/pins/J2.5/pulses", {"count": 1_500_000, "hz": 5_000_000})
+    standin.advance(1)
+    seen = [events.next()]
+    while seen[-1][0] != "lost":
+        seen.append(events.next())
+    _, number, data = seen[-1]
+    assert number == seen[-2][1] + data["events"]
+    kind, following, _ = events.next()
+    assert (kind in ("fed", "did"), following) == (True, number + 1)
+    assert text(standin).splitlines()[3].startswith("lost ")
+
+
+def test_only_so_many_follow_the_bench(run):
+    standin = run("--fast-boot", "--time", "manual")
+    readers = [Events(standin) for _ in range(16)]
+    problem = refused(standin, "GET", "/api/events")
+    assert (problem["status"], problem["detail"]) == (
+        503,
+        "nobody more can follow the bench now; wait until somebody leaves",
+    )
+    standin.seconds()
+    readers.pop().close()
+    level(standin, "J2.4", "low")
+    while True:
+        try:
+            last = Events(standin)
+            break
+        except AssertionError:
+            # It has not been seen yet that somebody has left.
+            level(standin, "J2.4", "low")
+    level(standin, "J2.4", "high")
+    for reader in [*readers, last]:
+        while reader.next()[2]["words"] != "pin J2.4 high":
+            pass
+
+
+def test_the_trace_can_be_replayed(run, tmp_path):
+    standin = run("--fast-boot", "--time", "manual")
+    with standin.socket() as line:
+        ask(line, MOVE, len(MOVE))
+        standin.advance(1.0)
+    file = tmp_path / "bench.trace"
+    file.write_text(text(standin, "?format=trace"))
+    replayed = subprocess.run([os.environ["STANDIN"], "replay", file], capture_output=True, text=True)
+    assert replayed.returncode == 0, replayed.stdout + replayed.stderr
+
+
+def test_frames_of_the_lines(run):
+    """A section of pcapng, whose blocks are as long as they say: the line, a request, a reply."""
+    standin = run("--fast-boot", "--time", "manual")
+    with standin.socket() as line:
+        ask(line, MOVE, len(MOVE))
+    connection = connect(standin)
+    connection.request("GET", "/api/trace?format=pcapng")
+    answer = connection.getresponse()
+    assert (answer.status, answer.getheader("Content-Type")) == (200, "application/x-pcapng")
+    file = answer.read()
+    kinds = []
+    while file:
+        kind, length = struct.unpack_from("<II", file)
+        assert file[length - 4 : length] == file[4:8]
+        kinds.append(kind)
+        if kind == 6:
+            assert MOVE in file[:length]
+        file = file[length:]
+    assert kinds == [0x0A0D0D0A, 1, 6, 6]
+
+
+def test_waveforms_have_every_step(run):
+    """10,000 steps (7.15): as many rising edges of STEP."""
+    standin = run("--fast-boot", "--time", "manual")
+    with standin.socket() as line:
+        ask(line, MOVE, len(MOVE))
+    standin.advance(3.0)
+    waves = text(standin, "?format=vcd")
+    head, changes = waves.split("$enddefinitions $end\n")
+    (code,) = [words[3] for words in map(str.split, head.splitlines()) if words[4:5] == ["STEP"]]
+    assert changes.splitlines().count(f"1{code}") == 10_000
+    assert standin.drive()["motion"]["position"] == 10_000
+
+
+def test_waveforms_without_end_hold_nobody_up(run):
+    """A jog for a day at 8,000 steps/s is a few events and some 15 GB of waveforms, which are made as they are read."""
+    standin = run("--fast-boot", "--time", "manual", "--set", "Speed=8000")
+    with standin.socket() as line:
+        ask(line, bytes.fromhex("01 06 00 11 00 02 58 0E"), 8)
+    standin.advance(86_400)
+    readers = [connect(standin), connect(standin)]
+    for reader in readers:
+        reader.request("GET", "/api/trace?format=vcd")
+    pieces = [reader.getresponse().read(1 << 20) for reader in readers]
+    assert pieces[0] == pieces[1] and len(pieces[0]) == 1 << 20
+    assert refused(standin, "GET", "/api/trace")["status"] == 503
+    assert standin.drive()["motion"]["moving"]
+    for reader in readers:
+        reader.close()
+    while True:
+        try:
+            text(standin)
+            break
+        except AssertionError:
+            standin.seconds()
+    assert standin.stop() == 0
+
+
+def test_sixty_five_connections_and_half_bodies(run):
+    """All that is there is taken; what comes too slowly ends."""
+    standin = run("--fast-boot", "--time", "manual")
+    halves = []
+    for _ in range(64):
+        half = connect(standin)
+        half.putrequest("PUT", "/api/time")
+        half.putheader("Content-Type", "application/json")
+        half.putheader("Content-Length", "17")
+        half.endheaders(b'{"mode":')
+        halves.append(half)
+    # There is no room until the halves are given up.
+    assert standin.seconds() == 0
+    given_up = 0
+    for half in halves:
+        try:
+            answer = half.getresponse()
+        except http.client.RemoteDisconnected:
+            # Its head had not been read when there was no room.
+            continue
+        assert answer.status == 408
+        assert json.loads(answer.read())["detail"] == "the body took too long"
+        given_up += 1
+    assert given_up > 0
+
+
+def test_a_body_that_is_too_long_is_not_read(run):
+    standin = run("--fast-boot", "--time", "manual")
+    endless = connect(standin)
+    endless.putrequest("PUT", "/api/time")
+    endless.putheader("Content-Type", "application/json")
+    endless.putheader("Content-Length", str(1 << 40))
+    endless.endheaders(b" " * (1 << 17))
+    answer = endless.getresponse()
+    assert (answer.status, answer.getheader("Content-Type")) == (413, "application/problem+json")
+
+
+def test_calls_at_once_are_all_answered(run):
+    standin = run("--fast-boot")
+    failed = []
+
+    def work():
+        try:
+            for _ in range(20):
+                standin.drive()
+                level(standin, "J2.4", "low")
+        except Exception as error:
+            failed.append(error)
+
+    threads = [threading.Thread(target=work) for _ in range(16)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert not failed
+
+
+def test_a_motor_is_seen_turning(run, tmp_path):
+    """At 5,000 steps/s and 10,000 steps/s² (7.15) a move has made 6,250 steps after 1.5 s; 8 of them are a full
+    step (7.2), 200 of those a turn."""
+    bench = tmp_path / "bench.toml"
+    bench.write_text(
+        """
+        [[drive]]
+        name = "x"
+        kind = "md3"
+
+        [[motor]]
+        name = "m"
+        drive = "x"
+        steps_per_rev = 200
+        """
+    )
+    standin = run("--fast-boot", "--time", "manual", kind=bench)
+    standin.call("PUT", "/api/drives/x/registers/MotionControl", {"value": 1})
+    standin.call("POST", "/api/time/advance", {"seconds": 1.5})
+    (motor,) = standin.call("GET", "/api/bench")["motors"]
+    assert (motor["name"], motor["drive"], motor["stalled"]) == ("m", "x", False)
+    assert motor["revolutions"] == pytest.approx(6_250 / 1_600, abs=1e-3)
+    assert motor["rpm"] == pytest.approx(5_000 / 1_600 * 60)

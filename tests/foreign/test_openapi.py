@@ -1,0 +1,136 @@
+"""Every call as its own description says it may be made, and as it says it may not."""
+
+import json
+import urllib.request
+
+import pytest
+import schemathesis
+from hypothesis import HealthCheck, given, settings
+from schemathesis import GenerationMode
+from schemathesis.checks import not_a_server_error
+from schemathesis.specs.openapi.checks import (
+    content_type_conformance,
+    negative_data_rejection,
+    response_schema_conformance,
+    status_code_conformance,
+)
+
+from conftest import PATIENCE, Standin
+
+CHECKS = (
+    not_a_server_error,
+    status_code_conformance,
+    content_type_conformance,
+    negative_data_rejection,
+    response_schema_conformance,
+)
+
+BENCH = """
+[[bus]]
+name = "line1"
+drives = ["x", "y"]
+
+[[drive]]
+name = "x"
+kind = "md3"
+
+[[drive]]
+name = "y"
+kind = "md3-low"
+address = 2
+
+[[drive]]
+name = "reader"
+kind = "qsb-m"
+
+[[drive]]
+name = "brush"
+kind = "rs434546"
+
+[[motor]]
+name = "m"
+drive = "x"
+steps_per_rev = 200
+
+[[encoder]]
+motor = "m"
+cycles_per_rev = 1000
+to = { a = "reader.A", b = "reader.B", index = "reader.I" }
+"""
+
+NAMES = {
+    "/api/drives/{name}": {
+        "name": ["x", "reader", "z"],
+        "pin": ["J2.5", "A", "J2.22"],
+        "register": ["Speed", "Mdr0", "Sped"],
+        "fault": ["over_temperature", "stall"],
+    },
+    "/api/buses/{name}": {"name": ["line1", "reader.usb", "brush.rs485", "line2"]},
+}
+"""What is called so, and what is not: hardly any other name would meet something."""
+
+LONGEST = 0.01
+"""Seconds by which the clock goes on at once: pulses at 8 MHz may run meanwhile."""
+
+
+SETTINGS = settings(
+    max_examples=40, derandomize=True, database=None, deadline=None, suppress_health_check=list(HealthCheck)
+)
+
+
+def tame(case):
+    """Leaves the clock standing, and lets it go on in small steps only."""
+    case.headers["Content-Type"] = "application/json"
+    body = case.body
+    if case.path == "/api/time/advance" and isinstance(body, dict):
+        seconds = body.get("seconds")
+        if isinstance(seconds, (int, float)) and 0 <= seconds <= 86_400:
+            body["seconds"] = seconds / 86_400 * LONGEST
+    if case.path == "/api/time" and isinstance(body, dict) and body.get("mode") != "manual":
+        body["mode"] = f"not {body.get('mode')}"
+
+
+@pytest.fixture(scope="module")
+def standin(tmp_path_factory):
+    bench = tmp_path_factory.mktemp("bench") / "bench.toml"
+    bench.write_text(BENCH)
+    standin = Standin("--fast-boot", "--time", "manual", kind=bench)
+    yield standin
+    assert standin.stop() == 0
+    standin.kill()
+
+
+@pytest.fixture(scope="module")
+def described(standin):
+    with urllib.request.urlopen(standin.control + "/openapi.json", timeout=PATIENCE) as answer:
+        document = json.load(answer)
+    # It never ends; test_api.py follows it.
+    del document["paths"]["/api/events"]
+    for path, item in document["paths"].items():
+        names = next((names for prefix, names in NAMES.items() if path.startswith(prefix)), {})
+        for parameter in (parameter for call in item.values() for parameter in call.get("parameters", [])):
+            if parameter["in"] == "path":
+                parameter["schema"]["enum"] = names[parameter["name"]]
+    return schemathesis.openapi.from_dict(document)
+
+
+@pytest.mark.parametrize("mode", list(GenerationMode), ids=lambda mode: mode.value)
+def test_no_call_surprises(standin, described, mode):
+    calls, made = set(), set()
+    for found in described.get_all_operations():
+        operation = found.ok()
+        says_something = {"parameters", "requestBody"} & operation.definition.raw.keys()
+        if mode.is_negative and not says_something:
+            continue
+
+        @given(case=operation.as_strategy(generation_mode=mode))
+        @settings(SETTINGS)
+        def call(case):
+            tame(case)
+            answer = case.call(base_url=standin.control, timeout=PATIENCE)
+            case.validate_response(answer, checks=CHECKS)
+            made.add((operation.label, answer.status_code))
+
+        call()
+        calls.add(operation.label)
+    assert calls == {label for label, status in made if (status < 300) == mode.is_positive}

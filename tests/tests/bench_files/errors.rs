@@ -1,0 +1,388 @@
+//! What is said of a file that is wrong, and where.
+
+use standin_sim::file;
+
+use super::make;
+
+/// What is said of `text`.
+#[track_caller]
+fn wrong(text: &str) -> String {
+    match file::parse(text, &make) {
+        Ok(_) => panic!("nothing is wrong with {text:?}"),
+        Err(error) => error.to_string(),
+    }
+}
+
+/// Each text, and what is said of it.
+#[track_caller]
+fn check(before: &str, cases: &[(&str, &str)]) {
+    for (text, told) in cases {
+        let text = format!("{before}{text}");
+        assert_eq!(wrong(&text), *told, "{text}");
+    }
+}
+
+#[test]
+fn what_is_no_toml() {
+    check(
+        "",
+        &[
+            (
+                "a = ",
+                "line 1, column 5: this is not TOML: string values must be quoted, expected literal string",
+            ),
+            ("# x\n[[drive\n", "line 2, column 8: this is not TOML: unclosed array table, expected `]]`"),
+            ("seed = 1\nseed = 2\n", "line 2, column 1: this is not TOML: duplicate key"),
+        ],
+    );
+}
+
+#[test]
+fn the_bench() {
+    check(
+        "",
+        &[
+            ("", "line 1, column 1: a bench needs a [[drive]]"),
+            ("sed = 1", "line 1, column 1: there is no key of a bench file 'sed'; the nearest is 'seed'"),
+            (
+                "seed = -1",
+                "line 1, column 8: seed takes a whole number from 0 to 18446744073709551615, not -1",
+            ),
+            (
+                "seed = 18446744073709551616",
+                "line 1, column 8: seed takes a whole number from 0 to 18446744073709551615, not 18446744073709551616",
+            ),
+            (
+                "seed = 1.5",
+                "line 1, column 8: seed takes a whole number from 0 to 18446744073709551615, not 1.5",
+            ),
+            ("\ntime = 'soon'", "line 2, column 8: time: it takes real, xN (N from 1 to 1000) or manual"),
+            ("time = 2", "line 1, column 8: time takes a string, not 2"),
+            ("line = 'slow'", "line 1, column 8: line takes timed or fast, not 'slow'"),
+            ("[drive]\nname = 'x'", "line 1, column 1: drive is written [[drive]], above its keys"),
+            ("drive = ['x']", "line 1, column 10: drive is written [[drive]], above its keys"),
+        ],
+    );
+}
+
+#[test]
+fn drives() {
+    check(
+        "[[drive]]\n",
+        &[
+            ("kind = 'md3'", "line 1, column 1: [[drive]] needs 'name'"),
+            ("name = 'x'", "line 1, column 1: [[drive]] needs 'kind'"),
+            (
+                "nam = 'x'\nkind = 'md3'",
+                "line 2, column 1: there is no key of [[drive]] 'nam'; the nearest is 'name'",
+            ),
+            ("name = 'x'\nkind = 'md4'", "line 3, column 8: there is no kind 'md4'; the nearest is 'md3'"),
+            (
+                "name = 'x.1'\nkind = 'md3'",
+                "line 2, column 8: 'x.1' is no name; a name is one word of letters, digits, - and _, with no digit \
+                 first and other than 'end'",
+            ),
+            ("name = 3", "line 2, column 8: name takes a string, not 3"),
+            (
+                "name = 'é'\nkind = 'md3'\n[[drive]]\nname = 'é'\nkind = 'md3'",
+                "line 5, column 8: there is a drive 'é' already",
+            ),
+        ],
+    );
+    check(
+        "[[drive]]\nname = 'x'\nkind = 'md3'\n",
+        &[
+            ("address = 0", "line 4, column 11: DeviceAddress takes 1 to 247, not 0"),
+            ("address = '1'", "line 4, column 11: address takes a whole number, not a string"),
+            ("nv = ''", "line 4, column 6: nv takes the name of a file"),
+            ("nv = true", "line 4, column 6: nv takes a string, not true"),
+            ("program = 'a.rsasm'", "line 4, column 11: md3 has no user programs"),
+            ("fast_boot = 1", "line 4, column 13: fast_boot takes true or false, not 1"),
+            (
+                "set = { Sped = 1 }",
+                "line 4, column 9: there is no register of md3 'Sped'; the nearest is 'Speed'",
+            ),
+            ("set = { Speed = 2.5 }", "line 4, column 17: Speed takes a whole number, not 2.5"),
+            ("set = { SpeedHigh = 65536 }", "line 4, column 21: SpeedHigh takes 0 to 65535, not 65536"),
+            (
+                "set = { MotionControl = 1 }",
+                "line 4, column 25: of MotionControl only bit 5 can be preset, so it cannot be 1",
+            ),
+            (
+                "set = { DeviceAddress = 2 }\naddress = 1",
+                "line 4, column 9: DeviceAddress is what 'address' says already",
+            ),
+            ("set = 5", "line 4, column 7: set takes a table, like { … }, not 5"),
+            (
+                "faults = ['over_temprature']",
+                "line 4, column 11: there is no fault of md3 'over_temprature'; the nearest is 'over_temperature'",
+            ),
+            ("faults = 'stall'", "line 4, column 10: faults takes a list of strings, not a string"),
+            ("listen = [3]", "line 4, column 11: listen takes a list of strings, and 3 is none"),
+            (
+                "listen = ['udp:1']",
+                "line 4, column 11: 'udp:1' cannot be listened on: it takes pty:, pty:LINK, tcp:HOST:PORT, \
+                 serial:DEVICE or stdio:",
+            ),
+            (
+                "listen = ['pty:', 'rs458=pty:']",
+                "line 4, column 19: there is no port of md3 'rs458'; the nearest is 'rs485'",
+            ),
+            ("listen = ['pty:a', 'pty:./a']", "line 4, column 20: pty:./a is there twice"),
+            (
+                "listen = ['tcp:127.0.0.1:1', 'tcp:127.0.0.1:1']",
+                "line 4, column 30: tcp:127.0.0.1:1 is there twice",
+            ),
+            ("listen = ['stdio:', 'stdio:']", "line 4, column 21: stdio: is there twice"),
+            (
+                "nv = 'x.nv'\n[[drive]]\nname = 'y'\nkind = 'md3'\nnv = './x.nv'",
+                "line 8, column 6: another drive keeps its memory in ./x.nv",
+            ),
+        ],
+    );
+    check(
+        "[[drive]]\nname = 'q'\nkind = 'qsb-m'\n",
+        &[
+            ("address = 1", "line 4, column 11: qsb-m has no bus address"),
+            (
+                "set = { Version = 1 }",
+                "line 4, column 19: Version cannot be preset: the drive sets it itself",
+            ),
+        ],
+    );
+}
+
+/// Three drives in the first line.
+const DRIVES: &str =
+    "drive = [{name = 'x', kind = 'md3'}, {name = 'q', kind = 'qsb-m'}, {name = 'r', kind = 'rs434544'}]\n";
+
+#[test]
+fn buses() {
+    check(
+        DRIVES,
+        &[
+            ("[[bus]]\nname = 'b'", "line 2, column 1: [[bus]] needs 'drives'"),
+            ("[[bus]]\nname = 'x'\ndrives = ['x']", "line 3, column 8: there is a drive 'x' already"),
+            ("[[bus]]\nname = 'b'\ndrives = []", "line 4, column 10: a bus needs a drive"),
+            (
+                "[[bus]]\nname = 'b'\ndrives = ['x', 'z']",
+                "line 4, column 16: there is no drive 'z'; the nearest is 'x'",
+            ),
+            ("[[bus]]\nname = 'b'\ndrives = ['x', 'q']", "line 4, column 16: qsb-m has no port for a bus"),
+            (
+                "[[bus]]\nname = 'b'\ndrives = ['q.usb']",
+                "line 4, column 11: usb of qsb-m is no port for a bus",
+            ),
+            (
+                "[[bus]]\nname = 'b'\ndrives = ['x.rs422']",
+                "line 4, column 11: there is no port of md3 'rs422'; the nearest is 'rs485'",
+            ),
+            (
+                "[[bus]]\nname = 'b'\ndrives = ['x', 'x.rs485']",
+                "line 4, column 16: rs485 of x is on this bus already",
+            ),
+            (
+                "[[bus]]\nname = 'b'\ndrives = ['x']\n[[bus]]\nname = 'c'\ndrives = ['r', 'x']",
+                "line 7, column 16: rs485 of x is on the bus 'b' already",
+            ),
+            (
+                "[[bus]]\nname = 'b'\ndrives = ['x']\ncollisions = 'yes'",
+                "line 5, column 14: collisions takes true or false, not a string",
+            ),
+            (
+                "[[bus]]\nname = 'b'\ndrives = ['x']\nlisten = ['rs485=pty:']",
+                "line 5, column 11: a bus is one line, so 'rs485=' has nothing to choose",
+            ),
+            (
+                "[[bus]]\nname = 'b'\ndrives = ['x']\nlisten = ['pty:a']\n\
+                 [[bus]]\nname = 'c'\ndrives = ['r']\nlisten = ['pty:a']",
+                "line 9, column 11: pty:a is there twice",
+            ),
+        ],
+    );
+    check(
+        "[[drive]]\nname = 'x'\nkind = 'md3'\nlisten = ['pty:']\n",
+        &[(
+            "[[bus]]\nname = 'b'\ndrives = ['x']",
+            "line 7, column 11: rs485 of x is on a bus, so its listen goes to the bus 'b'",
+        )],
+    );
+}
+
+#[test]
+fn motors() {
+    check(
+        DRIVES,
+        &[
+            ("[[motor]]\ndrive = 'x'", "line 2, column 1: [[motor]] needs 'name'"),
+            ("[[motor]]\nname = 'm'", "line 2, column 1: [[motor]] needs 'drive'"),
+            (
+                "[[motor]]\nname = 'm'\ndrive = 'y'",
+                "line 4, column 9: there is no drive 'y'; the nearest is 'x'",
+            ),
+            (
+                "[[motor]]\nname = 'm'\ndrive = 'x'\n[[motor]]\nname = 'n'\ndrive = 'x'",
+                "line 7, column 9: 'x' turns the motor 'm' already",
+            ),
+            (
+                "[[motor]]\nname = 'm'\ndrive = 'x'\nsupply_v = 24",
+                "line 5, column 1: supply_v is of a brush motor; md3 turns a stepper motor",
+            ),
+            (
+                "[[motor]]\nname = 'm'\ndrive = 'x'\nsteps_per_rev = 3",
+                "line 5, column 17: steps_per_rev takes a whole number from 4 to 10000, not 3",
+            ),
+            (
+                "[[motor]]\nname = 'm'\ndrive = 'x'\nholding_mnm = -0.5",
+                "line 5, column 15: holding_mnm takes a number from 0 to 100000, not -0.5",
+            ),
+            (
+                "[[motor]]\nname = 'm'\ndrive = 'x'\nload_mnm = nan",
+                "line 5, column 12: load_mnm takes a number from -100000 to 100000, not nan",
+            ),
+            (
+                "[[motor]]\nname = 'm'\ndrive = 'x'\ninertia_gcm = 3",
+                "line 5, column 1: there is no key of [[motor]] 'inertia_gcm'; the nearest is 'inertia_gcm2'",
+            ),
+        ],
+    );
+    let encoder = "drive = [{name = 'e', kind = 'qsb-d'}]\n";
+    check(encoder, &[("[[motor]]\nname = 'm'\ndrive = 'e'", "line 4, column 9: qsb-d turns no motor")]);
+}
+
+#[test]
+fn brush_motors() {
+    check(
+        DRIVES,
+        &[
+            (
+                "[[motor]]\nname = 'm'\ndrive = 'r'\nno_load_rpm = 3000\nsteps_per_rev = 200",
+                "line 6, column 1: steps_per_rev is of a stepper motor; rs434544 turns a brush motor",
+            ),
+            (
+                "[[motor]]\nname = 'm'\ndrive = 'r'\nsupply_v = 0",
+                "line 5, column 12: supply_v takes a number from 0.001 to 100, not 0",
+            ),
+        ],
+    );
+}
+
+#[test]
+fn what_is_on_a_shaft() {
+    let motor = format!("{DRIVES}motor = [{{name = 'm', drive = 'x'}}]\n");
+    check(
+        &motor,
+        &[
+            ("[[encoder]]\ncycles_per_rev = 1", "line 3, column 1: [[encoder]] needs 'motor'"),
+            (
+                "[[encoder]]\nmotor = 'n'\ncycles_per_rev = 1\nto = { a = 'q.A' }",
+                "line 4, column 9: there is no motor 'n'; the nearest is 'm'",
+            ),
+            (
+                "[[encoder]]\nmotor = 'm'\ncycles_per_rev = 0\nto = { a = 'q.A' }",
+                "line 5, column 18: cycles_per_rev takes a whole number from 1 to 100000, not 0",
+            ),
+            ("[[encoder]]\nmotor = 'm'\ncycles_per_rev = 1", "line 3, column 1: [[encoder]] needs 'to'"),
+            (
+                "[[encoder]]\nmotor = 'm'\ncycles_per_rev = 1\nto = {}",
+                "line 6, column 6: to takes a, b, index or some of them",
+            ),
+            (
+                "[[encoder]]\nmotor = 'm'\ncycles_per_rev = 1\nto = { i = 'q.I' }",
+                "line 6, column 8: there is no key of to 'i'; the nearest is 'a'",
+            ),
+            (
+                "[[encoder]]\nmotor = 'm'\ncycles_per_rev = 1\nto = { a = 'x.STEP' }",
+                "line 6, column 12: 'x.STEP' is an output; an input is wanted here",
+            ),
+            ("[[switch]]\nmotor = 'm'\nto = 'x.J2.2'", "line 3, column 1: [[switch]] needs 'closed'"),
+            (
+                "[[switch]]\nmotor = 'm'\nclosed = {}\nto = 'x.J2.2'",
+                "line 5, column 10: closed takes above_rev, below_rev or both",
+            ),
+            (
+                "[[switch]]\nmotor = 'm'\nclosed = { above_rev = 2, below_rev = -2.5 }\nto = 'x.J2.2'",
+                "line 5, column 10: above 2 and below -2.5 is nowhere; two ranges are two switches",
+            ),
+            (
+                "[[switch]]\nmotor = 'm'\nclosed = { below_rev = inf }\nto = 'x.J2.2'",
+                "line 5, column 24: below_rev takes a number from -10000000 to 10000000, not inf",
+            ),
+            (
+                "[[switch]]\nmotor = 'm'\nclosed = { below_rev = 1 }\nto = 'x.D5'",
+                "line 6, column 6: 'x.D5' is a light; an input is wanted here",
+            ),
+        ],
+    );
+}
+
+#[test]
+fn wires() {
+    check(
+        &format!("{DRIVES}[[wire]]\n"),
+        &[
+            ("to = 'x.J2.4'", "line 2, column 1: [[wire]] needs 'from'"),
+            ("from = 'q.DIO1'", "line 2, column 1: [[wire]] needs 'to'"),
+            (
+                "from = 'q.DIO1'\nto = 'x.J2.44'",
+                "line 4, column 6: there is no pin of md3 'J2.44'; the nearest is 'J2.4'",
+            ),
+            (
+                "from = 'q.DIO1'\nto = 'J2'",
+                "line 4, column 6: 'J2' is no pin; a drive and its pin are, like x.J2.2",
+            ),
+            ("from = 'y.DIO1'\nto = 'x.J2.4'", "line 3, column 8: there is no drive 'y'; the nearest is 'x'"),
+            (
+                "from = 'x.J2.2'\nto = 'x.J2.4'",
+                "line 3, column 8: 'x.J2.2' is an input; an output is wanted here",
+            ),
+            (
+                "from = 'q.DIO1'\nto = 'x.DIR'",
+                "line 4, column 6: 'x.DIR' is an output; an input is wanted here",
+            ),
+            ("from = 'x.J2.9'\nto = 'x.J2.9'", "line 4, column 6: 'x.J2.9' is wired to itself"),
+            (
+                "from = 'q.DIO1'\nto = 'x.J2.4'\n[[wire]]\nto = 'x.J2.4'\nfrom = 'q.DIO1'",
+                "line 7, column 8: 'q.DIO1' is wired to 'x.J2.4' already",
+            ),
+        ],
+    );
+}
+
+#[test]
+fn faults_of_lines() {
+    check(
+        &format!("{DRIVES}[[fault]]\n"),
+        &[
+            ("drop = 0.5", "line 2, column 1: [[fault]] needs 'bus'"),
+            ("bus = 'x.rs422'", "line 3, column 7: there is no port of md3 'rs422'; the nearest is 'rs485'"),
+            (
+                "bus = 'line1'",
+                "line 3, column 7: there is no bus 'line1'; what there is: x.rs485, q.usb, r.rs485",
+            ),
+            ("bus = 'rs485'", "line 3, column 7: several drives have a line 'rs485'; 'x.rs485' is one"),
+            ("bus = 'usb'\ndrop = 1.1", "line 4, column 8: drop takes a number from 0 to 1, not 1.1"),
+            (
+                "bus = 'x.rs485'\nexception_code = 0",
+                "line 4, column 18: exception_code takes a whole number from 1 to 255, not 0",
+            ),
+            (
+                "bus = 'x.rs485'\ndelay_ms = 60001",
+                "line 4, column 12: delay_ms takes a number from 0 to 60000, not 60001",
+            ),
+            (
+                "bus = 'x.rs485'\nbaud = 0",
+                "line 4, column 8: baud takes a whole number from 50 to 4000000, not 0",
+            ),
+            (
+                "bus = 'usb'\nexception = 0.1",
+                "line 4, column 1: exception is for lines of Modbus, and usb is none",
+            ),
+            ("bus = 'usb'\n[[fault]]\nbus = 'q.usb'", "line 5, column 7: 'q.usb' has a [[fault]] already"),
+            (
+                "bus = 'x.rs485'\n[[bus]]\nname = 'b'\ndrives = ['x']",
+                "line 3, column 7: x.rs485 is on the bus 'b'",
+            ),
+        ],
+    );
+}

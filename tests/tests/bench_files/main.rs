@@ -1,0 +1,66 @@
+//! Bench files: what the examples promise, what is said of files that are wrong, and that the order of what is in
+//! them does not matter.
+#![allow(missing_docs, reason = "a test")]
+
+mod errors;
+mod examples;
+mod order;
+mod values;
+
+use standin_firmware::device::{Device, Instant};
+use standin_sim::bench::{Bench, Client, Seat, Settings};
+use standin_sim::layout::{Built, Layout};
+use standin_sim::trace::TraceKeep;
+use standin_sim::{file, kinds};
+
+fn make(kind: &str) -> Option<Box<dyn Device>> {
+    kinds::make(kind).ok()
+}
+
+#[track_caller]
+fn layout(text: &str) -> Layout {
+    file::parse(text, &make).unwrap_or_else(|error| panic!("{error}"))
+}
+
+/// The bench of a file, of which everything is kept.
+#[track_caller]
+fn built(text: &str) -> Built {
+    let layout = layout(text);
+    let settings = Settings { trace: TraceKeep::All, ..layout.settings() };
+    layout.build(settings, &make, Vec::new()).unwrap_or_else(|error| panic!("{error}"))
+}
+
+/// The bench of an example.
+#[track_caller]
+fn example(name: &str) -> Built {
+    let path = format!("{}/../examples/{name}.toml", env!("CARGO_MANIFEST_DIR"));
+    built(&std::fs::read_to_string(path).unwrap())
+}
+
+fn seat(bench: &Bench, name: &str) -> Seat {
+    bench.seat_named(name).unwrap_or_else(|| panic!("there is no drive {name}"))
+}
+
+/// A register now.
+fn register(bench: &Bench, seat: Seat, name: &str) -> i64 {
+    let row =
+        bench.spec(seat).registers.find(name).unwrap_or_else(|| panic!("there is no register {name}")).row;
+    bench.peek(seat, row)
+}
+
+/// Sends a client's message, waits until it is answered or judged, and returns what came.
+fn ask(bench: &mut Bench, client: Client, message: &[u8]) -> Vec<u8> {
+    bench.send(client, message);
+    bench.settle();
+    let mut reply = Vec::new();
+    bench.receive(client, &mut reply);
+    reply
+}
+
+/// When something is in the trace.
+fn moments(bench: &Bench, event: &str) -> Vec<Instant> {
+    let text = bench.trace().to_text();
+    let lines = text.lines().filter(|line| line.ends_with(event));
+    let millis = lines.filter_map(|line| line.split_whitespace().next()?.parse::<f64>().ok());
+    millis.map(|ms| Instant::from_ticks((ms * 16_000.0).round() as u64)).collect()
+}

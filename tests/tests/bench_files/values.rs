@@ -1,0 +1,246 @@
+//! What a file says is what the layout has, and what the bench does.
+
+use std::path::Path;
+
+use standin_firmware::device::{Axis, Duration, Fault, Port};
+use standin_protocol::modbus::rtu;
+use standin_protocol::time::Span;
+use standin_sim::bench::Setup;
+use standin_sim::bus::LineMode;
+use standin_sim::faults::LineFaults;
+use standin_sim::layout::{At, MotorKind};
+use standin_sim::listen::Uri;
+use standin_sim::pace::Pace;
+
+use super::{built, layout, make, register, seat};
+
+#[test]
+fn nothing_but_a_drive_is_a_bench() {
+    let layout = layout("[[drive]]\nname = 'x'\nkind = 'md3'\n");
+    assert_eq!((layout.seed, layout.time, layout.line), (None, None, None));
+    // A pty is made only where a file lists one.
+    assert_eq!(layout.drives[0].listen, [(Port(0), Uri::Tcp("127.0.0.1:0".into()))]);
+    assert_eq!(layout.settings(), standin_sim::bench::Settings::default());
+}
+
+#[test]
+fn everything_that_can_be_said() {
+    let layout = layout(
+        r#"
+        seed = 18446744073709551615
+        time = "x10"
+        line = "fast"
+        drive = [
+            { name = "x", kind = "md3", address = 7, nv = "x.nv", set = { Speed = 0x10 }, fast_boot = true },
+            { name = "y", kind = "rs434546", program = "p.rsasm", faults = ["stall"], listen = [] },
+            { name = "q", kind = "qsb-m", listen = ["usb=pty:q.tty", "tcp:127.0.0.1:5020"] },
+        ]
+        bus = [{ name = "b", drives = ["x"], listen = ["serial:ttyUSB0", "stdio:"], collisions = true }]
+        encoder = [{ motor = "m", cycles_per_rev = 500, to = { index = "q.I", a = "q.A" } }]
+        switch = [{ motor = "m", closed = { above_rev = 1, below_rev = 1.5 }, to = "x.J2.2" }]
+        wire = [{ from = "q.DIO1", to = "x.J2.4" }]
+
+        [[motor]]
+        name = "m"
+        drive = "x"
+        steps_per_rev = 400
+        holding_mnm = 1200.5
+        rated_ma = 2800
+        pull_out_rpm = 2000
+        inertia_gcm2 = 300
+        friction_mnm = 0.0125
+        load_mnm = -3
+
+        [[fault]]
+        bus = "b"
+        drop = 1
+        corrupt = 0.5
+        duplicate = 0.25
+        truncate = 0.125
+        wrong_address = 0.1
+        exception = 0.2
+        exception_code = 255
+        noise = 0.3
+        delay_ms = 0.5
+        mute = true
+        baud = 19200
+        "#,
+    );
+    assert_eq!(
+        (layout.seed, layout.time, layout.line),
+        (Some(u64::MAX), Some(Pace::Times(10)), Some(LineMode::Fast))
+    );
+    let [x, y, q] = &layout.drives[..] else { panic!("three drives") };
+    assert_eq!((x.nv.as_deref(), x.fast_boot), (Some(Path::new("x.nv")), true));
+    assert!(x.listen.is_empty(), "its only port is on a bus");
+    assert_eq!((y.program.as_deref(), &y.faults[..]), (Some(Path::new("p.rsasm")), &[Fault(8)][..]));
+    assert!(y.listen.is_empty());
+    let places = [Uri::Pty(Some("q.tty".into())), Uri::Tcp("127.0.0.1:5020".into())];
+    assert_eq!(q.listen, places.map(|uri| (Port(0), uri)));
+    let bus = &layout.buses[0];
+    assert_eq!(bus.listen, [Uri::Serial("ttyUSB0".into()), Uri::Stdio]);
+    assert_eq!((&bus.drives[..], bus.collisions), (&[(0, Port(0))][..], true));
+
+    let MotorKind::Stepper(motor) = &layout.motors[0].is else { panic!("an MD3 turns a stepper motor") };
+    assert_eq!((motor.steps_per_rev, motor.holding_unm, motor.rated_ma), (400, 1_200_500, 2_800));
+    assert_eq!((motor.pull_out_rpm, motor.inertia_gcm2), (2_000, 300));
+    assert_eq!((motor.friction_unm, motor.load_unm), (13, -3_000));
+    let spec = |drive: usize| make(layout.drives[drive].kind).unwrap().spec();
+    let named = |drive: usize, name: &str| -> At { (drive, spec(drive).pin(name).unwrap()) };
+    let encoder = &layout.encoders[0];
+    assert_eq!(encoder.cycles_per_rev, 500);
+    assert_eq!((encoder.a, encoder.b, encoder.index), (Some(named(2, "A")), None, Some(named(2, "I"))));
+    let switch = &layout.switches[0];
+    assert_eq!((switch.closed.above_rev, switch.closed.below_rev), (Some(1.0), Some(1.5)));
+    assert_eq!(switch.to, named(0, "J2.2"));
+    assert_eq!((layout.wires[0].from, layout.wires[0].to), (named(2, "DIO1"), named(0, "J2.4")));
+    let disturbed = &layout.faults[0];
+    assert_eq!(disturbed.bus, "b");
+    let expected = LineFaults {
+        drop: 1.0,
+        corrupt: 0.5,
+        duplicate: 0.25,
+        truncate: 0.125,
+        wrong_address: 0.1,
+        exception: 0.2,
+        exception_code: 255,
+        noise: 0.3,
+        delay: Duration::micros(500),
+        mute: true,
+        baud: Some(19_200),
+    };
+    assert_eq!(disturbed.faults, expected);
+}
+
+/// The one that documentation and scripts of others began with.
+#[test]
+fn the_first_bench_file_there_was() {
+    let layout = layout(
+        r#"
+        seed = 1
+        time = "real"
+
+        [[bus]]
+        name = "line1"
+        listen = ["tcp:127.0.0.1:5020", "pty:line1.tty"]
+        drives = ["x", "y"]
+
+        [[drive]]
+        name = "x"
+        kind = "md3"
+        address = 1
+        nv = "x.nv"
+        set = { Speed = 8000 }
+
+        [[drive]]
+        name = "y"
+        kind = "md3"
+
+        [[drive]]
+        name = "reader"
+        kind = "qsb-m"
+        listen = ["pty:qsb.tty"]
+
+        [[motor]]
+        name = "m"
+        drive = "x"
+        steps_per_rev = 200
+
+        [[encoder]]
+        motor = "m"
+        cycles_per_rev = 1000
+        to = { a = "reader.A", b = "reader.B", index = "reader.I" }
+
+        [[switch]]
+        motor = "m"
+        closed = { below_rev = -2.0 }
+        to = "x.J2.2"
+
+        [[wire]]
+        from = "reader.DIO1"
+        to = "x.J2.4"
+
+        [[fault]]
+        bus = "line1"
+        drop = 0.01
+        corrupt = 0.01
+        delay_ms = 5
+        "#,
+    );
+    assert_eq!(layout.buses[0].drives, [(0, Port(0)), (1, Port(0))]);
+    assert_eq!(layout.switches[0].closed.below_rev, Some(-2.0));
+    assert_eq!(layout.faults[0].faults.delay, Duration::millis(5));
+}
+
+#[test]
+fn a_thousand_drives_are_a_bench() {
+    let drives =
+        (0..1_000).map(|n| format!("[[drive]]\nname = 'd{n}'\nkind = 'md3'\naddress = {}\n", n % 247 + 1));
+    let bus = (0..247).map(|n| format!("'d{n}'")).collect::<Vec<_>>().join(",");
+    let text = format!("[[bus]]\nname = 'line'\ndrives = [{bus}]\n{}", drives.collect::<String>());
+    let built = built(&text);
+    assert_eq!((built.seats.len(), built.bench.ports(built.buses[0]).len()), (1_000, 247));
+}
+
+#[test]
+fn paths_are_relative_to_the_folder_of_the_file() {
+    let mut layout = layout(
+        "[[drive]]\nname = 'x'\nkind = 'rs434544'\nnv = 'x.nv'\nprogram = '/abs.rsasm'\n\
+         listen = ['pty:x.tty', 'serial:/dev/ttyUSB0', 'tcp:127.0.0.1:0']\n",
+    );
+    layout.relative_to(Path::new("/benches"));
+    let drive = &layout.drives[0];
+    assert_eq!(drive.nv.as_deref(), Some(Path::new("/benches/x.nv")));
+    assert_eq!(drive.program.as_deref(), Some(Path::new("/abs.rsasm")));
+    let places = drive.listen.iter().map(|(_, uri)| uri.to_string()).collect::<Vec<_>>();
+    assert_eq!(places, ["pty:/benches/x.tty", "serial:/dev/ttyUSB0", "tcp:127.0.0.1:0"]);
+}
+
+/// A half goes onto the whole that is set beside it, else onto what is in the memory; the factory's Speed is 5,000
+/// (7.17).
+#[test]
+fn presets_are_there_at_power_on() {
+    for (set, speed) in
+        [("{ SpeedHigh = 1 }", 65_536 + 5_000), ("{ SpeedHigh = 1, Speed = 0x20 }", 65_536 + 32)]
+    {
+        let built = built(&format!("[[drive]]\nname = 'x'\nkind = 'md3'\naddress = 9\nset = {set}\n"));
+        let x = seat(&built.bench, "x");
+        assert_eq!(register(&built.bench, x, "DeviceAddress"), 9);
+        assert_eq!(register(&built.bench, x, "Speed"), speed, "{set}");
+    }
+}
+
+#[test]
+fn what_the_host_gives_a_drive_is_kept() {
+    let layout = layout("[[drive]]\nname = 'x'\nkind = 'md3'\nset = { SpeedHigh = 1 }\n");
+    let mut first = layout.build(layout.settings(), &make, Vec::new()).unwrap();
+    let x = first.seats[0];
+    let memory = first.bench.memory(x).to_vec();
+    first.bench.settle();
+    let given = vec![Setup { memory: Some(memory), boot_fast: true, ..Setup::default() }];
+    let mut low = super::layout("[[drive]]\nname = 'x'\nkind = 'md3'\nset = { SpeedLow = 2 }\n");
+    low.seed = Some(2);
+    let second = low.build(low.settings(), &make, given).unwrap();
+    assert_eq!(register(&second.bench, second.seats[0], "Speed"), 65_538);
+}
+
+/// An MD3 from the factory steps when J2.4 falls; one that is too hot does not move (7.15).
+#[test]
+fn wires_and_faults_are_there_from_the_beginning() {
+    let mut built = built(
+        "drive = [{ name = 'x', kind = 'md3', fast_boot = true, set = { MoveSteps = 300 } }, \
+         { name = 'y', kind = 'md3', fast_boot = true }, \
+         { name = 'z', kind = 'md3', fast_boot = true, faults = ['over_temperature'] }]\n\
+         wire = [{ from = 'x.STEP', to = 'y.J2.4' }]\n",
+    );
+    let bench = &mut built.bench;
+    bench.run_until(10.millis());
+    let [x, y, z] = [0, 1, 2].map(|drive| built.seats[drive]);
+    let before = bench.motion(y, Axis(0)).position;
+    bench.ask(x, &rtu::write(1, 0x11, 1));
+    bench.run_until(5.secs());
+    assert_eq!(bench.motion(y, Axis(0)).position - before, 300);
+    bench.ask(z, &rtu::write(1, 0x11, 1));
+    bench.run_until(10.secs());
+    assert_eq!(bench.motion(z, Axis(0)).position, 0);
+}

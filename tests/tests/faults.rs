@@ -1,0 +1,300 @@
+//! Disturbed lines as masters of an MD3, a QSB and an RS meet them, and power that fails in saves: by the
+//! frames of the manuals, reproducible, and whatever order the drives were added in.
+#![allow(missing_docs, reason = "a test")]
+
+use standin_firmware::device::{Device, Ends, Port};
+use standin_firmware::md3::Md3;
+use standin_firmware::qsb::Qsb;
+use standin_firmware::rs434::rs434544;
+use standin_protocol::modbus::rtu;
+use standin_protocol::time::{Duration, Instant, Span};
+use standin_sim::bench::{Bench, Client, PowerAction, Seat, Settings, Setup};
+use standin_sim::bus::LineMode;
+use standin_sim::capture::From;
+use standin_sim::faults::LineFaults;
+use standin_sim::trace::TraceKeep;
+use standin_tests::{md3, rs434};
+
+/// When all drives are ready: an RS takes half a second (RS, decision 9).
+const READY: Duration = Duration::secs(1);
+
+const PORT: Port = Port(0);
+
+fn quiet() -> LineFaults {
+    LineFaults::default()
+}
+
+fn settings(seed: u64, line: LineMode) -> Settings {
+    Settings { seed, line, trace: TraceKeep::All, capture: TraceKeep::All, ..Settings::default() }
+}
+
+/// Seats a drive without a start-up delay, with registers by their names.
+fn seat(bench: &mut Bench, name: &str, device: Box<dyn Device>, presets: &[(&str, i64)]) -> Seat {
+    let row = |name| device.spec().find(name).expect("a register").row;
+    let presets = presets.iter().map(|&(name, value)| (row(name), value)).collect();
+    bench.seat(name, device, Setup { boot_fast: true, presets, ..Setup::default() }).expect("a seat")
+}
+
+/// A ready drive, and a client on its line.
+fn ready(line: LineMode, device: Box<dyn Device>, presets: &[(&str, i64)]) -> (Bench, Seat, Client) {
+    let mut bench = Bench::with(settings(1, line));
+    let seat = seat(&mut bench, "x", device, presets);
+    let client = bench.connect(bench.bus(seat, PORT).expect("a line"));
+    bench.run_until(READY);
+    hear(&mut bench, client);
+    (bench, seat, client)
+}
+
+fn hear(bench: &mut Bench, client: Client) -> String {
+    let mut bytes = Vec::new();
+    bench.receive(client, &mut bytes);
+    bytes.escape_ascii().to_string()
+}
+
+/// Sends something, and returns what has come when all is settled.
+fn ask(bench: &mut Bench, client: Client, request: &[u8]) -> String {
+    bench.send(client, request);
+    bench.settle();
+    hear(bench, client)
+}
+
+fn disturb(bench: &mut Bench, seat: Seat, faults: LineFaults) {
+    bench.disturb(bench.bus(seat, PORT).expect("a line"), faults);
+}
+
+/// An RS that speaks ASCII: TYPE_MODBUS 1 is 7E1, BITRATE_MODBUS 4 is 9,600 (6.4).
+fn rs_ascii() -> (Bench, Seat, Client) {
+    ready(LineMode::Timed, Box::new(rs434544()), &[("TYPE_MODBUS", 1), ("BITRATE_MODBUS", 4)])
+}
+
+/// SPEED is read, and is 1,000. 01 + 03 + 50 + 0B + 00 + 01 = 60h, and 60h + A0h = 100h.
+const SPEED: &[u8] = b":0103500B0001A0\r\n";
+const IS_1000: &str = r":01030203E80F\r\n";
+/// A character of 9,600 7E1: 10 bits.
+const CHARACTER: Duration = Duration::from_ticks(16_667);
+
+#[test]
+fn ascii_messages_are_disturbed_with_good_sums() {
+    let (mut bench, x, client) = rs_ascii();
+    assert_eq!(ask(&mut bench, client, SPEED), IS_1000);
+    for (faults, heard) in [
+        (LineFaults { drop: 1.0, ..quiet() }, ""),
+        (LineFaults { mute: true, ..quiet() }, ""),
+        // 02 + 03 + 02 + 03 + E8 = F2h, and F2h + 0Eh = 100h.
+        (LineFaults { wrong_address: 1.0, ..quiet() }, r":02030203E80E\r\n"),
+        // 01 + 83 + 06 = 8Ah, and 8Ah + 76h = 100h.
+        (LineFaults { exception: 1.0, exception_code: 6, ..quiet() }, r":01830676\r\n"),
+    ] {
+        disturb(&mut bench, x, faults);
+        assert_eq!(ask(&mut bench, client, SPEED), heard, "{faults:?}");
+    }
+    disturb(&mut bench, x, LineFaults { duplicate: 1.0, ..quiet() });
+    assert_eq!(ask(&mut bench, client, SPEED), IS_1000.repeat(4));
+    disturb(&mut bench, x, quiet());
+    assert_eq!(ask(&mut bench, client, SPEED), IS_1000);
+}
+
+/// A message in ASCII is over with its LF, and answered then (RS, decision 4): no silence, no patience.
+#[test]
+fn times_on_an_ascii_line() {
+    let (mut bench, x, client) = rs_ascii();
+    let delay = Duration::millis(30);
+    disturb(&mut bench, x, LineFaults { delay, duplicate: 1.0, ..quiet() });
+    let (start, seen) = (bench.now(), bench.capture().seen());
+    ask(&mut bench, client, SPEED);
+    let (asked, answer) = (CHARACTER * 17, CHARACTER * 15);
+    let answered = [asked + delay, asked + delay + answer];
+    let again = asked + delay + answer * 2;
+    let times: Vec<Duration> = bench.capture().since(seen).map(|frame| frame.at.since(start)).collect();
+    assert_eq!(
+        times,
+        [Duration::ZERO, answered[0], answered[1], again, again + answered[0], again + answered[1]]
+    );
+    assert_eq!(bench.now().since(start), again * 2);
+}
+
+/// "A character of wrong parity sets bit 14" (RS, decision 5), on its factory line of 115,200 8E1.
+#[test]
+fn an_rs_finds_a_wrong_parity() {
+    let (mut bench, x, client) = ready(LineMode::Timed, Box::new(rs434544()), &[]);
+    let read_error = |bench: &mut Bench| {
+        disturb(bench, x, quiet());
+        let request = [&[1, 3], &rs434::at::ERROR.to_be_bytes()[..], &[0, 1]].concat();
+        let reply = bench.ask(x, &rtu::frame(1, &request[1..]));
+        u16::from_be_bytes([reply[3], reply[4]])
+    };
+    assert_eq!(read_error(&mut bench), 0);
+    hear(&mut bench, client);
+    disturb(&mut bench, x, LineFaults { corrupt: 1.0, ..quiet() });
+    assert_eq!(ask(&mut bench, client, &rtu::read(1, rs434::at::SPEED, 1)), "");
+    assert_eq!(read_error(&mut bench), 1 << 14);
+}
+
+#[test]
+fn commands_of_a_qsb_are_disturbed_as_they_were_written() {
+    for line in [LineMode::Timed, LineMode::Fast] {
+        let (mut bench, x, client) = ready(line, Box::new(Qsb::d()), &[]);
+        // Command list, register 07: its example.
+        let answer = r"r 07 00000000 !\r\n";
+        assert_eq!(ask(&mut bench, client, b"R07\r"), answer);
+        disturb(&mut bench, x, LineFaults { drop: 1.0, ..quiet() });
+        assert_eq!(ask(&mut bench, client, b"R07\r"), "");
+        disturb(&mut bench, x, LineFaults { mute: true, ..quiet() });
+        assert_eq!(ask(&mut bench, client, b"W0363\r"), "");
+        disturb(&mut bench, x, LineFaults { duplicate: 1.0, ..quiet() });
+        assert_eq!(ask(&mut bench, client, b"R03\r"), r"r 03 00000063 !\r\n".repeat(4), "it was carried out");
+        let delay = Duration::millis(250);
+        disturb(&mut bench, x, LineFaults { delay, ..quiet() });
+        let before = bench.now();
+        assert_eq!(ask(&mut bench, client, b"R07\r"), answer);
+        assert!(bench.now() >= before + delay && bench.now() < before + delay + 20.millis());
+        disturb(&mut bench, x, LineFaults { baud: Some(9_600), ..quiet() });
+        assert_eq!(ask(&mut bench, client, b"R07\r"), "", "its line is 230,400 baud");
+        disturb(&mut bench, x, LineFaults { truncate: 1.0, ..quiet() });
+        bench.send(client, b"\r");
+        bench.settle();
+        hear(&mut bench, client);
+        // Without its CR it is no command yet; what is left of an answer has lost its end.
+        assert_eq!(ask(&mut bench, client, b"R07\r"), "");
+        disturb(&mut bench, x, quiet());
+    }
+}
+
+#[test]
+fn what_a_line_cannot_have_is_refused_in_a_sentence() {
+    let forced = LineFaults { exception: 0.5, ..quiet() };
+    let elsewhere = LineFaults { wrong_address: 0.5, ..quiet() };
+    for device in [Box::new(Md3::new()) as Box<dyn Device>, Box::new(rs434544()), Box::new(Qsb::s())] {
+        let port = &device.spec().ports[0];
+        let modbus = port.ends == Ends::Silence;
+        assert_eq!(forced.check_for(port).is_ok(), modbus, "{}", device.spec().kind);
+        assert_eq!(elsewhere.check_for(port).is_ok(), modbus, "{}", device.spec().kind);
+    }
+    let error = elsewhere.check_for(&Qsb::s().spec().ports[0]).unwrap_err();
+    assert_eq!(error, "wrong_address is for lines of Modbus, and usb is none");
+}
+
+/// MD3s a and b on one line, an RS and a QSB of their own, added in that order, all disturbed, asked again and
+/// again, while power fails in saves; their traces and what was on the lines, as text.
+fn scene(seed: u64, line: LineMode, order: [usize; 4]) -> String {
+    const NAMES: [&str; 4] = ["a", "b", "r", "q"];
+    let mut bench = Bench::with(settings(seed, line));
+    let mut seats: [Option<Seat>; 4] = [None; 4];
+    for place in order {
+        let (device, address): (Box<dyn Device>, &[_]) = match place {
+            0 => (Box::new(Md3::new()), &[("DeviceAddress", 1)]),
+            1 => (Box::new(Md3::new()), &[("DeviceAddress", 2)]),
+            2 => (Box::new(rs434544()), &[]),
+            _ => (Box::new(Qsb::m()), &[]),
+        };
+        seats[place] = Some(seat(&mut bench, NAMES[place], device, address));
+    }
+    let [a, b, r, q] = seats.map(|seat| seat.expect("all are seated"));
+    let mut shared = vec![(a, PORT), (b, PORT)];
+    if order[0] > order[1] {
+        shared.reverse();
+    }
+    let bus = bench.share("line1", &shared);
+    let own = |seat| bench.bus(seat, PORT).expect("a line");
+    let lines = [bus, own(r), own(q)];
+    let all = LineFaults {
+        drop: 0.1,
+        corrupt: 0.1,
+        duplicate: 0.2,
+        truncate: 0.1,
+        noise: 0.3,
+        delay: Duration::millis(2),
+        ..quiet()
+    };
+    for bus in lines {
+        let modbus = bus != lines[2];
+        let share = if modbus { 0.1 } else { 0.0 };
+        bench.disturb(bus, LineFaults { wrong_address: share, exception: share, ..all });
+    }
+    let clients = lines.map(|bus| bench.connect(bus));
+    bench.run_until(READY);
+    let mut heard = String::new();
+    let save_md3 = |unit| rtu::write(unit, md3::at::EEPROM, 1).to_vec();
+    for n in 0..60_u16 {
+        // The next save of each ends in the middle; later power comes back.
+        if n % 20 == 5 {
+            [a, b, r].into_iter().for_each(|seat| bench.power(seat, PowerAction::Cut));
+        }
+        if n % 20 == 19 {
+            bench.run_until(bench.now() + READY);
+            [a, b, r].into_iter().for_each(|seat| bench.power(seat, PowerAction::On));
+            bench.run_until(bench.now() + 10.secs());
+        }
+        let unit = 1 + (n % 2) as u8;
+        let to_md3 =
+            if n % 3 == 0 { save_md3(unit) } else { rtu::write(unit, md3::at::SPEED + 1, n).to_vec() };
+        let to_rs = if n % 3 == 0 {
+            rtu::write(1, rs434::at::SAVE_INI, rs434::key::SAVE)
+        } else {
+            rtu::write(1, rs434::at::SPEED, 100 + n)
+        };
+        bench.send(clients[0], &to_md3);
+        bench.send(clients[1], &to_rs);
+        bench.send(clients[2], format!("W09{}\rR09\r", n % 4).as_bytes());
+        bench.settle();
+        heard.extend(clients.map(|client| hear(&mut bench, client) + "\n"));
+    }
+    let seen: Vec<String> = bench
+        .capture()
+        .since(0)
+        .map(|frame| {
+            let from = match frame.from {
+                From::Drive(seat) => bench.name(seat).to_owned(),
+                From::Client => "client".to_owned(),
+                From::Noise => "noise".to_owned(),
+            };
+            let (at, bus) = (frame.at.since(Instant::ZERO), bench.bus_name(frame.bus));
+            format!("{at:?} {bus} {from} {:?} {} {:02X?}", frame.lasts, frame.line, frame.bytes)
+        })
+        .collect();
+    let memories = [a, b, r].map(|seat| bench.memory(seat).to_vec());
+    format!("{}\n{}\n{heard}{memories:?}", bench.trace().to_text(), seen.join("\n"))
+}
+
+#[test]
+fn the_same_seed_is_the_same_bench_and_the_order_of_its_drives_nothing() {
+    for line in [LineMode::Timed, LineMode::Fast] {
+        let first = scene(7, line, [0, 1, 2, 3]);
+        assert!(first == scene(7, line, [0, 1, 2, 3]), "again");
+        for order in [[3, 2, 1, 0], [1, 3, 0, 2]] {
+            assert!(first == scene(7, line, order), "{order:?}");
+        }
+        assert!(first != scene(8, line, [0, 1, 2, 3]), "another seed");
+        for word in ["power cut", "> spoiled", "power on"] {
+            assert!(first.contains(word), "nothing of {word} in it");
+        }
+    }
+}
+
+/// What a master does that waits, and asks again: sooner or later it knows everything.
+#[test]
+fn a_master_that_asks_again_gets_every_answer() {
+    let faults = LineFaults { drop: 0.3, corrupt: 0.05, truncate: 0.05, noise: 0.05, ..quiet() };
+    let register = |seat: &str| match seat {
+        "rs" => rs434::at::SPEED,
+        _ => md3::at::SPEED + 1,
+    };
+    for (name, device) in [("md3", Box::new(Md3::new()) as Box<dyn Device>), ("rs", Box::new(rs434544()))] {
+        let (mut bench, x, client) = ready(LineMode::Timed, device, &[]);
+        disturb(&mut bench, x, faults);
+        let mut tries = 0;
+        for value in 100..200 {
+            let write = rtu::write(1, register(name), value);
+            let mut reply = String::new();
+            while !reply.starts_with(&write.escape_ascii().to_string()) {
+                tries += 1;
+                assert!(tries < 2_000, "{name} answers too seldom");
+                reply = ask(&mut bench, client, &write);
+                bench.run_until(bench.now() + 10.millis());
+                hear(&mut bench, client);
+            }
+        }
+        // Both frames get through with 0.7·0.95·0.95: 100 answers in 251 requests, σ = 19.4.
+        assert!((173..329).contains(&tries), "{name}: {tries}");
+    }
+}

@@ -1,0 +1,277 @@
+//! Drives that turn motors of the bench, and what looks at their shafts: encoders, switches, the drives themselves.
+#![allow(missing_docs, reason = "a test")]
+
+use standin_firmware::device::{Axis, Device, Duration, Fault, Instant, Level, Pin, Port};
+use standin_firmware::md3::{Md3, Reg, motion_control};
+use standin_firmware::motor;
+use standin_firmware::motor::stepper::Parameters;
+use standin_firmware::qsb::Qsb;
+use standin_firmware::rs434::rs434544;
+use standin_protocol::modbus::rtu;
+use standin_protocol::time::Span;
+use standin_sim::bench::{Bench, Client, Closed, Fitting, Motor, PowerAction, Seat, Settings, Setup};
+use standin_sim::replay;
+use standin_sim::trace::{Did, Event, Fed, Trace, TraceKeep};
+use standin_tests::rs434::{BOOT, at};
+
+const AXIS: Axis = Axis(0);
+
+fn make(kind: &str) -> Option<Box<dyn Device>> {
+    match kind {
+        "md3" => Some(Box::new(Md3::new())),
+        "qsb-m" => Some(Box::new(Qsb::m())),
+        "rs434544" => Some(Box::new(rs434544())),
+        _ => None,
+    }
+}
+
+fn pin(bench: &Bench, seat: Seat, name: &str) -> (Seat, Pin) {
+    (seat, bench.spec(seat).pin(name).expect("the manual has that pin"))
+}
+
+fn seat(bench: &mut Bench, name: &str, kind: &str) -> Seat {
+    let setup = Setup { boot_fast: true, ..Setup::default() };
+    bench.seat(name, make(kind).unwrap(), setup).unwrap()
+}
+
+#[track_caller]
+fn assert_replays(bench: &Bench) {
+    let trace = Trace::parse(&bench.trace().to_text(), &make).unwrap();
+    assert_eq!(replay::run(&trace, &make), Ok(None));
+}
+
+/// An MD3 that turns a motor of 200 steps in steps of 1/8, whose encoder of 1,000 cycles a QSB-M reads.
+struct Bed {
+    bench: Bench,
+    md3: Seat,
+    motor: Motor,
+    qsb: Seat,
+    client: Client,
+}
+
+impl Bed {
+    fn new() -> Self {
+        let mut bench = Bench::with(Settings { trace: TraceKeep::All, ..Settings::default() });
+        let md3 = seat(&mut bench, "x", "md3");
+        let qsb = seat(&mut bench, "reader", "qsb-m");
+        let motor = bench.fit("m", md3, AXIS, Fitting::Stepper(Parameters::NOMINAL)).unwrap();
+        let to = ["A", "B", "I"].map(|name| Some(pin(&bench, qsb, name)));
+        bench.encode(motor, 1_000, to);
+        let client = bench.connect(bench.bus(qsb, Port(0)).unwrap());
+        bench.run_until(100.millis());
+        let mut bed = Self { bench, md3, motor, qsb, client };
+        // Quadrature, each edge of both channels counts.
+        bed.bench.send(bed.client, b"W033\r");
+        bed.wait(5.millis());
+        bed.heard();
+        bed
+    }
+
+    fn heard(&mut self) -> String {
+        let mut bytes = Vec::new();
+        self.bench.receive(self.client, &mut bytes);
+        String::from_utf8(bytes).unwrap()
+    }
+
+    fn set(&mut self, reg: Reg, value: i64) {
+        self.bench.poke(self.md3, reg as usize, value).unwrap();
+    }
+
+    fn wait(&mut self, span: Duration) {
+        self.bench.run_until(self.bench.now() + span);
+    }
+
+    /// What the QSB has counted.
+    fn counted(&mut self) -> i32 {
+        self.bench.send(self.client, b"R0E\r");
+        self.wait(5.millis());
+        let reply = self.heard();
+        let data = reply.strip_prefix("r 0E ").and_then(|reply| reply.strip_suffix(" !\r\n"));
+        u32::from_str_radix(data.unwrap_or_else(|| panic!("{reply:?}")), 16).unwrap().cast_signed()
+    }
+
+    /// Edges that the QSB was told of A and B since then: when the shaft made them.
+    fn edges(&self, since: Instant) -> Vec<u64> {
+        let (a, b) = (pin(&self.bench, self.qsb, "A").1, pin(&self.bench, self.qsb, "B").1);
+        let events = self.bench.trace().events().filter(|entry| entry.drive == 1 && entry.at > since);
+        let edges = events
+            .filter(|entry| matches!(entry.event, Event::Fed(Fed::Edge { pin, .. }) if pin == a || pin == b));
+        // A tick on the wire.
+        edges.map(|entry| entry.at.ticks() - 1).collect()
+    }
+}
+
+#[test]
+fn a_qsb_reads_exactly_what_an_md3_moves() {
+    let mut bed = Bed::new();
+    assert_eq!(bed.counted(), 0);
+    // 1,600 steps a turn, and 4,000 counts: 2.5 a step.
+    let mut position = 0;
+    for steps in [10_000, -3_200, 1, 1, -70_002, 2, 64_000] {
+        bed.set(Reg::MoveSteps, steps);
+        bed.set(Reg::Speed, 20_000);
+        bed.set(Reg::AccelDecel, 100_000);
+        bed.set(Reg::MotionControl, motion_control::MOVE.into());
+        bed.wait(5.secs());
+        position += steps;
+        // In the middle of a count, or at an edge: then it belongs to the count behind it.
+        let counts = (position as f64 * 2.5 + 0.5).floor();
+        assert_eq!(f64::from(bed.counted()), counts, "at {position}");
+        let turn = bed.bench.turn(bed.motor);
+        assert_eq!((turn.revolutions * 1_600.0).round(), position as f64);
+        assert_eq!((turn.rpm, turn.stalled), (0.0, false));
+    }
+    assert_replays(&bed.bench);
+}
+
+#[test]
+fn every_edge_of_an_encoder_is_at_its_tick() {
+    let mut bed = Bed::new();
+    bed.set(Reg::MoveSteps, 10_000);
+    let start = bed.bench.now();
+    bed.set(Reg::MotionControl, motion_control::MOVE.into());
+    bed.wait(3.secs());
+    let edges = bed.edges(start);
+    // 10,000 steps of 1,600 in a turn are 25,000 counts of 4,000.
+    assert_eq!(edges.len(), 25_000);
+    for (count, edge) in (1_u32..).zip(edges) {
+        // Half a count before it. Factory rates: 5,000 steps/s, 10,000 steps/s²; ramps of 1,250 steps.
+        let steps = (f64::from(count) - 0.5) / 2.5;
+        let seconds = if steps < 1_250.0 {
+            (steps / 5_000.0).sqrt()
+        } else if steps < 8_750.0 {
+            0.5 + (steps - 1_250.0) / 5_000.0
+        } else {
+            2.5 - ((10_000.0 - steps) / 5_000.0).sqrt()
+        };
+        // The motor hears of it a tick later.
+        let made = (edge - start.ticks() - 1) as f64;
+        let late = made - seconds * 16e6;
+        // At the tick behind it; the angle is whole units of 2⁻³² turns.
+        assert!((-0.5..1.5).contains(&late), "count {count} is {late} ticks late");
+    }
+}
+
+#[test]
+fn an_md3_homes_onto_a_switch() {
+    let mut bed = Bed::new();
+    let home = pin(&bed.bench, bed.md3, "J2.2");
+    bed.bench.switch(bed.motor, Closed { above_rev: None, below_rev: Some(-2.0) }, home);
+    bed.wait(1.millis());
+    assert_eq!(bed.bench.level(home.0, home.1), Level::High);
+    // Backward to the flag on J2 pin 2, and stop there at once (7.5), at the factory's 5,000 steps/s.
+    bed.set(Reg::HomingConfiguration, 1 << 4);
+    bed.set(Reg::MotionControl, motion_control::HOME.into());
+    bed.wait(5.secs());
+    // −3,200 steps; the flag is sampled every 4 µs, a fiftieth of a step. The step that has begun is made.
+    assert_eq!(bed.bench.motion(bed.md3, AXIS).position, -3_200);
+    assert_eq!(bed.bench.level(home.0, home.1), Level::High, "the shaft is at −2 turns and not below");
+    assert_replays(&bed.bench);
+}
+
+/// Seconds at which something is done to an RS drive, and what: registers written, the shaft held.
+enum Act {
+    Write(u16, u16),
+    Coil(u16),
+    Read(u16, u16),
+    Hold(bool),
+}
+
+const SCRIPT: [(u64, Act); 14] = [
+    (600, Act::Write(at::SPEED, 200)),
+    (620, Act::Coil(at::START)),
+    (1_000, Act::Read(at::CURRENT_VALID, 4)),
+    (1_300, Act::Write(at::SPEED, 100)),
+    (1_600, Act::Read(at::CURRENT_VALID, 4)),
+    (1_700, Act::Hold(true)),
+    (1_712, Act::Read(at::CURRENT_VALID, 4)),
+    (1_730, Act::Hold(false)),
+    (2_000, Act::Read(at::CURRENT_VALID, 4)),
+    (2_100, Act::Coil(at::STOP)),
+    (2_101, Act::Read(at::CURRENT_VALID, 4)),
+    (2_500, Act::Read(at::STATUS, 5)),
+    (2_600, Act::Coil(at::START)),
+    (3_000, Act::Read(at::CURRENT_VALID, 4)),
+];
+
+/// An RS drive that goes through the script: what it answered, and the edges of its Hall sensors.
+fn rs_drive(apart: bool) -> (Bench, Vec<Vec<u8>>, Vec<(u64, Pin, bool)>) {
+    let mut bench = Bench::with(Settings { trace: TraceKeep::All, ..Settings::default() });
+    let setup = Setup { apart, ..Setup::default() };
+    let drive = bench.seat("d", Box::new(rs434544()), setup).unwrap();
+    assert_eq!(bench.parted(drive).is_some(), apart);
+    if let Some(parameters) = bench.parted(drive) {
+        bench.fit("m", drive, AXIS, Fitting::Brush(parameters)).unwrap();
+    }
+    let stall = bench.spec(drive).faults.iter().position(|fault| *fault == "stall").unwrap();
+    let mut replies = Vec::new();
+    assert!(BOOT <= 600.millis());
+    for (ms, act) in SCRIPT {
+        bench.run_until(ms.millis());
+        match act {
+            Act::Write(reg, value) => replies.push(bench.ask(drive, &rtu::write(1, reg, value))),
+            Act::Coil(coil) => {
+                let [high, low] = coil.to_be_bytes();
+                replies.push(bench.ask(drive, &rtu::frame(1, &[5, high, low, 0xFF, 0])));
+            }
+            Act::Read(reg, count) => {
+                let [high, low] = reg.to_be_bytes();
+                replies.push(bench.ask(drive, &rtu::frame(1, &[4, high, low, 0, count as u8])));
+            }
+            Act::Hold(on) => bench.fault(drive, Fault(stall as u8), on),
+        }
+        let motion = bench.motion(drive, AXIS);
+        replies.push(format!("{motion:?}").into_bytes());
+    }
+    let halls = ["HA", "HB"].map(|name| pin(&bench, drive, name).1);
+    let edges = bench.trace().events().filter_map(|entry| match entry.event {
+        // Its own motor's, as others see them, a tick before the drive does.
+        Event::Did(Did::Level { pin, level }) if halls.contains(&pin) => {
+            Some((entry.at.ticks() + 1, pin, level == Level::High))
+        }
+        Event::Fed(Fed::Edge { pin, high }) if halls.contains(&pin) => Some((entry.at.ticks(), pin, high)),
+        _ => None,
+    });
+    // At power-on its own motor shows that both are high, which the drive apart knows.
+    let edges = edges.filter(|(at, ..)| *at > 1).collect();
+    (bench, replies, edges)
+}
+
+#[test]
+fn an_rs_drive_apart_is_the_same_drive() {
+    let (_, replies, edges) = rs_drive(false);
+    let (bench, replies_apart, edges_apart) = rs_drive(true);
+    assert!(edges.len() > 50, "{}", edges.len());
+    assert_eq!(edges_apart, edges);
+    assert_eq!(replies_apart, replies);
+    let text = bench.trace().to_text();
+    assert!(text.contains("\ndrive d rs434544 apart\n"), "{}", &text[..200]);
+    assert!(text.contains(" > draws motor "));
+    assert_replays(&bench);
+}
+
+#[test]
+fn a_motor_of_other_parameters_turns_otherwise() {
+    let mut ways = Vec::new();
+    for inertia_gcm2 in [motor::Parameters::NOMINAL.inertia_gcm2, 100_000] {
+        let mut bench = Bench::new();
+        let setup = Setup { apart: true, ..Setup::default() };
+        let drive = bench.seat("d", Box::new(rs434544()), setup).unwrap();
+        let parameters = motor::Parameters { inertia_gcm2, ..bench.parted(drive).unwrap() };
+        let motor = bench.fit("m", drive, AXIS, Fitting::Brush(parameters)).unwrap();
+        bench.run_until(600.millis());
+        bench.ask(drive, &rtu::frame(1, &[5, 0x20, 0, 0xFF, 0]));
+        bench.run_until(1_600.millis());
+        let turn = bench.turn(motor);
+        assert!(turn.rpm > 0.0 && turn.ma > 0 && !turn.stalled, "{turn:?}");
+        ways.push(turn.revolutions);
+        // Without power it coasts, and comes to rest.
+        bench.power(drive, PowerAction::Off);
+        bench.run_until(1_601.millis());
+        let coasts = bench.turn(motor);
+        assert!(coasts.rpm > 0.0 && coasts.ma == 0, "{coasts:?}");
+        bench.run_until(300.secs());
+        assert_eq!(bench.turn(motor).rpm, 0.0);
+    }
+    assert!(ways[1] < ways[0], "{ways:?}");
+}
