@@ -164,6 +164,9 @@ impl End for Connection {
             let mut buffer = [0; READ_BYTES];
             match read_some(&self.stream, &mut buffer) {
                 Came::Bytes(count) => {
+                    // Else a client without `TCP_NODELAY` is kept from its next request for up to 40 ms
+                    // where the drive does not answer this one. It holds until the next read.
+                    let _ = sockopt::set_tcp_quickack(&self.stream, true);
                     bench.send(self.client, &buffer[..count]);
                     over(bench, manual);
                 }
