@@ -11,7 +11,7 @@ use standin_firmware::device::{Ends, Line, Port, Spec};
 use standin_protocol::line::Parity;
 use standin_protocol::modbus::ascii;
 use standin_protocol::registers::Space;
-use standin_sim::bench::{Bench, Bus};
+use standin_sim::bench::{Bench, Bus, Seat};
 use standin_sim::listen::Uri;
 
 use crate::api::Places;
@@ -59,9 +59,9 @@ pub(crate) struct Ready {
 }
 
 impl Ready {
-    /// A bench whose lines are reached at `addresses`.
-    pub(crate) fn new(bench: &Bench, mut addresses: BTreeMap<Bus, Vec<Address>>) -> Self {
-        let drives = bench.seats().map(|seat| {
+    /// A bench whose lines are reached at `addresses`; its drives in the order of `seats`.
+    pub(crate) fn new(bench: &Bench, seats: &[Seat], mut addresses: BTreeMap<Bus, Vec<Address>>) -> Self {
+        let drives = seats.iter().map(|&seat| {
             let spec = bench.spec(seat);
             let ports = (0..).map(Port).take(spec.ports.len());
             Drive {

@@ -228,12 +228,10 @@ impl Bench {
         }
     }
 
-    /// Whether nothing is under way on a line: it is nobody's turn, and nobody's bytes wait for one.
+    /// Whether a line is nobody's now. Half a message may wait for its rest there.
     #[must_use]
-    pub fn is_at_rest(&self, bus: Bus) -> bool {
-        let wire = &self.buses[bus.0 as usize];
-        let waits = |id| self.clients.get(id).is_some_and(|outside| outside.backlog() > 0);
-        wire.turn == Turn::Free && !wire.clients.iter().any(waits)
+    pub fn is_free(&self, bus: Bus) -> bool {
+        self.buses[bus.0 as usize].turn == Turn::Free
     }
 
     /// Somebody opens or leaves the port at the other end of a line (DTR, a pty).

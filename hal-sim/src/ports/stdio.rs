@@ -8,6 +8,8 @@ use std::io::{self, Read as _, Write as _};
 use std::net::Shutdown;
 use std::os::fd::{AsFd as _, BorrowedFd};
 use std::os::unix::net::UnixStream;
+use std::thread::{Builder, JoinHandle};
+use std::time::Duration;
 
 use rustix::event::epoll::EventFlags;
 use standin_firmware::device::Instant;
@@ -15,6 +17,9 @@ use standin_sim::bench::{Bench, Bus, Client};
 use tracing::debug;
 
 use super::{Came, End, READ_BYTES, interest, may_read, over, read_some, write_some};
+
+/// Time between two looks whether all is written.
+const LOOK: Duration = Duration::from_millis(1);
 
 /// Standard input and output as an end of a line.
 pub(super) struct Stdio {
@@ -24,10 +29,12 @@ pub(super) struct Stdio {
     /// What the drives sent and nobody has taken.
     unread: Vec<u8>,
     stage: Stage,
+    /// The thread that writes to standard output.
+    writer: JoinHandle<()>,
 }
 
 /// How far it has come.
-#[derive(Clone, Copy, PartialEq, Eq)]
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd)]
 enum Stage {
     /// Input may come.
     Open,
@@ -48,11 +55,10 @@ impl Stdio {
         let (near, far) = UnixStream::pair()?;
         near.set_nonblocking(true)?;
         let input = far.try_clone()?;
-        std::thread::Builder::new().name("stdin".into()).spawn(move || copy_in(input))?;
-        std::thread::Builder::new().name("stdout".into()).spawn(move || copy_out(far))?;
+        Builder::new().name("stdin".into()).spawn(move || copy_in(input))?;
+        let writer = Builder::new().name("stdout".into()).spawn(move || copy_out(far))?;
         let client = bench.connect(bus);
-        bench.attach(bus, true);
-        Ok(Self { near, bus, client, unread: Vec::new(), stage: Stage::Open })
+        Ok(Self { near, bus, client, unread: Vec::new(), stage: Stage::Open, writer })
     }
 }
 
@@ -67,23 +73,21 @@ impl End for Stdio {
 
     fn interest(&self, bench: &Bench) -> Option<EventFlags> {
         let reads = self.stage == Stage::Open && may_read(bench, self.client, &self.unread);
-        Some(interest(reads, &self.unread))
+        (self.stage < Stage::Answered).then(|| interest(reads, &self.unread))
     }
 
-    fn take(&mut self, bench: &mut Bench, ready: EventFlags, manual: bool) {
-        // Both directions have ended.
-        if ready.intersects(EventFlags::HUP | EventFlags::ERR) && self.stage != Stage::Open {
-            self.stage = Stage::Over;
-        } else if self.stage == Stage::Open {
-            let mut buffer = [0; READ_BYTES];
-            match read_some(&self.near, &mut buffer) {
-                Came::Bytes(count) => {
-                    bench.send(self.client, &buffer[..count]);
-                    over(bench, manual);
-                }
-                Came::End => self.stage = Stage::Asked,
-                Came::Nothing => {}
+    fn take(&mut self, bench: &mut Bench, _ready: EventFlags, manual: bool) {
+        if self.stage != Stage::Open {
+            return;
+        }
+        let mut buffer = [0; READ_BYTES];
+        match read_some(&self.near, &mut buffer) {
+            Came::Bytes(count) => {
+                bench.send(self.client, &buffer[..count]);
+                over(bench, manual);
             }
+            Came::End => self.stage = Stage::Asked,
+            Came::Nothing => {}
         }
     }
 
@@ -92,8 +96,8 @@ impl End for Stdio {
         if write_some(&self.near, &mut self.unread).is_err() {
             self.stage = Stage::Over;
         }
-        if self.stage == Stage::Asked && self.unread.is_empty() && bench.is_at_rest(self.bus) {
-            // The writing thread ends with it.
+        if self.stage == Stage::Asked && self.unread.is_empty() && bench.is_free(self.bus) {
+            // The writing thread ends when it has written all before that.
             let _ = self.near.shutdown(Shutdown::Write);
             self.stage = Stage::Answered;
         }
@@ -101,6 +105,16 @@ impl End for Stdio {
 
     fn ends(&self) -> Instant {
         if self.stage == Stage::Over { Instant::ZERO } else { Instant::NEVER }
+    }
+
+    fn pause(&self) -> Option<Duration> {
+        (self.stage == Stage::Answered).then_some(LOOK)
+    }
+
+    fn look(&mut self, _bench: &mut Bench) {
+        if self.writer.is_finished() {
+            self.stage = Stage::Over;
+        }
     }
 
     fn leave(&mut self, bench: &mut Bench) {

@@ -69,7 +69,7 @@ pub(crate) fn run(options: &cli::Run) -> Result<(), String> {
     let stop = signals().map_err(|error| format!("signals cannot be caught: {error}"))?;
     let (ports, addresses) = listen.open(&mut bench, &seats, &buses)?;
     let (door, inbox) = realtime::door().map_err(|error| format!("the bench cannot be woken: {error}"))?;
-    let mut ready = Ready::new(&bench, addresses);
+    let mut ready = Ready::new(&bench, &seats, addresses);
     if let Some(bound) = control {
         let api = bound.listen().and_then(|listener| {
             let address = listener.local_addr()?;

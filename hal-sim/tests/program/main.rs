@@ -1,7 +1,10 @@
 //! The program `standin`, started as people start it.
 
+mod benches;
 mod control;
+mod ends;
 mod programs;
 mod qsb;
 mod running;
 mod runs;
+mod scale;

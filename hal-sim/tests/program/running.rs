@@ -27,7 +27,8 @@ pub(crate) fn refused(arguments: &[&str]) -> String {
 
 /// A drive that runs, and is killed with the test.
 pub(crate) struct Running {
-    kind: &'static str,
+    /// The name of its first drive.
+    name: String,
     child: Child,
     /// The line that says where everything is.
     pub(crate) ready: Value,
@@ -40,9 +41,9 @@ impl Running {
     }
 
     /// Starts a drive that says what it has to say there, and waits until it is ready.
-    pub(crate) fn start(kind: &'static str, options: &[&str], stderr: Stdio) -> Self {
+    pub(crate) fn start(what: &str, options: &[&str], stderr: Stdio) -> Self {
         let mut child = Command::new(env!("CARGO_BIN_EXE_standin"))
-            .args(["run", kind, "--json"])
+            .args(["run", what, "--json"])
             .args(options)
             .stdout(Stdio::piped())
             .stderr(stderr)
@@ -50,12 +51,18 @@ impl Running {
             .unwrap();
         let mut line = String::new();
         BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();
-        let ready = serde_json::from_str(&line).unwrap();
-        Self { kind, child, ready }
+        let ready: Value = serde_json::from_str(&line).unwrap();
+        let name = ready["devices"][0]["name"].as_str().unwrap().to_owned();
+        Self { name, child, ready }
     }
 
-    fn address(&self, scheme: &str) -> String {
-        let ports = self.ready["devices"][0]["ports"].as_object().unwrap();
+    /// Starts a bench of what a file says.
+    pub(crate) fn bench(file: &str, options: &[&str]) -> Self {
+        Self::start(file, options, Stdio::inherit())
+    }
+
+    fn address(&self, drive: usize, scheme: &str) -> String {
+        let ports = self.ready["devices"][drive]["ports"].as_object().unwrap();
         let mut uris = ports.values().filter_map(Value::as_array).flatten();
         let uri = uris.find_map(|uri| uri.as_str()?.strip_prefix(scheme));
         uri.unwrap().to_owned()
@@ -63,12 +70,17 @@ impl Running {
 
     /// Its pty.
     pub(crate) fn pty(&self) -> PathBuf {
-        self.address("pty:").into()
+        self.address(0, "pty:").into()
     }
 
     /// A new connection to its line.
     pub(crate) fn connect(&self) -> TcpStream {
-        patient(TcpStream::connect(self.address("tcp:")).unwrap())
+        self.connect_to(0)
+    }
+
+    /// A new connection to the line of one of its drives.
+    pub(crate) fn connect_to(&self, drive: usize) -> TcpStream {
+        patient(TcpStream::connect(self.address(drive, "tcp:")).unwrap())
     }
 
     /// A new connection to its control API.
@@ -102,9 +114,9 @@ impl Running {
         self.drive();
     }
 
-    /// The state of the drive.
+    /// The state of its first drive.
     pub(crate) fn drive(&self) -> Value {
-        self.call("GET", &format!("/api/drives/{}", self.kind), "").ok()
+        self.call("GET", &format!("/api/drives/{}", self.name), "").ok()
     }
 
     /// Moves the standing clock on.

@@ -1,0 +1,115 @@
+//! Serial ports, and standard input and output.
+
+use std::io::{Read as _, Write as _};
+use std::os::fd::OwnedFd;
+use std::process::{Command, Stdio};
+use std::time::Duration;
+
+use crate::running::{Running, Scratch, refused};
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::pty::OpenptFlags;
+use rustix::termios::{ControlModes, OptionalActions, tcgetattr, tcsetattr};
+use standin_protocol::modbus::rtu;
+
+const USER_REGISTER: u16 = 0x1D;
+
+/// The other end of a serial cable: a new pty whose terminal is linked at `link`.
+fn cable(link: &str) -> OwnedFd {
+    let master = rustix::pty::openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC).unwrap();
+    rustix::pty::grantpt(&master).unwrap();
+    rustix::pty::unlockpt(&master).unwrap();
+    // A new terminal sends an echo, which no serial port does.
+    let mut settings = tcgetattr(&master).unwrap();
+    settings.make_raw();
+    tcsetattr(&master, OptionalActions::Now, &settings).unwrap();
+    let path = rustix::pty::ptsname(&master, Vec::new()).unwrap();
+    let _ = std::fs::remove_file(link);
+    std::os::unix::fs::symlink(path.to_str().unwrap(), link).unwrap();
+    master
+}
+
+/// What comes on a cable within `patience`, up to `count` bytes.
+fn heard(cable: &OwnedFd, count: usize, patience: Duration) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    let timeout = Timespec::try_from(patience).unwrap();
+    while bytes.len() < count && poll(&mut [PollFd::new(cable, PollFlags::IN)], Some(&timeout)).unwrap() > 0 {
+        let mut buffer = [0; 256];
+        match rustix::io::read(cable, &mut buffer) {
+            Ok(got) if got > 0 => bytes.extend(&buffer[..got]),
+            _ => break,
+        }
+    }
+    bytes
+}
+
+const LONG: Duration = Duration::from_secs(30);
+
+#[test]
+fn a_serial_port_has_the_settings_of_its_line_and_is_used_again_when_it_is_back() {
+    let scratch = Scratch::new("serial");
+    let device = scratch.file("ttyUSB0");
+    let listen = format!("serial:{device}");
+    let plugged = cable(&device);
+    let options =
+        ["--time", "manual", "--fast-boot", "--set", "SerialPortConfiguration=0x2A", "--listen", &listen];
+    let md3 = Running::md3(&options);
+    assert_eq!(md3.ready["devices"][0]["ports"]["rs485"][0], listen);
+    let settings = tcgetattr(&plugged).unwrap();
+    let line = md3.call("GET", "/api/bench", "").ok()["buses"][0]["line"].as_str().unwrap().to_owned();
+    // Two stop bits and baud rate 2 (MD3 User Guide, 7.22). A pty has no parity to be seen.
+    assert_eq!(line, "19200 8E2");
+    assert_eq!(settings.output_speed(), 19_200);
+    assert!(settings.control_modes.contains(ControlModes::CSTOPB));
+
+    let (request, reply) = (rtu::write(1, USER_REGISTER, 7), rtu::write(1, USER_REGISTER, 7));
+    rustix::io::write(&plugged, &request).unwrap();
+    assert_eq!(heard(&plugged, reply.len(), LONG), *reply);
+
+    drop(plugged);
+    let plugged = cable(&device);
+    // Nobody tells when it has been found again, and what was sent before that is lost.
+    let answers = std::iter::repeat_with(|| {
+        rustix::io::write(&plugged, &request).unwrap();
+        heard(&plugged, reply.len(), Duration::from_millis(200))
+    });
+    let answer = answers.take(150).find(|answer| !answer.is_empty());
+    assert_eq!(answer.as_deref(), Some(&*reply));
+    assert_eq!(md3.stop(), Some(0));
+}
+
+/// What `standin` says on stdout when `input` is all that it hears.
+fn piped(arguments: &[&str], input: &[u8]) -> (Vec<u8>, Option<i32>) {
+    let mut child = Command::new(env!("CARGO_BIN_EXE_standin"))
+        .args(arguments)
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    child.stdin.take().unwrap().write_all(input).unwrap();
+    let mut said = Vec::new();
+    child.stdout.take().unwrap().read_to_end(&mut said).unwrap();
+    (said, child.wait().unwrap().code())
+}
+
+#[test]
+fn a_drive_on_standard_input_and_output_answers_all_and_ends_with_its_input() {
+    let requests = [rtu::write(1, USER_REGISTER, 7), rtu::read(1, USER_REGISTER, 1)].concat();
+    let replies = [&*rtu::write(1, USER_REGISTER, 7), &*rtu::frame(1, &[3, 2, 0, 7])].concat();
+    for time in ["real", "x10", "manual"] {
+        let options = ["run", "md3", "--fast-boot", "--time", time, "--listen", "stdio:"];
+        assert_eq!(piped(&options, &requests), (replies.clone(), Some(0)), "--time {time}");
+        assert_eq!(piped(&options, &[]), (Vec::new(), Some(0)), "--time {time}");
+        // The rest of half a request cannot come any more.
+        assert_eq!(piped(&options, &requests[..5]), (Vec::new(), Some(0)), "--time {time}");
+    }
+    let qsb = ["run", "qsb-d", "--fast-boot", "--time", "manual", "--listen", "stdio:", "--control", "off"];
+    let (said, code) = piped(&qsb, b"R0E\r");
+    assert_eq!((String::from_utf8(said).unwrap().as_str(), code), ("r 0E 00000000 !\r\n", Some(0)));
+}
+
+#[test]
+fn standard_input_and_output_belong_to_one_line() {
+    let said = refused(&["run", "md3", "--listen", "stdio:", "--json"]);
+    assert_eq!(said, "--json and stdio: cannot share stdout; use one of them");
+}

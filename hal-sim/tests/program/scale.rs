@@ -1,0 +1,102 @@
+//! Many drives in one process.
+
+use std::fmt::Write as _;
+use std::io::{Read as _, Write as _};
+use std::net::TcpStream;
+
+use crate::running::{Running, Scratch, ask};
+use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
+use standin_protocol::modbus::rtu;
+
+/// A register of the MD3 for whatever its user likes.
+const USER_REGISTER: u16 = 0x1D;
+/// A register of the RS drives that a drive of factory state does not look at.
+const TARGET_POSITION1: u16 = 0x501B;
+
+/// What tells a drive from all others, on its own line.
+enum Mark {
+    /// A register on Modbus.
+    Register(u16),
+    /// The serial number, in VERSION.
+    Serial,
+}
+
+const KINDS: [(&str, &str, Mark); 7] = [
+    ("md3", "UserRegister", Mark::Register(USER_REGISTER)),
+    ("qsb-d", "SerialNumber", Mark::Serial),
+    ("rs434544", "TARGET_POSITION1Low", Mark::Register(TARGET_POSITION1)),
+    ("md3-low", "UserRegister", Mark::Register(USER_REGISTER)),
+    ("qsb-m", "SerialNumber", Mark::Serial),
+    ("rs434546", "TARGET_POSITION1Low", Mark::Register(TARGET_POSITION1)),
+    ("qsb-s", "SerialNumber", Mark::Serial),
+];
+
+/// A line of text, without its end.
+fn line(connection: &mut TcpStream) -> String {
+    let mut text = Vec::new();
+    while !text.ends_with(b"\n") {
+        let mut byte = [0];
+        connection.read_exact(&mut byte).unwrap();
+        text.extend(byte);
+    }
+    String::from_utf8(text).unwrap().trim_end().to_owned()
+}
+
+#[test]
+fn a_thousand_drives_answer_each_on_its_own_port() {
+    let Rlimit { maximum, .. } = getrlimit(Resource::Nofile);
+    setrlimit(Resource::Nofile, Rlimit { current: maximum, maximum }).unwrap();
+    let scratch = Scratch::new("thousand");
+    let file = scratch.file("bench.toml");
+    let mut text = String::from("time = 'manual'\n");
+    for number in 0..1_000 {
+        let (kind, name, _) = &KINDS[number % KINDS.len()];
+        let set = format!("set = {{ {name} = {number} }}");
+        write!(text, "[[drive]]\nname = 'd{number}'\nkind = '{kind}'\nfast_boot = true\n{set}\n").unwrap();
+    }
+    std::fs::write(&file, text).unwrap();
+    let bench = Running::bench(&file, &[]);
+    let mut lines: Vec<TcpStream> = (0..1_000).map(|number| bench.connect_to(number)).collect();
+    for round in 0..2 {
+        for (number, connection) in lines.iter_mut().enumerate() {
+            let expected = u16::try_from(number).unwrap();
+            match KINDS[number % KINDS.len()].2 {
+                Mark::Register(address) => {
+                    let reply = ask(connection, &rtu::read(1, address, 1), 7);
+                    let [high, low] = expected.to_be_bytes();
+                    assert_eq!(reply, *rtu::frame(1, &[3, 2, high, low]), "drive {number}, round {round}");
+                }
+                Mark::Serial => {
+                    connection.write_all(b"R14\r").unwrap();
+                    let reply = line(connection);
+                    let version = reply.split(' ').nth(2).unwrap();
+                    assert_eq!(version[..5].parse(), Ok(expected), "drive {number}, round {round}: {reply}");
+                }
+            }
+        }
+    }
+    assert_eq!(bench.stop(), Some(0));
+}
+
+#[test]
+fn a_line_has_room_for_all_247_addresses() {
+    let scratch = Scratch::new("full-line");
+    let file = scratch.file("bench.toml");
+    let mut text = String::from("time = 'manual'\n");
+    for address in 1..=247 {
+        let set = format!("set = {{ UserRegister = {} }}", 1_000 + address);
+        let drive = format!("kind = 'md3'\naddress = {address}\nfast_boot = true\n{set}");
+        write!(text, "[[drive]]\nname = 'd{address}'\n{drive}\n").unwrap();
+    }
+    let drives: Vec<String> = (1..=247).map(|address| format!("'d{address}'")).collect();
+    write!(text, "[[bus]]\nname = 'line'\ndrives = [{}]\n", drives.join(", ")).unwrap();
+    std::fs::write(&file, text).unwrap();
+    let bench = Running::bench(&file, &[]);
+    let mut connection = bench.connect();
+    for address in 1..=247 {
+        let reply = ask(&mut connection, &rtu::read(address, USER_REGISTER, 1), 7);
+        let [high, low] = (1_000 + u16::from(address)).to_be_bytes();
+        assert_eq!(reply, *rtu::frame(address, &[3, 2, high, low]));
+    }
+    assert_eq!(bench.stop(), Some(0));
+}
