@@ -26,7 +26,7 @@ use rustix::event::epoll::EventFlags;
 use rustix::fs::inotify;
 use standin_firmware::device::Instant;
 use standin_sim::bench::{Bench, Bus, Client};
-use tracing::error;
+use tracing::{error, warn};
 
 pub(crate) use link::check_link;
 pub(crate) use pty::PtyError;
@@ -106,6 +106,8 @@ struct Round {
 pub(crate) struct Ports {
     watch: Watch,
     listeners: BTreeMap<u64, tcp::Listener>,
+    /// Those that let nobody in for want of room.
+    closed: BTreeSet<u64>,
     places: BTreeMap<u64, Place>,
     /// The place of each client.
     clients: BTreeMap<Client, u64>,
@@ -134,6 +136,7 @@ impl Ports {
         let mut ports = Self {
             watch: Watch::new()?,
             listeners: BTreeMap::new(),
+            closed: BTreeSet::new(),
             places: BTreeMap::new(),
             clients: BTreeMap::new(),
             going: BTreeSet::new(),
@@ -364,11 +367,33 @@ impl Ports {
     }
 
     /// Lets in who knocks at a TCP port.
-    fn accept(&mut self, bench: &mut Bench, listener: u64) {
-        while let Some(connection) = self.listeners.get(&listener).and_then(|listener| listener.accept(bench))
-        {
-            let number = self.place(Box::new(connection));
-            self.note(bench, number);
+    fn accept(&mut self, bench: &mut Bench, number: u64) {
+        while let Some(listener) = self.listeners.get(&number) {
+            match listener.accept(bench) {
+                Ok(Some(connection)) => {
+                    let number = self.place(Box::new(connection));
+                    self.note(bench, number);
+                }
+                Ok(None) => return,
+                Err(error) => {
+                    warn!("tcp:{} lets nobody in until somebody leaves: {error}", listener.address());
+                    // What is not let in knocks without end.
+                    let _ = self.watch.remove(listener.socket());
+                    self.closed.insert(number);
+                    return;
+                }
+            }
+        }
+    }
+
+    /// Somebody has left, so there is room again.
+    fn open_again(&mut self) {
+        for number in std::mem::take(&mut self.closed) {
+            if let Some(listener) = self.listeners.get(&number)
+                && let Err(error) = self.watch.add(number, listener.socket(), EventFlags::IN)
+            {
+                error!("tcp:{} lets nobody in any more: {error}", listener.address());
+            }
         }
     }
 
@@ -386,6 +411,8 @@ impl Ports {
         self.ending.remove(&(place.ends, number));
         self.going.remove(&number);
         self.look_every(number, place.pause, None);
+        drop(place);
+        self.open_again();
     }
 
     /// Tells each pty who opened or left it.

@@ -9,7 +9,7 @@ use rustix::event::epoll::EventFlags;
 use rustix::net::{AddressFamily, SocketFlags, SocketType, sockopt};
 use standin_firmware::device::{Duration, Instant};
 use standin_sim::bench::{Bench, Bus, Client};
-use tracing::{debug, info, warn};
+use tracing::{info, warn};
 
 use super::{Came, End, READ_BYTES, UNREAD_BYTES, interest, may_read, over, read_some, write_some};
 
@@ -100,15 +100,17 @@ impl Listener {
     }
 
     /// The next one who knocks and can be served.
-    pub(super) fn accept(&self, bench: &mut Bench) -> Option<Connection> {
+    ///
+    /// # Errors
+    /// The system has no room for one more.
+    pub(super) fn accept(&self, bench: &mut Bench) -> io::Result<Option<Connection>> {
         loop {
             let (stream, peer) = match self.socket.accept() {
                 Ok(accepted) => accepted,
-                Err(error) if error.kind() == io::ErrorKind::WouldBlock => return None,
-                Err(error) => {
-                    debug!("somebody cannot come to tcp:{}: {error}", self.address);
-                    return None;
-                }
+                Err(error) if error.kind() == io::ErrorKind::WouldBlock => return Ok(None),
+                // Who has left again before he was let in.
+                Err(error) if error.kind() == io::ErrorKind::ConnectionAborted => continue,
+                Err(error) => return Err(error),
             };
             if Rc::strong_count(&self.address) > MAX_CLIENTS {
                 warn!("{peer} is turned away from tcp:{}: {MAX_CLIENTS} are there", self.address);
@@ -119,14 +121,14 @@ impl Listener {
                 continue;
             }
             info!("{peer} comes to tcp:{}", self.address);
-            return Some(Connection {
+            return Ok(Some(Connection {
                 stream,
                 peer,
                 address: Rc::clone(&self.address),
                 client: bench.connect(self.bus),
                 unread: Vec::new(),
                 ends: Instant::NEVER,
-            });
+            }));
         }
     }
 }
@@ -164,6 +166,9 @@ impl End for Connection {
             let mut buffer = [0; READ_BYTES];
             match read_some(&self.stream, &mut buffer) {
                 Came::Bytes(count) => {
+                    // Else a client without `TCP_NODELAY` is kept from its next request for up to 40 ms
+                    // where the drive does not answer this one. It holds until the next read.
+                    let _ = sockopt::set_tcp_quickack(&self.stream, true);
                     bench.send(self.client, &buffer[..count]);
                     over(bench, manual);
                 }
