@@ -18,8 +18,8 @@ fn main() {
     let (no_edges, _) = run(0);
     line("10 min, no sensor", &format!("{no_edges:.3} s"));
     let (seconds, count) = run(1_000);
-    let ns = seconds * 1e9 / 40e6;
-    line("10 min, 1,000 rpm", &format!("{seconds:.2} s, {ns:.0} ns an edge; the QSB has counted {count}"));
+    let ns = seconds * 1e9 / f64::from(count);
+    line("10 min, 1,000 rpm", &format!("{seconds:.2} s, {ns:.0} ns an edge of {count}"));
 }
 
 /// Ten minutes at 1,000 rpm with an encoder of so many cycles: seconds of wall time, and what a QSB counted.
@@ -37,9 +37,9 @@ fn run(cycles: u32) -> (f64, u32) {
     if cycles > 0 {
         let to = ["A", "B", "I"].map(|name| Some(pin(&bench, qsb, name)));
         bench.encode(motor, cycles, to);
-        for (name, rev) in [("J2.3", 1_000.0), ("J2.4", 5_000.0)] {
+        for (name, rev) in [("DIO0", 1_000.0), ("DIO1", 5_000.0)] {
             let closed = Closed { above_rev: Some(rev), below_rev: Some(rev + 0.5) };
-            bench.switch(motor, closed, pin(&bench, md3, name));
+            bench.switch(motor, closed, pin(&bench, qsb, name));
         }
     }
     let client = bench.connect(bench.bus(qsb, Port(0)).expect("a serial port"));

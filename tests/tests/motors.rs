@@ -169,7 +169,7 @@ fn an_md3_homes_onto_a_switch() {
     assert_replays(&bed.bench);
 }
 
-/// Seconds at which something is done to an RS drive, and what: registers written, the shaft held.
+/// What is done to an RS drive.
 enum Act {
     Write(u16, u16),
     Coil(u16),
@@ -177,6 +177,7 @@ enum Act {
     Hold(bool),
 }
 
+/// At which millisecond what is done.
 const SCRIPT: [(u64, Act); 14] = [
     (600, Act::Write(at::SPEED, 200)),
     (620, Act::Coil(at::START)),
@@ -194,8 +195,12 @@ const SCRIPT: [(u64, Act); 14] = [
     (3_000, Act::Read(at::CURRENT_VALID, 4)),
 ];
 
-/// An RS drive that goes through the script: what it answered, and the edges of its Hall sensors.
-fn rs_drive(apart: bool) -> (Bench, Vec<Vec<u8>>, Vec<(u64, Pin, bool)>) {
+/// A tick, a pin, and whether it goes high.
+type Edge = (u64, Pin, bool);
+
+/// An RS drive that goes through the script: what it answered and what its motor did, and the edges of its Hall
+/// sensors.
+fn rs_drive(apart: bool) -> (Bench, Vec<Vec<u8>>, Vec<Edge>) {
     let mut bench = Bench::with(Settings { trace: TraceKeep::All, ..Settings::default() });
     let setup = Setup { apart, ..Setup::default() };
     let drive = bench.seat("d", Box::new(rs434544()), setup).unwrap();

@@ -69,6 +69,8 @@ pub(super) struct Fitted {
     name: String,
     drive: (Seat, Axis),
     machine: Machine,
+    /// How it turns at present.
+    pace: Pace,
     /// Where the shaft began.
     began: i64,
     /// What its drive was told last to step in.
@@ -157,14 +159,17 @@ impl Sink for Felt {
     }
 }
 
+/// Wires, and what is on them.
+type Shows = [Option<(u32, Level)>; 3];
+
 /// What looks at a shaft. It is at one of many places, in the order of angles.
 struct Sensor {
     /// Where its first wire goes: the order of a motor's sensors.
     key: (String, Pin),
     sees: Sees,
     place: i64,
-    /// Whether that has been shown.
-    shown: bool,
+    /// What its wires show of that.
+    shows: Option<Shows>,
     /// When the shaft comes to another place next, and which.
     next: Instant,
     to: i64,
@@ -226,7 +231,7 @@ impl Sees {
     }
 
     /// Its wires, and what is on them at a place.
-    fn shows(&self, place: i64) -> [Option<(u32, Level)>; 3] {
+    fn shows(&self, place: i64) -> Shows {
         match *self {
             Self::Encoder { counts, wires: [a, b, index] } => {
                 let shows = |wire: Option<u32>, high: bool| wire.map(|wire| (wire, level_of(high)));
@@ -247,7 +252,7 @@ impl Sees {
 impl Sensor {
     /// Foresees what comes next, from `from` on, at a shaft that turns like that.
     fn foresee(&mut self, rotor: &dyn Rotor, pace: &Pace, began: i64, from: Instant) {
-        if !self.shown {
+        if self.shows.is_none() {
             (self.next, self.to) = (from, self.sees.place(rotor.angle_at(from).wrapping_sub(began)));
             return;
         }
@@ -364,6 +369,7 @@ impl Bench {
             name: name.to_owned(),
             drive: (drive, axis),
             began: 0,
+            pace: machine.rotor().pace(),
             machine,
             microsteps: 1,
             inbox: VecDeque::new(),
@@ -375,7 +381,7 @@ impl Bench {
         let now = self.now;
         let rotor = motor.machine.rotor_mut();
         rotor.power_on(now, Boot::default(), &mut motor.felt);
-        motor.began = rotor.angle_at(now);
+        (motor.began, motor.pace) = (rotor.angle_at(now), rotor.pace());
         let arrives = now + Duration::TICK;
         let mut told = self.at_mut(drive).turns(axis, place);
         // Before the plan that is made of them.
@@ -427,10 +433,9 @@ impl Bench {
     /// What it shows so far is on its way like all that it will show.
     fn put_sensor(&mut self, motor: Motor, to: (Seat, Pin), sees: Sees) {
         let (now, key) = (self.now, (self.name(to.0).to_owned(), to.1));
-        let Fitted { machine, sensors, began, .. } = &mut self.motors[motor.0 as usize];
-        let rotor = machine.rotor();
-        let mut sensor = Sensor { key, sees, place: 0, shown: false, next: now, to: 0 };
-        sensor.foresee(rotor, &rotor.pace(), *began, now);
+        let Fitted { machine, pace, sensors, began, .. } = &mut self.motors[motor.0 as usize];
+        let mut sensor = Sensor { key, sees, place: 0, shows: None, next: now, to: 0 };
+        sensor.foresee(machine.rotor(), pace, *began, now);
         let place = sensors.partition_point(|other| other.key <= sensor.key);
         sensors.insert(place, sensor);
         self.foresee_motor(motor.0 as usize);
@@ -456,13 +461,13 @@ impl Bench {
     /// What a motor's shaft does now.
     #[must_use]
     pub fn turn(&self, motor: Motor) -> Turn {
-        let Fitted { machine, began, .. } = &self.motors[motor.0 as usize];
+        let Fitted { machine, pace: Pace { since, h, a, turn, .. }, began, .. } =
+            &self.motors[motor.0 as usize];
         let rotor = machine.rotor();
-        let Pace { since, h, a, turn, .. } = rotor.pace();
-        let speed = 2.0 * (h as f64 + a as f64 * self.now.since(since).ticks() as f64);
+        let speed = 2.0 * (*h as f64 + *a as f64 * self.now.since(*since).ticks() as f64);
         Turn {
             revolutions: rotor.angle_at(self.now).wrapping_sub(*began) as f64 / TURN,
-            rpm: speed / turn as f64 * (60 * TICKS_PER_SECOND) as f64,
+            rpm: speed / *turn as f64 * (60 * TICKS_PER_SECOND) as f64,
             stalled: rotor.stalled(),
             ma: rotor.draws_ma(),
         }
@@ -550,19 +555,23 @@ impl Bench {
         };
         let now = self.now;
         self.see(motor);
-        let Fitted { machine, inbox, felt, sensors, began, .. } = &mut self.motors[motor];
-        let before = machine.rotor().pace();
-        while let Some((_, told)) = inbox.pop_front_if(|(at, _)| *at <= now) {
+        let Fitted { machine, pace, inbox, felt, sensors, began, .. } = &mut self.motors[motor];
+        let mut looks = false;
+        while inbox.front().is_some_and(|(at, _)| *at <= now)
+            && let Some((_, told)) = inbox.pop_front()
+        {
             machine.hear(now, &told, felt);
+            looks = true;
         }
         if class == Class::Deadline {
             machine.rotor_mut().timeout(now, felt);
+            looks = true;
         }
         let rotor = machine.rotor();
-        let pace = rotor.pace();
-        if pace != before {
+        if looks && rotor.pace() != *pace {
+            *pace = rotor.pace();
             for sensor in sensors {
-                sensor.foresee(rotor, &pace, *began, now);
+                sensor.foresee(rotor, pace, *began, now);
             }
         }
         self.carry_felt(motor);
@@ -572,16 +581,15 @@ impl Bench {
     /// What a motor's sensors have seen by a tick ago arrives.
     fn see(&mut self, motor: usize) {
         for n in 0.. {
-            let Fitted { machine, sensors, began, .. } = &mut self.motors[motor];
+            let Fitted { machine, pace, sensors, began, .. } = &mut self.motors[motor];
             let Some(sensor) = sensors.get_mut(n) else { break };
             if sensor.next >= self.now {
                 continue;
             }
-            let before = if sensor.shown { sensor.sees.shows(sensor.place) } else { [None; 3] };
             let after = sensor.sees.shows(sensor.to);
-            (sensor.place, sensor.shown) = (sensor.to, true);
-            let rotor = machine.rotor();
-            sensor.foresee(rotor, &rotor.pace(), *began, self.now);
+            let before = sensor.shows.replace(after).unwrap_or_default();
+            sensor.place = sensor.to;
+            sensor.foresee(machine.rotor(), pace, *began, self.now);
             for (before, after) in before.into_iter().zip(after) {
                 if let Some((wire, level)) = after.filter(|_| after != before) {
                     self.wired(wire, level);

@@ -71,7 +71,6 @@ pub(crate) enum Moved {
 
 /// What a motor hears of its drive, and what else is done to it.
 #[derive(Clone, Debug)]
-#[expect(clippy::large_enum_variant, reason = "most of what a motor hears is plans")]
 pub(crate) enum Told {
     Plan(Plan),
     /// From the next plan on, and for what is left of the present one.

@@ -28,7 +28,7 @@ standin trace 1
 seed 5
 drive a toy
 memory a 0x0000 FF FF FF FF FF FF FF FF 00 FF
-drive b md3 fast from 0.250000
+drive b md3 fast apart from 0.250000
 compare tx motion
 1.000000 a > rx \"r#\\r\\n\\\"\\\\\"
 1.000000 a > rx 80 FF
@@ -41,6 +41,7 @@ compare tx motion
 2.000000 a > millivolts LEVEL -2500
 2.000000 b > count 0 -4 high low
 2.000000 b > slipped motor 1
+2.000000 b > draws motor -130
 2.000000 b > fault over_temperature off
 2.000000 b > poke Speed -8000
 2.000000 b > power cut
@@ -93,7 +94,7 @@ fn what_is_not_known_is_an_error_in_its_line() {
     for (lines, error) in [
         (
             "1 > tx 01",
-            "line 3: \"tx\" cannot be fed: rx, spoiled, idle, attached, message, closed, pin, millivolts, count, slipped, fault, poke, power",
+            "line 3: \"tx\" cannot be fed: rx, spoiled, idle, attached, message, closed, pin, millivolts, count, slipped, draws, fault, poke, power",
         ),
         (
             "1 < rx 01",
@@ -135,7 +136,7 @@ fn what_is_not_known_is_an_error_in_its_line() {
         ("drive u md4", "line 3: there is no kind \"md4\""),
         ("drive t toy", "line 3: there are two drives called t"),
         ("drive 1 toy", "line 3: \"1\" is no name for a drive"),
-        ("drive u toy slow", "line 3: \"slow\" is not known here: \"fast\" or \"from\""),
+        ("drive u toy slow", "line 3: \"slow\" is not known here: \"fast\", \"apart\" or \"from\""),
         ("drive u toy\n1 > idle", "line 4: \">\" is none of the drives"),
         ("memory t 0x0009 01 02", "line 3: the memory of t has 10 bytes"),
         ("memory u 0x0000 01", "line 3: there is no drive \"u\" above this line"),

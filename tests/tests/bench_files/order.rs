@@ -24,7 +24,7 @@ const TABLES: [(&str, &[&str]); 18] = [
     ("[[encoder]]", &["motor = 'm'", "cycles_per_rev = 70", "to = { index = 'd.IN2', a = 'c.A' }"]),
     ("[[switch]]", &["motor = 'm'", "closed = { above_rev = 0.5, below_rev = 0.6 }", "to = 'b.J2.2'"]),
     ("[[switch]]", &["motor = 'n'", "closed = { above_rev = 1 }", "to = 'b.J2.3'"]),
-    ("[[fault]]", &["bus = 'line1'", "corrupt = 0.3", "drop = 0.2"]),
+    ("[[fault]]", &["bus = 'line1'", "corrupt = 0.1", "drop = 0.1"]),
     ("[[fault]]", &["bus = 'd.rs485'", "delay_ms = 2", "duplicate = 0.5"]),
 ];
 

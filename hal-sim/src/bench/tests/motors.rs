@@ -64,7 +64,10 @@ fn perform(acts: &[(u64, Act)], seats: &[usize], motors: &[usize], chunk: Option
             bench.run_until(bench.now() + Duration::from_ticks(chunk));
         }
         bench.run_until(at);
-        let mut poke = |n: usize, reg: Reg, value| drop(bench.poke(drives[n], reg as usize, value));
+        // Without power a drive refuses it.
+        let mut poke = |n: usize, reg: Reg, value| {
+            let _ = bench.poke(drives[n], reg as usize, value);
+        };
         match act {
             Act::Move(n, steps) => {
                 poke(n, Reg::MoveSteps, steps);
