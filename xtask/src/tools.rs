@@ -32,7 +32,8 @@ pub(crate) enum Tool {
     Tshark,
     /// Counts instructions for `cargo bench`.
     Valgrind,
-    /// Python with `venv`, and in it the masters of `tests/foreign/requirements.txt`.
+    /// Python with `venv`, and in it what `tests/foreign/requirements.txt` names: masters, and what tries the
+    /// control API.
     Python,
     /// Node and npm, and in `tests/pico/node_modules` the emulator that its lock file names.
     Node,
@@ -102,7 +103,7 @@ impl Tool {
             Self::Mbpoll => "mbpoll",
             Self::Tshark => "tshark",
             Self::Valgrind => "valgrind",
-            Self::Python => "a Python environment with pymodbus, minimalmodbus and pyserial",
+            Self::Python => "a Python environment for foreign masters and the control API",
             Self::Node => "Node 20 with the emulator of the Pico",
         }
     }

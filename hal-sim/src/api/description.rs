@@ -81,12 +81,18 @@ fn refuse(operation: &mut Operation, status: &str, when: &str) {
 
 #[cfg(test)]
 mod tests {
-    use serde_json::Value;
+    use serde_json::{Value, json};
+    use standin_firmware::device::Duration;
+    use standin_sim::faults::{BAUDS, LONGEST_DELAY, LineFaults};
+
+    fn document() -> Value {
+        let (_, document) = super::super::calls().split_for_parts();
+        serde_json::to_value(super::complete(document)).unwrap()
+    }
 
     /// The calls of the document, each with its path and method.
     fn calls() -> Vec<(String, Value)> {
-        let (_, document) = super::super::calls().split_for_parts();
-        let document = serde_json::to_value(super::complete(document)).unwrap();
+        let document = document();
         let paths = document["paths"].as_object().unwrap();
         let calls = paths.iter().flat_map(|(path, item)| {
             let methods = item.as_object().unwrap().iter();
@@ -137,5 +143,23 @@ mod tests {
                 );
             }
         }
+    }
+    /// They are typed a second time in the schema, which takes no constants.
+    #[test]
+    fn faults_have_the_ranges_of_the_line() {
+        let document = document();
+        let faults = document["components"]["schemas"]["Faults"]["properties"].as_object().unwrap();
+        for (name, schema) in faults {
+            let (least, most) = match name.as_str() {
+                "mute" => continue,
+                "delay_ms" => (0, LONGEST_DELAY / Duration::millis(1)),
+                "baud" => (u64::from(*BAUDS.start()), u64::from(*BAUDS.end())),
+                "exception_code" => (1, u64::from(u8::MAX)),
+                _ => (0, 1),
+            };
+            assert_eq!((&schema["minimum"], &schema["maximum"]), (&json!(least), &json!(most)), "{name}");
+        }
+        let outside = |exception_code| LineFaults { exception_code, ..LineFaults::default() }.check();
+        assert!(outside(0).is_err() && outside(1).is_ok());
     }
 }

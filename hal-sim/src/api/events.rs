@@ -76,9 +76,10 @@ pub(super) async fn events(
     let place = place.map_err(|_| nobody_more("follow the bench"))?;
     // Before the first look: what comes after it is told.
     let grown = api.door.watch();
-    let (outline, mark) = api.look(|bench| (bench.trace().outline(), bench.trace().mark())).await?;
+    let outline = api.look(|bench| bench.trace().outline()).await?;
     let drive = whose.drive.map(|name| place_of(&outline, &name)).transpose()?;
     let last = headers.get("last-event-id").and_then(|id| id.to_str().ok()?.parse().ok());
+    let mark = outline.mark();
     let mark = last.map_or(mark, |last: u64| last.min(mark));
     let reader = Reader { api, grown, outline, drive, mark, ready: VecDeque::new(), _place: place };
     Ok(Sse::new(stream::unfold(reader, |mut reader| async {
@@ -112,6 +113,15 @@ struct Reader {
 impl Reader {
     /// The next event, or a comment after a long silence; `None` when the bench is gone.
     async fn next(&mut self) -> Option<Event> {
+        match timeout(KEEP_ALIVE, self.wait()).await {
+            Ok(event) => event,
+            // What is under way is looked at again.
+            Err(_) => Some(Event::default().comment("")),
+        }
+    }
+
+    /// The next event, whatever happens to others meanwhile; `None` when the bench is gone.
+    async fn wait(&mut self) -> Option<Event> {
         loop {
             if let Some(event) = self.ready.pop_front() {
                 return Some(event);
@@ -119,12 +129,8 @@ impl Reader {
             let (mark, drive) = (self.mark, self.drive);
             let piece = self.api.look(move |bench| Piece::of(bench.trace(), mark, drive)).await.ok()?;
             self.take(piece);
-            if self.mark > mark {
-                continue;
-            }
-            match timeout(KEEP_ALIVE, self.grown.changed()).await {
-                Ok(grown) => grown.ok()?,
-                Err(_) => return Some(Event::default().comment("")),
+            if self.mark == mark {
+                self.grown.changed().await.ok()?;
             }
         }
     }

@@ -13,7 +13,7 @@ use axum::response::{IntoResponse, Response};
 use futures_util::stream;
 use serde::Deserialize;
 use standin_sim::bench::Bench;
-use standin_sim::trace::Trace;
+use standin_sim::trace::{Trace, TraceKeep};
 use standin_sim::{pcapng, vcd};
 use tokio::runtime::Handle;
 use tokio::sync::mpsc;
@@ -25,6 +25,10 @@ use super::{Api, nobody_more};
 
 /// Events that are copied at once.
 const PIECE: usize = 4_096;
+
+/// How much of the trace is copied, in bytes: all that the ring holds, and of a trace that keeps everything the
+/// end, since there is no bound to it.
+const RECENT: usize = TraceKeep::RING;
 
 /// Bytes that are sent at once, and how many such pieces may wait for the reader.
 const CHUNK: usize = 64 << 10;
@@ -57,7 +61,7 @@ pub(super) enum Format {
 /// What writes a trace.
 type Written = Box<dyn FnOnce(&mut dyn Write) -> io::Result<()> + Send>;
 
-/// What happened, as far back as the ring reaches.
+/// What happened, as far back as the ring reaches: the last 64 MiB.
 #[utoipa::path(get, path = "/api/trace",
     params(("format" = Option<Format>, Query, description = "`trace` if not given")),
     responses((status = 200, description = "To be replayed, or for a viewer of waveforms or of frames.", content(
@@ -93,9 +97,8 @@ pub(super) async fn trace(State(api): State<Api>, Asked(wanted): Asked<Wanted>) 
 
 /// A copy of the trace as it is now.
 async fn events(api: &Api) -> Result<Trace, Problem> {
-    let begin = |bench: &Bench| (bench.trace().outline(), bench.trace().mark());
-    let copied = copied(api, begin, |(copy, mark), bench| copy.copy_on(bench.trace(), *mark, PIECE));
-    copied.await.map(|(copy, _)| copy)
+    let begin = |bench: &Bench| bench.trace().outline();
+    copied(api, begin, |copy, bench| copy.copy_back(bench.trace(), RECENT, PIECE)).await
 }
 
 /// A copy of something as it is now: begun at one look, and gone on with at others while there is more.

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize, Serializer};
 use standin_firmware::device::{Axis, Duration, Instant, Level, Pin, Port, Role};
 use standin_protocol::time::TICKS_PER_SECOND;
 use standin_sim::bench::{self, PowerAction, Seat};
-use standin_sim::faults::LineFaults;
+use standin_sim::faults::{LONGEST_DELAY, LineFaults};
 use utoipa::ToSchema;
 
 use crate::realtime::Host;
@@ -70,7 +70,7 @@ pub(super) struct Faults {
     /// Frames whose end is missing.
     #[schema(minimum = 0, maximum = 1)]
     truncate: f64,
-    /// Replies that bear another drive's address.
+    /// Replies that bear the address of no drive of the line.
     #[schema(minimum = 0, maximum = 1)]
     wrong_address: f64,
     /// Requests that are refused with `exception_code`.
@@ -381,8 +381,9 @@ impl TryFrom<Faults> for LineFaults {
     fn try_from(faults: Faults) -> Result<Self, String> {
         let Faults { drop, corrupt, duplicate, truncate, wrong_address, .. } = faults;
         let Faults { exception, exception_code, noise, delay_ms, mute, baud, .. } = faults;
-        if !(0.0..=60_000.0).contains(&delay_ms) {
-            return Err("delay_ms is 0 to 60000".to_owned());
+        let longest = seconds(Instant::ZERO + LONGEST_DELAY) * 1_000.0;
+        if !(0.0..=longest).contains(&delay_ms) {
+            return Err(format!("delay_ms is 0 to {longest}"));
         }
         let delay = Duration::from_ticks((delay_ms / 1_000.0 * TICKS_PER_SECOND as f64).round() as u64);
         let faults = Self {

@@ -9,29 +9,27 @@ impl Trace {
         self.events.range(skip.min(self.events.len())..)
     }
 
-    /// A copy without the events, which [`copy_on`](Self::copy_on) brings.
+    /// A copy without the events, which [`copy_back`](Self::copy_back) brings.
     #[must_use]
     pub fn outline(&self) -> Self {
         let (seed, drives, compare) = (self.seed, self.drives.clone(), self.compare.clone());
-        Self { drives, compare, lost: self.lost, end: self.end, ..Self::new(seed, TraceKeep::All) }
+        Self { drives, compare, lost: self.mark(), end: self.end, ..Self::new(seed, TraceKeep::All) }
     }
 
-    /// Brings at most `most` more events of what this is an [outline](Self::outline) of, none beyond
-    /// `mark`; whether there are more. What the ring has dropped meanwhile is lost here, too, with all
-    /// before it.
-    pub fn copy_on(&mut self, original: &Self, mark: u64, most: usize) -> bool {
-        if original.lost > self.mark() {
-            self.events.clear();
-            self.bytes = 0;
-            self.lost = original.lost.min(mark);
-        }
-        let missing = usize::try_from(mark - self.mark()).unwrap_or(usize::MAX);
-        self.events.reserve(missing);
-        for entry in original.since(self.mark()).take(missing.min(most)) {
+    /// Brings at most `most` more events of what this is an [outline](Self::outline) of, the newest first, until
+    /// they hold on to `room` bytes; whether there are more. What the ring drops meanwhile is lost here, too.
+    pub fn copy_back(&mut self, original: &Self, room: usize, most: usize) -> bool {
+        let missing = usize::try_from(self.lost.saturating_sub(original.lost)).unwrap_or(usize::MAX);
+        self.events.reserve(missing.min(room.saturating_sub(self.bytes) / size_of::<Entry>()));
+        for entry in original.events.range(..missing).rev().take(most) {
+            if self.bytes + entry.size() > room {
+                return false;
+            }
             self.bytes += entry.size();
-            self.events.push_back(entry.clone());
+            self.events.push_front(entry.clone());
+            self.lost -= 1;
         }
-        self.mark() < mark
+        missing > most
     }
 }
 
@@ -56,40 +54,55 @@ mod tests {
         (bench, happen)
     }
 
+    /// No bound that any of these traces comes near to.
+    const ROOM: usize = 1 << 20;
+
     #[test]
-    fn in_pieces_it_is_what_it_was_at_the_mark() {
+    fn in_pieces_it_is_what_it_was_at_the_beginning() {
         let (mut bench, happen) = bench(TraceKeep::All);
         happen(&mut bench, 20);
         let text = bench.trace().to_text();
-        let (mut copy, mark) = (bench.trace().outline(), bench.trace().mark());
+        let mut copy = bench.trace().outline();
         let mut pieces = 1;
-        while copy.copy_on(bench.trace(), mark, 3) {
+        while copy.copy_back(bench.trace(), ROOM, 3) {
             happen(&mut bench, 1);
             pieces += 1;
         }
-        assert_eq!(pieces, mark.div_ceil(3));
+        assert_eq!(pieces, copy.mark().div_ceil(3));
         assert_eq!(copy.to_text(), text);
     }
 
     #[test]
-    fn what_the_ring_drops_meanwhile_is_lost_with_all_before_it() {
+    fn what_the_ring_drops_meanwhile_is_lost() {
         let (mut bench, happen) = bench(TraceKeep::Ring(1_000));
         happen(&mut bench, 20);
-        let (mut copy, mark) = (bench.trace().outline(), bench.trace().mark());
-        assert!(copy.lost > 0 && copy.copy_on(bench.trace(), mark, 1));
-        happen(&mut bench, 2);
-        while copy.copy_on(bench.trace(), mark, 1) {}
-        assert_eq!((copy.mark(), copy.lost), (mark, bench.trace().lost));
-        assert!(copy.events().len() > 0);
-        let kept: Vec<_> = bench.trace().events().take(copy.events().len()).collect();
-        assert_eq!(copy.events().collect::<Vec<_>>(), kept);
-        happen(&mut bench, 20);
+        let mut copy = bench.trace().outline();
+        let mark = copy.mark();
+        assert!(copy.copy_back(bench.trace(), ROOM, 1));
+        happen(&mut bench, 5);
+        let kept = bench.trace().lost;
+        while copy.copy_back(bench.trace(), ROOM, 1) {}
+        assert_eq!((copy.lost, copy.mark()), (kept, mark));
+        assert!(bench.trace().events().zip(copy.events()).all(|(original, copy)| original == copy));
+
         let mut copy = copy.outline();
-        while copy.copy_on(bench.trace(), mark, 1) {}
-        assert_eq!(
-            (copy.lost, copy.events().len()),
-            (mark, 0),
-            "nothing is left of what was before the mark"
-        );
+        happen(&mut bench, 20);
+        assert!(!copy.copy_back(bench.trace(), ROOM, 1), "nothing is left of what was before the mark");
+        assert_eq!((copy.lost, copy.events().len()), (mark, 0));
+    }
+
+    #[test]
+    fn of_more_than_there_is_room_for_it_is_the_end() {
+        let (mut bench, happen) = bench(TraceKeep::All);
+        happen(&mut bench, 20);
+        let newest: Vec<_> = bench.trace().events().rev().take(5).collect();
+        let room = newest.iter().map(|entry| entry.size()).sum();
+        for room in [room, room + size_of::<Entry>() - 1] {
+            let mut copy = bench.trace().outline();
+            while copy.copy_back(bench.trace(), room, 2) {}
+            assert_eq!(copy.events().rev().collect::<Vec<_>>(), newest);
+            assert_eq!(copy.mark(), bench.trace().mark());
+            assert!(copy.to_text().contains(&format!("lost {}", copy.lost)), "{}", copy.to_text());
+        }
     }
 }

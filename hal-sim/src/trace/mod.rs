@@ -19,6 +19,9 @@
 //! `end` is how far time went. A drive has power when it is seated. Of the ports of a drive the first
 //! is meant unless the word says `rx:mcode`.
 //!
+//! Words may be added within a version of the format: who does not know one says so, in which line. A version
+//! ends when what there is comes to mean something else.
+//!
 //! | fed | |
 //! |---|---|
 //! | `rx 01 03` `rx "W15\r"` | characters, back to back; the stamp is the end of the first |
@@ -72,10 +75,15 @@ pub enum TraceKeep {
     All,
 }
 
-/// What is kept by default: 64 MiB.
+impl TraceKeep {
+    /// Bytes of the ring that is kept by default: 64 MiB.
+    pub const RING: usize = 64 << 20;
+}
+
+/// What is kept by default: [`TraceKeep::RING`].
 impl Default for TraceKeep {
     fn default() -> Self {
-        Self::Ring(64 << 20)
+        Self::Ring(Self::RING)
     }
 }
 

@@ -36,10 +36,14 @@ const SET: usize = 0x18;
 const FUNCTION: usize = 0x20;
 
 impl Port {
-    /// Its pin `n`, 0 to 15.
+    /// Its pin `n`.
+    ///
+    /// # Panics
+    /// `n` is not 0 to 15; in a constant that does not compile.
     #[must_use]
     pub const fn pin(self, n: usize) -> Gpio {
-        Gpio { port: self, n: n & 0xF, is_lit_low: false }
+        assert!(n < 16, "a port has pins 0 to 15");
+        Gpio { port: self, n, is_lit_low: false }
     }
 
     /// Its number among the ports: of port A, 0.

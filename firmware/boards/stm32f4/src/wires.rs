@@ -23,69 +23,79 @@ const LIGHT: Gpio = C.pin(13).lit_low();
 /// An MD3, by the names of its manual.
 pub const MD3: [Wire; 13] = apart(
     &[TX, RX, DE, FAST, STEP, DIR],
-    9,
     [
-        ("J2.2", A.pin(1)),
-        ("J2.3", A.pin(2)),
-        ("J2.4", A.pin(3)),
-        ("J2.5", A.pin(4)),
-        ("J2.9", A.pin(5)),
-        ("J2.10", A.pin(6)),
-        ("J2.12", A.pin(7)),
-        ("over_temperature", B.pin(12)),
-        ("over_current", B.pin(13)),
-        ("J3.7", B.pin(0)),
-        ("J3.8", B.pin(5)),
-        ("D5", B.pin(1)),
-        ("D6", LIGHT),
+        input("J2.2", A.pin(1)),
+        input("J2.3", A.pin(2)),
+        input("J2.4", A.pin(3)),
+        input("J2.5", A.pin(4)),
+        input("J2.9", A.pin(5)),
+        input("J2.10", A.pin(6)),
+        input("J2.12", A.pin(7)),
+        input("over_temperature", B.pin(12)),
+        input("over_current", B.pin(13)),
+        output("J3.7", B.pin(0)),
+        output("J3.8", B.pin(5)),
+        output("D5", B.pin(1)),
+        output("D6", LIGHT),
     ],
 );
 
 /// A QSB of any variant: what one does not have stays unused. DIO1 and DIO2 are the pins of STEP and DIR.
 pub const QSB: [Wire; 8] = apart(
     &[TX, RX, DE, FAST],
-    8,
     [
-        ("DIO1", STEP),
-        ("DIO2", DIR),
-        ("A", A.pin(1)),
-        ("B", A.pin(2)),
-        ("I", A.pin(3)),
-        ("DTR", A.pin(4)),
-        ("DIO0", A.pin(5)),
-        ("DIO3", A.pin(6)),
+        input("DIO1", STEP),
+        input("DIO2", DIR),
+        input("A", A.pin(1)),
+        input("B", A.pin(2)),
+        input("I", A.pin(3)),
+        input("DTR", A.pin(4)),
+        input("DIO0", A.pin(5)),
+        input("DIO3", A.pin(6)),
     ],
 );
 
 /// An RS 434544 or 434546, with the causes of all its faults.
 pub const RS434: [Wire; 17] = apart(
     &[TX, RX, DE, FAST, STEP, DIR],
-    13,
     [
-        ("IN1", A.pin(1)),
-        ("IN2", A.pin(2)),
-        ("HARD_STOP", A.pin(3)),
-        ("CLR_FLASH", A.pin(4)),
-        ("supply_voltage", B.pin(12)),
-        ("short_circuit", B.pin(13)),
-        ("brake_overheat", B.pin(0)),
-        ("power_overheat", B.pin(5)),
-        ("hall", A.pin(7)),
-        ("mcu_overheat", A.pin(8)),
-        ("switches", B.pin(9)),
-        ("current_limit", B.pin(10)),
-        ("stall", A.pin(15)),
-        ("HA", A.pin(5)),
-        ("HB", A.pin(6)),
-        ("RED", B.pin(1)),
-        ("GREEN", LIGHT),
+        input("IN1", A.pin(1)),
+        input("IN2", A.pin(2)),
+        input("HARD_STOP", A.pin(3)),
+        input("CLR_FLASH", A.pin(4)),
+        input("supply_voltage", B.pin(12)),
+        input("short_circuit", B.pin(13)),
+        input("brake_overheat", B.pin(0)),
+        input("power_overheat", B.pin(5)),
+        input("hall", A.pin(7)),
+        input("mcu_overheat", A.pin(8)),
+        input("switches", B.pin(9)),
+        input("current_limit", B.pin(10)),
+        input("stall", A.pin(15)),
+        output("HA", A.pin(5)),
+        output("HB", A.pin(6)),
+        output("RED", B.pin(1)),
+        output("GREEN", LIGHT),
     ],
 );
 
-/// These wires, each at a pin of its own, beside those that are `taken`; the first of them, so many `inputs`, with
-/// lines of their own at EXTI, which are numbered as the pins of a port are. Two at one pin, or two inputs at one
-/// line, do not compile.
-const fn apart<const N: usize>(taken: &[Gpio], inputs: usize, wires: [Wire; N]) -> [Wire; N] {
+/// A wire, and whether the drive hears it.
+type Row = (Wire, bool);
+
+/// One that the drive hears, also if it drives it at times.
+const fn input(name: &'static str, gpio: Gpio) -> Row {
+    ((name, gpio), true)
+}
+
+/// One that the drive only drives.
+const fn output(name: &'static str, gpio: Gpio) -> Row {
+    ((name, gpio), false)
+}
+
+/// The wires of these rows, each at a pin of its own, beside those that are `taken`; inputs with lines of their own
+/// at EXTI, which are numbered as the pins of a port are. Two at one pin, or two inputs at one line, do not compile.
+const fn apart<const N: usize>(taken: &[Gpio], rows: [Row; N]) -> [Wire; N] {
+    let mut wires = [("", TX); N];
     let (mut pins, mut lines) = (0, 0_u32);
     let mut n = 0;
     while n < taken.len() {
@@ -94,13 +104,14 @@ const fn apart<const N: usize>(taken: &[Gpio], inputs: usize, wires: [Wire; N]) 
     }
     n = 0;
     while n < N {
-        let (_, gpio) = wires[n];
+        let ((name, gpio), is_input) = rows[n];
         assert!(pins & gpio.place() == 0, "two wires at one pin");
         pins |= gpio.place();
-        if n < inputs {
+        if is_input {
             assert!(lines & 1 << gpio.n() == 0, "two inputs at one line");
             lines |= 1 << gpio.n();
         }
+        wires[n] = (name, gpio);
         n += 1;
     }
     wires
