@@ -53,14 +53,16 @@ impl Wires {
 /// The drive's outputs: those that go to the motor, and all others.
 struct OfDrive<'a> {
     wires: &'a mut Wires,
+    /// All of them go elsewhere.
+    parted: bool,
     out: &'a mut dyn Sink,
 }
 
 impl Sink for OfDrive<'_> {
     fn put(&mut self, at: Instant, output: Output<'_>) {
         match output {
-            Output::Current { axis: AXIS, ma } => self.wires.current = Some(ma),
-            Output::Duty { axis: AXIS, duty } => self.wires.duty = Some(duty),
+            Output::Current { axis: AXIS, ma } if !self.parted => self.wires.current = Some(ma),
+            Output::Duty { axis: AXIS, duty } if !self.parted => self.wires.duty = Some(duty),
             _ => return self.out.put(at, output),
         }
         self.wires.arrives = at + Duration::TICK;
@@ -147,11 +149,11 @@ impl<D: Turns> Rig<D> {
         out: &mut dyn Sink,
         does: impl FnOnce(&mut D, &mut dyn Sink) -> T,
     ) -> T {
-        if self.parted {
-            return does(&mut self.drive, out);
-        }
-        let done = does(&mut self.drive, &mut OfDrive { wires: &mut self.wires, out });
-        if let Some(parameters) = self.drive.new_motor() {
+        let parted = self.parted;
+        let done = does(&mut self.drive, &mut OfDrive { wires: &mut self.wires, parted, out });
+        if let Some(parameters) = self.drive.new_motor()
+            && !parted
+        {
             self.become_another(at, parameters, out);
         }
         done
@@ -180,28 +182,29 @@ impl<D: Turns> Device for Rig<D> {
     fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Sink) {
         self.arrive(at, out);
         match input {
-            Input::Fault { fault, .. } if self.parted && D::STALL == Some(fault) => {}
-            _ if self.parted => self.with_drive(at, out, |drive, out| drive.input(at, input, out)),
+            // That of a motor elsewhere is held there.
+            Input::Fault { fault, .. } if D::STALL == Some(fault) && self.parted => {}
             Input::Fault { fault, on } if D::STALL == Some(fault) => {
                 let input = Input::Fault { fault: super::STALL, on };
                 self.with_motor(out, |motor, out| motor.input(at, input, out));
             }
             // The sensors are the motor's, and so are what it is told and what it tells.
-            Input::Edge { pin, .. } if D::HALLS.contains(&pin) => {}
+            Input::Edge { pin, .. } if !self.parted && D::HALLS.contains(&pin) => {}
             Input::Current { axis: AXIS, .. }
             | Input::Duty { axis: AXIS, .. }
-            | Input::Draws { axis: AXIS, .. } => {}
+            | Input::Draws { axis: AXIS, .. }
+                if !self.parted => {}
             _ => self.with_drive(at, out, |drive, out| drive.input(at, input, out)),
         }
     }
 
     fn deadline(&self) -> Instant {
-        let motor = if self.parted { Instant::NEVER } else { self.motor.deadline() };
-        self.wires.arrives.min(self.drive.deadline()).min(motor)
+        // A motor that it has parted from stands for ever.
+        self.wires.arrives.min(self.drive.deadline()).min(self.motor.deadline())
     }
 
     fn timeout(&mut self, at: Instant, out: &mut dyn Sink) {
-        if !self.parted && (self.wires.arrives <= at || self.motor.deadline() <= at) {
+        if self.wires.arrives <= at || self.motor.deadline() <= at {
             self.turn(at, out);
         }
         self.with_drive(at, out, |drive, out| drive.timeout(at, out));
