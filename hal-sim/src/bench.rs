@@ -213,6 +213,13 @@ impl Statistics {
     }
 }
 
+/// What [`Bench::settle_until`] waits for, besides requests.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Settling {
+    /// When what was done to pins and power has arrived.
+    hands: Instant,
+}
+
 /// Drives, lines and time.
 pub struct Bench {
     settings: Settings,
@@ -458,13 +465,27 @@ impl Bench {
     /// Runs until every complete request is answered to its end, or judged, and what was done to
     /// pins and power has arrived.
     pub fn settle(&mut self) {
+        let settling = self.begin_to_settle();
+        self.settle_until(settling, Instant::NEVER);
+    }
+
+    /// Begins to [settle](Self::settle) by way of [`settle_until`](Self::settle_until).
+    pub fn begin_to_settle(&mut self) -> Settling {
         self.run_until(self.now);
         // A power cycle takes longest: power goes within a tick and comes a tick later.
-        let hands = self.now + Duration::TICK * 2;
+        Settling { hands: self.now + Duration::TICK * 2 }
+    }
+
+    /// Goes on to [settle](Self::settle), but not beyond `at`; whether that is over. In how many pieces it is done
+    /// makes no difference, as long as nothing is done to the bench in between.
+    pub fn settle_until(&mut self, settling: Settling, at: Instant) -> bool {
         loop {
             let next = self.next_event();
-            if next == Instant::NEVER || (next > hands && self.busy == 0) {
-                return;
+            if next == Instant::NEVER || (next > settling.hands && self.busy == 0) {
+                return true;
+            }
+            if next > at {
+                return false;
             }
             self.run_until(next);
         }

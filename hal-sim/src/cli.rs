@@ -110,10 +110,11 @@ pub(crate) struct Run {
     /// Keep what happens in FILE, to be replayed
     #[arg(long, value_name = "FILE.trace")]
     pub(crate) record: Option<PathBuf>,
-    /// Write waveforms of the pins to FILE while it runs (VCD, for GTKWave)
+    /// Write waveforms of the pins to FILE while it runs (VCD, for GTKWave); a pipe whose reader is slow, or a
+    /// slow disk, makes the bench wait
     #[arg(long, value_name = "FILE.vcd")]
     pub(crate) vcd: Option<PathBuf>,
-    /// Write the frames of the lines to FILE while it runs (pcapng, for Wireshark)
+    /// Write the frames of the lines to FILE while it runs (pcapng, for Wireshark); it waits as with --vcd
     #[arg(long, value_name = "FILE.pcapng")]
     pub(crate) pcap: Option<PathBuf>,
     /// One line of JSON on stdout when ready, and nothing else there

@@ -1,4 +1,7 @@
 //! `--vcd` and `--pcap`: files that follow the bench.
+//!
+//! The bench's thread writes them, so it waits for a disk, or for whoever reads a pipe, that is slow: signals and
+//! the control API, too.
 
 use std::fs::File;
 use std::io;

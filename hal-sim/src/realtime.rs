@@ -14,7 +14,7 @@ use std::time::{Duration as WallSpan, Instant as WallInstant};
 use rustix::event::EventfdFlags;
 use standin_firmware::device::{Duration, Instant};
 use standin_protocol::time::TICKS_PER_SECOND;
-use standin_sim::bench::Bench;
+use standin_sim::bench::{Bench, Settling};
 use standin_sim::pace::Pace;
 use tokio::sync::{oneshot, watch};
 use tracing::warn;
@@ -66,7 +66,10 @@ impl Clock {
 }
 
 /// A piece of work for the bench's thread.
-type Job = Box<dyn FnOnce(&mut Host) + Send>;
+type Job = Box<dyn FnOnce(&mut Host) -> Answer + Send>;
+
+/// Tells who has handed in a piece of work that it has had its whole effect.
+type Answer = Box<dyn FnOnce() + Send>;
 
 /// A look at the bench, which changes nothing.
 type Look = Box<dyn FnOnce(&Bench) + Send>;
@@ -103,14 +106,18 @@ pub(crate) fn door() -> io::Result<(Door, Inbox)> {
 }
 
 impl Door {
-    /// Hands in a piece of work and wakes the thread; without effect when that has ended.
-    pub(crate) fn hand_in(&self, job: impl FnOnce(&mut Host) + Send + 'static) {
-        if self.jobs.send(Box::new(job)).is_ok() {
+    /// Hands in a piece of work and wakes the thread; without effect when that has ended. What the work returns
+    /// is called when its whole effect is there.
+    pub(crate) fn hand_in<A>(&self, job: impl FnOnce(&mut Host) -> A + Send + 'static)
+    where
+        A: FnOnce() + Send + 'static,
+    {
+        if self.jobs.send(Box::new(|host| Box::new(job(host)))).is_ok() {
             ring(&self.bell);
         }
     }
 
-    /// Hands in a look at the bench. It is let in between two jobs, and also while the clock is advanced.
+    /// Hands in a look at the bench. It is let in between two jobs, and also while one of them has its effect.
     pub(crate) fn look(&self, look: impl FnOnce(&Bench) + Send + 'static) {
         if self.looks.send(Box::new(look)).is_ok() {
             ring(&self.bell);
@@ -127,7 +134,7 @@ impl Door {
 struct Advance {
     until: Instant,
     /// Who waits for it; gone if nobody does any more.
-    done: oneshot::Sender<Instant>,
+    done: oneshot::Sender<()>,
 }
 
 /// The bench, its ports, and its clock.
@@ -140,13 +147,27 @@ pub(crate) struct Host {
     clock: Option<Clock>,
     warned: bool,
     advance: Option<Advance>,
+    /// In manual time, what was done last, until it has had its whole effect.
+    settling: Option<Settling>,
+    /// Who waits for that, if it was no port.
+    answer: Option<Answer>,
     inbox: Inbox,
 }
 
 impl Host {
     /// `bench` with `ports`, paced by `pace` from now on, and followed by `files`.
     pub(crate) fn new(bench: Bench, ports: Ports, pace: Pace, files: Vec<Followed>, inbox: Inbox) -> Self {
-        let mut host = Self { bench, ports, files, clock: None, warned: false, advance: None, inbox };
+        let mut host = Self {
+            bench,
+            ports,
+            files,
+            clock: None,
+            warned: false,
+            advance: None,
+            settling: None,
+            answer: None,
+            inbox,
+        };
         host.set_pace(pace);
         host
     }
@@ -168,15 +189,20 @@ impl Host {
     }
 
     /// Runs the bench for `span`; `done` is told when it is there. A caller that is gone stops it.
-    pub(crate) fn advance(&mut self, span: Duration, done: oneshot::Sender<Instant>) {
+    pub(crate) fn advance(&mut self, span: Duration, done: oneshot::Sender<()>) {
         self.advance = Some(Advance { until: self.bench.now() + span, done });
     }
 
-    /// In manual time, what was just done, or is due now, has its whole effect now.
+    /// In manual time, what was just done, or is due now, has its whole effect before anything else is done.
     pub(crate) fn settle(&mut self) {
         if self.clock.is_none() {
-            self.bench.settle();
+            self.settling = Some(self.bench.begin_to_settle());
         }
+    }
+
+    /// Whether something is still on its way to its end, and all else waits.
+    fn is_busy(&self) -> bool {
+        self.advance.is_some() || self.settling.is_some()
     }
 
     /// Serves until something can be read from `stop`, or the ports are of no use any more.
@@ -193,9 +219,11 @@ impl Host {
             if self.ports.is_ready(stop) {
                 break;
             }
+            // After a long request it is the others' turn.
+            let others = self.settling.is_some() && self.answer.is_none();
             self.catch_up();
-            if self.advance.is_none() {
-                self.ports.take(&mut self.bench, self.clock.is_none());
+            if !others {
+                self.take();
             }
             if self.ports.is_ready(bell) {
                 self.work();
@@ -207,13 +235,9 @@ impl Host {
         Ok(())
     }
 
-    /// Ends the files where the bench has come to.
-    ///
-    /// # Errors
-    /// One sentence: which file is not complete, and why; of the first such one.
-    pub(crate) fn end_files(&mut self) -> Result<(), String> {
-        let ended = self.files.drain(..).map(|file| file.finish(&self.bench));
-        ended.fold(Ok(()), Result::and)
+    /// Ends the files where the bench has come to; of each one that is not complete a sentence that says why.
+    pub(crate) fn end_files(&mut self) -> Vec<String> {
+        self.files.drain(..).filter_map(|file| file.finish(&self.bench).err()).collect()
     }
 
     /// When something is to be done with the bench.
@@ -233,9 +257,17 @@ impl Host {
         }
     }
 
+    /// Takes what has come to the ports.
+    fn take(&mut self) {
+        while !self.is_busy() && self.ports.take(&mut self.bench, self.clock.is_none()) {
+            self.settle();
+            self.catch_up();
+        }
+    }
+
     /// How long the thread may sleep; `None` for as long as nothing comes.
     fn time_left(&self) -> Option<WallSpan> {
-        if self.advance.is_some() {
+        if self.is_busy() {
             return Some(WallSpan::ZERO);
         }
         let clock = self.clock.as_ref()?;
@@ -252,10 +284,19 @@ impl Host {
                 return;
             }
             self.settle();
-            let _ = advance.done.send(self.bench.now());
-            // What was handed in meanwhile waits.
-            ring(&self.inbox.bell);
-            return;
+            // Nobody may wait for it any more.
+            self.answer = Some(Box::new(|| {
+                let _ = advance.done.send(());
+            }));
+        }
+        if let Some(settling) = self.settling {
+            if !self.settle_some(settling) {
+                return;
+            }
+            self.settling = None;
+            if let Some(answer) = self.answer.take() {
+                answer();
+            }
         }
         let next = self.next();
         let Some(clock) = &mut self.clock else { return };
@@ -283,20 +324,40 @@ impl Host {
         }
     }
 
+    /// Goes on to settle, but no longer than is good for who waits; whether that is over.
+    fn settle_some(&mut self, settling: Settling) -> bool {
+        let began = wall();
+        loop {
+            let slice = self.next().max(self.bench.now()) + SLICE;
+            if self.bench.settle_until(settling, slice) {
+                return true;
+            }
+            if began.elapsed() >= BUDGET {
+                return false;
+            }
+            self.follow();
+        }
+    }
+
     /// Does what another thread handed in, to its end. One job at a time: who hands in the next one
-    /// because this one is done may rely on it that the ports are looked at in between. While the clock
-    /// is advanced others may look, and jobs wait.
+    /// because this one is done may rely on it that the ports are looked at in between. Until it has its
+    /// whole effect others may look, and jobs wait.
     fn work(&mut self) {
         let _ = rustix::io::read(&*self.inbox.bell, &mut [0; 8]);
         if let Ok(look) = self.inbox.looks.try_recv() {
             look(&self.bench);
             ring(&self.inbox.bell);
         }
-        if self.advance.is_some() {
-            return;
+        if self.is_busy() {
+            return ring(&self.inbox.bell);
         }
         if let Ok(job) = self.inbox.jobs.try_recv() {
-            job(self);
+            let answer = job(self);
+            if self.settling.is_some() {
+                self.answer = Some(answer);
+            } else {
+                answer();
+            }
             // There may be more of them.
             ring(&self.inbox.bell);
         }

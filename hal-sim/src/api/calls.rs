@@ -243,11 +243,8 @@ pub(super) async fn disturb(
 ))]
 pub(super) async fn pace(State(api): State<Api>, Body(mode): Body<Mode>) -> Result<Json<Time>, Problem> {
     let pace: Pace = mode.mode.parse().map_err(|sentence| Problem::refused(format!("mode: {sentence}")))?;
-    api.call(move |host| {
-        host.set_pace(pace);
-        Json(Time::of(host))
-    })
-    .await
+    api.call(move |host| host.set_pace(pace)).await?;
+    Ok(Json(api.call(|host| Time::of(host)).await?))
 }
 
 /// Moves the clock on in manual time; answers when the bench is there.

@@ -67,8 +67,9 @@ impl Api {
     ) -> Result<T, Problem> {
         let (done, answer) = oneshot::channel();
         self.door.hand_in(|host| {
+            let result = work(host);
             // Nobody may wait for it any more.
-            let _ = done.send(work(host));
+            || drop(done.send(result))
         });
         answer.await.map_err(|_| stopping())
     }

@@ -4,8 +4,8 @@
 //! All descriptors are non-blocking and belong to the bench's thread. [`Ports::wait`] sleeps until something
 //! comes, [`Ports::take`] takes it, [`Ports::deliver`] hands out what the drives sent. Each touches only the
 //! ends of lines where something is to be done, so those where nothing is cost nothing.
-//! Nobody is waited for: a client that does not read loses its connection (TCP) or its characters
-//! (pty), and one that sends faster than its line is read only as fast as the line.
+//! Nobody is waited for: a client that does not read for too long loses its connection (TCP) or its characters
+//! (elsewhere), and one that sends faster than its line is read only as fast as the line.
 
 mod link;
 mod pty;
@@ -13,10 +13,11 @@ mod serial;
 mod stdio;
 mod tcp;
 mod timer;
+mod unread;
 mod watch;
 
 use std::collections::btree_map::Entry;
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::io;
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 use std::path::PathBuf;
@@ -26,12 +27,13 @@ use rustix::event::epoll::EventFlags;
 use rustix::fs::inotify;
 use standin_firmware::device::Instant;
 use standin_sim::bench::{Bench, Bus, Client};
-use tracing::{error, warn};
+use tracing::error;
 
 pub(crate) use link::check_link;
 pub(crate) use pty::PtyError;
 pub(crate) use serial::Device;
 pub(crate) use tcp::{Bound, bind};
+use unread::Unread;
 use watch::Watch;
 
 /// Bytes read from a client at once.
@@ -40,8 +42,8 @@ const READ_BYTES: usize = 4096;
 /// Bytes of a client that may wait for the line before it is read no further.
 const BACKLOG_BYTES: usize = 4096;
 
-/// Bytes that may wait for a client that does not read.
-const UNREAD_BYTES: usize = 64 << 10;
+/// Time between two looks whether there is room again for those who knock.
+const CROWDED: Duration = Duration::from_secs(1);
 
 /// The end of a line where somebody from outside talks and listens, or may come to.
 trait End {
@@ -54,8 +56,9 @@ trait End {
     /// What is waited for; not even for errors if `None`.
     fn interest(&self, bench: &Bench) -> Option<EventFlags>;
 
-    /// Takes what has come. In manual time it has its whole effect now.
-    fn take(&mut self, bench: &mut Bench, ready: EventFlags, manual: bool);
+    /// Takes what has come. Whether somebody has said something. In manual time it has its whole effect before
+    /// any end is asked again.
+    fn take(&mut self, bench: &mut Bench, ready: EventFlags, manual: bool) -> bool;
 
     /// Hands out what the drives have sent by now.
     fn deliver(&mut self, bench: &mut Bench);
@@ -105,9 +108,9 @@ struct Round {
 /// All ports of a bench.
 pub(crate) struct Ports {
     watch: Watch,
+    /// What has come, and is still to be taken.
+    ready: VecDeque<(u64, EventFlags)>,
     listeners: BTreeMap<u64, tcp::Listener>,
-    /// Those that let nobody in for want of room.
-    closed: BTreeSet<u64>,
     places: BTreeMap<u64, Place>,
     /// The place of each client.
     clients: BTreeMap<Client, u64>,
@@ -135,8 +138,8 @@ impl Ports {
         let openings = inotify::init(inotify::CreateFlags::NONBLOCK | inotify::CreateFlags::CLOEXEC)?;
         let mut ports = Self {
             watch: Watch::new()?,
+            ready: VecDeque::new(),
             listeners: BTreeMap::new(),
-            closed: BTreeSet::new(),
             places: BTreeMap::new(),
             clients: BTreeMap::new(),
             going: BTreeSet::new(),
@@ -155,9 +158,11 @@ impl Ports {
     /// Reaches `bus` by a TCP port, from now on; returns its URI.
     ///
     /// # Errors
-    /// The system refuses to listen.
+    /// The system refuses to listen, or gives no timer.
     pub(crate) fn add_tcp(&mut self, bus: Bus, bound: Bound) -> io::Result<String> {
         let listener = tcp::Listener::new(bus, bound)?;
+        // Later there may be no descriptor left for its timer.
+        self.round(CROWDED)?;
         let uri = format!("tcp:{}", listener.address());
         let number = self.number();
         self.watch.add(number, listener.socket(), EventFlags::IN)?;
@@ -211,7 +216,12 @@ impl Ports {
     /// # Errors
     /// The system does not let it wait.
     pub(crate) fn wait(&mut self, timeout: Option<Duration>) -> io::Result<()> {
-        self.watch.wait(timeout)
+        self.watch.wait(timeout)?;
+        // Who is ready after those that are left over is so next time, too.
+        if self.ready.is_empty() {
+            self.ready.extend(self.watch.ready());
+        }
+        Ok(())
     }
 
     /// Whether that woke it.
@@ -229,26 +239,30 @@ impl Ports {
         self.stdio.is_some_and(|stdio| !self.places.contains_key(&stdio))
     }
 
-    /// Takes what has come. In manual time one request is over before the next one is looked at.
-    pub(crate) fn take(&mut self, bench: &mut Bench, manual: bool) {
-        let ready: Vec<_> = self.watch.ready().collect();
+    /// Takes what has come; in manual time only up to what is to have its whole effect before more is taken.
+    /// Whether there is such.
+    pub(crate) fn take(&mut self, bench: &mut Bench, manual: bool) -> bool {
         // What somebody sent who came a moment ago is his, not his predecessor's.
-        if !ready.is_empty() && !self.ptys.is_empty() {
+        if !self.ready.is_empty() && !self.ptys.is_empty() {
             self.note_openings(bench);
         }
-        for (number, flags) in ready {
+        while let Some((number, flags)) = self.ready.pop_front() {
             if let Some(place) = self.places.get_mut(&number) {
-                place.end.take(bench, flags, manual);
+                let said = place.end.take(bench, flags, manual);
                 if flags.contains(EventFlags::OUT) {
                     place.end.deliver(bench);
                 }
                 self.note(bench, number);
+                if said && manual {
+                    return true;
+                }
             } else if self.listeners.contains_key(&number) {
                 self.accept(bench, number);
             } else {
                 self.go_round(bench, number);
             }
         }
+        false
     }
 
     /// Hands out what the drives have sent by now.
@@ -334,19 +348,9 @@ impl Ports {
             }
         }
         let Some(pause) = new else { return };
-        let round = match self.rounds.entry(pause) {
-            Entry::Occupied(round) => round.into_mut(),
-            Entry::Vacant(vacant) => {
-                self.last += 1;
-                let timer = timer::new().and_then(|timer| {
-                    self.watch.add(self.last, &timer, EventFlags::IN)?;
-                    Ok(timer)
-                });
-                match timer {
-                    Ok(timer) => vacant.insert(Round { timer, number: self.last, places: BTreeSet::new() }),
-                    Err(error) => return error!("a port cannot be looked at again: {error}"),
-                }
-            }
+        let round = match self.round(pause) {
+            Ok(round) => round,
+            Err(error) => return error!("a port cannot be looked at again: {error}"),
         };
         if round.places.is_empty() {
             timer::start(&round.timer, pause);
@@ -354,7 +358,20 @@ impl Ports {
         round.places.insert(number);
     }
 
-    /// Looks at the ends of a round whose timer has told so.
+    /// Those that are looked at so long after each other.
+    fn round(&mut self, pause: Duration) -> io::Result<&mut Round> {
+        match self.rounds.entry(pause) {
+            Entry::Occupied(round) => Ok(round.into_mut()),
+            Entry::Vacant(vacant) => {
+                let timer = timer::new()?;
+                self.last += 1;
+                self.watch.add(self.last, &timer, EventFlags::IN)?;
+                Ok(vacant.insert(Round { timer, number: self.last, places: BTreeSet::new() }))
+            }
+        }
+    }
+
+    /// Looks at the ends of a round whose timer has told so, and listens again where nobody was let in.
     fn go_round(&mut self, bench: &mut Bench, timer: u64) {
         let Some(round) = self.rounds.values().find(|round| round.number == timer) else { return };
         timer::hear(&round.timer);
@@ -362,37 +379,29 @@ impl Ports {
             if let Some(place) = self.places.get_mut(&number) {
                 place.end.look(bench);
                 self.note(bench, number);
+            } else if let Some(listener) = self.listeners.get(&number) {
+                if let Err(error) = self.watch.add(number, listener.socket(), EventFlags::IN) {
+                    error!("tcp:{} lets nobody in any more: {error}", listener.address());
+                }
+                self.look_every(number, Some(CROWDED), None);
             }
         }
     }
 
     /// Lets in who knocks at a TCP port.
     fn accept(&mut self, bench: &mut Bench, number: u64) {
-        while let Some(listener) = self.listeners.get(&number) {
+        while let Some(listener) = self.listeners.get_mut(&number) {
             match listener.accept(bench) {
                 Ok(Some(connection)) => {
                     let number = self.place(Box::new(connection));
                     self.note(bench, number);
                 }
                 Ok(None) => return,
-                Err(error) => {
-                    warn!("tcp:{} lets nobody in until somebody leaves: {error}", listener.address());
-                    // What is not let in knocks without end.
+                Err(_) => {
+                    // Who is not let in knocks without end.
                     let _ = self.watch.remove(listener.socket());
-                    self.closed.insert(number);
-                    return;
+                    return self.look_every(number, None, Some(CROWDED));
                 }
-            }
-        }
-    }
-
-    /// Somebody has left, so there is room again.
-    fn open_again(&mut self) {
-        for number in std::mem::take(&mut self.closed) {
-            if let Some(listener) = self.listeners.get(&number)
-                && let Err(error) = self.watch.add(number, listener.socket(), EventFlags::IN)
-            {
-                error!("tcp:{} lets nobody in any more: {error}", listener.address());
             }
         }
     }
@@ -411,8 +420,6 @@ impl Ports {
         self.ending.remove(&(place.ends, number));
         self.going.remove(&number);
         self.look_every(number, place.pause, None);
-        drop(place);
-        self.open_again();
     }
 
     /// Tells each pty who opened or left it.
@@ -434,7 +441,7 @@ impl Ports {
 }
 
 /// What to wait for of somebody who talks and listens.
-fn interest(reads: bool, unread: &[u8]) -> EventFlags {
+fn interest(reads: bool, unread: &Unread) -> EventFlags {
     let mut interest = EventFlags::empty();
     interest.set(EventFlags::IN, reads);
     interest.set(EventFlags::OUT, !unread.is_empty());
@@ -442,28 +449,8 @@ fn interest(reads: bool, unread: &[u8]) -> EventFlags {
 }
 
 /// Whether a client may be read further.
-fn may_read(bench: &Bench, client: Client, unread: &[u8]) -> bool {
+fn may_read(bench: &Bench, client: Client, unread: &Unread) -> bool {
     bench.backlog(client) < BACKLOG_BYTES && unread.len() < BACKLOG_BYTES
-}
-
-/// What has come is taken: in manual time it has its whole effect now.
-fn over(bench: &mut Bench, manual: bool) {
-    if manual {
-        bench.settle();
-    }
-}
-
-/// Writes as much of `bytes` as the other end takes now, and removes it.
-fn write_some(to: impl AsFd, bytes: &mut Vec<u8>) -> io::Result<()> {
-    while !bytes.is_empty() {
-        match rustix::io::write(&to, bytes) {
-            Ok(written) => drop(bytes.drain(..written)),
-            Err(rustix::io::Errno::AGAIN) => break,
-            Err(rustix::io::Errno::INTR) => {}
-            Err(error) => return Err(error.into()),
-        }
-    }
-    Ok(())
 }
 
 /// What a read from a client brought.

@@ -27,7 +27,8 @@ use standin_sim::bus::Sender;
 use tracing::{info, warn};
 
 use super::link::Link;
-use super::{Came, End, READ_BYTES, UNREAD_BYTES, interest, may_read, over, read_some, write_some};
+use super::unread::{MOST_MIB, Unread};
+use super::{Came, End, READ_BYTES, interest, may_read, read_some};
 
 /// A pty of a line.
 pub(super) struct Pty {
@@ -44,7 +45,7 @@ pub(super) struct Pty {
     /// The present value of [`OTHER`].
     other: bool,
     /// What the drives sent and nobody has taken.
-    unread: Vec<u8>,
+    unread: Unread,
     /// The settings that were last warned of; many programs open a port for each request.
     warned: Option<Sender>,
 }
@@ -101,7 +102,7 @@ impl Pty {
             client: None,
             openers: 0,
             other: false,
-            unread: Vec::new(),
+            unread: Unread::default(),
             warned: None,
         };
         pty.reset().map_err(PtyError::None)?;
@@ -202,42 +203,53 @@ impl End for Pty {
         self.client.map(|client| interest(may_read(bench, client, &self.unread), &self.unread))
     }
 
-    fn take(&mut self, bench: &mut Bench, ready: EventFlags, manual: bool) {
-        let Some(client) = self.client else { return };
+    fn take(&mut self, bench: &mut Bench, ready: EventFlags, manual: bool) -> bool {
+        let Some(client) = self.client else { return false };
         self.look(bench);
         if !ready.intersects(EventFlags::IN | EventFlags::HUP | EventFlags::ERR) {
-            return;
+            return false;
         }
         let gone = ready.contains(EventFlags::HUP);
+        let mut said = false;
         // Of somebody who is gone all is taken at once, lest the next one adds to it.
         loop {
-            if self.is_full(bench) {
+            // Where time waits the line can take it all.
+            if self.is_full(bench) && !(manual && said) {
                 // `HUP` is told unasked: he sent more than the line can take.
-                return self.clear(bench);
+                self.clear(bench);
+                return said;
             }
             let mut buffer = [0; READ_BYTES];
             match read_some(&self.master, &mut buffer) {
                 Came::Bytes(count) => {
                     let sender = self.sender(bench);
                     bench.send_from(client, &buffer[..count], sender);
-                    over(bench, manual);
+                    said = true;
                     if !gone {
-                        return;
+                        return said;
                     }
                 }
-                Came::End => return self.clear(bench),
-                Came::Nothing => return,
+                Came::End => {
+                    self.clear(bench);
+                    return said;
+                }
+                Came::Nothing => return said,
             }
         }
     }
 
     fn deliver(&mut self, bench: &mut Bench) {
         let Some(client) = self.client else { return };
-        bench.receive(client, &mut self.unread);
+        self.unread.receive(bench, client);
         // A failure here is the other end going away, which the next read tells.
-        let _ = write_some(&self.master, &mut self.unread);
+        let _ = self.unread.write(&self.master);
         // As on a real port, what is not read in time is lost.
-        self.unread.truncate(UNREAD_BYTES);
+        if self.unread.lose() {
+            warn!(
+                "{} is left with more than {MOST_MIB} MiB unread; what follows is lost",
+                self.path.display()
+            );
+        }
     }
 
     /// An open pty does not tell when its settings change; while nobody is there nobody changes them.

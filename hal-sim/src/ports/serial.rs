@@ -1,7 +1,8 @@
 //! A line reached by a serial port of this machine.
 //!
 //! It is the drive's end of a cable, so its settings follow the drive's, and it gives characters their time
-//! itself: what a drive sends goes there whole. A character of wrong parity comes as 0, by which its frame
+//! itself: what a drive sends goes there whole. Other settings wait until the port has sent what it has, which at
+//! 300 baud takes seconds, and with an adapter that hangs for ever; so a thread waits for that. A character of wrong parity comes as 0, by which its frame
 //! fails. The port is ours alone. One that is unplugged is looked for until it is back; meanwhile nobody is
 //! on that end of the line. Its modem lines are not read: a drive that its host resets (by DTR) is reset when
 //! the port is there, and not when a program at the other end opens its own.
@@ -9,6 +10,7 @@
 use std::io;
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 use std::path::{Path, PathBuf};
+use std::thread::{Builder, JoinHandle};
 use std::time::Duration;
 
 use rustix::event::epoll::EventFlags;
@@ -23,10 +25,14 @@ use standin_sim::bench::{Bench, Bus, Client};
 use standin_sim::listen::Uri;
 use tracing::{info, warn};
 
-use super::{Came, End, READ_BYTES, UNREAD_BYTES, interest, may_read, over, read_some, write_some};
+use super::unread::{MOST_MIB, Unread};
+use super::{Came, End, READ_BYTES, interest, may_read, read_some};
 
 /// Time between two attempts to find a port that is gone.
 const RETRY: Duration = Duration::from_secs(1);
+
+/// Time between two looks whether it has its new settings.
+const LOOK: Duration = Duration::from_millis(1);
 
 /// A serial port that is open.
 pub(crate) struct Device {
@@ -61,29 +67,33 @@ pub(super) struct Serial {
     /// `None` while it is gone.
     fd: Option<OwnedFd>,
     /// The settings it has.
-    line: Option<Line>,
+    line: Line,
+    /// The thread that gives it others. Nothing is written meanwhile.
+    setter: Option<JoinHandle<()>>,
     bus: Bus,
     client: Option<Client>,
     /// What the drives sent and it has not taken.
-    unread: Vec<u8>,
+    unread: Unread,
 }
 
 impl Serial {
     /// A port of `bus`.
     pub(super) fn new(bench: &mut Bench, bus: Bus, device: Device) -> Self {
         let Device { path, fd } = device;
-        let mut serial = Self { path, fd: None, line: None, bus, client: None, unread: Vec::new() };
+        let line = bench.line(bus);
+        let unread = Unread::default();
+        let mut serial = Self { path, fd: None, line, setter: None, bus, client: None, unread };
         serial.come(bench, fd);
         serial
     }
 
     /// The port is there.
     fn come(&mut self, bench: &mut Bench, fd: OwnedFd) {
-        self.line = None;
         // What was sent before is nobody's.
         let _ = tcflush(&fd, QueueSelector::IOFlush);
+        self.line = bench.line(self.bus);
+        set(&fd, &self.path, self.line, OptionalActions::Now);
         self.fd = Some(fd);
-        self.follow(bench);
         let client = bench.connect(self.bus);
         bench.let_pace_itself(client);
         bench.attach(self.bus, true);
@@ -93,14 +103,19 @@ impl Serial {
     /// Gives the port the settings of the line, if it has others.
     fn follow(&mut self, bench: &Bench) {
         let line = bench.line(self.bus);
-        if self.line == Some(line) {
+        if self.line == line {
             return;
         }
         let Some(fd) = &self.fd else { return };
         // Asked for once only, whatever becomes of it.
-        self.line = Some(line);
-        match set(fd, line) {
-            Ok(()) => info!("serial:{} is {line}", self.path.display()),
+        self.line = line;
+        let path = self.path.clone();
+        let setter = fd.try_clone().and_then(|fd| {
+            let thread = Builder::new().name("serial".into());
+            thread.spawn(move || set(&fd, &path, line, OptionalActions::Drain))
+        });
+        match setter {
+            Ok(setter) => self.setter = Some(setter),
             Err(error) => warn!("serial:{} cannot be {line}: {error}", self.path.display()),
         }
     }
@@ -116,19 +131,22 @@ impl End for Serial {
     }
 
     fn interest(&self, bench: &Bench) -> Option<EventFlags> {
-        self.client.map(|client| interest(may_read(bench, client, &self.unread), &self.unread))
+        let reads = |client| may_read(bench, client, &self.unread);
+        let mut interest = self.client.map(|client| interest(reads(client), &self.unread))?;
+        interest.set(EventFlags::OUT, interest.contains(EventFlags::OUT) && self.setter.is_none());
+        Some(interest)
     }
 
-    fn take(&mut self, bench: &mut Bench, ready: EventFlags, manual: bool) {
-        let (Some(client), Some(fd)) = (self.client, &self.fd) else { return };
+    fn take(&mut self, bench: &mut Bench, ready: EventFlags, _manual: bool) -> bool {
+        let (Some(client), Some(fd)) = (self.client, &self.fd) else { return false };
         if !ready.intersects(EventFlags::IN | EventFlags::HUP | EventFlags::ERR) {
-            return;
+            return false;
         }
         let mut buffer = [0; READ_BYTES];
         match read_some(fd, &mut buffer) {
             Came::Bytes(count) => {
                 bench.send(client, &buffer[..count]);
-                over(bench, manual);
+                return true;
             }
             Came::End => {
                 warn!("serial:{} is gone; it is used again when it is back", self.path.display());
@@ -136,16 +154,22 @@ impl End for Serial {
             }
             Came::Nothing => {}
         }
+        false
     }
 
     fn deliver(&mut self, bench: &mut Bench) {
         let (Some(client), Some(fd)) = (self.client, &self.fd) else { return };
-        bench.receive(client, &mut self.unread);
-        // A failure here is the port going away, which the next read tells.
-        let _ = write_some(fd, &mut self.unread);
-        self.unread.truncate(UNREAD_BYTES);
-        if self.unread.is_empty() {
-            self.follow(bench);
+        self.unread.receive(bench, client);
+        if self.setter.is_none() {
+            // A failure here is the port going away, which the next read tells.
+            let _ = self.unread.write(fd);
+            if self.unread.is_empty() {
+                self.follow(bench);
+            }
+        }
+        if self.unread.lose() {
+            let path = self.path.display();
+            warn!("serial:{path} has left more than {MOST_MIB} MiB unsent; what follows is lost");
         }
     }
 
@@ -155,7 +179,10 @@ impl End for Serial {
     }
 
     fn pause(&self) -> Option<Duration> {
-        self.fd.is_none().then_some(RETRY)
+        match self.fd {
+            None => Some(RETRY),
+            Some(_) => self.setter.as_ref().map(|_| LOOK),
+        }
     }
 
     fn look(&mut self, bench: &mut Bench) {
@@ -165,10 +192,13 @@ impl End for Serial {
             warn!("serial:{} is back", self.path.display());
             self.come(bench, fd);
         }
+        if self.setter.take_if(|setter| setter.is_finished()).is_some() {
+            self.deliver(bench);
+        }
     }
 
     fn leave(&mut self, bench: &mut Bench) {
-        self.fd = None;
+        (self.fd, self.setter) = (None, None);
         self.unread.clear();
         if let Some(client) = self.client.take() {
             bench.disconnect(client);
@@ -177,8 +207,15 @@ impl End for Serial {
     }
 }
 
-/// Gives a port the settings of a line, as soon as it has sent what it has.
-fn set(fd: &OwnedFd, line: Line) -> io::Result<()> {
+/// Gives a port the settings of a line.
+fn set(fd: &OwnedFd, path: &Path, line: Line, when: OptionalActions) {
+    match try_set(fd, line, when) {
+        Ok(()) => info!("serial:{} is {line}", path.display()),
+        Err(error) => warn!("serial:{} cannot be {line}: {error}", path.display()),
+    }
+}
+
+fn try_set(fd: &OwnedFd, line: Line, when: OptionalActions) -> io::Result<()> {
     let mut settings = tcgetattr(fd)?;
     settings.make_raw();
     settings.set_speed(line.baud)?;
@@ -190,5 +227,5 @@ fn set(fd: &OwnedFd, line: Line) -> io::Result<()> {
     control.set(ControlModes::PARENB, line.parity != Parity::None);
     control.set(ControlModes::PARODD, line.parity == Parity::Odd);
     settings.input_modes.set(InputModes::INPCK, line.parity != Parity::None);
-    Ok(tcsetattr(fd, OptionalActions::Drain, &settings)?)
+    Ok(tcsetattr(fd, when, &settings)?)
 }

@@ -14,9 +14,10 @@ use std::time::Duration;
 use rustix::event::epoll::EventFlags;
 use standin_firmware::device::Instant;
 use standin_sim::bench::{Bench, Bus, Client};
-use tracing::debug;
+use tracing::{debug, warn};
 
-use super::{Came, End, READ_BYTES, interest, may_read, over, read_some, write_some};
+use super::unread::{MOST_MIB, Unread};
+use super::{Came, End, READ_BYTES, interest, may_read, read_some};
 
 /// Time between two looks whether all is written.
 const LOOK: Duration = Duration::from_millis(1);
@@ -27,7 +28,7 @@ pub(super) struct Stdio {
     bus: Bus,
     client: Client,
     /// What the drives sent and nobody has taken.
-    unread: Vec<u8>,
+    unread: Unread,
     stage: Stage,
     /// The thread that writes to standard output.
     writer: JoinHandle<()>,
@@ -58,7 +59,7 @@ impl Stdio {
         Builder::new().name("stdin".into()).spawn(move || copy_in(input))?;
         let writer = Builder::new().name("stdout".into()).spawn(move || copy_out(far))?;
         let client = bench.connect(bus);
-        Ok(Self { near, bus, client, unread: Vec::new(), stage: Stage::Open, writer })
+        Ok(Self { near, bus, client, unread: Unread::default(), stage: Stage::Open, writer })
     }
 }
 
@@ -76,25 +77,28 @@ impl End for Stdio {
         (self.stage < Stage::Answered).then(|| interest(reads, &self.unread))
     }
 
-    fn take(&mut self, bench: &mut Bench, _ready: EventFlags, manual: bool) {
+    fn take(&mut self, bench: &mut Bench, _ready: EventFlags, _manual: bool) -> bool {
         if self.stage != Stage::Open {
-            return;
+            return false;
         }
         let mut buffer = [0; READ_BYTES];
         match read_some(&self.near, &mut buffer) {
             Came::Bytes(count) => {
                 bench.send(self.client, &buffer[..count]);
-                over(bench, manual);
+                return true;
             }
             Came::End => self.stage = Stage::Asked,
             Came::Nothing => {}
         }
+        false
     }
 
     fn deliver(&mut self, bench: &mut Bench) {
-        bench.receive(self.client, &mut self.unread);
-        if write_some(&self.near, &mut self.unread).is_err() {
+        self.unread.receive(bench, self.client);
+        if self.unread.write(&self.near).is_err() {
             self.stage = Stage::Over;
+        } else if self.unread.lose() {
+            warn!("stdout has left more than {MOST_MIB} MiB unread; what follows is lost");
         }
         if self.stage == Stage::Asked && self.unread.is_empty() && bench.is_free(self.bus) {
             // The writing thread ends when it has written all before that.

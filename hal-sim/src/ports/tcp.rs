@@ -1,23 +1,29 @@
 //! A line reached by TCP: raw characters, as serial device servers carry them.
 
+use std::cell::Cell;
 use std::io;
 use std::net::{SocketAddr, TcpListener, TcpStream, ToSocketAddrs};
 use std::os::fd::{AsFd as _, BorrowedFd, OwnedFd};
 use std::rc::Rc;
+use std::time::Duration;
 
 use rustix::event::epoll::EventFlags;
 use rustix::net::{AddressFamily, SocketFlags, SocketType, sockopt};
-use standin_firmware::device::{Duration, Instant};
+use standin_firmware::device::Instant;
 use standin_sim::bench::{Bench, Bus, Client};
 use tracing::{info, warn};
 
-use super::{Came, End, READ_BYTES, UNREAD_BYTES, interest, may_read, over, read_some, write_some};
+use super::unread::{MOST_MIB, Unread};
+use super::{Came, End, READ_BYTES, interest, may_read, read_some};
 
 /// Connections that a port takes at once; the next one is closed.
 const MAX_CLIENTS: usize = 64;
 
-/// How long somebody who has said all he has to say may still listen, in time of the bench.
-const LAST_WORDS: Duration = Duration::secs(1);
+/// Time between two looks at somebody who has said all that he has to say.
+const LOOK: Duration = Duration::from_secs(1);
+
+/// Looks after which he has to leave, whatever he still waits for: twice as long as a line may hold up an answer.
+const LAST_WORDS: u32 = 120;
 
 /// A TCP port that is reserved, and does not listen yet.
 pub(crate) struct Bound(OwnedFd);
@@ -62,20 +68,28 @@ impl Bound {
 pub(super) struct Listener {
     socket: TcpListener,
     bus: Bus,
-    /// Where it is. Each connection has it, too, so they are counted by it.
-    address: Rc<SocketAddr>,
+    address: SocketAddr,
+    /// How many are there.
+    clients: Rc<Cell<usize>>,
+    /// Whether somebody knocks for whom the system has no room.
+    crowded: bool,
 }
 
 /// One client.
 pub(super) struct Connection {
     stream: TcpStream,
     peer: SocketAddr,
-    address: Rc<SocketAddr>,
+    address: SocketAddr,
+    /// How many are at its port.
+    clients: Rc<Cell<usize>>,
+    bus: Bus,
     client: Client,
     /// What the drives sent and it has not taken.
-    unread: Vec<u8>,
-    /// When it ends: it sends no more, or is of no use any more.
-    ends: Instant,
+    unread: Unread,
+    /// Looks that are left to somebody who has said all that he has to say.
+    last_words: Option<u32>,
+    /// Whether it is of no use any more.
+    over: bool,
 }
 
 impl Listener {
@@ -85,13 +99,13 @@ impl Listener {
     /// The system refuses.
     pub(super) fn new(bus: Bus, bound: Bound) -> io::Result<Self> {
         let socket = bound.listen()?;
-        let address = Rc::new(socket.local_addr()?);
-        Ok(Self { socket, bus, address })
+        let address = socket.local_addr()?;
+        Ok(Self { socket, bus, address, clients: Rc::default(), crowded: false })
     }
 
     /// Where it listens.
     pub(super) fn address(&self) -> SocketAddr {
-        *self.address
+        self.address
     }
 
     /// What tells that somebody knocks.
@@ -102,17 +116,23 @@ impl Listener {
     /// The next one who knocks and can be served.
     ///
     /// # Errors
-    /// The system has no room for one more.
-    pub(super) fn accept(&self, bench: &mut Bench) -> io::Result<Option<Connection>> {
+    /// The system has no room for one more; so it is told once, until somebody is let in again.
+    pub(super) fn accept(&mut self, bench: &mut Bench) -> io::Result<Option<Connection>> {
         loop {
             let (stream, peer) = match self.socket.accept() {
                 Ok(accepted) => accepted,
                 Err(error) if error.kind() == io::ErrorKind::WouldBlock => return Ok(None),
                 // Who has left again before he was let in.
                 Err(error) if error.kind() == io::ErrorKind::ConnectionAborted => continue,
-                Err(error) => return Err(error),
+                Err(error) => {
+                    if !std::mem::replace(&mut self.crowded, true) {
+                        warn!("tcp:{} lets nobody in until there is room: {error}", self.address);
+                    }
+                    return Err(error);
+                }
             };
-            if Rc::strong_count(&self.address) > MAX_CLIENTS {
+            self.crowded = false;
+            if self.clients.get() == MAX_CLIENTS {
                 warn!("{peer} is turned away from tcp:{}: {MAX_CLIENTS} are there", self.address);
                 continue;
             }
@@ -121,13 +141,17 @@ impl Listener {
                 continue;
             }
             info!("{peer} comes to tcp:{}", self.address);
+            self.clients.set(self.clients.get() + 1);
             return Ok(Some(Connection {
                 stream,
                 peer,
-                address: Rc::clone(&self.address),
+                address: self.address,
+                clients: Rc::clone(&self.clients),
+                bus: self.bus,
                 client: bench.connect(self.bus),
-                unread: Vec::new(),
-                ends: Instant::NEVER,
+                unread: Unread::default(),
+                last_words: None,
+                over: false,
             }));
         }
     }
@@ -136,12 +160,7 @@ impl Listener {
 impl Connection {
     /// Whether it has said all that it has to say.
     fn is_leaving(&self) -> bool {
-        self.ends < Instant::NEVER
-    }
-
-    /// It is of no use any more.
-    fn broken(&mut self) {
-        self.ends = Instant::ZERO;
+        self.last_words.is_some()
     }
 }
 
@@ -159,9 +178,9 @@ impl End for Connection {
         Some(interest(reads, &self.unread))
     }
 
-    fn take(&mut self, bench: &mut Bench, ready: EventFlags, manual: bool) {
+    fn take(&mut self, bench: &mut Bench, ready: EventFlags, _manual: bool) -> bool {
         if ready.contains(EventFlags::ERR) || (ready.contains(EventFlags::HUP) && self.is_leaving()) {
-            self.broken();
+            self.over = true;
         } else if !self.is_leaving() && ready.intersects(EventFlags::IN | EventFlags::HUP) {
             let mut buffer = [0; READ_BYTES];
             match read_some(&self.stream, &mut buffer) {
@@ -170,31 +189,42 @@ impl End for Connection {
                     // where the drive does not answer this one. It holds until the next read.
                     let _ = sockopt::set_tcp_quickack(&self.stream, true);
                     bench.send(self.client, &buffer[..count]);
-                    over(bench, manual);
+                    return true;
                 }
-                // It may have closed one direction only and wait for a reply; in manual time there is
-                // none to wait for.
-                Came::End => self.ends = if manual { bench.now() } else { bench.now() + LAST_WORDS },
+                // It may have closed one direction only, and wait for a reply.
+                Came::End => self.last_words = Some(LAST_WORDS),
                 Came::Nothing => {}
             }
         }
+        false
     }
 
     fn deliver(&mut self, bench: &mut Bench) {
-        bench.receive(self.client, &mut self.unread);
-        if write_some(&self.stream, &mut self.unread).is_err() {
-            self.broken();
-        } else if self.unread.len() > UNREAD_BYTES {
-            warn!("{} does not read and is disconnected", self.peer);
-            self.broken();
+        self.unread.receive(bench, self.client);
+        if self.unread.write(&self.stream).is_err() {
+            self.over = true;
+        } else if self.unread.is_too_much() {
+            warn!("{} is disconnected: it has left more than {MOST_MIB} MiB unread", self.peer);
+            self.over = true;
         }
+        self.over |= self.is_leaving() && self.unread.is_empty() && bench.is_free(self.bus);
     }
 
     fn ends(&self) -> Instant {
-        self.ends
+        if self.over { Instant::ZERO } else { Instant::NEVER }
+    }
+
+    fn pause(&self) -> Option<Duration> {
+        self.last_words.map(|_| LOOK)
+    }
+
+    fn look(&mut self, _bench: &mut Bench) {
+        self.last_words = self.last_words.map(|left| left.saturating_sub(1));
+        self.over |= self.last_words == Some(0);
     }
 
     fn leave(&mut self, bench: &mut Bench) {
+        self.clients.set(self.clients.get() - 1);
         info!("{} leaves tcp:{}", self.peer, self.address);
         bench.disconnect(self.client);
     }

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::io;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use standin_firmware::device::Port;
 use standin_sim::bench::{Bench, Bus, Seat};
@@ -39,6 +39,7 @@ impl Reserved {
     /// # Errors
     /// One sentence: which one is not to be had, and why.
     pub(super) fn all(layout: &Layout) -> Result<Self, String> {
+        check_links(layout)?;
         let mut places = Vec::new();
         for (place, drive) in layout.drives.iter().enumerate() {
             let spec = kinds::make(drive.kind)?.spec();
@@ -98,6 +99,24 @@ impl Reserved {
         }
         Ok((ports, addresses))
     }
+}
+
+/// Whether each pty is linked at a place of its own, whatever ways lead there.
+fn check_links(layout: &Layout) -> Result<(), String> {
+    let own = layout.drives.iter().flat_map(|drive| &drive.listen).map(|(_, uri)| uri);
+    let shared = layout.buses.iter().flat_map(|bus| &bus.listen);
+    let mut places: BTreeMap<PathBuf, &Uri> = BTreeMap::new();
+    for uri in own.chain(shared) {
+        let Uri::Pty(Some(link)) = uri else { continue };
+        let folder = Path::new(".").join(link).parent().map(Path::canonicalize);
+        // A folder that is not there is told with the link.
+        if let (Some(Ok(folder)), Some(name)) = (folder, link.file_name())
+            && let Some(other) = places.insert(folder.join(name), uri)
+        {
+            return Err(format!("{other} and {uri} are the same place; use two"));
+        }
+    }
+    Ok(())
 }
 
 fn reserve(uri: &Uri) -> Result<Place, String> {

@@ -87,10 +87,11 @@ pub(crate) fn run(options: &cli::Run) -> Result<(), String> {
     for memory in &memories {
         memory.sync();
     }
-    let followed = host.end_files();
-    record.map_or(Ok(()), |record| record.fails(write_trace(&host.bench, record.file())))?;
-    followed?;
-    ended.map_err(|error| format!("the bench cannot go on: {error}"))
+    let mut failures = host.end_files();
+    let recorded = record.map(|record| record.fails(write_trace(&host.bench, record.file())));
+    failures.extend(recorded.and_then(Result::err));
+    failures.extend(ended.err().map(|error| format!("the bench cannot go on: {error}")));
+    if failures.is_empty() { Ok(()) } else { Err(failures.join("; ")) }
 }
 
 /// A bench may have thousands of ports, and the usual limit is 1,024 descriptors.

@@ -1,0 +1,83 @@
+//! What the drives sent and nobody has taken yet.
+
+use std::io;
+use std::os::fd::AsFd;
+
+use rustix::io::Errno;
+use standin_sim::bench::{Bench, Client};
+
+use super::READ_BYTES;
+
+/// MiB that may wait for somebody who does not read: a QSB's stream of ten minutes, 14 MB at 230,400 baud, so
+/// that a test may move the standing clock on so far before it reads.
+pub(super) const MOST_MIB: usize = 16;
+
+/// Bytes that wait for somebody.
+#[derive(Default)]
+pub(super) struct Unread {
+    bytes: Vec<u8>,
+    /// So many of them are taken: to move up the others each time would take longer than to write them.
+    taken: usize,
+    /// Whether some are lost since all were taken.
+    lost: bool,
+}
+
+impl Unread {
+    /// How many wait.
+    pub(super) fn len(&self) -> usize {
+        self.bytes.len() - self.taken
+    }
+
+    /// Whether none waits.
+    pub(super) fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Whether more wait than may.
+    pub(super) fn is_too_much(&self) -> bool {
+        self.len() > MOST_MIB << 20
+    }
+
+    /// Adds what has reached a client by now.
+    pub(super) fn receive(&mut self, bench: &mut Bench, client: Client) {
+        bench.receive(client, &mut self.bytes);
+    }
+
+    /// Writes as many as the other end takes now.
+    ///
+    /// # Errors
+    /// The other end is gone.
+    pub(super) fn write(&mut self, to: impl AsFd) -> io::Result<()> {
+        while !self.is_empty() {
+            match rustix::io::write(&to, &self.bytes[self.taken..]) {
+                Ok(written) => self.taken += written,
+                Err(Errno::AGAIN) => break,
+                Err(Errno::INTR) => {}
+                Err(error) => return Err(error.into()),
+            }
+        }
+        if self.is_empty() {
+            self.clear();
+        } else if self.taken > self.len() {
+            self.bytes.drain(..self.taken);
+            self.taken = 0;
+        }
+        Ok(())
+    }
+
+    /// Drops what is more than may wait. Whether that is news.
+    pub(super) fn lose(&mut self) -> bool {
+        let too_much = self.is_too_much();
+        if too_much {
+            self.bytes.truncate(self.taken + (MOST_MIB << 20));
+        }
+        too_much && !std::mem::replace(&mut self.lost, true)
+    }
+
+    /// None waits any more.
+    pub(super) fn clear(&mut self) {
+        self.bytes.clear();
+        self.bytes.shrink_to(READ_BYTES);
+        (self.taken, self.lost) = (0, false);
+    }
+}
