@@ -16,7 +16,7 @@ use crate::bus::LineMode;
 use crate::faults::{BAUDS, LONGEST_DELAY, LineFaults};
 use crate::layout::{Disturbed, Layout};
 use crate::listen::Uri;
-use crate::trace::{self, Make};
+use crate::trace;
 use drives::{BUS, DRIVE};
 use machinery::{ENCODER, MOTOR, SWITCH, WIRE};
 use standin_firmware::device::{Duration, Spec};
@@ -54,7 +54,7 @@ impl std::error::Error for FileError {}
 ///
 /// # Errors
 /// What is wrong, and where.
-pub fn parse(text: &str, make: &Make<'_>) -> Result<Layout, FileError> {
+pub fn parse(text: &str) -> Result<Layout, FileError> {
     let (root, errors) = DeTable::parse_recoverable(text);
     let errors = errors.iter().map(|error| Wrong {
         at: error.span().map_or(0, |span| span.start),
@@ -63,7 +63,7 @@ pub fn parse(text: &str, make: &Make<'_>) -> Result<Layout, FileError> {
     let layout = match errors.min_by_key(|wrong| wrong.at) {
         Some(wrong) => Err(wrong),
         None => Table::new("a bench file", root.span().start, root.get_ref(), &KEYS)
-            .and_then(|root| Reader::new(make).read(&root)),
+            .and_then(|root| Reader::default().read(&root)),
     };
     layout.map_err(|wrong| FileError::new(text, wrong))
 }
@@ -91,8 +91,8 @@ const FAULT: [&str; 12] = [
 const MILLI: f64 = Duration::millis(1).ticks() as f64;
 
 /// What has been read so far, and what it may not clash with.
-struct Reader<'a> {
-    make: &'a Make<'a>,
+#[derive(Default)]
+struct Reader {
     layout: Layout,
     /// What every drive, bus and motor is called, and what it is.
     names: BTreeMap<String, &'static str>,
@@ -106,19 +106,7 @@ struct Reader<'a> {
     memories: Vec<PathBuf>,
 }
 
-impl<'a> Reader<'a> {
-    fn new(make: &'a Make<'a>) -> Self {
-        Self {
-            make,
-            layout: Layout::default(),
-            names: BTreeMap::new(),
-            specs: Vec::new(),
-            told: Vec::new(),
-            places: Vec::new(),
-            memories: Vec::new(),
-        }
-    }
-
+impl Reader {
     fn read(mut self, root: &Table<'_>) -> Result<Layout, Wrong> {
         self.layout.seed = root.whole("seed", 0, u64::MAX)?.map(|seed| seed.is);
         self.layout.time =

@@ -5,7 +5,7 @@
 use std::sync::LazyLock;
 
 use proptest::prelude::*;
-use standin_firmware::device::{Axis, Device, Instant, Pin, Port};
+use standin_firmware::device::{Axis, Instant, Pin, Port};
 use standin_firmware::motor::stepper::Parameters;
 use standin_protocol::modbus::rtu;
 use standin_protocol::time::{Duration, Span};
@@ -90,10 +90,6 @@ const FAULTS: [&str; 2] = [
     exception = 0.2"#,
 ];
 
-fn make(kind: &str) -> Option<Box<dyn Device>> {
-    kinds::make(kind).ok()
-}
-
 /// What is left of a bench.
 #[derive(PartialEq, Eq, Debug)]
 struct Left {
@@ -107,10 +103,10 @@ static PLAYED: LazyLock<Left> = LazyLock::new(|| play(&PARTS, 1, &[]));
 
 /// Plays on the bench of `parts`, and looks at it after each of `chunks`, again and again.
 fn play(parts: &[&str], seed: u64, chunks: &[Duration]) -> Left {
-    let layout = file::parse(&parts.join("\n\n"), &make).unwrap_or_else(|error| panic!("{error}"));
+    let layout = file::parse(&parts.join("\n\n")).unwrap_or_else(|error| panic!("{error}"));
     let keep = TraceKeep::All;
     let settings = Settings { seed, trace: keep, capture: keep, ..layout.settings() };
-    let mut bench = layout.build(settings, &make, Vec::new()).unwrap().bench;
+    let mut bench = layout.build(settings, Vec::new()).unwrap().bench;
     let seats = ["x", "y", "a", "reader", "servo"].map(|name| bench.seat_named(name).unwrap());
     let [x, y, a, reader, servo] = seats;
     let clients = [x, x, a, reader, servo].map(|seat| {

@@ -26,14 +26,11 @@ pub(super) enum Line {
     Own(usize, Port),
 }
 
-impl Reader<'_> {
+impl Reader {
     pub(super) fn drive(&mut self, table: &Table<'_>) -> Result<(), Wrong> {
         let name = self.name(table, "drive")?;
         let kind = table.needed_text("kind")?;
-        let device = (self.make)(kind.is).ok_or_else(|| {
-            kind.wrong(nearest::unknown("kind", kind.is, kinds::specs().map(|spec| spec.kind)))
-        })?;
-        let spec = device.spec();
+        let spec = kinds::make(kind.is).map_err(Wrong::at(kind.at))?.spec();
         let program = path(table, "program")?;
         if let Some(program) = &program
             && !rsasm::runs_on(spec)
@@ -77,7 +74,7 @@ impl Reader<'_> {
         }
         let presets = presets(table, spec)?;
         drive.presets = presets.iter().map(|preset| preset.is).collect();
-        if let Err((row, why)) = drive.try_presets(self.make) {
+        if let Err((row, why)) = drive.try_presets() {
             let preset = presets.iter().find(|preset| preset.is.row == row);
             let name = spec.registers.rows.get(row).map_or("", |row| row.name);
             let at = preset.map_or(table.at, |preset| preset.at);

@@ -7,7 +7,7 @@ use super::Reader;
 use super::table::{Said, Table, Wrong};
 use crate::bench::Closed;
 use crate::layout::{At, BrushKeys, Encoder, Motor, MotorKind, Switch, Wire};
-use crate::nearest;
+use crate::{kinds, nearest};
 
 /// The keys of `[[motor]]`.
 pub(super) const MOTOR: [&str; 13] = [
@@ -45,7 +45,7 @@ const HEAVIEST: u32 = 10_000_000;
 /// The furthest that a switch may be, in turns.
 const FURTHEST: f64 = 10_000_000.0;
 
-impl Reader<'_> {
+impl Reader {
     pub(super) fn motor(&mut self, table: &Table<'_>) -> Result<(), Wrong> {
         let name = self.name(table, "motor")?;
         let text = table.needed_text("drive")?;
@@ -60,7 +60,7 @@ impl Reader<'_> {
         {
             return Err(text.wrong(format!("'{}' turns the motor '{}' already", text.is, other.name)));
         }
-        let is_brush = (self.make)(spec.kind).is_some_and(|mut device| device.part().is_some());
+        let is_brush = kinds::make(spec.kind).is_ok_and(|mut device| device.part().is_some());
         let (foreign, own, other) =
             if is_brush { (&STEPPER, "brush", "stepper") } else { (&BRUSH, "stepper", "brush") };
         if let Some(key) = table.any_of(foreign) {

@@ -5,8 +5,8 @@ use standin_firmware::motor;
 
 use super::{At, BrushKeys, Drive, Layout, MotorKind};
 use crate::bench::{Bench, Bus, Fitting, Motor, Seat, SeatError, Settings, Setup};
+use crate::kinds;
 use crate::preset::{self, Preset};
-use crate::trace::Make;
 
 /// A bench that was made of a [`Layout`].
 pub struct Built {
@@ -30,14 +30,14 @@ impl Layout {
     ///
     /// # Errors
     /// One sentence: a drive does not take a preset or its name, or there is no such kind, motor or line.
-    pub fn build(&self, settings: Settings, make: &Make<'_>, given: Vec<Setup>) -> Result<Built, String> {
+    pub fn build(&self, settings: Settings, given: Vec<Setup>) -> Result<Built, String> {
         let mut bench = Bench::with(settings);
         let mut given: Vec<Setup> = given;
         given.resize_with(self.drives.len(), Setup::default);
         let mut seats = vec![None; self.drives.len()];
         for place in sorted(&self.drives, |drive| drive.name.clone()) {
             let setup = std::mem::take(&mut given[place]);
-            seats[place] = Some(self.seat(&mut bench, place, make, setup)?);
+            seats[place] = Some(self.seat(&mut bench, place, setup)?);
         }
         let seats: Vec<Seat> = seats.into_iter().flatten().collect();
         let buses = self.share(&mut bench, &seats);
@@ -51,18 +51,12 @@ impl Layout {
         Ok(Built { bench, seats, buses, motors })
     }
 
-    fn seat(
-        &self,
-        bench: &mut Bench,
-        place: usize,
-        make: &Make<'_>,
-        mut setup: Setup,
-    ) -> Result<Seat, String> {
+    fn seat(&self, bench: &mut Bench, place: usize, mut setup: Setup) -> Result<Seat, String> {
         let drive = &self.drives[place];
-        let device = make(drive.kind).ok_or_else(|| format!("there is no kind '{}'", drive.kind))?;
+        let device = kinds::make(drive.kind)?;
         let spec = device.spec();
         setup.boot_fast |= drive.fast_boot;
-        setup.presets.extend(values(&drive.presets, spec, make, setup.memory.as_deref()));
+        setup.presets.extend(values(&drive.presets, spec, setup.memory.as_deref()));
         setup.apart |=
             self.motors.iter().any(|motor| motor.drive == place && matches!(motor.is, MotorKind::Brush(_)));
         let seat = bench.seat(&drive.name, device, setup).map_err(|error| match error {
@@ -165,9 +159,11 @@ fn brush(bench: &Bench, seat: Seat, keys: &BrushKeys) -> Result<motor::Parameter
 
 impl Drive {
     /// Whether a new drive of the kind takes its presets; which row does not, and why.
-    pub(crate) fn try_presets(&self, make: &Make<'_>) -> Result<(), (usize, Refused)> {
-        let Some(device) = make(self.kind).filter(|_| !self.presets.is_empty()) else { return Ok(()) };
-        let presets = values(&self.presets, device.spec(), make, None);
+    pub(crate) fn try_presets(&self) -> Result<(), (usize, Refused)> {
+        let Some(device) = kinds::make(self.kind).ok().filter(|_| !self.presets.is_empty()) else {
+            return Ok(());
+        };
+        let presets = values(&self.presets, device.spec(), None);
         let setup = Setup { boot_fast: self.fast_boot, presets, ..Setup::default() };
         match Bench::new().seat(self.kind, device, setup) {
             Err(SeatError::Preset { row, why }) => Err((row, why)),
@@ -177,13 +173,13 @@ impl Drive {
 }
 
 /// The presets as whole values. A half goes onto what was set before, or is in the memory.
-fn values(presets: &[Preset], spec: &Spec, make: &Make<'_>, memory: Option<&[u8]>) -> Vec<(usize, i64)> {
+fn values(presets: &[Preset], spec: &Spec, memory: Option<&[u8]>) -> Vec<(usize, i64)> {
     let mut values: Vec<(usize, i64)> = Vec::new();
     for preset in presets {
         let before = values.iter().position(|&(row, _)| row == preset.row);
         let old = match before {
             Some(place) => values[place].1,
-            None if preset.is_half() => stored(spec, make, memory, preset.row),
+            None if preset.is_half() => stored(spec, memory, preset.row),
             None => 0,
         };
         let value = preset.onto(spec, old);
@@ -196,9 +192,9 @@ fn values(presets: &[Preset], spec: &Spec, make: &Make<'_>, memory: Option<&[u8]
 }
 
 /// What a row holds when a drive wakes up with `memory`.
-fn stored(spec: &Spec, make: &Make<'_>, memory: Option<&[u8]>, row: usize) -> i64 {
+fn stored(spec: &Spec, memory: Option<&[u8]>, row: usize) -> i64 {
     let mut bench = Bench::new();
     let setup = Setup { boot_fast: true, memory: memory.map(<[u8]>::to_vec), ..Setup::default() };
-    let seat = make(spec.kind).and_then(|device| bench.seat(spec.kind, device, setup).ok());
+    let seat = kinds::make(spec.kind).ok().and_then(|device| bench.seat(spec.kind, device, setup).ok());
     seat.map_or(0, |seat| bench.peek(seat, row))
 }

@@ -14,7 +14,6 @@ use std::os::unix::net::UnixStream;
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 use signal_hook::consts::{SIGINT, SIGTERM};
 use standin_sim::bench::{Settings, Setup};
-use standin_sim::kinds;
 use standin_sim::layout::Built;
 use standin_sim::pace::Pace;
 use tracing::info;
@@ -56,7 +55,7 @@ pub(crate) fn run(options: &cli::Run) -> Result<(), String> {
     let given =
         |memory: &Memory| Setup { memory: memory.content(), keep: memory.keeper(), ..Setup::default() };
     let given = memories.iter().map(given).collect();
-    let built = layout.build(settings, &|kind| kinds::make(kind).ok(), given);
+    let built = layout.build(settings, given);
     let Built { mut bench, seats, buses, .. } = built.map_err(|sentence| told.wrong(&sentence))?;
     for (memory, program) in memories.iter().zip(&programs) {
         program.as_ref().map_or(Ok(()), |program| memory.hold(program))?;

@@ -104,7 +104,7 @@ fn of_one_drive(options: &cli::Run, file: &Path) -> Result<(), String> {
 fn read(path: &Path) -> Result<Layout, String> {
     let wrong = |error: &dyn std::fmt::Display| format!("{}: {error}", path.display());
     let text = fs::read_to_string(path).map_err(|error| wrong(&error))?;
-    let mut layout = file::parse(&text, &|kind| kinds::make(kind).ok()).map_err(|error| wrong(&error))?;
+    let mut layout = file::parse(&text).map_err(|error| wrong(&error))?;
     layout.relative_to(path.parent().unwrap_or(Path::new("")));
     Ok(layout)
 }

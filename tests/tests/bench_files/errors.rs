@@ -2,12 +2,10 @@
 
 use standin_sim::file;
 
-use super::make;
-
 /// What is said of `text`.
 #[track_caller]
 fn wrong(text: &str) -> String {
-    match file::parse(text, &make) {
+    match file::parse(text) {
         Ok(_) => panic!("nothing is wrong with {text:?}"),
         Err(error) => error.to_string(),
     }

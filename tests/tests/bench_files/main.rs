@@ -7,19 +7,15 @@ mod examples;
 mod order;
 mod values;
 
-use standin_firmware::device::{Device, Instant};
+use standin_firmware::device::Instant;
 use standin_sim::bench::{Bench, Client, Seat, Settings};
+use standin_sim::file;
 use standin_sim::layout::{Built, Layout};
 use standin_sim::trace::TraceKeep;
-use standin_sim::{file, kinds};
-
-fn make(kind: &str) -> Option<Box<dyn Device>> {
-    kinds::make(kind).ok()
-}
 
 #[track_caller]
 fn layout(text: &str) -> Layout {
-    file::parse(text, &make).unwrap_or_else(|error| panic!("{error}"))
+    file::parse(text).unwrap_or_else(|error| panic!("{error}"))
 }
 
 /// The bench of a file, of which everything is kept.
@@ -27,7 +23,7 @@ fn layout(text: &str) -> Layout {
 fn built(text: &str) -> Built {
     let layout = layout(text);
     let settings = Settings { trace: TraceKeep::All, ..layout.settings() };
-    layout.build(settings, &make, Vec::new()).unwrap_or_else(|error| panic!("{error}"))
+    layout.build(settings, Vec::new()).unwrap_or_else(|error| panic!("{error}"))
 }
 
 /// The bench of an example.

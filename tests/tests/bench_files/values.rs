@@ -8,11 +8,12 @@ use standin_protocol::time::Span;
 use standin_sim::bench::Setup;
 use standin_sim::bus::LineMode;
 use standin_sim::faults::LineFaults;
+use standin_sim::kinds;
 use standin_sim::layout::{At, MotorKind};
 use standin_sim::listen::Uri;
 use standin_sim::pace::Pace;
 
-use super::{built, layout, make, register, seat};
+use super::{built, layout, register, seat};
 
 #[test]
 fn nothing_but_a_drive_is_a_bench() {
@@ -85,7 +86,7 @@ fn everything_that_can_be_said() {
     assert_eq!((motor.steps_per_rev, motor.holding_unm, motor.rated_ma), (400, 1_200_500, 2_800));
     assert_eq!((motor.pull_out_rpm, motor.inertia_gcm2), (2_000, 300));
     assert_eq!((motor.friction_unm, motor.load_unm), (13, -3_000));
-    let spec = |drive: usize| make(layout.drives[drive].kind).unwrap().spec();
+    let spec = |drive: usize| kinds::make(layout.drives[drive].kind).unwrap().spec();
     let named = |drive: usize, name: &str| -> At { (drive, spec(drive).pin(name).unwrap()) };
     let encoder = &layout.encoders[0];
     assert_eq!(encoder.cycles_per_rev, 500);
@@ -213,14 +214,14 @@ fn presets_are_there_at_power_on() {
 #[test]
 fn what_the_host_gives_a_drive_is_kept() {
     let layout = layout("[[drive]]\nname = 'x'\nkind = 'md3'\nset = { SpeedHigh = 1 }\n");
-    let mut first = layout.build(layout.settings(), &make, Vec::new()).unwrap();
+    let mut first = layout.build(layout.settings(), Vec::new()).unwrap();
     let x = first.seats[0];
     let memory = first.bench.memory(x).to_vec();
     first.bench.settle();
     let given = vec![Setup { memory: Some(memory), boot_fast: true, ..Setup::default() }];
     let mut low = super::layout("[[drive]]\nname = 'x'\nkind = 'md3'\nset = { SpeedLow = 2 }\n");
     low.seed = Some(2);
-    let second = low.build(low.settings(), &make, given).unwrap();
+    let second = low.build(low.settings(), given).unwrap();
     assert_eq!(register(&second.bench, second.seats[0], "Speed"), 65_538);
 }
 
