@@ -6,6 +6,7 @@ import os
 import struct
 import subprocess
 import threading
+import time
 import urllib.error
 import urllib.parse
 
@@ -25,23 +26,55 @@ def connect(standin):
     return http.client.HTTPConnection(address, timeout=PATIENCE)
 
 
+class Full(Exception):
+    """There is no room for one more."""
+
+
+def answered(connection):
+    """The answer to what was asked, which is a good one, unless there is no room."""
+    answer = connection.getresponse()
+    if answer.status == 503:
+        raise Full
+    assert answer.status == 200
+    return answer
+
+
+def when_there_is_room(do, meanwhile):
+    """What comes of doing something, when it has been seen that somebody has left."""
+    until = time.monotonic() + PATIENCE
+    while True:
+        meanwhile()
+        try:
+            return do()
+        except Full:
+            assert time.monotonic() < until, "there is no room"
+
+
 class Events:
     """Somebody who follows the bench."""
 
     def __init__(self, standin, query="", **headers):
         self.connection = connect(standin)
         self.connection.request("GET", "/api/events" + query, headers=headers)
-        self.answer = self.connection.getresponse()
-        assert self.answer.status == 200
+        self.answer = answered(self.connection)
         assert self.answer.getheader("Content-Type") == "text/event-stream"
 
     def next(self):
         """The next event: what it is, its number, and its data."""
-        fields = {}
-        while line := self.answer.readline().decode().rstrip("\n"):
-            name, _, value = line.partition(": ")
-            fields[name] = value
+        until = time.monotonic() + PATIENCE
+        while not (fields := self.piece()):
+            assert time.monotonic() < until, "nothing happens"
         return fields["event"], int(fields["id"]), json.loads(fields["data"])
+
+    def piece(self):
+        """The fields of what comes next; none if that is a comment, which says that somebody is there."""
+        fields = {}
+        while (line := self.answer.readline().decode()) != "\n":
+            assert line, "the bench is gone"
+            name, _, value = line.rstrip("\n").partition(": ")
+            if not name.startswith(":"):
+                fields[name] = value
+        return fields
 
     def close(self):
         self.answer.close()
@@ -66,9 +99,7 @@ def text(standin, query=""):
     """What happened."""
     connection = connect(standin)
     connection.request("GET", "/api/trace" + query)
-    answer = connection.getresponse()
-    assert answer.status == 200
-    return answer.read().decode()
+    return answered(connection).read().decode()
 
 
 def test_events_tell_what_the_trace_tells(run):
@@ -139,6 +170,17 @@ def test_who_is_too_slow_is_told_and_goes_on(run):
     assert text(standin).splitlines()[3].startswith("lost ")
 
 
+def test_who_follows_a_quiet_drive_on_a_busy_bench_hears_that_somebody_is_there(run, tmp_path):
+    bench = tmp_path / "bench.toml"
+    drives = [f"[[drive]]\nname = '{name}'\nkind = 'md3'\n" for name in ("busy", "quiet")]
+    bench.write_text("".join(drives))
+    standin = run("--fast-boot", kind=bench)
+    standin.call("POST", "/api/drives/busy/pins/J2.5/pulses", {"count": 1_000_000, "hz": 1_000})
+    quiet, busy = Events(standin, "?drive=quiet"), Events(standin, "?drive=busy")
+    assert quiet.piece() == {}
+    assert busy.next()[2]["words"] in ("pin J2.5 low", "pin J2.5 high")
+
+
 def test_only_so_many_follow_the_bench(run):
     standin = run("--fast-boot", "--time", "manual")
     readers = [Events(standin) for _ in range(16)]
@@ -149,14 +191,7 @@ def test_only_so_many_follow_the_bench(run):
     )
     standin.seconds()
     readers.pop().close()
-    level(standin, "J2.4", "low")
-    while True:
-        try:
-            last = Events(standin)
-            break
-        except AssertionError:
-            # It has not been seen yet that somebody has left.
-            level(standin, "J2.4", "low")
+    last = when_there_is_room(lambda: Events(standin), lambda: level(standin, "J2.4", "low"))
     level(standin, "J2.4", "high")
     for reader in [*readers, last]:
         while reader.next()[2]["words"] != "pin J2.4 high":
@@ -223,12 +258,7 @@ def test_waveforms_without_end_hold_nobody_up(run):
     assert standin.drive()["motion"]["moving"]
     for reader in readers:
         reader.close()
-    while True:
-        try:
-            text(standin)
-            break
-        except AssertionError:
-            standin.seconds()
+    when_there_is_room(lambda: text(standin), standin.seconds)
     assert standin.stop() == 0
 
 

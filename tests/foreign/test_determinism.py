@@ -4,6 +4,7 @@ import json
 import os
 import socket
 import subprocess
+import time
 import urllib.request
 
 from conftest import PATIENCE
@@ -61,21 +62,31 @@ class Played:
         """What is asked does not depend on what is answered, since the line is disturbed."""
         for value in range(20):
             for unit in (1, 2):
-                line.sendall(write(unit, USER_REGISTER, value))
+                self.send(line, write(unit, USER_REGISTER, value))
                 self.advance(0.1)
-                line.sendall(frame(unit, 3, 0, USER_REGISTER, 0, 1))
+                self.send(line, frame(unit, 3, 0, USER_REGISTER, 0, 1))
                 self.advance(0.1)
-        line.sendall(write(2, MOTION_CONTROL, 1))
+        self.send(line, write(2, MOTION_CONTROL, 1))
         self.call("POST", "/api/drives/x/power", {"action": "cut"})
-        line.sendall(write(1, EEPROM_CONTROL, 1))
+        self.send(line, write(1, EEPROM_CONTROL, 1))
         self.advance(1.0)
         self.call("POST", "/api/drives/x/power", {"action": "on"})
         self.advance(1.0)
 
+    def send(self, line, request):
+        """Returns when the drive has heard it, whomever it is for and whatever is left of it."""
+        before = self.heard()
+        line.sendall(request)
+        until = time.monotonic() + PATIENCE
+        while self.heard() == before:
+            assert time.monotonic() < until, "it has not come"
+
+    def heard(self):
+        """Frames that the drive x has heard."""
+        seen = json.loads(self.call("GET", "/api/drives/x"))["ports"]["rs485"]
+        return seen["requests"] + seen["refused"] + seen["dropped"]
+
     def advance(self, seconds):
-        """After what was sent so far: each call is served after the line was looked at once."""
-        for _ in range(3):
-            self.call("GET", "/api/bench")
         self.call("POST", "/api/time/advance", {"seconds": seconds})
 
     def call(self, method, path, body=None):
