@@ -81,3 +81,41 @@ impl Unread {
         (self.taken, self.lost) = (0, false);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::io::Read as _;
+    use std::os::unix::net::UnixStream;
+
+    #[test]
+    fn what_is_taken_in_pieces_comes_whole() {
+        let (near, mut far) = UnixStream::pair().unwrap();
+        near.set_nonblocking(true).unwrap();
+        let sent: Vec<u8> = (0..3_000_000_u32).map(|n| (n % 251) as u8).collect();
+        let mut unread = Unread { bytes: sent.clone(), ..Unread::default() };
+        let mut came = vec![0; sent.len()];
+        for piece in came.chunks_mut(1_000) {
+            unread.write(&near).unwrap();
+            far.read_exact(piece).unwrap();
+        }
+        assert!(unread.is_empty() && came == sent);
+        drop(far);
+        unread.bytes.push(1);
+        unread.write(&near).unwrap_err();
+    }
+
+    #[test]
+    fn what_is_lost_is_news_once_until_all_is_taken() {
+        let full = || vec![0; (MOST_MIB << 20) + 1];
+        let mut unread = Unread { bytes: full(), ..Unread::default() };
+        assert!(unread.is_too_much() && unread.lose());
+        assert_eq!(unread.len(), MOST_MIB << 20);
+        assert!(!unread.is_too_much() && !unread.lose());
+        unread.bytes.push(0);
+        assert!(!unread.lose());
+        unread.clear();
+        unread.bytes = full();
+        assert!(unread.lose());
+    }
+}

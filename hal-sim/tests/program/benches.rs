@@ -112,6 +112,10 @@ fn what_is_wrong_with_a_file_is_told_with_its_place() {
     let y = x.replace("'x'", "'y'");
     let twice = said(&format!("{x}nv = 'x.nv'\n{y}nv = 'y.nv'\n"));
     assert!(twice.ends_with("another drive keeps its memory there"), "{twice}");
+    std::fs::create_dir(scratch.file("a")).unwrap();
+    let pty = |link: &str| format!("listen = ['pty:{link}']\n");
+    let twice = said(&format!("{x}{}{y}{}", pty("x.tty"), pty("a/../x.tty")));
+    assert!(twice.ends_with("are the same place; use two"), "{twice}");
     let stdio = "listen = ['stdio:']\n";
     let stdio = said(&format!("{x}{stdio}{y}{stdio}"));
     assert!(stdio.starts_with(&at("line 8, column 11")), "{stdio}");

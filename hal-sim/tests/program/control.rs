@@ -487,3 +487,26 @@ fn it_describes_itself() {
         assert!(paths.contains_key(path), "{path}");
     }
 }
+
+#[test]
+fn what_takes_long_in_manual_time_holds_up_neither_looks_nor_the_end() {
+    let md3 = Running::md3(&["--time", "manual", "--fast-boot"]);
+    let trace = || md3.call("GET", "/api/trace", "").body;
+    assert_eq!(md3.call("PUT", "/api/buses/rs485/faults", "{\"delay_ms\":60000}").status, 204);
+    // Some thousand million edges until the reply.
+    let pulses = "{\"count\":4000000000,\"hz\":8000000}";
+    assert_eq!(md3.call("POST", "/api/drives/md3/pins/J2.2/pulses", pulses).status, 204);
+    let before = trace();
+    let mut line = md3.connect();
+    line.write_all(&rtu::read(1, 0x1D, 1)).unwrap();
+    // Time stands but for the request.
+    let mut looks = 0;
+    while trace() == before {
+        looks += 1;
+        assert!(looks < 1_000, "the request is not taken");
+    }
+    assert_eq!(md3.stop(), Some(0));
+    let mut reply = Vec::new();
+    let _ = line.read_to_end(&mut reply);
+    assert!(reply.is_empty(), "it has ended");
+}

@@ -7,11 +7,13 @@ use std::time::Duration;
 
 use crate::running::{Running, Scratch, refused};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::fs::{Mode, OFlags};
 use rustix::pty::OpenptFlags;
 use rustix::termios::{ControlModes, OptionalActions, tcgetattr, tcsetattr};
 use standin_protocol::modbus::rtu;
 
 const USER_REGISTER: u16 = 0x1D;
+const SERIAL_PORT_CONFIGURATION: u16 = 0x1C;
 
 /// The other end of a serial cable: a new pty whose terminal is linked at `link`.
 fn cable(link: &str) -> OwnedFd {
@@ -65,6 +67,17 @@ fn a_serial_port_has_the_settings_of_its_line_and_is_used_again_when_it_is_back(
     rustix::io::write(&plugged, &request).unwrap();
     assert_eq!(heard(&plugged, reply.len(), LONG), *reply);
 
+    // To 9,600 baud, even parity, one stop bit: the reply leaves before that (7.22), and what follows it then.
+    let change = rtu::write(1, SERIAL_PORT_CONFIGURATION, 0x21);
+    rustix::io::write(&plugged, &change).unwrap();
+    assert_eq!(heard(&plugged, change.len(), LONG), *change);
+    rustix::io::write(&plugged, &request).unwrap();
+    assert_eq!(heard(&plugged, reply.len(), LONG), *reply);
+    let line = md3.call("GET", "/api/bench", "").ok()["buses"][0]["line"].as_str().unwrap().to_owned();
+    let changed = tcgetattr(&plugged).unwrap();
+    assert_eq!((line.as_str(), changed.output_speed()), ("9600 8E1", 9_600));
+    assert!(!changed.control_modes.contains(ControlModes::CSTOPB));
+
     drop(plugged);
     let plugged = cable(&device);
     // Nobody tells when it has been found again, and what was sent before that is lost.
@@ -112,4 +125,50 @@ fn a_drive_on_standard_input_and_output_answers_all_and_ends_with_its_input() {
 fn standard_input_and_output_belong_to_one_line() {
     let said = refused(&["run", "md3", "--listen", "stdio:", "--json"]);
     assert_eq!(said, "--json and stdio: cannot share stdout; use one of them");
+}
+
+#[test]
+fn a_bench_whose_output_nobody_reads_ends_though_more_input_may_come() {
+    let mut child = Command::new(env!("CARGO_BIN_EXE_standin"))
+        .args(["run", "md3", "--fast-boot", "--time", "manual", "--listen", "stdio:"])
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    drop(child.stdout.take());
+    let mut stdin = child.stdin.take().unwrap();
+    stdin.write_all(&rtu::read(1, USER_REGISTER, 1)).unwrap();
+    assert_eq!(child.wait().unwrap().code(), Some(0));
+    drop(stdin);
+}
+
+/// The time stamps of a stream of records `s 0E 00000000 00000007 !`, each one character after the other.
+fn stamps(stream: &[u8]) -> Vec<u32> {
+    let text = String::from_utf8(stream.to_vec()).unwrap();
+    let records = text.split(['\r', '\n']).filter_map(|line| line.strip_prefix("s 0E 00000000 ")?.get(..8));
+    records.map(|stamp| u32::from_str_radix(stamp, 16).unwrap()).collect()
+}
+
+#[test]
+fn a_stream_of_a_minute_waits_for_those_who_read_it_afterwards() {
+    let qsb = Running::start("qsb-d", &["--time", "manual", "--fast-boot"], Stdio::inherit());
+    let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::CLOEXEC;
+    let port = rustix::fs::open(qsb.pty(), flags, Mode::empty()).unwrap();
+    qsb.notice();
+    // It is reset by who opens the port.
+    qsb.advance(1.0);
+    let mut line = qsb.connect();
+    // With time stamps, 512 records a second.
+    line.write_all(b"W15F\rW0C1\rS0E\r").unwrap();
+    qsb.notice();
+    qsb.advance(60.0);
+    for reader in [line.into(), port] {
+        // 59 seconds of records of 26 characters, at least.
+        let heard = stamps(&heard(&reader, 59 * 512 * 26, LONG));
+        assert!(heard.len() > 58 * 512, "{}", heard.len());
+        // The first ones wait for the answers before them.
+        assert!(heard[8..].windows(2).all(|two| two[1] == two[0] + 1));
+    }
+    assert_eq!(qsb.stop(), Some(0));
 }

@@ -68,6 +68,11 @@ impl Running {
         uri.unwrap().to_owned()
     }
 
+    /// Its process.
+    pub(crate) fn pid(&self) -> Pid {
+        Pid::from_child(&self.child)
+    }
+
     /// Its pty.
     pub(crate) fn pty(&self) -> PathBuf {
         self.address(0, "pty:").into()
@@ -137,7 +142,7 @@ impl Running {
     }
 
     fn signal(&self, signal: Signal) {
-        kill_process(Pid::from_child(&self.child), signal).unwrap();
+        kill_process(self.pid(), signal).unwrap();
     }
 }
 

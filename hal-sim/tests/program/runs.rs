@@ -1,11 +1,15 @@
 //! Options, exit codes, files, ports.
 
-use std::net::TcpListener;
+use std::fs::File;
+use std::io::{Read as _, Write as _};
+use std::net::{Shutdown, TcpListener};
 use std::os::fd::OwnedFd;
 use std::path::Path;
+use std::time::Duration;
 
 use crate::running::{Running, Scratch, ask, refused, standin};
-use rustix::fs::{Mode, OFlags};
+use rustix::fs::{CWD, FileType, Mode, OFlags, mknodat};
+use rustix::process::{Resource, Rlimit, getrlimit, prlimit};
 use rustix::termios::{ControlModes, LocalModes, OptionalActions, tcgetattr, tcsetattr};
 use serde_json::Value;
 use standin_protocol::modbus::rtu;
@@ -386,4 +390,65 @@ fn a_log_that_nobody_reads_stops_nothing() {
         assert_eq!(reply, *rtu::write(1, USER_REGISTER, value));
     }
     assert_eq!(md3.stop(), Some(0));
+}
+
+#[test]
+fn a_client_that_has_said_all_still_hears_its_last_reply() {
+    let md3 = Running::md3(&["--fast-boot", "--time", "x10"]);
+    // Half a second here.
+    assert_eq!(md3.call("PUT", "/api/buses/rs485/faults", "{\"delay_ms\":5000}").status, 204);
+    let mut line = md3.connect();
+    let request = rtu::write(1, USER_REGISTER, 7);
+    line.write_all(&request).unwrap();
+    line.shutdown(Shutdown::Write).unwrap();
+    let mut reply = Vec::new();
+    line.read_to_end(&mut reply).unwrap();
+    assert_eq!(reply, *request);
+    assert_eq!(md3.stop(), Some(0));
+}
+
+#[test]
+fn who_knocks_while_there_is_no_descriptor_left_is_let_in_when_there_is_one() {
+    let scratch = Scratch::new("crowded");
+    let log = scratch.file("log");
+    let md3 = Running::start("md3", &["--fast-boot"], File::create(&log).unwrap().into());
+    let descriptors = format!("/proc/{}/fd", md3.pid().as_raw_nonzero());
+    let free = (0..).find(|fd| !Path::new(&format!("{descriptors}/{fd}")).is_symlink());
+    let none = Rlimit { current: free, ..getrlimit(Resource::Nofile) };
+    let before = prlimit(Some(md3.pid()), Resource::Nofile, none).unwrap();
+
+    let request = rtu::write(1, USER_REGISTER, 7);
+    let mut line = md3.connect();
+    line.write_all(&request).unwrap();
+    let told = || std::fs::read_to_string(&log).unwrap().matches("lets nobody in").count();
+    let mut looks = 0;
+    while told() == 0 {
+        looks += 1;
+        assert!(looks < 6_000, "it says nothing");
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    // Nobody leaves.
+    prlimit(Some(md3.pid()), Resource::Nofile, before).unwrap();
+    let mut reply = vec![0; request.len()];
+    line.read_exact(&mut reply).unwrap();
+    assert_eq!(reply, *request);
+    assert_eq!(told(), 1);
+    assert_eq!(md3.stop(), Some(0));
+}
+
+#[test]
+fn every_file_that_is_not_complete_is_told_at_the_end() {
+    let scratch = Scratch::new("incomplete");
+    let (pipe, log) = (scratch.file("md3.vcd"), scratch.file("log"));
+    mknodat(CWD, &pipe, FileType::Fifo, Mode::RUSR | Mode::WUSR, 0).unwrap();
+    let reader = open(Path::new(&pipe));
+    let options = ["--time", "manual", "--vcd", &pipe, "--record", "/dev/full"];
+    let md3 = Running::start("md3", &options, File::create(&log).unwrap().into());
+    drop(reader);
+    md3.advance(3.0);
+    assert_eq!(md3.stop(), Some(2));
+    let said = std::fs::read_to_string(&log).unwrap();
+    let last = said.lines().last().unwrap();
+    assert!(last.contains(&format!("--vcd {pipe} is not complete")), "{said}");
+    assert!(last.contains("--record /dev/full: No space left"), "{said}");
 }

@@ -42,40 +42,61 @@ fn line(connection: &mut TcpStream) -> String {
     String::from_utf8(text).unwrap().trim_end().to_owned()
 }
 
+/// Asks a drive what tells it from all others.
+fn request(number: usize) -> Vec<u8> {
+    match KINDS[number % KINDS.len()].2 {
+        Mark::Register(address) => rtu::read(1, address, 1).to_vec(),
+        Mark::Serial => b"R14\r".to_vec(),
+    }
+}
+
+/// Reads what it answers.
+fn check(number: usize, connection: &mut TcpStream) {
+    let expected = u16::try_from(number).unwrap();
+    match KINDS[number % KINDS.len()].2 {
+        Mark::Register(_) => {
+            let mut reply = [0; 7];
+            connection.read_exact(&mut reply).unwrap();
+            let [high, low] = expected.to_be_bytes();
+            assert_eq!(reply, *rtu::frame(1, &[3, 2, high, low]), "drive {number}");
+        }
+        Mark::Serial => {
+            let reply = line(connection);
+            let version = reply.split(' ').nth(2).unwrap();
+            assert_eq!(version[..5].parse(), Ok(expected), "drive {number}: {reply}");
+        }
+    }
+}
+
 #[test]
 fn a_thousand_drives_answer_each_on_its_own_port() {
     let Rlimit { maximum, .. } = getrlimit(Resource::Nofile);
     setrlimit(Resource::Nofile, Rlimit { current: maximum, maximum }).unwrap();
     let scratch = Scratch::new("thousand");
     let file = scratch.file("bench.toml");
-    let mut text = String::from("time = 'manual'\n");
+    let mut text = String::new();
     for number in 0..1_000 {
         let (kind, name, _) = &KINDS[number % KINDS.len()];
         let set = format!("set = {{ {name} = {number} }}");
         write!(text, "[[drive]]\nname = 'd{number}'\nkind = '{kind}'\nfast_boot = true\n{set}\n").unwrap();
     }
     std::fs::write(&file, text).unwrap();
-    let bench = Running::bench(&file, &[]);
-    let mut lines: Vec<TcpStream> = (0..1_000).map(|number| bench.connect_to(number)).collect();
-    for round in 0..2 {
+    for time in ["manual", "real"] {
+        let bench = Running::bench(&file, &["--time", time]);
+        let mut lines: Vec<TcpStream> = (0..1_000).map(|number| bench.connect_to(number)).collect();
         for (number, connection) in lines.iter_mut().enumerate() {
-            let expected = u16::try_from(number).unwrap();
-            match KINDS[number % KINDS.len()].2 {
-                Mark::Register(address) => {
-                    let reply = ask(connection, &rtu::read(1, address, 1), 7);
-                    let [high, low] = expected.to_be_bytes();
-                    assert_eq!(reply, *rtu::frame(1, &[3, 2, high, low]), "drive {number}, round {round}");
-                }
-                Mark::Serial => {
-                    connection.write_all(b"R14\r").unwrap();
-                    let reply = line(connection);
-                    let version = reply.split(' ').nth(2).unwrap();
-                    assert_eq!(version[..5].parse(), Ok(expected), "drive {number}, round {round}: {reply}");
-                }
-            }
+            connection.write_all(&request(number)).unwrap();
+            check(number, connection);
         }
+        // All at once.
+        for (number, connection) in lines.iter_mut().enumerate() {
+            connection.write_all(&request(number)).unwrap();
+        }
+        for (number, connection) in lines.iter_mut().enumerate() {
+            check(number, connection);
+        }
+        assert_eq!(bench.stop(), Some(0));
     }
-    assert_eq!(bench.stop(), Some(0));
 }
 
 #[test]
