@@ -93,7 +93,10 @@ fn play(trace: &Trace, make: &Make<'_>) -> Result<Bench, Unplayable> {
         let next = fed.next();
         let until = next.map_or(trace.end, |(entry, _)| entry.at);
         while let Some((place, drive)) = waiting.next_if(|(_, drive)| drive.from <= until) {
-            bench.run_until(drive.from);
+            // Who is seated at one instant is seated before anything happens at it.
+            if drive.from > bench.now() {
+                bench.run_until(drive.from);
+            }
             seats[place] = Some(seat(&mut bench, drive, make)?);
         }
         let Some((entry, fed)) = next else { break };
