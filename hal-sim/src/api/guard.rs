@@ -118,6 +118,10 @@ impl<T: DeserializeOwned, S: Send + Sync> FromRequest<S> for Body<T> {
             };
             Problem::new(error.status(), detail)
         })?;
+        // A struct may be read of an array, too, but nobody has said so.
+        if bytes.trim_ascii_start().starts_with(b"[") {
+            return Err(Problem::refused("the body is an array; an object is wanted here"));
+        }
         serde_json::from_slice(&bytes).map(Self).map_err(|error| {
             let status =
                 if error.is_data() { StatusCode::UNPROCESSABLE_ENTITY } else { StatusCode::BAD_REQUEST };

@@ -115,6 +115,17 @@ compare tx
 }
 
 #[test]
+fn a_replay_seats_all_drives_of_an_instant_before_anything_happens_at_it() {
+    let mut bench = Bench::new();
+    let fast = || Setup { boot_fast: true, ..Setup::default() };
+    let seats = ["x", "y"].map(|name| bench.seat(name, Box::new(Md3::new()), fast()).unwrap());
+    bench.fault(seats[0], Fault(0), true);
+    bench.run_until(100.millis());
+    let trace = Trace::parse(&bench.trace().to_text(), &make).unwrap();
+    assert_eq!(replay::run(&trace, &make), Ok(None));
+}
+
+#[test]
 fn manual_time_goes_to_the_end_of_the_reply() {
     let (mut bench, seat, client) = alone(LineMode::Timed);
     let reply = bench.ask(seat, &rtu::read(1, 0, 1));

@@ -388,6 +388,7 @@ fn every_error_is_a_problem_document() {
     md3.call("PUT", "/api/time", "{").problem(400);
     md3.call("PUT", "/api/time", "{\"mode\":5}").problem(422);
     md3.call("PUT", "/api/time", "{\"mode\":\"real\",\"more\":1}").problem(422);
+    md3.call("PUT", "/api/time", " [\"manual\"]").problem(422);
     md3.call("PUT", "/api/time", &" ".repeat(70_000)).problem(413);
     let query = |path: &str| md3.call("GET", path, "").problem(422);
     assert!(query("/api/trace?format=text").contains("expected one of `trace`, `vcd`, `pcapng`"));
