@@ -50,7 +50,7 @@ pub struct Parameters {
     pub friction_unm: u32,
     /// Torque of the load, in µN·m, up to 100,000,000, positive against forward motion; also at rest.
     pub load_unm: i32,
-    /// Pulses of a Hall sensor in a turn.
+    /// Pulses of a Hall sensor in a turn, 1 to 1,000.
     pub hall_pulses: u16,
     /// Cycles of its encoder in a turn; 0 without one.
     pub encoder_cycles: u16,
@@ -71,6 +71,45 @@ impl Parameters {
         hall_pulses: 4,
         encoder_cycles: 0,
     };
+
+    /// The least of each.
+    pub const LEAST: Self = Self {
+        supply_mv: 1,
+        no_load_rpm: 60,
+        resistance_mohm: 10,
+        inertia_gcm2: 1,
+        friction_unm: 0,
+        load_unm: -100_000_000,
+        hall_pulses: 1,
+        encoder_cycles: 0,
+    };
+
+    /// The greatest of each.
+    pub const MOST: Self = Self {
+        supply_mv: 100_000,
+        no_load_rpm: 200_000,
+        resistance_mohm: 1_000_000,
+        inertia_gcm2: 10_000_000,
+        friction_unm: 100_000_000,
+        load_unm: 100_000_000,
+        hall_pulses: 1_000,
+        encoder_cycles: u16::MAX,
+    };
+
+    #[inline]
+    fn limited(self) -> Self {
+        let (least, most) = (Self::LEAST, Self::MOST);
+        Self {
+            supply_mv: self.supply_mv.clamp(least.supply_mv, most.supply_mv),
+            no_load_rpm: self.no_load_rpm.clamp(least.no_load_rpm, most.no_load_rpm),
+            resistance_mohm: self.resistance_mohm.clamp(least.resistance_mohm, most.resistance_mohm),
+            inertia_gcm2: self.inertia_gcm2.clamp(least.inertia_gcm2, most.inertia_gcm2),
+            friction_unm: self.friction_unm.clamp(least.friction_unm, most.friction_unm),
+            load_unm: self.load_unm.clamp(least.load_unm, most.load_unm),
+            hall_pulses: self.hall_pulses.clamp(least.hall_pulses, most.hall_pulses),
+            ..self
+        }
+    }
 
     /// After which its speed has come within 1/e of the one that its voltage wants, up to half a second.
     #[must_use]
@@ -133,6 +172,7 @@ impl Motor {
     /// One that stands, with open terminals, in the middle between two edges of its Hall sensors.
     #[must_use]
     pub fn new(parameters: Parameters) -> Self {
+        let parameters = parameters.limited();
         let halls = Wheel::new(parameters.hall_pulses);
         let angle = halls.middle();
         let encoder = Wheel::new(parameters.encoder_cycles).moved_to(angle);
@@ -159,6 +199,7 @@ impl Motor {
 
     /// It is another motor from now on, at the same count of its Hall sensors and as fast in turns.
     pub fn become_another(&mut self, at: Instant, parameters: Parameters, out: &mut dyn Sink) {
+        let parameters = parameters.limited();
         if parameters == self.parameters {
             return;
         }
