@@ -96,19 +96,8 @@ impl Parameters {
         encoder_cycles: u16::MAX,
     };
 
-    #[inline]
-    fn limited(self) -> Self {
-        let (least, most) = (Self::LEAST, Self::MOST);
-        Self {
-            supply_mv: self.supply_mv.clamp(least.supply_mv, most.supply_mv),
-            no_load_rpm: self.no_load_rpm.clamp(least.no_load_rpm, most.no_load_rpm),
-            resistance_mohm: self.resistance_mohm.clamp(least.resistance_mohm, most.resistance_mohm),
-            inertia_gcm2: self.inertia_gcm2.clamp(least.inertia_gcm2, most.inertia_gcm2),
-            friction_unm: self.friction_unm.clamp(least.friction_unm, most.friction_unm),
-            load_unm: self.load_unm.clamp(least.load_unm, most.load_unm),
-            hall_pulses: self.hall_pulses.clamp(least.hall_pulses, most.hall_pulses),
-            ..self
-        }
+    fn pulses(&self) -> u16 {
+        self.hall_pulses.clamp(Self::LEAST.hall_pulses, Self::MOST.hall_pulses)
     }
 
     /// After which its speed has come within 1/e of the one that its voltage wants, up to half a second.
@@ -172,8 +161,7 @@ impl Motor {
     /// One that stands, with open terminals, in the middle between two edges of its Hall sensors.
     #[must_use]
     pub fn new(parameters: Parameters) -> Self {
-        let parameters = parameters.limited();
-        let halls = Wheel::new(parameters.hall_pulses);
+        let halls = Wheel::new(parameters.pulses());
         let angle = halls.middle();
         let encoder = Wheel::new(parameters.encoder_cycles).moved_to(angle);
         Self {
@@ -199,13 +187,12 @@ impl Motor {
 
     /// It is another motor from now on, at the same count of its Hall sensors and as fast in turns.
     pub fn become_another(&mut self, at: Instant, parameters: Parameters, out: &mut dyn Sink) {
-        let parameters = parameters.limited();
         if parameters == self.parameters {
             return;
         }
         let mut now = self.stretch.at(at);
         if parameters.hall_pulses != self.parameters.hall_pulses {
-            self.halls = self.halls.with_pulses(parameters.hall_pulses);
+            self.halls = self.halls.with_pulses(parameters.pulses());
             now.angle = self.halls.middle();
         }
         if parameters.encoder_cycles != self.parameters.encoder_cycles {
