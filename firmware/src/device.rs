@@ -524,15 +524,6 @@ pub struct Shaft {
     pub ma: i32,
 }
 
-/// The motor that a drive has parted from.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub struct Parted {
-    /// As the drive's factory registers describe it.
-    pub motor: crate::motor::Parameters,
-    /// The drive's pins for its Hall sensors, A first.
-    pub halls: &'static [Pin],
-}
-
 /// A drive, or anything else that sits on a bench.
 pub trait Device {
     /// What it is.
@@ -565,9 +556,15 @@ pub trait Device {
         None
     }
 
-    /// Parts from the brush motor that it turns, if it has one of its own, before its first power-on: from
-    /// then on it says what it does to its motor and is told what that does. Returns that motor.
-    fn part(&mut self) -> Option<Parted> {
+    /// The brush motor of its own, as its registers describe it now; `None` if it brings none.
+    fn own_motor(&self) -> Option<crate::motor::Parameters> {
+        None
+    }
+
+    /// Parts from [its own motor](Self::own_motor), before its first power-on: from then on it says what it does to
+    /// its motor and is told what that does. Returns its pins for the Hall sensors, A first; `None` if it brings no
+    /// motor.
+    fn part(&mut self) -> Option<&'static [Pin]> {
         None
     }
 
@@ -611,7 +608,11 @@ impl<D: Device + ?Sized> Device for &mut D {
         (**self).shaft(at, axis)
     }
 
-    fn part(&mut self) -> Option<Parted> {
+    fn own_motor(&self) -> Option<crate::motor::Parameters> {
+        (**self).own_motor()
+    }
+
+    fn part(&mut self) -> Option<&'static [Pin]> {
         (**self).part()
     }
 

@@ -14,6 +14,7 @@ mod faults;
 mod hands;
 mod lines;
 mod motors;
+mod sensors;
 #[cfg(test)]
 mod tests;
 mod wires;
@@ -29,7 +30,8 @@ use crate::schedule::{Class, Event, Heap, Tournament, What};
 use crate::seat::{Outbox, Seated, Tape};
 use crate::trace::{self, Fed, Power, Trace, TraceKeep};
 use motors::Fitted;
-pub use motors::{Closed, Fitting, Motor, Turn};
+pub use motors::{Fitting, Motor, Turn};
+pub use sensors::{CYCLES_PER_REV, Closed, FURTHEST_REV};
 use wires::PinWire;
 pub use wires::StepOutput;
 
@@ -87,7 +89,8 @@ pub struct Setup {
     /// Rows and their values: saved ones are in the memory before the first power-on, others are
     /// set after every power-on.
     pub presets: Vec<(usize, i64)>,
-    /// The brush motor that it turns is one of the bench, and not its own.
+    /// The brush motor that it turns is one of the bench, and not its own: whatever its registers say of a motor
+    /// from then on is for the drive itself.
     pub apart: bool,
 }
 
@@ -322,7 +325,7 @@ impl Bench {
         if apart {
             seated.part();
         }
-        let apart = seated.parted.is_some();
+        let apart = seated.halls.is_some();
         let mut tape = tape(&mut self.trace, &mut self.outbox, self.settings, self.now);
         let mut result = Ok(());
         for &(row, value) in presets.iter().filter(|(row, _)| saved(*row)) {
@@ -343,6 +346,7 @@ impl Bench {
             self.outbox.clear();
             return Err(error);
         }
+        seated.know_parted();
         self.trace.drives.push(trace::Drive {
             name: name.to_owned(),
             spec,

@@ -180,7 +180,7 @@ pub(crate) struct Fate {
     pub(crate) refused: bool,
     /// What comes behind it.
     noise: Option<u64>,
-    /// What it is to somebody with another baud rate.
+    /// The seed of the characters that somebody at another baud rate takes it for.
     garbage: u64,
 }
 

@@ -1,7 +1,7 @@
 //! What is on a bench, as plain data: what a bench file says, or the options of a single drive.
 //!
-//! Everything in a [`Layout`] is checked: names are there once, pins and registers exist, values are legal. One
-//! function makes the [bench](Layout::build) of it.
+//! What makes a [`Layout`] checks it: names are there once, places are those of something, pins and registers exist,
+//! values are legal. One function makes the [bench](Layout::build) of it, and relies on that.
 
 mod build;
 
@@ -128,7 +128,8 @@ pub struct Motor {
 pub enum MotorKind {
     /// It follows the steps of its drive.
     Stepper(motor::stepper::Parameters),
-    /// What is not said is as the drive's registers describe it.
+    /// What is not said is as the drive's registers describe it when it has been powered on for the first time, with
+    /// its memory and presets. From then on it is a motor of its own and follows no register.
     Brush(BrushKeys),
 }
 

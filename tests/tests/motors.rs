@@ -9,7 +9,9 @@ use standin_firmware::qsb::Qsb;
 use standin_firmware::rs434::rs434544;
 use standin_protocol::modbus::rtu;
 use standin_protocol::time::Span;
-use standin_sim::bench::{Bench, Client, Closed, Fitting, Motor, PowerAction, Seat, Settings, Setup};
+use standin_sim::bench::{
+    Bench, CYCLES_PER_REV, Client, Closed, FURTHEST_REV, Fitting, Motor, PowerAction, Seat, Settings, Setup,
+};
 use standin_sim::replay;
 use standin_sim::trace::{Did, Event, Fed, Trace, TraceKeep};
 use standin_tests::rs434::{BOOT, at};
@@ -51,12 +53,16 @@ struct Bed {
 
 impl Bed {
     fn new() -> Self {
+        Self::with(Parameters::NOMINAL, 1_000)
+    }
+
+    fn with(motor: Parameters, cycles_per_rev: u32) -> Self {
         let mut bench = Bench::with(Settings { trace: TraceKeep::All, ..Settings::default() });
         let md3 = seat(&mut bench, "x", "md3");
         let qsb = seat(&mut bench, "reader", "qsb-m");
-        let motor = bench.fit("m", md3, AXIS, Fitting::Stepper(Parameters::NOMINAL)).unwrap();
+        let motor = bench.fit("m", md3, AXIS, Fitting::Stepper(motor)).unwrap();
         let to = ["A", "B", "I"].map(|name| Some(pin(&bench, qsb, name)));
-        bench.encode(motor, 1_000, to);
+        bench.encode(motor, cycles_per_rev, to);
         let client = bench.connect(bench.bus(qsb, Port(0)).unwrap());
         bench.run_until(100.millis());
         let mut bed = Self { bench, md3, motor, qsb, client };
@@ -90,14 +96,18 @@ impl Bed {
         u32::from_str_radix(data.unwrap_or_else(|| panic!("{reply:?}")), 16).unwrap().cast_signed()
     }
 
-    /// Edges that the QSB was told of A and B since then: when the shaft made them.
-    fn edges(&self, since: Instant) -> Vec<u64> {
+    /// Edges that the QSB was told of A and B since then: when the shaft made them, whether of A, and whether it rose.
+    fn edges(&self, since: Instant) -> Vec<(u64, bool, bool)> {
         let (a, b) = (pin(&self.bench, self.qsb, "A").1, pin(&self.bench, self.qsb, "B").1);
         let events = self.bench.trace().events().filter(|entry| entry.drive == 1 && entry.at > since);
-        let edges = events
-            .filter(|entry| matches!(entry.event, Event::Fed(Fed::Edge { pin, .. }) if pin == a || pin == b));
-        // A tick on the wire.
-        edges.map(|entry| entry.at.ticks() - 1).collect()
+        let edges = events.filter_map(|entry| match entry.event {
+            // A tick on the wire.
+            Event::Fed(Fed::Edge { pin, high }) if pin == a || pin == b => {
+                Some((entry.at.ticks() - 1, pin == a, high))
+            }
+            _ => None,
+        });
+        edges.collect()
     }
 }
 
@@ -134,7 +144,7 @@ fn every_edge_of_an_encoder_is_at_its_tick() {
     let edges = bed.edges(start);
     // 10,000 steps of 1,600 in a turn are 25,000 counts of 4,000.
     assert_eq!(edges.len(), 25_000);
-    for (count, edge) in (1_u32..).zip(edges) {
+    for (count, (edge, ..)) in (1_u32..).zip(edges) {
         // Half a count before it. Factory rates: 5,000 steps/s, 10,000 steps/s²; ramps of 1,250 steps.
         let steps = (f64::from(count) - 0.5) / 2.5;
         let seconds = if steps < 1_250.0 {
@@ -149,6 +159,79 @@ fn every_edge_of_an_encoder_is_at_its_tick() {
         let late = made - seconds * 16e6;
         // At the tick behind it; the angle is whole units of 2⁻³² turns.
         assert!((-0.5..1.5).contains(&late), "count {count} is {late} ticks late");
+    }
+}
+
+/// Faster than a count a tick an encoder leaves counts out, and at each tick shows where the shaft is.
+#[test]
+fn an_encoder_does_not_lag() {
+    // 32 steps a turn, and 400,000 counts: 12,500 a step.
+    let most = *CYCLES_PER_REV.end();
+    let mut bed = Bed::with(Parameters { steps_per_rev: 4, ..Parameters::NOMINAL }, most + 1);
+    let counts_per_step = f64::from(4 * most) / 32.0;
+    bed.set(Reg::MoveSteps, 128);
+    bed.set(Reg::Speed, 20_000);
+    bed.set(Reg::AccelDecel, 80_000);
+    let start = bed.bench.now();
+    bed.set(Reg::MotionControl, motion_control::MOVE.into());
+    bed.wait(100.millis());
+    // 64 steps at 80,000 steps/s² take 40 ms, and 64 back: up to 3,200 steps/s, which are 2.5 counts a tick.
+    let half = 0.04;
+    // The motor hears of it a tick later.
+    let made = |tick: u64| (tick - start.ticks() - 1) as f64 / 16e6;
+    let counts = |seconds: f64| {
+        let left = (2.0 * half - seconds).max(0.0);
+        let steps =
+            if seconds < half { 40_000.0 * seconds * seconds } else { 128.0 - 40_000.0 * left * left };
+        steps * counts_per_step
+    };
+    let edges = bed.edges(start);
+    let (mut a, mut b, mut clear) = (true, true, 0_u32);
+    for together in edges.chunk_by(|one, next| one.0 == next.0) {
+        let tick = together[0].0;
+        assert!(together.len() <= 2, "{} edges at {tick}", together.len());
+        for &(_, is_a, high) in together {
+            let level = if is_a { &mut a } else { &mut b };
+            assert_ne!(*level, high, "an edge is a change, at {tick}");
+            *level = high;
+        }
+        // Half a count before it, as far as floating point tells which count that is.
+        let at = counts(made(tick)) + 0.5;
+        if (at - at.round()).abs() > 0.01 {
+            clear += 1;
+            let quarter = at.floor().rem_euclid(4.0);
+            assert_eq!((a, b), (quarter == 0.0 || quarter == 3.0, quarter <= 1.0), "at {tick}: {at}");
+        }
+    }
+    assert!(clear > 500_000, "{clear}");
+    assert!(edges.len() < 1_600_000, "{} edges: nothing was left out", edges.len());
+    let last = made(edges.last().unwrap().0);
+    assert!(last <= 2.0 * half + 1e-6, "at {last} s it goes on, and the shaft stands from {} on", 2.0 * half);
+}
+
+#[test]
+fn a_switch_may_be_anywhere() {
+    let bounds = |above_rev, below_rev| Closed { above_rev, below_rev };
+    for (closed, level) in [
+        (bounds(Some(f64::MAX), None), Level::High),
+        (bounds(Some(f64::INFINITY), None), Level::High),
+        (bounds(Some(FURTHEST_REV), None), Level::High),
+        (bounds(None, Some(f64::MAX)), Level::Low),
+        (bounds(None, Some(-f64::MAX)), Level::High),
+        (bounds(Some(-f64::INFINITY), Some(f64::INFINITY)), Level::Low),
+        (bounds(Some(2.0), Some(-2.0)), Level::High),
+        // What is not a number bounds nothing.
+        (bounds(Some(f64::NAN), Some(1.0)), Level::Low),
+        (bounds(Some(1.0), Some(f64::NAN)), Level::High),
+    ] {
+        let most = Parameters { steps_per_rev: Parameters::MOST.steps_per_rev, ..Parameters::NOMINAL };
+        let mut bed = Bed::with(most, 1);
+        let to = pin(&bed.bench, bed.md3, "J2.2");
+        bed.bench.switch(bed.motor, closed, to);
+        bed.set(Reg::MoveSteps, 1_000);
+        bed.set(Reg::MotionControl, motion_control::MOVE.into());
+        bed.wait(1.secs());
+        assert_eq!(bed.bench.level(to.0, to.1), level, "{closed:?}");
     }
 }
 
@@ -198,11 +281,16 @@ const SCRIPT: [(u64, Act); 14] = [
 /// A tick, a pin, and whether it goes high.
 type Edge = (u64, Pin, bool);
 
-/// An RS drive that goes through the script: what it answered and what its motor did, and the edges of its Hall
-/// sensors.
-fn rs_drive(apart: bool) -> (Bench, Vec<Vec<u8>>, Vec<Edge>) {
+/// The place of a register of an RS drive.
+fn row(name: &str) -> usize {
+    rs434544().spec().find(name).expect("the manual has that register").row
+}
+
+/// An RS drive that goes through the script, with some registers preset: what it answered and what its motor did, and
+/// the edges of its Hall sensors.
+fn rs_drive(apart: bool, presets: &[(usize, i64)]) -> (Bench, Vec<Vec<u8>>, Vec<Edge>) {
     let mut bench = Bench::with(Settings { trace: TraceKeep::All, ..Settings::default() });
-    let setup = Setup { apart, ..Setup::default() };
+    let setup = Setup { apart, presets: presets.to_vec(), ..Setup::default() };
     let drive = bench.seat("d", Box::new(rs434544()), setup).unwrap();
     assert_eq!(bench.parted(drive).is_some(), apart);
     if let Some(parameters) = bench.parted(drive) {
@@ -244,15 +332,18 @@ fn rs_drive(apart: bool) -> (Bench, Vec<Vec<u8>>, Vec<Edge>) {
 
 #[test]
 fn an_rs_drive_apart_is_the_same_drive() {
-    let (_, replies, edges) = rs_drive(false);
-    let (bench, replies_apart, edges_apart) = rs_drive(true);
-    assert!(edges.len() > 50, "{}", edges.len());
-    assert_eq!(edges_apart, edges);
-    assert_eq!(replies_apart, replies);
-    let text = bench.trace().to_text();
-    assert!(text.contains("\ndrive d rs434544 apart\n"), "{}", &text[..200]);
-    assert!(text.contains(" > draws motor "));
-    assert_replays(&bench);
+    // From the factory, and with a motor that its registers describe otherwise.
+    for presets in [vec![], vec![(row("PULSES_PER_REVOLUTION"), 8), (row("RATED_SPEED"), 4_500)]] {
+        let (_, replies, edges) = rs_drive(false, &presets);
+        let (bench, replies_apart, edges_apart) = rs_drive(true, &presets);
+        assert!(edges.len() > 50, "{}", edges.len());
+        assert_eq!(edges_apart, edges);
+        assert_eq!(replies_apart, replies);
+        let text = bench.trace().to_text();
+        assert!(text.contains("\ndrive d rs434544 apart\n"), "{}", &text[..200]);
+        assert!(text.contains(" > draws motor "));
+        assert_replays(&bench);
+    }
 }
 
 #[test]

@@ -48,13 +48,16 @@ impl Constants {
         const RPM: u64 = (1 << 60) / (60 * TICKS_PER_SECOND / 16);
         /// 10·2⁶⁴ / (2π·f²) in 1/16: µN·m at 1 g·cm² in 2⁻⁶⁴ turns a tick².
         const ACCELERATION: i64 = 1_834_932;
-        let supply = u64::from(parameters.supply_mv.clamp(1, 100_000));
-        let rpm = u64::from(parameters.no_load_rpm.clamp(60, 200_000));
-        let resistance = i64::from(parameters.resistance_mohm.clamp(10, 1_000_000));
-        let inertia = i64::from(parameters.inertia_gcm2.clamp(1, 10_000_000));
+        let (least, most) = (Parameters::LEAST, Parameters::MOST);
+        let supply = u64::from(parameters.supply_mv.clamp(least.supply_mv, most.supply_mv));
+        let rpm = u64::from(parameters.no_load_rpm.clamp(least.no_load_rpm, most.no_load_rpm));
+        let resistance =
+            i64::from(parameters.resistance_mohm.clamp(least.resistance_mohm, most.resistance_mohm));
+        let inertia = i64::from(parameters.inertia_gcm2.clamp(least.inertia_gcm2, most.inertia_gcm2));
+        let friction = parameters.friction_unm.clamp(least.friction_unm, most.friction_unm);
+        let load = parameters.load_unm.clamp(least.load_unm, most.load_unm);
         let accelerated =
             |unm: i64| ((unm * ACCELERATION / inertia) >> 4).clamp(-Stretch::STEEPEST, Stretch::STEEPEST);
-        let torque = |unm: i64| accelerated(unm.clamp(-100_000_000, 100_000_000));
 
         let stall_ma = (supply * 1_000).cast_signed() / resistance;
         let stall_unm = ((supply * TORQUE / rpm).cast_signed() * stall_ma) >> 16;
@@ -64,8 +67,8 @@ impl Constants {
             full,
             stall,
             stall_ma,
-            friction: torque(parameters.friction_unm.into()),
-            load: torque(parameters.load_unm.into()),
+            friction: accelerated(friction.into()),
+            load: accelerated(load.into()),
             step: STEP,
             mean: 0,
         };

@@ -50,7 +50,7 @@ pub struct Parameters {
     pub friction_unm: u32,
     /// Torque of the load, in µN·m, up to 100,000,000, positive against forward motion; also at rest.
     pub load_unm: i32,
-    /// Pulses of a Hall sensor in a turn.
+    /// Pulses of a Hall sensor in a turn, 1 to 1,000.
     pub hall_pulses: u16,
     /// Cycles of its encoder in a turn; 0 without one.
     pub encoder_cycles: u16,
@@ -71,6 +71,34 @@ impl Parameters {
         hall_pulses: 4,
         encoder_cycles: 0,
     };
+
+    /// The least of each.
+    pub const LEAST: Self = Self {
+        supply_mv: 1,
+        no_load_rpm: 60,
+        resistance_mohm: 10,
+        inertia_gcm2: 1,
+        friction_unm: 0,
+        load_unm: -100_000_000,
+        hall_pulses: 1,
+        encoder_cycles: 0,
+    };
+
+    /// The greatest of each.
+    pub const MOST: Self = Self {
+        supply_mv: 100_000,
+        no_load_rpm: 200_000,
+        resistance_mohm: 1_000_000,
+        inertia_gcm2: 10_000_000,
+        friction_unm: 100_000_000,
+        load_unm: 100_000_000,
+        hall_pulses: 1_000,
+        encoder_cycles: u16::MAX,
+    };
+
+    fn pulses(&self) -> u16 {
+        self.hall_pulses.clamp(Self::LEAST.hall_pulses, Self::MOST.hall_pulses)
+    }
 
     /// After which its speed has come within 1/e of the one that its voltage wants, up to half a second.
     #[must_use]
@@ -133,7 +161,7 @@ impl Motor {
     /// One that stands, with open terminals, in the middle between two edges of its Hall sensors.
     #[must_use]
     pub fn new(parameters: Parameters) -> Self {
-        let halls = Wheel::new(parameters.hall_pulses);
+        let halls = Wheel::new(parameters.pulses());
         let angle = halls.middle();
         let encoder = Wheel::new(parameters.encoder_cycles).moved_to(angle);
         Self {
@@ -164,7 +192,7 @@ impl Motor {
         }
         let mut now = self.stretch.at(at);
         if parameters.hall_pulses != self.parameters.hall_pulses {
-            self.halls = self.halls.with_pulses(parameters.hall_pulses);
+            self.halls = self.halls.with_pulses(parameters.pulses());
             now.angle = self.halls.middle();
         }
         if parameters.encoder_cycles != self.parameters.encoder_cycles {

@@ -2,8 +2,7 @@
 
 use super::{AXIS, HALL_PINS, Motor, Parameters};
 use crate::device::{
-    Axis, Boot, Device, Duration, Fault, Input, Instant, Level, Output, Parted, Pin, Refused, Shaft, Sink,
-    Spec,
+    Axis, Boot, Device, Duration, Fault, Input, Instant, Level, Output, Pin, Refused, Shaft, Sink, Spec,
 };
 
 /// A drive that turns a motor.
@@ -223,9 +222,13 @@ impl<D: Turns> Device for Rig<D> {
         if axis == AXIS && !self.parted { self.motor.shaft(at, axis) } else { None }
     }
 
-    fn part(&mut self) -> Option<Parted> {
+    fn own_motor(&self) -> Option<Parameters> {
+        Some(self.drive.motor())
+    }
+
+    fn part(&mut self) -> Option<&'static [Pin]> {
         self.parted = true;
-        Some(Parted { motor: self.drive.motor(), halls: D::HALLS })
+        Some(D::HALLS)
     }
 
     fn microsteps(&self, axis: Axis) -> u16 {

@@ -60,16 +60,38 @@ impl Parameters {
         load_unm: 0,
     };
 
+    /// The least of each.
+    pub const LEAST: Self = Self {
+        steps_per_rev: 4,
+        holding_unm: 0,
+        rated_ma: 1,
+        pull_out_rpm: 1,
+        inertia_gcm2: 1,
+        friction_unm: 0,
+        load_unm: -100_000_000,
+    };
+
+    /// The greatest of each.
+    pub const MOST: Self = Self {
+        steps_per_rev: 10_000,
+        holding_unm: 100_000_000,
+        rated_ma: 100_000,
+        pull_out_rpm: 200_000,
+        inertia_gcm2: 10_000_000,
+        friction_unm: 100_000_000,
+        load_unm: 100_000_000,
+    };
+
     fn limited(self) -> Self {
-        const TORQUE: u32 = 100_000_000;
+        let (least, most) = (Self::LEAST, Self::MOST);
         Self {
-            steps_per_rev: self.steps_per_rev.clamp(4, 10_000),
-            holding_unm: self.holding_unm.min(TORQUE),
-            rated_ma: self.rated_ma.clamp(1, 100_000),
-            pull_out_rpm: self.pull_out_rpm.clamp(1, 200_000),
-            inertia_gcm2: self.inertia_gcm2.clamp(1, 10_000_000),
-            friction_unm: self.friction_unm.min(TORQUE),
-            load_unm: self.load_unm.clamp(-TORQUE.cast_signed(), TORQUE.cast_signed()),
+            steps_per_rev: self.steps_per_rev.clamp(least.steps_per_rev, most.steps_per_rev),
+            holding_unm: self.holding_unm.clamp(least.holding_unm, most.holding_unm),
+            rated_ma: self.rated_ma.clamp(least.rated_ma, most.rated_ma),
+            pull_out_rpm: self.pull_out_rpm.clamp(least.pull_out_rpm, most.pull_out_rpm),
+            inertia_gcm2: self.inertia_gcm2.clamp(least.inertia_gcm2, most.inertia_gcm2),
+            friction_unm: self.friction_unm.clamp(least.friction_unm, most.friction_unm),
+            load_unm: self.load_unm.clamp(least.load_unm, most.load_unm),
         }
     }
 }
@@ -368,10 +390,10 @@ impl Rotor for Stepper {
         self.angle_of(self.stretch.phase_at(at))
     }
 
-    // As the angle says, without a division.
+    // As the angle says, without a division. What is too far to be reckoned is further than the shaft.
     fn is_at_least(&self, at: Instant, angle: i64) -> bool {
         let below = i128::from(angle.wrapping_sub(self.origin)) - 1;
-        self.stretch.phase_at(at) << 32 > below * self.turn()
+        self.stretch.phase_at(at) << 32 > below.saturating_mul(self.turn())
     }
 
     fn pace(&self) -> Pace {

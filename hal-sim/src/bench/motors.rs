@@ -1,8 +1,7 @@
-//! Motors of their own, and what is on their shafts: encoders and switches.
+//! Motors of their own.
 //!
 //! A motor hears what its drive does a tick later, and what it does arrives a tick later: at its drive the edges of
-//! Hall sensors and the current that it draws, elsewhere what encoders and switches show. Those are made where
-//! a pin is wired, one ahead, each at the tick at which the shaft crosses it.
+//! Hall sensors and the current that it draws, elsewhere what the [sensors](super::sensors) on its shaft show.
 
 use std::collections::VecDeque;
 
@@ -12,10 +11,10 @@ use standin_firmware::device::{
 use standin_firmware::motor::{self, HALL_A, HALL_B, Pace, Rotor, STALL, stepper};
 use standin_protocol::time::TICKS_PER_SECOND;
 
+use super::sensors::{Sees, Sensor};
 use super::{Bench, Seat};
-use crate::drives::level_of;
 use crate::schedule::{Class, What};
-use crate::seat::Told;
+use crate::seat::{Told, Wakes};
 use crate::trace::{self, Fed};
 
 /// A motor on the bench.
@@ -29,15 +28,6 @@ pub enum Fitting {
     Stepper(stepper::Parameters),
     /// It is turned by the duty of a drive that was seated [`apart`](super::Setup::apart).
     Brush(motor::Parameters),
-}
-
-/// Where a switch is closed: above one position of the shaft and below another, in turns from where it began.
-#[derive(Clone, Copy, PartialEq, Debug)]
-pub struct Closed {
-    /// Above that.
-    pub above_rev: Option<f64>,
-    /// And below that.
-    pub below_rev: Option<f64>,
 }
 
 /// What a shaft does.
@@ -61,8 +51,8 @@ pub(super) fn at_place(place: u32) -> Option<usize> {
     place.checked_sub(MOTORS).map(|motor| motor as usize)
 }
 
-/// Turns in an angle.
-const TURN: f64 = (1_u64 << 32) as f64;
+/// Units of an angle in a turn.
+pub(super) const TURN: f64 = (1_u64 << 32) as f64;
 
 /// A motor that is fitted to a drive.
 pub(super) struct Fitted {
@@ -81,6 +71,7 @@ pub(super) struct Fitted {
     halls: Vec<u32>,
     felt: Felt,
     sensors: Vec<Sensor>,
+    wakes: Wakes,
     /// Tells what is due next from what was foreseen earlier.
     number: u32,
 }
@@ -159,177 +150,6 @@ impl Sink for Felt {
     }
 }
 
-/// Wires, and what is on them.
-type Shows = [Option<(u32, Level)>; 3];
-
-/// What looks at a shaft. It is at one of many places, in the order of angles.
-struct Sensor {
-    /// Where its first wire goes: the order of a motor's sensors.
-    key: (String, Pin),
-    sees: Sees,
-    place: i64,
-    /// What its wires show of that.
-    shows: Option<Shows>,
-    /// When the shaft comes to another place next, and which.
-    next: Instant,
-    to: i64,
-}
-
-enum Sees {
-    /// Counts, four to a cycle.
-    Encoder { counts: i64, wires: [Option<u32>; 3] },
-    /// Place 0 from one angle on and up to another is where it is closed, if there are such.
-    Switch { from: Option<i64>, to: Option<i64>, wire: u32 },
-}
-
-impl Sees {
-    /// The place of an angle.
-    fn place(&self, angle: i64) -> i64 {
-        match *self {
-            Self::Encoder { counts, .. } => {
-                let part = angle & 0xFFFF_FFFF;
-                // A shaft begins in the middle of a count, where nothing trembles.
-                (angle >> 32) * counts + ((part * counts + (1 << 31)) >> 32)
-            }
-            Self::Switch { from, .. } if from.is_some_and(|from| angle < from) => -1,
-            Self::Switch { to, .. } => i64::from(to.is_some_and(|to| angle >= to)),
-        }
-    }
-
-    /// Where a count begins.
-    fn count_begins(counts: i64, count: i64) -> i64 {
-        let (turn, part) = (count.div_euclid(counts), count.rem_euclid(counts));
-        (turn << 32) - ((1 << 31) - (part << 32)).div_euclid(counts)
-    }
-
-    /// The next place to be seen from another one, and the angle from which on, or below which, the shaft is
-    /// there.
-    fn next(&self, place: i64, forward: bool) -> Option<(i64, i64)> {
-        match *self {
-            Self::Encoder { counts, wires: [None, None, _] } => {
-                // Only the index is seen: the first count of a turn, and the others.
-                let count = match (place.rem_euclid(counts), forward) {
-                    (0, true) => place + 1,
-                    (0, false) => place - 1,
-                    (part, true) => place - part + counts,
-                    (part, false) => place - part,
-                };
-                Some((count, Self::count_begins(counts, if forward { count } else { count + 1 })))
-            }
-            Self::Encoder { counts, .. } if forward => {
-                Some((place + 1, Self::count_begins(counts, place + 1)))
-            }
-            Self::Encoder { counts, .. } => Some((place - 1, Self::count_begins(counts, place))),
-            Self::Switch { from, to, .. } => match (place, forward) {
-                (-1, true) => from.map(|from| (0, from)),
-                (0, true) => to.map(|to| (1, to)),
-                (0, false) => from.map(|from| (-1, from)),
-                (1, false) => to.map(|to| (0, to)),
-                _ => None,
-            },
-        }
-    }
-
-    /// Its wires, and what is on them at a place.
-    fn shows(&self, place: i64) -> Shows {
-        match *self {
-            Self::Encoder { counts, wires: [a, b, index] } => {
-                let shows = |wire: Option<u32>, high: bool| wire.map(|wire| (wire, level_of(high)));
-                let quarter = place & 3;
-                [
-                    shows(a, quarter == 0 || quarter == 3),
-                    shows(b, quarter <= 1),
-                    shows(index, place.rem_euclid(counts) == 0),
-                ]
-            }
-            Self::Switch { wire, .. } => {
-                [Some((wire, if place == 0 { Level::Low } else { Level::Float })), None, None]
-            }
-        }
-    }
-}
-
-impl Sensor {
-    /// Foresees what comes next, from `from` on, at a shaft that turns like that.
-    fn foresee(&mut self, rotor: &dyn Rotor, pace: &Pace, began: i64, from: Instant) {
-        if self.shows.is_none() {
-            (self.next, self.to) = (from, self.sees.place(rotor.angle_at(from).wrapping_sub(began)));
-            return;
-        }
-        self.next = Instant::NEVER;
-        let ways = if stands(pace) { [true, false].as_slice() } else { &[forward(pace)] };
-        for &forward in ways {
-            let Some((to, angle)) = self.sees.next(self.place, forward) else { continue };
-            let at = crossing(rotor, pace, angle.wrapping_add(began), forward, from);
-            if at < Instant::NEVER {
-                (self.next, self.to) = (at, to);
-                return;
-            }
-        }
-    }
-}
-
-fn stands(pace: &Pace) -> bool {
-    pace.h == 0 && pace.a == 0
-}
-
-fn forward(pace: &Pace) -> bool {
-    pace.h > 0 || (pace.h == 0 && pace.a > 0)
-}
-
-/// The first tick from `from` on, and before the shaft begins to turn otherwise, at which it is at an angle or
-/// forward of it, or, going backward, before it.
-///
-/// It is reckoned in floating point, which is mostly right; the shaft tells.
-fn crossing(rotor: &dyn Rotor, pace: &Pace, angle: i64, forward: bool, from: Instant) -> Instant {
-    let there = |tick: u64| rotor.is_at_least(Instant::from_ticks(tick), angle) == forward;
-    let first = from.ticks();
-    let Some(last) = rotor.until().ticks().checked_sub(1).filter(|last| *last >= first) else {
-        // It begins to turn otherwise now, and is looked at again then.
-        return Instant::NEVER;
-    };
-    if stands(pace) {
-        return if there(first) { from } else { Instant::NEVER };
-    }
-    let way = angle.wrapping_sub(pace.angle) as f64 / TURN * pace.turn as f64;
-    let (h, a) = (pace.h as f64, pace.a as f64);
-    let root = (h * h + a * way).max(0.0).sqrt();
-    let ticks = way / if forward { h + root } else { h - root };
-    // Not a number is no time.
-    let guess = (pace.since.ticks().saturating_add(ticks.ceil() as u64)).clamp(first, last);
-
-    // From `low` to `high` it comes there; it is searched for in steps that double.
-    let (mut low, mut high, mut step) = (guess, guess, 1);
-    if there(guess) {
-        loop {
-            if high == first {
-                return from;
-            }
-            low = high.saturating_sub(step).max(first);
-            if !there(low) {
-                break;
-            }
-            (high, step) = (low, 2 * step);
-        }
-    } else {
-        loop {
-            if low == last {
-                return Instant::NEVER;
-            }
-            high = low.saturating_add(step).min(last);
-            if there(high) {
-                break;
-            }
-            (low, step) = (high, step.saturating_mul(2));
-        }
-    }
-    while high - low > 1 {
-        let middle = low + (high - low) / 2;
-        if there(middle) { high = middle } else { low = middle }
-    }
-    Instant::from_ticks(high)
-}
-
 /// Motors.
 impl Bench {
     /// Has an axis turn a motor from now on. A drive has one motor an axis. It hears what the drive does at
@@ -351,8 +171,8 @@ impl Bench {
         if self.at(drive).motors.iter().any(|&(other, _)| other == axis) {
             return Err(format!("{of} turns a motor already, so it cannot turn {name}"));
         }
-        let parted = self.at(drive).parted;
-        let machine = match (is, parted) {
+        let halls = self.at(drive).halls;
+        let machine = match (is, halls) {
             (Fitting::Stepper(is), None) => Machine::Stepper(Box::new(stepper::Stepper::new(is))),
             (Fitting::Brush(is), Some(_)) => Machine::Brush(Box::new(motor::Motor::new(is))),
             (Fitting::Stepper(_), Some(_)) => {
@@ -363,8 +183,7 @@ impl Bench {
             }
         };
         let place = u32::try_from(self.motors.len()).expect("a bench has room for two billion motors");
-        let halls = parted.map_or(&[][..], |parted| parted.halls);
-        let halls = halls.iter().map(|&pin| self.end_of_wire((drive, pin))).collect();
+        let halls = halls.unwrap_or_default().iter().map(|&pin| self.end_of_wire((drive, pin))).collect();
         let mut motor = Fitted {
             name: name.to_owned(),
             drive: (drive, axis),
@@ -376,6 +195,7 @@ impl Bench {
             halls,
             felt: Felt::default(),
             sensors: Vec::new(),
+            wakes: Wakes::default(),
             number: 0,
         };
         let now = self.now;
@@ -383,10 +203,8 @@ impl Bench {
         rotor.power_on(now, Boot::default(), &mut motor.felt);
         (motor.began, motor.pace) = (rotor.angle_at(now), rotor.pace());
         let arrives = now + Duration::TICK;
-        let mut told = self.at_mut(drive).turns(axis, place);
-        // Before the plan that is made of them.
         motor.microsteps = self.at(drive).microsteps(axis);
-        told.insert(0, Told::Microsteps(motor.microsteps));
+        let mut told = self.at_mut(drive).turns(axis, place);
         told.extend(self.is_held(drive).then_some(Told::Held(true)));
         motor.inbox.extend(told.into_iter().map(|told| (arrives, told)));
         self.motors.push(motor);
@@ -396,46 +214,20 @@ impl Bench {
         Ok(Motor(place))
     }
 
-    /// The motor that a drive has parted from when it was seated [`apart`](super::Setup::apart).
+    /// The motor that a drive has parted from when it was seated [`apart`](super::Setup::apart): as its registers
+    /// described it when it had been powered on for the first time, with its memory and its presets.
     #[must_use]
     pub fn parted(&self, drive: Seat) -> Option<motor::Parameters> {
-        self.at(drive).parted.map(|parted| parted.motor)
+        self.at(drive).parted
     }
 
-    /// Puts an encoder of `cycles_per_rev` cycles a turn (1 to 10,000,000) on a motor's shaft, and wires its channels A
-    /// and B and its index. It begins in the middle of a count, with all three high; A is a quarter of a cycle before
-    /// B while the motor turns forward. The index is high in the first quarter of a cycle of every turn.
-    ///
-    /// # Panics
-    /// If a pin is not there.
-    pub fn encode(&mut self, motor: Motor, cycles_per_rev: u32, to: [Option<(Seat, Pin)>; 3]) {
-        let counts = 4 * i64::from(cycles_per_rev.clamp(1, 10_000_000));
-        let wires = to.map(|to| to.map(|to| self.end_of_wire(to)));
-        if let Some(to) = to.into_iter().flatten().next() {
-            self.put_sensor(motor, to, Sees::Encoder { counts, wires });
-        }
-    }
-
-    /// Puts a switch beside a motor's shaft that pulls a pin to ground while it is closed.
-    ///
-    /// # Panics
-    /// If the pin is not there.
-    pub fn switch(&mut self, motor: Motor, closed: Closed, to: (Seat, Pin)) {
-        let (wire, pin) = (self.end_of_wire(to), to);
-        // Above and below, and not there.
-        let from = closed.above_rev.map(|rev| (rev * TURN).floor() as i64 + 1);
-        let to = closed.below_rev.map(|rev| (rev * TURN).ceil() as i64);
-        // One that is never closed is so at no angle.
-        let to = if let (Some(from), Some(to)) = (from, to) { Some(to.max(from)) } else { to };
-        self.put_sensor(motor, pin, Sees::Switch { from, to, wire });
-    }
-
-    /// What it shows so far is on its way like all that it will show.
-    fn put_sensor(&mut self, motor: Motor, to: (Seat, Pin), sees: Sees) {
+    /// Puts a sensor beside a motor's shaft, whose first wire goes `to` that pin. What it shows so far is on its way
+    /// like all that it will show.
+    pub(super) fn put_sensor(&mut self, motor: Motor, to: (Seat, Pin), sees: Sees) {
         let (now, key) = (self.now, (self.name(to.0).to_owned(), to.1));
         let Fitted { machine, pace, sensors, began, .. } = &mut self.motors[motor.0 as usize];
-        let mut sensor = Sensor { key, sees, place: 0, shows: None, next: now, to: 0 };
-        sensor.foresee(machine.rotor(), pace, *began, now);
+        let mut sensor = Sensor::new(key, sees, *began);
+        sensor.foresee(machine.rotor(), pace, now);
         let place = sensors.partition_point(|other| other.key <= sensor.key);
         sensors.insert(place, sensor);
         self.foresee_motor(motor.0 as usize);
@@ -538,7 +330,7 @@ impl Bench {
         fitted.number = fitted.number.wrapping_add(1);
         let number = fitted.number;
         let told = fitted.inbox.front().map_or(Instant::NEVER, |(at, _)| *at);
-        let seen = fitted.sensors.iter().map(|sensor| sensor.next).min().unwrap_or(Instant::NEVER);
+        let seen = fitted.sensors.iter().map(Sensor::next).min().unwrap_or(Instant::NEVER);
         let outside = told.min(seen + Duration::TICK);
         let due = fitted.machine.rotor().deadline();
         let (at, class) = if outside <= due { (outside, Class::Pin) } else { (due, Class::Deadline) };
@@ -555,7 +347,7 @@ impl Bench {
         };
         let now = self.now;
         self.see(motor);
-        let Fitted { machine, pace, inbox, felt, sensors, began, .. } = &mut self.motors[motor];
+        let Fitted { name, machine, pace, inbox, felt, sensors, wakes, .. } = &mut self.motors[motor];
         let mut looks = false;
         while inbox.front().is_some_and(|(at, _)| *at <= now)
             && let Some((_, told)) = inbox.pop_front()
@@ -565,13 +357,14 @@ impl Bench {
         }
         if class == Class::Deadline {
             machine.rotor_mut().timeout(now, felt);
+            wakes.count(name, now, machine.rotor().deadline());
             looks = true;
         }
         let rotor = machine.rotor();
         if looks && rotor.pace() != *pace {
             *pace = rotor.pace();
             for sensor in sensors {
-                sensor.foresee(rotor, pace, *began, now);
+                sensor.foresee(rotor, pace, now);
             }
         }
         self.carry_felt(motor);
@@ -581,19 +374,15 @@ impl Bench {
     /// What a motor's sensors have seen by a tick ago arrives.
     fn see(&mut self, motor: usize) {
         for n in 0.. {
-            let Fitted { machine, pace, sensors, began, .. } = &mut self.motors[motor];
+            let Fitted { machine, pace, sensors, .. } = &mut self.motors[motor];
             let Some(sensor) = sensors.get_mut(n) else { break };
-            if sensor.next >= self.now {
+            if sensor.next() >= self.now {
                 continue;
             }
-            let after = sensor.sees.shows(sensor.to);
-            let before = sensor.shows.replace(after).unwrap_or_default();
-            sensor.place = sensor.to;
-            sensor.foresee(machine.rotor(), pace, *began, self.now);
-            for (before, after) in before.into_iter().zip(after) {
-                if let Some((wire, level)) = after.filter(|_| after != before) {
-                    self.wired(wire, level);
-                }
+            let news = sensor.seen();
+            sensor.foresee(machine.rotor(), pace, self.now);
+            for (wire, level) in news.into_iter().flatten() {
+                self.wired(wire, level);
             }
         }
     }

@@ -1,11 +1,11 @@
 //! What is around the drives: motors, what is on their shafts, and wires.
 
 use standin_firmware::device::{Axis, Pin, Role, Spec};
-use standin_firmware::motor::stepper;
+use standin_firmware::motor::{self, stepper};
 
 use super::Reader;
 use super::table::{Said, Table, Wrong};
-use crate::bench::Closed;
+use crate::bench::{CYCLES_PER_REV, Closed, FURTHEST_REV};
 use crate::layout::{At, BrushKeys, Encoder, Motor, MotorKind, Switch, Wire};
 use crate::{kinds, nearest};
 
@@ -36,15 +36,6 @@ pub(super) const SWITCH: [&str; 3] = ["motor", "closed", "to"];
 /// The keys of `[[wire]]`.
 pub(super) const WIRE: [&str; 2] = ["from", "to"];
 
-/// The greatest torque, in mN·m.
-const STRONGEST: f64 = 100_000.0;
-/// The greatest speed, in rpm.
-const FASTEST: u32 = 200_000;
-/// The greatest inertia, in g·cm².
-const HEAVIEST: u32 = 10_000_000;
-/// The furthest that a switch may be, in turns.
-const FURTHEST: f64 = 10_000_000.0;
-
 impl Reader {
     pub(super) fn motor(&mut self, table: &Table<'_>) -> Result<(), Wrong> {
         let name = self.name(table, "motor")?;
@@ -60,7 +51,7 @@ impl Reader {
         {
             return Err(text.wrong(format!("'{}' turns the motor '{}' already", text.is, other.name)));
         }
-        let is_brush = kinds::make(spec.kind).is_ok_and(|mut device| device.part().is_some());
+        let is_brush = kinds::make(spec.kind).is_ok_and(|device| device.own_motor().is_some());
         let (foreign, own, other) =
             if is_brush { (&STEPPER, "brush", "stepper") } else { (&BRUSH, "stepper", "brush") };
         if let Some(key) = table.any_of(foreign) {
@@ -75,7 +66,8 @@ impl Reader {
 
     pub(super) fn encoder(&mut self, table: &Table<'_>) -> Result<(), Wrong> {
         let motor = self.motor_named(&table.needed_text("motor")?)?;
-        let cycles = table.needs("cycles_per_rev", table.whole("cycles_per_rev", 1, 100_000)?)?;
+        let (least, most) = CYCLES_PER_REV.into_inner();
+        let cycles = table.needs("cycles_per_rev", table.whole("cycles_per_rev", least, most)?)?;
         let to = table.needs("to", table.table("to", &["a", "b", "index"])?)?;
         if to.keys().is_empty() {
             return Err(Wrong { at: to.at, what: "to takes a, b, index or some of them".to_owned() });
@@ -91,7 +83,7 @@ impl Reader {
         let motor = self.motor_named(&table.needed_text("motor")?)?;
         let closed = table.table("closed", &["above_rev", "below_rev"])?;
         let closed = table.needs("closed", closed)?;
-        let bound = |key| closed.number(key, -FURTHEST, FURTHEST);
+        let bound = |key| closed.number(key, -FURTHEST_REV, FURTHEST_REV);
         let wrong = |what: String| Wrong { at: closed.at, what };
         let closed = match (bound("above_rev")?, bound("below_rev")?) {
             (None, None) => return Err(wrong("closed takes above_rev, below_rev or both".to_owned())),
@@ -155,39 +147,48 @@ impl Reader {
 }
 
 fn stepper(table: &Table<'_>) -> Result<stepper::Parameters, Wrong> {
-    let nominal = stepper::Parameters::NOMINAL;
-    let inertia = table.whole("inertia_gcm2", 1, HEAVIEST)?;
-    Ok(stepper::Parameters {
-        steps_per_rev: table
-            .whole("steps_per_rev", 4, 10_000)?
-            .map_or(nominal.steps_per_rev, |steps| steps.is),
-        holding_unm: thousandths(table, "holding_mnm", 0.0, STRONGEST)?.map_or(nominal.holding_unm, unsigned),
-        rated_ma: table.whole("rated_ma", 1, 100_000)?.map_or(nominal.rated_ma, |rated| rated.is),
-        pull_out_rpm: table.whole("pull_out_rpm", 1, FASTEST)?.map_or(nominal.pull_out_rpm, |speed| speed.is),
-        inertia_gcm2: inertia.map_or(nominal.inertia_gcm2, |inertia| inertia.is),
-        friction_unm: thousandths(table, "friction_mnm", 0.0, STRONGEST)?
-            .map_or(nominal.friction_unm, unsigned),
-        load_unm: thousandths(table, "load_mnm", -STRONGEST, STRONGEST)?.unwrap_or(nominal.load_unm),
+    use stepper::Parameters;
+    let (least, most, nominal) = (Parameters::LEAST, Parameters::MOST, Parameters::NOMINAL);
+    let whole =
+        |key, least, most, nominal| Ok(table.whole(key, least, most)?.map_or(nominal, |number| number.is));
+    let unsigned = |key, least, most, nominal| Ok(unsigned(table, key, least, most)?.unwrap_or(nominal));
+    let steps_per_rev = table.whole("steps_per_rev", least.steps_per_rev, most.steps_per_rev)?;
+    let load_unm = thousandths(table, "load_mnm", least.load_unm, most.load_unm)?;
+    Ok(Parameters {
+        steps_per_rev: steps_per_rev.map_or(nominal.steps_per_rev, |steps| steps.is),
+        holding_unm: unsigned("holding_mnm", least.holding_unm, most.holding_unm, nominal.holding_unm)?,
+        rated_ma: whole("rated_ma", least.rated_ma, most.rated_ma, nominal.rated_ma)?,
+        pull_out_rpm: whole("pull_out_rpm", least.pull_out_rpm, most.pull_out_rpm, nominal.pull_out_rpm)?,
+        inertia_gcm2: whole("inertia_gcm2", least.inertia_gcm2, most.inertia_gcm2, nominal.inertia_gcm2)?,
+        friction_unm: unsigned("friction_mnm", least.friction_unm, most.friction_unm, nominal.friction_unm)?,
+        load_unm: load_unm.unwrap_or(nominal.load_unm),
     })
 }
 
 fn brush(table: &Table<'_>) -> Result<BrushKeys, Wrong> {
+    use motor::Parameters;
+    let (least, most) = (Parameters::LEAST, Parameters::MOST);
+    let whole = |key, least, most| Ok(table.whole(key, least, most)?.map(|number| number.is));
+    let hall_pulses = table.whole("hall_pulses", least.hall_pulses, most.hall_pulses)?;
     Ok(BrushKeys {
-        supply_mv: thousandths(table, "supply_v", 0.001, 100.0)?.map(unsigned),
-        no_load_rpm: table.whole("no_load_rpm", 60, FASTEST)?.map(|speed| speed.is),
-        resistance_mohm: thousandths(table, "resistance_ohm", 0.01, 1_000.0)?.map(unsigned),
-        inertia_gcm2: table.whole("inertia_gcm2", 1, HEAVIEST)?.map(|inertia| inertia.is),
-        friction_unm: thousandths(table, "friction_mnm", 0.0, STRONGEST)?.map(unsigned),
-        load_unm: thousandths(table, "load_mnm", -STRONGEST, STRONGEST)?,
-        hall_pulses: table.whole("hall_pulses", 1, 1_000)?.map(|pulses| pulses.is),
+        supply_mv: unsigned(table, "supply_v", least.supply_mv, most.supply_mv)?,
+        no_load_rpm: whole("no_load_rpm", least.no_load_rpm, most.no_load_rpm)?,
+        resistance_mohm: unsigned(table, "resistance_ohm", least.resistance_mohm, most.resistance_mohm)?,
+        inertia_gcm2: whole("inertia_gcm2", least.inertia_gcm2, most.inertia_gcm2)?,
+        friction_unm: unsigned(table, "friction_mnm", least.friction_unm, most.friction_unm)?,
+        load_unm: thousandths(table, "load_mnm", least.load_unm, most.load_unm)?,
+        hall_pulses: hall_pulses.map(|pulses| pulses.is),
     })
 }
 
-/// A number in thousandths of its unit; its range fits an `i32`.
-fn thousandths(table: &Table<'_>, key: &str, least: f64, greatest: f64) -> Result<Option<i32>, Wrong> {
-    Ok(table.number(key, least, greatest)?.map(|number| (number.is * 1_000.0).round() as i32))
+/// A number of units as thousandths of them, within a range of thousandths.
+fn thousandths(table: &Table<'_>, key: &str, least: i32, most: i32) -> Result<Option<i32>, Wrong> {
+    let number = table.number(key, f64::from(least) / 1_000.0, f64::from(most) / 1_000.0)?;
+    Ok(number.map(|number| (number.is * 1_000.0).round() as i32))
 }
 
-fn unsigned(thousandths: i32) -> u32 {
-    thousandths.unsigned_abs()
+/// The same of what has no sign.
+fn unsigned(table: &Table<'_>, key: &str, least: u32, most: u32) -> Result<Option<u32>, Wrong> {
+    let number = thousandths(table, key, least.cast_signed(), most.cast_signed())?;
+    Ok(number.map(i32::unsigned_abs))
 }

@@ -30,6 +30,10 @@ impl Layout {
     ///
     /// # Errors
     /// One sentence: a drive does not take a preset or its name, or there is no such kind, motor or line.
+    ///
+    /// # Panics
+    /// If a layout that was made by hand names a drive, a motor or a pin by a place where there is none, or two lines
+    /// alike: [`file::parse`](crate::file::parse) and the command line make none of these.
     pub fn build(&self, settings: Settings, given: Vec<Setup>) -> Result<Built, String> {
         let mut bench = Bench::with(settings);
         let mut given: Vec<Setup> = given;

@@ -105,7 +105,9 @@ impl AxisState {
         self.stepped = Some(steps > 0);
     }
 
-    /// What a motor must know that has been told nothing so far.
+    /// What a motor must know that has been told nothing so far, or that all has ended: as a drive does it, first how
+    /// the axis moves, then what current it gives. A current that was never said is left out: the motor of a drive that
+    /// does not say it has its rated one, also without power.
     pub(super) fn told(&self) -> impl Iterator<Item = Told> + use<> {
         let current = self.tells_current.then_some(Told::Current(self.current_ma));
         [Told::Plan(self.plan), Told::Duty(self.duty)].into_iter().chain(current)

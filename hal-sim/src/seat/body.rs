@@ -70,6 +70,9 @@ pub(crate) enum Moved {
 }
 
 /// What a motor hears of its drive, and what else is done to it.
+///
+/// Of one instant it hears first how large the drive's steps are, which is what a plan is made of: a plan in steps of
+/// another size would make the shaft jump. The rest comes in the order in which the drive did it.
 #[derive(Clone, Debug)]
 pub(crate) enum Told {
     Plan(Plan),

@@ -6,9 +6,9 @@ mod pin;
 mod serial;
 
 use standin_firmware::device::{
-    Axis, Boot, Device, Duration, Encoder, EncoderSpec, Fault, Instant, Level, Line, Parted, Pin, Port,
-    Refused, Spec,
+    Axis, Boot, Device, Duration, Encoder, EncoderSpec, Fault, Instant, Level, Line, Pin, Port, Refused, Spec,
 };
+use standin_firmware::motor::Parameters;
 
 use crate::bench::{Keep, Motion};
 use crate::dice::Dice;
@@ -19,9 +19,6 @@ pub(crate) use body::{Moved, Outbox, Sent, Tape, Told};
 pub(crate) use pin::{EdgeTrain, EncoderState, PinState, PulseTrain, Signal};
 pub(crate) use serial::Serial;
 
-/// A device that is woken so often at one instant hangs.
-const MOST_AT_ONCE: u32 = 1_000_000;
-
 /// A device, and all that it has to do with.
 pub(crate) struct Seated {
     pub(crate) name: String,
@@ -29,8 +26,10 @@ pub(crate) struct Seated {
     device: Box<dyn Device>,
     pub(crate) body: Body,
     boot_fast: bool,
-    /// The motor that it has parted from.
-    pub(crate) parted: Option<Parted>,
+    /// Once it has parted from the motor that it brings: its pins for the Hall sensors.
+    pub(crate) halls: Option<&'static [Pin]>,
+    /// And that motor, as its registers described it after its first power-on.
+    pub(crate) parted: Option<Parameters>,
     /// Motors of the bench that it turns.
     pub(crate) motors: Vec<(Axis, u32)>,
     /// Rows that are set after every power-on, and their values.
@@ -39,8 +38,7 @@ pub(crate) struct Seated {
     dice: Dice,
     /// The last that happened to it: nothing can come before it any more.
     last: (Instant, Class),
-    /// Wake-ups in a row after which it wanted to be woken again at once.
-    at_once: u32,
+    wakes: Wakes,
     /// When it wants to be woken; without power never.
     deadline: Instant,
 }
@@ -66,12 +64,13 @@ impl Seated {
             device,
             body,
             boot_fast,
+            halls: None,
             parted: None,
             motors: Vec::new(),
             presets: Vec::new(),
             dice,
             last,
-            at_once: 0,
+            wakes: Wakes::default(),
             deadline: Instant::NEVER,
         }
     }
@@ -83,15 +82,22 @@ impl Seated {
 
     /// Parts from the motor that it brings, before its first power-on.
     pub(crate) fn part(&mut self) {
-        self.parted = self.device.part();
+        self.halls = self.device.part();
     }
 
-    /// An axis turns a motor of the bench from now on; returns what that must know.
+    /// After its first power-on: what the motor is that it has parted from.
+    pub(crate) fn know_parted(&mut self) {
+        self.parted = self.halls.and_then(|_| self.device.own_motor());
+    }
+
+    /// An axis turns a motor of the bench from now on; returns what that must know, in the order in which it is
+    /// [told](Told).
     pub(crate) fn turns(&mut self, axis: Axis, motor: u32) -> Vec<Told> {
         self.motors.push((axis, motor));
+        let microsteps = Told::Microsteps(self.microsteps(axis));
         let Some(state) = self.body.axis(axis) else { return Vec::new() };
         state.turns_motor = true;
-        state.told().collect()
+        std::iter::once(microsteps).chain(state.told()).collect()
     }
 
     /// Steps of its plans in a full step of the motor on an axis.
@@ -106,12 +112,7 @@ impl Seated {
     pub(crate) fn wake(&mut self, due: Instant, tape: &mut Tape<'_>) -> Instant {
         self.device.timeout(due, &mut Hand { body: &mut self.body, tape });
         let next = self.done(due, Class::Deadline, tape);
-        if next > due {
-            self.at_once = 0;
-        } else {
-            self.at_once += 1;
-            assert!(self.at_once < MOST_AT_ONCE, "{}: deadline {due:?} comes again and again", self.name);
-        }
+        self.wakes.count(&self.name, due, next);
         next
     }
 
@@ -357,6 +358,24 @@ impl Seated {
     pub(crate) fn motion(&self, at: Instant, axis: Axis) -> Motion {
         let told = || self.body.axes.get(usize::from(axis.0)).map(|axis| axis.motion(at));
         self.device.shaft(at, axis).map(Motion::from).or_else(told).unwrap_or_default()
+    }
+}
+
+/// Wake-ups in a row after which something wanted to be woken again at once.
+#[derive(Default)]
+pub(crate) struct Wakes(u32);
+
+impl Wakes {
+    /// What is woken so often at one instant hangs.
+    const MOST: u32 = 1_000_000;
+
+    /// It was woken at `due`, and wants to be woken next at `next`.
+    ///
+    /// # Panics
+    /// If it wants to be woken at one instant for ever: time would stand still.
+    pub(crate) fn count(&mut self, name: &str, due: Instant, next: Instant) {
+        self.0 = if next > due { 0 } else { self.0 + 1 };
+        assert!(self.0 < Self::MOST, "{name}: deadline {due:?} comes again and again");
     }
 }
 

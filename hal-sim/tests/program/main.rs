@@ -3,6 +3,7 @@
 mod benches;
 mod control;
 mod ends;
+mod machinery;
 mod programs;
 mod qsb;
 mod running;

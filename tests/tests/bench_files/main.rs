@@ -5,6 +5,7 @@
 mod errors;
 mod examples;
 mod order;
+mod ranges;
 mod values;
 
 use standin_firmware::device::Instant;

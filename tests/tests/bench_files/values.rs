@@ -9,7 +9,7 @@ use standin_sim::bench::Setup;
 use standin_sim::bus::LineMode;
 use standin_sim::faults::LineFaults;
 use standin_sim::kinds;
-use standin_sim::layout::{At, MotorKind};
+use standin_sim::layout::{At, Built, MotorKind};
 use standin_sim::listen::Uri;
 use standin_sim::pace::Pace;
 
@@ -195,6 +195,36 @@ fn paths_are_relative_to_the_folder_of_the_file() {
     assert_eq!(drive.program.as_deref(), Some(Path::new("/abs.rsasm")));
     let places = drive.listen.iter().map(|(_, uri)| uri.to_string()).collect::<Vec<_>>();
     assert_eq!(places, ["pty:/benches/x.tty", "serial:/dev/ttyUSB0", "tcp:127.0.0.1:0"]);
+}
+
+/// What a `[[motor]]` does not say is as the registers of its drive describe it, preset and in the memory; from then on
+/// it is what it is, whatever they say. Both edges of two sensors count, four a pulse.
+#[test]
+fn a_motor_is_what_its_drive_says_at_power_on() {
+    let counts_per_turn = |set: &str, motor: &str, memory: Option<Vec<u8>>, later: Option<i64>| {
+        let drive = format!("[[drive]]\nname = 'x'\nkind = 'rs434544'\nset = {{{set}}}\n");
+        let layout = layout(&format!("{drive}[[motor]]\nname = 'm'\ndrive = 'x'\n{motor}"));
+        let given = vec![Setup { memory, ..Setup::default() }];
+        let Built { mut bench, seats, motors, .. } = layout.build(layout.settings(), given).unwrap();
+        bench.run_until(600.millis());
+        if let Some(pulses) = later {
+            let row = bench.spec(seats[0]).find("PULSES_PER_REVOLUTION").unwrap().row;
+            bench.poke(seats[0], row, pulses).unwrap();
+        }
+        bench.ask(seats[0], &rtu::frame(1, &[5, 0x20, 0, 0xFF, 0]));
+        bench.run_until(3.secs());
+        let (turns, counts) = (bench.turn(motors[0]).revolutions, bench.motion(seats[0], Axis(0)).position);
+        assert!(turns > 10.0, "{turns}");
+        ((f64::from(counts) / turns).round(), bench.memory(seats[0]).to_vec())
+    };
+    let eight = "PULSES_PER_REVOLUTION = 8";
+    assert_eq!(counts_per_turn("", "", None, None).0, 16.0);
+    let (counts, memory) = counts_per_turn(eight, "", None, None);
+    assert_eq!(counts, 32.0);
+    assert_eq!(counts_per_turn("", "", Some(memory), None).0, 32.0);
+    assert_eq!(counts_per_turn(eight, "", None, Some(4)).0, 32.0);
+    assert_eq!(counts_per_turn("", "", None, Some(8)).0, 16.0);
+    assert_eq!(counts_per_turn(eight, "hall_pulses = 5", None, None).0, 20.0);
 }
 
 /// A half goes onto the whole that is set beside it, else onto what is in the memory; the factory's Speed is 5,000

@@ -136,6 +136,20 @@ fn power_comes_and_the_shaft_is_where_it_was() {
     assert_turns(&mut motor, at_us(11_000), 4.0 / 1_600.0);
 }
 
+/// However many units of phase a turn has: 200 full steps of 8, and the most that there are.
+#[test]
+fn the_shaft_is_short_of_any_angle_that_is_far() {
+    for (steps_per_rev, microsteps) in [(200, 8), (Parameters::MOST.steps_per_rev, u16::MAX)] {
+        let mut motor = Stepper::new(Parameters { steps_per_rev, ..Parameters::NOMINAL });
+        motor.set_microsteps(Instant::ZERO, microsteps);
+        for angle in [1, 1 << 32, 1 << 57, i64::MAX] {
+            assert!(!motor.is_at_least(Instant::ZERO, angle), "{angle}");
+            assert!(motor.is_at_least(Instant::ZERO, -angle), "-{angle}");
+        }
+        assert!(motor.is_at_least(Instant::ZERO, 0));
+    }
+}
+
 #[test]
 fn another_size_of_a_step_holds_from_where_the_shaft_is() {
     let mut motor = motor(Parameters::NOMINAL);
