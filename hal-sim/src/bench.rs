@@ -97,9 +97,10 @@ pub struct Setup {
 /// Why a device cannot be seated; the bench is as before.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub enum SeatError {
-    /// A name is one word that does not begin with `#`, `<` or `>`.
+    /// A name is one word without dots that begins with no digit and none of `#`, `<`, `>` and `"`, and is not
+    /// `end`.
     Name(String),
-    /// There is a seat of that name.
+    /// There is a seat, a shared line or a motor of that name.
     Taken(String),
     /// A preset is refused.
     Preset {
@@ -113,8 +114,8 @@ pub enum SeatError {
 impl fmt::Display for SeatError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Name(name) => write!(f, "\"{name}\" is no name for a drive: use one word"),
-            Self::Taken(name) => write!(f, "there are two drives called {name}"),
+            Self::Name(name) => write!(f, "\"{name}\" is no name for a drive: use one word without dots"),
+            Self::Taken(name) => write!(f, "there are two things called {name}"),
             Self::Preset { row, why } => write!(f, "the preset of row {row} is refused: {why:?}"),
         }
     }
@@ -313,7 +314,7 @@ impl Bench {
         if !trace::is_name(name) {
             return Err(SeatError::Name(name.to_owned()));
         }
-        if self.seat_named(name).is_some() {
+        if self.is_taken(name) {
             return Err(SeatError::Taken(name.to_owned()));
         }
         let place = u32::try_from(self.seats.len()).expect("a bench has room for four billion drives");
@@ -388,6 +389,15 @@ impl Bench {
     #[must_use]
     pub fn seat_named(&self, name: &str) -> Option<Seat> {
         self.seats.iter().zip(self.seats()).find(|(seated, _)| seated.name == name).map(|(_, seat)| seat)
+    }
+
+    /// Whether a seat, a shared line or a motor is called so: they have one list of names. That of a line which a
+    /// drive has for itself has a dot, which no other name has.
+    #[must_use]
+    pub fn is_taken(&self, name: &str) -> bool {
+        self.seat_named(name).is_some()
+            || self.buses.iter().any(|wire| wire.port.is_none() && wire.name == name)
+            || self.motors().any(|motor| self.motor_name(motor) == name)
     }
 
     /// What has happened.

@@ -119,14 +119,6 @@ impl Wire {
         }
     }
 
-    /// What clients hear of a character that ends at `end`; `number` is that of its frame where it may collide.
-    pub(crate) fn heard(&self, number: Option<u32>, end: Instant, byte: u8) -> u8 {
-        match (&self.air, number) {
-            (Some(air), Some(number)) if air.spoils(number, end) => air.garbage(end, byte),
-            _ => byte,
-        }
-    }
-
     /// The line that a drive has for itself at a port called `name`.
     pub(crate) fn own(seed: u64, drive: &str, name: &'static str, at: (Seat, Port)) -> Self {
         Self { port: Some(name), ..Self::shared(seed, &format!("{drive}.{name}"), vec![at]) }
@@ -146,8 +138,30 @@ pub(crate) struct Outside {
     bytes: VecDeque<u8>,
     /// How they came.
     arrivals: VecDeque<Arrival>,
-    /// Characters for it, and when they end.
-    inbox: VecDeque<(Instant, u8)>,
+    /// Characters for it, as they end.
+    inbox: VecDeque<Heard>,
+}
+
+/// A character for somebody outside.
+#[derive(Clone, Copy)]
+struct Heard {
+    /// When it ends.
+    end: Instant,
+    byte: u8,
+    /// The drive that says it, if one does.
+    from: Option<Seat>,
+    /// Whether it has collided: once spoiled it stays as it is, whatever else it meets.
+    spoiled: bool,
+}
+
+/// Characters for clients that follow each other from `start` on.
+#[derive(Clone, Copy)]
+pub(crate) struct Told<'a> {
+    pub(crate) start: Instant,
+    pub(crate) character: Duration,
+    pub(crate) bytes: &'a [u8],
+    /// The drive that says them, if one does.
+    pub(crate) from: Option<Seat>,
 }
 
 /// Bytes that came together.
@@ -263,10 +277,10 @@ impl Outside {
         self.bytes.drain(..length).collect()
     }
 
-    /// A character for it ends at `at`. Two drives that send at once are mixed.
-    fn hear(&mut self, at: Instant, byte: u8) {
-        let place = self.inbox.partition_point(|&(end, _)| end <= at);
-        self.inbox.insert(place, (at, byte));
+    /// A character for it. Two drives that send at once are mixed.
+    fn hear(&mut self, heard: Heard) {
+        let place = self.inbox.partition_point(|other| other.end <= heard.end);
+        self.inbox.insert(place, heard);
     }
 
     /// Characters of that length that are on their way to it, and on the line in that time, become others.
@@ -277,25 +291,27 @@ impl Outside {
         character: Duration,
         garbage: impl Fn(Instant, u8) -> u8,
     ) {
-        for (end, byte) in self.inbox.iter_mut().filter(|(end, _)| from < *end && *end - character < until) {
-            *byte = garbage(*end, *byte);
+        let met = |heard: &&mut Heard| from < heard.end && heard.end - character < until;
+        for heard in self.inbox.iter_mut().filter(met).filter(|heard| !heard.spoiled) {
+            heard.byte = garbage(heard.end, heard.byte);
+            heard.spoiled = true;
         }
     }
 
-    /// Characters that end after `at` never came.
-    fn hush(&mut self, at: Instant) {
-        self.inbox.truncate(self.inbox.partition_point(|&(end, _)| end <= at));
+    /// Characters of a drive that end after `at` never came.
+    fn hush(&mut self, seat: Seat, at: Instant) {
+        self.inbox.retain(|heard| heard.end <= at || heard.from != Some(seat));
     }
 
     /// When the next character for it ends.
     fn due(&self) -> Instant {
-        self.inbox.front().map_or(Instant::NEVER, |&(end, _)| end)
+        self.inbox.front().map_or(Instant::NEVER, |heard| heard.end)
     }
 
     /// Appends the characters that have ended by `now`.
     fn receive(&mut self, now: Instant, into: &mut Vec<u8>) -> usize {
-        let count = self.inbox.partition_point(|&(end, _)| end <= now);
-        into.extend(self.inbox.drain(..count).map(|(_, byte)| byte));
+        let count = self.inbox.partition_point(|heard| heard.end <= now);
+        into.extend(self.inbox.drain(..count).map(|heard| heard.byte));
         count
     }
 }
@@ -336,19 +352,27 @@ impl Clients {
         Some(outside)
     }
 
-    /// Characters for a client, from `start` on; whole then if its port paces itself.
-    pub(crate) fn hear(&mut self, id: u32, start: Instant, character: Duration, bytes: &[u8]) {
+    /// Characters for a client, all of them as the first one begins if its port paces itself. `garbage`: what
+    /// is heard of one that ends then and collides with what is on the line already.
+    pub(crate) fn hear(&mut self, id: u32, told: Told<'_>, garbage: impl Fn(Instant, u8) -> Option<u8>) {
+        let Told { start, character, bytes, from } = told;
         self.listening(id, |outside| {
-            let character = if outside.paces_itself { Duration::ZERO } else { character };
             for (n, &byte) in (1..).zip(bytes) {
-                outside.hear(start + character * n, byte);
+                let end = start + character * n;
+                let garbage = garbage(end, byte);
+                outside.hear(Heard {
+                    end: if outside.paces_itself { start } else { end },
+                    byte: garbage.unwrap_or(byte),
+                    from,
+                    spoiled: garbage.is_some(),
+                });
             }
         });
     }
 
-    /// Characters for a client that end after `at` never came.
-    pub(crate) fn hush(&mut self, id: u32, at: Instant) {
-        self.listening(id, |outside| outside.hush(at));
+    /// Characters of a drive for a client that end after `at` never came.
+    pub(crate) fn hush(&mut self, id: u32, seat: Seat, at: Instant) {
+        self.listening(id, |outside| outside.hush(seat, at));
     }
 
     /// Appends the characters that a client can read by `now`; returns how many.

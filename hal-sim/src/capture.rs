@@ -1,4 +1,5 @@
-//! What was on the lines: frames as a probe on the wires sees them, disturbed as they are.
+//! What was on the lines: frames as a probe on the wires sees them, disturbed as they are. Of frames that collided it
+//! keeps what each sender put there, and that nobody could read it.
 
 use std::collections::VecDeque;
 
@@ -27,16 +28,18 @@ pub struct Frame {
     /// On which line.
     pub bus: Bus,
     /// Who sent them.
-    pub from: From,
+    pub from: Source,
     /// At which settings.
     pub line: Line,
     /// The characters.
     pub bytes: Vec<u8>,
+    /// Whether some of them overlapped others on the line.
+    pub collided: bool,
 }
 
 /// Who sent a frame.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum From {
+pub enum Source {
     /// Somebody outside.
     Client,
     /// A drive.
@@ -95,13 +98,21 @@ impl Capture {
 
     /// What a drive says on a line ends at `at`.
     pub(crate) fn cut(&mut self, bus: Bus, seat: Seat, at: Instant) {
-        let said = |frame: &&mut Frame| frame.bus == bus && frame.from == From::Drive(seat);
+        let said = |frame: &&mut Frame| frame.bus == bus && frame.from == Source::Drive(seat);
         for frame in self.frames.iter_mut().filter(said).filter(|frame| frame.end() > at) {
             self.bytes -= frame.size();
             let whole = at.since(frame.at) / frame.line.character();
             frame.bytes.truncate(usize::try_from(whole).unwrap_or(usize::MAX));
             frame.lasts = at.since(frame.at);
             self.bytes += frame.size();
+        }
+    }
+
+    /// Others overlap a frame, the first one being 0.
+    pub(crate) fn collide(&mut self, number: u64) {
+        let place = number.checked_sub(self.lost).and_then(|place| usize::try_from(place).ok());
+        if let Some(frame) = place.and_then(|place| self.frames.get_mut(place)) {
+            frame.collided = true;
         }
     }
 

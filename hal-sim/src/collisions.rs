@@ -1,8 +1,9 @@
 //! Characters that overlap on a line.
 
-use standin_firmware::device::{Duration, Instant};
+use standin_firmware::device::{Duration, Instant, Line};
 
 use crate::dice::Dice;
+use crate::faults::data_bits;
 
 /// No character takes longer: 12 bits at 50 baud.
 const LONGEST_CHARACTER: Duration = Duration::millis(240);
@@ -22,6 +23,8 @@ pub(crate) struct Air {
 /// Characters that somebody sends back to back.
 struct Span {
     number: u32,
+    /// The number of their frame in the capture.
+    frame: u64,
     from: Instant,
     until: Instant,
     character: Duration,
@@ -34,13 +37,30 @@ impl Air {
         Self { spans: Vec::new(), count: 0, spoke: Vec::new(), free: Instant::ZERO, dice }
     }
 
-    /// Somebody sends `count` characters from `from` on; returns a number for them.
-    pub(crate) fn carry(&mut self, now: Instant, from: Instant, character: Duration, count: usize) -> u32 {
+    /// Somebody sends `count` characters from `from` on, which `frame` of the capture will be; returns a number
+    /// for them.
+    pub(crate) fn carry(
+        &mut self,
+        now: Instant,
+        from: Instant,
+        character: Duration,
+        count: usize,
+        frame: u64,
+    ) -> u32 {
         self.spans.retain(|span| span.until + LONGEST_CHARACTER > now);
         self.count = self.count.wrapping_add(1);
         let until = from + character * count as u64;
-        self.spans.push(Span { number: self.count, from, until, character });
+        self.spans.push(Span { number: self.count, frame, from, until, character });
         self.count
+    }
+
+    /// The frames that those of that number overlap.
+    pub(crate) fn met(&self, number: u32) -> impl Iterator<Item = u64> {
+        let own = self.spans.iter().find(|span| span.number == number);
+        let meets = move |span: &&Span| {
+            own.is_some_and(|own| span.number != number && span.from < own.until && own.from < span.until)
+        };
+        self.spans.iter().filter(meets).map(|span| span.frame)
     }
 
     /// Whether a character of that number that ends at `end` overlaps another one.
@@ -50,10 +70,11 @@ impl Air {
         self.spans.iter().any(|span| span.number != number && span.from < end && span.until > began)
     }
 
-    /// What a client hears of a character that ends at `end` and overlaps another one: the same for all clients.
-    pub(crate) fn garbage(&self, end: Instant, byte: u8) -> u8 {
+    /// What a client hears of a character of a line that ends at `end` and overlaps another one: the same for all
+    /// clients, and never the character itself.
+    pub(crate) fn garbage(&self, line: Line, end: Instant, byte: u8) -> u8 {
         let mut dice = self.dice.clone();
         dice.skip(end.ticks());
-        byte ^ (dice.next() % 255 + 1) as u8
+        byte ^ (dice.next() % u64::from(data_bits(line)) + 1) as u8
     }
 }

@@ -23,7 +23,8 @@ pub struct LineFaults {
     /// Frames in which a data bit is turned over. Drives on a line with parity notice it in that character.
     pub corrupt: f64,
     /// Frames that come twice: a reply again when the line has been silent behind it, a request again when its
-    /// answer is over; what was written to a line on which each character has its time, at once.
+    /// answer is over; what was written to a line on which each character has its time, at once. Replies that lag
+    /// by half a second, because the line is full, come once.
     pub duplicate: f64,
     /// Frames whose end is missing: at least a character, and all but one at most.
     pub truncate: f64,
@@ -33,7 +34,8 @@ pub struct LineFaults {
     pub exception: f64,
     /// The code of such a refusal, 1 to 255.
     pub exception_code: u8,
-    /// Frames after which, when the line has been silent, it carries one to eight characters of noise.
+    /// Frames after which, when the line has been silent, it carries one to eight characters of noise;
+    /// not behind replies that lag by half a second, because the line is full.
     pub noise: f64,
     /// Every reply is late by that, up to a minute.
     pub delay: Duration,
@@ -45,38 +47,46 @@ pub struct LineFaults {
 
 impl Default for LineFaults {
     fn default() -> Self {
-        Self {
-            drop: 0.0,
-            corrupt: 0.0,
-            duplicate: 0.0,
-            truncate: 0.0,
-            wrong_address: 0.0,
-            exception: 0.0,
-            exception_code: 4,
-            noise: 0.0,
-            delay: Duration::ZERO,
-            mute: false,
-            baud: None,
-        }
+        Self::NONE
     }
 }
 
 impl LineFaults {
+    /// Nothing disturbs the line.
+    pub const NONE: Self = Self {
+        drop: 0.0,
+        corrupt: 0.0,
+        duplicate: 0.0,
+        truncate: 0.0,
+        wrong_address: 0.0,
+        exception: 0.0,
+        exception_code: 4,
+        noise: 0.0,
+        delay: Duration::ZERO,
+        mute: false,
+        baud: None,
+    };
+
+    /// What is a share of the frames, by name.
+    pub fn shares(&mut self) -> [(&'static str, &mut f64); 7] {
+        [
+            ("drop", &mut self.drop),
+            ("corrupt", &mut self.corrupt),
+            ("duplicate", &mut self.duplicate),
+            ("truncate", &mut self.truncate),
+            ("wrong_address", &mut self.wrong_address),
+            ("exception", &mut self.exception),
+            ("noise", &mut self.noise),
+        ]
+    }
+
     /// Whether every value is in its range.
     ///
     /// # Errors
     /// One sentence: which is not, and what it takes.
     pub fn check(&self) -> Result<(), String> {
-        let shares = [
-            ("drop", self.drop),
-            ("corrupt", self.corrupt),
-            ("duplicate", self.duplicate),
-            ("truncate", self.truncate),
-            ("wrong_address", self.wrong_address),
-            ("exception", self.exception),
-            ("noise", self.noise),
-        ];
-        if let Some((name, share)) = shares.iter().find(|(_, share)| !(0.0..=1.0).contains(share)) {
+        let mut own = *self;
+        if let Some((name, share)) = own.shares().iter().find(|(_, share)| !(0.0..=1.0).contains(&**share)) {
             return Err(format!("{name} takes a share of the frames from 0 to 1, not {share}"));
         }
         if self.exception_code == 0 {
@@ -123,7 +133,7 @@ impl Disturbance {
     /// Nothing yet, on the line of that name.
     pub(crate) fn new(seed: u64, line: &str) -> Self {
         Self {
-            faults: LineFaults::default(),
+            faults: LineFaults::NONE,
             quiet: true,
             requests: Dice::new(seed, &format!("faults of requests on {line}")),
             replies: Dice::new(seed, &format!("faults of replies on {line}")),
@@ -132,11 +142,12 @@ impl Disturbance {
 
     pub(crate) fn set(&mut self, faults: LineFaults) {
         self.faults = LineFaults {
+            exception_code: faults.exception_code.max(1),
             delay: faults.delay.min(LONGEST_DELAY),
             baud: faults.baud.map(|baud| baud.clamp(*BAUDS.start(), *BAUDS.end())),
             ..faults
         };
-        self.quiet = self.faults == LineFaults::default();
+        self.quiet = self.faults == LineFaults::NONE;
     }
 
     pub(crate) fn faults(&self) -> &LineFaults {
@@ -248,7 +259,7 @@ impl Fate {
 }
 
 /// The bits that a character of a line has.
-fn data_bits(line: Line) -> u8 {
+pub(crate) fn data_bits(line: Line) -> u8 {
     if line.data == 7 { 0x7F } else { 0xFF }
 }
 
@@ -290,12 +301,12 @@ impl Refusal {
     }
 }
 
-/// A reply from another address, with a good check sum: the next one up of 1 to 247 that is free.
+/// A reply from another address, with a good check sum: the next one up of 1 to 247 that is free, or where none is
+/// one of those that are reserved (serial, 2.2). `None` where even they are taken.
 pub(crate) fn readdressed(line: Line, reply: &[u8], taken: &[i64]) -> Option<Vec<u8>> {
     let (unit, pdu) = opened(line, reply)?;
-    let mut others = (1..247).map(|up| (u32::from(unit) + up - 1) % 247 + 1).map(|other| other as u8);
-    let next = others.clone().next()?;
-    let other = others.find(|&other| !taken.contains(&i64::from(other))).unwrap_or(next);
+    let others = (1..247).map(|up| (u32::from(unit) + up - 1) % 247 + 1).map(|other| other as u8);
+    let other = others.chain(248..=255).find(|&other| !taken.contains(&i64::from(other)))?;
     Some(framed(line, other, &pdu))
 }
 
@@ -317,7 +328,8 @@ mod tests {
     #[test]
     fn what_is_out_of_range_is_named() {
         let wrong = |faults: LineFaults| faults.check().unwrap_err();
-        let quiet = LineFaults::default();
+        let quiet = LineFaults::NONE;
+        assert_eq!(quiet, LineFaults::default());
         assert_eq!(quiet.check(), Ok(()));
         assert_eq!(LineFaults { drop: 1.0, mute: true, baud: Some(50), ..quiet }.check(), Ok(()));
         for (faults, message) in [
@@ -342,11 +354,25 @@ mod tests {
     fn only_modbus_knows_addresses_and_exceptions() {
         let port = |name, ends| PortSpec { name, ends, line: None };
         let (rs485, usb) = (port("rs485", Ends::Silence), port("usb", Ends::Character));
-        let faults = LineFaults { exception: 0.1, ..LineFaults::default() };
+        let faults = LineFaults { exception: 0.1, ..LineFaults::NONE };
         assert_eq!(faults.check_for(&rs485), Ok(()));
         assert_eq!(faults.check_for(&usb).unwrap_err(), "exception is for lines of Modbus, and usb is none");
         let both = LineFaults { drop: 2.0, ..faults };
         assert!(both.check_for(&usb).unwrap_err().starts_with("drop "));
-        assert_eq!(LineFaults { drop: 0.5, ..LineFaults::default() }.check_for(&usb), Ok(()));
+        assert_eq!(LineFaults { drop: 0.5, ..LineFaults::NONE }.check_for(&usb), Ok(()));
+    }
+
+    #[test]
+    fn a_reply_bears_the_next_address_that_is_free() {
+        let line = Line::new(9_600, 8, Parity::Even, 1);
+        let answers = |unit, taken: std::ops::RangeInclusive<i64>| {
+            let reply = readdressed(line, &rtu::frame(unit, &[3, 2, 0, 1]), &taken.collect::<Vec<_>>())?;
+            Some(rtu::checked(&reply)?[0])
+        };
+        assert_eq!(answers(5, 5..=5), Some(6));
+        assert_eq!(answers(5, 5..=246), Some(247));
+        assert_eq!(answers(247, 1..=247), Some(248), "248 to 255 are reserved, and nobody's");
+        assert_eq!(answers(5, 1..=254), Some(255));
+        assert_eq!(answers(5, 1..=255), None);
     }
 }

@@ -72,20 +72,11 @@ pub fn parse(text: &str) -> Result<Layout, FileError> {
 const KEYS: [&str; 10] =
     ["seed", "time", "line", "drive", "bus", "motor", "encoder", "switch", "wire", "fault"];
 /// The keys of `[[fault]]`.
-const FAULT: [&str; 12] = [
-    "bus",
-    "drop",
-    "corrupt",
-    "duplicate",
-    "truncate",
-    "wrong_address",
-    "exception",
-    "exception_code",
-    "noise",
-    "delay_ms",
-    "mute",
-    "baud",
-];
+fn fault_keys() -> Vec<&'static str> {
+    let mut faults = LineFaults::NONE;
+    let shares = faults.shares().map(|(name, _)| name);
+    [&["bus"], &shares[..], &["exception_code", "delay_ms", "mute", "baud"]].concat()
+}
 
 /// Ticks in a ms.
 const MILLI: f64 = Duration::millis(1).ticks() as f64;
@@ -135,7 +126,7 @@ impl Reader {
         for table in root.each("wire", "[[wire]]", &WIRE)? {
             self.wire(&table)?;
         }
-        for table in root.each("fault", "[[fault]]", &FAULT)? {
+        for table in root.each("fault", "[[fault]]", &fault_keys())? {
             self.fault(&table)?;
         }
         Ok(self.layout)
@@ -163,26 +154,18 @@ impl Reader {
         if self.layout.faults.iter().any(|other| other.bus == name) {
             return Err(bus.wrong(format!("'{name}' has a [[fault]] already")));
         }
-        let none = LineFaults::default();
-        let share = |key| Ok(table.number(key, 0.0, 1.0)?.map_or(0.0, |share| share.is));
-        let delay = table
-            .number("delay_ms", 0.0, LONGEST_DELAY.ticks() as f64 / MILLI)?
-            .map_or(0.0, |delay| delay.is);
-        let faults = LineFaults {
-            drop: share("drop")?,
-            corrupt: share("corrupt")?,
-            duplicate: share("duplicate")?,
-            truncate: share("truncate")?,
-            wrong_address: share("wrong_address")?,
-            exception: share("exception")?,
-            exception_code: table
-                .whole("exception_code", 1, u8::MAX)?
-                .map_or(none.exception_code, |code| code.is),
-            noise: share("noise")?,
-            delay: Duration::from_ticks((delay * MILLI).round() as u64),
-            mute: table.flag("mute")?.is_some_and(|mute| mute.is),
-            baud: table.whole("baud", *BAUDS.start(), *BAUDS.end())?.map(|baud| baud.is),
-        };
+        let mut faults = LineFaults::NONE;
+        for (name, share) in faults.shares() {
+            *share = table.number(name, 0.0, 1.0)?.map_or(0.0, |share| share.is);
+        }
+        if let Some(code) = table.whole("exception_code", 1, u8::MAX)? {
+            faults.exception_code = code.is;
+        }
+        let delay = table.number("delay_ms", 0.0, LONGEST_DELAY.ticks() as f64 / MILLI)?;
+        faults.delay =
+            delay.map_or(Duration::ZERO, |delay| Duration::from_ticks((delay.is * MILLI).round() as u64));
+        faults.mute = table.flag("mute")?.is_some_and(|mute| mute.is);
+        faults.baud = table.whole("baud", *BAUDS.start(), *BAUDS.end())?.map(|baud| baud.is);
         if let Some(port) = self.port_of(line) {
             let at = table.any_of(&["wrong_address", "exception"]).map_or(table.at, |key| key.at);
             faults.check_for(port).map_err(Wrong::at(at))?;
@@ -228,7 +211,7 @@ mod tests {
             ("\n## `[[encoder]]`\n", &ENCODER),
             ("\n## `[[switch]]`\n", &SWITCH),
             ("\n## `[[wire]]`\n", &WIRE),
-            ("\n## `[[fault]]`\n", &FAULT),
+            ("\n## `[[fault]]`\n", &fault_keys()),
         ];
         assert_eq!(3 + tables.len() - 1, KEYS.len());
         for (heading, keys) in tables {

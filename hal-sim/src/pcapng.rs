@@ -8,13 +8,13 @@
 //! |---|---|
 //! | Modbus RTU, Modbus/TCP | that, a query or a response |
 //! | Modbus ASCII, commands of a QSB | lines of text |
-//! | frames with a wrong check sum, noise | data; wrong check sums are in the packet's flags |
+//! | frames with a wrong check sum, or that collided, noise | data; that nobody could read it is in the packet's flags, as a wrong check sum |
 //!
 //! The flags also tell which way a packet went: *inbound* to drives, *outbound* from one. That is the only way to
 //! tell a request of function 5 or 6 of Modbus RTU from its reply, which is the same, unless one tells Wireshark
 //! that RTU is on port 502 (`-o mbrtu.tcp.port:502`).
 
-mod file;
+mod blocks;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::{self, Write};
@@ -22,9 +22,9 @@ use std::io::{self, Write};
 use standin_firmware::device::{Duration, Ends, Instant};
 use standin_protocol::modbus::ascii;
 
-pub use self::file::{File, Packet, Protocol, Way};
+pub use self::blocks::{Blocks, Packet, Protocol, Way};
 use crate::bench::{Bench, Bus};
-use crate::capture::{Capture, Frame, From};
+use crate::capture::{Capture, Frame, Source};
 
 /// A line of text that is longer is cut there.
 const LONGEST_TEXT: usize = 1 << 10;
@@ -40,7 +40,7 @@ pub fn write(bench: &Bench, out: impl Write) -> io::Result<()> {
 }
 
 /// What a bench still knows of its lines at an instant, to be written elsewhere.
-pub struct Copy {
+pub struct Snapshot {
     capture: Capture,
     /// So many frames there were.
     seen: u64,
@@ -48,7 +48,7 @@ pub struct Copy {
     lines: Vec<(Bus, About)>,
 }
 
-impl Copy {
+impl Snapshot {
     /// A copy as of now, without the frames.
     #[must_use]
     pub fn begin(bench: &Bench) -> Self {
@@ -98,7 +98,7 @@ impl About {
 /// What is in it, and in which order, does not depend on how often it follows: packets are written in the
 /// order in which they end.
 pub struct Pcapng<W> {
-    file: File<W>,
+    blocks: Blocks<W>,
     /// What the file calls each line, and what ends a message on it.
     lines: BTreeMap<Bus, (u32, Option<Ends>)>,
     /// Text that is not written yet.
@@ -132,7 +132,7 @@ impl<W: Write> Pcapng<W> {
 
     fn with(lines: impl IntoIterator<Item = (Bus, About)>, out: W) -> io::Result<Self> {
         let mut pcapng = Self {
-            file: File::new(out)?,
+            blocks: Blocks::new(out)?,
             lines: BTreeMap::new(),
             texts: BTreeMap::new(),
             first: 0,
@@ -182,7 +182,7 @@ impl<W: Write> Pcapng<W> {
     /// Those of the writer.
     pub fn finish(mut self) -> io::Result<()> {
         self.write_texts(Instant::NEVER)?;
-        self.file.flush()
+        self.blocks.flush()
     }
 
     /// The first so many frames are forgotten.
@@ -197,15 +197,18 @@ impl<W: Write> Pcapng<W> {
 
     fn take(&mut self, frame: &Frame, about: &dyn Fn(Bus) -> About) -> io::Result<()> {
         let way = match frame.from {
-            From::Client => Way::In,
-            From::Drive(_) => Way::Out,
-            From::Noise => Way::Nowhere,
+            Source::Client => Way::In,
+            Source::Drive(_) => Way::Out,
+            Source::Noise => Way::Nowhere,
         };
         let (line, ends) = self.line(frame.bus, about)?;
         match protocol(ends, frame) {
             _ if frame.bytes.is_empty() => Ok(()),
             Protocol::Text => self.take_text((frame.bus, way), frame),
-            protocol => self.packet(line, frame.at, way, protocol, &frame.bytes),
+            protocol => {
+                let Frame { at, ref bytes, collided, .. } = *frame;
+                self.packet(Packet { line, at, way, protocol, bytes, collided, lost: 0 })
+            }
         }
     }
 
@@ -239,21 +242,22 @@ impl<W: Write> Pcapng<W> {
 
     fn write_text(&mut self, key: (Bus, Way)) -> io::Result<()> {
         match (self.texts.remove(&key), self.lines.get(&key.0)) {
-            (Some(text), Some(&(line, _))) => self.packet(line, text.at, key.1, Protocol::Text, &text.bytes),
+            (Some(Text { at, bytes, .. }), Some(&(line, _))) => self.packet(Packet {
+                line,
+                at,
+                way: key.1,
+                protocol: Protocol::Text,
+                bytes: &bytes,
+                collided: false,
+                lost: 0,
+            }),
             _ => Ok(()),
         }
     }
 
-    fn packet(
-        &mut self,
-        line: u32,
-        at: Instant,
-        way: Way,
-        protocol: Protocol,
-        bytes: &[u8],
-    ) -> io::Result<()> {
+    fn packet(&mut self, packet: Packet<'_>) -> io::Result<()> {
         let lost = std::mem::take(&mut self.lost);
-        self.file.packet(&Packet { line, at, way, protocol, bytes, lost })
+        self.blocks.packet(&Packet { lost, ..packet })
     }
 
     /// What the file calls a line, and what ends a message on it.
@@ -262,7 +266,7 @@ impl<W: Write> Pcapng<W> {
             return Ok(known);
         }
         let About { name, ends } = about(bus);
-        let line = (self.file.line(&name)?, ends);
+        let line = (self.blocks.line(&name)?, ends);
         self.lines.insert(bus, line);
         Ok(line)
     }
@@ -289,7 +293,7 @@ fn ends_line(byte: u8) -> bool {
 /// What is spoken on a line.
 fn protocol(ends: Option<Ends>, frame: &Frame) -> Protocol {
     match ends {
-        _ if frame.from == From::Noise => Protocol::Noise,
+        _ if frame.from == Source::Noise => Protocol::Noise,
         Some(Ends::Silence) if ascii::is_on(frame.line) => Protocol::Ascii,
         Some(Ends::Silence) => Protocol::Rtu,
         Some(Ends::Mbap) => Protocol::Tcp,
@@ -317,7 +321,7 @@ mod tests {
         (bench, md3)
     }
 
-    fn copied(copy: &Copy) -> Vec<u8> {
+    fn copied(copy: &Snapshot) -> Vec<u8> {
         let mut file = Vec::new();
         copy.write(&mut file).unwrap();
         file
@@ -328,7 +332,7 @@ mod tests {
         let (mut bench, md3) = asked(TraceKeep::All, 10);
         let mut whole = Vec::new();
         write(&bench, &mut whole).unwrap();
-        let mut copy = Copy::begin(&bench);
+        let mut copy = Snapshot::begin(&bench);
         let mut pieces = 1;
         while copy.go_on(&bench, 3) {
             bench.ask(md3, &rtu::read(1, 0, 1));
@@ -342,7 +346,7 @@ mod tests {
     #[test]
     fn what_the_ring_drops_meanwhile_is_lost() {
         let (mut bench, md3) = asked(TraceKeep::Ring(2_000), 30);
-        let mut copy = Copy::begin(&bench);
+        let mut copy = Snapshot::begin(&bench);
         assert!(copy.go_on(&bench, 1));
         bench.ask(md3, &rtu::read(1, 0, 1));
         while copy.go_on(&bench, 1) {}
@@ -351,7 +355,7 @@ mod tests {
         for _ in 0..30 {
             bench.ask(md3, &rtu::read(1, 0, 1));
         }
-        let mut copy = Copy { capture: copy.capture.outline(), ..copy };
+        let mut copy = Snapshot { capture: copy.capture.outline(), ..copy };
         while copy.go_on(&bench, 1) {}
         assert_eq!((copy.capture.lost(), copy.capture.since(0).count()), (60, 0));
         copied(&copy);

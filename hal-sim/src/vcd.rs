@@ -488,7 +488,7 @@ mod tests {
     #[test]
     fn a_file_from_its_beginning_to_its_end() {
         let mut bench = Bench::new();
-        let toy = bench.add::<Toy>("a.toy");
+        let toy = bench.add::<Toy>("a-toy");
         bench.run_until(500.micros());
         bench.set_pin(toy, LEVEL, Driving::Millivolts(2_500));
         bench.run_until(2.millis());

@@ -219,15 +219,7 @@ fn by_hand(seats: &[&str], lots: &[usize]) -> Left {
     bench.receive(client, &mut heard);
     let mut capture = Vec::new();
     pcapng::write(&bench, &mut capture).unwrap();
-    Left { trace: sorted(bench.trace().to_text()), capture, heard: vec![heard] }
-}
-
-/// A trace whose header is in order: it lists drives as they were seated.
-fn sorted(trace: String) -> String {
-    let (mut header, events): (Vec<&str>, Vec<&str>) =
-        trace.lines().partition(|line| !line.starts_with(|first: char| first.is_ascii_digit()));
-    header.sort_unstable();
-    [header, events].concat().join("\n")
+    Left { trace: bench.trace().to_text(), capture, heard: vec![heard] }
 }
 
 /// What a trace tells of what happened, without the seed in its header.

@@ -10,7 +10,7 @@ use standin_protocol::modbus::rtu;
 use standin_protocol::time::{Duration, Instant, Span};
 use standin_sim::bench::{Bench, Client, PowerAction, Seat, Settings, Setup};
 use standin_sim::bus::LineMode;
-use standin_sim::capture::From;
+use standin_sim::capture::Source;
 use standin_sim::faults::LineFaults;
 use standin_sim::trace::TraceKeep;
 use standin_tests::{md3, rs434};
@@ -19,10 +19,7 @@ use standin_tests::{md3, rs434};
 const READY: Duration = Duration::secs(1);
 
 const PORT: Port = Port(0);
-
-fn quiet() -> LineFaults {
-    LineFaults::default()
-}
+const QUIET: LineFaults = LineFaults::NONE;
 
 fn settings(seed: u64, line: LineMode) -> Settings {
     Settings { seed, line, trace: TraceKeep::All, capture: TraceKeep::All, ..Settings::default() }
@@ -78,19 +75,19 @@ fn ascii_messages_are_disturbed_with_good_sums() {
     let (mut bench, x, client) = rs_ascii();
     assert_eq!(ask(&mut bench, client, SPEED), IS_1000);
     for (faults, heard) in [
-        (LineFaults { drop: 1.0, ..quiet() }, ""),
-        (LineFaults { mute: true, ..quiet() }, ""),
+        (LineFaults { drop: 1.0, ..QUIET }, ""),
+        (LineFaults { mute: true, ..QUIET }, ""),
         // 02 + 03 + 02 + 03 + E8 = F2h, and F2h + 0Eh = 100h.
-        (LineFaults { wrong_address: 1.0, ..quiet() }, r":02030203E80E\r\n"),
+        (LineFaults { wrong_address: 1.0, ..QUIET }, r":02030203E80E\r\n"),
         // 01 + 83 + 06 = 8Ah, and 8Ah + 76h = 100h.
-        (LineFaults { exception: 1.0, exception_code: 6, ..quiet() }, r":01830676\r\n"),
+        (LineFaults { exception: 1.0, exception_code: 6, ..QUIET }, r":01830676\r\n"),
     ] {
         disturb(&mut bench, x, faults);
         assert_eq!(ask(&mut bench, client, SPEED), heard, "{faults:?}");
     }
-    disturb(&mut bench, x, LineFaults { duplicate: 1.0, ..quiet() });
+    disturb(&mut bench, x, LineFaults { duplicate: 1.0, ..QUIET });
     assert_eq!(ask(&mut bench, client, SPEED), IS_1000.repeat(4));
-    disturb(&mut bench, x, quiet());
+    disturb(&mut bench, x, QUIET);
     assert_eq!(ask(&mut bench, client, SPEED), IS_1000);
 }
 
@@ -99,7 +96,7 @@ fn ascii_messages_are_disturbed_with_good_sums() {
 fn times_on_an_ascii_line() {
     let (mut bench, x, client) = rs_ascii();
     let delay = Duration::millis(30);
-    disturb(&mut bench, x, LineFaults { delay, duplicate: 1.0, ..quiet() });
+    disturb(&mut bench, x, LineFaults { delay, duplicate: 1.0, ..QUIET });
     let (start, seen) = (bench.now(), bench.capture().seen());
     ask(&mut bench, client, SPEED);
     let (asked, answer) = (CHARACTER * 17, CHARACTER * 15);
@@ -113,19 +110,40 @@ fn times_on_an_ascii_line() {
     assert_eq!(bench.now().since(start), again * 2);
 }
 
+/// What collides on a line of 7 data bits still has 7 of them.
+#[test]
+fn what_collides_is_still_of_the_line() {
+    let mut bench = Bench::with(settings(1, LineMode::Timed));
+    let ascii = [("TYPE_MODBUS", 1), ("BITRATE_MODBUS", 4)];
+    let seats = ["x", "y"].map(|name| (seat(&mut bench, name, Box::new(rs434544()), &ascii), PORT));
+    let bus = bench.share("line1", &seats);
+    bench.let_collide(bus, true);
+    let client = bench.connect(bus);
+    bench.run_until(READY);
+    bench.send(client, SPEED);
+    bench.settle();
+    let mut heard = Vec::new();
+    bench.receive(client, &mut heard);
+    let alone = b":01030203E80F\r\n";
+    assert_eq!(heard.len(), alone.len() * 2);
+    for (heard, sent) in heard.chunks(2).zip(alone) {
+        assert!(heard.iter().all(|heard| heard != sent && *heard < 0x80), "{heard:02X?}");
+    }
+}
+
 /// "A character of wrong parity sets bit 14" (RS, decision 5), on its factory line of 115,200 8E1.
 #[test]
 fn an_rs_finds_a_wrong_parity() {
     let (mut bench, x, client) = ready(LineMode::Timed, Box::new(rs434544()), &[]);
     let read_error = |bench: &mut Bench| {
-        disturb(bench, x, quiet());
+        disturb(bench, x, QUIET);
         let request = [&[1, 3], &rs434::at::ERROR.to_be_bytes()[..], &[0, 1]].concat();
         let reply = bench.ask(x, &rtu::frame(1, &request[1..]));
         u16::from_be_bytes([reply[3], reply[4]])
     };
     assert_eq!(read_error(&mut bench), 0);
     hear(&mut bench, client);
-    disturb(&mut bench, x, LineFaults { corrupt: 1.0, ..quiet() });
+    disturb(&mut bench, x, LineFaults { corrupt: 1.0, ..QUIET });
     assert_eq!(ask(&mut bench, client, &rtu::read(1, rs434::at::SPEED, 1)), "");
     assert_eq!(read_error(&mut bench), 1 << 14);
 }
@@ -137,33 +155,33 @@ fn commands_of_a_qsb_are_disturbed_as_they_were_written() {
         // Command list, register 07: its example.
         let answer = r"r 07 00000000 !\r\n";
         assert_eq!(ask(&mut bench, client, b"R07\r"), answer);
-        disturb(&mut bench, x, LineFaults { drop: 1.0, ..quiet() });
+        disturb(&mut bench, x, LineFaults { drop: 1.0, ..QUIET });
         assert_eq!(ask(&mut bench, client, b"R07\r"), "");
-        disturb(&mut bench, x, LineFaults { mute: true, ..quiet() });
+        disturb(&mut bench, x, LineFaults { mute: true, ..QUIET });
         assert_eq!(ask(&mut bench, client, b"W0363\r"), "");
-        disturb(&mut bench, x, LineFaults { duplicate: 1.0, ..quiet() });
+        disturb(&mut bench, x, LineFaults { duplicate: 1.0, ..QUIET });
         assert_eq!(ask(&mut bench, client, b"R03\r"), r"r 03 00000063 !\r\n".repeat(4), "it was carried out");
         let delay = Duration::millis(250);
-        disturb(&mut bench, x, LineFaults { delay, ..quiet() });
+        disturb(&mut bench, x, LineFaults { delay, ..QUIET });
         let before = bench.now();
         assert_eq!(ask(&mut bench, client, b"R07\r"), answer);
         assert!(bench.now() >= before + delay && bench.now() < before + delay + 20.millis());
-        disturb(&mut bench, x, LineFaults { baud: Some(9_600), ..quiet() });
+        disturb(&mut bench, x, LineFaults { baud: Some(9_600), ..QUIET });
         assert_eq!(ask(&mut bench, client, b"R07\r"), "", "its line is 230,400 baud");
-        disturb(&mut bench, x, LineFaults { truncate: 1.0, ..quiet() });
+        disturb(&mut bench, x, LineFaults { truncate: 1.0, ..QUIET });
         bench.send(client, b"\r");
         bench.settle();
         hear(&mut bench, client);
         // Without its CR it is no command yet; what is left of an answer has lost its end.
         assert_eq!(ask(&mut bench, client, b"R07\r"), "");
-        disturb(&mut bench, x, quiet());
+        disturb(&mut bench, x, QUIET);
     }
 }
 
 #[test]
 fn what_a_line_cannot_have_is_refused_in_a_sentence() {
-    let forced = LineFaults { exception: 0.5, ..quiet() };
-    let elsewhere = LineFaults { wrong_address: 0.5, ..quiet() };
+    let forced = LineFaults { exception: 0.5, ..QUIET };
+    let elsewhere = LineFaults { wrong_address: 0.5, ..QUIET };
     for device in [Box::new(Md3::new()) as Box<dyn Device>, Box::new(rs434544()), Box::new(Qsb::s())] {
         let port = &device.spec().ports[0];
         let modbus = port.ends == Ends::Silence;
@@ -204,7 +222,7 @@ fn scene(seed: u64, line: LineMode, order: [usize; 4]) -> String {
         truncate: 0.1,
         noise: 0.3,
         delay: Duration::millis(2),
-        ..quiet()
+        ..QUIET
     };
     for bus in lines {
         let modbus = bus != lines[2];
@@ -244,9 +262,9 @@ fn scene(seed: u64, line: LineMode, order: [usize; 4]) -> String {
         .since(0)
         .map(|frame| {
             let from = match frame.from {
-                From::Drive(seat) => bench.name(seat).to_owned(),
-                From::Client => "client".to_owned(),
-                From::Noise => "noise".to_owned(),
+                Source::Drive(seat) => bench.name(seat).to_owned(),
+                Source::Client => "client".to_owned(),
+                Source::Noise => "noise".to_owned(),
             };
             let (at, bus) = (frame.at.since(Instant::ZERO), bench.bus_name(frame.bus));
             format!("{at:?} {bus} {from} {:?} {} {:02X?}", frame.lasts, frame.line, frame.bytes)
@@ -274,7 +292,7 @@ fn the_same_seed_is_the_same_bench_and_the_order_of_its_drives_nothing() {
 /// What a master does that waits, and asks again: sooner or later it knows everything.
 #[test]
 fn a_master_that_asks_again_gets_every_answer() {
-    let faults = LineFaults { drop: 0.3, corrupt: 0.05, truncate: 0.05, noise: 0.05, ..quiet() };
+    let faults = LineFaults { drop: 0.3, corrupt: 0.05, truncate: 0.05, noise: 0.05, ..QUIET };
     let register = |seat: &str| match seat {
         "rs" => rs434::at::SPEED,
         _ => md3::at::SPEED + 1,

@@ -9,8 +9,8 @@ use standin_firmware::qsb::Qsb;
 use standin_protocol::modbus::rtu;
 use standin_protocol::time::{Duration, Span};
 use standin_sim::bench::{Bench, Bus, PowerAction, Seat, Settings, Setup};
-use standin_sim::capture::From;
-use standin_sim::pcapng::{self, File, Packet, Pcapng, Protocol, Way};
+use standin_sim::capture::Source;
+use standin_sim::pcapng::{self, Blocks, Packet, Pcapng, Protocol, Way};
 use standin_sim::trace::TraceKeep;
 
 /// A packet as it is found in a file.
@@ -19,6 +19,9 @@ struct Found {
     interface: u32,
     nanos: u64,
     bytes: Vec<u8>,
+    /// Wireshark's dissector: the value of the first tag.
+    shown_by: String,
+    flags: u32,
     lost: u64,
 }
 
@@ -40,6 +43,8 @@ fn packets(mut file: &[u8]) -> Vec<Found> {
                 interface: word(block, 8),
                 nanos: u64::from(word(block, 12)) << 32 | u64::from(word(block, 16)),
                 bytes: block[28 + tags * 4 + 4..28 + length].to_vec(),
+                shown_by: shown_by(&block[28..]),
+                flags: word(options, 4),
                 // Behind the eight bytes of the flags.
                 lost: if word(options, 8) == 8 << 16 | 4 { word(options, 12).into() } else { 0 },
             });
@@ -47,6 +52,12 @@ fn packets(mut file: &[u8]) -> Vec<Found> {
         file = rest;
     }
     packets
+}
+
+/// What the first tag of a packet says: its length in network order, and its text, filled up with 0.
+fn shown_by(tags: &[u8]) -> String {
+    let length = u16::from_be_bytes([tags[2], tags[3]]).into();
+    String::from_utf8(tags[4..][..length].to_vec()).unwrap().trim_end_matches('\0').to_owned()
 }
 
 fn bench(capture: TraceKeep) -> Bench {
@@ -67,11 +78,19 @@ fn written(bench: &Bench) -> Vec<u8> {
 #[test]
 fn the_writer_makes_the_file_made_by_hand() {
     let mut made = Vec::new();
-    let mut file = File::new(&mut made).unwrap();
+    let mut file = Blocks::new(&mut made).unwrap();
     let line = file.line("m.modbus").unwrap();
     let request = [0, 1, 0, 0, 0, 6, 1, 3, 0, 0x22, 0, 2];
     let reply = [0, 1, 0, 0, 0, 7, 1, 3, 4, 0x12, 0x34, 0, 2];
-    let packet = |at: Instant, way, bytes| Packet { line, at, way, protocol: Protocol::Tcp, bytes, lost: 0 };
+    let packet = |at: Instant, way, bytes| Packet {
+        line,
+        at,
+        way,
+        protocol: Protocol::Tcp,
+        bytes,
+        collided: false,
+        lost: 0,
+    };
     // A tick is 62.5 ns.
     file.packet(&packet(Instant::from_ticks(16_000_001), Way::In, &request)).unwrap();
     file.packet(&packet(300.secs().into(), Way::Out, &reply)).unwrap();
@@ -181,6 +200,23 @@ fn what_a_ring_forgot_is_counted() {
     assert!(packets[1..].iter().all(|packet| packet.lost == 0));
 }
 
+/// What nobody could read is no Modbus, though each sender's check sum is right; its flag is bit 24 (4.3.1).
+#[test]
+fn what_collided_is_shown_as_data() {
+    let mut bench = bench(TraceKeep::All);
+    let seats = ["x", "y"].map(|name| (seat(&mut bench, name), Port(0)));
+    let line = bench.share("line1", &seats);
+    bench.let_collide(line, true);
+    let client = bench.connect(line);
+    bench.run_until(1.millis());
+    bench.send(client, &rtu::read(1, 0x12, 2));
+    bench.run_until(1.secs());
+    let shown: Vec<(String, u32)> =
+        packets(&written(&bench)).into_iter().map(|packet| (packet.shown_by, packet.flags)).collect();
+    let answer = ("data".to_owned(), 1 << 24 | 2);
+    assert_eq!(shown, [("mbrtu".to_owned(), 1), answer.clone(), answer]);
+}
+
 #[test]
 fn a_power_failure_cuts_what_a_drive_says() {
     let mut bench = bench(TraceKeep::All);
@@ -194,7 +230,7 @@ fn a_power_failure_cuts_what_a_drive_says() {
             break frame.clone();
         }
     };
-    assert_eq!((reply.from, reply.bytes.len()), (From::Drive(md3), 9));
+    assert_eq!((reply.from, reply.bytes.len()), (Source::Drive(md3), 9));
     // Within the fourth character.
     let character = Duration::of_bits(11, 9_600);
     bench.run_until(reply.at + character * 3 + 100.micros());

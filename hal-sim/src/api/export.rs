@@ -82,7 +82,8 @@ pub(super) async fn trace(State(api): State<Api>, Asked(wanted): Asked<Wanted>) 
             ("text/plain; charset=utf-8", Box::new(move |out| vcd::write(&trace, out)))
         }
         Format::Pcapng => {
-            let frames = copied(&api, pcapng::Copy::begin, |copy, bench| copy.go_on(bench, PIECE)).await?;
+            let frames =
+                copied(&api, pcapng::Snapshot::begin, |copy, bench| copy.go_on(bench, PIECE)).await?;
             ("application/x-pcapng", Box::new(move |out| frames.write(out)))
         }
     };

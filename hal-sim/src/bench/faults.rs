@@ -5,7 +5,7 @@ use standin_firmware::device::{Duration, Instant, Line, Port};
 use super::lines::{Voice, Words, silence_after};
 use super::{Bench, Bus, Client, Seat};
 use crate::bus::{Mark, Offer, Request, Sender};
-use crate::capture::From;
+use crate::capture::Source;
 use crate::collisions::Air;
 use crate::faults::{Fate, LineFaults, Refusal, Text, readdressed};
 use crate::seat::Sent;
@@ -139,27 +139,30 @@ impl Bench {
     /// Noise on a line from `start` on, heard by all but one drive.
     fn noise(&mut self, bus: u32, start: Instant, line: Line, noise: &Text, deaf: Option<(Seat, Port)>) {
         let number = self.on_air(bus, start, line, noise.bytes.len());
-        self.reach_clients(bus, start, line, &noise.bytes, number);
+        self.reach_clients(bus, start, line, &noise.bytes, number, None);
         let voice = Voice::Client(Sender::default());
         let words = Words { bytes: &noise.bytes, unreadable: &noise.unreadable, voice, number };
         self.reach_drives(bus, start, line, words, deaf);
-        self.record(bus, start, line, From::Noise, &noise.bytes);
+        self.record(bus, start, line, Source::Noise, &noise.bytes, number);
     }
 }
 
 /// Characters that collide.
 impl Bench {
-    /// Characters are on a line from `start` on: their number where they may collide. What clients have yet to
-    /// hear of others is spoiled by them.
+    /// Characters are on a line from `start` on, and are recorded next: their number where they may collide. What
+    /// clients have yet to hear of others is spoiled by them.
     pub(super) fn on_air(&mut self, bus: u32, start: Instant, line: Line, count: usize) -> Option<u32> {
         let wire = &mut self.buses[bus as usize];
         let air = wire.air.as_mut().filter(|_| count > 0)?;
         let character = line.character();
-        let number = air.carry(self.now, start, character, count);
+        let number = air.carry(self.now, start, character, count, self.capture.seen());
+        for frame in air.met(number) {
+            self.capture.collide(frame);
+        }
         let until = start + character * count as u64;
         for id in &wire.clients {
             if let Some(outside) = self.clients.get_mut(id) {
-                outside.garble(start, until, character, |end, byte| air.garbage(end, byte));
+                outside.garble(start, until, character, |end, byte| air.garbage(line, end, byte));
             }
         }
         Some(number)

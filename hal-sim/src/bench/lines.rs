@@ -6,12 +6,12 @@ use standin_protocol::modbus::ascii;
 use standin_protocol::modbus::rtu::Timing;
 
 use super::{Bench, Bus, Client, Seat};
-use crate::bus::{LineMode, Mark, Offer, Outside, Request, Sender, Turn, Wire};
-use crate::capture::{Frame, From};
+use crate::bus::{LineMode, Mark, Offer, Outside, Request, Sender, Told, Turn, Wire};
+use crate::capture::{Frame, Source};
 use crate::faults::Text;
 use crate::schedule::{Class, What};
 use crate::seat::Sent;
-use crate::trace::Fed;
+use crate::trace::{self, Fed};
 
 /// How far a drive's output may lie ahead before a client has to wait.
 const AHEAD: Duration = Duration::secs(1);
@@ -85,10 +85,10 @@ impl Bench {
     /// Puts several serial ports on one line. Clients connect after it.
     ///
     /// # Panics
-    /// If drives share a line of that name already.
+    /// If the name is no name, or taken.
     pub fn share(&mut self, name: &str, ports: &[(Seat, Port)]) -> Bus {
-        let taken = self.buses.iter().any(|wire| wire.port.is_none() && wire.name == name);
-        assert!(!taken, "there are two lines called {name}");
+        assert!(trace::is_name(name), "\"{name}\" is no name for a line: use one word without dots");
+        assert!(!self.is_taken(name), "there are two things called {name}");
         let bus = self.buses.len();
         let mut shared: Vec<(Seat, Port)> = Vec::new();
         for &(seat, port) in ports {
@@ -376,9 +376,10 @@ impl Bench {
         }
         let framed = self.framed(bus).is_some();
         if noise && framed {
-            self.reach_clients(bus, start, line, &text.bytes, number);
+            self.reach_clients(bus, start, line, &text.bytes, number, None);
         }
-        self.record(bus, start, line, if noise { From::Noise } else { From::Client }, &text.bytes);
+        let source = if noise { Source::Noise } else { Source::Client };
+        self.record(bus, start, line, source, &text.bytes, number);
         let wire = &mut self.buses[bus as usize];
         wire.refusal = refused.as_ref().map(|&(refusal, _)| refusal).or(wire.refusal);
         wire.free = wire.free.max(last);
@@ -507,14 +508,14 @@ impl Bench {
         outside: (Line, &[u8]),
     ) {
         let number = self.on_air(bus, start, sent.line, bytes.len());
-        self.reach_clients(bus, start, outside.0, outside.1, number);
+        self.reach_clients(bus, start, outside.0, outside.1, number, Some(Seat(sent.seat)));
         let voice = Voice::Drive(sent.line, sent.start);
         let words = Words { bytes, unreadable, voice, number };
         self.reach_drives(bus, start, sent.line, words, Some((Seat(sent.seat), sent.port)));
-        self.record(bus, start, sent.line, From::Drive(Seat(sent.seat)), bytes);
+        self.record(bus, start, sent.line, Source::Drive(Seat(sent.seat)), bytes, number);
     }
 
-    /// Characters reach all clients, from `start` on.
+    /// Characters reach all clients, from `start` on; `from` is the drive that says them, if one does.
     pub(super) fn reach_clients(
         &mut self,
         bus: u32,
@@ -522,19 +523,16 @@ impl Bench {
         line: Line,
         bytes: &[u8],
         number: Option<u32>,
+        from: Option<Seat>,
     ) {
-        let character = self.takes(line, 1);
+        let told = Told { start, character: self.takes(line, 1), bytes, from };
         let wire = &self.buses[bus as usize];
-        let spoiled: Vec<u8>;
-        let bytes = if number.is_some() {
-            let ends = (1..).map(|n| start + character * n);
-            spoiled = ends.zip(bytes).map(|(end, &byte)| wire.heard(number, end, byte)).collect();
-            &spoiled
-        } else {
-            bytes
-        };
+        let air = wire.air.as_ref().zip(number);
         for &id in &wire.clients {
-            self.clients.hear(id, start, character, bytes);
+            self.clients.hear(id, told, |end, byte| {
+                let (air, _) = air.filter(|(air, number)| air.spoils(*number, end))?;
+                Some(air.garbage(line, end, byte))
+            });
         }
     }
 
@@ -562,12 +560,30 @@ impl Bench {
         }
     }
 
-    /// Keeps what is on a line, if it is anything.
-    pub(super) fn record(&mut self, bus: u32, at: Instant, line: Line, from: From, bytes: &[u8]) {
-        let lasts = self.takes(line, bytes.len());
-        if !bytes.is_empty() {
-            self.capture.record(|| Frame { at, lasts, bus: Bus(bus), from, line, bytes: bytes.to_vec() });
+    /// Keeps what is on a line, if it is anything; `number` is its own where it may collide.
+    pub(super) fn record(
+        &mut self,
+        bus: u32,
+        at: Instant,
+        line: Line,
+        from: Source,
+        bytes: &[u8],
+        number: Option<u32>,
+    ) {
+        if bytes.is_empty() {
+            return;
         }
+        let lasts = self.takes(line, bytes.len());
+        let air = self.buses[bus as usize].air.as_ref().zip(number);
+        self.capture.record(|| Frame {
+            at,
+            lasts,
+            bus: Bus(bus),
+            from,
+            line,
+            bytes: bytes.to_vec(),
+            collided: air.is_some_and(|(air, number)| air.met(number).next().is_some()),
+        });
     }
 
     /// Power is gone: what a device was still sending was never sent.
@@ -583,13 +599,13 @@ impl Bench {
             let serials = self.ports(Bus(bus)).iter().filter_map(|&(seat, port)| self.at(seat).serial(port));
             let sends_until = serials.map(|serial| serial.sends_until).max().unwrap_or(now);
             let wire = &mut self.buses[bus as usize];
-            // What was held up still comes.
-            let until = now + wire.disturbance.faults().delay;
-            wire.sends_until = sends_until.max(until);
-            wire.held_up = wire.held_up.min(until);
+            // What was held up still comes, and what is no drive's.
+            let delay = wire.disturbance.faults().delay;
+            let until = now + delay;
+            wire.sends_until = (sends_until + delay).max(wire.held_up);
             self.capture.cut(Bus(bus), Seat(place), until);
             for &id in &wire.clients {
-                self.clients.hush(id, until);
+                self.clients.hush(id, Seat(place), until);
             }
         }
     }

@@ -160,9 +160,9 @@ impl Bench {
     pub fn fit(&mut self, name: &str, drive: Seat, axis: Axis, is: Fitting) -> Result<Motor, String> {
         let of = self.name(drive).to_owned();
         if !trace::is_name(name) {
-            return Err(format!("\"{name}\" is no name for a motor: use one word"));
+            return Err(format!("\"{name}\" is no name for a motor: use one word without dots"));
         }
-        if self.motors.iter().any(|motor| motor.name == name) || self.seat_named(name).is_some() {
+        if self.is_taken(name) {
             return Err(format!("there are two things called {name}"));
         }
         if self.spec(drive).axes.get(usize::from(axis.0)).is_none() {

@@ -462,10 +462,11 @@ impl Reader {
     }
 }
 
-/// Whether a drive may be called so.
+/// Whether a drive may be called so. Dots are for what belongs to it, its pins and its own lines.
 pub(crate) fn is_name(name: &str) -> bool {
     let reserved = |first: char| first.is_ascii_digit() || "#<>\"".contains(first);
-    !name.is_empty() && !name.starts_with(reserved) && !name.contains(char::is_whitespace) && name != "end"
+    let parted = |char: char| char == '.' || char.is_whitespace();
+    !name.is_empty() && !name.starts_with(reserved) && !name.contains(parted) && name != "end"
 }
 
 /// What was fed.

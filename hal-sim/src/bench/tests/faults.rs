@@ -1,25 +1,13 @@
 //! Lines that are disturbed: what drives and clients hear of each frame, and when.
 
 use super::*;
-use crate::capture::{Frame, From};
+use crate::capture::{Frame, Source};
 
 /// Reads the address of drive 1, in 8 characters; its answer has 7.
 const ASKED: [u8; 8] = [1, 3, 0, 0, 0, 1, 0x84, 0x0A];
 const ANSWER: [u8; 7] = [1, 3, 2, 0, 1, 0x79, 0x84];
 const SEVEN: Duration = Duration::from_ticks(7 * 18_333);
-const QUIET: LineFaults = LineFaults {
-    drop: 0.0,
-    corrupt: 0.0,
-    duplicate: 0.0,
-    truncate: 0.0,
-    wrong_address: 0.0,
-    exception: 0.0,
-    exception_code: 4,
-    noise: 0.0,
-    delay: Duration::ZERO,
-    mute: false,
-    baud: None,
-};
+const QUIET: LineFaults = LineFaults::NONE;
 
 /// MD3s at addresses 1 and 2 on one line disturbed so, at 1 ms, and a client there.
 fn disturbed(line: LineMode, seed: u64, faults: LineFaults) -> (Bench, [Seat; 2], Bus, Client) {
@@ -42,7 +30,7 @@ fn exchange(bench: &mut Bench, client: Client, frame: &[u8]) -> Vec<u8> {
 }
 
 /// Who sent each frame on the lines, and when, in ticks since `start()`.
-fn frames(bench: &Bench) -> Vec<(u64, From, &[u8])> {
+fn frames(bench: &Bench) -> Vec<(u64, Source, &[u8])> {
     let frame = |frame: &'_ Frame| (frame.at.since(start()).ticks(), frame.from);
     let seen: Vec<&Frame> = bench.capture().since(0).collect();
     seen.into_iter().map(|seen| (frame(seen).0, frame(seen).1, seen.bytes.as_slice())).collect()
@@ -57,24 +45,15 @@ pub(super) fn any_faults() -> impl Strategy<Value = LineFaults> {
     let share = || prop_oneof![3 => Just(0.0), 1 => Just(1.0), 2 => 0.0..1.0];
     let delay = prop_oneof![3 => Just(0_u64), 2 => 0..100_u64, 1 => Just(1_500)];
     let baud = prop_oneof![4 => Just(None), 1 => prop::sample::select(&[50, 9_600, 115_200, 4_000_000][..]).prop_map(Some)];
-    let shares = (share(), share(), share(), share(), share(), share(), share());
+    let shares: [_; 7] = std::array::from_fn(|_| share());
     let mute = prop::bool::weighted(0.1);
     (shares, any::<u8>(), delay, mute, baud).prop_map(|(shares, exception_code, delay, mute, baud)| {
-        let (drop, corrupt, duplicate, truncate, wrong_address, exception, noise) = shares;
         let delay = Duration::millis(delay);
-        LineFaults {
-            drop,
-            corrupt,
-            duplicate,
-            truncate,
-            wrong_address,
-            exception,
-            exception_code,
-            noise,
-            delay,
-            mute,
-            baud,
+        let mut faults = LineFaults { exception_code, delay, mute, baud, ..LineFaults::NONE };
+        for ((_, share), some) in faults.shares().into_iter().zip(shares) {
+            *share = some;
         }
+        faults
     })
 }
 
@@ -84,7 +63,7 @@ fn an_undisturbed_line_is_as_it_is() {
     assert_eq!(bench.disturbed(bus), LineFaults::default());
     assert_eq!(exchange(&mut bench, client, &ASKED), ANSWER);
     let answer = leaves().ticks();
-    assert_eq!(frames(&bench), [(0, From::Client, &ASKED[..]), (answer, From::Drive(x), &ANSWER[..])]);
+    assert_eq!(frames(&bench), [(0, Source::Client, &ASKED[..]), (answer, Source::Drive(x), &ANSWER[..])]);
     let frame = bench.capture().since(1).next().unwrap();
     assert_eq!((frame.bus, frame.lasts, frame.line.to_string()), (bus, SEVEN, "9600 8E1".to_owned()));
 }
@@ -111,7 +90,7 @@ fn a_reply_that_nobody_hears_takes_its_time() {
             assert_eq!(bench.now(), start() + leaves() + SEVEN);
         }
         assert_eq!((bench.statistics(x, RS485).requests, stamps(&bench, "< tx").len()), (1, 1));
-        assert_eq!(frames(&bench), [(0, From::Client, &ASKED[..])]);
+        assert_eq!(frames(&bench), [(0, Source::Client, &ASKED[..])]);
         // Nor does the other drive: it has heard the request only.
         bench.run_until(1.secs());
         assert_eq!(bench.statistics(y, RS485).foreign, 1);
@@ -244,6 +223,13 @@ fn a_refused_request_is_not_carried_out() {
 }
 
 #[test]
+fn an_exception_that_there_is_not_acts_as_the_nearest() {
+    let faults = LineFaults { exception: 1.0, exception_code: 0, ..QUIET };
+    let (mut bench, _, _, client) = disturbed(LineMode::Timed, 1, faults);
+    assert_eq!(rtu::checked(&exchange(&mut bench, client, &ASKED)), Some(&[1, 0x83, 1][..]));
+}
+
+#[test]
 fn a_late_reply_occupies_the_line_later() {
     let delay = Duration::millis(5);
     let (mut bench, [x, y], _, client) = disturbed(LineMode::Timed, 1, LineFaults { delay, ..QUIET });
@@ -277,16 +263,45 @@ fn a_late_reply_still_comes_when_its_drive_has_lost_power() {
 }
 
 #[test]
+fn power_that_fails_cuts_what_its_drive_says_and_nothing_else() {
+    // Two with one address answer at once, and one of them loses power.
+    let (mut bench, [x, y], _, client) = disturbed(LineMode::Timed, 1, QUIET);
+    bench.poke(y, Reg::DeviceAddress as usize, 1).unwrap();
+    bench.send(client, &ASKED);
+    bench.run_until(start() + leaves() + CHARACTER * 3);
+    bench.power(x, PowerAction::Off);
+    bench.settle();
+    assert_eq!(
+        bench.now(),
+        start() + leaves() + SEVEN,
+        "the line is that of the other one until it has answered"
+    );
+    let twice = ANSWER[..3].iter().flat_map(|&byte| [byte, byte]);
+    assert_eq!(received(&mut bench, client), twice.chain(ANSWER[3..].iter().copied()).collect::<Vec<_>>());
+
+    // What comes behind an answer comes for whoever listens.
+    let (mut bench, [x, _], _, client) = disturbed(LineMode::Timed, 1, LineFaults { noise: 1.0, ..QUIET });
+    bench.send(client, &ASKED);
+    bench.run_until(start() + leaves() + CHARACTER * 3);
+    bench.power(x, PowerAction::Off);
+    bench.settle();
+    let heard = received(&mut bench, client);
+    let answered: Vec<u8> = frames(&bench)[1..].iter().flat_map(|frame| frame.2).copied().collect();
+    assert_eq!(heard[..3], ANSWER[..3]);
+    assert_eq!((heard, frames(&bench).len()), (answered, 4));
+}
+
+#[test]
 fn noise_comes_behind_frames_and_spoils_none() {
     let faults = LineFaults { noise: 1.0, ..QUIET };
     let (mut bench, [x, _], _, client) = disturbed(LineMode::Timed, 1, faults);
     let heard = exchange(&mut bench, client, &ASKED);
     let seen = frames(&bench);
     let [
-        (0, From::Client, _),
-        (answer, From::Drive(_), b),
-        (first, From::Noise, c),
-        (second, From::Noise, d),
+        (0, Source::Client, _),
+        (answer, Source::Drive(_), b),
+        (first, Source::Noise, c),
+        (second, Source::Noise, d),
     ] = seen[..]
     else {
         panic!("{seen:?}");
@@ -355,7 +370,7 @@ fn characters_are_disturbed_by_what_was_written_at_once() {
         bench.disturb(bus, LineFaults { noise: 1.0, ..QUIET });
         bench.send(client, b"x");
         bench.settle();
-        let noise = bench.capture().since(before).filter(|frame| frame.from == From::Noise).count();
+        let noise = bench.capture().since(before).filter(|frame| frame.from == Source::Noise).count();
         assert!((1..=8).contains(&noise), "{noise}");
     }
 }
@@ -422,7 +437,7 @@ fn shares_are_what_they_say() {
 fn is_answered(bench: &mut Bench, client: Client) -> bool {
     let before = bench.capture().seen();
     exchange(bench, client, &ASKED);
-    bench.capture().since(before).any(|frame| matches!(frame.from, From::Drive(_)))
+    bench.capture().since(before).any(|frame| matches!(frame.from, Source::Drive(_)))
 }
 
 /// Which of 300 requests are answered, and all that is to be seen of them.
@@ -440,8 +455,31 @@ fn the_same_seed_is_the_same_chance() {
     assert_ne!(answered(6, some).0, heard);
 }
 
+/// Which of 300 requests reach the line.
+fn sent(faults: LineFaults) -> Vec<bool> {
+    let (mut bench, _, _, client) = disturbed(LineMode::Fast, 5, faults);
+    let reaches = |bench: &mut Bench| {
+        let before = bench.capture().seen();
+        exchange(bench, client, &ASKED);
+        bench.capture().since(before).any(|frame| frame.from == Source::Client)
+    };
+    (0..300).map(|_| reaches(&mut bench)).collect()
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(32))]
+
+    #[test]
+    fn no_fault_moves_what_another_one_does_to_requests(faults in any_faults()) {
+        let reached = sent(LineFaults { drop: 0.2, ..QUIET });
+        prop_assert!((30..90).contains(&reached.iter().filter(|reached| !**reached).count()));
+        prop_assert_eq!(sent(LineFaults { drop: 0.2, ..faults }), reached);
+    }
+}
+
+/// The chances of replies go by their number, so what takes some of them away, or makes more, moves those.
 #[test]
-fn one_share_does_not_move_the_others() {
+fn as_long_as_as_many_answer_no_fault_moves_what_another_one_does_to_replies() {
     let (heard, _) = answered(5, LineFaults { drop: 0.2, ..QUIET });
     let more = LineFaults { wrong_address: 0.5, exception: 0.3, ..QUIET };
     for other in [more, LineFaults { noise: 1.0, ..more }, LineFaults { delay: Duration::millis(1), ..more }]
@@ -514,10 +552,11 @@ fn a_disturbed_trace_replays_without_its_faults() {
     }
 }
 
-/// A colliding line of two MD3s, at 1 ms, and two clients there.
-fn colliding(addresses: [i64; 2]) -> (Bench, [Seat; 2], [Client; 2]) {
+/// A colliding line of MD3s, at 1 ms, and two clients there.
+fn colliding<const N: usize>(addresses: [i64; N]) -> (Bench, [Seat; N], [Client; 2]) {
     let mut bench = Bench::with(Settings { capture: TraceKeep::All, ..Settings::default() });
-    let seats = [md3(&mut bench, "x", addresses[0]), md3(&mut bench, "y", addresses[1])];
+    let mut names = ["x", "y", "z"].into_iter();
+    let seats = addresses.map(|address| md3(&mut bench, names.next().unwrap(), address));
     bench.run_until(start());
     let bus = bench.share("line1", &seats.map(|seat| (seat, RS485)));
     bench.let_collide(bus, true);
@@ -545,6 +584,7 @@ fn two_clients_that_speak_at_once_spoil_each_other() {
     bench.send(a, &ASKED);
     bench.settle();
     assert_eq!(received(&mut bench, b), ANSWER);
+    assert_eq!(collided(&bench), [true, true, false, false]);
 }
 
 #[test]
@@ -561,21 +601,36 @@ fn a_client_that_speaks_into_an_answer_spoils_it() {
         assert_ne!(*heard, sent, "character {place}");
     }
     assert_eq!(received(&mut bench, b), heard);
+    // The request that was answered was sound, that answer and what was said into it are not.
+    assert_eq!(collided(&bench), [false, true, true]);
     // Who sends does not hear, and the other drive hears what nobody can read.
     assert_eq!((bench.statistics(x, RS485).requests, bench.statistics(y, RS485).requests), (1, 0));
     bench.run_until(1.secs());
     assert_eq!(bench.statistics(y, RS485).spoiled, 1);
 }
 
-#[test]
-fn two_drives_that_answer_at_once_spoil_each_other() {
-    let (mut bench, seats, [a, _]) = colliding([1, 1]);
+/// Which frames on the lines have collided.
+fn collided(bench: &Bench) -> Vec<bool> {
+    bench.capture().since(0).map(|frame| frame.collided).collect()
+}
+
+/// Drives with one address answer at once; no character of any of them is sound.
+fn answer_at_once<const N: usize>() {
+    let (mut bench, seats, [a, b]) = colliding([1; N]);
     bench.send(a, &ASKED);
     bench.settle();
     let heard = received(&mut bench, a);
-    assert_eq!(heard.len(), 14);
-    assert!(!heard.chunks(2).zip(ANSWER).any(|(both, sent)| both.contains(&sent)), "{heard:02X?}");
+    assert_eq!(heard.len(), ANSWER.len() * N);
+    assert!(!heard.chunks(N).zip(ANSWER).any(|(all, sent)| all.contains(&sent)), "{heard:02X?}");
+    assert_eq!(received(&mut bench, b), heard);
+    assert_eq!(collided(&bench), [&[false][..], &[true; N]].concat());
     assert!(seats.iter().all(|&seat| bench.statistics(seat, RS485).requests == 1));
+}
+
+#[test]
+fn drives_that_answer_at_once_spoil_each_other() {
+    answer_at_once::<2>();
+    answer_at_once::<3>();
 }
 
 #[test]

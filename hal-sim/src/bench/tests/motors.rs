@@ -133,7 +133,7 @@ fn a_motor_fits_its_drive() {
     let brush = Fitting::Brush(bench.parted(apart).unwrap());
     let stepper = Fitting::Stepper(Parameters::NOMINAL);
     for (name, drive, axis, is, why) in [
-        ("two words", rig, 0, stepper, "\"two words\" is no name for a motor: use one word"),
+        ("two words", rig, 0, stepper, "\"two words\" is no name for a motor: use one word without dots"),
         ("m", apart, 0, brush, "there are two things called m"),
         ("x", apart, 0, brush, "there are two things called x"),
         ("n", x, 0, stepper, "x turns a motor already, so it cannot turn n"),

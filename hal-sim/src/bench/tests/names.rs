@@ -1,4 +1,6 @@
-//! What lines are called.
+//! What drives, lines and motors are called.
+
+use standin_firmware::motor::stepper::Parameters;
 
 use super::*;
 
@@ -40,10 +42,50 @@ fn a_shared_line_may_be_called_as_a_port_is() {
 }
 
 #[test]
-#[should_panic(expected = "there are two lines called line1")]
+#[should_panic(expected = "there are two things called line1")]
 fn two_shared_lines_have_two_names() {
     let mut bench = Bench::new();
     let [x, y] = [md3(&mut bench, "x", 1), md3(&mut bench, "y", 2)];
     bench.share("line1", &[(x, RS485)]);
     bench.share("line1", &[(y, RS485)]);
+}
+
+#[test]
+#[should_panic(expected = "there are two things called x")]
+fn a_line_is_not_called_as_a_drive_is() {
+    let mut bench = Bench::new();
+    let x = md3(&mut bench, "x", 1);
+    bench.share("x", &[(x, RS485)]);
+}
+
+#[test]
+#[should_panic(expected = "\"x.rs485\" is no name for a line")]
+fn a_shared_line_is_not_called_as_a_drives_own() {
+    let mut bench = Bench::new();
+    md3(&mut bench, "x", 1);
+    let y = md3(&mut bench, "y", 2);
+    bench.share("x.rs485", &[(y, RS485)]);
+}
+
+#[test]
+fn drives_lines_and_motors_share_one_list_of_names() {
+    let mut bench = Bench::new();
+    let [x, y] = [md3(&mut bench, "x", 1), md3(&mut bench, "y", 2)];
+    bench.share("line1", &[(x, RS485), (y, RS485)]);
+    let stepper = || Fitting::Stepper(Parameters::NOMINAL);
+    bench.fit("m", x, Axis(0), stepper()).unwrap();
+    for name in ["x", "line1", "m"] {
+        assert!(bench.is_taken(name));
+        let error = format!("there are two things called {name}");
+        let seat = bench.seat(name, Box::new(Md3::new()), Setup::default());
+        assert_eq!(seat, Err(SeatError::Taken(name.to_owned())));
+        assert_eq!(seat.unwrap_err().to_string(), error);
+        assert_eq!(bench.fit(name, y, Axis(0), stepper()), Err(error));
+    }
+    // Each part of the name of a drive's own line is one word.
+    assert!(!bench.is_taken("x.rs485") && !bench.is_taken("rs485"));
+    let seat = bench.seat("x.rs485", Box::new(Md3::new()), Setup::default());
+    assert_eq!(seat, Err(SeatError::Name("x.rs485".to_owned())));
+    let error = "\"x.rs485\" is no name for a motor: use one word without dots".to_owned();
+    assert_eq!(bench.fit("x.rs485", y, Axis(0), stepper()), Err(error));
 }

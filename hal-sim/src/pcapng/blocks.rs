@@ -27,7 +27,7 @@ const DROP_COUNT: u16 = 4;
 /// Stamps count units of 10⁻⁹ s.
 const NANOSECONDS: u8 = 9;
 
-/// In the flags of a packet (4.3): which way it went, and that its check sum is wrong.
+/// In the flags of a packet (4.3): which way it went, and that its check sum is wrong, as where it collided.
 const INBOUND: u32 = 1;
 const OUTBOUND: u32 = 2;
 const CHECK_SUM_ERROR: u32 = 1 << 24;
@@ -81,7 +81,7 @@ pub enum Way {
 /// A packet.
 #[derive(Clone, Copy, Debug)]
 pub struct Packet<'a> {
-    /// On which line, as [`File::line`] said.
+    /// On which line, as [`Blocks::line`] said.
     pub line: u32,
     /// When it begins.
     pub at: Instant,
@@ -91,14 +91,17 @@ pub struct Packet<'a> {
     pub protocol: Protocol,
     /// The bytes.
     pub bytes: &'a [u8],
+    /// Whether others spoiled it on the line, so that nobody could read it.
+    pub collided: bool,
     /// How many before it were lost.
     pub lost: u64,
 }
 
 impl Packet<'_> {
-    /// Whether it is what its protocol calls a frame.
+    /// Whether what was on the line is what its protocol calls a frame.
     fn is_whole(&self) -> bool {
         match self.protocol {
+            _ if self.collided => false,
             Protocol::Rtu => rtu::checked(self.bytes).is_some(),
             Protocol::Ascii => ascii::decode(self.bytes).is_some(),
             Protocol::Tcp | Protocol::Text | Protocol::Noise => true,
@@ -111,6 +114,7 @@ impl Packet<'_> {
         match self.protocol {
             Protocol::Rtu if self.is_whole() => ("mbrtu", None),
             Protocol::Rtu => ("data", Some("Modbus RTU")),
+            Protocol::Ascii if self.collided => ("data", Some("Modbus ASCII")),
             Protocol::Ascii => ("data-text-lines", Some("Modbus ASCII")),
             Protocol::Tcp => ("mbtcp", None),
             Protocol::Text => ("data-text-lines", Some("Text")),
@@ -138,9 +142,9 @@ impl Packet<'_> {
     }
 }
 
-/// A file that is written, block by block.
+/// The blocks of a file, written one by one.
 #[derive(Debug)]
-pub struct File<W> {
+pub struct Blocks<W> {
     out: W,
     /// Lines so far.
     lines: u32,
@@ -148,14 +152,14 @@ pub struct File<W> {
     block: Vec<u8>,
 }
 
-impl<W: Write> File<W> {
+impl<W: Write> Blocks<W> {
     /// Begins the file.
     ///
     /// # Errors
     /// Those of the writer.
     pub fn new(out: W) -> io::Result<Self> {
-        let mut file = Self { out, lines: 0, block: Vec::new() };
-        file.write(SECTION_HEADER, |block| {
+        let mut blocks = Self { out, lines: 0, block: Vec::new() };
+        blocks.write(SECTION_HEADER, |block| {
             block.extend(BYTE_ORDER.to_le_bytes());
             // Version 1.0, of any length.
             block.extend(1_u16.to_le_bytes());
@@ -164,7 +168,7 @@ impl<W: Write> File<W> {
             option(block, USER_APPLICATION, b"standin");
             end_options(block);
         })?;
-        Ok(file)
+        Ok(blocks)
     }
 
     /// Adds a line of that name; the number that its packets bear.
