@@ -12,7 +12,7 @@
 //!
 //! Not modelled: resonance, damping, a load that turns a motor without current.
 //!
-//! Everything is reckoned in the phase of a plan, a step of the drive being [`STEP`] units; so nothing is rounded but
+//! Everything is reckoned in the phase of a plan, a step of the drive being `STEP` units; so nothing is rounded but
 //! the angle that is shown, and the origin when the size of a step changes.
 
 use super::{Pace, Rotor, STALL};

@@ -5,7 +5,6 @@ use std::io::{BufRead as _, BufReader, Read as _, Write as _, pipe};
 use std::net::{Shutdown, TcpListener};
 use std::os::fd::OwnedFd;
 use std::path::Path;
-use std::time::Duration;
 
 use crate::running::{Running, Scratch, ask, refused, standin};
 use rustix::fs::{CWD, FileType, Mode, OFlags, mknodat};
