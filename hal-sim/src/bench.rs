@@ -10,13 +10,16 @@
 //! under way, and only the drive that is due is woken. Step pulses and the edges of waves are made
 //! where a [wire](Bench::wire) listens, one ahead; where none does, a move is one event.
 
+mod clients;
 mod faults;
 mod hands;
 mod lines;
 mod motors;
 mod sensors;
+mod speech;
 #[cfg(test)]
 mod tests;
+mod turns;
 mod wires;
 
 use std::fmt;

@@ -2,7 +2,8 @@
 
 use standin_firmware::device::{Duration, Instant, Line, Port};
 
-use super::lines::{Voice, Words, silence_after};
+use super::lines::silence_after;
+use super::speech::{Voice, Words};
 use super::{Bench, Bus, Client, Seat};
 use crate::bus::{Mark, Offer, Request, Sender};
 use crate::capture::Source;

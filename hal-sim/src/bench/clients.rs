@@ -1,0 +1,107 @@
+//! Clients: somebody outside who talks and listens on a line.
+
+use standin_firmware::device::{Duration, Port};
+
+use super::{Bench, Bus, Client, Seat};
+use crate::bus::{Mark, Outside, Sender};
+
+/// Clients.
+impl Bench {
+    /// How long half a message may wait for its rest from now on, in time of the bench.
+    pub fn set_patience(&mut self, patience: Duration) {
+        self.settings.patience = patience;
+    }
+
+    /// Somebody joins a line.
+    pub fn connect(&mut self, bus: Bus) -> Client {
+        self.connected += 1;
+        self.clients.insert(self.connected, Outside::new(bus.0));
+        self.buses[bus.0 as usize].clients.push(self.connected);
+        Client(self.connected)
+    }
+
+    /// A client leaves, and takes its half message along. What was complete is still sent.
+    pub fn disconnect(&mut self, client: Client) {
+        let Some(outside) = self.clients.leave(client.0) else { return };
+        let bus = outside.bus;
+        if outside.backlog() == 0 {
+            self.forget(client.0);
+        }
+        self.serve(bus);
+    }
+
+    /// A client's bytes arrive now.
+    pub fn send(&mut self, client: Client, bytes: &[u8]) {
+        self.send_from(client, bytes, Sender::default());
+    }
+
+    /// A client's bytes arrive now, from a port with these settings. A drive whose line they do not
+    /// fit hears characters that nobody can read.
+    pub fn send_from(&mut self, client: Client, bytes: &[u8], sender: Sender) {
+        let Some(outside) = self.clients.get_mut(&client.0).filter(|outside| !outside.left) else { return };
+        if bytes.is_empty() {
+            return;
+        }
+        let bus = outside.bus;
+        outside.sender = sender;
+        if self.framed(bus).is_some() {
+            self.queue(client, bytes, Mark::default());
+        } else {
+            self.queue_disturbed(client, bytes);
+        }
+        self.serve(bus);
+    }
+
+    /// Bytes of a client wait for the line.
+    pub(super) fn queue(&mut self, client: Client, bytes: &[u8], mark: Mark) {
+        if let Some(outside) = self.clients.get_mut(&client.0) {
+            self.arrivals += 1;
+            outside.arrive(self.now, self.arrivals, bytes, mark);
+        }
+    }
+
+    /// Bytes of a client that are not on the line yet. A host that reads only while this is small
+    /// holds back who sends faster than the line.
+    #[must_use]
+    pub fn backlog(&self, client: Client) -> usize {
+        self.clients.get(&client.0).map_or(0, Outside::backlog)
+    }
+
+    /// Appends the characters that have reached a client by now; returns how many.
+    pub fn receive(&mut self, client: Client, into: &mut Vec<u8>) -> usize {
+        self.clients.receive(client.0, self.now, into)
+    }
+
+    /// The clients that can read something now.
+    pub fn audible(&self) -> impl Iterator<Item = Client> {
+        self.clients.audible(self.now).map(Client)
+    }
+
+    /// A client's port gives characters their time itself, as a real serial port does: what a drive says
+    /// reaches it whole, as the first character begins.
+    pub fn let_pace_itself(&mut self, client: Client) {
+        if let Some(outside) = self.clients.get_mut(&client.0) {
+            outside.paces_itself = true;
+        }
+    }
+
+    /// Sends a frame to the first port of a device, [settles](Self::settle), and returns what came.
+    pub fn ask(&mut self, seat: Seat, frame: &[u8]) -> Vec<u8> {
+        let mut reply = Vec::new();
+        if let Some(bus) = self.bus(seat, Port(0)) {
+            let client = self.connect(bus);
+            self.send(client, frame);
+            self.settle();
+            self.receive(client, &mut reply);
+            self.disconnect(client);
+        }
+        reply
+    }
+
+    /// A client is gone for good.
+    pub(super) fn forget(&mut self, id: u32) {
+        if let Some(outside) = self.clients.remove(&id) {
+            self.buses[outside.bus as usize].clients.retain(|&other| other != id);
+        }
+    }
+}
