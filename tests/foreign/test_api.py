@@ -71,8 +71,8 @@ class Events:
         fields = {}
         while (line := self.answer.readline().decode()) != "\n":
             assert line, "the bench is gone"
-            name, _, value = line.rstrip("\n").partition(": ")
-            if not name.startswith(":"):
+            if not line.startswith(":"):
+                name, _, value = line.rstrip("\n").partition(": ")
                 fields[name] = value
         return fields
 
