@@ -501,10 +501,10 @@ impl Bench {
             if next == Instant::NEVER || (next > settling.hands && self.busy == 0) {
                 return true;
             }
+            self.run_until(next.min(at));
             if next > at {
                 return false;
             }
-            self.run_until(next);
         }
     }
 
