@@ -136,6 +136,21 @@ fn manual_time_goes_to_the_end_of_the_reply() {
 }
 
 #[test]
+fn manual_time_goes_to_the_end_of_a_long_reply_in_slices_though_nobody_reads_it() {
+    let (mut bench, _, client) = alone(LineMode::Timed);
+    bench.send(client, &rtu::read(1, 0, 32));
+    let settling = bench.begin_to_settle();
+    // 69 characters: nine slices, and two to the reply.
+    let slices = (1..12).find(|_| {
+        let slice = bench.next().max(bench.now()) + 10.millis();
+        bench.settle_until(settling, slice)
+    });
+    assert!(slices.is_some_and(|slices| slices > 2), "{slices:?}");
+    assert_eq!(bench.now(), start() + EIGHT + T3_5 + CHARACTER + CHARACTER * 69);
+    assert_eq!(received(&mut bench, client).len(), 69);
+}
+
+#[test]
 fn manual_time_goes_on_until_a_request_without_a_reply_is_judged() {
     let (mut bench, seat, _) = alone(LineMode::Timed);
     assert_eq!(bench.ask(seat, &rtu::read(9, 0, 1)), [0; 0]);
