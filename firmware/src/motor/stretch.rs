@@ -3,7 +3,7 @@
 use super::Pace;
 use crate::device::{Duration, Instant};
 
-/// The greatest speed: 234,000 rpm.
+/// The greatest speed: 234,000 rpm. No motor is meant to come there; a stretch that does goes a little too far.
 const MOST: i64 = 1 << 44;
 
 /// How a shaft turns from an instant on. It never turns round inside: the speed ends at 0.
