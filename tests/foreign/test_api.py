@@ -147,7 +147,9 @@ def test_events_come_while_the_clock_is_advanced(run):
     # A day of pulses: the advance ends only when it is given up.
     day = connect(standin)
     day.request("POST", "/api/time/advance", json.dumps({"seconds": 86_400}), JSON)
-    kinds = {events.next()[2]["words"] for _ in range(1_000)}
+    # The bench is faster than any reader: it may be told of events that it has missed.
+    told = [events.next() for _ in range(1_000)]
+    kinds = {data["words"] for kind, _, data in told if kind != "lost"}
     assert kinds >= {"pin J2.5 low", "pin J2.5 high"}
     assert refused(standin, "POST", "/api/time/advance", {"seconds": 1})["status"] == 409
     day.close()
