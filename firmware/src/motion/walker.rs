@@ -370,7 +370,8 @@ impl Ramp {
     fn step(&mut self, d: u32, there: Motion) -> u32 {
         let part = parts(there.due, d);
         let interval = (d << 6).cast_signed() + part - self.part;
-        self.guess = 2 * interval - self.interval + part + 32;
+        // In this order, because two of the longest intervals are beyond 32 bits.
+        self.guess = interval + (interval - self.interval) + part + 32;
         self.interval = interval;
         self.part = part;
         self.motion = Motion { due: there.due + self.step, ..there };
@@ -466,6 +467,7 @@ mod tests {
     use crate::motion::{MAX_ACCELERATION, Rates};
     use fixed::types::{I24F8, U24F8};
     use proptest::prelude::*;
+    use standin_protocol::time::Span;
 
     fn at(ticks: u64) -> Instant {
         Instant::from_ticks(ticks)
@@ -499,6 +501,18 @@ mod tests {
         for _ in 0..10 {
             assert_eq!(lap.next(), all.next());
         }
+    }
+
+    #[test]
+    fn the_longest_interval_of_a_ramp_is_walked() {
+        // One step in 256 s. Just before the first it begins to speed up at 1 step/s²: the next one is √2 s later.
+        let creep = Plan::rest(at(0), 0).towards(at(0), I24F8::DELTA, MAX_ACCELERATION);
+        let first = Walker::new(&creep, at(0)).next().expect("a creep has steps").at;
+        let turn = first - Duration::TICK;
+        let jog = creep.towards(turn, I24F8::from_num(9), 1);
+        check(&jog, turn, 20);
+        let second = Walker::new(&jog, first).next().expect("a jog has steps").at;
+        assert!((1_400_u64.millis()..1_415_u64.millis()).contains(&second.since(first)));
     }
 
     proptest! {
