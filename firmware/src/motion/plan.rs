@@ -134,6 +134,32 @@ impl Segment {
         stop.at_phase(way - backwards.phase(ticks))
     }
 
+    /// A ramp down to the speed `last`, from which it stands at once, and where it stands then. What is not faster
+    /// stands where it is.
+    #[inline(never)]
+    fn stop(self, last: i64, down: NonZero<u32>) -> (Self, i32) {
+        let ticks = whole_ticks((self.h - last).max(0).cast_unsigned(), down);
+        let stop = Self { ticks, a: -down.get().cast_signed(), ..self };
+        // It stands a part of a tick before the last whole one, and there the phase is forgotten.
+        let Some(before) = ticks.checked_sub(1) else { return (stop, self.position(0)) };
+        let h = stop.speed(before).cast_unsigned();
+        let left = way_to(h, last.cast_unsigned(), down).max(h.saturating_sub(1));
+        (stop, stop.step(steps_in(stop.phase(before) + i128::from(left))))
+    }
+
+    /// The first tick after the one `since` ticks in at which it has come to `position`; once around all positions if
+    /// it is there.
+    fn reaches(&self, since: u64, position: i32) -> Option<u64> {
+        let made = self.made(since);
+        let here = self.step(made);
+        let way = if self.back { here.wrapping_sub(position) } else { position.wrapping_sub(here) };
+        let way = if way == 0 { 1 << 32 } else { u64::from(way.cast_unsigned()) };
+        let last = self.ticks.checked_sub(1)?;
+        let is_there = |d| self.made(d) >= made + way;
+        let comes = self.ticks == u64::MAX || is_there(last);
+        comes.then(|| least(|d| d >= last || is_there(d)))
+    }
+
     /// From the beginning of this segment a ramp up to the speed `target`, or down to it, and the cruise
     /// at it.
     #[inline(never)]
@@ -239,15 +265,7 @@ impl Plan {
         if now.h != 0 && speed != 0 && back == now.back {
             return Self::of(at, &now.reach(target, a, target < now.h));
         }
-        let stop = Segment { ticks: whole_ticks(now.h.cast_unsigned(), a), a: -a.get().cast_signed(), ..now };
-        // It stands a part of a tick before the last whole one, and there the phase is forgotten.
-        let turn = match stop.ticks.checked_sub(1) {
-            Some(last) => {
-                let h = stop.speed(last).cast_unsigned();
-                stop.step(steps_in(stop.phase(last) + i128::from(vertex(h, a).max(h.saturating_sub(1)))))
-            }
-            None => position,
-        };
+        let (stop, turn) = now.stop(0, a);
         let turned = Segment { from: turn, back, ..Segment::default() };
         if speed == 0 {
             return Self::of(at, &[stop, turned]);
@@ -256,6 +274,37 @@ impl Plan {
         let rest = vertex(h.cast_unsigned(), a).cast_signed();
         let [up, cruise] = Segment { h, rest, ..turned }.reach(target, a, false);
         Self::of(at, &[stop, up, cruise])
+    }
+
+    /// As [`towards`](Self::towards), of an axis that starts and stops at the speed `rates.start`, or at `speed` if that
+    /// is less: from standstill it begins with it, and a ramp to standstill ends with it. `rates.speed` does not matter.
+    #[must_use]
+    pub fn slew(&self, at: Instant, speed: I24F8, rates: Rates) -> Self {
+        let (now, d) = self.segment_at(at);
+        let position = now.position(d);
+        let now = now.since(d);
+        let (Some(up), Some(down)) = (limited(rates.up), limited(rates.down)) else {
+            return Self::rest(at, position);
+        };
+        let (start, target) = (top(rates.start).cast_signed(), top(speed.unsigned_abs()).cast_signed());
+        let back = speed < 0;
+        let begin = |from| Segment { from, back, h: start.min(target), ..Segment::default() };
+        match (now.h, target) {
+            (0, 0) => Self::rest(at, position),
+            (0, _) => Self::of(at, &begin(position).reach(target, up, false)),
+            (h, 1..) if back == now.back => {
+                let slower = target < h;
+                Self::of(at, &now.reach(target, if slower { down } else { up }, slower))
+            }
+            _ => {
+                let (stop, turn) = now.stop(start, down);
+                if target == 0 {
+                    return Self::of(at, &[stop, begin(turn)]);
+                }
+                let [ramp, cruise] = begin(turn).reach(target, up, false);
+                Self::of(at, &[stop, ramp, cruise])
+            }
+        }
     }
 
     /// Standing where this plan is at `at`.
@@ -324,6 +373,31 @@ impl Plan {
         segment.position(d)
     }
 
+    /// The instant of the first step later than `after` that brings it to `position`; [`Instant::NEVER`] if none does.
+    #[must_use]
+    pub fn when(&self, after: Instant, position: i32) -> Instant {
+        let (mut here, mut begin) = (self.position_at(after), self.start);
+        for segment in self.segments().iter().filter(|segment| segment.ticks > 0) {
+            let end = begin + Duration::from_ticks(segment.ticks);
+            if after < end {
+                if after < begin {
+                    // A step may be due at the seam.
+                    let there = segment.position(0);
+                    if here != there && there == position {
+                        return begin;
+                    }
+                }
+                if let Some(ticks) = segment.reaches(after.since(begin).ticks(), position) {
+                    return begin + Duration::from_ticks(ticks);
+                }
+                here = segment.position(segment.ticks - 1);
+            }
+            begin = end;
+        }
+        let stands = after < begin && here != position && self.position_at(begin) == position;
+        if stands { begin } else { Instant::NEVER }
+    }
+
     /// Signed speed at `at`, in steps/s.
     #[must_use]
     pub fn speed_at(&self, at: Instant) -> I48F16 {
@@ -366,6 +440,14 @@ fn limited(acceleration: u32) -> Option<NonZero<u32>> {
 /// The whole ticks after which the speed has changed by `change`, or by a part of a tick's more.
 fn whole_ticks(change: u64, a: NonZero<u32>) -> u64 {
     change.div_ceil(NonZero::<u64>::from(a).get())
+}
+
+/// How far it is from the speed `h` down to `last`, which is not more than a tick's change below.
+fn way_to(h: u64, last: u64, a: NonZero<u32>) -> u64 {
+    if last == 0 {
+        return vertex(h, a);
+    }
+    divided(u128::from(h - last) * u128::from(h + last), a.into()) as u64
 }
 
 /// How far standstill is at the speed `h`, which is not more than a tick's change.
@@ -479,6 +561,84 @@ mod tests {
         assert_eq!(stop.position_at(Instant::NEVER), 1_250 + 5_000 + 1_250);
     }
 
+    const SLEW: Rates =
+        Rates { start: U24F8::const_from_int(1_000), speed: U24F8::ZERO, up: 10_000, down: 5_000 };
+
+    #[test]
+    fn a_slew_begins_and_ends_at_its_start_speed() {
+        let slew = Plan::rest(at(0), 0).slew(at(0), I24F8::from_num(5_000), SLEW);
+        assert_eq!(slew.speed_at(at(0)), 1_000);
+        // 400 ms at 3,000 steps/s on average, then 100 ms at 5,000.
+        assert_eq!(slew.position_at(Instant::from(400.millis())), 1_200);
+        assert_eq!(slew.position_at(Instant::from(500.millis())), 1_700);
+        let stop = slew.slew(Instant::from(500.millis()), I24F8::ZERO, SLEW);
+        // 800 ms at 3,000 steps/s on average.
+        assert_eq!(stop.end(), Instant::from(1_300.millis()));
+        assert_eq!(stop.speed_at(stop.end() - Duration::TICK).round(), 1_000);
+        assert_eq!((stop.speed_at(stop.end()), stop.position_at(stop.end())), (I48F16::ZERO, 4_100));
+    }
+
+    #[test]
+    fn a_slew_below_the_start_speed_has_no_ramp() {
+        let slow = Plan::rest(at(0), 7).slew(at(0), I24F8::from_num(-500), SLEW);
+        assert_eq!(slow.speed_at(at(0)), -500);
+        assert_eq!(slow.position_at(Instant::from(2.secs())), 7 - 1_000);
+        let stop = slow.slew(Instant::from(2.secs()), I24F8::ZERO, SLEW);
+        assert_eq!((stop.end(), stop.position_at(Instant::NEVER)), (Instant::from(2.secs()), 7 - 1_000));
+    }
+
+    #[test]
+    fn a_slew_turns_round_at_its_start_speed() {
+        let slew = Plan::rest(at(0), 0).slew(at(0), I24F8::from_num(5_000), SLEW);
+        let back = slew.slew(Instant::from(500.millis()), I24F8::from_num(-3_000), SLEW);
+        let turn = Instant::from(1_300.millis());
+        assert_eq!((back.position_at(turn), back.speed_at(turn)), (4_100, I48F16::from_num(-1_000)));
+        // 200 ms at 2,000 steps/s on average, then at 3,000.
+        assert_eq!(back.position_at(Instant::from(1_500.millis())), 3_700);
+        assert_eq!(back.position_at(Instant::from(2_500.millis())), 700);
+        let slower = back.slew(Instant::from(2_500.millis()), I24F8::from_num(-2_000), SLEW);
+        // 200 ms at 2,500 steps/s on average.
+        assert_eq!(slower.position_at(Instant::from(2_700.millis())), 200);
+        assert_eq!(slower.speed_at(Instant::from(2_700.millis())), -2_000);
+    }
+
+    #[test]
+    fn without_a_start_speed_a_slew_stops_as_a_ramp() {
+        let jog = Plan::rest(at(0), 0).towards(at(0), I24F8::from_num(4_321), 7_000);
+        let rates = Rates { start: U24F8::ZERO, up: 1, down: 9_999, ..SLEW };
+        for ticks in (3_000_000..30_000_000).step_by(777_777) {
+            assert_eq!(jog.slew(at(ticks), I24F8::ZERO, rates), jog.towards(at(ticks), I24F8::ZERO, 9_999));
+        }
+    }
+
+    #[test]
+    fn the_last_step_of_a_stop_is_one_that_falls_on_its_end() {
+        let at_once = Rates { start: U24F8::MAX, ..SLEW };
+        let cruise = Plan::rest(at(0), 0).slew(at(0), I24F8::from_num(4_000), at_once);
+        // (4000² − 1000²)/(2·7500) = 1000 steps in 400 ms.
+        let stop = cruise.slew(Instant::from(250.millis()), I24F8::ZERO, Rates { down: 7_500, ..SLEW });
+        assert_eq!(stop.end(), Instant::from(650.millis()));
+        assert_eq!(stop.position_at(stop.end() - Duration::TICK), 1_999);
+        assert_eq!(stop.position_at(stop.end()), 2_000);
+    }
+
+    #[test]
+    fn a_position_is_reached_once_around_or_never() {
+        let slew =
+            Plan::rest(at(0), 0).slew(at(0), I24F8::from_num(8_000_000), Rates { start: U24F8::MAX, ..SLEW });
+        // Two ticks a step.
+        assert_eq!(slew.when(at(0), 100), at(200));
+        assert_eq!(slew.when(at(200), 100), at(200 + (2 << 32)));
+        assert_eq!(slew.when(at(200), 99), at(200 + (2 << 32) - 2));
+        assert_eq!(slew.when(at(0), -1), at((2 << 32) - 2));
+        let stop = slew.halt(at(200));
+        assert_eq!((stop.when(at(200), 100), stop.when(at(0), 101)), (Instant::NEVER, Instant::NEVER));
+        let profile = Plan::profile(at(5), 0, 10, FACTORY);
+        assert_eq!(profile.when(at(0), 10), profile.end());
+        assert_eq!(profile.when(profile.end(), 10), Instant::NEVER);
+        assert_eq!(profile.when(at(0), 11), Instant::NEVER);
+    }
+
     #[test]
     fn a_reversal_goes_by_way_of_standstill() {
         let jog = Plan::rest(at(0), 0).towards(at(0), I24F8::from_num(5_000), 10_000);
@@ -566,6 +726,56 @@ mod tests {
                     prop_assert!(jump.abs() <= 1);
                 }
                 plan = next;
+            }
+        }
+
+        #[test]
+        fn a_slew_goes_on_where_it_is_and_never_creeps(
+            turns in proptest::collection::vec((0_u64..40_000_000, -40_000_i32..40_000), 1..8),
+            start in 1_u32..30_000, up in 1_u32.., down in 1_u32..,
+        ) {
+            let rates = Rates { start: U24F8::from_num(start), up, down, ..SLEW };
+            let mut plan = Plan::rest(at(0), 0);
+            let mut now = 0;
+            for (wait, speed) in turns {
+                now += wait;
+                let next = plan.slew(at(now), I24F8::from_num(speed), rates);
+                prop_assert_eq!(next.position_at(at(now)), plan.position_at(at(now)));
+                let least = I48F16::from_num(speed.unsigned_abs().min(start));
+                let mut seam = now;
+                for segment in next.segments().iter().filter(|segment| segment.ticks > 0) {
+                    // Within a ramp no speed is below the start speed but where it was before.
+                    let slowest = next.speed_at(at(seam)).abs().min(next.speed_at(at(seam + segment.ticks.min(1 << 40) - 1)).abs());
+                    prop_assert!(slowest + I48F16::DELTA >= least.min(plan.speed_at(at(now)).abs()) || speed == 0);
+                    seam = seam.saturating_add(segment.ticks);
+                    let jump = next.position_at(at(seam)) - next.position_at(at(seam - 1));
+                    prop_assert!(jump.abs() <= 1);
+                }
+                plan = next;
+            }
+        }
+
+        #[test]
+        fn a_position_is_reached_with_the_walkers_step(
+            steps in -3_000..3_000_i32, speed in 1_u32..1_000_000_000, start in 0_u32..1_000_000,
+            up in 0_u32..31, down in 0_u32..31, passed in any::<u64>(),
+            slew in proptest::option::of(any::<i32>()),
+        ) {
+            let (start, speed) = (U24F8::from_bits(start), U24F8::from_bits(speed));
+            let rates = Rates { start, speed, up: 1 << up, down: 1 << down };
+            let mut plan = Plan::profile(at(100), 3, steps, rates);
+            let length = (plan.end().ticks() - 100).min(1 << 41);
+            if let Some(speed) = slew {
+                plan = plan.slew(at(100 + passed % (length + 1)), I24F8::from_bits(speed >> (passed % 20)), rates);
+            }
+            let after = plan.start() + Duration::from_ticks((passed / 3) % (length + 1));
+            let mut position = plan.position_at(after);
+            let mut seen = std::collections::BTreeSet::new();
+            for step in Walker::new(&plan, after).take(500) {
+                position += if step.forward { 1 } else { -1 };
+                if seen.insert(position) {
+                    prop_assert_eq!(plan.when(after, position), step.at, "{}", position);
+                }
             }
         }
 

@@ -3,7 +3,7 @@
 //! A stepper motor follows the plans of its drive ([`stepper`]). What is on a shaft looks at it as a [`Rotor`],
 //! whatever turns it.
 //!
-//! A brush motor: its winding has a resistance and no inductance, its speed makes a voltage against the
+//! A brush motor, and a brushless one whose drive commutates it as brushes do: its winding has a resistance and no inductance, its speed makes a voltage against the
 //! supply, its current a torque; friction of one size holds or brakes it, a load pulls at it. What is
 //! not modelled: inductance, iron, cogging, the supply's own resistance, warmth of the winding.
 //!
@@ -34,7 +34,7 @@ use crate::device::{
 /// The only axis of a motor, and of the drive that has it.
 pub(crate) const AXIS: Axis = Axis(0);
 
-/// What a brush motor and its load are. What is beyond a limit acts as the limit.
+/// What a brush motor, or a brushless one, and its load are. What is beyond a limit acts as the limit.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Parameters {
     /// What feeds the drive, in mV, 1 to 100,000.
@@ -50,8 +50,10 @@ pub struct Parameters {
     pub friction_unm: u32,
     /// Torque of the load, in µN·m, up to 100,000,000, positive against forward motion; also at rest.
     pub load_unm: i32,
-    /// Pulses of a Hall sensor in a turn, 1 to 1,000.
+    /// Pulses of a Hall sensor in a turn, 1 to 1,000; of a brushless motor its pairs of poles.
     pub hall_pulses: u16,
+    /// Its Hall sensors: 2, a quarter of a pulse apart, or 3, a third of one (brushless).
+    pub hall_sensors: u8,
     /// Cycles of its encoder in a turn; 0 without one.
     pub encoder_cycles: u16,
 }
@@ -69,6 +71,7 @@ impl Parameters {
         friction_unm: 10_000,
         load_unm: 0,
         hall_pulses: 4,
+        hall_sensors: 2,
         encoder_cycles: 0,
     };
 
@@ -81,6 +84,7 @@ impl Parameters {
         friction_unm: 0,
         load_unm: -100_000_000,
         hall_pulses: 1,
+        hall_sensors: 2,
         encoder_cycles: 0,
     };
 
@@ -93,11 +97,27 @@ impl Parameters {
         friction_unm: 100_000_000,
         load_unm: 100_000_000,
         hall_pulses: 1_000,
+        hall_sensors: 3,
         encoder_cycles: u16::MAX,
     };
 
     fn pulses(&self) -> u16 {
         self.hall_pulses.clamp(Self::LEAST.hall_pulses, Self::MOST.hall_pulses)
+    }
+
+    fn sensors(&self) -> u8 {
+        self.hall_sensors.clamp(Self::LEAST.hall_sensors, Self::MOST.hall_sensors)
+    }
+
+    /// Whether it is a brushless motor: one with three Hall sensors.
+    #[must_use]
+    pub fn is_brushless(&self) -> bool {
+        self.sensors() == 3
+    }
+
+    /// The pins of its Hall sensors.
+    fn hall_pins(&self) -> &'static [Pin] {
+        HALL_PINS.get(..self.sensors().into()).unwrap_or(HALL_PINS)
     }
 
     /// After which its speed has come within 1/e of the one that its voltage wants, up to half a second.
@@ -107,9 +127,10 @@ impl Parameters {
     }
 }
 
-/// Hall sensor A, a quarter of a pulse before B while the motor turns forward.
+/// Hall sensor A. While the motor turns forward it is before B: by a quarter of a pulse with two sensors, by a third
+/// with three.
 pub const HALL_A: Pin = Pin(0);
-/// Hall sensor B.
+/// Hall sensor B, with three sensors a third of a pulse before C.
 pub const HALL_B: Pin = Pin(1);
 /// Channel A of the encoder.
 pub const ENCODER_A: Pin = Pin(2);
@@ -117,27 +138,30 @@ pub const ENCODER_A: Pin = Pin(2);
 pub const ENCODER_B: Pin = Pin(3);
 /// The encoder's index: high for a quarter of a cycle in each turn.
 pub const ENCODER_I: Pin = Pin(4);
+/// Hall sensor C of three.
+pub const HALL_C: Pin = Pin(5);
 
-const HALL_PINS: &[Pin] = &[HALL_A, HALL_B];
+/// The Hall sensors, A first; two of them are A and B.
+pub const HALL_PINS: &[Pin] = &[HALL_A, HALL_B, HALL_C];
 const ENCODER_PINS: &[Pin] = &[ENCODER_A, ENCODER_B, ENCODER_I];
 
 /// Its shaft is held.
 pub const STALL: Fault = Fault(0);
 
 const fn sensor(name: &'static str) -> PinSpec {
-    PinSpec { name, role: Role::Output, rest: Level::High }
+    PinSpec { name, role: Role::Output, rest: Level::High, shunt_ohm: 0 }
 }
 
 static MOTOR: Spec = Spec {
     kind: "motor",
-    product: "Brush motor",
-    pins: &[sensor("HALL_A"), sensor("HALL_B"), sensor("A"), sensor("B"), sensor("I")],
+    product: "Motor with Hall sensors",
+    pins: &[sensor("HALL_A"), sensor("HALL_B"), sensor("A"), sensor("B"), sensor("I"), sensor("HALL_C")],
     axes: &[AxisSpec { name: "motor", step_dir: None }],
     faults: &["stall"],
     ..Spec::BARE
 };
 
-/// A brush motor. Its terminals are told by [`Input::Current`] and [`Input::Duty`], whatever the axis.
+/// A brush motor, or a brushless one. Its terminals are told by [`Input::Current`] and [`Input::Duty`], whatever the axis.
 #[derive(Clone, Debug)]
 pub struct Motor {
     parameters: Parameters,
@@ -161,9 +185,9 @@ impl Motor {
     /// One that stands, with open terminals, in the middle between two edges of its Hall sensors.
     #[must_use]
     pub fn new(parameters: Parameters) -> Self {
-        let halls = Wheel::new(parameters.pulses());
+        let halls = Wheel::halls(&parameters);
         let angle = halls.middle();
-        let encoder = Wheel::new(parameters.encoder_cycles).moved_to(angle);
+        let encoder = Wheel::encoder(parameters.encoder_cycles).moved_to(angle);
         Self {
             parameters,
             constants: Constants::of(&parameters),
@@ -191,12 +215,16 @@ impl Motor {
             return;
         }
         let mut now = self.stretch.at(at);
-        if parameters.hall_pulses != self.parameters.hall_pulses {
-            self.halls = self.halls.with_pulses(parameters.pulses());
+        let (halls, before) = (|of: &Parameters| (of.hall_pulses, of.hall_sensors), &self.parameters);
+        if halls(&parameters) != halls(before) {
+            self.halls = Wheel::halls(&parameters).at_count_of(self.halls);
             now.angle = self.halls.middle();
         }
+        if parameters.hall_sensors != before.hall_sensors {
+            self.halls.show(at, None, parameters.hall_pins(), out);
+        }
         if parameters.encoder_cycles != self.parameters.encoder_cycles {
-            self.encoder = Wheel::new(parameters.encoder_cycles).moved_to(now.angle);
+            self.encoder = Wheel::encoder(parameters.encoder_cycles).moved_to(now.angle);
         }
         (self.parameters, self.constants) = (parameters, Constants::of(&parameters));
         self.stretch = now;
@@ -279,7 +307,7 @@ impl Device for Motor {
         self.coast(at);
         self.held = false;
         self.begin(at);
-        self.halls.show(at, None, HALL_PINS, out);
+        self.halls.show(at, None, self.parameters.hall_pins(), out);
         self.encoder.show(at, None, ENCODER_PINS, out);
     }
 
@@ -303,7 +331,8 @@ impl Device for Motor {
     fn timeout(&mut self, at: Instant, out: &mut dyn Sink) {
         if at >= self.edge {
             let angle = self.stretch.at(at).angle;
-            for (wheel, pins) in [(&mut self.halls, HALL_PINS), (&mut self.encoder, ENCODER_PINS)] {
+            let hall_pins = self.parameters.hall_pins();
+            for (wheel, pins) in [(&mut self.halls, hall_pins), (&mut self.encoder, ENCODER_PINS)] {
                 let before = *wheel;
                 wheel.follow(angle);
                 wheel.show(at, Some(before), pins, out);

@@ -40,13 +40,18 @@ struct Wires {
     arrives: Instant,
     current: Option<u32>,
     duty: Option<i32>,
-    halls: [Option<bool>; 2],
+    halls: [Option<bool>; HALL_PINS.len()],
     draws: Option<i32>,
 }
 
 impl Wires {
-    const EMPTY: Self =
-        Self { arrives: Instant::NEVER, current: None, duty: None, halls: [None; 2], draws: None };
+    const EMPTY: Self = Self {
+        arrives: Instant::NEVER,
+        current: None,
+        duty: None,
+        halls: [None; HALL_PINS.len()],
+        draws: None,
+    };
 }
 
 /// The drive's outputs: those that go to the motor, and all others.
@@ -211,6 +216,10 @@ impl<D: Turns> Device for Rig<D> {
 
     fn peek(&self, at: Instant, row: usize) -> i64 {
         self.drive.peek(at, row)
+    }
+
+    fn peek_word(&self, at: Instant, row: usize, word: usize) -> u16 {
+        self.drive.peek_word(at, row, word)
     }
 
     fn poke(&mut self, at: Instant, row: usize, value: i64, out: &mut dyn Sink) -> Result<(), Refused> {

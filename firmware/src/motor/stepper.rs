@@ -207,6 +207,18 @@ impl Stepper {
         self.begin(at, CATCH_UP);
     }
 
+    /// Its drive, which knows where the shaft is, moves the field there: if it stands though nothing holds it, it follows
+    /// from there on, at the nearest place of the field's torque.
+    pub fn catch(&mut self, at: Instant) {
+        if self.held || self.current_ma == Some(0) || self.stands.is_none() {
+            return;
+        }
+        self.move_field(at);
+        self.stands = None;
+        self.lost = self.nearest_period(self.stretch.phase_at(at));
+        self.begin(at, CATCH_UP);
+    }
+
     /// Steps of the drive in a turn.
     fn steps_per_rev(&self) -> i64 {
         i64::from(self.parameters.steps_per_rev) * i64::from(self.microsteps)

@@ -1,6 +1,7 @@
 #![expect(clippy::float_arithmetic, reason = "mathematics that is not the code's")]
 
 use core::f64::consts::TAU;
+use std::string::String;
 use std::vec::Vec;
 
 use proptest::prelude::*;
@@ -54,9 +55,13 @@ fn held(on: bool) -> Input<'static> {
     Input::Fault { fault: STALL, on }
 }
 
+/// Edges of its Hall sensors in a turn.
+fn counts(parameters: &Parameters) -> f64 {
+    2.0 * f64::from(parameters.hall_sensors) * f64::from(parameters.hall_pulses)
+}
+
 fn turns_per_second(motor: &Motor, at: Instant) -> f64 {
-    let counts = 4.0 * f64::from(motor.parameters().hall_pulses);
-    motor.shaft(at, AXIS).unwrap().speed.to_num::<f64>() / counts
+    motor.shaft(at, AXIS).unwrap().speed.to_num::<f64>() / counts(motor.parameters())
 }
 
 /// The same motor in SI units and floating point, 10 µs by 10 µs after Runge and Kutta.
@@ -109,21 +114,21 @@ impl Reference {
 /// Motors from a toy to a washing machine's.
 fn parameters() -> impl Strategy<Value = Parameters> {
     let load = -60_000..60_000_i32;
-    (8_000..30_000_u32, 1_000..15_000_u32, 100..2_000_u32, 20..5_000_u32, 0..60_000_u32, load, 1..13_u16)
-        .prop_map(
-            |(supply_mv, no_load_rpm, resistance_mohm, inertia_gcm2, friction_unm, load_unm, hall_pulses)| {
-                Parameters {
-                    supply_mv,
-                    no_load_rpm,
-                    resistance_mohm,
-                    inertia_gcm2,
-                    friction_unm,
-                    load_unm,
-                    hall_pulses,
-                    encoder_cycles: 0,
-                }
-            },
-        )
+    let halls = (1..13_u16, 2..4_u8);
+    (8_000..30_000_u32, 1_000..15_000_u32, 100..2_000_u32, 20..5_000_u32, 0..60_000_u32, load, halls)
+        .prop_map(|(supply_mv, no_load_rpm, resistance_mohm, inertia_gcm2, friction_unm, load_unm, halls)| {
+            Parameters {
+                supply_mv,
+                no_load_rpm,
+                resistance_mohm,
+                inertia_gcm2,
+                friction_unm,
+                load_unm,
+                hall_pulses: halls.0,
+                hall_sensors: halls.1,
+                encoder_cycles: 0,
+            }
+        })
 }
 
 /// Milliseconds, the duty and the limit of the current in them.
@@ -140,7 +145,7 @@ proptest! {
     fn a_motor_turns_as_its_equations_say(parameters in parameters(), script in script()) {
         let (mut reference, mut log) = (Reference::new(parameters), Log::default());
         let mut motor = motor(parameters);
-        let counts = 4.0 * f64::from(parameters.hall_pulses);
+        let counts = counts(&parameters);
         let (mut ms, mut fastest) = (0, f64::from(parameters.no_load_rpm) / 60.0);
         for (span, drive, ma) in script {
             motor.input(at_ms(ms), current(ma), &mut log);
@@ -171,15 +176,17 @@ proptest! {
                 let (before, here) = (place(due - Duration::TICK), place(due));
                 let mut log = Log::default();
                 motor.timeout(due, &mut log);
-                // Both sensors are high in count 0, and A leads.
-                let shows = |pin, high: &[i64]| (pin, high.contains(&here.rem_euclid(4)));
-                let expected = match log.edges.as_slice() {
-                    [] => None,
-                    [(_, HALL_A, _)] => Some(shows(HALL_A, &[0, 3])),
-                    _ => Some(shows(HALL_B, &[0, 1])),
+                // Of two both sensors are high in count 0, and A leads; of three each is high for half of a pulse
+                // from where it rises, a third of one behind the last.
+                let (of, high): (i64, &[_]) = match parameters.hall_sensors {
+                    2 => (4, &[(HALL_A, [3, 0].as_slice()), (HALL_B, &[0, 1])]),
+                    _ => (6, &[(HALL_A, &[0, 1, 2]), (HALL_B, &[2, 3, 4]), (HALL_C, &[4, 5, 0])]),
                 };
-                prop_assert_eq!(log.edges.first().map(|&(_, pin, high)| (pin, high)), expected);
-                if expected.is_some() {
+                for &(_, pin, level) in &log.edges {
+                    let (_, counts) = high.iter().find(|(of, _)| *of == pin).unwrap();
+                    prop_assert_eq!(level, counts.contains(&here.rem_euclid(of)), "{:?} in {}", pin, here);
+                }
+                if !log.edges.is_empty() {
                     prop_assert_eq!(((here - before).abs(), log.edges.len()), (1, 1));
                 }
             }
@@ -359,6 +366,44 @@ fn an_encoder_tells_the_same_turns_and_an_index_each() {
     assert!((count(&[ENCODER_I]) - encoder / 200).abs() <= 1);
 }
 
+/// What Hall sensors of a motor show while it is turned, each after the other, as long as a turn takes.
+fn shown(parameters: Parameters, drive: i32) -> Vec<String> {
+    let (mut motor, mut log) = (Motor::new(parameters), Log::default());
+    motor.power_on(Instant::ZERO, Boot::default(), &mut log);
+    motor.input(at_ms(0), duty(drive), &mut log);
+    motor.input(at_ms(0), current(20_000), &mut log);
+    advance(&mut motor, at_ms(100), core::iter::empty(), &mut log);
+    let pins = [HALL_A, HALL_B, HALL_C];
+    let mut levels = [None; 3];
+    let mut shown = Vec::new();
+    for (at, pin, high) in log.edges {
+        levels[pins.iter().position(|of| *of == pin).unwrap()] = Some(high);
+        // At the beginning the sensors tell their levels one after the other.
+        if at > Instant::ZERO || pin == pins[usize::from(parameters.hall_sensors) - 1] {
+            shown.push(levels.into_iter().flatten().map(|high| if high { '1' } else { '0' }).collect());
+        }
+    }
+    shown
+}
+
+#[test]
+fn hall_sensors_go_through_their_states_one_by_one() {
+    let mut three = ["101", "100", "110", "010", "011", "001"];
+    let mut two = ["11", "01", "00", "10"];
+    for drive in [65_536, -65_536] {
+        for (hall_sensors, states) in [(3, three.as_slice()), (2, &two)] {
+            let shown = shown(Parameters { hall_sensors, ..Parameters::NOMINAL }, drive);
+            assert!(shown.len() > 20, "{shown:?}");
+            for (state, expected) in shown.iter().zip(states.iter().cycle()) {
+                assert_eq!(state, expected, "{drive}: {shown:?}");
+            }
+        }
+        // Backward from the first one.
+        three[1..].reverse();
+        two[1..].reverse();
+    }
+}
+
 #[test]
 fn another_motor_is_at_the_same_count() {
     let (mut motor, mut log) = (motor(Parameters::NOMINAL), Log::default());
@@ -372,4 +417,10 @@ fn another_motor_is_at_the_same_count() {
         assert_eq!(motor.shaft(at_ms(300), AXIS).unwrap().position, before);
     }
     assert_eq!(log.edges.len(), edges);
+    // With another sensor more it is also there, and tells what each of them shows.
+    motor.become_another(at_ms(300), Parameters { hall_sensors: 3, ..Parameters::NOMINAL }, &mut log);
+    assert_eq!(motor.shaft(at_ms(300), AXIS).unwrap().position, before);
+    let states = ["101", "100", "110", "010", "011", "001"];
+    let state: String = log.edges[edges..].iter().map(|&(.., high)| if high { '1' } else { '0' }).collect();
+    assert_eq!(state, states[before.rem_euclid(6) as usize]);
 }

@@ -1,30 +1,44 @@
-//! What two sensors a quarter of a period apart see of a shaft.
+//! What sensors around a shaft see of it: two a quarter of a period apart, or three a third of one.
 
 use fixed::types::I48F16;
 
-use super::Stretch;
+use super::{Parameters, Stretch};
 use crate::device::{Duration, Instant, Level, Output, Pin, Sink};
 use standin_protocol::time::TICKS_PER_SECOND;
 
-/// Two sensors on a shaft. A count is a quarter of their period; both are high in count 0, and going forward
-/// A changes first.
+/// Sensors on a shaft. A count lasts from an edge of any of them to the next one: four or six a period.
+///
+/// Of two both are high in count 0, and going forward A changes first. Of three (A, B, C) are 101 in count 0, and
+/// going forward 100, 110, 010, 011, 001.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct Wheel {
     /// In a turn; 0 if there are no sensors.
     counts: u32,
+    /// Three sensors, not two.
+    three: bool,
     /// The count that they show.
     at: i64,
 }
 
 impl Wheel {
-    /// Sensors of so many pulses a turn, at count 0.
-    pub(super) fn new(pulses: u16) -> Self {
-        Self { counts: 4 * u32::from(pulses), at: 0 }
+    /// Channels A and B of an encoder of so many cycles a turn, at count 0.
+    pub(super) fn encoder(cycles: u16) -> Self {
+        Self { counts: 4 * u32::from(cycles), three: false, at: 0 }
     }
 
-    /// Others, at the same count.
-    pub(super) fn with_pulses(self, pulses: u16) -> Self {
-        Self { at: self.at, ..Self::new(pulses) }
+    /// The Hall sensors of a motor, at count 0.
+    pub(super) fn halls(parameters: &Parameters) -> Self {
+        let sensors = parameters.sensors();
+        Self {
+            counts: 2 * u32::from(sensors) * u32::from(parameters.pulses()),
+            three: parameters.is_brushless(),
+            at: 0,
+        }
+    }
+
+    /// These, at the count that `other` shows.
+    pub(super) fn at_count_of(self, other: Self) -> Self {
+        Self { at: other.at, ..self }
     }
 
     /// These, showing what is at `angle`.
@@ -73,8 +87,8 @@ impl Wheel {
         self.at = self.at.wrapping_add(self.count(angle).wrapping_sub(self.at).signum());
     }
 
-    /// Puts what sensor A, sensor B and an index show, where there are pins for them and it is not what they
-    /// showed `before`. The index is high in the first count of every turn.
+    /// Puts what sensor A, sensor B and sensor C or an index show, where there are pins for them and it is not what
+    /// they showed `before`. The index is high in the first count of every turn.
     pub(super) fn show(self, at: Instant, before: Option<Self>, pins: &[Pin], out: &mut dyn Sink) {
         let before = before.map(Self::shown);
         let shown = self.shown().into_iter().enumerate();
@@ -86,6 +100,10 @@ impl Wheel {
     }
 
     fn shown(self) -> [bool; 3] {
+        if self.three {
+            let count = self.at.rem_euclid(6);
+            return [matches!(count, 0..=2), matches!(count, 2..=4), matches!(count, 0 | 4 | 5)];
+        }
         let index = self.at.checked_rem_euclid(self.counts.into()) == Some(0);
         [matches!(self.at & 3, 0 | 3), matches!(self.at & 3, 0 | 1), index]
     }

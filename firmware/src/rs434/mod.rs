@@ -55,7 +55,7 @@ const SETTINGS: usize = memory::bytes(Reg::SAVED_WORDS) as usize;
 pub const MEMORY: usize = SETTINGS + 4 * LINES + 2;
 
 const fn pin(name: &'static str, role: Role, rest: Level) -> PinSpec {
-    PinSpec { name, role, rest }
+    PinSpec { name, role, rest, shunt_ohm: 0 }
 }
 
 // A contact to ground is closed while it is low (6.1). One that nobody wired is open; that of the emergency
@@ -120,6 +120,8 @@ static RULES: Rules = Rules {
     broadcast: Some(0),
     most_read: 125,
     most_written: 123,
+    bits_per_word: 16,
+    writes_halves: true,
     bad_quantity: Exception::IllegalDataValue,
     bad_value: Exception::IllegalDataValue,
     read_only: Exception::IllegalDataAddress,
@@ -274,8 +276,10 @@ impl Device for Rs434 {
             Input::Draws { ma, .. } => self.drive.draws(at, ma),
             // It has no such ports, and the motor's inputs are its outputs.
             Input::Attached { .. }
+            | Input::Opened { .. }
             | Input::Message { .. }
             | Input::Closed { .. }
+            | Input::Open { .. }
             | Input::Millivolts { .. }
             | Input::Count { .. }
             | Input::Current { .. }
@@ -347,7 +351,7 @@ impl Map for Bus<'_> {
         self.drive.permits(register, value)
     }
 
-    fn out_of_range(&mut self, _register: Reg) {
+    fn out_of_range(&mut self, _register: Reg, _value: i64) {
         self.drive.out_of_range();
     }
 }

@@ -10,8 +10,10 @@
 //! and nothing winds up meanwhile.
 
 mod count;
+mod fit;
 mod model;
 mod path;
+mod response;
 mod seen;
 mod settings;
 #[cfg(test)]
@@ -136,7 +138,9 @@ impl Servo {
             return false;
         }
         let before = core::mem::replace(&mut self.settings, settings);
-        self.model = Model::of(&settings);
+        if self.model.told(&settings, &before) {
+            self.seen.forget();
+        }
         let (to, from) = (settings.counts(), before.counts());
         if to != from {
             self.pace = scaled(self.pace, to, from);
@@ -268,7 +272,7 @@ impl Servo {
         self.observe(at);
         self.pace = self.seen.speed;
         self.seen.looked(at, self.ma);
-        if self.pace.abs() <= self.model.slow {
+        if self.pace.abs() <= self.model.slow() {
             self.rest(at, out);
         }
     }
@@ -292,6 +296,9 @@ impl Servo {
 
     /// With sensors.
     fn regulate(&mut self, at: Instant, out: &mut dyn Sink) {
+        if self.seen.fades(at, self.ma) {
+            return self.leave(at, out);
+        }
         self.observe(at);
         if self.has_arrived() {
             return self.rest(at, out);
@@ -299,7 +306,7 @@ impl Servo {
         let speed = self.seen.speed;
         // What is held back is waited for.
         let (target, rates) = self.target();
-        let band = rates.up.max(rates.down) * AHEAD + self.model.slow;
+        let band = rates.up.max(rates.down) * AHEAD + self.model.slow();
         let pace = self.pace.min(speed + band).max(speed - band);
         self.pace = rates.ramped(pace, target);
         self.face();
@@ -315,9 +322,16 @@ impl Servo {
         self.seen.looked(at, self.ma);
     }
 
+    /// Shorts it, until it can begin once more.
+    fn leave(&mut self, at: Instant, out: &mut dyn Sink) {
+        self.pace = I40F24::ZERO;
+        self.apply(at, 0, out);
+        self.seen.looked(at, self.ma);
+    }
+
     fn observe(&mut self, at: Instant) {
         let drives = Drives { duty: self.duty, limit_ma: self.settings.limit_ma };
-        let stayed_out = self.seen.observe(at, &self.model, drives);
+        let stayed_out = self.seen.observe(at, &mut self.model, drives);
         if stayed_out && self.settings.sees() {
             self.errors |= error::HALL;
         }
@@ -354,7 +368,8 @@ impl Servo {
 
     /// Whether what was ordered is done.
     fn has_arrived(&self) -> bool {
-        let stands = self.seen.speed.abs() <= self.model.slow;
+        // At its limit the current does not tell.
+        let stands = !self.seen.limited && self.seen.speed.abs() <= self.model.slow();
         match self.order {
             Order::Move { count, .. } => stands && self.way_to(count).abs() <= NEAR,
             Order::Stop { .. } => stands && self.pace == 0,

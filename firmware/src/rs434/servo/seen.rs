@@ -1,20 +1,29 @@
 //! What the looks tell of the motor.
 //!
 //! The current tells the speed at the last look: what of the voltage is not lost in the winding, the motor makes
-//! itself. The speed, added up, tells the place inside a count, which the edges of the Hall sensors set right.
+//! itself. The speed, added up, tells the place inside a count, which the edges of the Hall sensors set right. What
+//! does not fit together tells that the motor is another one ([`Model`]).
 
 use fixed::types::I40F24;
 
+use super::fit::Fit;
 use super::model::{MARGIN_MA, Model};
+use super::response::Response;
 use super::{HALF, LOOK};
 use crate::device::{Duration, Instant};
 
 /// Edges that stayed out after which something is wrong with the sensors: fewer may be a speed that was taken
-/// for too high while the motor was held or let go.
-const MISSED: I40F24 = I40F24::lit("4");
+/// for too high while the motor was held or let go, or before the first edge of another motor.
+const MISSED: I40F24 = I40F24::lit("16");
 /// The part of what nothing else explains that is believed to be load: all of it would make load of each rounded
 /// mA, and the motor would tremble.
 const BELIEVED: i64 = 2;
+/// What has not passed an edge for so long stands.
+const STANDS: Duration = Duration::millis(200);
+/// A current that is less does not tell a resistance.
+const TELLING_MA: i32 = 200;
+/// How many looks at most a motor gets to come to rest that got more than the limit of its current.
+const FADES: u8 = 250;
 /// There and back on the wires.
 const SOON: Duration = Duration::from_ticks(2);
 
@@ -23,6 +32,17 @@ const SOON: Duration = Duration::from_ticks(2);
 pub(super) struct Drives {
     pub(super) duty: i32,
     pub(super) limit_ma: u32,
+}
+
+/// A motor that begins to turn tells the resistance of its winding: at rest it has no back-EMF.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+enum Start {
+    /// It is over, or the motor did not quite stand.
+    Over,
+    /// It stands.
+    Stands,
+    /// It got more than the limit: shorted until it stands again, for so many more looks at most.
+    Fades(u8),
 }
 
 /// What the looks tell of the motor.
@@ -47,6 +67,9 @@ pub(super) struct Seen {
     doubt: I40F24,
     /// Counts that it should have made without an edge.
     missed: I40F24,
+    start: Start,
+    fit: Fit,
+    response: Response,
 }
 
 impl Seen {
@@ -62,11 +85,15 @@ impl Seen {
         since: Instant::ZERO,
         doubt: I40F24::ZERO,
         missed: I40F24::ZERO,
+        start: Start::Over,
+        fit: Fit::NEW,
+        response: Response::NEW,
     };
 
     /// What stood begins to move.
     pub(super) fn begin(&mut self, at: Instant, ma: i32) {
-        *self = Self { at, since: at, ma, place: self.place, ..Self::AT_REST };
+        let start = if at.since(self.since) >= STANDS { Start::Stands } else { Start::Over };
+        *self = Self { at, since: at, ma, place: self.place, start, ..Self::AT_REST };
     }
 
     /// It was looked at, and something was done to it; until then it drew `ma`.
@@ -85,6 +112,7 @@ impl Seen {
     pub(super) fn edge(&mut self, at: Instant, forward: bool) {
         self.place = if forward { I40F24::ZERO } else { I40F24::ONE };
         (self.since, self.doubt, self.missed) = (at, I40F24::ZERO, I40F24::ZERO);
+        self.fit.edge(forward);
     }
 
     /// Counts are now so much smaller, or bigger: `to` for `from`.
@@ -93,13 +121,43 @@ impl Seen {
         self.place = HALF;
     }
 
+    /// What is believed of the motor is something else now.
+    pub(super) fn forget(&mut self) {
+        (self.fit, self.response) = (Fit::NEW, Response::NEW);
+    }
+
+    /// Whether it has to be left alone, shorted, before it can begin: it draws `ma`.
+    pub(super) fn fades(&mut self, at: Instant, ma: i32) -> bool {
+        let Start::Fades(looks) = self.start else { return false };
+        if looks > 0 && i64::from(ma.abs()) > MARGIN_MA {
+            self.start = Start::Fades(looks - 1);
+            return true;
+        }
+        *self = Self { at, since: at, ma, place: self.place, start: Start::Stands, ..Self::AT_REST };
+        false
+    }
+
+    /// The first push of a motor that stood.
+    fn begins(&mut self, model: &mut Model, duty: i32) {
+        if self.start != Start::Stands || duty == 0 {
+            return;
+        }
+        self.start = Start::Over;
+        if self.limited {
+            model.stood_at_limit();
+            self.start = Start::Fades(FADES);
+        } else if self.ma.abs() >= TELLING_MA {
+            model.stood(duty, self.ma);
+        }
+    }
+
     /// What has happened since the last look, and how fast the motor is now. Whether edges have stayed out.
-    pub(super) fn observe(&mut self, at: Instant, model: &Model, drives: Drives) -> bool {
+    pub(super) fn observe(&mut self, at: Instant, model: &mut Model, drives: Drives) -> bool {
         let limit_ma = i64::from(drives.limit_ma);
-        let limit = model.lost(limit_ma);
-        let voltage = model.of_duty(drives.duty);
         let ma = i64::from(self.ma);
         self.limited = ma.abs() >= limit_ma;
+        self.begins(model, drives.duty);
+        let voltage = model.of_duty(drives.duty);
         let then = if self.limited {
             let bound = voltage - model.lost(ma);
             if ma > 0 { self.speed.min(bound) } else { self.speed.max(bound) }
@@ -111,21 +169,33 @@ impl Seen {
         let least = model.lost(MARGIN_MA);
         let stands = !self.limited && then.abs() <= least;
         self.held = stands && (self.held || self.speed.abs() > least);
+        let tells = !self.limited && then.abs() > least && at.since(self.at) == LOOK;
+        if let Some(answer) = self.response.looked(then, voltage - then, tells) {
+            model.answered(answer);
+        }
         if self.held {
             self.load = voltage;
         } else if !self.limited {
             self.load -= mistake * model.inverse / BELIEVED;
         }
+        let limit = model.lost(limit_ma);
         let push = (voltage - then).min(limit).max(-limit);
         let change = if self.held { -then } else { (push - self.load) * model.gain };
         let part = looks(at.since(self.since).min(LOOK));
         let way = part * (then + change - change * part / 2);
+        let before = looks(self.since.since(self.at).min(LOOK));
+        let before = before * (then + change * before / 2) + mistake * self.doubt;
+        let times = self.fit.looked(before, way, !self.held && !self.limited);
         let place = self.place + mistake * self.doubt + way;
         self.place = place.clamp(I40F24::ZERO, I40F24::ONE);
         if !self.limited {
             self.missed += (place - self.place).abs();
         }
         (self.speed, self.since, self.doubt) = (then + change, at, part / 2);
+        if let Some(times) = times {
+            model.turns(times);
+            (self.speed, self.load, self.response) = (self.speed * times, self.load * times, Response::NEW);
+        }
         let stayed_out = self.missed > MISSED;
         if stayed_out {
             self.missed = I40F24::ZERO;
@@ -137,6 +207,11 @@ impl Seen {
 /// A speed in other counts: `to` for `from`.
 pub(super) fn scaled(speed: I40F24, to: i64, from: i64) -> I40F24 {
     I40F24::from_bits(speed.to_bits() * to / from.max(1))
+}
+
+/// One by the other, of the same sign; as much as there is if the other is nothing.
+pub(super) fn ratio(one: I40F24, other: I40F24) -> I40F24 {
+    I40F24::from_bits((one.to_bits() << 24).checked_div(other.to_bits()).unwrap_or(i64::MAX))
 }
 
 /// In looks.
@@ -177,7 +252,7 @@ mod tests {
     /// Look after look at a motor that draws so much at that duty, and makes its edges if it turns. What has
     /// been seen, and whether edges stayed out.
     fn watched(duty: i32, ma: i32, edges: bool) -> (Seen, bool) {
-        let model = Model::of(&SETTINGS);
+        let mut model = Model::of(&SETTINGS);
         let (mut seen, mut at, mut stayed_out) = (Seen::AT_REST, Instant::ZERO, false);
         let speed = FULL * f64::from(duty) / 65_536.0 - lost(ma);
         let mut place = 0.5;
@@ -190,7 +265,7 @@ mod tests {
             }
             place = next.fract();
             at += LOOK;
-            stayed_out |= seen.observe(at, &model, Drives { duty, limit_ma: SETTINGS.limit_ma });
+            stayed_out |= seen.observe(at, &mut model, Drives { duty, limit_ma: SETTINGS.limit_ma });
             if edges {
                 assert!((seen.place.to_num::<f64>() - place).abs() < 0.05 || at < Instant::ZERO + LOOK * 20);
             }

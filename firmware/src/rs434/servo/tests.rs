@@ -178,6 +178,11 @@ impl Bench {
     /// With another friction, load or inertia.
     fn with(settings: Settings, motor: Parameters) -> Self {
         let motor = Parameters { no_load_rpm: settings.rated.into(), hall_pulses: settings.pulses, ..motor };
+        Self::on(settings, motor)
+    }
+
+    /// With a motor that the settings need not describe.
+    fn on(settings: Settings, motor: Parameters) -> Self {
         let mut rig = Rig::new(Bare { settings, motor, compensation: 0, errors: 0, servo: None });
         rig.power_on(Instant::ZERO, Boot::default(), &mut Nowhere);
         let mut bench = Self { rig, now: Instant::ZERO, edges: Edges(0) };
@@ -656,4 +661,78 @@ fn what_stands_wants_nothing() {
     bench.finish();
     bench.run(Duration::secs(1));
     assert_eq!(bench.rig.deadline(), Instant::NEVER);
+}
+
+/// A motor that the registers need not describe, ready to start from rest.
+fn on_another(settings: Settings, motor: Parameters) -> Bench {
+    let mut bench = Bench::on(settings, motor);
+    bench.run(Duration::millis(500));
+    bench
+}
+
+#[test]
+fn any_motor_comes_to_its_speed() {
+    for no_load_rpm in [1_500, 3_000, 6_000] {
+        for (hall_pulses, pulses) in [(4, 4), (2, 4), (12, 4), (2, 12), (12, 2)] {
+            for inertia_gcm2 in [100, 400, 2_000, 10_000] {
+                for resistance_mohm in [200, 500, 1_000] {
+                    let motor = Parameters {
+                        no_load_rpm,
+                        hall_pulses,
+                        inertia_gcm2,
+                        resistance_mohm,
+                        ..Parameters::NOMINAL
+                    };
+                    for (halls, speed, acc) in
+                        [(2, 300, 100), (1, 300, 100), (2, 1_000, 10), (2, 1_000, 1_000)]
+                    {
+                        // By the counts of the registers: at full duty, and at the least one.
+                        let full = f64::from(no_load_rpm) * f64::from(hall_pulses) / f64::from(pulses);
+                        if !(0.015 * full..0.95 * full).contains(&f64::from(speed)) {
+                            continue;
+                        }
+                        let settings = Settings { halls, pulses, speed, acc, ..FACTORY };
+                        let mut bench = on_another(settings, motor);
+                        bench.tell(tell::ROTATE, 1);
+                        bench.run(Duration::secs(2));
+                        let within = i64::from(speed / 100);
+                        for _ in 0..200 {
+                            bench.run(LOOK);
+                            let off = bench.ask(ask::SPEED) - i64::from(speed);
+                            assert!(off.abs() <= within, "off by {off} rpm: {settings:?} {motor:?}");
+                        }
+                        assert_eq!(bench.ask(ask::ERRORS) & 0x10, 0, "{settings:?} {motor:?}");
+                    }
+                }
+            }
+        }
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 64, max_shrink_iters: 100, ..ProptestConfig::default() })]
+
+    #[test]
+    fn any_motor_ends_its_moves_on_their_counts(
+        no_load_rpm in 1_500..6_001_u32, hall_pulses in 2..13_u16, pulses in 2..13_u16,
+        inertia_gcm2 in prop_oneof![Just(100_u32), Just(10_000), 100..10_001_u32],
+        resistance_mohm in 200..1_001_u32, speed in 100..2_001_u16, acc in 10..1_001_u16, dec in 10..1_001_u16,
+        closed in any::<bool>(), counts in proptest::collection::vec(-100..100_i64, 1..4),
+    ) {
+        let motor = Parameters {
+            no_load_rpm, hall_pulses, inertia_gcm2, resistance_mohm, ..Parameters::NOMINAL
+        };
+        let mut bench = on_another(Settings { pulses, speed, acc, dec, closed, ..FACTORY }, motor);
+        let (mut goal, begin) = (0, bench.shaft().position);
+        for counts in counts {
+            goal += counts;
+            bench.tell(tell::GO, counts);
+            bench.finish();
+            // What it slides on would show.
+            bench.run(Duration::secs(1));
+            prop_assert_eq!((bench.ask(ask::POSITION), bench.ask(ask::LEFT)), (goal, 0));
+            prop_assert_eq!(i64::from(bench.shaft().position - begin), goal);
+        }
+        prop_assert_eq!(bench.ask(ask::ERRORS) & 0x10, 0);
+    }
 }
