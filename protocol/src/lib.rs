@@ -5,7 +5,7 @@
 //! | [`time`] | [`time::Instant`] and [`time::Duration`], ticks of 1/16 µs |
 //! | [`mod@line`] | baud, parity, stop bits, and how long a character takes |
 //! | [`mod@registers`] | a register map declared once, as a table |
-//! | [`modbus`] | requests, replies, RTU framing, and a server for a map and its rules |
+//! | [`modbus`] | requests, replies, their framings, and a server for a map and its rules |
 //! | [`text`] | lines of ASCII |
 //!
 //! No `std`, no heap, no `unsafe`, no float, and no input makes anything here panic; `cargo xtask

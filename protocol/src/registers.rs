@@ -41,7 +41,7 @@ impl Layout {
     pub const ObjectsLowFirst: Self = Self { order: Order::LowFirst, objects: true };
 }
 
-/// Where a row is: the four address spaces of Modbus, and one that no bus reaches.
+/// Where a row is: the four address spaces of Modbus, and two that no bus reaches.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Space {
     /// Coils: functions 1, 5, 15.
@@ -52,6 +52,8 @@ pub enum Space {
     Input,
     /// Holding registers: functions 3, 6, 16; also registers of an ASCII language.
     Holding,
+    /// A variable of the drive's own language (MCode), which has a name and no address.
+    Variable,
     /// A choice of the stand-in where the manual leaves one; set by its name only.
     Setting,
 }
@@ -162,6 +164,8 @@ pub enum Legal {
     Range(i64, i64),
     /// These.
     OneOf(&'static [i64]),
+    /// Each word from the first to the second, in bus order; only where the low word is first.
+    Each(&'static [(u16, u16)]),
 }
 
 /// What a bus and a drive go by of a [`Row`].
@@ -172,6 +176,8 @@ pub struct Entry {
     pub space: Space,
     /// Its address there; of several words the lowest.
     pub address: u16,
+    /// The space of bits in which its one word is too, at the same address: set or not.
+    pub also: Option<Space>,
     /// What the bus may do.
     pub access: Access,
     /// Its form.
@@ -190,6 +196,8 @@ pub struct Entry {
     pub streams: bool,
     /// Which variants of the product have it, a bit each.
     pub variants: u8,
+    /// Whether it is there only at times, which the drive knows.
+    pub optional: bool,
 }
 
 /// One row of a register map: an [`Entry`], and what people read of it, which no board needs. Built by the
@@ -205,6 +213,8 @@ pub struct Row {
     pub section: &'static str,
     /// Why it is not modelled; empty if it is.
     pub missing: &'static str,
+    /// The factory value says that nothing is set; a write cannot bring it.
+    pub unset: bool,
     /// All else.
     pub entry: Entry,
 }
@@ -221,11 +231,12 @@ impl Row {
     const fn new(space: Space, access: Access, address: u16, section: &'static str) -> Self {
         let shape = match space {
             Space::Coil | Space::Discrete => Shape::Bit,
-            Space::Input | Space::Holding | Space::Setting => Shape::U16,
+            Space::Input | Space::Holding | Space::Variable | Space::Setting => Shape::U16,
         };
         let entry = Entry {
             space,
             address,
+            also: None,
             access,
             shape,
             legal: Legal::Any,
@@ -235,8 +246,9 @@ impl Row {
             live: false,
             streams: false,
             variants: u8::MAX,
+            optional: false,
         };
-        Self { name: "", doc: "", section, missing: "", entry }
+        Self { name: "", doc: "", section, missing: "", unset: false, entry }
     }
 
     /// A holding register to read and write.
@@ -257,10 +269,11 @@ impl Row {
         Self::new(Space::Holding, Access::WriteOnly, address, section)
     }
 
-    /// A holding register that the manual names and does not describe.
+    /// A holding register that the manual names and does not describe, and that is not modelled therefore.
     #[must_use]
     pub const fn known(address: u16, section: &'static str) -> Self {
         Self::new(Space::Holding, Access::Known, address, section)
+            .not_modelled("the manual says no more of it")
     }
 
     /// An input register.
@@ -279,6 +292,18 @@ impl Row {
     #[must_use]
     pub const fn discrete(address: u16, section: &'static str) -> Self {
         Self::new(Space::Discrete, Access::ReadOnly, address, section)
+    }
+
+    /// A variable of the drive's own language; `number` only tells it from others.
+    #[must_use]
+    pub const fn variable(number: u16, section: &'static str) -> Self {
+        Self::new(Space::Variable, Access::ReadWrite, number, section)
+    }
+
+    /// A variable of the drive's own language that can only be read; `number` only tells it from others.
+    #[must_use]
+    pub const fn fact(number: u16, section: &'static str) -> Self {
+        Self::new(Space::Variable, Access::ReadOnly, number, section)
     }
 
     /// A choice of the stand-in; `number` only tells it from others.
@@ -345,6 +370,20 @@ impl Row {
         self
     }
 
+    /// Refuses it unless each word is in its range; in bus order, only where the low word is first.
+    #[must_use]
+    pub const fn each(mut self, ranges: &'static [(u16, u16)]) -> Self {
+        self.entry.legal = Legal::Each(ranges);
+        self
+    }
+
+    /// The factory value says that nothing is set, and lies outside of what a write may bring.
+    #[must_use]
+    pub const fn unset(mut self) -> Self {
+        self.unset = true;
+        self
+    }
+
     /// Accepts everything and limits it to `least..=greatest` when it is used.
     #[must_use]
     pub const fn clamped(mut self, least: i64, greatest: i64) -> Self {
@@ -393,6 +432,27 @@ impl Row {
         self
     }
 
+    /// Which is there only at times: the drive says when.
+    #[must_use]
+    pub const fn optional(mut self) -> Self {
+        self.entry.optional = true;
+        self
+    }
+
+    /// Which is a coil too, at the same address.
+    #[must_use]
+    pub const fn also_coil(mut self) -> Self {
+        self.entry.also = Some(Space::Coil);
+        self
+    }
+
+    /// Which is a discrete input too, at the same address.
+    #[must_use]
+    pub const fn also_discrete(mut self) -> Self {
+        self.entry.also = Some(Space::Discrete);
+        self
+    }
+
     /// Kept and read back, but without its effect, and why.
     #[must_use]
     pub const fn not_modelled(mut self, reason: &'static str) -> Self {
@@ -421,6 +481,17 @@ impl Entry {
                 }
                 false
             }
+            Legal::Each(mut ranges) => {
+                let mut rest = value;
+                while let [(least, greatest), more @ ..] = ranges {
+                    let word = (rest & 0xFFFF) as u16;
+                    if word < *least || word > *greatest {
+                        return false;
+                    }
+                    (rest, ranges) = (rest >> 16, more);
+                }
+                true
+            }
         }
     }
 
@@ -432,6 +503,18 @@ impl Entry {
             Some((_, greatest)) if value > greatest => greatest,
             _ => value,
         }
+    }
+
+    /// Whether it is in `space`, or there too.
+    #[must_use]
+    pub const fn is_in(&self, space: Space) -> bool {
+        self.space as u8 == space as u8 || matches!(self.also, Some(also) if also as u8 == space as u8)
+    }
+
+    /// Whether a drive may be without it: one that only some variants have, or that is there only at times.
+    #[must_use]
+    pub const fn is_conditional(&self) -> bool {
+        self.optional || self.variants != u8::MAX
     }
 
     /// Addresses that it takes.
@@ -481,6 +564,8 @@ pub struct Entries {
     runs: &'static [Run],
     /// Whether any row is live.
     live: bool,
+    /// Whether a drive may be without any row.
+    conditional: bool,
 }
 
 /// A place in a map that somebody named.
@@ -537,12 +622,13 @@ impl Entries {
         places: &'static [u16],
         runs: &'static [Run],
     ) -> Self {
-        let (mut live, mut i) = (false, 0);
+        let (mut live, mut conditional, mut i) = (false, false, 0);
         while i < list.len() {
             live |= list[i].live;
+            conditional |= list[i].is_conditional();
             i += 1;
         }
-        Self { list, layout, places, runs, live }
+        Self { list, layout, places, runs, live, conditional }
     }
 
     /// Place of a row's first word in the bank.
@@ -574,7 +660,7 @@ impl Entries {
     pub fn at(&self, space: Space, address: u16) -> Option<(usize, u16)> {
         for (index, row) in self.list.iter().enumerate() {
             let word = address.wrapping_sub(row.address);
-            if word < row.addresses(self.layout) && row.space == space {
+            if word < row.addresses(self.layout) && row.is_in(space) {
                 return Some((index, word));
             }
         }
@@ -599,6 +685,13 @@ impl Entries {
             Shape::I32 => i64::from(value as i32),
             _ => value,
         }
+    }
+
+    /// The word of a shape's value that comes `n`-th on the bus; 0 for one that it does not hold.
+    #[must_use]
+    pub fn word(&self, shape: Shape, value: i64, n: usize) -> u16 {
+        let upward = self.downward(shape).rev().position(|place| place == n);
+        upward.map_or(0, |place| (value >> (16 * place) & 0xFFFF).cast_unsigned() as u16)
     }
 
     /// Puts `value` into a row's words in the bank, cut to its shape.
@@ -629,11 +722,33 @@ impl Entries {
 
     /// The live rows with words at these places of the bank.
     pub fn live_rows_at(&self, places: &Range<usize>) -> impl Iterator<Item = usize> + use<'_> {
+        self.rows_at(places, |row| row.live)
+    }
+
+    /// Whether a drive may be without any row.
+    #[must_use]
+    pub fn has_conditional(&self) -> bool {
+        self.conditional
+    }
+
+    /// The rows with words at these places of the bank that a drive may be without.
+    pub fn conditional_rows_at(&self, places: &Range<usize>) -> impl Iterator<Item = usize> + use<'_> {
+        self.rows_at(places, Entry::is_conditional)
+    }
+
+    fn rows_at<F: Fn(&Entry) -> bool>(
+        &self,
+        places: &Range<usize>,
+        which: F,
+    ) -> impl Iterator<Item = usize> + use<'_, F> {
         let (start, end) = (places.start, places.end);
         self.list.iter().enumerate().filter_map(move |(index, row)| {
+            if !which(row) {
+                return None;
+            }
             let place = self.place(index);
             let touched = place < end && start < place + usize::from(row.shape.words());
-            (row.live && touched).then_some(index)
+            touched.then_some(index)
         })
     }
 }
@@ -724,18 +839,23 @@ impl<R: Register, const WORDS: usize> Bank<R, WORDS> {
 pub const fn check(rows: &[Row], layout: Layout) {
     let mut i = 0;
     while i < rows.len() {
-        let Row { doc, section, entry: row, .. } = &rows[i];
+        let Row { doc, section, unset, entry: row, .. } = &rows[i];
         let (least, greatest) = row.shape.limits();
         if doc.is_empty() || section.is_empty() {
             panic!("a row says what it is and which section of the manual describes it");
         }
-        if !row.accepts(row.reset) && !matches!(row.access, Access::WriteOnly) {
-            panic!("a factory value is one that the row accepts");
+        if row.accepts(row.reset) == *unset && !matches!(row.access, Access::WriteOnly) {
+            panic!("a factory value is one that the row accepts, unless it says that nothing is set");
         }
         if let Legal::Range(low, high) = row.legal
             && (low > high || low < least || high > greatest)
         {
             panic!("a range lies within its shape");
+        }
+        if let Legal::Each(ranges) = row.legal
+            && (ranges.len() != row.shape.words() as usize || matches!(layout.order, Order::HighFirst))
+        {
+            panic!("each word has its range, and the low word is first");
         }
         if let Some((low, high)) = row.clamp
             && (low > high || low < least || high > greatest)
@@ -745,13 +865,18 @@ pub const fn check(rows: &[Row], layout: Layout) {
         if matches!(row.space, Space::Coil | Space::Discrete) != matches!(row.shape, Shape::Bit) {
             panic!("coils and discrete inputs are bits, registers are not");
         }
+        if row.also.is_some()
+            && (row.shape.words() != 1 || !matches!(row.space, Space::Input | Space::Holding))
+        {
+            panic!("only a register of one word is a bit too");
+        }
         if row.address as u32 + row.addresses(layout) as u32 > 0x1_0000 {
             panic!("a row ends past the last address");
         }
         let mut j = 0;
         while j < i {
             let other = &rows[j].entry;
-            if row.space as u8 == other.space as u8
+            if share_a_space(row, other)
                 && row.variants & other.variants != 0
                 && row.address < other.address + other.addresses(layout)
                 && other.address < row.address + row.addresses(layout)
@@ -762,6 +887,11 @@ pub const fn check(rows: &[Row], layout: Layout) {
         }
         i += 1;
     }
+}
+
+/// Whether two rows are in the same space.
+const fn share_a_space(row: &Entry, other: &Entry) -> bool {
+    row.is_in(other.space) || matches!(other.also, Some(also) if row.is_in(also))
 }
 
 /// What a bus and a drive go by of a map's rows.
@@ -824,14 +954,17 @@ pub const fn places<const N: usize>(rows: &[Row; N]) -> [u16; N] {
 /// How many runs of readable addresses a map has.
 #[doc(hidden)]
 #[must_use]
-#[expect(clippy::indexing_slicing, reason = "only ever evaluated by the compiler")]
 pub const fn run_count(rows: &[Row], layout: Layout) -> usize {
-    let (mut count, mut i) = (0, 0);
-    while i < rows.len() {
-        if readable(&rows[i].entry) && (i == 0 || !continues(&rows[i - 1].entry, &rows[i].entry, layout)) {
-            count += 1;
+    let (mut count, mut views) = (0, VIEWS);
+    while let [view, more @ ..] = views {
+        let mut i = 0;
+        while i < rows.len() {
+            if begins_a_run(rows, i, *view, layout) {
+                count += 1;
+            }
+            i += 1;
         }
-        i += 1;
+        views = more;
     }
     count
 }
@@ -842,34 +975,63 @@ pub const fn run_count(rows: &[Row], layout: Layout) -> usize {
 #[expect(clippy::indexing_slicing, reason = "only ever evaluated by the compiler")]
 pub const fn runs<const N: usize>(rows: &[Row], layout: Layout) -> [Run; N] {
     let mut runs = [Run { space: Space::Holding, first: 0, addresses: 0, words: 0, place: 0 }; N];
-    let (mut count, mut place, mut i) = (0, 0, 0);
-    while i < rows.len() {
-        let row = &rows[i].entry;
-        if readable(row) {
-            if i == 0 || !continues(&rows[i - 1].entry, row, layout) {
-                runs[count] = Run { space: row.space, first: row.address, addresses: 0, words: 0, place };
-                count += 1;
+    let (mut count, mut views) = (0, VIEWS);
+    while let [view, more @ ..] = views {
+        let (mut place, mut i) = (0, 0);
+        while i < rows.len() {
+            let row = &rows[i].entry;
+            if let Some(space) = seen(row, *view) {
+                if begins_a_run(rows, i, *view, layout) {
+                    runs[count] = Run { space, first: row.address, addresses: 0, words: 0, place };
+                    count += 1;
+                }
+                runs[count - 1].addresses += row.addresses(layout);
+                runs[count - 1].words += row.shape.words();
             }
-            runs[count - 1].addresses += row.addresses(layout);
-            runs[count - 1].words += row.shape.words();
+            place += row.shape.words();
+            i += 1;
         }
-        place += row.shape.words();
-        i += 1;
+        views = more;
     }
     runs
 }
 
-/// Whether any bus may read a row.
-const fn readable(row: &Entry) -> bool {
-    row.access.reads() && !matches!(row.space, Space::Setting)
+/// Where rows are looked for: in their own spaces, and as bits.
+#[derive(Clone, Copy)]
+enum View {
+    Own,
+    Also,
 }
 
-/// Whether one read may go on from `row` into `next`.
-const fn continues(row: &Entry, next: &Entry, layout: Layout) -> bool {
-    !layout.objects
-        && readable(row)
-        && row.space as u8 == next.space as u8
-        && row.address as u32 + row.shape.words() as u32 == next.address as u32
+/// Every view.
+const VIEWS: &[View] = &[View::Own, View::Also];
+
+/// Where a bus may read a row.
+const fn seen(row: &Entry, view: View) -> Option<Space> {
+    if !row.access.reads() {
+        return None;
+    }
+    match view {
+        View::Own if matches!(row.space, Space::Variable | Space::Setting) => None,
+        View::Own => Some(row.space),
+        View::Also => row.also,
+    }
+}
+
+/// Whether a read may begin at the row `i` but not go on into it from the row before.
+#[expect(clippy::indexing_slicing, reason = "only ever evaluated by the compiler")]
+const fn begins_a_run(rows: &[Row], i: usize, view: View, layout: Layout) -> bool {
+    let row = &rows[i].entry;
+    let Some(space) = seen(row, view) else { return false };
+    if i == 0 || layout.objects {
+        return true;
+    }
+    let last = &rows[i - 1].entry;
+    let goes_on = match seen(last, view) {
+        Some(other) => other as u8 == space as u8,
+        None => false,
+    };
+    !goes_on || last.address as u32 + last.shape.words() as u32 != row.address as u32
 }
 
 /// Declares a register map: an enum with a variant a row, and its [`Table`].
@@ -918,6 +1080,21 @@ const fn continues(row: &Entry, next: &Entry, layout: Layout) -> bool {
 ///     }
 /// }
 /// # fn main() { let _ = Reg::DeviceAddress; }
+/// ```
+///
+/// Nor does a register that is a coil too, where another coil is:
+///
+/// ```compile_fail
+/// standin_protocol::registers! {
+///     /// A map.
+///     pub enum Reg: HighFirst {
+///         /// Start.
+///         Start = coil(0x4B, "1"),
+///         /// An output.
+///         O1 = rw(0x4B, "2").also_coil(),
+///     }
+/// }
+/// # fn main() { let _ = Reg::O1; }
 /// ```
 #[macro_export]
 macro_rules! registers {

@@ -1,4 +1,4 @@
-//! Ten typical rows of each of the five manuals, so that the table fits them all.
+//! Ten typical rows of each manual, so that the table fits them all; those of the MDrive are in `mdrive.rs`.
 //!
 //! What the tests assert is typed from the manuals, not taken from the tables.
 #![allow(missing_docs, clippy::unwrap_used, clippy::indexing_slicing, reason = "a test")]
@@ -6,7 +6,7 @@
 use standin_protocol::modbus::pdu::Exception;
 use standin_protocol::modbus::server::{Map, Rules, serve_rtu};
 use standin_protocol::modbus::{Frame, rtu};
-use standin_protocol::registers::{Bank, Legal, Register, Shape, Space};
+use standin_protocol::registers::{Bank, Register, Shape, Space};
 
 /// US Digital MD3: one space, no gaps, pairs with the high word first.
 mod md3 {
@@ -117,41 +117,12 @@ mod mdrobot {
             MaxLoad = rw(211, "2.6").reset(200).saved(),
             /// Speed, current, output, position, status.
             Monitor = ro(196, "2.6").words(6).live(),
-            /// Limits of the speed input.
-            SpeedLimit = rw(222, "2.6").words(2).saved(),
+            /// Limits of the speed input; a high one of 0 is not set.
+            SpeedLimit = rw(222, "2.6").words(2).each(&[(0, 512), (512, 1_023)]).unset().saved(),
             /// Position to go to.
             PosiCmd = wo(243, "2.6").i32(),
             /// Way to go.
             IncPosiCmd = wo(244, "2.6").i32(),
-        }
-    }
-}
-
-/// MDrive: reserved gaps, one-byte values in whole registers, high word first.
-mod mdrive {
-    standin_protocol::registers! {
-        /// MDrive Modbus/TCP manual, register table.
-        pub enum Reg: HighFirst {
-            /// Acceleration in steps/s².
-            Acceleration = rw(0x0000, "A").u32().range(91, 1_525_878_997).reset(1_000_000).saved(),
-            /// Counter 1.
-            Counter1 = rw(0x0005, "C1").i32().saved(),
-            /// Counter 2.
-            Counter2 = rw(0x0007, "C2").i32().saved(),
-            /// Software reset enable.
-            SoftwareResetEnable = rw(0x0009, "CE").u8().range(0, 1).reset(1).saved(),
-            /// Error flag.
-            ErrorFlag = ro(0x001F, "EF").u8().range(0, 1),
-            /// Microsteps of a full step.
-            MicrostepResolution = rw(0x0048, "MS").one_of(&[1, 2, 4, 8, 16, 32, 64, 128, 256]).reset(256).saved(),
-            /// Position.
-            PositionCounter = rw(0x0057, "P").i32().live().saved(),
-            /// Initial velocity.
-            InitialVelocity = rw(0x0089, "VI").u32().range(1, 4_999_999).reset(1_000).saved(),
-            /// Maximum velocity.
-            MaximumVelocity = rw(0x008B, "VM").u32().range(2, 5_000_000).reset(768_000).saved(),
-            /// Locked rotor timeout: a word in the second of two registers.
-            LockedRotorTimeout = rw(0x009C, "LT").u32().range(2, 65_535).reset(2_000).saved().only(2),
         }
     }
 }
@@ -202,6 +173,8 @@ const RULES: Rules = Rules {
     broadcast: Some(0),
     most_read: 125,
     most_written: 123,
+    bits_per_word: 16,
+    writes_halves: true,
     bad_quantity: Exception::IllegalDataValue,
     bad_value: Exception::IllegalDataValue,
     read_only: Exception::IllegalDataAddress,
@@ -306,9 +279,24 @@ fn a_pid_is_read_and_written_whole() {
     let mut md = Keeper::<Pid, { Pid::WORDS }>::new();
     assert_eq!(md.ask(&RULES, &[3, 0, 1, 0, 1]), [3, 2, 0, 81]);
     assert_eq!(md.ask(&RULES, &[3, 0, 196, 0, 6]).len(), 14);
-    assert_eq!(md.ask(&RULES, &[3, 0, 196, 0, 2]), [0x83, 2]);
-    assert_eq!(md.ask(&RULES, &[3, 0, 3, 0, 1]), [0x83, 2], "write only");
-    assert_eq!(md.ask(&RULES, &[3, 0, 4, 0, 1]), [0x83, 2], "only named");
+    assert_eq!(md.refreshed, [Pid::Monitor]);
+    for (pid, quantity) in [(1, 2), (196, 1), (196, 5), (196, 7), (211, 2), (222, 1), (222, 3), (222, 125)] {
+        assert_eq!(md.ask(&RULES, &[3, 0, pid, 0, quantity]), [0x83, 3], "{quantity} of PID {pid}");
+    }
+    for quantity in [1, 2, 125] {
+        assert_eq!(md.ask(&RULES, &[3, 0, 3, 0, quantity]), [0x83, 2], "write only");
+        assert_eq!(md.ask(&RULES, &[3, 0, 4, 0, quantity]), [0x83, 2], "only named");
+        assert_eq!(md.ask(&RULES, &[3, 0, 2, 0, quantity]), [0x83, 2], "not there");
+        assert_eq!(md.ask(&RULES, &[3, 1, 1, 0, quantity]), [0x83, 2], "PID_H counts");
+    }
+    // Before the PID is looked up.
+    for quantity in [0, 126, 255] {
+        assert_eq!(md.ask(&RULES, &[3, 0, 2, 0, quantity]), [0x83, 3]);
+    }
+    assert_eq!(md.ask(&RULES, &[6, 0, 1, 0, 9]), [0x86, 2], "read only");
+    assert_eq!(md.ask(&RULES, &[6, 0, 196, 0, 9]), [0x86, 2], "read only, whatever the quantity");
+    assert_eq!(md.ask(&RULES, &[6, 0, 4, 0, 9]), [0x86, 2], "only named");
+    assert!(md.written.is_empty());
     // Position 100,000 = 0x0001_86A0, low word first; the neighbour 244 is another PID.
     assert_eq!(md.ask(&RULES, &[16, 0, 243, 0, 2, 4, 0x86, 0xA0, 0, 1]), [16, 0, 243, 0, 2]);
     assert_eq!((md.bank.get(Pid::PosiCmd), md.bank.get(Pid::IncPosiCmd)), (100_000, 0));
@@ -319,19 +307,17 @@ fn a_pid_is_read_and_written_whole() {
 }
 
 #[test]
-fn mdrive_reserves_gaps_and_keeps_bytes_in_words() {
-    use mdrive::Reg;
-    let mut mdrive = Keeper::<Reg, { Reg::WORDS }>::new();
-    // The manual's example of function 3: VM is 768,000 = 0x000B_B800.
-    assert_eq!(mdrive.ask(&RULES, &[3, 0, 0x8B, 0, 2]), [3, 4, 0x00, 0x0B, 0xB8, 0x00]);
-    // Its example of function 16: VM becomes 600,000 = 0x0009_27C0.
-    let write = [16, 0, 0x8B, 0, 2, 4, 0x00, 0x09, 0x27, 0xC0];
-    assert_eq!(mdrive.ask(&RULES, &write), [16, 0, 0x8B, 0, 2]);
-    assert_eq!(mdrive.bank.get(Reg::MaximumVelocity), 600_000);
-    assert_eq!(mdrive.ask(&RULES, &[3, 0, 0x07, 0, 4]), [0x83, 2], "0x000A is reserved");
-    assert_eq!(mdrive.ask(&RULES, &[3, 0, 0x07, 0, 3]).len(), 8);
-    assert_eq!(mdrive.ask(&RULES, &[6, 0, 0x09, 0, 2]), [0x86, 3]);
-    assert_eq!(mdrive.ask(&RULES, &[16, 0, 0x9C, 0, 2, 4, 0, 1, 0, 0]), [0x90, 3]);
-    let ms = &Reg::TABLE.rows[Reg::MicrostepResolution.row()];
-    assert!(matches!(ms.legal, Legal::OneOf(codes) if codes.contains(&256)) && !ms.accepts(3));
+fn each_word_of_a_value_has_its_range() {
+    use mdrobot::Pid;
+    let mut md = Keeper::<Pid, { Pid::WORDS }>::new();
+    let write =
+        |low: u16, high: u16| [&[16, 0, 222, 0, 2, 4][..], &low.to_be_bytes(), &high.to_be_bytes()].concat();
+    for (low, high) in [(513, 600), (0, 511), (0, 1_024), (0, 0), (0xFFFF, 600)] {
+        assert_eq!(md.ask(&RULES, &write(low, high)), [0x90, 3], "{low}, {high}");
+        assert_eq!(md.ask(&RULES, &[3, 0, 222, 0, 2]), [3, 4, 0, 0, 0, 0], "nothing has changed");
+    }
+    for (low, high) in [(0, 512), (512, 1_023), (512, 512)] {
+        assert_eq!(md.ask(&RULES, &write(low, high)), [16, 0, 222, 0, 2]);
+        assert_eq!(md.bank.get(Pid::SpeedLimit), i64::from(high) << 16 | i64::from(low));
+    }
 }

@@ -3,13 +3,15 @@
 //! Sources: *MODBUS Application Protocol Specification V1.1b3* ("application") and *MODBUS over
 //! Serial Line V1.02* ("serial").
 //!
-//! [`pdu`] reads requests, [`rtu`] and [`ascii`] put them on a serial line, [`server`] answers them from a
-//! register map by the rules of a drive's manual.
+//! [`pdu`] reads requests, [`rtu`] and [`ascii`] put them on a serial line, [`tcp`] on a connection, [`server`]
+//! answers them from a register map by the rules of a drive's manual, [`identification`] says who it is.
 
 pub mod ascii;
+pub mod identification;
 pub mod pdu;
 pub mod rtu;
 pub mod server;
+pub mod tcp;
 
 use crate::line::Line;
 
@@ -18,6 +20,9 @@ pub const FRAME_BYTES: usize = 256;
 
 /// A frame of a serial line.
 pub type Frame = heapless::Vec<u8, FRAME_BYTES>;
+
+/// Where a reply is put together, whatever carries it: a [`Frame`] or a [`tcp::Adu`].
+pub type Reply = heapless::VecView<u8>;
 
 /// Why a slave is silent.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]

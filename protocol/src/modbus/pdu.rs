@@ -16,6 +16,11 @@ pub const WRITE_SINGLE_REGISTER: u8 = 6;
 pub const WRITE_MULTIPLE_COILS: u8 = 15;
 /// Write multiple registers.
 pub const WRITE_MULTIPLE_REGISTERS: u8 = 16;
+/// Encapsulated interface transport: what it is for says the byte behind it.
+pub const ENCAPSULATED_INTERFACE: u8 = 43;
+
+/// The longest PDU, whatever carries it (application 4.1).
+pub const PDU_BYTES: usize = 253;
 
 /// The bit of a reply's function code that marks an exception.
 pub const EXCEPTION_BIT: u8 = 0x80;

@@ -4,13 +4,15 @@
 //! structure, address, value, execution, each for the whole request before the next. What is refused changes
 //! nothing; a write of several registers is all or nothing.
 
+use core::marker::PhantomData;
+
 use super::pdu::{
     EXCEPTION_BIT, Exception, READ_COILS, READ_DISCRETE_INPUTS, READ_INPUT_REGISTERS, Request,
     WRITE_MULTIPLE_COILS, WRITE_SINGLE_COIL,
 };
-use super::rtu;
-use super::{Frame, Why};
-use crate::registers::{Entries, Register, Space};
+use super::tcp::{self, Adu};
+use super::{Frame, Reply, Why, rtu};
+use crate::registers::{Entries, Register, Shape, Space};
 
 /// What a manual says about its bus.
 #[derive(Clone, Copy, Debug)]
@@ -19,12 +21,17 @@ pub struct Rules {
     pub functions: &'static [u8],
     /// The address that every slave obeys and none answers.
     pub broadcast: Option<u8>,
-    /// Words that one read may cover; of bits sixteen times as many, which take the same room.
+    /// Words that one read may cover.
     pub most_read: u16,
-    /// Words that one write may cover; of bits sixteen times as many.
+    /// Words that one write may cover.
     pub most_written: u16,
-    /// For a quantity of 0 or beyond the most, a byte count that does not match, and a coil's value that
-    /// is neither on nor off.
+    /// Bits that a read or a write may cover for each word: 16, which take the same room, where a manual does
+    /// not say otherwise.
+    pub bits_per_word: u16,
+    /// Whether a write may bring a part of a value of several words.
+    pub writes_halves: bool,
+    /// For a quantity of 0 or beyond the most, one that is not that of an object, a part of a value where that
+    /// cannot be written, a byte count that does not match, and a coil's value that is neither on nor off.
     pub bad_quantity: Exception,
     /// For a value outside the range of its row.
     pub bad_value: Exception,
@@ -62,8 +69,81 @@ pub trait Map {
         Ok(())
     }
 
+    /// Carries out all that a write brings, where its values are judged together or make others than they are: its
+    /// rows accept each, [`permits`](Self::permits) too. Nothing is stored by the server then, and
+    /// [`written`](Self::written) is not called; `None` leaves both to the server.
+    ///
+    /// # Errors
+    /// The exception that refuses it; nothing has changed then.
+    fn carry_out(&mut self, _values: &Values<'_, Self::Register>) -> Option<Result<(), Exception>> {
+        None
+    }
+
     /// A value outside the range of its row was refused.
-    fn out_of_range(&mut self, _register: Self::Register) {}
+    fn out_of_range(&mut self, _register: Self::Register, _value: i64) {}
+
+    /// Whether a register is there now, of those that only some variants have or that are optional; one that is
+    /// not is [`Exception::IllegalDataAddress`].
+    fn is_there(&self, _register: Self::Register) -> bool {
+        true
+    }
+
+    /// Carries out a request whose function the [`Rules`] list and this server does not know, and puts the
+    /// reply's PDU, its function code first and of at most 253 bytes, behind what is in `reply`.
+    ///
+    /// # Errors
+    /// The exception that refuses it; what it has put into `reply` does not count then.
+    fn serve_other(&mut self, _pdu: &[u8], _reply: &mut Reply) -> Result<(), Exception> {
+        Err(Exception::IllegalFunction)
+    }
+}
+
+/// What a write brings, for [`Map::carry_out`].
+#[derive(Debug)]
+pub struct Values<'a, R> {
+    entries: &'static Entries,
+    space: Space,
+    first: u16,
+    count: u16,
+    /// As functions 15 and 16 bring them: bits of coils from the lowest one up, words with the high byte first.
+    bytes: &'a [u8],
+    registers: PhantomData<R>,
+}
+
+impl<R: Register> Values<'_, R> {
+    /// The registers that it brings whole and their values, in the order of their addresses.
+    pub fn iter(&self) -> impl Iterator<Item = (R, i64)> + '_ {
+        self.parts().flatten().filter_map(|part| {
+            let shape = self.entries.list.get(part.row)?.shape;
+            let value = (part.words == shape.words()).then(|| self.value(&part, shape))?;
+            Some((R::from_row(part.row)?, value))
+        })
+    }
+
+    /// The value that it brings for a register; `None` if it brings none, or a part of it.
+    #[must_use]
+    pub fn get(&self, register: R) -> Option<i64> {
+        self.iter().find_map(|(brought, value)| (brought.row() == register.row()).then_some(value))
+    }
+
+    /// The parts of it, one for each row it touches.
+    fn parts(&self) -> Parts {
+        Parts { entries: self.entries, space: self.space, address: self.first, left: self.count, offset: 0 }
+    }
+
+    fn value(&self, part: &Part, shape: Shape) -> i64 {
+        self.entries.assemble(shape, |n| self.word(part.offset + n))
+    }
+
+    fn word(&self, n: usize) -> u16 {
+        match self.space {
+            Space::Coil => self.bytes.get(n / 8).map_or(0, |byte| u16::from(byte >> (n % 8) & 1)),
+            _ => {
+                let word = self.bytes.get(2 * n..).and_then(<[u8]>::first_chunk);
+                word.map_or(0, |&word| u16::from_be_bytes(word))
+            }
+        }
+    }
 }
 
 /// What became of a frame.
@@ -112,8 +192,7 @@ pub fn serve_serial<M: Map>(body: &[u8], unit: u8, rules: &Rules, map: &mut M, r
             return Outcome::Dropped(why);
         }
         Err(Refusal::Exception(exception)) => {
-            reply.truncate(1);
-            let _ = reply.extend_from_slice(&[function | EXCEPTION_BIT, exception.code()]);
+            refuse(function, exception, 1, reply);
             Some(exception)
         }
     };
@@ -121,6 +200,32 @@ pub fn serve_serial<M: Map>(body: &[u8], unit: u8, rules: &Rules, map: &mut M, r
         reply.clear();
     }
     Outcome::Served { unit: address, function, refused }
+}
+
+/// Carries out a whole ADU of a connection, whatever its unit, and leaves the reply in `reply`, which stays empty
+/// only for what is no ADU. A client waits for its reply: what a serial line would drop for its length is refused
+/// with the rules' `bad_quantity`, and there is no broadcast.
+pub fn serve_tcp<M: Map>(adu: &[u8], rules: &Rules, map: &mut M, reply: &mut Adu) -> Outcome {
+    reply.clear();
+    let Some((header, pdu @ &[function, ..])) = tcp::parse(adu) else {
+        return Outcome::Dropped(Why::Length);
+    };
+    tcp::begin(reply, header);
+    let refused = serve(pdu, rules, map, reply).err().map(|refusal| match refusal {
+        Refusal::Exception(exception) => exception,
+        Refusal::Drop(_) => rules.bad_quantity,
+    });
+    if let Some(exception) = refused {
+        refuse(function, exception, tcp::HEADER_BYTES, reply);
+    }
+    tcp::seal(reply);
+    Outcome::Served { unit: header.unit, function, refused }
+}
+
+/// Puts an exception in place of all that is behind the first `head` bytes of `reply`.
+fn refuse(function: u8, exception: Exception, head: usize, reply: &mut Reply) {
+    reply.truncate(head);
+    let _ = reply.extend_from_slice(&[function | EXCEPTION_BIT, exception.code()]);
 }
 
 /// Why a request has no normal reply.
@@ -136,20 +241,20 @@ impl From<Exception> for Refusal {
 }
 
 /// Carries out a request and puts the reply's PDU behind what is in `reply`.
-fn serve<M: Map>(pdu: &[u8], rules: &Rules, map: &mut M, reply: &mut Frame) -> Result<(), Refusal> {
+fn serve<M: Map>(pdu: &[u8], rules: &Rules, map: &mut M, reply: &mut Reply) -> Result<(), Refusal> {
     if !pdu.first().is_some_and(|function| rules.functions.contains(function)) {
         return Err(Exception::IllegalFunction.into());
     }
     match Request::parse(pdu).ok_or(Refusal::Drop(Why::Length))? {
         Request::Read { function, first, count } => read(function, first, count, rules, map, reply)?,
         Request::WriteSingle { function, address, value } => {
-            let (space, values) = match (function, value) {
+            let (space, bytes) = match (function, value) {
                 (WRITE_SINGLE_COIL, 0xFF00) => (Space::Coil, [1, 0]),
                 (WRITE_SINGLE_COIL, 0x0000) => (Space::Coil, [0, 0]),
                 (WRITE_SINGLE_COIL, _) => return Err(rules.bad_quantity.into()),
                 _ => (Space::Holding, value.to_be_bytes()),
             };
-            write(space, address, 1, &values, rules, map)?;
+            write(space, address, 1, &bytes, rules, map)?;
             let _ = reply.extend_from_slice(pdu);
         }
         Request::WriteMultiple { function, first, count, values, bytes } => {
@@ -158,7 +263,11 @@ fn serve<M: Map>(pdu: &[u8], rules: &Rules, map: &mut M, reply: &mut Frame) -> R
             if values.len() != usize::from(bytes) {
                 return Err(Refusal::Drop(Why::Length));
             }
-            let most = if coils { rules.most_written.saturating_mul(16) } else { rules.most_written };
+            let most = if coils {
+                rules.most_written.saturating_mul(rules.bits_per_word)
+            } else {
+                rules.most_written
+            };
             if count == 0 || count > most || values.len() != expected {
                 return Err(rules.bad_quantity.into());
             }
@@ -166,7 +275,7 @@ fn serve<M: Map>(pdu: &[u8], rules: &Rules, map: &mut M, reply: &mut Frame) -> R
             write(space, first, count, values, rules, map)?;
             let _ = reply.extend_from_slice(pdu.get(..5).unwrap_or(pdu));
         }
-        Request::Other { .. } => return Err(Exception::IllegalFunction.into()),
+        Request::Other { .. } => map.serve_other(pdu, reply)?,
     }
     Ok(())
 }
@@ -178,10 +287,10 @@ fn read<M: Map>(
     count: u16,
     rules: &Rules,
     map: &mut M,
-    reply: &mut Frame,
+    reply: &mut Reply,
 ) -> Result<(), Exception> {
     let bits = matches!(function, READ_COILS | READ_DISCRETE_INPUTS);
-    let most = if bits { rules.most_read.saturating_mul(16) } else { rules.most_read };
+    let most = if bits { rules.most_read.saturating_mul(rules.bits_per_word) } else { rules.most_read };
     if count == 0 || count > most {
         return Err(rules.bad_quantity);
     }
@@ -192,7 +301,15 @@ fn read<M: Map>(
         _ => Space::Holding,
     };
     let entries = map.entries();
-    let range = entries.readable(space, first, count).ok_or(Exception::IllegalDataAddress)?;
+    let range = entries.readable(space, first, count).ok_or_else(|| {
+        // Of an object that can be read only the quantity is wrong.
+        let row = entries.at(space, first).and_then(|(row, _)| entries.list.get(row));
+        let object = row.is_some_and(|row| entries.layout.objects && row.access.reads());
+        if object { rules.bad_quantity } else { Exception::IllegalDataAddress }
+    })?;
+    if entries.has_conditional() && !all_there(entries.conditional_rows_at(&range), map) {
+        return Err(Exception::IllegalDataAddress);
+    }
     if entries.has_live() {
         for row in entries.live_rows_at(&range) {
             if let Some(register) = M::Register::from_row(row) {
@@ -219,56 +336,66 @@ fn read<M: Map>(
     Ok(())
 }
 
+/// Whether the drive has each of these rows now.
+fn all_there<M: Map>(mut rows: impl Iterator<Item = usize>, map: &M) -> bool {
+    rows.all(|row| M::Register::from_row(row).is_some_and(|register| map.is_there(register)))
+}
+
 /// Functions 5, 6, 15 and 16: judge all addresses, then all values, then whether they may be written now; then
-/// store everything, then say so. `values` are as 15 and 16 bring them: bits of coils from the lowest one up,
-/// words with the high byte first.
+/// store everything, then say so, unless the drive does all that itself.
 fn write<M: Map>(
     space: Space,
     first: u16,
     count: u16,
-    values: &[u8],
+    bytes: &[u8],
     rules: &Rules,
     map: &mut M,
 ) -> Result<(), Exception> {
     let entries = map.entries();
-    let word = |n: usize| match space {
-        Space::Coil => values.get(n / 8).map_or(0, |byte| u16::from(byte >> (n % 8) & 1)),
-        _ => values.get(2 * n..).and_then(<[u8]>::first_chunk).map_or(0, |&word| u16::from_be_bytes(word)),
-    };
-    for part in Parts::new(entries, space, first, count) {
+    let values = Values { entries, space, first, count, bytes, registers: PhantomData };
+    let whole = entries.layout.objects || !rules.writes_halves;
+    let mut quantity = Ok(());
+    for part in values.parts() {
         let part = part?;
         let row = entries.list.get(part.row).ok_or(Exception::IllegalDataAddress)?;
+        if row.is_conditional() && !all_there(core::iter::once(part.row), map) {
+            return Err(Exception::IllegalDataAddress);
+        }
         if !row.access.writes() {
             return Err(rules.read_only);
         }
-        if entries.layout.objects && part.words != row.shape.words() {
-            return Err(rules.bad_quantity);
+        if whole && part.words != row.shape.words() {
+            quantity = Err(rules.bad_quantity);
         }
     }
+    quantity?;
     let mut permitted = Ok(());
-    for part in Parts::new(entries, space, first, count).flatten() {
+    for part in values.parts().flatten() {
         let row = entries.list.get(part.row).ok_or(Exception::IllegalDataAddress)?;
         // Halves are judged when the value is used.
         if part.words != row.shape.words() {
             continue;
         }
-        let value = entries.assemble(row.shape, |n| word(part.offset + n));
+        let value = values.value(&part, row.shape);
         let register = M::Register::from_row(part.row).ok_or(Exception::IllegalDataAddress)?;
         if !row.accepts(value) {
-            map.out_of_range(register);
+            map.out_of_range(register, value);
             return Err(rules.bad_value);
         }
         permitted = permitted.and_then(|()| map.permits(register, value));
     }
     permitted?;
-    for part in Parts::new(entries, space, first, count).flatten() {
+    if let Some(done) = map.carry_out(&values) {
+        return done;
+    }
+    for part in values.parts().flatten() {
         let place = entries.place(part.row) + usize::from(part.first);
         let words = map.words_mut().get_mut(place..).unwrap_or(&mut []);
         for (n, target) in words.iter_mut().take(usize::from(part.words)).enumerate() {
-            *target = word(part.offset + n);
+            *target = values.word(part.offset + n);
         }
     }
-    for part in Parts::new(entries, space, first, count).flatten() {
+    for part in values.parts().flatten() {
         if let Some(register) = M::Register::from_row(part.row) {
             map.written(register);
         }
@@ -294,12 +421,6 @@ struct Parts {
     address: u16,
     left: u16,
     offset: usize,
-}
-
-impl Parts {
-    fn new(entries: &'static Entries, space: Space, address: u16, count: u16) -> Self {
-        Self { entries, space, address, left: count, offset: 0 }
-    }
 }
 
 impl Iterator for Parts {

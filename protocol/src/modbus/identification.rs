@@ -1,0 +1,213 @@
+//! Read device identification, function 43 with 14 behind it (application 6.21).
+
+use super::Reply;
+use super::pdu::{ENCAPSULATED_INTERFACE, Exception, PDU_BYTES};
+
+/// What stands behind the function code.
+pub const READ_DEVICE_IDENTIFICATION: u8 = 14;
+
+/// The bit of a conformity level that says that single objects can be read.
+pub const SINGLE_OBJECTS: u8 = 0x80;
+
+/// An object: its identifier, and its value of at most 244 bytes; what is longer is cut.
+pub type Object<'a> = (u8, &'a [u8]);
+
+/// Codes of a request: a stream of a category or the ones below it, or a single object.
+const BASIC: u8 = 1;
+const REGULAR: u8 = 2;
+const SINGLE: u8 = 4;
+
+/// Says that objects are left.
+const MORE_FOLLOWS: u8 = 0xFF;
+
+/// More follows, next object, number of objects: known at the end.
+const OUTCOME_BYTES: usize = 3;
+
+/// Function, type, code and conformity stand before that.
+const HEAD_BYTES: usize = 4 + OUTCOME_BYTES;
+
+/// No object is divided, so none is longer than a reply has room for it, its identifier and its length.
+const VALUE_BYTES: usize = PDU_BYTES - HEAD_BYTES - 2;
+
+/// Answers the request `pdu` with the PDU of a reply, behind what is in `reply`: as many of `objects`, in the
+/// order of their identifiers, as it has room for.
+///
+/// `conformity` is 1 for a device with basic objects (0 to 2), 2 with regular (to 0x7F), 3 with extended ones, and
+/// [`SINGLE_OBJECTS`] where it gives single ones. A higher category than it has is answered with what it has; a
+/// stream from an object that it does not know starts from the first one.
+///
+/// # Errors
+/// [`Exception::IllegalFunction`] for another type than 14, [`Exception::IllegalDataAddress`] for a single object
+/// that it does not have, [`Exception::IllegalDataValue`] for another length or code.
+pub fn answer(
+    pdu: &[u8],
+    conformity: u8,
+    objects: &[Object<'_>],
+    reply: &mut Reply,
+) -> Result<(), Exception> {
+    let (code, object) = match *pdu {
+        [_, READ_DEVICE_IDENTIFICATION, code, object] => (code, object),
+        [_, READ_DEVICE_IDENTIFICATION, ..] | [] | [_] => return Err(Exception::IllegalDataValue),
+        [_, _, ..] => return Err(Exception::IllegalFunction),
+    };
+    let single = code == SINGLE;
+    if !matches!(code, BASIC..=SINGLE) || single && conformity & SINGLE_OBJECTS == 0 {
+        return Err(Exception::IllegalDataValue);
+    }
+    let last = match code.min(conformity & !SINGLE_OBJECTS) {
+        _ if single => 0xFF,
+        BASIC => 0x02,
+        REGULAR => 0x7F,
+        _ => 0xFF,
+    };
+    let count = objects.iter().take_while(|(id, _)| *id <= last).count();
+    let category = objects.get(..count).unwrap_or(objects);
+    let asked = category.iter().position(|(id, _)| *id == object);
+    let chosen = match asked {
+        Some(place) if single => category.get(place..=place),
+        None if single => return Err(Exception::IllegalDataAddress),
+        Some(place) => category.get(place..),
+        None => None,
+    };
+    let head = reply.len();
+    let function = [ENCAPSULATED_INTERFACE, READ_DEVICE_IDENTIFICATION, code, conformity];
+    let _ = reply.extend_from_slice(&function);
+    let _ = reply.extend_from_slice(&[0; OUTCOME_BYTES]);
+    let (mut more, mut next, mut number) = (0, 0, 0_u8);
+    let mut room = PDU_BYTES - HEAD_BYTES;
+    for &(id, value) in chosen.unwrap_or(category) {
+        let value = value.get(..VALUE_BYTES).unwrap_or(value);
+        let Some(left) = room.checked_sub(2 + value.len()) else {
+            (more, next) = (MORE_FOLLOWS, id);
+            break;
+        };
+        let _ = reply.extend_from_slice(&[id, (value.len() & 0xFF) as u8]);
+        let _ = reply.extend_from_slice(value);
+        (room, number) = (left, number.wrapping_add(1));
+    }
+    let outcome = reply.get_mut(head + function.len()..).and_then(|rest| rest.first_chunk_mut());
+    if let Some(outcome) = outcome {
+        *outcome = [more, next, number];
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::modbus::Frame;
+    use std::vec::Vec;
+
+    const OBJECTS: &[Object<'_>] = &[
+        (0, b"SEM USA"),
+        (1, b"MDI3CRL23A7-EQ"),
+        (2, b"4.0.0.0"),
+        (3, b"www.imshome.com"),
+        (4, b"MDrive Ethernet"),
+        (5, b"123456789"),
+        (6, b"MDI 3.0.0.9"),
+    ];
+
+    /// Behind what the framing has put into the reply.
+    fn ask(pdu: &[u8], conformity: u8, objects: &[Object<'_>]) -> Result<Vec<u8>, Exception> {
+        let mut reply = Frame::from_slice(&[7]).unwrap();
+        answer(pdu, conformity, objects, &mut reply)?;
+        assert!(reply.len() <= 1 + 253);
+        Ok(reply.strip_prefix(&[7]).unwrap().to_vec())
+    }
+
+    /// A reply: what its head says, and objects with their lengths.
+    fn reply(head: [u8; 7], objects: &[Object<'_>]) -> Result<Vec<u8>, Exception> {
+        let mut reply = head.to_vec();
+        for (id, value) in objects {
+            reply.extend([*id, value.len() as u8]);
+            reply.extend_from_slice(value);
+        }
+        Ok(reply)
+    }
+
+    #[test]
+    fn the_example_of_the_specification() {
+        let objects: &[Object<'_>] =
+            &[(0, b"Company identification"), (1, b"Product code XX"), (2, b"V2.11")];
+        let mut expected = Vec::from([0x2B, 0x0E, 1, 1, 0, 0, 3, 0, 0x16]);
+        expected.extend(b"Company identification");
+        // The specification counts 0Dh where its text has 15 characters.
+        expected.extend([1, 0x0F]);
+        expected.extend(b"Product code XX");
+        expected.extend([2, 5]);
+        expected.extend(b"V2.11");
+        assert_eq!(ask(&[0x2B, 0x0E, 1, 0], 1, objects), Ok(expected));
+    }
+
+    #[test]
+    fn streams_give_a_category_and_no_more_than_the_device_has() {
+        let basic = reply([43, 14, 1, 0x82, 0, 0, 3], &OBJECTS[..3]);
+        assert_eq!(ask(&[43, 14, 1, 0], 0x82, OBJECTS), basic);
+        assert_eq!(ask(&[43, 14, 2, 0], 0x82, OBJECTS), reply([43, 14, 2, 0x82, 0, 0, 7], OBJECTS));
+        assert_eq!(ask(&[43, 14, 3, 0], 0x82, OBJECTS), reply([43, 14, 3, 0x82, 0, 0, 7], OBJECTS));
+        assert_eq!(ask(&[43, 14, 2, 5], 0x82, OBJECTS), reply([43, 14, 2, 0x82, 0, 0, 2], &OBJECTS[5..]));
+        let private: &[Object<'_>] = &[(0, b"a"), (0x7F, b"b"), (0x80, b"c")];
+        assert_eq!(ask(&[43, 14, 2, 0], 3, private), reply([43, 14, 2, 3, 0, 0, 2], &private[..2]));
+        assert_eq!(ask(&[43, 14, 3, 0], 3, private), reply([43, 14, 3, 3, 0, 0, 3], private));
+        assert_eq!(ask(&[43, 14, 3, 0], 1, private), reply([43, 14, 3, 1, 0, 0, 1], &private[..1]));
+    }
+
+    #[test]
+    fn a_stream_from_an_unknown_object_starts_at_the_beginning() {
+        for object in [7, 0x7F, 0x80, 0xFF] {
+            let regular = reply([43, 14, 2, 0x82, 0, 0, 7], OBJECTS);
+            assert_eq!(ask(&[43, 14, 2, object], 0x82, OBJECTS), regular, "object {object}");
+        }
+        let basic = reply([43, 14, 1, 0x82, 0, 0, 3], &OBJECTS[..3]);
+        assert_eq!(ask(&[43, 14, 1, 3], 0x82, OBJECTS), basic, "no basic object");
+    }
+
+    #[test]
+    fn single_objects() {
+        for (place, object) in OBJECTS.iter().enumerate() {
+            let single = reply([43, 14, 4, 0x82, 0, 0, 1], &OBJECTS[place..=place]);
+            assert_eq!(ask(&[43, 14, 4, object.0], 0x82, OBJECTS), single);
+        }
+        assert_eq!(ask(&[43, 14, 4, 7], 0x82, OBJECTS), Err(Exception::IllegalDataAddress));
+        assert_eq!(ask(&[43, 14, 4, 0], 0x02, OBJECTS), Err(Exception::IllegalDataValue), "streams only");
+    }
+
+    #[test]
+    fn what_is_no_such_request() {
+        for code in [0, 5, 0xFF] {
+            assert_eq!(
+                ask(&[43, 14, code, 0], 0x82, OBJECTS),
+                Err(Exception::IllegalDataValue),
+                "code {code}"
+            );
+        }
+        for pdu in [&[43][..], &[43, 14], &[43, 14, 1], &[43, 14, 1, 0, 0], &[]] {
+            assert_eq!(ask(pdu, 0x82, OBJECTS), Err(Exception::IllegalDataValue), "{pdu:?}");
+        }
+        for pdu in [&[43, 13][..], &[43, 13, 1, 0], &[43, 0, 1, 0, 0]] {
+            assert_eq!(ask(pdu, 0x82, OBJECTS), Err(Exception::IllegalFunction), "{pdu:?}");
+        }
+    }
+
+    #[test]
+    fn what_has_no_room_is_asked_for_next() {
+        // 7 + (2 + 120) + (2 + 122) = 253, and one byte more does not fit.
+        let long = [b'x'; 255];
+        for (second, fits) in [(122, true), (123, false)] {
+            let objects: &[Object<'_>] = &[(0, &long[..120]), (1, &long[..second]), (2, b"")];
+            let first = ask(&[43, 14, 1, 0], 1, objects);
+            if fits {
+                assert_eq!(first, reply([43, 14, 1, 1, 0xFF, 2, 2], &objects[..2]));
+                assert_eq!(ask(&[43, 14, 1, 2], 1, objects), reply([43, 14, 1, 1, 0, 0, 1], &objects[2..]));
+            } else {
+                assert_eq!(first, reply([43, 14, 1, 1, 0xFF, 1, 1], &objects[..1]));
+                assert_eq!(ask(&[43, 14, 1, 1], 1, objects), reply([43, 14, 1, 1, 0, 0, 2], &objects[1..]));
+            }
+        }
+        // One that fits into no reply is cut, or a client would ask for it for ever.
+        let objects: &[Object<'_>] = &[(0, &long), (1, b"a")];
+        let cut: &[Object<'_>] = &[(0, &long[..244])];
+        assert_eq!(ask(&[43, 14, 1, 0], 1, objects), reply([43, 14, 1, 1, 0xFF, 1, 1], cut));
+    }
+}

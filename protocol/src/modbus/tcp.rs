@@ -1,0 +1,328 @@
+//! TCP framing: a header with its length stands before each PDU (application 4.1; FB 3.2.1 of the MDrive).
+
+use core::fmt;
+
+use super::pdu::{PDU_BYTES, READ_HOLDING_REGISTERS};
+
+/// The MBAP header: transaction, protocol and length in two bytes each, and the unit.
+pub const HEADER_BYTES: usize = 7;
+
+/// The longest ADU (application 4.1): 260 bytes.
+pub const ADU_BYTES: usize = HEADER_BYTES + PDU_BYTES;
+
+/// A request or a reply as it is on a connection.
+pub type Adu = heapless::Vec<u8, ADU_BYTES>;
+
+/// Bytes up to the length, which does not count them.
+const UNCOUNTED: usize = 6;
+
+/// What a header says beside protocol and length: a server copies both into its reply.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Header {
+    /// Tells a client which of its requests a reply answers.
+    pub transaction: u16,
+    /// Whom it is for behind a gateway.
+    pub unit: u8,
+}
+
+/// The header and the PDU of a whole ADU; `None` of anything else.
+#[must_use]
+pub fn parse(adu: &[u8]) -> Option<(Header, &[u8])> {
+    if wanted(adu) != Ok(adu.len()) {
+        return None;
+    }
+    let (&[a, b, _, _, _, _, unit], pdu) = adu.split_first_chunk::<HEADER_BYTES>()?;
+    Some((Header { transaction: u16::from_be_bytes([a, b]), unit }, pdu))
+}
+
+/// Puts a header into `adu` in place of all that is there; a PDU is to follow, and [`seal`].
+pub fn begin(adu: &mut Adu, header: Header) {
+    adu.clear();
+    let [a, b] = header.transaction.to_be_bytes();
+    let _ = adu.extend_from_slice(&[a, b, 0, 0, 0, 0, header.unit]);
+}
+
+/// Writes the length of what follows it.
+pub fn seal(adu: &mut Adu) {
+    let length = (adu.len().saturating_sub(UNCOUNTED) & 0xFFFF) as u16;
+    if let Some(field) = adu.get_mut(UNCOUNTED - 2..UNCOUNTED) {
+        field.copy_from_slice(&length.to_be_bytes());
+    }
+}
+
+/// The ADU of a header and a PDU of at most 253 bytes; what is longer is cut.
+#[must_use]
+pub fn frame(header: Header, pdu: &[u8]) -> Adu {
+    let mut adu = Adu::new();
+    begin(&mut adu, header);
+    let _ = adu.extend_from_slice(pdu.get(..PDU_BYTES).unwrap_or(pdu));
+    seal(&mut adu);
+    adu
+}
+
+/// A client's request to read `count` holding registers from `first`.
+#[must_use]
+pub fn read(header: Header, first: u16, count: u16) -> Adu {
+    let ([a, b], [c, d]) = (first.to_be_bytes(), count.to_be_bytes());
+    frame(header, &[READ_HOLDING_REGISTERS, a, b, c, d])
+}
+
+/// Why nothing on a connection has a meaning any more: where the next ADU begins is unknown.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Broken {
+    /// A protocol identifier other than 0.
+    Protocol,
+    /// A length that no ADU has: fewer than 2 bytes or more than 254.
+    Length,
+}
+
+impl fmt::Display for Broken {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Protocol => "a header with a protocol identifier other than 0, which is no Modbus",
+            Self::Length => "a header whose length is not from 2 to 254",
+        })
+    }
+}
+
+impl core::error::Error for Broken {}
+
+/// Bytes that an ADU has, or, where `front` is too short to tell, that tell it.
+fn wanted(front: &[u8]) -> Result<usize, Broken> {
+    if front.iter().skip(2).take(2).any(|&byte| byte != 0) {
+        return Err(Broken::Protocol);
+    }
+    match (front.get(4), front.get(5)) {
+        (None | Some(0), None) => Ok(UNCOUNTED),
+        (Some(0), Some(&length @ 2..=254)) => Ok(UNCOUNTED + usize::from(length)),
+        _ => Err(Broken::Length),
+    }
+}
+
+/// The receiving half of a connection: segments in, whole ADUs out, however they were cut.
+///
+/// ```
+/// use standin_protocol::modbus::tcp::{self, Broken, Splitter};
+///
+/// fn received(splitter: &mut Splitter, mut segment: &[u8]) -> Result<(), Broken> {
+///     while let Some(adu) = splitter.next(&mut segment)? {
+///         assert!(tcp::parse(adu).is_some());
+///     }
+///     Ok(())
+/// }
+/// ```
+#[derive(Clone, Debug, Default)]
+pub struct Splitter {
+    /// The front of an ADU, or all of one that has been handed over. A header that is none stays here.
+    part: Adu,
+}
+
+impl Splitter {
+    /// Of a new connection.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self { part: Adu::new() }
+    }
+
+    /// The next whole ADU, taken off the front of `segment`; `None` when the segment is used up. An ADU that
+    /// lies in it whole is not copied.
+    ///
+    /// # Errors
+    /// As soon as a header tells it, and ever after: the connection is to be closed.
+    pub fn next<'a, 'b: 'a>(&'a mut self, segment: &mut &'b [u8]) -> Result<Option<&'a [u8]>, Broken> {
+        if wanted(&self.part) == Ok(self.part.len()) {
+            self.part.clear();
+        }
+        if self.part.is_empty()
+            && let Ok(length) = wanted(segment)
+            && let Some((adu, rest)) = segment.split_at_checked(length)
+        {
+            *segment = rest;
+            return Ok(Some(adu));
+        }
+        loop {
+            let missing = wanted(&self.part)?.saturating_sub(self.part.len());
+            if missing == 0 {
+                return Ok(Some(&self.part));
+            }
+            if segment.is_empty() {
+                return Ok(None);
+            }
+            let (more, rest) = segment.split_at_checked(missing).unwrap_or((segment, &[]));
+            let _ = self.part.extend_from_slice(more);
+            *segment = rest;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+    use std::vec::Vec;
+
+    /// Reads the maximum velocity of an MDrive (FB 4.2.4) in transaction 1234h as unit 5: 6 bytes follow.
+    const REQUEST: &[u8] = &[0x12, 0x34, 0, 0, 0, 6, 5, 3, 0x00, 0x8B, 0x00, 0x02];
+    const HEADER: Header = Header { transaction: 0x1234, unit: 5 };
+
+    /// Feeds segments; what came out, and what broke it.
+    fn split<'a>(
+        splitter: &mut Splitter,
+        segments: impl IntoIterator<Item = &'a [u8]>,
+    ) -> (Vec<Vec<u8>>, Option<Broken>) {
+        let mut adus = Vec::new();
+        for mut segment in segments {
+            loop {
+                match splitter.next(&mut segment) {
+                    Ok(Some(adu)) => adus.push(adu.to_vec()),
+                    Ok(None) => break,
+                    Err(broken) => return (adus, Some(broken)),
+                }
+            }
+            assert!(segment.is_empty(), "a segment is used up");
+        }
+        (adus, None)
+    }
+
+    #[test]
+    fn a_header_and_its_pdu() {
+        assert_eq!(parse(REQUEST), Some((HEADER, &REQUEST[7..])));
+        assert_eq!(frame(HEADER, &REQUEST[7..])[..], *REQUEST);
+        assert_eq!(read(HEADER, 0x8B, 2)[..], *REQUEST);
+        for cut in 0..REQUEST.len() {
+            assert_eq!(parse(&REQUEST[..cut]), None, "{cut} bytes");
+        }
+        assert_eq!(parse(&[REQUEST, &[0]].concat()), None, "more than its length");
+        assert_eq!(parse(&[0, 1, 0, 1, 0, 2, 1, 3]), None, "another protocol");
+    }
+
+    #[test]
+    fn the_longest_adu_has_260_bytes() {
+        let longest = frame(HEADER, &[0x5A; 253]);
+        // 254 = FEh bytes follow: the unit and 253.
+        assert_eq!((longest.len(), &longest[..7]), (260, &[0x12, 0x34, 0, 0, 0, 0xFE, 5][..]));
+        assert_eq!(frame(HEADER, &[0x5A; 300]), longest);
+        assert_eq!(parse(&longest), Some((HEADER, &[0x5A; 253][..])));
+        for cut in 0..=260 {
+            let (front, rest) = longest.split_at(cut);
+            let split = split(&mut Splitter::new(), [front, rest]);
+            assert_eq!(split, (Vec::from([longest.to_vec()]), None), "cut at {cut}");
+        }
+    }
+
+    #[test]
+    fn an_adu_that_lies_in_a_segment_is_not_copied() {
+        let mut splitter = Splitter::new();
+        let two = [REQUEST, REQUEST, &REQUEST[..3]].concat();
+        let mut segment = &two[..];
+        for start in [0, 12] {
+            let adu = splitter.next(&mut segment).unwrap().unwrap();
+            assert!(core::ptr::eq(adu, &raw const two[start..start + 12]));
+        }
+        assert_eq!(splitter.next(&mut segment), Ok(None));
+        assert!(segment.is_empty());
+        assert_eq!(splitter.next(&mut &REQUEST[3..]), Ok(Some(REQUEST)));
+    }
+
+    #[test]
+    fn a_header_is_judged_with_the_byte_that_tells() {
+        for (bytes, broken) in [
+            (&[0, 1, 1][..], Broken::Protocol),
+            (&[0, 1, 0, 1], Broken::Protocol),
+            (&[0, 1, 0, 0, 1], Broken::Length),
+            (&[0, 1, 0, 0, 0, 0], Broken::Length),
+            (&[0, 1, 0, 0, 0, 1], Broken::Length),
+            (&[0, 1, 0, 0, 0, 255], Broken::Length),
+        ] {
+            let (front, last) = bytes.split_at(bytes.len() - 1);
+            let mut splitter = Splitter::new();
+            assert_eq!(split(&mut splitter, [front]), (Vec::new(), None), "{front:?}");
+            assert_eq!(split(&mut splitter, [last]), (Vec::new(), Some(broken)), "{bytes:?}");
+            assert_eq!(split(&mut splitter, [REQUEST]), (Vec::new(), Some(broken)), "for good");
+            assert_eq!(splitter.next(&mut &[][..]), Err(broken), "for good");
+            // Behind a good one in the same segment.
+            let together = [REQUEST, bytes, REQUEST].concat();
+            let mut splitter = Splitter::new();
+            assert_eq!(split(&mut splitter, [&together[..]]), (Vec::from([REQUEST.to_vec()]), Some(broken)));
+            assert_eq!(split(&mut splitter, [REQUEST]), (Vec::new(), Some(broken)), "for good");
+        }
+    }
+
+    #[test]
+    fn the_shortest_adu_has_a_function_and_nothing_else() {
+        let shortest = [0, 1, 0, 0, 0, 2, 0xFF, 7];
+        assert_eq!(parse(&shortest), Some((Header { transaction: 1, unit: 255 }, &[7][..])));
+        let split = split(&mut Splitter::new(), [&shortest[..]]);
+        assert_eq!(split, (Vec::from([shortest.to_vec()]), None));
+    }
+
+    #[test]
+    fn a_connection_takes_at_most_300_bytes() {
+        assert!(size_of::<Splitter>() <= 300);
+    }
+
+    /// Segments of a stream: as long as `lengths` say, again and again.
+    fn segments<'a>(mut stream: &'a [u8], lengths: &[usize]) -> Vec<&'a [u8]> {
+        let mut segments = Vec::new();
+        for &length in lengths.iter().cycle() {
+            let (segment, rest) = stream.split_at(length.min(stream.len()));
+            segments.push(segment);
+            stream = rest;
+            if stream.is_empty() {
+                break;
+            }
+        }
+        segments
+    }
+
+    fn cuts() -> impl Strategy<Value = Vec<usize>> {
+        prop::collection::vec(prop_oneof![1_usize..12, 1_usize..600], 1..8)
+    }
+
+    proptest! {
+        #[test]
+        fn cutting_a_stream_anywhere_changes_nothing(
+            adus in prop::collection::vec(
+                (any::<u16>(), any::<u8>(), prop::collection::vec(any::<u8>(), 1..=253)), 0..8,
+            ),
+            cuts in cuts(),
+        ) {
+            let adus: Vec<Vec<u8>> = adus
+                .iter()
+                .map(|(transaction, unit, pdu)| {
+                    let length = (pdu.len() as u16 + 1).to_be_bytes();
+                    [&transaction.to_be_bytes()[..], &[0, 0], &length, &[*unit], pdu].concat()
+                })
+                .collect();
+            let stream = adus.concat();
+            let parts = split(&mut Splitter::new(), segments(&stream, &cuts));
+            prop_assert_eq!(parts, (adus, None));
+        }
+
+        #[test]
+        fn any_bytes_are_split_or_refused_however_they_are_cut(
+            stream in prop::collection::vec(prop_oneof![5 => Just(0), 2 => 0_u8..20, 1 => any::<u8>()], 0..900),
+            cuts in cuts(),
+        ) {
+            let whole = split(&mut Splitter::new(), [&stream[..]]);
+            let parts = split(&mut Splitter::new(), segments(&stream, &cuts));
+            prop_assert_eq!(&whole, &parts);
+            prop_assert!(whole.0.iter().all(|adu| parse(adu).is_some()));
+            let taken: usize = whole.0.iter().map(Vec::len).sum();
+            let rest = &stream[taken..];
+            prop_assert_eq!(&whole.0.concat()[..], &stream[..taken]);
+            prop_assert_eq!(whole.1.is_some(), refused(rest));
+        }
+    }
+
+    /// Whether no ADU begins like this, byte by byte.
+    fn refused(front: &[u8]) -> bool {
+        (0..front.len()).any(|place| match place {
+            2..=4 => front[place] != 0,
+            5 => front[place] < 2 || front[place] > 254,
+            _ => false,
+        })
+    }
+}
