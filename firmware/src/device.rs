@@ -86,6 +86,13 @@ pub enum Input<'a> {
         /// Whether somebody is there.
         here: bool,
     },
+    /// Somebody has connected to a TCP port. The number is the lowest that is free on that port.
+    Opened {
+        /// Where.
+        port: Port,
+        /// Which connection that is.
+        link: Link,
+    },
     /// Of a TCP connection: a whole Modbus ADU; of MCode what came, never past a CR.
     Message {
         /// Where.
@@ -95,7 +102,7 @@ pub enum Input<'a> {
         /// What came.
         bytes: &'a [u8],
     },
-    /// A TCP connection was closed.
+    /// A TCP connection was closed, and not by the drive itself.
     Closed {
         /// Where.
         port: Port,
@@ -108,6 +115,12 @@ pub enum Input<'a> {
         pin: Pin,
         /// To high.
         high: bool,
+    },
+    /// Nobody drives an input any more whose [rest](PinSpec::rest) is [`Level::Float`], and no wire leads there. What
+    /// was never told of such a pin is so.
+    Open {
+        /// Which.
+        pin: Pin,
     },
     /// An analogue input changed.
     Millivolts {
@@ -406,8 +419,20 @@ pub struct PinSpec {
     pub name: &'static str,
     /// What it is for.
     pub role: Role,
-    /// What it reads, or shows, while nobody drives it.
+    /// What it reads, or shows, while nobody drives it. An input that floats tells a contact that is not wired from one
+    /// that is open: then the drive is told [`Input::Open`], and high once a wire leads there.
     pub rest: Level,
+    /// Of an analogue input that can measure a current: the resistance across which that is a voltage, in Ω. 0 of one
+    /// that cannot.
+    pub shunt_ohm: u16,
+}
+
+impl PinSpec {
+    /// Whether the drive can be told [`Input::Open`] of it.
+    #[must_use]
+    pub fn tells_open(&self) -> bool {
+        self.rest == Level::Float && matches!(self.role, Role::Input | Role::Both | Role::Mixed)
+    }
 }
 
 /// An axis of a drive.
@@ -427,8 +452,23 @@ pub struct EncoderSpec {
     pub a: Pin,
     /// Channel B.
     pub b: Pin,
-    /// The index.
-    pub index: Pin,
+    /// The index; `None` if the drive does not look at one.
+    pub index: Option<Pin>,
+}
+
+/// A code that one of its registers takes for a command.
+#[derive(Clone, Copy, Debug)]
+pub struct Command {
+    /// The code.
+    pub code: u16,
+    /// The manual's name.
+    pub name: &'static str,
+    /// The section of the manual.
+    pub section: &'static str,
+    /// What it does, or would do.
+    pub doc: &'static str,
+    /// Why it is not modelled; empty if it is.
+    pub missing: &'static str,
 }
 
 /// What a drive is.
@@ -458,6 +498,12 @@ pub struct Spec {
     pub registers: &'static Table,
     /// Which variant it is, as in [`Entry::variants`](standin_protocol::registers::Entry::variants).
     pub variant: u8,
+    /// Whether its manual counts registers in decimal, and not in hexadecimal.
+    pub decimal: bool,
+    /// What users may type before the name of a register: its prefix in the manual.
+    pub prefix: &'static str,
+    /// Its commands, where a row alone cannot tell them.
+    pub commands: &'static [Command],
     /// The row that holds its bus address.
     pub address: Option<usize>,
     /// Its modelled limits that no row tells.
@@ -479,6 +525,9 @@ impl Spec {
         memory: 0,
         registers: &Table::EMPTY,
         variant: u8::MAX,
+        decimal: false,
+        prefix: "",
+        commands: &[],
         address: None,
         not_modelled: &[],
     };
@@ -501,10 +550,10 @@ impl Spec {
         self.registers.rows.iter().enumerate().filter(move |(_, row)| row.variants & variant != 0)
     }
 
-    /// What [`Table::find`] finds by its name, if this variant of the product has it.
+    /// What [`Table::find`] finds by its name, with the prefix or without, if this variant of the product has it.
     #[must_use]
     pub fn find(&self, name: &str) -> Option<Named> {
-        let named = self.registers.find(name)?;
+        let named = self.registers.find(name.strip_prefix(self.prefix).unwrap_or(name))?;
         let row = self.registers.rows.get(named.row)?;
         (row.variants & self.variant != 0).then_some(named)
     }
@@ -513,8 +562,8 @@ impl Spec {
 /// What a motor does at an instant.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Shaft {
-    /// Where it is, in counts: each edge of both its Hall sensors is one, 4 a pulse, also for a drive that looks at
-    /// one sensor or none; wraps.
+    /// Where it is, in counts: each edge of its Hall sensors is one, 4 a pulse of two sensors and 6 of three, also for
+    /// a drive that looks at one sensor or none; wraps.
     pub position: i32,
     /// Counts per second, signed.
     pub speed: I48F16,
@@ -541,8 +590,15 @@ pub trait Device {
     /// It is woken. At an instant that is not its deadline nothing happens.
     fn timeout(&mut self, at: Instant, out: &mut dyn Sink);
 
-    /// A register as it reads at `at`, without the bus's side effects; 0 for a row that is not there.
+    /// A register as it reads at `at`, without the bus's side effects; 0 for a row that is not there. Of more than four
+    /// words the first four count.
     fn peek(&self, at: Instant, row: usize) -> i64;
+
+    /// A word, counted in bus order, of a row of more than four words, which no number holds; 0 for one that is not
+    /// there.
+    fn peek_word(&self, _at: Instant, _row: usize, _word: usize) -> u16 {
+        0
+    }
 
     /// Presets a register, past the bus. Before the first `power_on` a saved row goes into the
     /// memory, as if written and saved; afterwards the value acts as if the bus had written it.
@@ -556,7 +612,7 @@ pub trait Device {
         None
     }
 
-    /// The brush motor of its own, as its registers describe it now; `None` if it brings none.
+    /// The motor of its own, one of duty, as its registers describe it now; `None` if it brings none.
     fn own_motor(&self) -> Option<crate::motor::Parameters> {
         None
     }
@@ -598,6 +654,10 @@ impl<D: Device + ?Sized> Device for &mut D {
 
     fn peek(&self, at: Instant, row: usize) -> i64 {
         (**self).peek(at, row)
+    }
+
+    fn peek_word(&self, at: Instant, row: usize, word: usize) -> u16 {
+        (**self).peek_word(at, row, word)
     }
 
     fn poke(&mut self, at: Instant, row: usize, value: i64, out: &mut dyn Sink) -> Result<(), Refused> {

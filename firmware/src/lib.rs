@@ -5,6 +5,8 @@
 //! | [`counter`] | counters of edges: the LS7366R |
 //! | [`device`] | the contract between a drive and the world: read this first |
 //! | [`md3`] | US Digital MD3, stepper drive |
+//! | [`mdrive`] | MDrivePlus and MDrive Hybrid, stepper motors with Ethernet |
+//! | [`mdrobot`] | MDROBOT MD series, brushless motor controllers |
 //! | [`memory`] | saved registers and their CRC |
 //! | [`motion`] | plans: position and speed at any instant, and every step |
 //! | [`motor`] | motors that are not there |
@@ -32,6 +34,8 @@ extern crate std;
 pub mod counter;
 pub mod device;
 pub mod md3;
+pub mod mdrive;
+pub mod mdrobot;
 pub mod memory;
 pub mod motion;
 pub mod motor;
@@ -52,6 +56,9 @@ macro_rules! devices {
             $crate::qsb::Qsb::s,
             $crate::rs434::rs434544,
             $crate::rs434::rs434546,
+            $crate::mdrobot::mdrobot,
+            $crate::mdrive::Mdrive::plus,
+            $crate::mdrive::Mdrive::hybrid,
         }
     };
 }

@@ -2,7 +2,8 @@
 //!
 //! Interrupts catch what happens and stamp it; the loop calls [`Shell::turn`] until it would block,
 //! arms a timer at [`Shell::deadline`] and sleeps. What a board must plug in is [`Inputs`] and
-//! [`Outputs`]; the simulator plugs in virtual wires, so that the very same loop runs on a host.
+//! [`Outputs`], and [`Links`] where a drive has TCP ports; the simulator plugs in virtual wires, so that the
+//! very same loop runs on a host.
 //!
 //! A board takes its time. A move that it begins late is made later as a whole, and the drive, which goes
 //! by its own clock, must not believe that it is over before it is. So the shell puts the drive's time
@@ -15,10 +16,11 @@ use embedded_hal::digital::{OutputPin, PinState};
 use embedded_io::{Write, WriteReady};
 use embedded_storage::Storage;
 use heapless::{Deque, Vec};
+use standin_protocol::modbus::tcp::Adu;
 
 use crate::device::{
-    Axis, Boot, Device, Duration, Encoder, Fault, Input, Instant, Level, Line, Note, Output, Pin, Plan, Port,
-    Sink, feed,
+    Axis, Boot, Device, Duration, Encoder, Fault, Input, Instant, Level, Line, Link, Note, Output, Pin, Plan,
+    Port, Sink, feed,
 };
 
 /// Pins that may wave at a time.
@@ -45,7 +47,9 @@ pub enum Caught {
     Idle(Port),
     /// The host opened or left a port: its DTR.
     Attached(Port, bool),
-    /// An input pin changed, to high or low.
+    /// An input pin changed, to high or low. No interrupt can tell [`Input::Open`]: a pin whose
+    /// [rest](crate::device::PinSpec::rest) is [`Level::Float`] counts as not wired, whatever is wired there, until it
+    /// is low for the first time since power-on; from then on high is an open contact.
     Edge(Pin, bool),
     /// A converter measured another voltage at an input pin, in mV.
     Millivolts(Pin, i32),
@@ -66,6 +70,70 @@ pub trait Inputs {
     fn caught(&mut self, until: Instant) -> Option<(Instant, Caught)>;
 }
 
+/// What happens on a TCP connection.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Came {
+    /// Somebody connected.
+    Opened,
+    /// A message: of Modbus a whole ADU, of MCode what came, never past a CR nor more than an [`Adu`] holds.
+    Message,
+    /// It is closed, though the drive did not close it.
+    Closed,
+}
+
+/// The network of a board: TCP connections at the drive's ports. Each has a number that no other open one of its
+/// port has.
+pub trait Links {
+    /// Does what is due on the network at `now` and returns what came on one of the connections, with the bytes
+    /// of a [`Came::Message`] in `message`.
+    ///
+    /// # Errors
+    /// Nothing came. Then this wants to be called again as soon as there is a frame, and then at the latest.
+    fn next(&mut self, now: Instant, message: &mut Adu) -> Result<(Port, Link, Came), Instant>;
+
+    /// Sends all of `bytes`, or loses all of them and returns `false`: where there is no room for them the
+    /// connection is closed, since behind a gap nobody knows what he reads. What was just closed by the other side
+    /// takes everything.
+    fn send(&mut self, port: Port, link: Link, bytes: &[u8]) -> bool;
+
+    /// Closes a connection once all that was sent on it has left.
+    fn close(&mut self, port: Port, link: Link);
+}
+
+/// One that lies elsewhere.
+impl<L: Links> Links for &mut L {
+    fn next(&mut self, now: Instant, message: &mut Adu) -> Result<(Port, Link, Came), Instant> {
+        (**self).next(now, message)
+    }
+
+    fn send(&mut self, port: Port, link: Link, bytes: &[u8]) -> bool {
+        (**self).send(port, link, bytes)
+    }
+
+    fn close(&mut self, port: Port, link: Link) {
+        (**self).close(port, link);
+    }
+}
+
+/// The network of a board that has none.
+#[derive(Clone, Copy, Debug)]
+pub enum NoLinks {}
+
+impl Links for NoLinks {
+    fn next(&mut self, _now: Instant, _message: &mut Adu) -> Result<(Port, Link, Came), Instant> {
+        match *self {}
+    }
+
+    fn send(&mut self, _port: Port, _link: Link, _bytes: &[u8]) -> bool {
+        match *self {}
+    }
+
+    fn close(&mut self, _port: Port, _link: Link) {
+        match *self {}
+    }
+}
+
 /// What a board does.
 pub trait Outputs {
     /// The sending half of a UART. Its `write` takes what its buffer has room for and never waits.
@@ -74,9 +142,16 @@ pub trait Outputs {
     type Pin: OutputPin;
     /// Non-volatile memory, a byte at a time.
     type Memory: Storage;
+    /// The network; [`NoLinks`] where there is none.
+    type Links: Links;
 
     /// The UART of a port.
     fn serial(&mut self, port: Port) -> Option<&mut Self::Serial>;
+
+    /// The network, if there is one.
+    fn links(&mut self) -> Option<&mut Self::Links> {
+        None
+    }
 
     /// Changes the settings of a port, once all that was written to it has left.
     fn set_line(&mut self, port: Port, line: Line);
@@ -142,6 +217,8 @@ struct Hands<O, const CHARACTERS: usize> {
     character: Duration,
     /// Time on the line of all messages that did not fit: the drive reckons with it, the line does not.
     lost: Duration,
+    /// When the network wants to be looked at.
+    network: Instant,
     /// How far the drive's time is behind the board's.
     behind: Duration,
     failures: u32,
@@ -192,6 +269,7 @@ impl<D: Device, I: Inputs, O: Outputs, const CHARACTERS: usize> Shell<D, I, O, C
             characters: Characters { kept: Vec::new(), gone: 0 },
             character: Duration::ZERO,
             lost: Duration::ZERO,
+            network: Instant::NEVER,
             behind: Duration::ZERO,
             failures: 0,
         };
@@ -230,10 +308,9 @@ impl<D: Device, I: Inputs, O: Outputs, const CHARACTERS: usize> Shell<D, I, O, C
                 Caught::Fault(fault, on) => Input::Fault { fault, on },
                 Caught::Slipped(axis, steps) => Input::Slipped { axis, steps },
             };
-            self.past = self.past.max(at - self.hands.behind);
-            let at = self.past;
-            self.due = feed(&mut self.device, self.due, at, input, &mut self.hands);
+            self.tell(at, input);
         }
+        idle &= !self.hear(now);
         if self.due() <= now {
             idle = false;
             self.hands.wait_for(self.due, now);
@@ -244,6 +321,33 @@ impl<D: Device, I: Inputs, O: Outputs, const CHARACTERS: usize> Shell<D, I, O, C
         idle &= !self.hands.wave(now);
         idle &= !self.hands.send(now);
         if idle { Err(nb::Error::WouldBlock) } else { Ok(()) }
+    }
+
+    /// Tells the drive what came first on the network; whether anything did. It is stamped as it is taken, at
+    /// `now`, or at the deadline that comes first.
+    fn hear(&mut self, now: Instant) -> bool {
+        let Some(links) = self.hands.outputs.links() else { return false };
+        let mut message = Adu::new();
+        let (port, link, came) = match links.next(now, &mut message) {
+            Ok(came) => came,
+            Err(again) => {
+                self.hands.network = again;
+                return false;
+            }
+        };
+        let input = match came {
+            Came::Opened => Input::Opened { port, link },
+            Came::Message => Input::Message { port, link, bytes: &message },
+            Came::Closed => Input::Closed { port, link },
+        };
+        self.tell(now.min(self.due()), input);
+        true
+    }
+
+    /// Tells the drive what happened at an instant of the board's clock.
+    fn tell(&mut self, at: Instant, input: Input<'_>) {
+        self.past = self.past.max(at - self.hands.behind);
+        self.due = feed(&mut self.device, self.due, self.past, input, &mut self.hands);
     }
 
     /// When something is due next, should nothing be caught before.
@@ -263,7 +367,7 @@ impl<D: Device, I: Inputs, O: Outputs, const CHARACTERS: usize> Shell<D, I, O, C
         &self.device
     }
 
-    /// How often a pin, a port or the memory failed.
+    /// How often a pin, a port, a connection or the memory failed.
     #[must_use]
     pub fn failures(&self) -> u32 {
         self.hands.failures
@@ -272,11 +376,12 @@ impl<D: Device, I: Inputs, O: Outputs, const CHARACTERS: usize> Shell<D, I, O, C
 
 impl<O: Outputs, const CHARACTERS: usize> Hands<O, CHARACTERS> {
     fn deadline(&self) -> Instant {
-        let waves = self.waves.iter().map(|wave| wave.due).min().unwrap_or(Instant::NEVER);
+        let waves = self.waves.iter().map(|wave| wave.due);
+        let first = waves.fold(self.network, Instant::min);
         match self.messages.front() {
             // One that has begun waits for room in the port's buffer, and its interrupt tells.
-            Some(Message { from, begun: false, .. }) => waves.min(*from),
-            _ => waves,
+            Some(Message { from, begun: false, .. }) => first.min(*from),
+            _ => first,
         }
     }
 
@@ -457,9 +562,14 @@ impl<O: Outputs, const CHARACTERS: usize> Sink for Hands<O, CHARACTERS> {
             // Only a motor that is there would tell.
             Output::Draws { .. } => {}
             Output::Note(note) => log(note),
-            // No board has a network yet: a drive that wants one has no image.
-            Output::Message { .. } | Output::Close { .. } => {
-                self.failures = self.failures.saturating_add(1);
+            Output::Message { port, link, bytes } => {
+                let sent = self.outputs.links().is_some_and(|links| links.send(port, link, bytes));
+                self.failures = self.failures.saturating_add(u32::from(!sent));
+            }
+            Output::Close { port, link } => {
+                if let Some(links) = self.outputs.links() {
+                    links.close(port, link);
+                }
             }
         }
     }

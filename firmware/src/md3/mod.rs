@@ -60,7 +60,7 @@ const PORT_BITS: [u16; 7] = [
 pub const MEMORY: usize = memory::bytes(Reg::SAVED_WORDS) as usize;
 
 const fn pin(name: &'static str, role: Role, rest: Level) -> PinSpec {
-    PinSpec { name, role, rest }
+    PinSpec { name, role, rest, shunt_ohm: 0 }
 }
 
 #[rustfmt::skip]
@@ -92,7 +92,7 @@ const fn spec(kind: &'static str, product: &'static str, registers: &'static Tab
         ports: &[PortSpec { name: "rs485", ends: Ends::Silence, line: Some(registers::FACTORY_LINE) }],
         pins: &PINS,
         axes: &[AxisSpec { name: "motor", step_dir: Some((STEP, DIR)) }],
-        encoders: &[EncoderSpec { a: J2_10, b: J2_12, index: J2_9 }],
+        encoders: &[EncoderSpec { a: J2_10, b: J2_12, index: Some(J2_9) }],
         faults: &["over_temperature", "over_current"],
         memory: MEMORY as u16,
         registers,
@@ -108,6 +108,8 @@ static RULES: Rules = Rules {
     broadcast: Some(0),
     most_read: 32,
     most_written: 1,
+    bits_per_word: 16,
+    writes_halves: true,
     bad_quantity: Exception::IllegalDataAddress,
     bad_value: Exception::IllegalDataAddress,
     read_only: Exception::IllegalDataAddress,
@@ -222,8 +224,10 @@ impl Device for Md3 {
             // It has no such ports, and the motor's inputs are its outputs.
             Input::Spoiled { .. }
             | Input::Attached { .. }
+            | Input::Opened { .. }
             | Input::Message { .. }
             | Input::Closed { .. }
+            | Input::Open { .. }
             | Input::Millivolts { .. }
             | Input::Current { .. }
             | Input::Duty { .. }

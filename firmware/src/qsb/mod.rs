@@ -55,7 +55,7 @@ type Words = Bank<Reg, { Reg::WORDS }>;
 pub const MEMORY: usize = memory::bytes(Reg::SAVED_WORDS) as usize;
 
 const fn pin(name: &'static str, role: Role, rest: Level) -> PinSpec {
-    PinSpec { name, role, rest }
+    PinSpec { name, role, rest, shunt_ohm: 0 }
 }
 
 /// All variants begin alike: those of the QSB-S, then DIO0 of the QSB-D, then the rest.
@@ -85,7 +85,7 @@ const fn spec(kind: &'static str, product: &'static str, variant: Variant) -> Sp
         pins,
         aliases: &[("PWM", A), ("ANALOG", A)],
         axes: if variant.motor { &[AxisSpec { name: "motor", step_dir: Some((DIO1, DIO2)) }] } else { &[] },
-        encoders: &[EncoderSpec { a: A, b: B, index: I }],
+        encoders: &[EncoderSpec { a: A, b: B, index: Some(I) }],
         memory: MEMORY as u16,
         registers: Reg::TABLE,
         variant: variant.bit,

@@ -32,7 +32,7 @@ fn pins_are_where_their_names_say() {
     assert_eq!(names(&[RED, GREEN]), ["D5", "D6"]);
     // Section 2: J2 pins 9, 10, 12 are index, A, B.
     let encoder = &HIGH_CURRENT.encoders[0];
-    assert_eq!(names(&[encoder.index, encoder.a, encoder.b]), ["J2.9", "J2.10", "J2.12"]);
+    assert_eq!(names(&[encoder.index.unwrap(), encoder.a, encoder.b]), ["J2.9", "J2.10", "J2.12"]);
 }
 
 /// A drive whose pins 4 and 5 are in `mode`; a move of 100 steps takes it 0.2 s.

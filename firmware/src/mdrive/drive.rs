@@ -1,0 +1,366 @@
+//! An MDrive behind its ports.
+//!
+//! | file | what of the drive |
+//! |---|---|
+//! | `registers` | the table of variables |
+//! | `variables` | what they read as, and what a write means |
+//! | `error` | errors by their numbers |
+//! | `startup`, `saved` | how it starts, what it keeps |
+//! | `modbus` | port 502 |
+//! | `mcode` | port 503, and programs |
+//! | `motion` | the motor and its encoder |
+//! | `hybrid` | what a Hybrid does beyond that |
+//! | `io` | its I/O points |
+//!
+//! Motion and I/O know nothing of the rest: what they have to tell they keep as events, which are taken here after
+//! everything that happens.
+
+use standin_protocol::modbus::pdu::Exception;
+use standin_protocol::registers::{Bank, Entries, Register, Space};
+
+use super::error::{Error, Errors};
+use super::hybrid::Hybrid;
+use super::io::{self, Io};
+use super::mcode::Mcode;
+use super::mcode::statement::Place;
+use super::motion::{self, Channel, Contact, Motion};
+use super::registers::{HYBRID, PLUS, Reg, TABLE_HYBRID};
+use super::saved::Saving;
+use super::variables::{entry, is_number, words};
+use super::{A, B, INDEX, STALL};
+use crate::device::{Boot, Fault, Instant, Pin, Refused, Sink};
+
+/// SN.
+pub(super) const SERIAL_NUMBER: &[u8] = b"123456789";
+
+/// What the two products differ in.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) enum Model {
+    /// MDrivePlus².
+    Plus,
+    /// MDrive Hybrid.
+    Hybrid,
+}
+
+impl Model {
+    /// Its bit in the table.
+    pub(super) const fn variant(self) -> u8 {
+        match self {
+            Self::Plus => PLUS,
+            Self::Hybrid => HYBRID,
+        }
+    }
+
+    /// PN: an MDrive 23 with Ethernet.
+    pub(super) const fn part_number(self) -> &'static [u8] {
+        match self {
+            Self::Plus => b"MDI3CRL23A7-EQ",
+            Self::Hybrid => b"MAI3CRL23A7-EQ",
+        }
+    }
+
+    /// VR: the version of its firmware.
+    pub(super) const fn version(self) -> &'static [u8] {
+        match self {
+            Self::Plus => b"3.0.0.9",
+            Self::Hybrid => b"4.0.0.8",
+        }
+    }
+
+    pub(super) fn entries(self) -> &'static Entries {
+        match self {
+            Self::Plus => Reg::ENTRIES,
+            Self::Hybrid => TABLE_HYBRID.entries,
+        }
+    }
+}
+
+/// Whether the drive hears.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) enum State {
+    /// It never had power.
+    Off,
+    /// It hears nothing yet.
+    Booting {
+        /// When it does.
+        due: Instant,
+    },
+    /// It hears, and calibrates before it signs on.
+    Calibrating,
+    /// It has signed on.
+    Ready,
+}
+
+/// The drive behind its ports.
+#[derive(Clone, Debug)]
+pub(super) struct Drive {
+    pub(super) model: Model,
+    pub(super) boot: Boot,
+    pub(super) state: State,
+    pub(super) saving: Option<Saving>,
+    pub(super) bank: Bank<Reg, { Reg::WORDS }>,
+    pub(super) errors: Errors,
+    pub(super) io: Io,
+    pub(super) motion: Motion,
+    pub(super) hybrid: Hybrid,
+    pub(super) mcode: Mcode,
+}
+
+impl Drive {
+    // Where it will be: a copy takes room on a board's stack.
+    #[inline(always)]
+    pub(super) fn new(model: Model) -> Self {
+        let bank = Bank::of(model.entries());
+        let motion = Motion::new(motion_settings(&bank, false));
+        Self {
+            model,
+            boot: Boot::default(),
+            state: State::Off,
+            saving: None,
+            bank,
+            errors: Errors::NONE,
+            io: Io::REST,
+            motion,
+            hybrid: Hybrid::NONE,
+            mcode: Mcode::new(),
+        }
+    }
+
+    pub(super) fn deadline(&self) -> Instant {
+        let own = self.startup_due().min(self.save_due());
+        let machine = self.motion.deadline().min(self.io.deadline()).min(self.hybrid.deadline());
+        own.min(machine).min(self.mcode.vm.deadline()).min(self.mcode.trips.deadline())
+    }
+
+    pub(super) fn timeout(&mut self, at: Instant, out: &mut dyn Sink) {
+        if self.startup_due() <= at {
+            self.ready(at, out);
+        }
+        if self.save_due() <= at {
+            self.finish_save(at, out);
+        }
+        if self.io.deadline() <= at {
+            self.io.timeout(at, out);
+        }
+        if self.motion.deadline() <= at {
+            self.motion.timeout(at, out);
+        }
+        if self.hybrid.deadline() <= at {
+            self.hybrid_timeout(at, out);
+        }
+        self.settle(at, out);
+        if self.mcode.vm.deadline() <= at {
+            self.program_timeout(at, out);
+            self.settle(at, out);
+        }
+    }
+
+    pub(super) fn edge(&mut self, at: Instant, pin: Pin, high: bool, out: &mut dyn Sink) {
+        match channel(pin) {
+            Some(channel) => self.motion.channel(at, channel, Some(high), out),
+            None => self.io.edge(at, pin, high, out),
+        }
+        self.settle(at, out);
+    }
+
+    pub(super) fn opened(&mut self, at: Instant, pin: Pin, out: &mut dyn Sink) {
+        match channel(pin) {
+            Some(channel) => self.motion.channel(at, channel, None, out),
+            None => self.io.opened(at, pin, out),
+        }
+        self.settle(at, out);
+    }
+
+    pub(super) fn voltage(&mut self, at: Instant, mv: i32) {
+        self.io.voltage(at, mv);
+    }
+
+    pub(super) fn set_cause(&mut self, at: Instant, fault: Fault, on: bool, out: &mut dyn Sink) {
+        match fault {
+            STALL => self.hold_shaft(at, on, out),
+            _ => self.set_hybrid_cause(at, fault, on, out),
+        }
+    }
+
+    /// A variable as it reads now; of several values all, the first one highest.
+    pub(super) fn peek(&self, at: Instant, reg: Reg) -> i64 {
+        if is_number(reg) { self.read(at, reg).into() } else { self.bank.get(reg) }
+    }
+
+    /// A preset: before power comes as if saved, later as if the bus had written it.
+    ///
+    /// # Errors
+    /// Why it is refused; nothing has changed then.
+    pub(super) fn poke(
+        &mut self,
+        at: Instant,
+        reg: Reg,
+        value: i64,
+        out: &mut dyn Sink,
+    ) -> Result<(), Refused> {
+        let row = entry(reg);
+        if !self.has(reg) {
+            return Err(Refused::NoSuchRegister);
+        }
+        if self.state == State::Off {
+            return if row.saved == 0 { Err(Refused::ReadOnly) } else { self.preset(at, reg, value, out) };
+        }
+        if row.space == Space::Setting && row.accepts(value) {
+            self.bank.set(reg, value);
+            return Ok(());
+        }
+        let outcome = match i32::try_from(value) {
+            Ok(value) if is_number(reg) => self.write(at, reg, value, out),
+            Err(_) if is_number(reg) => Err(Error::IllegalValue),
+            _ => self.set_up(at, reg, words(reg, value), out),
+        };
+        self.settle(at, out);
+        outcome.map_err(|error| match error {
+            Error::Unknown => Refused::NoSuchRegister,
+            Error::ReadOnly => Refused::ReadOnly,
+            _ if error.exception() == Exception::ServerDeviceFailure => Refused::Busy,
+            _ => Refused::OutOfRange,
+        })
+    }
+
+    /// Something went wrong: EF, ER, the fault output, OE.
+    pub(super) fn fail(&mut self, at: Instant, error: Error, out: &mut dyn Sink) {
+        self.errors.set(error);
+        self.call_error_handler(at, out);
+    }
+
+    /// Takes what motion and I/O have to tell, until they have nothing more, and shows what is so.
+    pub(super) fn settle(&mut self, at: Instant, out: &mut dyn Sink) {
+        loop {
+            if let Some(event) = self.io.take_event() {
+                self.io_tells(at, event, out);
+            } else if let Some(event) = self.motion.take_event() {
+                self.motion_tells(at, event, out);
+            } else {
+                break;
+            }
+        }
+        self.look_at_hybrid(at, out);
+        let moves_otherwise = self.motion.has_changed();
+        if moves_otherwise || self.io.wants_plan() {
+            self.io.plan(at, self.motion.plan(), out);
+        }
+        if moves_otherwise || self.mcode.trips.deadline() <= at || self.trips_on_counts() {
+            self.look_for_trips(at, out);
+        }
+        self.look_for_standstill(at);
+        self.sign_on(at, out);
+        let shown = io::Shown {
+            moving: self.motion.is_moving(at),
+            fault: self.errors.is_set(),
+            stall: self.motion.has_stalled(),
+            changing: self.motion.is_changing(at),
+            locked_rotor: self.hybrid.is_locked(),
+            positioning: self.motion.is_positioning(at),
+            hybrid: self.hybrid.is_active(),
+            makes_up: self.hybrid.makes_up(),
+        };
+        self.io.show(at, shown, out);
+    }
+
+    fn io_tells(&mut self, at: Instant, event: io::Event, out: &mut dyn Sink) {
+        match event {
+            // What is held while it starts does nothing, but for limits and the home switch.
+            io::Event::Contact(Contact::JogPlus | Contact::JogMinus, true) if !self.hears() => {}
+            io::Event::Contact(contact, active) => self.motion.contact(at, contact, active, out),
+            _ if !self.hears() => {}
+            io::Event::Clock(steps) => {
+                let from = self.motion.steps(at);
+                self.motion.follow(at, steps, out);
+                self.trip_on_steps(at, from, out);
+            }
+            io::Event::Active(_) | io::Event::Capture => self.trip_on(at, event, out),
+            io::Event::Go => {
+                if let Err(error) = self.start_program(at, Place::Address(1), 0, out) {
+                    self.fail(at, error, out);
+                }
+            }
+            io::Event::SoftStop => self.soft_stop(at, out),
+            io::Event::Pause if self.mcode.vm.is_paused() => self.resume_program(at, out),
+            io::Event::Pause => self.pause_program(at, out),
+            io::Event::Reset => self.restart(at, out),
+        }
+    }
+
+    /// A soft stop input stops motion and program; while the program is paused it does nothing (MC 5-63).
+    fn soft_stop(&mut self, at: Instant, out: &mut dyn Sink) {
+        if self.mcode.vm.is_paused() {
+            return;
+        }
+        let (runs, moves) = (self.mcode.vm.is_running(), self.motion.is_moving(at));
+        self.end_program();
+        self.motion.stop(at, out);
+        if runs {
+            self.fail(at, Error::StoppedProgram, out);
+        }
+        if moves {
+            self.fail(at, Error::StoppedMotion, out);
+        }
+    }
+
+    fn motion_tells(&mut self, at: Instant, event: motion::Event, out: &mut dyn Sink) {
+        match event {
+            motion::Event::Failed(error) => self.fail(at, error, out),
+            motion::Event::StopsProgram => self.end_program(),
+            motion::Event::Announce => self.say_name(at, out),
+        }
+    }
+}
+
+/// The channel of a remote encoder that a pin takes.
+fn channel(pin: Pin) -> Option<Channel> {
+    match pin {
+        A => Some(Channel::A),
+        B => Some(Channel::B),
+        INDEX => Some(Channel::Index),
+        _ => None,
+    }
+}
+
+/// What the motion goes by; that it follows a clock is what the I/O says.
+pub(super) fn motion_settings(bank: &Bank<Reg, { Reg::WORDS }>, follows_clock: bool) -> motion::Settings {
+    let long = |reg| u32::try_from(bank.get(reg)).unwrap_or(0);
+    let byte = |reg| (bank.word(reg) & 0xFF) as u8;
+    let flag = |reg| bank.word(reg) != 0;
+    motion::Settings {
+        start: long(Reg::VI),
+        speed: long(Reg::VM),
+        up: long(Reg::A),
+        down: long(Reg::D),
+        microsteps: bank.word(Reg::MS),
+        settle_ms: bank.word(Reg::MT),
+        hold_delay_ms: bank.word(Reg::HT),
+        run_percent: byte(Reg::RC),
+        hold_percent: byte(Reg::HC),
+        enabled: flag(Reg::DE),
+        limit_mode: byte(Reg::LM),
+        jogs: flag(Reg::JE),
+        follows_clock,
+        ratio: bank.word(Reg::CR),
+        closed: flag(Reg::EE),
+        lines: bank.word(Reg::EL),
+        deadband: bank.word(Reg::DB),
+        stall_factor: bank.word(Reg::SF),
+        goes_on_stalled: flag(Reg::SM),
+        maintains: flag(Reg::PM),
+    }
+}
+
+/// What the I/O goes by.
+pub(super) fn filters(bank: &Bank<Reg, { Reg::WORDS }>) -> io::Filters {
+    let byte = |reg| (bank.word(reg) & 0xFF) as u8;
+    io::Filters {
+        debounce_ms: [Reg::D1, Reg::D2, Reg::D3, Reg::D4].map(byte),
+        average: byte(Reg::D5),
+        capture: byte(Reg::FC),
+        clock: byte(Reg::FM),
+        pulse: byte(Reg::CW),
+        clocked: bank.word(Reg::CM) != 0,
+        ratio: bank.word(Reg::CR),
+    }
+}

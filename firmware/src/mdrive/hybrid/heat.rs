@@ -1,0 +1,55 @@
+//! How warm its electronics are (MC 5-38, 5-81). The manual has no figures but WT's: the rest is decided here.
+
+use crate::device::{Duration, Instant};
+use standin_protocol::time::TICKS_PER_SECOND;
+
+/// What it is at work, and what an overheated one comes to, in m°C.
+const COOL: i64 = 40_000;
+const HOT: i64 = 95_000;
+/// How fast it gets there, in m°C/s.
+const PER_SECOND: i64 = 10_000;
+/// At that it disables itself: 10 °C above the warning of the factory (MC 9.5, error 71), in °C.
+pub(super) const SHUTDOWN: i64 = 90;
+
+/// The temperature.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Heat {
+    /// What heats it is there.
+    heats: bool,
+    /// The temperature when that came or went, in m°C.
+    from: i64,
+    since: Instant,
+}
+
+impl Heat {
+    pub(super) const COOL: Self = Self { heats: false, from: COOL, since: Instant::ZERO };
+
+    /// What heats it comes or goes.
+    pub(super) fn set(&mut self, at: Instant, heats: bool) {
+        *self = Self { heats, from: self.milli(at), since: at };
+    }
+
+    /// IT, in °C.
+    pub(super) fn celsius(&self, at: Instant) -> i64 {
+        self.milli(at) / 1_000
+    }
+
+    /// When it has come to so many °C, or has left them on its way down; [`Instant::NEVER`] if it is not on that way.
+    pub(super) fn passes(&self, celsius: i64) -> Instant {
+        let way = if self.heats { celsius * 1_000 - self.from } else { self.from - celsius * 1_000 + 1 };
+        let left = if self.heats { HOT - self.from } else { self.from - COOL };
+        match u64::try_from(way) {
+            Ok(way) if way.cast_signed() <= left && way > 0 => {
+                let ticks = (way * TICKS_PER_SECOND).div_ceil(PER_SECOND.unsigned_abs());
+                self.since + Duration::from_ticks(ticks)
+            }
+            _ => Instant::NEVER,
+        }
+    }
+
+    fn milli(&self, at: Instant) -> i64 {
+        let ticks = at.since(self.since).ticks().min(3_600 * TICKS_PER_SECOND).cast_signed();
+        let way = ticks * PER_SECOND / TICKS_PER_SECOND.cast_signed();
+        if self.heats { (self.from + way).min(HOT) } else { (self.from - way).max(COOL) }
+    }
+}

@@ -1,0 +1,333 @@
+//! The clock points I/O 7 and 8: pulses that the motor follows, or pulses of its own steps (MC 5-13 to 5-15, 5-66).
+
+use super::super::error::Error;
+use super::super::{IO7, IO8};
+use super::lasting::Lasting;
+use super::min_pulse;
+use super::point::flag;
+use crate::device::{Duration, Instant, Level, Output, Pin, Plan, Sink};
+use crate::motion::{SETUP, Step, Walker};
+
+/// How steps are told.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+enum Code {
+    /// A pulse at I/O 7 for each, I/O 8 is active backward.
+    StepDirection,
+    /// An edge for each, I/O 7 leads I/O 8 forward.
+    Quadrature,
+    /// A pulse for each, forward at I/O 7, backward at I/O 8.
+    UpDown,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+enum Kind {
+    Follows(Code),
+    Tells(Code),
+}
+
+impl Kind {
+    fn of(code: u16) -> Option<Self> {
+        Some(match code {
+            33 => Self::Follows(Code::StepDirection),
+            34 => Self::Follows(Code::Quadrature),
+            35 => Self::Follows(Code::UpDown),
+            49 => Self::Tells(Code::StepDirection),
+            50 => Self::Tells(Code::Quadrature),
+            51 => Self::Tells(Code::UpDown),
+            _ => return None,
+        })
+    }
+}
+
+/// A clock point.
+#[derive(Clone, Copy, Debug)]
+struct Point {
+    kind: Kind,
+    active_high: bool,
+    seen: Lasting,
+    driven: Level,
+}
+
+impl Point {
+    const OPEN: Self = Self {
+        kind: Kind::Follows(Code::StepDirection),
+        active_high: false,
+        seen: Lasting::new(true),
+        driven: Level::Float,
+    };
+
+    fn is_active(&self) -> bool {
+        self.seen.level == self.active_high
+    }
+
+    fn put(&mut self, at: Instant, pin: Pin, level: Level, out: &mut dyn Sink) {
+        if level != self.driven {
+            self.driven = level;
+            out.put(at, Output::Level { pin, level });
+        }
+    }
+
+    fn show(&mut self, at: Instant, pin: Pin, active: bool, out: &mut dyn Sink) {
+        let level = if active == self.active_high { Level::High } else { Level::Low };
+        self.put(at, pin, level, out);
+    }
+}
+
+/// I/O 7 and 8.
+#[derive(Clone, Debug)]
+pub(super) struct Clock {
+    seven: Point,
+    eight: Point,
+    /// CM.
+    enabled: bool,
+    /// CR, in thousandths.
+    ratio: i32,
+    /// Steps to be followed that nobody has taken, and thousandths of another one.
+    steps: i32,
+    rest: i32,
+    /// Whether a plan is wanted.
+    is_new: bool,
+    train: Train,
+}
+
+/// The pulses that tell of steps.
+#[derive(Clone, Debug)]
+struct Train {
+    walker: Walker,
+    next: Option<Step>,
+    /// When the last step was, or the last plan came.
+    last: Instant,
+    /// The direction that is shown.
+    backward: bool,
+    /// Edges of the quadrature.
+    phase: i32,
+    /// When the pulse ends; [`Instant::NEVER`] between pulses.
+    ends: Instant,
+}
+
+impl Train {
+    const NONE: Self = Self {
+        walker: Walker::done(),
+        next: None,
+        last: Instant::ZERO,
+        backward: false,
+        phase: 0,
+        ends: Instant::NEVER,
+    };
+
+    /// When the direction turns for the next step, if that goes the other way: [`SETUP`] before it, or half-way to it.
+    fn turns(&self) -> Option<Instant> {
+        let Step { at, forward } = self.next?;
+        let half = Duration::from_ticks(at.since(self.last).ticks() / 2);
+        (forward == self.backward).then(|| at - SETUP.min(half))
+    }
+
+    fn due(&self) -> Instant {
+        let step = self.next.map_or(Instant::NEVER, |next| next.at);
+        self.turns().unwrap_or(step).min(self.ends)
+    }
+}
+
+impl Clock {
+    /// Step and direction in, active low, nobody there.
+    pub(super) const OPEN: Self = Self {
+        seven: Point::OPEN,
+        eight: Point::OPEN,
+        enabled: false,
+        ratio: 1_000,
+        steps: 0,
+        rest: 0,
+        is_new: false,
+        train: Train::NONE,
+    };
+
+    /// A restart: as the factory has it, but levels stay as they are.
+    pub(super) fn restart(&mut self, at: Instant, out: &mut dyn Sink) {
+        for (point, pin) in [(&mut self.seven, IO7), (&mut self.eight, IO8)] {
+            point.put(at, pin, Level::Float, out);
+            *point = Point { seen: point.seen, ..Point::OPEN };
+        }
+        *self = Self { seven: self.seven, eight: self.eight, ..Self::OPEN };
+    }
+
+    /// S7 or S8: type, active state.
+    ///
+    /// # Errors
+    /// 11 for the type, 21 for the state.
+    pub(super) fn set_up(
+        &mut self,
+        at: Instant,
+        pin: Pin,
+        [kind, active_high]: [u16; 2],
+        out: &mut dyn Sink,
+    ) -> Result<(), Error> {
+        let kind = Kind::of(kind).ok_or(Error::IllegalClockType)?;
+        let active_high = flag(active_high)?;
+        if let Some(point) = self.point(pin) {
+            (point.kind, point.active_high) = (kind, active_high);
+        }
+        self.begin(at, out);
+        Ok(())
+    }
+
+    /// CM, and CR in thousandths.
+    pub(super) fn set(&mut self, at: Instant, enabled: bool, ratio: u16, out: &mut dyn Sink) {
+        self.ratio = ratio.into();
+        if enabled != self.enabled {
+            self.enabled = enabled;
+            self.begin(at, out);
+        }
+    }
+
+    /// Whether the motor follows pulses.
+    pub(super) fn follows(&self) -> bool {
+        matches!(self.kind(), Some(Kind::Follows(_)))
+    }
+
+    /// Whether it must be told of the motion's plan, for the first time.
+    pub(super) fn wants_plan(&self) -> bool {
+        self.is_new
+    }
+
+    /// The motor goes on along a plan.
+    pub(super) fn plan(&mut self, at: Instant, plan: &Plan, width: Duration, out: &mut dyn Sink) {
+        self.is_new = false;
+        if let Some(Kind::Tells(_)) = self.kind() {
+            // What is due at this very instant is still told.
+            while self.train.due() <= at {
+                self.timeout(at, width, out);
+            }
+            let train = &mut self.train;
+            train.walker.follow(plan, at);
+            train.next = train.walker.next();
+            // Nobody knew of the next step before.
+            train.last = train.last.max(at);
+        }
+    }
+
+    /// Somebody drives a point to a level. `filter` is FM.
+    pub(super) fn see(&mut self, at: Instant, pin: Pin, high: bool, filter: u8) {
+        let changed = self.point(pin).is_some_and(|point| point.seen.see(at, high, min_pulse(filter)));
+        if changed {
+            self.take_edge(pin);
+        }
+    }
+
+    /// Steps to be followed, signed.
+    pub(super) fn take_steps(&mut self) -> Option<i32> {
+        let steps = core::mem::take(&mut self.steps);
+        (steps != 0).then_some(steps)
+    }
+
+    pub(super) fn deadline(&self) -> Instant {
+        self.seven.seen.due.min(self.eight.seen.due).min(self.train.due())
+    }
+
+    pub(super) fn timeout(&mut self, at: Instant, width: Duration, out: &mut dyn Sink) {
+        // Where both come at once a direction comes before its pulse.
+        for pin in [IO8, IO7] {
+            if self.point(pin).is_some_and(|point| point.seen.timeout(at)) {
+                self.take_edge(pin);
+            }
+        }
+        if self.train.ends <= at {
+            self.train.ends = Instant::NEVER;
+            self.show(at, None, out);
+        }
+        if self.train.turns().is_some_and(|turns| turns <= at) {
+            self.train.backward = !self.train.backward;
+            self.show(at, None, out);
+        } else if let Some(step) = self.train.next.filter(|step| step.at <= at) {
+            self.tell(step, width, out);
+        }
+    }
+
+    /// What both points are set up for, and do while CM is 1: they are set up in pairs.
+    fn kind(&self) -> Option<Kind> {
+        (self.enabled && self.seven.kind == self.eight.kind).then_some(self.seven.kind)
+    }
+
+    fn point(&mut self, pin: Pin) -> Option<&mut Point> {
+        match pin {
+            IO7 => Some(&mut self.seven),
+            IO8 => Some(&mut self.eight),
+            _ => None,
+        }
+    }
+
+    /// Begins what CM and the set-ups say now.
+    fn begin(&mut self, at: Instant, out: &mut dyn Sink) {
+        (self.steps, self.rest, self.train) = (0, 0, Train::NONE);
+        self.is_new = matches!(self.kind(), Some(Kind::Tells(_)));
+        if self.is_new {
+            self.show(at, None, out);
+        } else {
+            self.seven.put(at, IO7, Level::Float, out);
+            self.eight.put(at, IO8, Level::Float, out);
+        }
+    }
+
+    /// Another level of a point counts.
+    fn take_edge(&mut self, pin: Pin) {
+        let Some(Kind::Follows(code)) = self.kind() else { return };
+        let (seven, eight) = (self.seven.is_active(), self.eight.is_active());
+        let step = match (code, pin) {
+            (Code::StepDirection, IO7) if seven => {
+                if eight {
+                    -1
+                } else {
+                    1
+                }
+            }
+            (Code::UpDown, IO7) if seven => 1,
+            (Code::UpDown, IO8) if eight => -1,
+            (Code::Quadrature, IO7) => {
+                if seven == eight {
+                    -1
+                } else {
+                    1
+                }
+            }
+            (Code::Quadrature, IO8) => {
+                if seven == eight {
+                    1
+                } else {
+                    -1
+                }
+            }
+            _ => return,
+        };
+        self.rest += step * self.ratio;
+        self.steps = self.steps.saturating_add(self.rest.div_euclid(1_000));
+        self.rest = self.rest.rem_euclid(1_000);
+    }
+
+    /// A step is made.
+    fn tell(&mut self, step: Step, width: Duration, out: &mut dyn Sink) {
+        if self.train.ends != Instant::NEVER {
+            // Another plan has brought it closer than the pulse before it is long.
+            self.show(step.at, None, out);
+        }
+        let train = &mut self.train;
+        train.next = train.walker.next();
+        train.last = step.at;
+        train.phase = train.phase.wrapping_add(if step.forward { 1 } else { -1 });
+        // A pulse ends half-way to the next one at the latest.
+        let gap = train.next.map_or(Duration::FOREVER, |next| next.at.since(step.at));
+        train.ends = step.at + width.min(Duration::from_ticks(gap.ticks() / 2)).max(Duration::TICK);
+        self.show(step.at, Some(step.forward), out);
+    }
+
+    /// Shows where the train is, with the pulse of a step forward or backward.
+    fn show(&mut self, at: Instant, pulse: Option<bool>, out: &mut dyn Sink) {
+        let Some(Kind::Tells(code)) = self.kind() else { return };
+        let (seven, eight) = match code {
+            Code::StepDirection => (pulse.is_some(), self.train.backward),
+            Code::UpDown => (pulse == Some(true), pulse == Some(false)),
+            Code::Quadrature => (matches!(self.train.phase & 3, 1 | 2), self.train.phase & 2 != 0),
+        };
+        // A direction turns before its pulse.
+        self.eight.show(at, IO8, eight, out);
+        self.seven.show(at, IO7, seven, out);
+    }
+}

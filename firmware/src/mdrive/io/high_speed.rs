@@ -1,0 +1,110 @@
+//! I/O 13: the capture input or the trip output (MC 5-67).
+
+use super::super::CAPTURE;
+use super::super::error::Error;
+use super::lasting::Lasting;
+use super::point::flag;
+use crate::device::{Duration, Instant, Level, Output, Sink};
+
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+enum Kind {
+    Captures,
+    Trips,
+}
+
+/// I/O 13.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct HighSpeed {
+    kind: Kind,
+    active_high: bool,
+    seen: Lasting,
+    driven: Level,
+    /// When the pulse ends; [`Instant::NEVER`] without one.
+    ends: Instant,
+}
+
+impl HighSpeed {
+    /// A capture input, active low, nobody there.
+    pub(super) const OPEN: Self = Self {
+        kind: Kind::Captures,
+        active_high: false,
+        seen: Lasting::new(true),
+        driven: Level::Float,
+        ends: Instant::NEVER,
+    };
+
+    /// A restart: as the factory has it, but its level stays as it is.
+    pub(super) fn restart(&mut self, at: Instant, out: &mut dyn Sink) {
+        self.put(at, Level::Float, out);
+        *self = Self { seen: self.seen, ..Self::OPEN };
+    }
+
+    /// S13: type, active state.
+    ///
+    /// # Errors
+    /// 8 for the type, 21 for the state.
+    pub(super) fn set_up(
+        &mut self,
+        at: Instant,
+        [kind, active_high]: [u16; 2],
+        out: &mut dyn Sink,
+    ) -> Result<(), Error> {
+        let kind = match kind {
+            60 => Kind::Captures,
+            61 => Kind::Trips,
+            _ => return Err(Error::IllegalType),
+        };
+        (self.kind, self.active_high) = (kind, flag(active_high)?);
+        self.ends = Instant::NEVER;
+        self.show(at, out);
+        Ok(())
+    }
+
+    /// Somebody drives it to a level. Returns whether that captures.
+    pub(super) fn see(&mut self, at: Instant, high: bool, lasting: Duration) -> bool {
+        self.seen.see(at, high, lasting) && self.captures()
+    }
+
+    /// A position has tripped: a trip output is active for `width`.
+    pub(super) fn pulse(&mut self, at: Instant, width: Duration, out: &mut dyn Sink) {
+        if self.kind == Kind::Trips {
+            self.ends = at + width;
+            self.show(at, out);
+        }
+    }
+
+    pub(super) fn deadline(&self) -> Instant {
+        self.seen.due.min(self.ends)
+    }
+
+    /// Returns whether it captures now.
+    pub(super) fn timeout(&mut self, at: Instant, out: &mut dyn Sink) -> bool {
+        if self.ends <= at {
+            self.ends = Instant::NEVER;
+            self.show(at, out);
+        }
+        self.seen.timeout(at) && self.captures()
+    }
+
+    /// Whether the level that counts now is one that captures.
+    fn captures(&self) -> bool {
+        self.kind == Kind::Captures && self.seen.level == self.active_high
+    }
+
+    fn show(&mut self, at: Instant, out: &mut dyn Sink) {
+        let pulses = self.ends != Instant::NEVER;
+        let level = match self.kind {
+            Kind::Captures => Level::Float,
+            Kind::Trips if pulses == self.active_high => Level::High,
+            Kind::Trips => Level::Low,
+        };
+        self.put(at, level, out);
+    }
+
+    fn put(&mut self, at: Instant, level: Level, out: &mut dyn Sink) {
+        if level != self.driven {
+            self.driven = level;
+            out.put(at, Output::Level { pin: CAPTURE, level });
+        }
+    }
+}

@@ -1,0 +1,40 @@
+//! A level that counts once it has lasted.
+
+use crate::device::{Duration, Instant};
+
+/// The level in effect, and how long the other one is there.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Lasting {
+    pub(super) level: bool,
+    /// When the other level will have lasted; [`Instant::NEVER`] if it is not there.
+    pub(super) due: Instant,
+}
+
+impl Lasting {
+    pub(super) const fn new(level: bool) -> Self {
+        Self { level, due: Instant::NEVER }
+    }
+
+    /// It is at `level`, which counts once that has lasted so long. Returns whether another one counts now.
+    pub(super) fn see(&mut self, at: Instant, level: bool, lasting: Duration) -> bool {
+        if level == self.level {
+            self.due = Instant::NEVER;
+            return false;
+        }
+        if lasting == Duration::ZERO {
+            *self = Self::new(level);
+            return true;
+        }
+        self.due = self.due.min(at + lasting);
+        false
+    }
+
+    /// Returns whether another level counts now because it has lasted.
+    pub(super) fn timeout(&mut self, at: Instant) -> bool {
+        let changes = self.due <= at;
+        if changes {
+            *self = Self::new(!self.level);
+        }
+        changes
+    }
+}

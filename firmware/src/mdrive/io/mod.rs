@@ -1,0 +1,426 @@
+//! The I/O points: what IO1 to IO4 are, the analogue input, the clock points IO7 and IO8, capture and trip at I/O 13.
+//!
+//! They know nothing of the rest of the drive: what they have to tell they keep as events.
+//!
+//! What comes at the very instant at which a level has lasted long enough finds that it has.
+
+mod analogue;
+mod clock;
+mod high_speed;
+mod lasting;
+mod point;
+#[cfg(test)]
+mod tests;
+
+use heapless::Deque;
+
+use self::analogue::Analogue;
+use self::clock::Clock;
+use self::high_speed::HighSpeed;
+use self::point::{Kind, Point, SetUp};
+use super::error::Error;
+use super::motion::Contact;
+use super::{CAPTURE, IO1, IO2, IO3, IO4, IO7, IO8};
+use crate::device::{Duration, Instant, Pin, Plan, Sink};
+use standin_protocol::time::TICKS_PER_SECOND;
+
+const PINS: [Pin; 4] = [IO1, IO2, IO3, IO4];
+
+const CONTACTS: [Contact; 5] =
+    [Contact::Home, Contact::PlusLimit, Contact::MinusLimit, Contact::JogPlus, Contact::JogMinus];
+
+/// The pulses that the filters let pass, in ns (MC 5-25, 5-26).
+const MIN_PULSES: [u64; 10] = [50, 150, 200, 300, 500, 900, 1_700, 3_300, 6_500, 12_900];
+
+/// More than one instant brings: of four inputs each its own and a trip, of the contacts all, and a capture.
+const EVENTS: usize = 16;
+
+/// What the I/O tells the rest of the drive.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) enum Event {
+    /// A contact of the motion became active, or not.
+    Contact(Contact, bool),
+    /// Input 1 to 4 became active: TI may trip on it.
+    Active(u8),
+    /// G0: runs the program at address 1.
+    Go,
+    /// Stops motion and program.
+    SoftStop,
+    /// Pauses, or resumes.
+    Pause,
+    /// As Ctrl-C.
+    Reset,
+    /// The capture input became active.
+    Capture,
+    /// Clock inputs ask for so many steps, clock ratio included.
+    Clock(i32),
+}
+
+/// What outputs show.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub(super) struct Shown {
+    pub(super) moving: bool,
+    pub(super) fault: bool,
+    pub(super) stall: bool,
+    pub(super) changing: bool,
+    pub(super) locked_rotor: bool,
+    pub(super) positioning: bool,
+    pub(super) hybrid: bool,
+    pub(super) makes_up: bool,
+}
+
+/// What filters and pulses go by, as the variables are now.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub(super) struct Filters {
+    /// D1 to D4, in ms.
+    pub(super) debounce_ms: [u8; 4],
+    /// D5.
+    pub(super) average: u8,
+    /// FC and FM, 0 to 9.
+    pub(super) capture: u8,
+    pub(super) clock: u8,
+    /// CW, in 50 ns.
+    pub(super) pulse: u8,
+    /// CM, and CR in thousandths.
+    pub(super) clocked: bool,
+    pub(super) ratio: u16,
+}
+
+impl Filters {
+    const NONE: Self = Self {
+        debounce_ms: [0; 4],
+        average: 0,
+        capture: 0,
+        clock: 0,
+        pulse: 0,
+        clocked: false,
+        ratio: 1_000,
+    };
+
+    fn debounce(&self, index: usize) -> Duration {
+        Duration::millis(self.debounce_ms.get(index).copied().unwrap_or(0).into())
+    }
+
+    /// How long a pulse of an output is: to the nearest tick, but there is none without length.
+    fn width(&self) -> Duration {
+        const PER_SECOND: u64 = 1_000_000_000 / 50;
+        let ticks = (u64::from(self.pulse) * TICKS_PER_SECOND + PER_SECOND / 2) / PER_SECOND;
+        Duration::from_ticks(ticks).max(Duration::TICK)
+    }
+}
+
+/// How long a level must last behind FC or FM: in whole ticks, not less than the pulse.
+fn min_pulse(filter: u8) -> Duration {
+    let ns = MIN_PULSES.get(usize::from(filter)).copied().unwrap_or(0);
+    Duration::from_ticks((ns * TICKS_PER_SECOND).div_ceil(1_000_000_000))
+}
+
+/// All I/O points.
+#[derive(Clone, Debug)]
+pub(super) struct Io {
+    points: [Point; 4],
+    analogue: Analogue,
+    clock: Clock,
+    high_speed: HighSpeed,
+    filters: Filters,
+    /// All set-ups are being loaded.
+    loads: bool,
+    /// The contacts that have been told to be active, in the order of [`CONTACTS`].
+    told: [bool; 5],
+    events: Deque<Event, EVENTS>,
+}
+
+impl Io {
+    /// Inputs of the factory that nobody drives.
+    pub(super) const REST: Self = Self {
+        points: [Point::OPEN; 4],
+        analogue: Analogue::ZERO,
+        clock: Clock::OPEN,
+        high_speed: HighSpeed::OPEN,
+        filters: Filters::NONE,
+        loads: false,
+        told: [false; 5],
+        events: Deque::new(),
+    };
+
+    /// Power comes, or a restart; `whole`: what is around the drive will be told anew. All is as the factory has it.
+    pub(super) fn power_on(&mut self, at: Instant, whole: bool, out: &mut dyn Sink) {
+        if whole {
+            *self = Self::REST;
+            return;
+        }
+        self.filters = Filters::NONE;
+        self.analogue.restart();
+        self.clock.restart(at, out);
+        self.high_speed.restart(at, out);
+        self.begin_load();
+        self.end_load(at, out);
+        self.told = [false; 5];
+        self.events.clear();
+    }
+
+    /// Set-ups that follow are loaded together, up to [`Self::end_load`].
+    pub(super) fn begin_load(&mut self) {
+        self.loads = true;
+        for point in &mut self.points {
+            point.set_up(SetUp::FACTORY);
+        }
+    }
+
+    /// All are loaded: what is active now was so before. So a switch that is held starts, stops or resets nothing.
+    pub(super) fn end_load(&mut self, at: Instant, out: &mut dyn Sink) {
+        self.loads = false;
+        for (point, pin) in self.points.iter_mut().zip(PINS) {
+            point.load(at, pin, out);
+        }
+        self.tell_contacts();
+    }
+
+    /// Sets up S1 to S4 (`n` 1 to 4): type, active state, sinking or sourcing. An input is inactive until it has
+    /// settled: what is active then becomes so.
+    ///
+    /// # Errors
+    /// 6, 8, 10, 21.
+    pub(super) fn set_up(
+        &mut self,
+        at: Instant,
+        n: u8,
+        values: [u16; 3],
+        out: &mut dyn Sink,
+    ) -> Result<(), Error> {
+        let set_up = SetUp::of(values)?;
+        let place = Self::place(n);
+        let taken = |(other, point): (usize, &Point)| other != place && point.kind() == set_up.kind;
+        if set_up.kind.is_dedicated() && self.points.iter().enumerate().any(taken) {
+            return Err(Error::TypeTaken);
+        }
+        let (debounce, loads) = (self.filters.debounce(place), self.loads);
+        let Some((point, pin)) = self.point(n) else { return Err(Error::IllegalIo) };
+        if point.set_up(set_up) && !loads {
+            let became_active = point.begin(at, pin, debounce, out);
+            self.tell(place, became_active);
+        }
+        Ok(())
+    }
+
+    /// Sets up S5: 9 or 10, range.
+    ///
+    /// # Errors
+    /// 8, 21.
+    pub(super) fn set_up_analogue(&mut self, at: Instant, values: [u16; 2]) -> Result<(), Error> {
+        self.analogue.set_up(at, values)
+    }
+
+    /// Sets up S7 or S8 (`n` 7 or 8): clock type, active state.
+    ///
+    /// # Errors
+    /// 11, 21.
+    pub(super) fn set_up_clock(
+        &mut self,
+        at: Instant,
+        n: u8,
+        values: [u16; 2],
+        out: &mut dyn Sink,
+    ) -> Result<(), Error> {
+        self.clock.set_up(at, if n == 7 { IO7 } else { IO8 }, values, out)
+    }
+
+    /// Sets up S13: 60 or 61, active state.
+    ///
+    /// # Errors
+    /// 8, 21.
+    pub(super) fn set_up_capture(
+        &mut self,
+        at: Instant,
+        values: [u16; 2],
+        out: &mut dyn Sink,
+    ) -> Result<(), Error> {
+        self.high_speed.set_up(at, values, out)
+    }
+
+    /// D1 to D4 in ms, D5; FC, FM, CW; CM, CR. What is being filtered already is so by what they were.
+    pub(super) fn set_filters(&mut self, at: Instant, filters: Filters, out: &mut dyn Sink) {
+        self.filters = filters;
+        self.analogue.set_average(at, filters.average);
+        self.clock.set(at, filters.clocked, filters.ratio, out);
+    }
+
+    /// Writes output `n`, 1 to 4.
+    ///
+    /// # Errors
+    /// 9: it is an input, or has a type.
+    pub(super) fn write(
+        &mut self,
+        at: Instant,
+        n: u8,
+        active: bool,
+        out: &mut dyn Sink,
+    ) -> Result<(), Error> {
+        let debounce = self.filters.debounce(Self::place(n));
+        let Some((point, pin)) = self.point(n) else { return Err(Error::IllegalIo) };
+        point.write(at, pin, active, debounce, out)
+    }
+
+    /// I1 to I4, O1 to O4: whether I/O `n` is active.
+    pub(super) fn is_active(&self, n: u8) -> bool {
+        self.points.get(Self::place(n)).is_some_and(Point::is_active)
+    }
+
+    /// The general purpose outputs, a bit each.
+    pub(super) fn outputs(&self) -> u8 {
+        bits(self.points.map(|point| point.kind() == Kind::Output))
+    }
+
+    /// IL: levels behind the filters.
+    pub(super) fn levels(&self) -> u8 {
+        bits(self.points.map(|point| point.held()))
+    }
+
+    /// IN: levels as they are.
+    pub(super) fn raw_levels(&self) -> u8 {
+        bits(self.points.map(|point| point.level()))
+    }
+
+    /// I5.
+    pub(super) fn analogue(&self, at: Instant) -> u16 {
+        self.analogue.value(at)
+    }
+
+    /// Whether some input has the type of this contact, and whether it is active.
+    pub(super) fn contact(&self, contact: Contact) -> Option<bool> {
+        let point = self.points.iter().find(|point| point.kind() == Kind::Contact(contact))?;
+        Some(point.is_active())
+    }
+
+    /// Whether the motor follows clock inputs: CM with S7 and S8 as inputs.
+    pub(super) fn follows_clock(&self) -> bool {
+        self.clock.follows()
+    }
+
+    /// Whether clock outputs must be told of the motion's plan, though that has not changed.
+    pub(super) fn wants_plan(&self) -> bool {
+        self.clock.wants_plan()
+    }
+
+    /// The motion goes on along a plan: clock outputs tell of its steps.
+    pub(super) fn plan(&mut self, at: Instant, plan: &Plan, out: &mut dyn Sink) {
+        self.clock.plan(at, plan, self.filters.width(), out);
+    }
+
+    /// Outputs with a type show what is so.
+    pub(super) fn show(&mut self, at: Instant, shown: Shown, out: &mut dyn Sink) {
+        for (place, (point, pin)) in self.points.iter_mut().zip(PINS).enumerate() {
+            point.show(at, pin, shown, self.filters.debounce(place), out);
+        }
+    }
+
+    /// A trip on position: a pulse of the trip output, if there is one.
+    pub(super) fn pulse(&mut self, at: Instant, out: &mut dyn Sink) {
+        self.high_speed.pulse(at, self.filters.width(), out);
+    }
+
+    /// Somebody drives a pin.
+    pub(super) fn edge(&mut self, at: Instant, pin: Pin, high: bool, out: &mut dyn Sink) {
+        self.timeout(at, out);
+        match pin {
+            IO7 | IO8 => self.clock.see(at, pin, high, self.filters.clock),
+            CAPTURE => {
+                if self.high_speed.see(at, high, min_pulse(self.filters.capture)) {
+                    self.push(Event::Capture);
+                }
+            }
+            _ => self.see(at, pin, Some(high)),
+        }
+    }
+
+    /// Nobody drives a pin any more.
+    pub(super) fn opened(&mut self, at: Instant, pin: Pin, out: &mut dyn Sink) {
+        self.timeout(at, out);
+        self.see(at, pin, None);
+    }
+
+    /// The analogue input has another voltage, in mV; a current that across 250 Ω.
+    pub(super) fn voltage(&mut self, at: Instant, mv: i32) {
+        self.analogue.see(at, mv);
+    }
+
+    /// The next thing that it has to tell.
+    pub(super) fn take_event(&mut self) -> Option<Event> {
+        self.events.pop_front().or_else(|| self.clock.take_steps().map(Event::Clock))
+    }
+
+    pub(super) fn deadline(&self) -> Instant {
+        let fast = self.clock.deadline().min(self.high_speed.deadline());
+        self.points.iter().fold(fast, |first, point| first.min(point.deadline()))
+    }
+
+    pub(super) fn timeout(&mut self, at: Instant, out: &mut dyn Sink) {
+        if at < self.deadline() {
+            return;
+        }
+        if self.high_speed.timeout(at, out) {
+            self.push(Event::Capture);
+        }
+        self.clock.timeout(at, self.filters.width(), out);
+        for place in 0..self.points.len() {
+            let became_active = self.points.get_mut(place).is_some_and(|point| point.timeout(at));
+            self.tell(place, became_active);
+        }
+    }
+
+    /// The place of I/O `n`, 1 to 4.
+    fn place(n: u8) -> usize {
+        usize::from(n.wrapping_sub(1))
+    }
+
+    fn point(&mut self, n: u8) -> Option<(&mut Point, Pin)> {
+        self.points.iter_mut().zip(PINS).nth(Self::place(n))
+    }
+
+    fn see(&mut self, at: Instant, pin: Pin, outside: Option<bool>) {
+        let Some(place) = PINS.iter().position(|&known| known == pin) else { return };
+        let debounce = self.filters.debounce(place);
+        let became_active = self.points.get_mut(place).is_some_and(|point| point.see(at, outside, debounce));
+        self.tell(place, became_active);
+    }
+
+    /// Tells what has come of a change at a point.
+    fn tell(&mut self, place: usize, became_active: bool) {
+        self.tell_contacts();
+        let kind = self.points.get(place).map(Point::kind).filter(|_| became_active);
+        let Some(kind) = kind else { return };
+        if let Kind::Tells(event) = kind {
+            self.push(event);
+        }
+        self.push(Event::Active((place as u8).wrapping_add(1)));
+    }
+
+    /// Tells what contacts are not as they were told.
+    fn tell_contacts(&mut self) {
+        for (place, contact) in CONTACTS.into_iter().enumerate() {
+            let active = self.contact(contact) == Some(true);
+            let Some(told) = self.told.get_mut(place) else { return };
+            if core::mem::replace(told, active) != active {
+                self.push(Event::Contact(contact, active));
+            }
+        }
+    }
+
+    fn push(&mut self, event: Event) {
+        let told = self.events.push_back(event);
+        debug_assert!(
+            told.is_ok(),
+            "the drive takes events after each thing that happens, each line of a message, too"
+        );
+    }
+}
+
+/// Whether only a Hybrid has a type of I/O 1 to 4.
+pub(super) fn is_of_hybrid(kind: u16) -> bool {
+    Kind::of(kind).is_some_and(Kind::is_of_hybrid)
+}
+
+/// The first one lowest.
+fn bits(levels: [bool; 4]) -> u8 {
+    levels.iter().rev().fold(0, |bits, &level| bits << 1 | u8::from(level))
+}

@@ -1,0 +1,409 @@
+//! The connections on which MCode is spoken, four at most: what echoes, what ends a line, keys (MC 3.4.4, 7.1.1).
+//!
+//! A line belongs to its connection, as does program mode, which ends with it; echo mode is the drive's. A connection
+//! hears nothing before it speaks, but for what is said to all.
+
+use core::mem;
+
+use heapless::Vec;
+
+use super::super::MCODE;
+use super::super::drive::Drive;
+use super::super::error::Error;
+use super::super::registers::Reg;
+use super::super::startup::SIGN_ON;
+use super::print::CR_LF;
+use super::program::LINE_BYTES;
+use super::serial::{ACK, Called, NAK, is_checked};
+use super::statement::Statement;
+use crate::device::{Instant, Link, Note, Output, Sink, Why};
+
+/// How many there may be.
+pub(in crate::mdrive) const MOST: usize = 4;
+
+const CTRL_C: u8 = 0x03;
+const CTRL_E: u8 = 0x05;
+const BACKSPACE: u8 = 0x08;
+const ESCAPE: u8 = 0x1B;
+const DELETE: u8 = 0x7F;
+
+/// What comes back of a line that is typed, by EM (MC 7.1.1).
+mod echo {
+    /// Each character, and a prompt.
+    pub(super) const FULL: u16 = 0;
+    /// Nothing but what is printed.
+    pub(super) const NONE: u16 = 2;
+    /// The whole line, once it has ended.
+    pub(super) const AFTERWARDS: u16 = 3;
+}
+
+/// A line as it is typed.
+#[derive(Clone, Debug)]
+struct Console {
+    link: Link,
+    line: Vec<u8, LINE_BYTES>,
+    /// It was too long, and has been refused: what is left of it is nothing any more.
+    refused: bool,
+    /// CR was the last character: LF belongs to it.
+    returned: bool,
+    called: Called,
+    /// Of program mode: the address of the next line.
+    programming: Option<u16>,
+}
+
+impl Console {
+    const fn new(link: Link) -> Self {
+        Self {
+            link,
+            line: Vec::new(),
+            refused: false,
+            returned: false,
+            called: Called::Plain,
+            programming: None,
+        }
+    }
+}
+
+/// All of them.
+#[derive(Clone, Debug)]
+pub(in crate::mdrive) struct Consoles {
+    list: Vec<Console, MOST>,
+}
+
+impl Consoles {
+    pub(in crate::mdrive) const fn new() -> Self {
+        Self { list: Vec::new() }
+    }
+
+    /// Whether somebody types lines that are stored.
+    pub(super) fn is_programming(&self) -> bool {
+        self.list.iter().any(|console| console.programming.is_some())
+    }
+
+    /// The drive starts again; its connections stay.
+    pub(in crate::mdrive) fn restart(&mut self) {
+        for console in &mut self.list {
+            *console = Console::new(console.link);
+        }
+    }
+
+    /// All connections.
+    pub(super) fn links(&self) -> Vec<Link, MOST> {
+        let mut links = Vec::new();
+        for console in &self.list {
+            // There is room for all.
+            let _ = links.push(console.link);
+        }
+        links
+    }
+
+    fn find(&mut self, link: Link) -> Option<&mut Console> {
+        self.list.iter_mut().find(|console| console.link == link)
+    }
+}
+
+impl Drive {
+    /// Somebody connects; a fifth one is closed.
+    pub(in crate::mdrive) fn console_opened(&mut self, at: Instant, link: Link, out: &mut dyn Sink) {
+        self.console_closed(link);
+        if self.mcode.consoles.list.push(Console::new(link)).is_err() {
+            out.put(at, Output::Close { port: MCODE, link });
+        }
+    }
+
+    pub(in crate::mdrive) fn console_closed(&mut self, link: Link) {
+        self.mcode.consoles.list.retain(|console| console.link != link);
+    }
+
+    /// Characters, among which may be several lines: what one of them says is so for the next.
+    pub(in crate::mdrive) fn console_heard(
+        &mut self,
+        at: Instant,
+        link: Link,
+        bytes: &[u8],
+        out: &mut dyn Sink,
+    ) {
+        for character in bytes {
+            // Ctrl-C may be among them.
+            if self.hears() {
+                self.console_character(at, link, *character, out);
+                // The end of a line, or a key.
+                if character.is_ascii_control() {
+                    self.settle(at, out);
+                }
+            }
+        }
+    }
+
+    /// Text for every connection: PR of a program; without any it is lost.
+    pub(in crate::mdrive) fn say_to_all(&mut self, at: Instant, text: &[u8], out: &mut dyn Sink) {
+        for console in &self.mcode.consoles.list {
+            say(at, console.link, text, out);
+        }
+    }
+
+    /// The drive's name, to every connection: a move has ended that announces it (MC 5-45).
+    pub(in crate::mdrive) fn say_name(&mut self, at: Instant, out: &mut dyn Sink) {
+        let name = (self.bank.word(Reg::DN) & 0x7F) as u8;
+        self.say_to_all(at, &[name, b'\r', b'\n'], out);
+    }
+
+    /// The sign-on, to every connection, and a prompt.
+    pub(in crate::mdrive) fn greet(&mut self, at: Instant, out: &mut dyn Sink) {
+        self.say_to_all(at, SIGN_ON, out);
+        self.say_to_all(at, self.prompt(), out);
+    }
+
+    fn console_character(&mut self, at: Instant, link: Link, character: u8, out: &mut dyn Sink) {
+        let party = self.is_party();
+        if party && !self.is_for_me(link, character) {
+            return;
+        }
+        let echoes = self.echo_mode() == echo::FULL;
+        let (steps, escape) = (self.mcode.vm.is_stepping(), self.escape());
+        let Some(console) = self.mcode.consoles.find(link) else { return };
+        let returned = mem::replace(&mut console.returned, character == b'\r');
+        let is_blank = console.line.trim_ascii().is_empty() && !console.refused;
+        match character {
+            b'\n' if returned && !party => {}
+            b'\r' if party => {}
+            b'\r' | b'\n' => {
+                if steps && is_blank {
+                    self.mcode.vm.step(at, false);
+                }
+                self.end_line(at, link, out);
+                if party {
+                    self.call(link, if self.is_party() { Called::Next } else { Called::Plain });
+                }
+            }
+            CTRL_C if self.bank.word(Reg::CE) != 0 => self.restart(at, out),
+            _ if character == escape => self.abort(at, link, out),
+            b' ' if steps && is_blank => self.mcode.vm.step(at, true),
+            BACKSPACE | DELETE => {
+                let taken = console.line.pop().is_some();
+                self.answer(at, link, if taken && echoes { b"\x08 \x08" } else { b"" }, out);
+            }
+            b'\t' | b' '.. if !console.refused => {
+                if console.line.push(character).is_err() {
+                    self.refuse_line(at, link, out);
+                } else if echoes {
+                    self.answer(at, link, &[character], out);
+                }
+            }
+            // The rest of a line that was too long, or no key of the drive's.
+            _ => {}
+        }
+    }
+
+    /// Of party mode: whether a character is for this drive and no name of one. Keys may be for all (MC 5-11, 5-23).
+    fn is_for_me(&mut self, link: Link, character: u8) -> bool {
+        let called = self.mcode.consoles.find(link).map_or(Called::Others, |console| console.called);
+        match (called, character) {
+            (Called::Me(_) | Called::All, _) => true,
+            (_, CTRL_C) => self.bank.word(Reg::CE) == 1,
+            (_, ESCAPE | CTRL_E) => self.bank.word(Reg::ES) <= 1,
+            (_, b'\n') => {
+                self.call(link, Called::Next);
+                false
+            }
+            (Called::Next, name) => {
+                self.call(link, self.whom(name));
+                false
+            }
+            (Called::Plain | Called::Others, _) => false,
+        }
+    }
+
+    fn call(&mut self, link: Link, called: Called) {
+        if let Some(console) = self.mcode.consoles.find(link) {
+            console.called = called;
+        }
+    }
+
+    /// A line has ended: what it says happens, between the end of its echo and a prompt.
+    fn end_line(&mut self, at: Instant, link: Link, out: &mut dyn Sink) {
+        let Some(console) = self.mcode.consoles.find(link) else { return };
+        let (mut line, name) = (mem::take(&mut console.line), console.called.name());
+        if mem::take(&mut console.refused) {
+            return;
+        }
+        self.end_echo(at, link, &line, out);
+        let sums = self.check_sums();
+        let spoiled = sums != 0 && !is_checked(name, &line);
+        if sums != 0 {
+            line.pop();
+        }
+        let outcome = if spoiled { Ok(Answer::Spoiled) } else { self.carry_out(at, link, &line, out) };
+        self.conclude(at, link, &line, sums, outcome, out);
+    }
+
+    /// A line is too long (MC 5-57); it is answered before it has ended.
+    fn refuse_line(&mut self, at: Instant, link: Link, out: &mut dyn Sink) {
+        let Some(console) = self.mcode.consoles.find(link) else { return };
+        let line = mem::take(&mut console.line);
+        console.refused = true;
+        self.end_echo(at, link, &line, out);
+        self.conclude(at, link, &line, self.check_sums(), Err(Error::Unknown), out);
+    }
+
+    /// Esc or Ctrl-E: motion stops without a ramp, and the program ends (MC 3.4.4).
+    fn abort(&mut self, at: Instant, link: Link, out: &mut dyn Sink) {
+        let Some(console) = self.mcode.consoles.find(link) else { return };
+        *console = Console { called: console.called, programming: console.programming, ..Console::new(link) };
+        self.end_program();
+        self.motion.halt(at, out);
+        self.end_echo(at, link, b"", out);
+        self.answer(at, link, self.prompt(), out);
+    }
+
+    /// The end of what is echoed of a line; where there are check sums, an acknowledgement takes the place of CR LF.
+    fn end_echo(&self, at: Instant, link: Link, line: &[u8], out: &mut dyn Sink) {
+        let mode = self.echo_mode();
+        if mode == echo::AFTERWARDS {
+            self.answer(at, link, line, out);
+        }
+        if mode != echo::NONE && self.check_sums() == 0 {
+            self.answer(at, link, CR_LF, out);
+        }
+    }
+
+    /// What comes after a line that came with check sums of that CK: its error, an acknowledgement, and a prompt.
+    fn conclude(
+        &mut self,
+        at: Instant,
+        link: Link,
+        line: &[u8],
+        sums: u16,
+        outcome: Result<Answer, Error>,
+        out: &mut dyn Sink,
+    ) {
+        let function = line.first().copied().unwrap_or(b'\r');
+        out.put(
+            at,
+            Output::Note(match outcome {
+                Ok(Answer::Spoiled) => Note::Dropped { port: MCODE, why: Why::Crc },
+                Ok(_) => Note::Request { port: MCODE, unit: 0, function },
+                Err(error) => Note::Refused { port: MCODE, function, code: error as u8 },
+            }),
+        );
+        if let Err(error) = outcome {
+            self.fail(at, error, out);
+        }
+        if sums != 0 && self.echo_mode() != echo::NONE {
+            let good = matches!(outcome, Ok(Answer::Prompt | Answer::Greeting));
+            // "ACK is not echoed if a program is running" (MC 5-12).
+            let acknowledged: &[u8] = match good {
+                true if sums == 2 && self.mcode.vm.is_running() => &[],
+                true => &[ACK],
+                false => &[NAK],
+            };
+            self.answer(at, link, acknowledged, out);
+        }
+        if outcome != Ok(Answer::Greeting) {
+            self.answer(at, link, self.prompt(), out);
+        }
+    }
+
+    /// Does what a line says.
+    ///
+    /// # Errors
+    /// What is wrong with the line, or the drive's state forbids.
+    fn carry_out(
+        &mut self,
+        at: Instant,
+        link: Link,
+        line: &[u8],
+        out: &mut dyn Sink,
+    ) -> Result<Answer, Error> {
+        let statement = self.parse(line)?;
+        let programming = self.mcode.consoles.find(link).and_then(|console| console.programming);
+        if let Some(address) = programming {
+            match statement {
+                Statement::Empty => {}
+                Statement::Program(_) => self.program_from(link, None),
+                _ => {
+                    self.store_line(at, address, line, &statement, out)?;
+                    self.program_from(link, Some(address + 1));
+                }
+            }
+            return Ok(Answer::Prompt);
+        }
+        match statement {
+            Statement::Print(items) => self.print_on(at, self.hearers(link), items, out)?,
+            Statement::ListProgram(place) => self.list_program(at, link, place, out)?,
+            Statement::Program(Some(place)) => {
+                self.needs_unlocked()?;
+                let address = self.address(place)?;
+                self.program_from(link, Some(address));
+            }
+            Statement::Program(None) => {}
+            Statement::Defaults => {
+                self.restore(at, out)?;
+                return Ok(Answer::Greeting);
+            }
+            _ => self.execute(at, &statement, false, out)?,
+        }
+        Ok(Answer::Prompt)
+    }
+
+    /// PG: what is typed on a connection is stored from an address on, or no more.
+    fn program_from(&mut self, link: Link, address: Option<u16>) {
+        if let Some(console) = self.mcode.consoles.find(link) {
+            console.programming = address;
+        }
+    }
+
+    /// What comes back on a connection, if it is for this drive to answer.
+    fn answer(&self, at: Instant, link: Link, bytes: &[u8], out: &mut dyn Sink) {
+        for link in &self.hearers(link) {
+            say(at, *link, bytes, out);
+        }
+    }
+
+    /// Who hears the answer to a connection: itself, unless all drives of a party were called.
+    pub(super) fn hearers(&self, link: Link) -> Vec<Link, MOST> {
+        let mut links = Vec::new();
+        let console = self.mcode.consoles.list.iter().find(|console| console.link == link);
+        if console.is_some_and(|console| self.answers(console.called)) {
+            // There is room for one.
+            let _ = links.push(link);
+        }
+        links
+    }
+
+    /// What comes back of a line that is typed (EM): one of [`echo`].
+    fn echo_mode(&self) -> u16 {
+        self.bank.word(Reg::EM)
+    }
+
+    /// The key that stops everything: ES (MC 5-23). It is addressed in party mode only.
+    fn escape(&self) -> u8 {
+        if self.bank.word(Reg::ES) & 1 != 0 { ESCAPE } else { CTRL_E }
+    }
+
+    /// What asks for a line in EM 0: a question mark while there is an error (MC 9).
+    fn prompt(&self) -> &'static [u8] {
+        match (self.echo_mode(), self.errors.is_set()) {
+            (echo::FULL, false) => b">",
+            (echo::FULL, true) => b"?",
+            _ => b"",
+        }
+    }
+}
+
+/// What follows a line that was carried out.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+enum Answer {
+    Prompt,
+    /// Its check sum was wrong: nothing has happened.
+    Spoiled,
+    /// The sign-on was the answer, with a prompt.
+    Greeting,
+}
+
+/// Says something on a connection.
+pub(super) fn say(at: Instant, link: Link, bytes: &[u8], out: &mut dyn Sink) {
+    if !bytes.is_empty() {
+        out.put(at, Output::Message { port: MCODE, link, bytes });
+    }
+}

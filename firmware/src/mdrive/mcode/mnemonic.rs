@@ -1,0 +1,79 @@
+//! The names of the language: what a user's label or variable cannot be called (MC 3.2, 5).
+
+mod table;
+
+use standin_protocol::registers::Register;
+
+use self::table::{Class, ITEMS, Item};
+use super::super::registers::{HYBRID, Reg};
+use super::statement::{List, Name};
+
+/// What a name of the language is.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(in crate::mdrive) enum Mnemonic {
+    /// A variable or a flag with one number.
+    Variable(Reg),
+    /// One of several values.
+    List(List),
+    /// Something to do.
+    Instruction(Name),
+    /// Words for PR alone: AL, UV, PN, SN, VR, MD.
+    Keyword(Name),
+    /// There is no such thing in this drive (37), but its name is taken.
+    NotAvailable,
+}
+
+/// A name in capitals, padded with blanks.
+pub(in crate::mdrive) type Word = [u8; 3];
+
+/// Beside the variants of the product: the commands of the serial sister are there, too.
+pub(in crate::mdrive) const SERIAL: u8 = 1 << 7;
+
+/// What `word`, in capitals, is to a drive of these variants; `None` if it is free for the user.
+pub(in crate::mdrive) fn find(word: &[u8], variants: u8) -> Option<Mnemonic> {
+    let word = padded(word)?;
+    let item = ITEMS.get(ITEMS.binary_search_by(|item| item.word.cmp(&word)).ok()?)?;
+    if item.variants & variants != 0 {
+        return Some(item.mnemonic());
+    }
+    // What only a Hybrid has is free on the other one, as MC 5-58 says of another product's name.
+    (item.variants != HYBRID).then_some(Mnemonic::NotAvailable)
+}
+
+/// All variables, flags and lists of these variants, by their names.
+pub(in crate::mdrive) fn variables(variants: u8) -> impl Iterator<Item = (&'static Word, Mnemonic)> {
+    ITEMS
+        .iter()
+        .filter(move |item| item.variants & variants != 0)
+        .map(|item| (&item.word, item.mnemonic()))
+        .filter(|(_, mnemonic)| matches!(mnemonic, Mnemonic::Variable(_) | Mnemonic::List(_)))
+}
+
+/// One to three characters, padded.
+fn padded(text: &[u8]) -> Option<Word> {
+    match *text {
+        [a] => Some([a, b' ', b' ']),
+        [a, b] => Some([a, b, b' ']),
+        [a, b, c] => Some([a, b, c]),
+        _ => None,
+    }
+}
+
+impl Item {
+    fn mnemonic(self) -> Mnemonic {
+        let [a, b, _] = self.word;
+        match self.class {
+            Class::Instruction => Mnemonic::Instruction([a, b]),
+            Class::Keyword => Mnemonic::Keyword([a, b]),
+            Class::Trip(trip) => Mnemonic::List(List::Trip(trip)),
+            Class::Row(row) => match Reg::from_row(row.into()) {
+                Some(
+                    reg @ (Reg::S1 | Reg::S2 | Reg::S3 | Reg::S4 | Reg::S5 | Reg::S7 | Reg::S8 | Reg::S13),
+                ) => Mnemonic::List(List::Io(reg)),
+                Some(reg @ (Reg::CA | Reg::MU)) => Mnemonic::List(List::With(reg)),
+                Some(reg) => Mnemonic::Variable(reg),
+                None => Mnemonic::NotAvailable,
+            },
+        }
+    }
+}

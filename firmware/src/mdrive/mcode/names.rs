@@ -1,0 +1,84 @@
+//! Labels and user variables: together up to 192 (MC 3.2.2, 5-40, 5-78).
+
+use heapless::Vec;
+
+use super::super::error::Error;
+use super::statement::Name;
+
+/// How many there may be.
+pub(in crate::mdrive) const MOST: usize = 192;
+
+/// What a name of the user is.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(in crate::mdrive) enum Meaning {
+    /// LB: the address of its line.
+    Label(u16),
+    /// VA outside of a program: saved by S.
+    Global(i32),
+    /// VA within one: there until the next start.
+    Local(i32),
+}
+
+/// All names of the user, in the order of their declaration.
+#[derive(Clone, Debug)]
+pub(in crate::mdrive) struct Names {
+    list: Vec<(Name, Meaning), MOST>,
+}
+
+impl Names {
+    pub(in crate::mdrive) const fn new() -> Self {
+        Self { list: Vec::new() }
+    }
+
+    pub(in crate::mdrive) fn find(&self, name: Name) -> Option<Meaning> {
+        self.list.iter().find(|(known, _)| *known == name).map(|(_, meaning)| *meaning)
+    }
+
+    /// All of them.
+    pub(in crate::mdrive) fn iter(&self) -> impl Iterator<Item = (Name, Meaning)> + '_ {
+        self.list.iter().copied()
+    }
+
+    /// Whether [`Self::add`] would take a name.
+    ///
+    /// # Errors
+    /// 28 if it is there, 31 if there is no room.
+    pub(in crate::mdrive) fn has_room_for(&self, name: Name) -> Result<(), Error> {
+        if self.find(name).is_some() {
+            Err(Error::Redefined)
+        } else if self.list.is_full() {
+            Err(Error::LabelsFull)
+        } else {
+            Ok(())
+        }
+    }
+
+    /// A new name.
+    ///
+    /// # Errors
+    /// 28 if it is there, 31 if there is no room.
+    pub(in crate::mdrive) fn add(&mut self, name: Name, meaning: Meaning) -> Result<(), Error> {
+        self.has_room_for(name)?;
+        self.list.push((name, meaning)).map_err(|_| Error::LabelsFull)
+    }
+
+    /// Sets a user variable.
+    ///
+    /// # Errors
+    /// 20 if there is no such name, 32 if it is a label.
+    pub(in crate::mdrive) fn set(&mut self, name: Name, value: i32) -> Result<(), Error> {
+        match self.list.iter_mut().find(|(known, _)| *known == name) {
+            None => Err(Error::Unknown),
+            Some((_, Meaning::Label(_))) => Err(Error::IsLabel),
+            Some((_, Meaning::Global(held) | Meaning::Local(held))) => {
+                *held = value;
+                Ok(())
+            }
+        }
+    }
+
+    /// Keeps only what `keeps` says.
+    pub(in crate::mdrive) fn retain(&mut self, mut keeps: impl FnMut(Name, Meaning) -> bool) {
+        self.list.retain(|(name, meaning)| keeps(*name, *meaning));
+    }
+}

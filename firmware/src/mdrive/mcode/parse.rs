@@ -1,0 +1,483 @@
+//! How a line is taken apart: `=`, a blank or nothing separates name and value, either case will do, blanks may be
+//! anywhere between words.
+
+use heapless::Vec;
+
+use super::super::drive::Drive;
+use super::super::error::Error;
+use super::super::registers::Reg;
+use super::mnemonic::{self, Mnemonic, SERIAL, Word};
+use super::names::Names;
+use super::statement::{
+    Condition, Expression, List, Name, Operand, Operator, Parameter, Place, Relation, Statement,
+};
+
+/// What a line says to a drive of these variants, whose user has these names.
+///
+/// # Errors
+/// 20, 24, 29, 30, 33, 34, 37, 38, 81: it says nothing that the drive could do. 21: a number that no variable holds.
+pub(in crate::mdrive) fn parse<'a>(
+    line: &'a [u8],
+    variants: u8,
+    names: &Names,
+) -> Result<Statement<'a>, Error> {
+    let mut scanner = Scanner { rest: without_comment(line), variants };
+    match scanner.peek() {
+        None => Ok(Statement::Empty),
+        Some(b'0'..=b'9' | b'+' | b'-') => {
+            let value = scanner.expression(Scale::One)?;
+            scanner.end().map(|()| Statement::Number(value))
+        }
+        Some(letter) if letter.is_ascii_alphabetic() => scanner.statement(names),
+        Some(_) => Err(Error::Unknown),
+    }
+}
+
+/// A line up to its comment (MC 3.3.1), without the blanks at its ends.
+pub(in crate::mdrive) fn without_comment(line: &[u8]) -> &[u8] {
+    let mut quoted = false;
+    let end = line.iter().position(|character| {
+        quoted ^= *character == b'"';
+        *character == b'\'' && !quoted
+    });
+    line.get(..end.unwrap_or(line.len())).unwrap_or(line).trim_ascii()
+}
+
+/// A name of one or two characters as they are compared: in capitals, the second one a blank if there is none.
+pub(in crate::mdrive) fn name(word: &[u8]) -> Option<Name> {
+    match *word {
+        [a] if a.is_ascii_alphabetic() => Some([a.to_ascii_uppercase(), b' ']),
+        [a, b] if a.is_ascii_alphabetic() && b.is_ascii_alphanumeric() => {
+            Some([a.to_ascii_uppercase(), b.to_ascii_uppercase()])
+        }
+        _ => None,
+    }
+}
+
+impl Drive {
+    /// What a line says to this drive.
+    ///
+    /// # Errors
+    /// Those of [`parse`].
+    pub(in crate::mdrive) fn parse<'a>(&self, line: &'a [u8]) -> Result<Statement<'a>, Error> {
+        parse(line, self.variants(), &self.mcode.names)
+    }
+
+    /// The variants of the names that this drive knows.
+    pub(in crate::mdrive) fn variants(&self) -> u8 {
+        self.model.variant() | if self.is_serial() { SERIAL } else { 0 }
+    }
+}
+
+/// What a word is in the language, in either case.
+pub(super) fn find(word: &[u8], variants: u8) -> Option<Mnemonic> {
+    let mut capitals = Word::default();
+    let target = capitals.get_mut(..word.len())?;
+    target.copy_from_slice(word);
+    target.make_ascii_uppercase();
+    mnemonic::find(target, variants)
+}
+
+/// What the number 1 is to the drive.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+enum Scale {
+    One,
+    /// Of CR, which is kept in thousandths.
+    Thousand,
+}
+
+impl Scale {
+    fn of(reg: Reg) -> Self {
+        if reg == Reg::CR { Self::Thousand } else { Self::One }
+    }
+}
+
+/// The word that a statement begins with.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+enum Head {
+    Known(Mnemonic),
+    User(Name),
+}
+
+/// What is left of a line.
+struct Scanner<'a> {
+    rest: &'a [u8],
+    variants: u8,
+}
+
+impl<'a> Scanner<'a> {
+    /// The next character that is no blank.
+    fn peek(&mut self) -> Option<u8> {
+        self.rest = self.rest.trim_ascii_start();
+        self.rest.first().copied()
+    }
+
+    fn skip(&mut self, count: usize) {
+        self.rest = self.rest.get(count..).unwrap_or_default();
+    }
+
+    /// Takes `character` if it is the next one.
+    fn take(&mut self, character: u8) -> bool {
+        let here = self.peek() == Some(character);
+        self.skip(usize::from(here));
+        here
+    }
+
+    /// The letters and digits that come next.
+    fn word(&mut self) -> &'a [u8] {
+        self.peek();
+        let rest = self.rest;
+        let end = rest.iter().position(|character| !character.is_ascii_alphanumeric());
+        rest.get(..end.unwrap_or(rest.len())).unwrap_or(rest)
+    }
+
+    fn find(&self, word: &[u8]) -> Option<Mnemonic> {
+        find(word, self.variants)
+    }
+
+    /// Nothing more may come.
+    fn end(&mut self) -> Result<(), Error> {
+        match self.peek() {
+            None => Ok(()),
+            Some(next) if next.is_ascii_alphanumeric() => Err(Error::MissingSeparator),
+            Some(_) => Err(Error::IllegalData),
+        }
+    }
+
+    /// What follows a comma, if there is one; else nothing more may come.
+    fn optional<T>(&mut self, item: impl FnOnce(&mut Self) -> Result<T, Error>) -> Result<Option<T>, Error> {
+        if self.take(b',') { item(self).map(Some) } else { self.end().map(|()| None) }
+    }
+
+    /// Takes the word that a statement begins with. A digit behind a name begins its value, unless it makes another
+    /// name; letters behind an instruction begin what it is about.
+    fn head(&mut self, names: &Names) -> Result<Head, Error> {
+        let word = self.word();
+        let known = |scanner: &Self, count: usize| word.get(..count).and_then(|word| scanner.find(word));
+        let set = self.rest.get(word.len()..).is_some_and(|rest| rest.trim_ascii_start().starts_with(b"="));
+        let user = word.get(..2).and_then(name).filter(|user| {
+            // One that is not there yet may be there when a program comes to this line.
+            names.find(*user).is_some() || word.len() == 2 && set
+        });
+        let digits = |count: usize| word.get(count..).is_some_and(|rest| rest.iter().all(u8::is_ascii_digit));
+
+        let (count, head) = if let Some(mnemonic) = known(self, word.len()) {
+            (word.len(), Head::Known(mnemonic))
+        } else if let Some(mnemonic @ Mnemonic::Instruction(_)) = known(self, 2) {
+            (2, Head::Known(mnemonic))
+        } else if let (Some(mnemonic), true) = (known(self, 2), digits(2)) {
+            (2, Head::Known(mnemonic))
+        } else if let (Some(user), true) = (user, digits(2)) {
+            (2, Head::User(user))
+        } else if let (Some(mnemonic), true) = (known(self, 1), digits(1)) {
+            (1, Head::Known(mnemonic))
+        } else {
+            (word.len(), Head::User(name(word).ok_or(Error::Unknown)?))
+        };
+        self.skip(count);
+        Ok(head)
+    }
+
+    /// A line that begins with a letter.
+    fn statement(mut self, names: &Names) -> Result<Statement<'a>, Error> {
+        match self.head(names)? {
+            Head::Known(Mnemonic::NotAvailable) => Err(Error::NotAvailable),
+            Head::Known(Mnemonic::Instruction(name)) => self.instruction(name),
+            Head::Known(Mnemonic::Variable(reg)) => {
+                let value = if reg == Reg::DN { self.device_name() } else { self.value(Scale::of(reg)) };
+                value.map(|value| Statement::Set(reg, value))
+            }
+            Head::Known(Mnemonic::List(list)) => {
+                self.list(list).map(|values| Statement::SetList(list, values))
+            }
+            Head::Known(Mnemonic::Keyword(_)) => {
+                Err(if self.peek().is_none() { Error::IsVariable } else { Error::ReadOnly })
+            }
+            Head::User(name) => match self.value(Scale::One) {
+                Err(Error::IsVariable) if names.find(name).is_none() => Err(Error::Unknown),
+                value => value.map(|value| Statement::SetUser(name, value)),
+            },
+        }
+    }
+
+    /// The rest of a line that begins with an instruction.
+    fn instruction(mut self, name: Name) -> Result<Statement<'a>, Error> {
+        let nothing = self.rest.trim_ascii().is_empty();
+        let simple = match &name {
+            b"E " => Some(Statement::End),
+            b"RT" => Some(Statement::Return),
+            b"PS" => Some(Statement::Pause),
+            b"RS" => Some(Statement::Resume),
+            b"S " => Some(Statement::Save),
+            b"FD" => Some(Statement::Defaults),
+            b"IP" => Some(Statement::Initialize),
+            b"SC" => Some(Statement::Calibrate),
+            b"CF" => Some(Statement::ClearLocked),
+            _ => None,
+        };
+        if let Some(statement) = simple {
+            return match self.peek() {
+                None => Ok(statement),
+                Some(b'=') => Err(Error::IsInstruction),
+                Some(_) => Err(Error::IllegalData),
+            };
+        }
+        if name == *b"PR" {
+            return Ok(Statement::Print(self.rest));
+        }
+        self.take(b'=');
+        let statement = match &name {
+            b"MA" | b"MR" => return self.movement(name == *b"MR"),
+            b"SL" => Statement::Slew(self.expression(Scale::One)?),
+            b"HM" | b"HI" if nothing => return Err(Error::HomeType),
+            b"HM" => Statement::Set(Reg::HM, self.expression(Scale::One)?),
+            b"HI" => Statement::HomeToIndex(self.expression(Scale::One)?),
+            b"H " if nothing => Statement::Hold(None),
+            b"H " => Statement::Hold(Some(self.expression(Scale::One)?)),
+            b"BR" => Statement::Branch(self.place()?, self.optional(Self::condition)?),
+            b"CL" => Statement::Call(self.place()?, self.optional(Self::condition)?),
+            b"EX" => {
+                Statement::Execute(self.place()?, self.optional(|scanner| scanner.expression(Scale::One))?)
+            }
+            b"BP" => {
+                Statement::BreakPoint(self.place()?, self.optional(|scanner| scanner.expression(Scale::One))?)
+            }
+            b"OE" => Statement::OnError(self.place()?),
+            b"PG" | b"L " | b"CP" => {
+                let place = if nothing { None } else { Some(self.place()?) };
+                match &name {
+                    b"PG" => Statement::Program(place),
+                    b"CP" => Statement::Clear(place),
+                    _ => Statement::ListProgram(place),
+                }
+            }
+            b"LB" => Statement::Label(self.new_name(true)?),
+            b"VA" => {
+                let name = self.new_name(false)?;
+                let value = if self.peek().is_none() { None } else { Some(self.value(Scale::One)?) };
+                Statement::Declare(name, value)
+            }
+            b"IV" => Statement::Input(self.variable()?),
+            b"IC" => Statement::Increment(self.variable()?),
+            b"DC" => Statement::Decrement(self.variable()?),
+            _ => return Err(Error::NotAvailable),
+        };
+        self.end().map(|()| statement)
+    }
+
+    /// Behind MA and MR.
+    fn movement(mut self, relative: bool) -> Result<Statement<'a>, Error> {
+        let way = self.expression(Scale::One)?;
+        let announces = self.optional(Self::switch)?.unwrap_or(false);
+        let goes_on = self.optional(Self::switch)?.unwrap_or(false);
+        self.end()?;
+        Ok(Statement::Move { relative, way, announces, goes_on })
+    }
+
+    /// 0, 1 or nothing.
+    fn switch(&mut self) -> Result<bool, Error> {
+        match self.peek() {
+            None | Some(b',') => Ok(false),
+            Some(_) => match self.number(Scale::One)? {
+                0 => Ok(false),
+                1 => Ok(true),
+                _ => Err(Error::IllegalValue),
+            },
+        }
+    }
+
+    /// All that is left: what a variable is set to. Nothing is left of a variable that stands alone (34).
+    fn value(&mut self, scale: Scale) -> Result<Expression, Error> {
+        if self.peek().is_none() {
+            return Err(Error::IsVariable);
+        }
+        self.take(b'=');
+        let value = self.expression(scale)?;
+        self.end().map(|()| value)
+    }
+
+    /// DN: a character in quotation marks, or the decimal code of one (MC 5-20).
+    fn device_name(&mut self) -> Result<Expression, Error> {
+        if self.peek().is_none() {
+            return Err(Error::IsVariable);
+        }
+        self.take(b'=');
+        let code = match self.rest.trim_ascii() {
+            [b'"', name, b'"'] => i32::from(*name),
+            [b'"', digits @ .., b'"'] => Self { rest: digits, ..*self }.number(Scale::One)?,
+            _ => return Err(Error::IllegalData),
+        };
+        Ok(Expression { not: false, first: Operand::Number(code), then: None })
+    }
+
+    /// The values of a list. A name where a trip has its subroutine is a label.
+    fn list(&mut self, list: List) -> Result<Vec<Parameter, 3>, Error> {
+        if self.peek().is_none() {
+            return Err(Error::IsVariable);
+        }
+        self.take(b'=');
+        let mut values = Vec::new();
+        for place in 0..list.len() {
+            let value = match self.peek() {
+                None | Some(b',') => Parameter::Absent,
+                Some(_) if list.label() == Some(place) => match self.place()? {
+                    Place::Address(address) => Parameter::Value(Operand::Number(address)),
+                    Place::Label(name) => Parameter::Label(name),
+                },
+                Some(_) => Parameter::Value(self.operand(Scale::One)?),
+            };
+            // There is room for the longest list.
+            let _ = values.push(value);
+            if !self.take(b',') {
+                self.end()?;
+                let says_something = values.iter().any(|value| *value != Parameter::Absent);
+                return if says_something { Ok(values) } else { Err(Error::IllegalData) };
+            }
+        }
+        Err(Error::IllegalData)
+    }
+
+    /// An operand, or two with an operator between them (MC 4.9). A minus before a variable is that
+    /// operator.
+    fn expression(&mut self, scale: Scale) -> Result<Expression, Error> {
+        if let [b'-', rest @ ..] = self.rest.trim_ascii_start()
+            && rest.trim_ascii_start().first().is_some_and(u8::is_ascii_alphabetic)
+        {
+            self.take(b'-');
+            let less = Some((Operator::Minus, self.operand(scale)?));
+            return Ok(Expression { not: false, first: Operand::Number(0), then: less });
+        }
+        let not = self.take(b'!');
+        let first = self.operand(scale)?;
+        let operator = match self.peek() {
+            Some(b'+') => Operator::Plus,
+            Some(b'-') => Operator::Minus,
+            Some(b'*') => Operator::Times,
+            Some(b'/') => Operator::Over,
+            Some(b'&') => Operator::And,
+            Some(b'|') => Operator::Or,
+            Some(b'^') => Operator::Xor,
+            _ => return Ok(Expression { not, first, then: None }),
+        };
+        self.skip(1);
+        let second = self.operand(scale)?;
+        Ok(Expression { not, first, then: Some((operator, second)) })
+    }
+
+    /// Of BR and CL.
+    fn condition(&mut self) -> Result<Condition, Error> {
+        let left = self.operand(Scale::One)?;
+        if self.peek().is_none() {
+            return Ok(Condition { left, right: None });
+        }
+        let (relation, count) = match self.rest {
+            [b'<', b'>', ..] => (Relation::Unequal, 2),
+            [b'<', b'=', ..] => (Relation::AtMost, 2),
+            [b'>', b'=', ..] => (Relation::AtLeast, 2),
+            [b'=', ..] => (Relation::Equal, 1),
+            [b'<', ..] => (Relation::Less, 1),
+            [b'>', ..] => (Relation::Greater, 1),
+            _ => return Err(Error::IllegalData),
+        };
+        self.skip(count);
+        let scale = if let Operand::Variable(reg) = left { Scale::of(reg) } else { Scale::One };
+        Ok(Condition { left, right: Some((relation, self.operand(scale)?)) })
+    }
+
+    fn operand(&mut self, scale: Scale) -> Result<Operand, Error> {
+        match self.peek() {
+            Some(b'0'..=b'9' | b'+' | b'-') => self.number(scale).map(Operand::Number),
+            Some(letter) if letter.is_ascii_alphabetic() => {
+                let word = self.word();
+                self.skip(word.len());
+                match self.find(word) {
+                    Some(Mnemonic::Variable(reg)) => Ok(Operand::Variable(reg)),
+                    Some(Mnemonic::NotAvailable) => Err(Error::NotAvailable),
+                    Some(_) => Err(Error::UnknownLabel),
+                    None => name(word).map(Operand::User).ok_or(Error::UnknownLabel),
+                }
+            }
+            _ => Err(Error::IllegalData),
+        }
+    }
+
+    /// What IV, IC and DC are about.
+    fn variable(&mut self) -> Result<Operand, Error> {
+        let word = self.word();
+        match self.find(word) {
+            Some(Mnemonic::List(_) | Mnemonic::Keyword(_) | Mnemonic::Instruction(_)) => {
+                Err(Error::NotCountable)
+            }
+            _ => match self.operand(Scale::One)? {
+                Operand::Number(_) => Err(Error::IllegalData),
+                variable => Ok(variable),
+            },
+        }
+    }
+
+    /// An address or a label.
+    fn place(&mut self) -> Result<Place, Error> {
+        match self.peek() {
+            Some(letter) if letter.is_ascii_alphabetic() => {
+                let word = self.word();
+                self.skip(word.len());
+                match self.find(word) {
+                    None => name(word).map(Place::Label).ok_or(Error::UnknownLabel),
+                    Some(_) => Err(Error::UnknownLabel),
+                }
+            }
+            _ => self.number(Scale::One).map(Place::Address),
+        }
+    }
+
+    /// The name of a new label or variable; SU is for a label (MC 5-71).
+    fn new_name(&mut self, label: bool) -> Result<Name, Error> {
+        let word = self.word();
+        self.skip(word.len());
+        let name = name(word).ok_or(Error::IllegalData)?;
+        let free = self.find(word).is_none() && (label || name != *b"SU");
+        if free { Ok(name) } else { Err(Error::BuiltIn) }
+    }
+
+    /// A number with or without a sign; three decimals at most of what is kept in thousandths.
+    fn number(&mut self, scale: Scale) -> Result<i32, Error> {
+        let minus = self.take(b'-');
+        if !minus {
+            self.take(b'+');
+        }
+        let mut value = self.digits().ok_or(Error::IllegalData)?;
+        if scale == Scale::Thousand {
+            let decimals = self.decimals()?;
+            value = value.saturating_mul(1_000).saturating_add(decimals);
+        }
+        i32::try_from(if minus { -value } else { value }).map_err(|_| Error::IllegalValue)
+    }
+
+    /// A run of digits, which no letter follows; more than 32 bits are too many, whatever they are.
+    fn digits(&mut self) -> Option<i64> {
+        let word = self.word();
+        self.skip(word.len());
+        if word.is_empty() {
+            return None;
+        }
+        word.iter().try_fold(0_i64, |value, character| {
+            let digit = char::from(*character).to_digit(10)?;
+            Some((value * 10 + i64::from(digit)).min(1 << 40))
+        })
+    }
+
+    /// Behind a point, in thousandths; 0 without one.
+    fn decimals(&mut self) -> Result<i64, Error> {
+        if !self.take(b'.') {
+            return Ok(0);
+        }
+        let word = self.word();
+        let value = self.digits().ok_or(Error::IllegalData)?;
+        match word.len() {
+            1 => Ok(value * 100),
+            2 => Ok(value * 10),
+            3 => Ok(value),
+            _ => Err(Error::IllegalData),
+        }
+    }
+}

@@ -1,0 +1,223 @@
+//! PR: texts and values.
+
+use heapless::Vec;
+
+use super::super::drive::{Drive, Model, SERIAL_NUMBER};
+use super::super::error::Error;
+use super::super::registers::Reg;
+use super::mnemonic::{self, Mnemonic};
+use super::names::Meaning;
+use super::parse;
+use super::statement::{List, Name, Operand, Parameter};
+use crate::device::Instant;
+
+/// Behind VR of a Hybrid: the version of its hardware, of which "1.8+" calibrates as MC 5-8 says.
+const HARDWARE: &[u8] = b"1.8";
+
+/// The end of a line.
+pub(in crate::mdrive) const CR_LF: &[u8] = b"\r\n";
+
+/// Where text goes, piece by piece.
+pub(in crate::mdrive) trait Text {
+    /// Takes some characters.
+    fn say(&mut self, text: &[u8]);
+}
+
+/// What stands behind PR, one by one.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+enum Item<'a> {
+    Text(&'a [u8]),
+    Variable(Reg),
+    List(List),
+    Keyword(Name),
+    User(i32),
+}
+
+impl Drive {
+    /// Prints what is behind PR, and ends the line unless a semicolon is the end (MC 5-57). Reading ER clears it.
+    ///
+    /// # Errors
+    /// 24, 30, 35, 37: nothing is printed then.
+    pub(in crate::mdrive) fn print(
+        &mut self,
+        at: Instant,
+        items: &[u8],
+        to: &mut dyn Text,
+    ) -> Result<(), Error> {
+        let items = items.trim_ascii_end();
+        let (items, end) = match items.strip_suffix(b";") {
+            Some(items) => (items, &b""[..]),
+            None => (items, CR_LF),
+        };
+        self.print_values(at, items, to)?;
+        to.say(end);
+        Ok(())
+    }
+
+    /// Prints texts and values that commas or blanks separate, without anything between them.
+    ///
+    /// # Errors
+    /// As [`Self::print`].
+    pub(in crate::mdrive) fn print_values(
+        &mut self,
+        at: Instant,
+        items: &[u8],
+        to: &mut dyn Text,
+    ) -> Result<(), Error> {
+        let mut rest = items;
+        while self.item(&mut rest)?.is_some() {}
+        rest = items;
+        while let Some(item) = self.item(&mut rest)? {
+            match item {
+                Item::Text(text) => to.say(text),
+                Item::User(value) => say_number(value, to),
+                Item::List(list) => self.print_list(list, to),
+                Item::Keyword(name) => self.print_keyword(at, name, to),
+                Item::Variable(reg) => {
+                    self.print_variable(at, reg, to);
+                    self.has_read(reg);
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Takes the next item of `rest`.
+    fn item<'a>(&self, rest: &mut &'a [u8]) -> Result<Option<Item<'a>>, Error> {
+        let is_apart = |character: &u8| *character == b',' || character.is_ascii_whitespace();
+        let start = rest.iter().position(|character| !is_apart(character));
+        let Some(text) = start.and_then(|start| rest.get(start..)) else { return Ok(None) };
+        if let Some(quoted) = text.strip_prefix(b"\"") {
+            let end = quoted.iter().position(|character| *character == b'"').ok_or(Error::IllegalData)?;
+            let (text, behind) = quoted.split_at_checked(end).ok_or(Error::IllegalData)?;
+            *rest = behind.strip_prefix(b"\"").unwrap_or_default();
+            return Ok(Some(Item::Text(text)));
+        }
+        let end = text.iter().position(|character| !character.is_ascii_alphanumeric());
+        let (word, behind) = text.split_at_checked(end.unwrap_or(text.len())).ok_or(Error::IllegalData)?;
+        *rest = behind;
+        match parse::find(word, self.variants()) {
+            _ if !word.first().is_some_and(u8::is_ascii_alphabetic) => Err(Error::IllegalData),
+            Some(Mnemonic::Variable(reg)) => Ok(Some(Item::Variable(reg))),
+            Some(Mnemonic::List(list)) => Ok(Some(Item::List(list))),
+            Some(Mnemonic::Keyword(name)) => Ok(Some(Item::Keyword(name))),
+            Some(Mnemonic::Instruction(_)) => Err(Error::NotPrintable),
+            Some(Mnemonic::NotAvailable) => Err(Error::NotAvailable),
+            None => match parse::name(word).and_then(|name| self.mcode.names.find(name)) {
+                Some(Meaning::Global(value) | Meaning::Local(value)) => Ok(Some(Item::User(value))),
+                Some(Meaning::Label(_)) => Err(Error::NotPrintable),
+                None => Err(Error::UnknownLabel),
+            },
+        }
+    }
+
+    fn print_variable(&self, at: Instant, reg: Reg, to: &mut dyn Text) {
+        let value = self.read_mcode(at, reg);
+        match reg {
+            Reg::CR => {
+                say_number(value / 1_000, to);
+                let digits = [value / 100, value / 10, value].map(|rest| b'0' + (rest % 10) as u8);
+                to.say(b".");
+                to.say(&digits);
+            }
+            Reg::DN => to.say(&[b'"', (value & 0x7F) as u8, b'"']),
+            _ => say_number(value, to),
+        }
+    }
+
+    fn print_list(&self, list: List, to: &mut dyn Text) {
+        match list {
+            List::Trip(trip) => say_values(&self.mcode.trips.parameters(trip), to),
+            List::Io(reg) => {
+                let values = self.set_up_of(reg).map(|value| number(value.into()));
+                say_values(values.get(..list.len()).unwrap_or(&values), to);
+            }
+            List::With(reg) => say_values(&[number(self.held(reg)), number(0)], to),
+        }
+    }
+
+    fn print_keyword(&self, at: Instant, name: Name, to: &mut dyn Text) {
+        match &name {
+            b"AL" => self.print_all(at, to),
+            b"UV" => self.print_user_variables(to),
+            b"MD" => to.say(self.mcode.vm.last_motion().as_ref().map_or(b"", |name| name)),
+            b"PN" => to.say(self.model.part_number()),
+            b"SN" => to.say(SERIAL_NUMBER),
+            _ => {
+                to.say(self.model.version());
+                if self.model == Model::Hybrid {
+                    to.say(b", ");
+                    to.say(HARDWARE);
+                }
+            }
+        }
+    }
+
+    /// AL: all variables and flags, a line each (MC 5-1). ER is not cleared by that.
+    fn print_all(&self, at: Instant, to: &mut dyn Text) {
+        for (word, mnemonic) in mnemonic::variables(self.variants()) {
+            to.say(word.trim_ascii_end());
+            to.say(b" = ");
+            match mnemonic {
+                Mnemonic::Variable(reg) => self.print_variable(at, reg, to),
+                Mnemonic::List(list) => self.print_list(list, to),
+                _ => {}
+            }
+            to.say(CR_LF);
+        }
+    }
+
+    /// UV: `G` are global, `L` local variables; labels have their addresses (MC 5-77).
+    fn print_user_variables(&self, to: &mut dyn Text) {
+        for (name, meaning) in self.mcode.names.iter() {
+            let (kind, value): (&[u8], i32) = match meaning {
+                Meaning::Label(address) => (b"", address.into()),
+                Meaning::Global(value) => (b"G ", value),
+                Meaning::Local(value) => (b"L ", value),
+            };
+            for text in [name.trim_ascii_end(), b" = ", kind] {
+                to.say(text);
+            }
+            say_number(value, to);
+            to.say(CR_LF);
+        }
+    }
+}
+
+fn number(value: i32) -> Parameter {
+    Parameter::Value(Operand::Number(value))
+}
+
+/// Values with a comma and a blank between them.
+fn say_values(values: &[Parameter], to: &mut dyn Text) {
+    for (n, value) in values.iter().enumerate() {
+        if n > 0 {
+            to.say(b", ");
+        }
+        match value {
+            Parameter::Value(Operand::Number(value)) => say_number(*value, to),
+            Parameter::Value(Operand::User(name)) | Parameter::Label(name) => to.say(name.trim_ascii_end()),
+            // What is kept is a number or a label.
+            Parameter::Value(Operand::Variable(_)) | Parameter::Absent => {}
+        }
+    }
+}
+
+/// A number in decimal.
+pub(super) fn say_number(value: i32, to: &mut dyn Text) {
+    let mut text = Vec::<u8, 11>::new();
+    let mut rest = value.unsigned_abs();
+    // There is room for the longest one.
+    loop {
+        let _ = text.push(b'0' + (rest % 10) as u8);
+        rest /= 10;
+        if rest == 0 {
+            break;
+        }
+    }
+    if value < 0 {
+        let _ = text.push(b'-');
+    }
+    text.reverse();
+    to.say(&text);
+}

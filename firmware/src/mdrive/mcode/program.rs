@@ -1,0 +1,336 @@
+//! The lines that are stored, in the non-volatile memory as they are typed, by address (MC 5-55).
+//!
+//! An address is a line. The memory is a log: a line is put behind the last one, and the last one of an address is the
+//! one that holds.
+//!
+//! | bytes | what |
+//! |---|---|
+//! | 2 | address, high byte first, with [`VOID`] once the line is cleared; `0xFF` behind the last line |
+//! | 1 | characters |
+//! | … | the line |
+//! | 2 | CRC-16 of all that, as it was stored |
+//!
+//! The first byte is stored last, on its own: power lost before leaves the log as it was.
+
+use heapless::Vec;
+use standin_protocol::modbus::rtu::crc;
+
+use super::super::drive::Drive;
+use super::super::error::Error;
+use super::super::registers::Reg;
+use super::super::saved;
+use super::names::Meaning;
+use super::parse::without_comment;
+use super::statement::{Place, Statement};
+use crate::device::{Instant, Output, Sink};
+
+/// Addresses are below this; the first one is 1.
+pub(in crate::mdrive) const ADDRESSES: usize = 768;
+/// Bytes of the log.
+pub(in crate::mdrive) const BYTES: usize = 12 * 1024;
+/// The longest line (MC 3.3.1).
+pub(in crate::mdrive) const LINE_BYTES: usize = 64;
+
+/// In the first byte of a line that is cleared.
+const VOID: u8 = 0x80;
+/// The first byte behind the last line.
+const END: u8 = 0xFF;
+/// Bytes before the characters.
+const HEAD: usize = 3;
+/// Bytes beside the characters.
+const FRAME: usize = HEAD + 2;
+/// A place where there is nothing.
+const NOWHERE: u16 = u16::MAX;
+
+/// A line in the log.
+struct Record<'a> {
+    address: u16,
+    void: bool,
+    line: &'a [u8],
+}
+
+impl<'a> Record<'a> {
+    /// The line at a place of the log, which passes: `None` behind the last one.
+    ///
+    /// # Errors
+    /// 70: it is none.
+    fn checked(memory: &'a [u8], place: usize) -> Result<Option<Self>, Error> {
+        let Some((record, sum)) = Self::at(memory, place)? else { return Ok(None) };
+        let good = is_address(record.address)
+            && record.line.len() <= LINE_BYTES
+            && sum == sum_of(record.address, record.line);
+        if good { Ok(Some(record)) } else { Err(Error::Flash) }
+    }
+
+    /// The line at a place of the log, and its check sum: `None` behind the last one.
+    ///
+    /// # Errors
+    /// 70: there is none.
+    fn at(memory: &'a [u8], place: usize) -> Result<Option<(Self, u16)>, Error> {
+        let log = memory.get(saved::PROGRAM..).and_then(|log| log.get(..BYTES)).unwrap_or_default();
+        let rest = log.get(place..).unwrap_or_default();
+        let &[first, low, length, ref behind @ ..] = rest else { return Err(Error::Flash) };
+        if first == END {
+            return Ok(None);
+        }
+        let high = first & !VOID;
+        let address = u16::from_be_bytes([high, low]);
+        let (line, sum) = behind.split_at_checked(length.into()).ok_or(Error::Flash)?;
+        let sum = sum.first_chunk().copied().map(u16::from_be_bytes).ok_or(Error::Flash)?;
+        Ok(Some((Self { address, void: first != high, line }, sum)))
+    }
+
+    /// Its bytes in the log.
+    fn len(&self) -> usize {
+        FRAME + self.line.len()
+    }
+}
+
+/// As it is stored: what only the last line of an address has.
+fn record(address: u16, line: &[u8]) -> Vec<u8, { FRAME + LINE_BYTES }> {
+    let [high, low] = address.to_be_bytes();
+    let mut record = Vec::new();
+    // There is room for the longest line.
+    let _ = record.extend_from_slice(&[high, low, line.len() as u8]);
+    let _ = record.extend_from_slice(line);
+    let sum = crc(&record).to_be_bytes();
+    let _ = record.extend_from_slice(&sum);
+    record
+}
+
+/// Whether there can be a line.
+fn is_address(address: u16) -> bool {
+    (1..ADDRESSES).contains(&usize::from(address))
+}
+
+fn sum_of(address: u16, line: &[u8]) -> u16 {
+    let record = record(address, line);
+    record.last_chunk().copied().map_or(0, u16::from_be_bytes)
+}
+
+/// Where each line is.
+#[derive(Clone, Debug)]
+pub(in crate::mdrive) struct Program {
+    /// Places in the log, by address.
+    index: [u16; ADDRESSES],
+    /// Where the log ends.
+    end: u16,
+}
+
+impl Program {
+    // Where it will be: a copy takes room on a board's stack.
+    #[inline(always)]
+    pub(in crate::mdrive) const fn new() -> Self {
+        Self { index: [NOWHERE; ADDRESSES], end: 0 }
+    }
+
+    /// Finds all lines in the drive's memory. Whether the log is good; if not, there are none.
+    fn load(&mut self, memory: &[u8]) -> bool {
+        *self = Self::new();
+        loop {
+            match Record::checked(memory, self.end.into()) {
+                Ok(Some(record)) => {
+                    self.put(record.address, if record.void { NOWHERE } else { self.end });
+                    self.end += record.len() as u16;
+                }
+                Ok(None) => return true,
+                Err(_) => {
+                    *self = Self::new();
+                    return false;
+                }
+            }
+        }
+    }
+
+    /// The line at an address of the drive's memory. It passed when power came, or has been stored since.
+    pub(in crate::mdrive) fn line<'a>(&self, memory: &'a [u8], address: u16) -> Option<&'a [u8]> {
+        let place = *self.index.get(usize::from(address)).filter(|place| **place != NOWHERE)?;
+        let (record, _) = Record::at(memory, place.into()).ok().flatten()?;
+        Some(record.line)
+    }
+
+    /// A copy of the line at an address of the drive's memory.
+    pub(in crate::mdrive) fn copy(&self, memory: &[u8], address: u16) -> Option<Vec<u8, LINE_BYTES>> {
+        Vec::from_slice(self.line(memory, address)?).ok()
+    }
+
+    /// The first address from `address` on that has a line.
+    pub(in crate::mdrive) fn next(&self, address: u16) -> Option<u16> {
+        let places = self.index.get(usize::from(address)..)?;
+        let further = places.iter().position(|place| *place != NOWHERE)?;
+        Some(address + further as u16)
+    }
+
+    /// Stores a line.
+    ///
+    /// # Errors
+    /// 45: there is no such address, or no room.
+    fn store(&mut self, at: Instant, address: u16, line: &[u8], out: &mut dyn Sink) -> Result<(), Error> {
+        let record = record(address, line);
+        let length = record.len() as u16;
+        let room = usize::from(self.end) + record.len() < BYTES;
+        let Some((first, rest)) = record.split_first() else { return Ok(()) };
+        if !is_address(address) || !room {
+            return Err(Error::ProgramFull);
+        }
+        self.store_bytes(at, self.end + length, &[END], out);
+        self.store_bytes(at, self.end + 1, rest, out);
+        self.store_bytes(at, self.end, &[*first], out);
+        self.put(address, self.end);
+        self.end += length;
+        Ok(())
+    }
+
+    /// Clears all lines from `from` on.
+    pub(in crate::mdrive) fn clear(&mut self, at: Instant, from: u16, out: &mut dyn Sink) {
+        let keeps = self.next(0).is_some_and(|first| first < from);
+        let (mut place, mut kept) = (0, 0);
+        // Older lines of an address first, so that none of them comes back if power is lost meanwhile.
+        while keeps && let Ok(Some((record, _))) = Record::at(out.memory(), place.into()) {
+            let (address, void, length) = (record.address, record.void, record.len() as u16);
+            if address >= from && !void {
+                let [high, _] = address.to_be_bytes();
+                self.store_bytes(at, place, &[high | VOID], out);
+            }
+            place += length;
+            if address < from && !void {
+                kept = place;
+            }
+        }
+        self.store_bytes(at, kept, &[END], out);
+        self.end = kept;
+        if let Some(places) = self.index.get_mut(usize::from(from)..) {
+            places.fill(NOWHERE);
+        }
+    }
+
+    fn put(&mut self, address: u16, place: u16) {
+        if let Some(held) = self.index.get_mut(usize::from(address)) {
+            *held = place;
+        }
+    }
+
+    fn store_bytes(&self, at: Instant, place: u16, bytes: &[u8], out: &mut dyn Sink) {
+        out.put(at, Output::Store { offset: saved::PROGRAM as u16 + place, bytes });
+    }
+}
+
+impl Drive {
+    /// Power comes: finds the lines that are stored, and their labels. Whether the log is good (70 if not).
+    pub(in crate::mdrive) fn load_program(&mut self, out: &dyn Sink) -> bool {
+        let good = self.mcode.program.load(out.memory());
+        let mut address = 1;
+        while let Some(next) = self.mcode.program.next(address) {
+            let line = self.mcode.program.line(out.memory(), next).unwrap_or_default();
+            if let Ok(Statement::Label(name)) = self.parse(line) {
+                // There is one already where a global variable with that name was saved later.
+                let _ = self.mcode.names.add(name, Meaning::Label(next));
+            }
+            address = next + 1;
+        }
+        good
+    }
+
+    /// The address that a place is.
+    ///
+    /// # Errors
+    /// 30 for a name that is no label, 42 where there can be no line.
+    pub(in crate::mdrive) fn address(&self, place: Place) -> Result<u16, Error> {
+        match place {
+            Place::Address(address) => u16::try_from(address)
+                .ok()
+                .filter(|address| is_address(*address))
+                .ok_or(Error::IllegalAddress),
+            Place::Label(name) => match self.mcode.names.find(name) {
+                Some(Meaning::Label(address)) => Ok(address),
+                _ => Err(Error::UnknownLabel),
+            },
+        }
+    }
+
+    /// A line is typed into the program: what it says is stored, if it says anything.
+    ///
+    /// # Errors
+    /// What is wrong with the line; 28 for a label that is anywhere else, 31 and 45 if there is no room. Nothing is stored
+    /// then, and the address stays.
+    pub(super) fn store_line(
+        &mut self,
+        at: Instant,
+        address: u16,
+        line: &[u8],
+        statement: &Statement<'_>,
+        out: &mut dyn Sink,
+    ) -> Result<(), Error> {
+        let here = Meaning::Label(address);
+        if let Statement::Label(name) = *statement
+            && self.mcode.names.find(name) != Some(here)
+        {
+            self.mcode.names.has_room_for(name)?;
+        }
+        self.mcode.program.store(at, address, &compact(line), out)?;
+        self.mcode.names.retain(|_, meaning| meaning != here);
+        match *statement {
+            Statement::Label(name) => self.mcode.names.add(name, here),
+            _ => Ok(()),
+        }
+    }
+
+    /// CP: clears all lines from a place on, and their labels; without one everything, and LK.
+    ///
+    /// # Errors
+    /// 30, 42, 44 if it is locked, 74 in motion; nothing has happened then.
+    pub(in crate::mdrive) fn clear_program(
+        &mut self,
+        at: Instant,
+        place: Option<Place>,
+        out: &mut dyn Sink,
+    ) -> Result<(), Error> {
+        if self.motion.is_moving(at) {
+            return Err(Error::ClearInMotion);
+        }
+        let from = match place {
+            Some(place) => {
+                self.needs_unlocked()?;
+                self.address(place)?
+            }
+            None => 1,
+        };
+        self.mcode.program.clear(at, from, out);
+        self.mcode.names.retain(|_, meaning| !matches!(meaning, Meaning::Label(address) if address >= from));
+        if place.is_none() {
+            self.bank.set(Reg::LK, 0);
+        }
+        Ok(())
+    }
+
+    /// The program may be listed and changed.
+    ///
+    /// # Errors
+    /// 44: LK is 1 (MC 5-42).
+    pub(super) fn needs_unlocked(&self) -> Result<(), Error> {
+        if self.bank.word(Reg::LK) == 0 { Ok(()) } else { Err(Error::Locked) }
+    }
+}
+
+/// A line as it is kept: in capitals outside of quotation marks, with a blank between words, without a comment.
+pub(super) fn compact(line: &[u8]) -> Vec<u8, LINE_BYTES> {
+    let mut text = Vec::new();
+    let (mut quoted, mut blank) = (false, false);
+    for character in without_comment(line) {
+        let apart = !quoted && character.is_ascii_whitespace();
+        if apart && blank {
+            continue;
+        }
+        blank = apart;
+        quoted ^= *character == b'"';
+        let kept = match *character {
+            _ if apart => b' ',
+            other if quoted => other,
+            other => other.to_ascii_uppercase(),
+        };
+        if text.push(kept).is_err() {
+            break;
+        }
+    }
+    text
+}

@@ -1,0 +1,90 @@
+//! What only the serial sisters of the drive have, which share a line (MC 7.1): party mode, in which a line begins with
+//! the name of the drive that it is for and ends with Ctrl-J, and check sums.
+
+use super::super::drive::Drive;
+use super::super::registers::Reg;
+
+/// "Accepted" in place of CR LF, where there are check sums.
+pub(super) const ACK: u8 = 0x06;
+/// "Refused".
+pub(super) const NAK: u8 = 0x15;
+
+/// The name that all drives have (MC 5-59).
+const ALL: u8 = b'*';
+/// The name that all drives with QD have (MC 5-60).
+const QUEUED: u8 = b'^';
+
+/// Whom a line is for.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) enum Called {
+    /// The only drive there is. Party mode begins with the next Ctrl-J.
+    Plain,
+    /// The next character says it.
+    Next,
+    /// This drive, by that name.
+    Me(u8),
+    /// All drives.
+    All,
+    Others,
+}
+
+impl Called {
+    /// The name that was called; 0 if none was.
+    pub(super) fn name(self) -> u8 {
+        match self {
+            Self::Me(name) => name,
+            Self::All => ALL,
+            Self::Plain | Self::Next | Self::Others => 0,
+        }
+    }
+}
+
+impl Drive {
+    /// Whether lines are called.
+    pub(super) fn is_party(&self) -> bool {
+        self.is_serial() && self.bank.word(Reg::PY) != 0
+    }
+
+    /// CK: 0 without check sums.
+    pub(super) fn check_sums(&self) -> u16 {
+        if self.is_serial() { self.bank.word(Reg::CK) } else { 0 }
+    }
+
+    /// Whether the drive is its serial sister.
+    pub(super) fn is_serial(&self) -> bool {
+        self.bank.word(Reg::SerialCommands) != 0
+    }
+
+    /// Whom a name calls.
+    pub(super) fn whom(&self, name: u8) -> Called {
+        match name {
+            ALL => Called::All,
+            QUEUED if self.bank.word(Reg::QD) != 0 => Called::Me(name),
+            _ if self.bank.word(Reg::DN) == u16::from(name) => Called::Me(name),
+            _ => Called::Others,
+        }
+    }
+
+    /// Whether the drive answers who called it so: all together only with DG 0 (MC 5-19).
+    pub(super) fn answers(&self, called: Called) -> bool {
+        match called {
+            Called::Plain | Called::Me(_) => true,
+            Called::All => self.bank.word(Reg::DG) == 0,
+            Called::Next | Called::Others => false,
+        }
+    }
+}
+
+/// The check sum of a text: with it the sum of all characters is 0 in seven bits (MC 7.1.2).
+pub(super) fn check_sum(text: &[u8]) -> u8 {
+    sum(text).wrapping_neg() | 0x80
+}
+
+/// Whether a line, with the name before it, ends with its check sum.
+pub(super) fn is_checked(name: u8, line: &[u8]) -> bool {
+    sum(line).wrapping_add(name) & 0x7F == 0
+}
+
+fn sum(text: &[u8]) -> u8 {
+    text.iter().fold(0, |sum, character| sum.wrapping_add(*character))
+}

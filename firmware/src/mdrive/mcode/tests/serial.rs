@@ -1,0 +1,178 @@
+//! The serial sister: party mode and check sums (MC 5-12, 5-59, 7.1).
+
+use super::*;
+
+impl Bed {
+    /// A drive with the serial commands, in this echo mode.
+    fn sister(echo: i64) -> Self {
+        let mut bed = Self::ready(Mdrive::plus(), echo);
+        bed.poke(Reg::SerialCommands, 1);
+        bed.world.raw = true;
+        bed
+    }
+
+    /// Types bytes that are no text, and returns what comes back.
+    fn types_bytes(&mut self, bytes: &[u8]) -> Vec<u8> {
+        let before = self.world.bytes.len();
+        self.input(Input::Message { port: MCODE, link: HERE, bytes });
+        self.world.bytes[before..].to_vec()
+    }
+}
+
+/// A line with its check sum: the 2's complement of the sum of its characters, or'ed with 80h (MC 7.1.2).
+fn checked(line: &str) -> Vec<u8> {
+    let sum: u32 = line.bytes().map(u32::from).sum();
+    let mut bytes = line.as_bytes().to_vec();
+    bytes.push((0x100 - sum % 0x100) as u8 | 0x80);
+    bytes
+}
+
+fn joined(parts: &[&[u8]]) -> Vec<u8> {
+    parts.concat()
+}
+
+#[test]
+fn without_the_setting_there_is_none_of_it() {
+    let mut bed = Bed::plus();
+    for line in ["PY=1", "CK=1", "DN=\"A\"", "QD=1", "DG=0", "BD=19", "PR PY"] {
+        assert_eq!(bed.error_of(line), 37, "{line}");
+    }
+    // A saved value does nothing alone.
+    bed.poke(Reg::PY, 1);
+    bed.poke(Reg::CK, 1);
+    assert_eq!(bed.types("PR P\r"), "PR P\r\n0\r\n>");
+}
+
+#[test]
+fn the_six_commands() {
+    let mut bed = Bed::sister(2);
+    bed.types_lines("DN=\"A\"\nQD=1\nDG=0\nBD=38");
+    assert_eq!(bed.types("PR DN \" \" QD DG \" \" BD PY CK\r"), "\"A\" 10 3800\r\n");
+    assert_eq!(bed.error_of("BD=57"), 61);
+}
+
+#[test]
+fn a_party_is_called_by_name_and_ends_lines_with_ctrl_j() {
+    let mut bed = Bed::sister(0);
+    bed.types_lines("DN=\"a\"");
+    assert_eq!(bed.types("PY=1\r"), "PY=1\r\n>");
+    // It begins with a Ctrl-J.
+    assert_eq!(bed.types("aR1=5\n"), "");
+    assert_eq!(bed.types("aR1=7\n"), "R1=7\r\n>");
+    assert_eq!(bed.types("aPR R1\n"), "PR R1\r\n7\r\n>");
+    assert_eq!(bed.types("aPR R1\r\n"), "PR R1\r\n7\r\n>", "CR is nothing");
+    // Others, a name in capitals, and a queue that it does not stand in.
+    assert_eq!(bed.types("bR1=8\nAR1=8\n^R1=8\n"), "");
+    assert_eq!(bed.types("aPR R1\n"), "PR R1\r\n7\r\n>");
+    // All do it, but do not answer (DG 1).
+    assert_eq!(bed.types("*R1=9\n*PR R1\n"), "");
+    assert_eq!(bed.types("aDG=0\n"), "DG=0\r\n>");
+    assert_eq!(bed.types("*PR R1\n"), "PR R1\r\n9\r\n>");
+    assert_eq!(bed.types("aQD=1\n^PR R1\n"), "QD=1\r\n>PR R1\r\n9\r\n>");
+    assert_eq!(bed.types("aPY=0\n"), "PY=0\r\n>");
+    assert_eq!(bed.types("PR R1\r"), "PR R1\r\n9\r\n>");
+}
+
+#[test]
+fn a_party_without_echo() {
+    for (mode, answer, printed) in
+        [(1, "\r\n", "\r\n7\r\n"), (2, "", "7\r\n"), (3, "R1=7\r\n", "PR R1\r\n7\r\n")]
+    {
+        let mut bed = Bed::sister(mode);
+        bed.types("PY=1\r\n");
+        bed.types("\n");
+        assert_eq!(bed.types("!R1=7\n"), answer);
+        assert_eq!(bed.types("!PR R1\n"), printed);
+    }
+}
+
+#[test]
+fn keys_of_a_party_may_be_addressed() {
+    let mut bed = Bed::sister(2);
+    bed.types_lines("PG 1\nLB G1\nBR G1\nPG\nES=3\nCE=2\nPY=1");
+    bed.types("\n");
+    let runs = |bed: &mut Bed| {
+        bed.run_until(bed.now + crate::device::Duration::millis(1));
+        bed.peek(Reg::BY)
+    };
+    bed.types("!EX 1\n");
+    for keys in ["\x1b", "b\x1b\n", "\x05", "!\x05\n", "\x03", "b\x03\n"] {
+        bed.types(keys);
+        assert_eq!(runs(&mut bed), 1, "{keys:?}");
+    }
+    bed.types("\n!\x1b");
+    assert_eq!(runs(&mut bed), 0);
+    bed.types("\n!EX 1\n");
+    bed.types("!ES=1\n\n");
+    assert_eq!(runs(&mut bed), 1);
+    bed.types("\x1b");
+    assert_eq!(runs(&mut bed), 0);
+    bed.types("\n!R1=5\n");
+    assert_eq!(bed.peek(Reg::R1), 5);
+    bed.types("*\x03");
+    bed.run_until(bed.now + crate::device::Duration::secs(1));
+    assert_eq!(bed.peek(Reg::R1), 0, "it has started again");
+}
+
+#[test]
+fn the_check_sum_of_the_manual() {
+    assert_eq!(checked("MR 1"), joined(&[b"MR 1", &[144]]));
+    let mut bed = Bed::sister(1);
+    bed.types_lines("CK=1");
+    assert_eq!(bed.types_bytes(&joined(&[b"MR 1", &[144], b"\r"])), [0x06]);
+    assert_eq!(bed.peek(Reg::MR), 1);
+    // mr sums up to something else.
+    assert_eq!(bed.types_bytes(&joined(&[b"mr 1", &[144], b"\r"])), [0x15]);
+    assert_eq!(bed.peek(Reg::ER), 0, "it is ignored");
+    assert_eq!(bed.types_bytes(b"MR 1\r"), [0x15]);
+    assert_eq!(bed.types_bytes(b"\r"), [0x06]);
+}
+
+#[test]
+fn check_sums_acknowledge_and_mark_what_is_printed() {
+    let line = |text: &str| joined(&[&checked(text), b"\r"]);
+    let printed = joined(&[&checked("5"), b"\r\n"]);
+    let mut bed = Bed::sister(0);
+    bed.types_lines("R1=5\nCK=1");
+    assert_eq!(bed.types_bytes(&line("PR R1")), joined(&[&checked("PR R1"), &printed, b"\x06>"]));
+    assert_eq!(bed.types_bytes(&line("RC=110")), joined(&[&checked("RC=110"), b"\x15?"]));
+    bed.types_bytes(&line("ER=0"));
+    bed.types_bytes(&line("EM=1"));
+    assert_eq!(bed.types_bytes(&line("PR R1")), joined(&[&printed, b"\x06"]));
+    assert_eq!(bed.types_bytes(&line("RC=110")), b"\x15");
+    bed.types_bytes(&line("EM=2"));
+    assert_eq!(bed.types_bytes(&line("PR R1")), printed);
+    assert_eq!(bed.types_bytes(b"PR R1\r"), b"");
+    bed.types_bytes(&line("EM=3"));
+    assert_eq!(bed.types_bytes(&line("PR R1")), joined(&[&checked("PR R1"), &printed, b"\x06"]));
+    assert_eq!(bed.types_bytes(&line("PR \"a\" R1;")), joined(&[&checked("PR \"a\" R1;"), b"a5\x06"]));
+    assert_eq!(bed.types_bytes(&line("CK=0")), joined(&[&checked("CK=0"), b"\x06"]));
+    assert_eq!(bed.types("PR R1\r"), "PR R1\r\n5\r\n");
+}
+
+#[test]
+fn with_ck_2_a_program_that_runs_is_not_acknowledged() {
+    let line = |text: &str| joined(&[&checked(text), b"\r"]);
+    let mut bed = Bed::sister(1);
+    bed.types_lines("PG 1\nLB G1\nBR G1\nPG\nCK=2");
+    assert_eq!(bed.types_bytes(&line("R1=5")), b"\x06");
+    bed.types_bytes(&line("EX 1"));
+    bed.run_until(bed.now + crate::device::Duration::millis(10));
+    assert_eq!(bed.types_bytes(&line("R1=6")), b"");
+    assert_eq!(bed.types_bytes(&line("RC=110")), b"\x15");
+    assert_eq!(bed.types_bytes(b"R1=7\r"), b"\x15");
+    bed.types_bytes(&line("E"));
+    assert_eq!(bed.types_bytes(&line("R1=8")), b"\x06");
+}
+
+#[test]
+fn a_name_is_part_of_its_check_sum() {
+    let mut bed = Bed::sister(1);
+    bed.types_lines("CK=1");
+    bed.types_bytes(&joined(&[&checked("PY=1"), b"\r\n"]));
+    assert_eq!(bed.types_bytes(&joined(&[&checked("!R1=5"), b"\n"])), b"\x06");
+    let nameless = joined(&[b"!", &checked("R1=6"), b"\n"]);
+    assert_eq!(bed.types_bytes(&nameless), b"\x15");
+    assert_eq!(bed.types_bytes(&joined(&[&checked("*R1=7"), b"\n"])), b"");
+    assert_eq!(bed.peek(Reg::R1), 7);
+}

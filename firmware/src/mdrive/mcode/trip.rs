@@ -1,0 +1,365 @@
+//! Trips: subroutines that inputs, positions, times and the Hybrid's state call (MC 5-71 to 5-76).
+
+use heapless::Vec;
+
+use super::super::drive::Drive;
+use super::super::error::Error;
+use super::super::io;
+use super::super::registers::Reg;
+use super::statement::{Operand, Parameter, Place, Trip};
+use crate::device::{Duration, Instant, Sink};
+
+/// TR is not faster than 20 kHz (MC 5-75): what comes sooner waits.
+const FASTEST: Duration = Duration::micros(50);
+
+/// How often TR may be told to repeat (MC 5-75).
+const MOST_REPEATS: u16 = 65_000;
+
+/// Every trip, in the order of its bit in TE.
+const ALL: [Trip; 6] = [Trip::Input, Trip::Position, Trip::Capture, Trip::Time, Trip::Relative, Trip::Hybrid];
+
+impl Trip {
+    /// Its bit in TE.
+    pub(super) fn bit(self) -> u8 {
+        1 << self as u8
+    }
+}
+
+/// What a trip waits for, and what it does then.
+#[derive(Clone, Copy, Debug)]
+struct Definition {
+    /// An input, a position, a time in ms, a distance, or flags.
+    value: i32,
+    subroutine: Option<Place>,
+    /// TR: how often, 0 for ever.
+    repeats: u16,
+}
+
+/// All trips.
+#[derive(Clone, Debug)]
+pub(in crate::mdrive) struct Trips {
+    definitions: [Option<Definition>; ALL.len()],
+    enabled: u8,
+    captured: i32,
+    /// When the position of TP comes, if motion goes on as planned.
+    position_due: Instant,
+    time_due: Instant,
+    /// When that of TR comes, which it is, how often it is to come still, and not before when.
+    relative_due: Instant,
+    relative_position: i32,
+    repeats_left: u16,
+    relative_not_before: Instant,
+}
+
+impl Trips {
+    pub(in crate::mdrive) const NONE: Self = Self {
+        definitions: [None; ALL.len()],
+        enabled: 0,
+        captured: 0,
+        position_due: Instant::NEVER,
+        time_due: Instant::NEVER,
+        relative_due: Instant::NEVER,
+        relative_position: 0,
+        repeats_left: 0,
+        relative_not_before: Instant::ZERO,
+    };
+
+    /// Which trips are on (TE), a bit each.
+    pub(in crate::mdrive) fn enabled(&self) -> u8 {
+        self.enabled
+    }
+
+    /// PC: the position at the last trip that was none of TP.
+    pub(in crate::mdrive) fn captured(&self) -> i32 {
+        self.captured
+    }
+
+    /// What a trip prints as: as it was defined, or zeros.
+    pub(in crate::mdrive) fn parameters(&self, trip: Trip) -> Vec<Parameter, 3> {
+        let number = |number| Parameter::Value(Operand::Number(number));
+        let definition = self.definition(trip);
+        let (value, repeats) = definition.map_or((0, 0), |it| (it.value, it.repeats));
+        let subroutine = match definition.and_then(|it| it.subroutine) {
+            None => number(0),
+            Some(Place::Address(address)) => number(address),
+            Some(Place::Label(name)) => Parameter::Label(name),
+        };
+        let all = [number(value), subroutine, number(repeats.into())];
+        all.get(trip.parameters()).and_then(|shown| Vec::from_slice(shown).ok()).unwrap_or_default()
+    }
+
+    /// When the next one trips, if all goes on as planned.
+    pub(in crate::mdrive) fn deadline(&self) -> Instant {
+        self.position_due.min(self.time_due).min(self.relative_due)
+    }
+
+    /// What the trip with that bit calls.
+    pub(super) fn subroutine(&self, bit: u8) -> Option<Place> {
+        let trip = ALL.into_iter().find(|trip| trip.bit() == bit)?;
+        self.definition(trip)?.subroutine
+    }
+
+    fn definition(&self, trip: Trip) -> Option<Definition> {
+        self.definitions.get(trip as usize).copied().flatten()
+    }
+
+    /// What a trip waits for that is on.
+    fn value(&self, trip: Trip) -> Option<i32> {
+        let definition = self.definition(trip)?;
+        (self.enabled & trip.bit() != 0).then_some(definition.value)
+    }
+
+    fn switch_off(&mut self, trip: Trip) {
+        self.enabled &= !trip.bit();
+        match trip {
+            Trip::Position => self.position_due = Instant::NEVER,
+            Trip::Time => self.time_due = Instant::NEVER,
+            Trip::Relative => self.relative_due = Instant::NEVER,
+            Trip::Input | Trip::Capture | Trip::Hybrid => {}
+        }
+    }
+}
+
+impl Drive {
+    /// Defines a trip, or with 0 makes it undefined. One that is on begins anew.
+    ///
+    /// # Errors
+    /// 12 for an input that is not there, 21 for another value, 30 and 42 for a subroutine, 38 without one; nothing
+    /// has changed then.
+    pub(in crate::mdrive) fn define_trip(
+        &mut self,
+        at: Instant,
+        trip: Trip,
+        parameters: &[Parameter],
+        _out: &mut dyn Sink,
+    ) -> Result<(), Error> {
+        let definition = self.trip_definition(at, trip, parameters)?;
+        let trips = &mut self.mcode.trips;
+        let is_on = trips.value(trip).is_some();
+        if let Some(place) = trips.definitions.get_mut(trip as usize) {
+            *place = definition;
+        }
+        match definition {
+            None => trips.switch_off(trip),
+            Some(_) if is_on => self.arm(at, trip),
+            Some(_) => {}
+        }
+        Ok(())
+    }
+
+    fn trip_definition(
+        &mut self,
+        at: Instant,
+        trip: Trip,
+        parameters: &[Parameter],
+    ) -> Result<Option<Definition>, Error> {
+        let mut all = [Parameter::Absent; 3];
+        for (place, parameter) in all.iter_mut().skip(trip.parameters().start).zip(parameters) {
+            *place = *parameter;
+        }
+        let [value, subroutine, repeats] = all;
+
+        let value = self.trip_number(at, value)?;
+        let value = match (trip, value) {
+            (Trip::Input | Trip::Relative | Trip::Hybrid, Some(0)) => return Ok(None),
+            (Trip::Capture, _) => 0,
+            (Trip::Position | Trip::Relative, Some(value))
+            | (Trip::Input, Some(value @ 1..=4))
+            | (Trip::Time, Some(value @ 1..=65_535))
+            | (Trip::Hybrid, Some(value @ 1..=31)) => value,
+            (Trip::Input, Some(_)) => return Err(Error::IllegalTrip),
+            (_, Some(_)) => return Err(Error::IllegalValue),
+            (_, None) => return Err(Error::MissingSeparator),
+        };
+        let place = match subroutine {
+            Parameter::Absent => None,
+            Parameter::Label(name) => Some(Place::Label(name)),
+            Parameter::Value(operand) => Some(Place::Address(self.operand(at, operand)?)),
+        };
+        let subroutine = match (trip, place) {
+            (Trip::Capture, Some(Place::Address(0))) => return Ok(None),
+            // These have an output of their own.
+            (Trip::Position | Trip::Relative, None | Some(Place::Address(0))) => None,
+            (_, None) => return Err(Error::MissingSeparator),
+            (_, Some(place)) => self.find_line(place).map(|_| Some(place))?,
+        };
+        let repeats = self.trip_number(at, repeats)?.unwrap_or(0);
+        let repeats = u16::try_from(repeats).ok().filter(|&repeats| repeats <= MOST_REPEATS);
+        Ok(Some(Definition { value, subroutine, repeats: repeats.ok_or(Error::IllegalValue)? }))
+    }
+
+    fn trip_number(&mut self, at: Instant, parameter: Parameter) -> Result<Option<i32>, Error> {
+        match parameter {
+            Parameter::Absent => Ok(None),
+            Parameter::Value(operand) => self.operand(at, operand).map(Some),
+            Parameter::Label(name) => self.operand(at, Operand::User(name)).map(Some),
+        }
+    }
+
+    /// Writes TE. What is on already goes on.
+    ///
+    /// # Errors
+    /// 21 above 63, 27 for one that is not defined, 39 for 2 and 16 together; nothing has changed then.
+    pub(in crate::mdrive) fn enable_trips(&mut self, at: Instant, mask: u8) -> Result<(), Error> {
+        self.judge_trips(mask.into())?;
+        let trips = &mut self.mcode.trips;
+        let wanted = || ALL.into_iter().filter(|trip| mask & trip.bit() != 0);
+        let before = trips.enabled;
+        for trip in ALL.into_iter().filter(|trip| mask & trip.bit() == 0) {
+            trips.switch_off(trip);
+        }
+        trips.enabled = mask;
+        for trip in wanted().filter(|trip| before & trip.bit() == 0) {
+            self.arm(at, trip);
+        }
+        Ok(())
+    }
+
+    /// Whether TE may be this.
+    ///
+    /// # Errors
+    /// As [`Self::enable_trips`].
+    pub(in crate::mdrive) fn judge_trips(&self, mask: i32) -> Result<(), Error> {
+        let both = i32::from(Trip::Position.bit() | Trip::Relative.bit());
+        let is_wanted = |trip: &Trip| mask & i32::from(trip.bit()) != 0;
+        if !(0..1 << ALL.len()).contains(&mask) {
+            return Err(Error::IllegalValue);
+        }
+        if ALL.iter().filter(|trip| is_wanted(trip)).any(|trip| self.mcode.trips.definition(*trip).is_none())
+        {
+            return Err(Error::TripNotDefined);
+        }
+        if mask & both == both { Err(Error::TripsTogether) } else { Ok(()) }
+    }
+
+    /// The I/O has told something that may trip.
+    pub(in crate::mdrive) fn trip_on(&mut self, at: Instant, event: io::Event, out: &mut dyn Sink) {
+        match event {
+            io::Event::Active(n) if self.mcode.trips.value(Trip::Input) == Some(n.into()) => {
+                self.trip(at, Trip::Input, out);
+            }
+            io::Event::Capture if self.mcode.trips.value(Trip::Capture).is_some() => {
+                self.trip(at, Trip::Capture, out);
+            }
+            _ => {}
+        }
+    }
+
+    /// Whether a state of the Hybrid, as bits of TA, trips.
+    pub(in crate::mdrive) fn trips_on_status(&self, flags: u8) -> bool {
+        self.mcode.trips.value(Trip::Hybrid).is_some_and(|wanted| wanted & i32::from(flags) != 0)
+    }
+
+    /// The Hybrid's state: what has just become so, as bits of TA.
+    pub(in crate::mdrive) fn trip_on_status(&mut self, at: Instant, flags: u8, out: &mut dyn Sink) {
+        if self.trips_on_status(flags) {
+            self.trip(at, Trip::Hybrid, out);
+        }
+    }
+
+    /// Clock inputs have made steps at once, since it stood there: no plan leads past the position of TP.
+    pub(in crate::mdrive) fn trip_on_steps(&mut self, at: Instant, from: i32, out: &mut dyn Sink) {
+        let Some(position) = self.mcode.trips.value(Trip::Position) else { return };
+        let (way, made) = (position.wrapping_sub(from), self.motion.steps(at).wrapping_sub(from));
+        if way != 0 && way.signum() == made.signum() && way.unsigned_abs() <= made.unsigned_abs() {
+            self.trip(at, Trip::Position, out);
+        }
+    }
+
+    /// The motion has another plan, or a trip is due.
+    pub(in crate::mdrive) fn look_for_trips(&mut self, at: Instant, out: &mut dyn Sink) {
+        let trips = &self.mcode.trips;
+        let dues = [
+            (Trip::Position, trips.position_due),
+            (Trip::Time, trips.time_due),
+            (Trip::Relative, trips.relative_due),
+        ];
+        for (trip, _) in dues.into_iter().filter(|&(_, due)| due <= at) {
+            // The shaft may have come to turn otherwise.
+            if trip != Trip::Relative || self.is_at_relative(at) {
+                self.trip(at, trip, out);
+            }
+        }
+        self.foresee_position(at);
+        self.foresee_relative(at);
+    }
+
+    /// Whether TR goes by what the encoder counts: whatever turns the shaft makes it come at another time.
+    pub(in crate::mdrive) fn trips_on_counts(&self) -> bool {
+        self.mcode.trips.value(Trip::Relative).is_some() && self.bank.word(Reg::EE) != 0
+    }
+
+    /// A trip begins to wait.
+    fn arm(&mut self, at: Instant, trip: Trip) {
+        let Some(Definition { value, repeats, .. }) = self.mcode.trips.definition(trip) else { return };
+        match trip {
+            Trip::Position => self.foresee_position(at),
+            Trip::Time => {
+                let ms = u64::try_from(value).unwrap_or(0);
+                self.mcode.trips.time_due = at + Duration::millis(ms);
+            }
+            Trip::Relative => {
+                let position = self.read(at, Reg::P);
+                let trips = &mut self.mcode.trips;
+                (trips.relative_position, trips.repeats_left) = (position, repeats);
+                trips.relative_not_before = at;
+                self.aim_relative(at);
+            }
+            Trip::Input | Trip::Capture | Trip::Hybrid => {}
+        }
+    }
+
+    /// When TP trips. It counts motor steps, with EE = 1, too (MC 5-74).
+    fn foresee_position(&mut self, at: Instant) {
+        if let Some(position) = self.mcode.trips.value(Trip::Position) {
+            self.mcode.trips.position_due = self.motion.reaches_steps(at, position);
+        }
+    }
+
+    /// TR goes for the next position.
+    fn aim_relative(&mut self, at: Instant) {
+        if let Some(distance) = self.mcode.trips.value(Trip::Relative) {
+            let trips = &mut self.mcode.trips;
+            trips.relative_position = trips.relative_position.wrapping_add(distance);
+            self.foresee_relative(at);
+        }
+    }
+
+    /// When TR trips, which counts as P does (MC 5-75): not before [`FASTEST`] has passed, and then wherever it is.
+    fn foresee_relative(&mut self, at: Instant) {
+        if self.mcode.trips.value(Trip::Relative).is_some() {
+            let is_there = self.is_at_relative(at);
+            let trips = &mut self.mcode.trips;
+            let due = if is_there { at } else { self.motion.reaches(at, trips.relative_position) };
+            trips.relative_due = due.max(trips.relative_not_before);
+        }
+    }
+
+    /// Whether P has come to where TR trips, or beyond.
+    fn is_at_relative(&self, at: Instant) -> bool {
+        let ahead = self.mcode.trips.relative_position.wrapping_sub(self.read(at, Reg::P));
+        let distance = self.mcode.trips.value(Trip::Relative).unwrap_or(0);
+        ahead == 0 || (ahead < 0) == (distance > 0)
+    }
+
+    /// A trip has come.
+    fn trip(&mut self, at: Instant, trip: Trip, out: &mut dyn Sink) {
+        if trip != Trip::Position {
+            self.mcode.trips.captured = self.read(at, Reg::P);
+        }
+        if matches!(trip, Trip::Position | Trip::Relative) {
+            self.io.pulse(at, out);
+        }
+        let trips = &mut self.mcode.trips;
+        if trip == Trip::Relative && trips.repeats_left != 1 {
+            trips.repeats_left = trips.repeats_left.saturating_sub(1);
+            trips.relative_not_before = at + FASTEST;
+            self.aim_relative(at);
+        } else {
+            trips.switch_off(trip);
+        }
+        if self.mcode.trips.subroutine(trip.bit()).is_some() {
+            self.call_trip(at, trip, out);
+        }
+    }
+}

@@ -1,0 +1,401 @@
+//! Lines, jumps, calls, errors, keys.
+
+use super::*;
+
+/// A line acts when its 210 µs are over, labels take as long, and so does E.
+#[test]
+fn a_line_takes_210_us() {
+    let mut bed = Bed::with("LB G1; R1=1; R1=2; E");
+    bed.commands("EX G1");
+    assert_eq!(bed.get(Reg::BY), 1);
+    bed.wait(420.micros() - Duration::TICK);
+    assert_eq!(bed.get(Reg::R1), 0);
+    bed.wait(Duration::TICK);
+    assert_eq!(bed.get(Reg::R1), 1);
+    bed.wait(420.micros() - Duration::TICK);
+    assert_eq!((bed.get(Reg::R1), bed.get(Reg::BY)), (2, 1));
+    bed.wait(Duration::TICK);
+    assert_eq!(bed.get(Reg::BY), 0);
+}
+
+#[test]
+fn arithmetic_and_a_loop() {
+    let mut bed =
+        Bed::with("LB G1; R1=0; R2=10; LB G2; R1=R1+R2; DC R2; BR G2,R2>0; R3=R1*3; R4=R3/4; R3=R3-R4; E");
+    bed.run();
+    assert_eq!(bed.r(), [55, 0, 124, 41]);
+}
+
+#[test]
+fn logic_and_calls_within_calls() {
+    let mut bed = Bed::with(
+        "LB G1; R1=6; R1=R1 & 3; R2=R1 | 8; R3=R2 ^ 3; R4=0; CL K1,R3=9; CL K2,R3<>9; R4=R4+1; E
+         LB K1; CL K3; RT
+         LB K2; R4=1000; RT
+         LB K3; R4=R3*R2; RT",
+    );
+    bed.run();
+    assert_eq!(bed.r(), [2, 10, 9, 91]);
+}
+
+/// (MC 4.9: 32 bits, and a quotient without what is behind its point.)
+#[test]
+fn numbers_wrap_and_quotients_are_cut() {
+    let mut bed = Bed::new(Mdrive::plus());
+    let mut value = |line: &str| {
+        bed.commands(line);
+        bed.get(Reg::R1)
+    };
+    assert_eq!(value("R1=-7/2"), -3);
+    assert_eq!(value("R2=2147483647; R1=R2+1"), i32::MIN);
+    assert_eq!(value("R1=R1/-1"), i32::MIN);
+    assert_eq!(value("R1=65536; R1=R1*R1"), 0);
+    assert_eq!(value("R1=! 5"), -6);
+    assert_eq!(value("R1=2147483647; IC R1"), i32::MIN);
+    assert_eq!(bed.command("R1=5/0"), Err(Error::IllegalValue));
+    assert_eq!(bed.get(Reg::R1), i32::MIN);
+}
+
+#[test]
+fn conditions() {
+    let mut bed = Bed::with("R1=0; BR 4,R2<>3; R1=1; E");
+    for (condition, holds) in [
+        ("R2=3", true),
+        ("R2=4", false),
+        ("R2<>3", false),
+        ("R2<4", true),
+        ("R2<3", false),
+        ("R2<=3", true),
+        ("R2>2", true),
+        ("R2>3", false),
+        ("R2>=3", true),
+        ("R2>=4", false),
+        ("R2", true),
+        ("R4", false),
+    ] {
+        bed.store(2, &std::format!("BR 4,{condition}"));
+        bed.commands("R2=3");
+        bed.run();
+        assert_eq!(bed.get(Reg::R1), i32::from(!holds), "{condition}");
+    }
+}
+
+/// It goes on with the instruction after the one that caused the error (MC 5-52).
+#[test]
+fn an_error_calls_its_handler_and_the_program_goes_on() {
+    let mut bed = Bed::with("LB G1; OE K9; R1=0; VM=1; R2=7; E; LB K9; R1=ER; RT");
+    bed.run();
+    let [r1, r2, ..] = bed.r();
+    assert_eq!((r1, r2, bed.get(Reg::EF), bed.get(Reg::VM)), (23, 7, 0, 768_000));
+}
+
+/// "A program need not be running for the subroutine specified by OE to run" (MC 5-52).
+#[test]
+fn an_immediate_error_calls_the_handler_too() {
+    let mut bed = Bed::with("LB K9; R1=ER; RT");
+    bed.commands("OE K9");
+    assert_eq!(bed.command("RC=101"), Err(Error::IllegalValue));
+    assert_eq!((bed.get(Reg::BY), bed.get(Reg::EF)), (1, 1));
+    bed.lines(3);
+    assert_eq!((bed.get(Reg::R1), bed.get(Reg::BY), bed.get(Reg::EF)), (21, 0, 0));
+
+    bed.commands("R1=0; OE 0");
+    assert_eq!(bed.command("RC=101"), Err(Error::IllegalValue));
+    bed.lines(3);
+    assert_eq!((bed.get(Reg::R1), bed.get(Reg::ER)), (0, 21));
+}
+
+/// A handler that fails is not called by that, or it would never return.
+#[test]
+fn a_handler_that_fails_goes_on() {
+    let mut bed = Bed::with("OE K9; VM=1; R2=7; E; LB K9; RC=101; R1=ER; RT");
+    bed.run();
+    assert_eq!(bed.r(), [21, 7, 0, 0]);
+}
+
+/// 30, 41, 42 and 43 end a program; the handler of OE is called all the same.
+#[test]
+fn what_cannot_go_on_ends() {
+    for (line, error) in
+        [("BR Q9", 30), ("CL Q9", 30), ("R1=Q9", 30), ("RT", 41), ("BR 500", 42), ("CL 1", 43)]
+    {
+        let mut bed = Bed::with(line);
+        bed.store(2, "R2=1; E; LB K9; R3=ER; RT");
+        bed.run();
+        assert_eq!((bed.get(Reg::ER), bed.get(Reg::R2)), (error, 0), "{line}");
+        bed.commands("ER=0; OE K9");
+        bed.run();
+        assert_eq!((bed.get(Reg::ER), bed.r()), (0, [0, 0, error, 0]), "{line}");
+    }
+}
+
+/// Those that others end with go on with the next line.
+#[test]
+fn other_errors_let_a_program_go_on() {
+    for (line, error) in
+        [("RC=101", 21), ("VI=768000", 22), ("VM=1", 23), ("BY=1", 25), ("IC MV", 26), ("TE=1", 27)]
+    {
+        let mut bed = Bed::with(line);
+        bed.store(2, "R2=1; E");
+        bed.run();
+        assert_eq!((bed.get(Reg::ER), bed.get(Reg::R2)), (error, 1), "{line}");
+    }
+}
+
+/// EF "is automatically cleared when a new program is executed" (MC 5-21).
+#[test]
+fn a_start_clears_the_error() {
+    let mut bed = Bed::with("LB G1; E");
+    assert_eq!(bed.command("EX G9"), Err(Error::UnknownLabel));
+    assert_eq!(bed.command("EX 3"), Err(Error::IllegalAddress));
+    assert_eq!((bed.get(Reg::EF), bed.get(Reg::BY)), (1, 0));
+    bed.commands("EX G1");
+    assert_eq!(bed.get(Reg::EF), 0);
+}
+
+/// It is "erased and declared again each time a program is executed" (MC 3.2.2).
+#[test]
+fn local_variables_live_until_the_next_start() {
+    let mut bed = Bed::with("LB G1; VA V1; VA V2=5; V1=V2*1000; E; LB G2; H 10; E");
+    assert_eq!(bed.user(b"V1"), None);
+    bed.commands("VA Q1=3; EX G1");
+    bed.run_to_end();
+    assert_eq!((bed.user(b"V1"), bed.user(b"V2"), bed.get(Reg::EF)), (Some(5_000), Some(5), 0));
+    bed.commands("V1=6; EX G1");
+    bed.run_to_end();
+    assert_eq!((bed.user(b"V1"), bed.get(Reg::EF)), (Some(5_000), 0));
+    bed.commands("EX G2");
+    assert_eq!((bed.user(b"V1"), bed.user(b"Q1")), (None, Some(3)));
+    assert_eq!(bed.command("VA Q1"), Err(Error::Redefined));
+}
+
+/// As in MC 7.2.5.
+#[test]
+fn a_program_without_an_end_ends_behind_its_last_line() {
+    let mut bed = Bed::with("R1=1; R2=1");
+    bed.store(10, "R3=1; E");
+    bed.run();
+    assert_eq!((bed.r(), bed.get(Reg::EF)), ([1, 1, 0, 0], 0));
+}
+
+#[test]
+fn a_branch_to_itself_takes_its_time() {
+    let mut bed = Bed::with("LB G1; BR G1");
+    bed.commands("EX G1");
+    bed.wait(10.secs());
+    assert_eq!(bed.get(Reg::BY), 1);
+    bed.commands("E");
+    assert_eq!(bed.get(Reg::BY), 0);
+    // E without a program is no error.
+    bed.commands("E");
+}
+
+#[test]
+fn a_hold_takes_its_time() {
+    let mut bed = Bed::with("H 100; R1=1; E");
+    bed.commands("EX 1");
+    bed.wait(100.millis() + 420.micros() - Duration::TICK);
+    assert_eq!(bed.get(Reg::R1), 0);
+    bed.wait(Duration::TICK);
+    assert_eq!(bed.get(Reg::R1), 1);
+    // What is typed has no part in where a program is (MC 9.3, 40).
+    for line in ["H", "H 5", "BR 1", "RT"] {
+        assert_eq!(bed.command(line), Err(Error::NotRunning), "{line}");
+    }
+    bed.commands("E");
+    for (line, error) in [("H", 40), ("H 5", 40), ("BR 1", 40), ("RT", 40), ("LB K1", 46)] {
+        assert_eq!(bed.command(line).map_err(|it| it as u8), Err(error), "{line}");
+    }
+    bed.store(1, "H 65001; R1=2; E");
+    bed.commands("ER=0; EX 1");
+    bed.run_to_end();
+    assert_eq!((bed.get(Reg::ER), bed.get(Reg::R1)), (21, 2));
+}
+
+/// PS holds lines and times, RS goes on with what was left.
+#[test]
+fn a_pause_holds_everything() {
+    let mut bed = Bed::with("H 100; R1=1; E");
+    bed.commands("EX 1");
+    bed.wait(50.millis());
+    bed.commands("PS");
+    assert_eq!((bed.get(Reg::BY), bed.drive().mcode.vm.is_paused()), (1, true));
+    bed.wait(10.secs());
+    bed.commands("R2=5");
+    for line in ["BR 2", "CL 2", "H 5", "RT"] {
+        assert_eq!(bed.command(line), Err(Error::NotRunning), "{line}");
+    }
+    bed.commands("RS");
+    bed.wait(50.millis() + 420.micros() - Duration::TICK);
+    assert_eq!(bed.r(), [0, 5, 0, 0]);
+    bed.wait(Duration::TICK);
+    assert_eq!(bed.r(), [1, 5, 0, 0]);
+}
+
+/// However a pause ends, orders that come later are carried out one after the other, and RS finds nothing of before.
+#[test]
+fn what_ends_a_program_ends_its_pause() {
+    for way in ["E", "EX G1", "CP", "FD", "PS; RS; SL 0"] {
+        for runs in [true, false] {
+            let mut bed = Bed::with("LB G1; E; LB G2; BR G2");
+            bed.commands("MR 100000; MR 7");
+            bed.wait(50.millis());
+            if runs {
+                bed.commands("EX G2");
+            }
+            bed.commands("PS");
+            bed.wait(1.secs());
+            bed.commands(way);
+            bed.wait(1.secs());
+            let start = bed.get(Reg::P);
+            bed.commands("RS; MR 1000; MR 1000");
+            bed.wait(1.secs());
+            assert_eq!((bed.get(Reg::P), bed.get(Reg::MV)), (start + 2_000, 0), "{way}, {runs}");
+        }
+    }
+}
+
+/// H of a program that a pause came before waits for all that the program has ordered.
+#[test]
+fn a_program_moves_after_a_pause_that_another_one_had() {
+    let mut bed = Bed::with("MR 1000; MR 1000; H; R1=P; E");
+    bed.commands("MR 100000; PS");
+    bed.wait(1.secs());
+    bed.commands("P=0");
+    bed.run();
+    assert_eq!((bed.get(Reg::R1), bed.get(Reg::ER)), (2_000, 0));
+}
+
+#[test]
+fn a_new_start_replaces_what_runs() {
+    let mut bed = Bed::with("LB G1; BR G1; LB G2; R1=1; E");
+    bed.commands("EX G1");
+    bed.lines(7);
+    assert_eq!(bed.command("EX G9"), Err(Error::UnknownLabel));
+    assert_eq!(bed.get(Reg::BY), 1);
+    bed.commands("EX G2");
+    bed.lines(3);
+    assert_eq!((bed.get(Reg::R1), bed.get(Reg::BY)), (1, 0));
+}
+
+/// "CL" may be typed, too (MC 5-13): the subroutine runs, then what ran before.
+#[test]
+fn a_call_that_is_typed() {
+    let mut bed = Bed::with("LB K1; R1=R1+1; RT; LB G1; IC R2; BR G1");
+    bed.commands("CL K1");
+    bed.lines(3);
+    assert_eq!((bed.get(Reg::R1), bed.get(Reg::BY)), (1, 0));
+    bed.commands("EX G1");
+    bed.lines(30);
+    let before = bed.get(Reg::R2);
+    bed.commands("CL K1");
+    bed.lines(3);
+    assert_eq!((bed.get(Reg::R1), bed.get(Reg::R2), bed.get(Reg::BY)), (2, before, 1));
+    bed.lines(30);
+    assert_eq!(bed.get(Reg::R2), before + 10);
+}
+
+/// (MC 5-36, 5-39, 8.5)
+#[test]
+fn input_into_a_variable() {
+    let mut bed = Bed::with("IV R1; LB K1; BR K1,IF=1; R2=R1*2; E");
+    bed.commands("EX 1");
+    bed.wait(1.secs());
+    assert_eq!((bed.get(Reg::IF), bed.get(Reg::BY)), (1, 1));
+    assert_eq!(bed.command("IV R2"), Err(Error::InputPending));
+    bed.commands("R3=5; -21");
+    assert_eq!((bed.get(Reg::IF), bed.get(Reg::R1)), (0, -21));
+    bed.run_to_end();
+    assert_eq!(bed.r(), [-21, -42, 5, 0]);
+
+    assert_eq!(bed.command("IV Q1"), Err(Error::UnknownLabel));
+    bed.commands("VA Q1; IV Q1; 7");
+    assert_eq!(bed.user(b"Q1"), Some(7));
+    bed.commands("IV Q1; IF=0");
+    assert_eq!(bed.get(Reg::IF), 0);
+    bed.commands("IV Q1");
+    bed.command("").unwrap();
+    assert_eq!(bed.get(Reg::IF), 0);
+    // Only IV sets it.
+    assert_eq!(bed.command("IF=1"), Err(Error::IllegalValue));
+    assert_eq!(bed.get(Reg::IF), 0);
+    // Nothing has moved: there is nothing that a number would repeat.
+    assert_eq!(bed.command("7"), Err(Error::IllegalData));
+}
+
+/// Local variables are gone at the next start, and what waits for one of them is, too.
+#[test]
+fn input_for_a_variable_that_is_gone() {
+    let mut bed = Bed::with("VA Q1; IV Q1; E; LB G1; E");
+    bed.run();
+    assert_eq!(bed.get(Reg::IF), 1);
+    bed.commands("EX G1");
+    bed.run_to_end();
+    assert_eq!(bed.get(Reg::IF), 0);
+    bed.commands("IV R1; EX G1");
+    bed.run_to_end();
+    bed.commands("5");
+    assert_eq!(bed.get(Reg::R1), 5);
+}
+
+/// What is typed is shown nowhere, what a program does in trace mode is (MC 5-24).
+#[test]
+fn trace_shows_each_line_when_it_acts() {
+    let mut bed = Bed::with("LB G1; R1=1; E");
+    bed.world.said.clear();
+    bed.commands("EX G1,1");
+    assert_eq!(bed.world.said, "");
+    bed.lines(2);
+    assert_eq!(bed.world.said, "LB G1\r\nR1=1\r\n");
+    bed.lines(1);
+    assert_eq!(bed.world.said, "LB G1\r\nR1=1\r\nE\r\n");
+    assert_eq!(bed.command("EX G1,3"), Err(Error::IllegalValue));
+}
+
+/// "Each line will be executed and listed in the terminal window and the program will stop" (MC 6.1.9).
+#[test]
+fn single_steps_wait_for_a_key() {
+    let mut bed = Bed::with("LB G1; R1=1; R2=1; R3=1; E");
+    bed.world.said.clear();
+    bed.commands("EX G1,2");
+    bed.wait(1.secs());
+    assert_eq!(bed.world.said, "LB G1\r\n");
+    let key = |bed: &mut Bed, one| {
+        assert!(bed.drive().mcode.vm.is_stepping());
+        let now = bed.now;
+        bed.mdrive.drive.mcode.vm.step(now, one);
+        bed.wait(1.secs());
+    };
+    key(&mut bed, true);
+    assert_eq!((bed.world.said.as_str(), bed.r()), ("LB G1\r\nR1=1\r\n", [1, 0, 0, 0]));
+    bed.commands("R4=R1+6");
+    key(&mut bed, false);
+    assert_eq!((bed.world.said.as_str(), bed.r()), ("LB G1\r\nR1=1\r\n", [1, 1, 1, 7]));
+    assert_eq!(bed.get(Reg::BY), 0);
+}
+
+/// "The program will then run normally the number of times specified by the count, then go into single-step mode"
+/// (MC 5-5).
+#[test]
+fn a_break_point_stops_a_trace() {
+    let program = "LB X1; R1=R1+1; BR X1,R1<9; E";
+    for mode in [1, 2] {
+        let mut bed = Bed::with(program);
+        bed.commands("BP X1,3");
+        bed.command(&std::format!("EX 1,{mode}")).unwrap();
+        bed.wait(1.secs());
+        assert_eq!(bed.get(Reg::R1), 3);
+        assert!(bed.drive().mcode.vm.is_stepping());
+    }
+    let mut bed = Bed::with(program);
+    bed.commands("BP X1; EX 1,1");
+    bed.wait(1.secs());
+    assert_eq!((bed.get(Reg::R1), bed.drive().mcode.vm.is_stepping()), (0, true));
+    let mut bed = Bed::with(program);
+    bed.commands("BP X1,3");
+    bed.run();
+    assert_eq!(bed.get(Reg::R1), 9);
+    bed.commands("R1=0; BP 0; EX 1,1");
+    bed.run_to_end();
+    assert_eq!(bed.get(Reg::R1), 9);
+}

@@ -1,0 +1,221 @@
+//! MDrive Motion Control with Ethernet: an integrated stepper motor and drive, MDrivePlus² or Hybrid, with Modbus/TCP on
+//! port 502 and MCode on port 503.
+//!
+//! Follows *MODBUS/TCP Fieldbus Manual* R040611 (FB) and *MCode Programming and Software Reference* R062812 (MC, with its
+//! page).
+
+mod drive;
+mod error;
+mod hybrid;
+mod io;
+mod mcode;
+mod modbus;
+mod motion;
+mod registers;
+mod saved;
+mod startup;
+mod variables;
+
+#[cfg(test)]
+mod tests;
+
+use standin_protocol::registers::{Register, Table};
+
+use self::drive::{Drive, Model};
+pub use self::registers::Reg;
+use crate::device::{
+    AxisSpec, Boot, Device, EncoderSpec, Ends, Fault, Input, Instant, Level, Pin, PinSpec, Port, PortSpec,
+    Refused, Role, Sink, Spec,
+};
+
+const MODBUS: Port = Port(0);
+const MCODE: Port = Port(1);
+
+const IO1: Pin = Pin(0);
+const IO2: Pin = Pin(1);
+const IO3: Pin = Pin(2);
+const IO4: Pin = Pin(3);
+const IO7: Pin = Pin(4);
+const IO8: Pin = Pin(5);
+const ANALOG: Pin = Pin(6);
+const CAPTURE: Pin = Pin(7);
+const A: Pin = Pin(8);
+const B: Pin = Pin(9);
+const INDEX: Pin = Pin(10);
+
+/// The shaft is held.
+const STALL: Fault = Fault(0);
+/// Of a Hybrid.
+const LOCKED_ROTOR: Fault = Fault(1);
+const LEAD_LIMIT: Fault = Fault(2);
+const LAG_LIMIT: Fault = Fault(3);
+const OVER_TEMPERATURE: Fault = Fault(4);
+const CALIBRATION: Fault = Fault(5);
+
+/// Bytes of the non-volatile memory.
+pub const MEMORY: usize = saved::MEMORY;
+
+/// Across it a current into ANALOG is a voltage: 20 mA are 5 V. The manuals do not say.
+const SHUNT_OHM: u16 = 250;
+
+const fn pin(name: &'static str, role: Role, rest: Level) -> PinSpec {
+    PinSpec { name, role, rest, shunt_ohm: 0 }
+}
+
+// An open input floats high if it sinks and low if it sources, so it tells that it is open. A remote encoder counts once
+// something drives it.
+#[rustfmt::skip]
+static PINS: [PinSpec; 11] = [
+    pin("IO1", Role::Both, Level::Float),
+    pin("IO2", Role::Both, Level::Float),
+    pin("IO3", Role::Both, Level::Float),
+    pin("IO4", Role::Both, Level::Float),
+    pin("IO7", Role::Both, Level::High),
+    pin("IO8", Role::Both, Level::High),
+    PinSpec { shunt_ohm: SHUNT_OHM, ..pin("ANALOG", Role::Analogue, Level::Low) },
+    pin("CAPTURE", Role::Both, Level::High),
+    pin("A", Role::Input, Level::Float),
+    pin("B", Role::Input, Level::Float),
+    pin("I", Role::Input, Level::Float),
+];
+
+static MDRIVE: Spec =
+    spec("mdrive", "MDrive 23 Plus2 Motion Control, Ethernet", Model::Plus, Reg::TABLE, &["stall"]);
+static MDRIVE_HYBRID: Spec = spec(
+    "mdrive-hybrid",
+    "MDrive 23 Hybrid Motion Control, Ethernet",
+    Model::Hybrid,
+    &registers::TABLE_HYBRID,
+    &["stall", "locked_rotor", "lead_limit", "lag_limit", "over_temperature", "calibration"],
+);
+
+/// What of MCode there is not, and why.
+static NOT_MODELLED: [&str; 9] = [
+    "MCode over UDP (FB 6.3, MC 1.2.2)",
+    "BD, CK, DG, DN, PY, QD and Ctrl-J (MC 1.2.2): of drives with a serial port; error 37 unless SerialCommands is 1",
+    "D9 to D12, I9 to I12, O9 to O12, S9 to S12, IH, OH (FB 1.2.1): drives with Ethernet have no such I/O; error 37",
+    "AT, FT, I7, I8, I13 (MC 5-3, 5-27, 5-34, 5-35): reserved; error 37",
+    "PW (MC 5-58): of another product; a free name",
+    "UG (MC 5-77) and the upgrade of the Ethernet controller (FB 6.6): there is no other firmware; error 37",
+    "torque compensation (CA = 0,1, MC 5-9): this motor has nothing to compensate",
+    "make-up steps between those of a move (MC 5-50): they are made behind it",
+    "setting IP address, netmask and MAC address (FB 6.3): the protocol is not published",
+];
+
+/// What both products have in common.
+const fn spec(
+    kind: &'static str,
+    product: &'static str,
+    model: Model,
+    registers: &'static Table,
+    faults: &'static [&'static str],
+) -> Spec {
+    Spec {
+        kind,
+        product,
+        manual: "MODBUS/TCP Fieldbus Manual R040611, MCode Programming and Software Reference R062812",
+        ports: &[
+            PortSpec { name: "modbus", ends: Ends::Mbap, line: None },
+            PortSpec { name: "mcode", ends: Ends::Return, line: None },
+        ],
+        pins: &PINS,
+        axes: &[AxisSpec { name: "motor", step_dir: None }],
+        encoders: &[EncoderSpec { a: A, b: B, index: Some(INDEX) }],
+        faults,
+        memory: MEMORY as u16,
+        registers,
+        variant: model.variant(),
+        not_modelled: &NOT_MODELLED,
+        ..Spec::BARE
+    }
+}
+
+/// An MDrive with its motor.
+#[derive(Clone, Debug)]
+pub struct Mdrive {
+    drive: Drive,
+}
+
+impl Mdrive {
+    /// An MDrivePlus², without power.
+    // Where it will be: a copy takes room on a board's stack.
+    #[inline(always)]
+    #[must_use]
+    pub fn plus() -> Self {
+        Self { drive: Drive::new(Model::Plus) }
+    }
+
+    /// An MDrive Hybrid, without power.
+    #[inline(always)]
+    #[must_use]
+    pub fn hybrid() -> Self {
+        Self { drive: Drive::new(Model::Hybrid) }
+    }
+}
+
+impl Device for Mdrive {
+    fn spec(&self) -> &'static Spec {
+        match self.drive.model {
+            Model::Plus => &MDRIVE,
+            Model::Hybrid => &MDRIVE_HYBRID,
+        }
+    }
+
+    fn power_on(&mut self, at: Instant, boot: Boot, out: &mut dyn Sink) {
+        self.drive.power_on(at, boot, out);
+    }
+
+    fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Sink) {
+        let drive = &mut self.drive;
+        match input {
+            Input::Message { port: MODBUS, link, bytes } => drive.serve(at, link, bytes, out),
+            Input::Message { link, bytes, .. } if drive.hears() => drive.console_heard(at, link, bytes, out),
+            Input::Opened { port: MCODE, link } => drive.console_opened(at, link, out),
+            Input::Closed { port: MCODE, link } => drive.console_closed(link),
+            Input::Edge { pin, high } => drive.edge(at, pin, high, out),
+            Input::Open { pin } => drive.opened(at, pin, out),
+            Input::Millivolts { pin: ANALOG, mv } => drive.voltage(at, mv),
+            Input::Fault { fault, on } => drive.set_cause(at, fault, on, out),
+            // It does not hear yet; it has no serial port, and its motor is its own.
+            Input::Message { .. }
+            | Input::Opened { .. }
+            | Input::Closed { .. }
+            | Input::Bytes { .. }
+            | Input::Spoiled { .. }
+            | Input::Idle { .. }
+            | Input::Millivolts { .. }
+            | Input::Attached { .. }
+            | Input::Count { .. }
+            | Input::Current { .. }
+            | Input::Duty { .. }
+            | Input::Draws { .. }
+            | Input::Plan { .. }
+            | Input::Step { .. }
+            | Input::Slipped { .. } => {}
+        }
+        drive.settle(at, out);
+    }
+
+    fn deadline(&self) -> Instant {
+        self.drive.deadline()
+    }
+
+    fn timeout(&mut self, at: Instant, out: &mut dyn Sink) {
+        if self.drive.deadline() <= at {
+            self.drive.timeout(at, out);
+        }
+    }
+
+    fn peek(&self, at: Instant, row: usize) -> i64 {
+        Reg::from_row(row).map_or(0, |reg| self.drive.peek(at, reg))
+    }
+
+    fn poke(&mut self, at: Instant, row: usize, value: i64, out: &mut dyn Sink) -> Result<(), Refused> {
+        let reg = Reg::from_row(row).ok_or(Refused::NoSuchRegister)?;
+        self.drive.poke(at, reg, value, out)
+    }
+
+    fn microsteps(&self, _axis: crate::device::Axis) -> u16 {
+        self.drive.bank.word(Reg::MS)
+    }
+}

@@ -1,0 +1,336 @@
+//! What comes on port 502: the functions of FB 4.
+//!
+//! What names an address that is not there, or has another structure, never reaches the drive; what the drive refuses
+//! is an error of MCode, too.
+
+use standin_protocol::modbus::pdu::{ENCAPSULATED_INTERFACE, EXCEPTION_BIT, Exception};
+use standin_protocol::modbus::server::{Map, Outcome, Rules, Values, serve_tcp};
+use standin_protocol::modbus::tcp::{self, Adu};
+use standin_protocol::modbus::{Reply, Why, identification};
+use standin_protocol::registers::Entries;
+
+use super::MODBUS;
+use super::drive::{Drive, Model, SERIAL_NUMBER};
+use super::error::Error;
+use super::mcode::print::Text;
+use super::mcode::statement::{Expression, Operand, Statement};
+use super::registers::Reg;
+use super::variables::illegal;
+use crate::device::{Instant, Link, Note, Output, Sink};
+
+/// Read manufacturer specific (FB 4.3.2).
+const READ_SPECIFIC: u8 = 65;
+/// Write manufacturer specific (FB 4.3.3).
+const WRITE_SPECIFIC: u8 = 66;
+
+/// Up to four registers (FB 4.2.4, 4.2.5), inputs (FB 4.2.1) or outputs (FB 4.2.2); half of a value cannot be written.
+static RULES: Rules = Rules {
+    functions: &[1, 2, 3, 5, 16, ENCAPSULATED_INTERFACE, READ_SPECIFIC, WRITE_SPECIFIC],
+    broadcast: None,
+    most_read: 4,
+    most_written: 4,
+    bits_per_word: 1,
+    writes_halves: false,
+    bad_quantity: Exception::IllegalDataValue,
+    bad_value: Exception::IllegalDataValue,
+    read_only: Exception::IllegalDataAddress,
+};
+
+/// Of the identification: regular objects, also one by one.
+const CONFORMITY: u8 = 0x82;
+
+/// The most of a parameter string (FB 4.3.3).
+const MOST_STRING: usize = 28;
+/// A mnemonic in a request: backwards, behind blanks.
+const MNEMONIC: usize = 4;
+
+/// What functions 65 and 66 are for (FB 4.3.1).
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+enum Specific {
+    /// Values to read and to write.
+    Values,
+    /// E, PS, RS.
+    Command,
+    /// EX, with an address or a label.
+    Execute,
+}
+
+impl Specific {
+    /// What a mnemonic is for.
+    fn find(mnemonic: &[u8], model: Model) -> Option<Self> {
+        match mnemonic {
+            b"S1" | b"S2" | b"S3" | b"S4" | b"S5" | b"S13" | b"TR" => Some(Self::Values),
+            b"S7" | b"S8" | b"CR" if model == Model::Plus => Some(Self::Values),
+            b"MU" if model == Model::Hybrid => Some(Self::Values),
+            b"E" | b"PS" | b"RS" => Some(Self::Command),
+            b"EX" => Some(Self::Execute),
+            _ => None,
+        }
+    }
+}
+
+impl Drive {
+    /// Answers a request.
+    pub(super) fn serve(&mut self, at: Instant, link: Link, adu: &[u8], out: &mut dyn Sink) {
+        let mut reply = Adu::new();
+        let outcome = if self.hears() {
+            serve_tcp(adu, &RULES, &mut Bus { drive: self, at, out }, &mut reply)
+        } else {
+            refuse(adu, &mut reply)
+        };
+        out.put(at, Output::Note(Note::of(MODBUS, outcome)));
+        if !reply.is_empty() {
+            out.put(at, Output::Message { port: MODBUS, link, bytes: &reply });
+        }
+    }
+
+    /// Tells MCode of an error, and says what the bus is told.
+    fn refuse(&mut self, at: Instant, error: Error, out: &mut dyn Sink) -> Exception {
+        self.fail(at, error, out);
+        error.exception()
+    }
+
+    /// Judges all that a write brings on its outcome, then does all of it.
+    ///
+    /// # Errors
+    /// The first that is refused; nothing has changed then.
+    fn write_all(&mut self, at: Instant, values: &Values<'_, Reg>, out: &mut dyn Sink) -> Result<(), Error> {
+        let brought = |reg| values.get(reg).map(narrow);
+        for (reg, value) in values.iter() {
+            // MCode takes more (FB 5).
+            let most = match reg {
+                Reg::CE => 1,
+                Reg::OT => 15,
+                Reg::TE => 43,
+                _ => i32::MAX,
+            };
+            if narrow(value) > most {
+                return Err(Error::IllegalValue);
+            }
+            // MR is next to MS.
+            if self.calibrates(reg, narrow(value)) && brought(Reg::MR).is_some() {
+                return Err(Error::CalibrationInMotion);
+            }
+            self.judge(at, reg, narrow(value), &|other| brought(other).unwrap_or_else(|| self.held(other)))?;
+        }
+        // An order may be refused all the same, so it comes first. There is one of these at most in four registers.
+        for ordered in [true, false] {
+            for (reg, value) in values.iter().filter(|(reg, _)| is_order(*reg) == ordered) {
+                self.apply(at, reg, narrow(value), out)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Carries out function 65 or 66, of which `data` is what follows the mnemonic.
+    fn serve_specific(
+        &mut self,
+        at: Instant,
+        function: u8,
+        mnemonic: [u8; MNEMONIC],
+        data: &[u8],
+        reply: &mut Reply,
+        out: &mut dyn Sink,
+    ) -> Result<(), Exception> {
+        let mut forward = mnemonic;
+        forward.reverse();
+        let name = forward.trim_ascii_end();
+        let specific = Specific::find(name, self.model).ok_or(Exception::IllegalDataAddress)?;
+        if function == READ_SPECIFIC && specific == Specific::Values {
+            return if data.is_empty() {
+                self.read_values(at, name, reply)
+            } else {
+                Err(Exception::IllegalDataValue)
+            };
+        }
+        let string = match data.split_first() {
+            None if specific == Specific::Command => data,
+            Some((&count, string)) if usize::from(count) == string.len() => string,
+            _ => return Err(Exception::IllegalDataValue),
+        };
+        let fits = match specific {
+            Specific::Command => string.is_empty(),
+            Specific::Values | Specific::Execute => (1..=MOST_STRING).contains(&string.len()),
+        };
+        if !fits {
+            return Err(Exception::IllegalDataValue);
+        }
+        let done = match specific {
+            Specific::Values => self.write_values(at, name, string, out),
+            Specific::Command => self.command(at, name, out),
+            Specific::Execute => self.execute_at(at, string, out),
+        };
+        done.map_err(|error| self.refuse(at, error, out))?;
+        let _ = match function {
+            READ_SPECIFIC => reply.extend_from_slice(&[function, 0]),
+            _ => reply
+                .extend_from_slice(&[function, MNEMONIC as u8])
+                .and_then(|()| reply.extend_from_slice(&mnemonic)),
+        };
+        Ok(())
+    }
+
+    /// The values of a mnemonic, as PR prints them.
+    fn read_values(&mut self, at: Instant, name: &[u8], reply: &mut Reply) -> Result<(), Exception> {
+        let _ = reply.extend_from_slice(&[READ_SPECIFIC, 0]);
+        let head = reply.len();
+        self.print_values(at, name, &mut Answer(reply)).map_err(Error::exception)?;
+        let count = reply.len() - head;
+        if let Some(target) = reply.get_mut(head - 1) {
+            *target = (count & 0xFF) as u8;
+        }
+        Ok(())
+    }
+
+    /// Sets the values of a mnemonic: `=` and values, as MCode has it.
+    fn write_values(
+        &mut self,
+        at: Instant,
+        name: &[u8],
+        string: &[u8],
+        out: &mut dyn Sink,
+    ) -> Result<(), Error> {
+        if string.first() != Some(&b'=') {
+            return Err(Error::IllegalData);
+        }
+        match self.parse(&joined(name, string))? {
+            Statement::SetList(list, parameters) => self.write_list(at, list, &parameters, out),
+            Statement::Set(reg, Expression { not: false, first: Operand::Number(value), then: None }) => {
+                self.write(at, reg, value, out)
+            }
+            _ => Err(Error::IllegalData),
+        }
+    }
+
+    fn command(&mut self, at: Instant, name: &[u8], out: &mut dyn Sink) -> Result<(), Error> {
+        match name {
+            b"PS" => self.pause_program(at, out),
+            b"RS" => self.resume_program(at, out),
+            _ => self.end_program(),
+        }
+        Ok(())
+    }
+
+    /// Runs the program at an address or a label, of which `=` may stand before it.
+    fn execute_at(&mut self, at: Instant, place: &[u8], out: &mut dyn Sink) -> Result<(), Error> {
+        let place = place.strip_prefix(b"=").unwrap_or(place);
+        match self.parse(&joined(b"EX ", place))? {
+            Statement::Execute(place, None) => self.start_program(at, place, 0, out),
+            _ => Err(Error::IllegalData),
+        }
+    }
+}
+
+/// What motion may refuse when it is to begin, and not only when it is judged.
+fn is_order(reg: Reg) -> bool {
+    matches!(reg, Reg::HM | Reg::MA | Reg::MR)
+}
+
+/// A value of the bus, whose rows have none that does not fit.
+fn narrow(value: i64) -> i32 {
+    i32::try_from(value).unwrap_or(i32::MAX)
+}
+
+/// Two texts in one; there is room for a mnemonic and the longest string.
+fn joined(first: &[u8], second: &[u8]) -> heapless::Vec<u8, { MNEMONIC + MOST_STRING }> {
+    let mut text = heapless::Vec::new();
+    let _ = text.extend_from_slice(first).and_then(|()| text.extend_from_slice(second));
+    text
+}
+
+/// A drive that does not hear yet, behind an Ethernet controller that does.
+fn refuse(adu: &[u8], reply: &mut Adu) -> Outcome {
+    let exception = Exception::ServerDeviceFailure;
+    let Some((header, &[function, ..])) = tcp::parse(adu) else {
+        return Outcome::Dropped(Why::Length);
+    };
+    *reply = tcp::frame(header, &[function | EXCEPTION_BIT, exception.code()]);
+    Outcome::Served { unit: header.unit, function, refused: Some(exception) }
+}
+
+/// Text that goes into a reply.
+struct Answer<'a>(&'a mut Reply);
+
+impl Text for Answer<'_> {
+    fn say(&mut self, text: &[u8]) {
+        let _ = self.0.extend_from_slice(text);
+    }
+}
+
+/// The drive as its bus sees it during a request.
+struct Bus<'a> {
+    drive: &'a mut Drive,
+    at: Instant,
+    out: &'a mut dyn Sink,
+}
+
+impl Map for Bus<'_> {
+    type Register = Reg;
+
+    fn words(&self) -> &[u16] {
+        self.drive.bank.words()
+    }
+
+    fn words_mut(&mut self) -> &mut [u16] {
+        self.drive.bank.words_mut()
+    }
+
+    fn refresh(&mut self, register: Reg) {
+        let value = self.drive.read(self.at, register);
+        self.drive.bank.set(register, value.into());
+        self.drive.has_read(register);
+    }
+
+    /// All is done by [`Map::carry_out`].
+    fn written(&mut self, _register: Reg) {}
+
+    fn entries(&self) -> &'static Entries {
+        self.drive.model.entries()
+    }
+
+    fn carry_out(&mut self, values: &Values<'_, Reg>) -> Option<Result<(), Exception>> {
+        let written = self.drive.write_all(self.at, values, self.out);
+        Some(written.map_err(|error| self.drive.refuse(self.at, error, self.out)))
+    }
+
+    fn out_of_range(&mut self, register: Reg, value: i64) {
+        let error = match register {
+            Reg::VM if value <= self.drive.bank.get(Reg::VI) => Error::MaximumVelocity,
+            Reg::VI if value >= self.drive.bank.get(Reg::VM) => Error::InitialVelocity,
+            _ => illegal(register),
+        };
+        self.drive.fail(self.at, error, self.out);
+    }
+
+    fn is_there(&self, register: Reg) -> bool {
+        self.drive.is_there(register)
+    }
+
+    fn serve_other(&mut self, pdu: &[u8], reply: &mut Reply) -> Result<(), Exception> {
+        let Self { drive, at, out } = self;
+        let Some((&function, data)) = pdu.split_first() else { return Err(Exception::IllegalFunction) };
+        if function == ENCAPSULATED_INTERFACE {
+            return identify(drive.model, pdu, reply);
+        }
+        let (mnemonic, data) = data.split_first_chunk().ok_or(Exception::IllegalDataValue)?;
+        drive.serve_specific(*at, function, *mnemonic, data, reply, *out)
+    }
+}
+
+/// Answers function 43 (FB 4.1.1).
+fn identify(model: Model, pdu: &[u8], reply: &mut Reply) -> Result<(), Exception> {
+    let firmware = match model {
+        Model::Plus => joined(b"MDI ", model.version()),
+        Model::Hybrid => joined(b"ASI ", model.version()),
+    };
+    let objects: [identification::Object<'_>; 7] = [
+        (0, b"SEM USA"),
+        (1, model.part_number()),
+        (2, b"4.0.0.0"),
+        (3, b"www.imshome.com"),
+        (4, b"MDrive Ethernet"),
+        (5, SERIAL_NUMBER),
+        (6, &firmware),
+    ];
+    identification::answer(pdu, CONFORMITY, &objects, reply)
+}

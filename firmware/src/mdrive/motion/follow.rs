@@ -1,0 +1,117 @@
+//! The clock inputs turn the motor (MC 5-13, 5-14).
+//!
+//! At a ratio of 1.000 each step is made when it is asked for. At any other the speed that is asked for is looked at
+//! every millisecond and come to with A and D; what is left of the way when the clock has stopped is a move.
+
+use fixed::types::I24F8;
+
+use super::orders::Activity;
+use super::{Motion, Settings};
+use crate::device::{Duration, Instant, Plan, Sink};
+use standin_protocol::time::TICKS_PER_SECOND;
+
+/// How often the speed is looked at.
+const LOOK: Duration = Duration::millis(1);
+/// A clock that says nothing for so long stands.
+const QUIET: Duration = Duration::millis(10);
+
+/// The ratio without ramps.
+const AT_ONCE: u16 = 1_000;
+
+/// What the clock asks for.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) struct Follow {
+    /// Where the plan is to be.
+    target: i32,
+    /// Steps since the last look, and when the last of them came.
+    steps: i32,
+    last: Instant,
+    /// When the last of those before came.
+    before: Instant,
+    speed: I24F8,
+}
+
+impl Follow {
+    pub(super) const NEW: Self =
+        Self { target: 0, steps: 0, last: Instant::ZERO, before: Instant::ZERO, speed: I24F8::ZERO };
+
+    /// What the clock asks for, in steps/s.
+    pub(super) fn speed(&self) -> I24F8 {
+        self.speed
+    }
+
+    /// Steps come.
+    fn take(&mut self, at: Instant, steps: i32) {
+        self.target = self.target.wrapping_add(steps);
+        self.steps = self.steps.saturating_add(steps);
+        self.last = at;
+    }
+
+    /// Looks how fast they have come since the last look.
+    fn look(&mut self, at: Instant) {
+        if self.last > self.before {
+            let ticks = self.last.since(self.before).ticks().cast_signed();
+            let way = i64::from(self.steps) * (TICKS_PER_SECOND << 8).cast_signed();
+            let bits = way.checked_div(ticks).unwrap_or(0);
+            let most = i64::from(I24F8::MAX.to_bits());
+            self.speed = I24F8::from_bits(bits.clamp(-most, most) as i32);
+            (self.steps, self.before) = (0, self.last);
+        } else if at.since(self.last) >= QUIET {
+            self.speed = I24F8::ZERO;
+        }
+    }
+}
+
+impl Settings {
+    /// Whether steps of the clock are made without ramps.
+    pub(super) fn follows_at_once(&self) -> bool {
+        self.ratio == AT_ONCE
+    }
+}
+
+impl Motion {
+    /// Steps are asked for: they are made, unless an order moves it.
+    pub(super) fn clocked(&mut self, at: Instant, steps: i32, out: &mut dyn Sink) {
+        let begins = self.activity == Activity::Rest;
+        if !self.settings.follows_clock || !begins && self.activity != Activity::Follows {
+            return;
+        }
+        if begins {
+            self.watch_from(at);
+            self.follow = Follow { target: self.motor.position(at), before: at, ..Follow::NEW };
+            self.enter(Activity::Follows, at + LOOK);
+        }
+        self.follow.take(at, steps);
+        if self.settings.follows_at_once() {
+            self.motor.step(at, steps, out);
+            self.changed = true;
+        }
+    }
+
+    /// Looks at the clock.
+    pub(super) fn follow_on(&mut self, at: Instant, out: &mut dyn Sink) {
+        self.due = at + LOOK;
+        let before = self.follow.speed;
+        self.follow.look(at);
+        let Follow { speed, target, last, .. } = self.follow;
+        let (plan, rates) = (self.motor.plan(), self.settings.rates());
+        let (here, stands) = (self.motor.position(at), plan.end() <= at);
+        let (left, is_quiet) = (target.wrapping_sub(here), at.since(last) >= QUIET);
+        let ramps = !self.settings.follows_at_once();
+        if ramps && (speed != before || stands && speed != 0) {
+            let plan = plan.slew(at, speed, rates);
+            self.go(at, plan, out);
+        } else if is_quiet && stands && left != 0 {
+            self.go(at, Plan::profile(at, here, left, rates), out);
+        } else if is_quiet && stands {
+            self.settle(at, None, out);
+        }
+    }
+
+    /// CM has changed, or whether there are ramps.
+    pub(super) fn end_following(&mut self, at: Instant, out: &mut dyn Sink) {
+        if self.activity == Activity::Follows {
+            self.slow(at, false, out);
+        }
+    }
+}

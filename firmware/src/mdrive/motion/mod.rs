@@ -1,0 +1,471 @@
+//! The motor: its steps, the moves that make them, limits, homing, jog, the currents, and the encoder on its shaft.
+//!
+//! Positions and velocities are in steps here; what is said in counts with EE = 1 is turned into steps where an order
+//! comes in, and back where a variable is read.
+//!
+//! | file | what of it |
+//! |---|---|
+//! | `motor` | the plan that turns it, its shaft, its current |
+//! | `encoder` | the encoder on its shaft, or a remote one |
+//! | `scale` | steps and counts |
+//! | `orders` | moves, slews, jogs, and how one follows another |
+//! | `limits` | the contacts, and what they stop |
+//! | `home` | homing to a switch or to the index |
+//! | `closed` | EE = 1: stalls, corrections, position maintenance |
+//! | `follow` | clock inputs |
+//! | `uncounted` | what a Hybrid's circuitry does on its own |
+
+mod closed;
+mod encoder;
+mod follow;
+mod home;
+mod limits;
+mod motor;
+mod orders;
+mod scale;
+#[cfg(test)]
+mod tests;
+mod uncounted;
+
+use heapless::Deque;
+
+use self::closed::Closed;
+pub(super) use self::encoder::Channel;
+use self::encoder::Encoder;
+use self::follow::Follow;
+use self::motor::Motor;
+pub(super) use self::motor::STEPS_PER_REV;
+use self::orders::{Activity, Task};
+use super::error::Error;
+use crate::device::{Duration, Instant, Plan, Sink};
+
+/// What the motion goes by, as the variables are now.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) struct Settings {
+    /// VI, VM, in steps/s or counts/s.
+    pub(super) start: u32,
+    pub(super) speed: u32,
+    /// A, D.
+    pub(super) up: u32,
+    pub(super) down: u32,
+    /// MS.
+    pub(super) microsteps: u16,
+    /// MT, HT, in ms.
+    pub(super) settle_ms: u16,
+    pub(super) hold_delay_ms: u16,
+    /// RC, HC, in %.
+    pub(super) run_percent: u8,
+    pub(super) hold_percent: u8,
+    /// DE.
+    pub(super) enabled: bool,
+    /// LM.
+    pub(super) limit_mode: u8,
+    /// JE.
+    pub(super) jogs: bool,
+    /// CM with clock inputs: limits are off, and jog is not there.
+    pub(super) follows_clock: bool,
+    /// CR, in thousandths.
+    pub(super) ratio: u16,
+    /// EE, EL.
+    pub(super) closed: bool,
+    pub(super) lines: u16,
+    /// DB, SF, in counts; SM, PM.
+    pub(super) deadband: u16,
+    pub(super) stall_factor: u16,
+    pub(super) goes_on_stalled: bool,
+    pub(super) maintains: bool,
+}
+
+/// What the motor is to do. Positions and speeds are those of the user: steps, or counts with EE = 1.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) enum Order {
+    /// MA.
+    To { position: i32, announces: bool, goes_on: bool },
+    /// MR.
+    By { distance: i32, announces: bool, goes_on: bool },
+    /// SL.
+    Slew(i32),
+    /// HM, 1 to 4.
+    Home(u8),
+    /// HI, 1 to 4.
+    HomeToIndex(u8),
+}
+
+/// Contacts that the motion looks at, as they are active or not.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) enum Contact {
+    Home,
+    PlusLimit,
+    MinusLimit,
+    JogPlus,
+    JogMinus,
+}
+
+/// What the motion tells the rest of the drive.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) enum Event {
+    /// Something went wrong.
+    Failed(Error),
+    /// A limit stops the program, too (LM 3, 6).
+    StopsProgram,
+    /// A move with parameter 2 has ended: the device's name is sent.
+    Announce,
+}
+
+/// The motor and what moves it.
+#[derive(Clone, Debug)]
+pub(super) struct Motion {
+    settings: Settings,
+    motor: Motor,
+    encoder: Encoder,
+    /// What C1 and C2 are more than the position of the plan and the count of the encoder.
+    c1: i32,
+    c2: i32,
+    /// How far the rotor is behind the steps made where a Hybrid says that it does not lag.
+    lag_origin: i32,
+    activity: Activity,
+    /// When that goes on.
+    due: Instant,
+    /// What begins when the present motion is over.
+    waiting: Option<Task>,
+    /// PS: nothing of it begins before RS; what it has interrupted.
+    paused: bool,
+    left: Option<Task>,
+    /// Contacts that are active, a bit each.
+    contacts: u8,
+    closed: Closed,
+    follow: Follow,
+    /// When a homing to the index sees another state of it.
+    index_due: Instant,
+    on_index: bool,
+    /// Since when it is at rest.
+    rested: Instant,
+    /// The current is that of HC.
+    holds: bool,
+    events: Deque<Event, 8>,
+    changed: bool,
+}
+
+impl Motion {
+    /// At rest at position 0. The encoder that is fitted has the lines of these settings.
+    pub(super) fn new(settings: Settings) -> Self {
+        Self {
+            settings,
+            motor: Motor::new(settings.microsteps),
+            encoder: Encoder::new(settings.lines),
+            c1: 0,
+            c2: 0,
+            lag_origin: 0,
+            activity: Activity::Rest,
+            due: Instant::NEVER,
+            waiting: None,
+            paused: false,
+            left: None,
+            contacts: 0,
+            closed: Closed::NEW,
+            follow: Follow::NEW,
+            index_due: Instant::NEVER,
+            on_index: false,
+            rested: Instant::ZERO,
+            holds: true,
+            events: Deque::new(),
+            changed: false,
+        }
+    }
+
+    /// Power comes, or a restart: everything is forgotten but where the shaft is, who drives the remote encoder, and
+    /// that the shaft is held. Contacts that are active are told anew.
+    pub(super) fn power_on(&mut self, at: Instant, settings: Settings, out: &mut dyn Sink) {
+        self.settings = settings;
+        self.motor.set_microsteps(at, settings.microsteps);
+        self.motor.power_on(at, out);
+        (self.c1, self.c2) = (0, self.encoder.count(at, &self.motor).wrapping_neg());
+        self.rest(at);
+        self.waiting = None;
+        (self.paused, self.left) = (false, None);
+        self.contacts = 0;
+        (self.closed, self.follow) = (Closed::NEW, Follow::NEW);
+        self.keep(at);
+        self.holds = true;
+        self.events.clear();
+        self.clear_lag(at);
+        self.refresh(at, out);
+    }
+
+    /// Nothing drives the remote encoder any more.
+    pub(super) fn unplug(&mut self, at: Instant) {
+        for channel in [Channel::A, Channel::B, Channel::Index] {
+            self.encoder.channel(at, &self.motor, channel, None);
+        }
+    }
+
+    /// The variables may have changed. A move that runs keeps the speed and the ramps that it began with.
+    pub(super) fn set(&mut self, at: Instant, settings: Settings, out: &mut dyn Sink) {
+        let before = core::mem::replace(&mut self.settings, settings);
+        if settings == before {
+            return;
+        }
+        self.motor.set_microsteps(at, settings.microsteps);
+        if (settings.closed, settings.lines) != (before.closed, before.lines) {
+            self.watch_from(at);
+        }
+        if (settings.closed && settings.maintains) != (before.closed && before.maintains) {
+            self.keep(at);
+        }
+        if (settings.follows_clock, settings.follows_at_once())
+            != (before.follows_clock, before.follows_at_once())
+        {
+            self.end_following(at, out);
+        }
+        self.jogs_changed(at, before.jogs, out);
+        self.refresh(at, out);
+    }
+
+    /// Carries out an order.
+    ///
+    /// # Errors
+    /// 81, 85, 93: its state forbids it; 21: the way has more than 32 bits of steps. Nothing has changed then. (80 is
+    /// the I/O's, 88 the Hybrid's.)
+    pub(super) fn order(&mut self, at: Instant, order: Order, out: &mut dyn Sink) -> Result<(), Error> {
+        self.begin_order(at, order, out)?;
+        self.refresh(at, out);
+        Ok(())
+    }
+
+    /// Stops with D, whatever moves.
+    pub(super) fn stop(&mut self, at: Instant, out: &mut dyn Sink) {
+        self.forget_what_waits();
+        self.slow(at, false, out);
+        self.refresh(at, out);
+    }
+
+    /// Stops without a ramp (Esc).
+    pub(super) fn halt(&mut self, at: Instant, out: &mut dyn Sink) {
+        self.forget_what_waits();
+        self.stand(at, out);
+        self.refresh(at, out);
+    }
+
+    /// PS: stops with D, and remembers what is left.
+    pub(super) fn pause(&mut self, at: Instant, out: &mut dyn Sink) {
+        self.interrupt(at, out);
+        self.refresh(at, out);
+    }
+
+    /// RS: goes on with that.
+    pub(super) fn resume(&mut self, at: Instant, out: &mut dyn Sink) {
+        self.go_on_with_it(at, out);
+        self.refresh(at, out);
+    }
+
+    /// The pause ends without RS: neither what PS has interrupted nor what waits behind it begins.
+    pub(super) fn forget_pause(&mut self) {
+        self.forget_what_waits();
+    }
+
+    /// A contact becomes active, or not.
+    pub(super) fn contact(&mut self, at: Instant, contact: Contact, active: bool, out: &mut dyn Sink) {
+        self.touch(at, contact, active, out);
+        self.refresh(at, out);
+    }
+
+    /// Clock inputs ask for so many steps.
+    pub(super) fn follow(&mut self, at: Instant, steps: i32, out: &mut dyn Sink) {
+        self.clocked(at, steps, out);
+        self.refresh(at, out);
+    }
+
+    /// A pin of a remote encoder is driven to a level, or by nothing any more (`None`).
+    pub(super) fn channel(&mut self, at: Instant, channel: Channel, level: Option<bool>, out: &mut dyn Sink) {
+        self.encoder.channel(at, &self.motor, channel, level);
+        self.counted(at, out);
+        self.refresh(at, out);
+    }
+
+    /// The shaft is held, or let go.
+    pub(super) fn hold_shaft(&mut self, at: Instant, held: bool, out: &mut dyn Sink) {
+        self.motor.hold(at, held, out);
+        self.counted(at, out);
+        self.refresh(at, out);
+    }
+
+    /// What it does: C1, but for what was preset.
+    pub(super) fn plan(&self) -> &Plan {
+        self.motor.plan()
+    }
+
+    /// Steps made, of the motor (C1).
+    pub(super) fn steps(&self, at: Instant) -> i32 {
+        match self.activity {
+            Activity::Uncounted { steps, .. } => steps,
+            _ => self.motor.position(at).wrapping_add(self.c1),
+        }
+    }
+
+    /// Presets C1.
+    pub(super) fn set_steps(&mut self, at: Instant, steps: i32) {
+        let more = steps.wrapping_sub(self.steps(at));
+        self.lag_origin = self.lag_origin.wrapping_add(more);
+        match &mut self.activity {
+            Activity::Uncounted { steps: held, .. } => *held = steps,
+            _ => self.c1 = self.c1.wrapping_add(more),
+        }
+        self.changed = true;
+    }
+
+    /// Counts of the encoder (C2).
+    pub(super) fn counts(&self, at: Instant) -> i32 {
+        self.encoder.count(at, &self.motor).wrapping_add(self.c2)
+    }
+
+    /// Presets C2.
+    pub(super) fn set_counts(&mut self, at: Instant, counts: i32) {
+        self.c2 = counts.wrapping_sub(self.encoder.count(at, &self.motor));
+        self.changed = true;
+    }
+
+    /// P: C1, or C2 with EE = 1.
+    fn shown_position(&self, at: Instant) -> i32 {
+        if self.settings.closed { self.counts(at) } else { self.steps(at) }
+    }
+
+    /// V, in steps/s, or counts/s with EE = 1, rounded.
+    pub(super) fn velocity(&self, at: Instant) -> i32 {
+        let speed = match self.activity {
+            Activity::Follows if self.settings.follows_at_once() => self.follow.speed().into(),
+            Activity::Uncounted { .. } => return 0,
+            _ => self.motor.plan().speed_at(at),
+        };
+        self.settings.scale().speed_in_counts(speed)
+    }
+
+    /// Whether anything moves it that C1 counts, or is about to (MV).
+    pub(super) fn is_moving(&self, _at: Instant) -> bool {
+        !matches!(self.activity, Activity::Rest | Activity::Uncounted { .. })
+    }
+
+    /// Whether it is on its way to a position, or will be (MP).
+    pub(super) fn is_positioning(&self, _at: Instant) -> bool {
+        match self.activity {
+            Activity::Reckons(way) | Activity::Moves(way) | Activity::Settles(Some(way)) => way.ordered,
+            _ => matches!(self.waiting, Some(Task::Order(..))) && !self.paused,
+        }
+    }
+
+    /// Whether its speed changes (VC).
+    pub(super) fn is_changing(&self, at: Instant) -> bool {
+        self.is_moving(at) && self.motor.plan().segment_at(at).0.a != 0
+    }
+
+    /// Whether the encoder is on its index (I6).
+    pub(super) fn is_on_index(&self, at: Instant) -> bool {
+        self.encoder.is_on_index(at, &self.motor)
+    }
+
+    /// Whether it stalled, and nobody has taken note since (ST).
+    pub(super) fn has_stalled(&self) -> bool {
+        self.closed.has_stalled
+    }
+
+    /// Writes ST.
+    pub(super) fn set_stalled(&mut self, stalled: bool) {
+        self.closed.has_stalled = stalled;
+    }
+
+    /// When P comes to be `position` next, after `at`; [`Instant::NEVER`] if it does not. With EE = 1 that holds no longer
+    /// than the shaft turns as it does.
+    pub(super) fn reaches(&self, at: Instant, position: i32) -> Instant {
+        if self.settings.closed {
+            self.encoder.reaches(at, &self.motor, position.wrapping_sub(self.c2))
+        } else {
+            self.reaches_steps(at, position)
+        }
+    }
+
+    /// When C1 comes to be `steps` next, after `at`, if it goes on as planned; [`Instant::NEVER`] if it does not.
+    pub(super) fn reaches_steps(&self, at: Instant, steps: i32) -> Instant {
+        if self.is_uncounted() {
+            return Instant::NEVER;
+        }
+        self.motor.plan().when(at, steps.wrapping_sub(self.c1))
+    }
+
+    /// Whether its plan or C1 or C2 has become another one since this was last asked: what [`Self::reaches_steps`] said
+    /// holds no more.
+    pub(super) fn has_changed(&mut self) -> bool {
+        core::mem::take(&mut self.changed)
+    }
+
+    /// The next thing that it has to tell.
+    pub(super) fn take_event(&mut self) -> Option<Event> {
+        self.events.pop_front()
+    }
+
+    fn tell(&mut self, event: Event) {
+        let told = self.events.push_back(event);
+        debug_assert!(
+            told.is_ok(),
+            "the drive takes events after each thing that happens, each line of a message, too"
+        );
+    }
+
+    fn fail(&mut self, error: Error) {
+        self.tell(Event::Failed(error));
+    }
+
+    pub(super) fn deadline(&self) -> Instant {
+        let shaft = self.motor.deadline().min(self.index_due).min(self.closed.due);
+        shaft.min(self.due).min(self.hold_due())
+    }
+
+    pub(super) fn timeout(&mut self, at: Instant, out: &mut dyn Sink) {
+        if self.motor.deadline() <= at {
+            self.motor.timeout(at, out);
+            // So that what is compared never is further apart than 32 bits.
+            self.closed.rebase(
+                self.settings.scale(),
+                self.motor.position(at),
+                self.encoder.count(at, &self.motor),
+            );
+            self.counted(at, out);
+        }
+        if self.closed.due <= at {
+            self.look_for_stall(at, out);
+        }
+        if self.due <= at {
+            self.go_on(at, out);
+        }
+        self.refresh(at, out);
+    }
+
+    /// What follows from what has happened: the current, and what is to be looked at next.
+    fn refresh(&mut self, at: Instant, out: &mut dyn Sink) {
+        self.look_at_index(at, out);
+        if self.hold_due() <= at {
+            self.holds = true;
+        }
+        self.motor.energize(at, self.percent(), out);
+        self.watch(at);
+    }
+
+    /// The current that it is to have, in %.
+    fn percent(&self) -> Option<u8> {
+        let Settings { enabled, run_percent, hold_percent, .. } = self.settings;
+        let percent = match self.activity {
+            Activity::Uncounted { percent, .. } => percent,
+            _ if self.holds => hold_percent,
+            _ => run_percent,
+        };
+        enabled.then_some(percent)
+    }
+
+    /// When the current goes down to that of HC: HT after the end of all motion, or never (MC 5-32).
+    fn hold_due(&self) -> Instant {
+        match (self.activity, self.settings.hold_delay_ms) {
+            (Activity::Rest, 1..) if !self.holds => {
+                self.rested + Duration::millis(self.settings.hold_delay_ms.into())
+            }
+            _ => Instant::NEVER,
+        }
+    }
+}

@@ -1,0 +1,119 @@
+//! The motor on the drive's own shaft: the plan that turns it, and its current.
+
+use crate::device::{Axis, Device, Duration, Input, Instant, Output, Plan, Sink};
+use crate::motor::stepper::{Parameters, Stepper};
+use crate::motor::{Pace, Rotor, STALL};
+
+const AXIS: Axis = Axis(0);
+
+/// Full steps in a turn (MC 7.3.1).
+pub(in crate::mdrive) const STEPS_PER_REV: u16 = Parameters::NOMINAL.steps_per_rev;
+
+/// Peak current of 100 %, in mA. The manual names none, "as motor is appropriately sized" (MC 5-28): it is the one that
+/// the motor is rated for.
+const PEAK_MA: u32 = Parameters::NOMINAL.rated_ma;
+
+/// The motor.
+#[derive(Clone, Debug)]
+pub(super) struct Motor {
+    shaft: Stepper,
+    plan: Plan,
+    /// In mA; `None` if it has not been told since power came.
+    ma: Option<u32>,
+}
+
+impl Motor {
+    /// At rest at position 0 and angle 0, without current.
+    pub(super) fn new(microsteps: u16) -> Self {
+        let mut shaft = Stepper::new(Parameters::NOMINAL);
+        shaft.set_microsteps(Instant::ZERO, microsteps);
+        Self { shaft, plan: Plan::rest(Instant::ZERO, 0), ma: None }
+    }
+
+    /// Power comes: it stands at position 0, wherever its shaft is.
+    pub(super) fn power_on(&mut self, at: Instant, out: &mut dyn Sink) {
+        self.go(at, Plan::rest(at, 0), out);
+        self.ma = None;
+    }
+
+    /// What it does.
+    pub(super) fn plan(&self) -> &Plan {
+        &self.plan
+    }
+
+    /// Where the plan is, in steps.
+    pub(super) fn position(&self, at: Instant) -> i32 {
+        self.plan.position_at(at)
+    }
+
+    /// Whether it moves in that direction, or will before it stands.
+    pub(super) fn heads(&self, at: Instant, back: bool) -> bool {
+        let mut end = self.plan.start();
+        self.plan.segments().iter().any(|segment| {
+            end += Duration::from_ticks(segment.ticks);
+            end > at && segment.ticks > 0 && segment.back == back
+        })
+    }
+
+    /// From `at` on it does this.
+    pub(super) fn go(&mut self, at: Instant, plan: Plan, out: &mut dyn Sink) {
+        self.plan = plan;
+        self.shaft.input(at, Input::Plan { axis: AXIS, plan: &self.plan }, out);
+        out.put(at, Output::Plan { axis: AXIS, plan: &self.plan });
+    }
+
+    /// Steps without a ramp, from standstill.
+    pub(super) fn step(&mut self, at: Instant, steps: i32, out: &mut dyn Sink) {
+        self.plan = Plan::rest(at, self.position(at).wrapping_add(steps));
+        self.shaft.input(at, Input::Step { axis: AXIS, steps }, out);
+        out.put(at, Output::Step { axis: AXIS, steps });
+    }
+
+    /// Gives it so many percent of its current; `None` opens the bridge.
+    pub(super) fn energize(&mut self, at: Instant, percent: Option<u8>, out: &mut dyn Sink) {
+        let ma = u32::from(percent.unwrap_or(0)) * PEAK_MA / 100;
+        if self.ma.replace(ma) != Some(ma) {
+            self.shaft.input(at, Input::Current { axis: AXIS, ma }, out);
+            out.put(at, Output::Current { axis: AXIS, ma });
+        }
+    }
+
+    /// Its shaft is held, or let go.
+    pub(super) fn hold(&mut self, at: Instant, held: bool, out: &mut dyn Sink) {
+        self.shaft.input(at, Input::Fault { fault: STALL, on: held }, out);
+    }
+
+    /// A shaft that is free again goes on from where it is.
+    pub(super) fn catch(&mut self, at: Instant) {
+        self.shaft.catch(at);
+    }
+
+    /// From `at` on so many steps are a full step.
+    pub(super) fn set_microsteps(&mut self, at: Instant, microsteps: u16) {
+        self.shaft.set_microsteps(at, microsteps);
+    }
+
+    /// Whether the shaft is where the plan is.
+    pub(super) fn follows(&self) -> bool {
+        self.ma != Some(0) && !self.shaft.stalled()
+    }
+
+    /// Where the shaft is, in 2⁻³² turns. It holds until [`Self::deadline`].
+    pub(super) fn angle(&self, at: Instant) -> i64 {
+        self.shaft.angle_at(at)
+    }
+
+    /// How the shaft turns at present.
+    pub(super) fn pace(&self) -> Pace {
+        self.shaft.pace()
+    }
+
+    /// When the shaft turns otherwise, which is when the plan does.
+    pub(super) fn deadline(&self) -> Instant {
+        self.shaft.deadline()
+    }
+
+    pub(super) fn timeout(&mut self, at: Instant, out: &mut dyn Sink) {
+        self.shaft.timeout(at, out);
+    }
+}

@@ -1,0 +1,265 @@
+//! HM and HI (MC 5-29 to 5-31).
+
+use super::*;
+
+/// A track with a home switch that is closed from `switch.0` up to `switch.1`, and limits that are closed below
+/// `limits.0` and from `limits.1` on, all in steps.
+struct Track {
+    bench: Bench,
+    switch: (i32, i32),
+    limits: (i32, i32),
+}
+
+impl Track {
+    /// Stands at `from`.
+    fn new(settings: Settings, from: i32, switch: (i32, i32)) -> Self {
+        let mut bench = Bench::new(settings);
+        bench.tell(|motion, at, _| motion.set_steps(at, from));
+        let mut track = Self { bench, switch, limits: (i32::MIN, i32::MAX) };
+        track.look();
+        track
+    }
+
+    fn look(&mut self) {
+        let position = self.bench.c1();
+        for (contact, active) in [
+            (Contact::Home, position >= self.switch.0 && position < self.switch.1),
+            (Contact::MinusLimit, position < self.limits.0),
+            (Contact::PlusLimit, position >= self.limits.1),
+        ] {
+            self.bench.contact(contact, active);
+        }
+    }
+
+    /// When the next contact may change, if all goes on as planned.
+    fn next_change(&self) -> Instant {
+        let (switch, limits) = (self.switch, self.limits);
+        let edges = [switch.0 - 1, switch.0, switch.1 - 1, switch.1, limits.0, limits.1, limits.1 - 1];
+        let edges = edges.into_iter().chain([limits.0.wrapping_sub(1)]);
+        edges.map(|edge| self.bench.motion.reaches(self.bench.now, edge)).min().unwrap()
+    }
+
+    /// Runs until it stands; returns the furthest positions.
+    fn run_out(&mut self) -> (i32, i32) {
+        let mut range = (self.bench.c1(), self.bench.c1());
+        let end = self.bench.now + 100.secs();
+        while self.bench.is_moving() {
+            let next = self.next_change().min(self.bench.motion.deadline());
+            assert!(next <= end, "{:?}", self.bench.motion.activity);
+            self.bench.run_to(next);
+            self.look();
+            range = (range.0.min(self.bench.c1()), range.1.max(self.bench.c1()));
+        }
+        range
+    }
+}
+
+/// Where the four kinds end: just off the switch, on the side where they creep to. The first two search backward, the
+/// first and the last creep forward.
+fn ends(switch: (i32, i32)) -> [(u8, i32); 4] {
+    [(1, switch.1), (2, switch.0 - 1), (3, switch.0 - 1), (4, switch.1)]
+}
+
+/// A start from which a kind searches towards the switch.
+fn start(kind: u8) -> i32 {
+    if kind <= 2 { 20_000 } else { -20_000 }
+}
+
+#[test]
+fn homing_ends_at_the_edge_to_which_it_creeps() {
+    // "Deceleration rate is short enough": 1,200 steps of ramp on a switch of 3,000.
+    for (kind, end) in ends((0, 3_000)) {
+        let mut track = Track::new(SLOW, start(kind), (0, 3_000));
+        track.bench.does(Order::Home(kind));
+        assert!(track.bench.is_moving() && !track.bench.is_positioning());
+        let (least, most) = track.run_out();
+        assert_eq!((track.bench.c1(), track.bench.errors()), (end, Vec::new()), "HM {kind}");
+        // It was never off the switch on the other side.
+        let (near, far) = if kind <= 2 { (most, least) } else { (least, most) };
+        assert_eq!(near, start(kind), "HM {kind}");
+        assert!((-1..=3_000).contains(&far), "HM {kind}: {far}");
+    }
+}
+
+#[test]
+fn what_overshoots_the_switch_comes_back() {
+    // 1,200 steps of ramp on a switch of 100 steps.
+    for (kind, end) in ends((0, 100)) {
+        let mut track = Track::new(Settings { settle_ms: 30, ..SLOW }, start(kind), (0, 100));
+        track.bench.does(Order::Home(kind));
+        let (least, most) = track.run_out();
+        assert_eq!((track.bench.c1(), track.bench.errors()), (end, Vec::new()), "HM {kind}");
+        if kind <= 2 {
+            // It saw the switch at 99.
+            assert_eq!((least, most), (99 - 1_200, start(kind)), "HM {kind}");
+        } else {
+            assert_eq!((least, most), (start(kind), 1_200), "HM {kind}");
+        }
+    }
+}
+
+#[test]
+fn the_creep_is_at_vi() {
+    let mut track = Track::new(SLOW, 20_000, (0, 3_000));
+    track.bench.does(Order::Home(1));
+    // To 2,999: a ramp of 1,200 steps in 0.4 s, 15,801 at 5,000 steps/s, 0.4 s and 1,200 steps on the switch.
+    let stands = 0.4 + 15_801.0 / 5_000.0 + 0.4;
+    track.run_out();
+    // 1,201 steps to its edge at 1,000 steps/s.
+    let seconds = track.bench.now.since(Instant::ZERO).ticks() as f64 / 16e6;
+    assert!((seconds - stands - 1.201).abs() < 0.001, "{seconds}");
+}
+
+#[test]
+fn what_begins_on_the_switch_only_creeps() {
+    for (kind, end) in ends((0, 100)) {
+        let mut track = Track::new(SLOW, 50, (0, 100));
+        track.bench.does(Order::Home(kind));
+        track.run_out();
+        assert_eq!(track.bench.c1(), end, "HM {kind}");
+    }
+}
+
+#[test]
+fn a_switch_that_is_told_late_is_found_all_the_same() {
+    // Its debounce is 20 ms, which are 100 steps at VM.
+    for (kind, end) in ends((0, 300)) {
+        let mut track = Track::new(SLOW, start(kind), (0, 300));
+        track.bench.does(Order::Home(kind));
+        let late = 20.millis();
+        let mut changes = std::collections::VecDeque::new();
+        let mut level = false;
+        while track.bench.is_moving() {
+            let told = changes.front().map_or(Instant::NEVER, |(at, _)| *at);
+            let next = track.next_change().min(track.bench.motion.deadline()).min(told);
+            assert!(next <= Instant::from(60.secs()));
+            track.bench.run_to(next);
+            let now = (track.switch.0..track.switch.1).contains(&track.bench.c1());
+            if now != level {
+                level = now;
+                changes.push_back((next + late, now));
+            }
+            while let Some((_, active)) = changes.pop_front_if(|(at, _)| *at <= next) {
+                track.bench.contact(Contact::Home, active);
+            }
+        }
+        // At VI the last edge is 20 steps late.
+        let end = if matches!(kind, 1 | 4) { end + 20 } else { end - 20 };
+        assert!((track.bench.c1() - end).abs() <= 1, "HM {kind}: {}", track.bench.c1());
+    }
+}
+
+#[test]
+fn a_limit_turns_homing_round_once() {
+    for limit_mode in [1, 4] {
+        // The switch is behind it.
+        let mut track = Track::new(Settings { limit_mode, ..SLOW }, -5_000, (0, 3_000));
+        track.limits = (-8_000, 8_000);
+        track.bench.does(Order::Home(1));
+        let (least, _) = track.run_out();
+        assert_eq!((track.bench.c1(), track.bench.errors()), (3_000, Vec::new()), "LM {limit_mode}");
+        assert_eq!(least, -8_001 - if limit_mode == 1 { 1_200 } else { 0 });
+    }
+}
+
+#[test]
+fn homing_between_two_limits_without_a_switch_is_error_82() {
+    for (limit_mode, furthest) in [(1, 9_200), (4, 8_000)] {
+        let mut track = Track::new(Settings { limit_mode, ..SLOW }, 0, (100_000, 100_001));
+        track.limits = (-8_000, 8_000);
+        track.bench.does(Order::Home(1));
+        track.run_out();
+        assert_eq!((track.bench.c1(), track.bench.errors()), (furthest, [Error::BothLimits].to_vec()));
+    }
+}
+
+#[test]
+fn other_limit_modes_end_homing() {
+    for limit_mode in [2, 3, 5, 6] {
+        let mut track = Track::new(Settings { limit_mode, ..SLOW }, 0, (100_000, 100_001));
+        track.limits = (-8_000, 8_000);
+        track.bench.does(Order::Home(3));
+        track.run_out();
+        let ramp = if limit_mode < 4 { 1_200 } else { 0 };
+        assert_eq!((track.bench.c1(), track.bench.errors()), (8_000 + ramp, [Error::PlusLimit].to_vec()));
+    }
+}
+
+#[test]
+fn homing_from_a_held_limit_goes_the_other_way() {
+    let mut track = Track::new(SLOW, -9_000, (0, 3_000));
+    track.limits = (-8_000, 8_000);
+    track.look();
+    track.bench.does(Order::Home(2));
+    track.run_out();
+    assert_eq!((track.bench.c1(), track.bench.errors()), (-1, Vec::new()));
+}
+
+#[test]
+fn homing_is_alone() {
+    // MC 9.6, 85 and 81.
+    let mut track = Track::new(SLOW, 20_000, (0, 3_000));
+    assert_eq!(track.bench.order(Order::Home(0)), Err(Error::HomeType));
+    assert_eq!(track.bench.order(Order::HomeToIndex(5)), Err(Error::HomeType));
+    track.bench.does(to(0));
+    assert_eq!(track.bench.order(Order::Home(1)), Err(Error::Homing));
+    track.bench.does(Order::Slew(0));
+    track.bench.does(Order::Home(1));
+    for order in [to(0), by(1), Order::Home(1), Order::HomeToIndex(2)] {
+        assert_eq!(track.bench.order(order), Err(Error::Homing), "{order:?}");
+    }
+    track.bench.run(1.secs());
+    track.bench.does(Order::Slew(0));
+    track.bench.run_out();
+    // 1,200 + 3,000 + 1,200.
+    assert_eq!(track.bench.c1(), 20_000 - 5_400);
+}
+
+#[test]
+fn a_paused_homing_begins_anew() {
+    let mut track = Track::new(SLOW, 20_000, (0, 3_000));
+    track.bench.does(Order::Home(1));
+    track.bench.run(1.secs());
+    track.bench.tell(|motion, at, out| motion.pause(at, out));
+    track.run_out();
+    track.bench.tell(|motion, at, out| motion.resume(at, out));
+    track.run_out();
+    assert_eq!(track.bench.c1(), 3_000);
+}
+
+/// The index lasts for a count: 25 steps.
+#[test]
+fn homing_to_the_index_ends_just_off_it() {
+    for kind in 1..=4 {
+        for settings in [SLOW, FACTORY] {
+            let mut bench = Bench::new(settings);
+            bench.does(by(30_000));
+            bench.run_out();
+            assert!(!bench.motion.is_on_index(bench.now));
+            bench.does(Order::HomeToIndex(kind));
+            bench.run_out();
+            bench.run(2.millis());
+            assert_eq!(bench.errors(), Vec::new());
+            // The next step off: from the index forward to 25 or 26, backward to −1 or −2, some turns on.
+            let off = bench.c1().rem_euclid(51_200);
+            let off_it = if matches!(kind, 1 | 4) { [25, 26] } else { [51_199, 51_198] };
+            assert!(off_it.contains(&off), "HI {kind}: {}", bench.c1());
+            assert!(!bench.motion.is_on_index(bench.now));
+        }
+    }
+}
+
+#[test]
+fn the_index_is_a_count_wide() {
+    let mut bench = Bench::new(SLOW);
+    let mut on = Vec::new();
+    for position in [-26, -1, 0, 1, 24, 25, 51_199, 51_200, 51_224, 51_225] {
+        bench.does(to(position));
+        bench.run_out();
+        bench.run(2.millis());
+        if bench.motion.is_on_index(bench.now) {
+            on.push(position);
+        }
+    }
+    assert_eq!(on, [0, 1, 24, 51_200, 51_224]);
+}

@@ -1,0 +1,167 @@
+//! Limits (MC 5-43) and jog (MC 5-39).
+
+use super::*;
+
+/// What a limit does while it slews at 5,000 steps/s: whether it brakes, and whether the program ends.
+fn hit(limit_mode: u8) -> (bool, bool) {
+    let mut bench = Bench::new(Settings { limit_mode, ..SLOW });
+    bench.does(Order::Slew(5_000));
+    bench.run(600.millis());
+    bench.contact(Contact::PlusLimit, true);
+    let brakes = bench.v() == 5_000;
+    bench.run(400.millis());
+    assert_eq!((bench.is_moving(), bench.c1()), (false, 2_200 + if brakes { 1_200 } else { 0 }));
+    assert_eq!(bench.errors(), [Error::PlusLimit]);
+    (brakes, bench.events.iter().any(|(_, event)| *event == Event::StopsProgram))
+}
+
+#[test]
+fn modes_brake_or_not_and_end_the_program_or_not() {
+    let all = [1, 2, 3, 4, 5, 6].map(hit);
+    assert_eq!(
+        all,
+        [(true, false), (true, false), (true, true), (false, false), (false, false), (false, true)]
+    );
+}
+
+#[test]
+fn a_limit_acts_in_its_direction_only() {
+    let mut bench = Bench::new(SLOW);
+    bench.does(Order::Slew(-2_000));
+    bench.contact(Contact::PlusLimit, true);
+    bench.run(1.secs());
+    assert_eq!((bench.v(), bench.errors()), (-2_000, Vec::new()));
+    bench.contact(Contact::MinusLimit, true);
+    bench.run(1.secs());
+    assert_eq!((bench.v(), bench.errors()), (0, [Error::MinusLimit].to_vec()));
+}
+
+#[test]
+fn towards_a_held_limit_nothing_moves() {
+    let mut bench = Bench::new(SLOW);
+    bench.contact(Contact::PlusLimit, true);
+    for order in [to(100), by(1), Order::Slew(2_000)] {
+        bench.events.clear();
+        bench.does(order);
+        assert_eq!(bench.errors(), [Error::PlusLimit]);
+        assert!(!bench.is_moving());
+    }
+    bench.run(1.secs());
+    assert_eq!(bench.c1(), 0);
+    bench.events.clear();
+    bench.does(to(-100));
+    bench.run_out();
+    assert_eq!((bench.c1(), bench.errors()), (-100, Vec::new()));
+}
+
+#[test]
+fn a_slew_that_would_turn_towards_a_held_limit_only_stops() {
+    let mut bench = Bench::new(SLOW);
+    bench.does(Order::Slew(-2_000));
+    bench.contact(Contact::PlusLimit, true);
+    bench.run(1.secs());
+    bench.does(Order::Slew(2_000));
+    assert_eq!(bench.errors(), [Error::PlusLimit]);
+    bench.run_out();
+    // 1,950 steps of the first second, 150 of the ramp.
+    assert_eq!(bench.c1(), -1_950 - 150);
+}
+
+#[test]
+fn a_limit_that_closes_before_a_slew_turns_towards_it_stops_it() {
+    let mut bench = Bench::new(SLOW);
+    bench.does(Order::Slew(-5_000));
+    bench.run(1.secs());
+    bench.does(Order::Slew(5_000));
+    bench.run(200.millis());
+    bench.contact(Contact::PlusLimit, true);
+    bench.run_out();
+    assert_eq!((bench.c1(), bench.errors()), (-4_200 - 1_200, [Error::PlusLimit].to_vec()));
+}
+
+#[test]
+fn a_limit_behind_a_turn_does_not_matter_any_more() {
+    let mut bench = Bench::new(SLOW);
+    bench.does(Order::Slew(5_000));
+    bench.run(1.secs());
+    bench.does(Order::Slew(-5_000));
+    bench.run(1.secs());
+    bench.contact(Contact::PlusLimit, true);
+    assert_eq!((bench.v(), bench.errors()), (-5_000, Vec::new()));
+}
+
+#[test]
+fn a_limit_drops_what_waits() {
+    let mut bench = Bench::new(SLOW);
+    bench.does(to(50_000));
+    bench.does(to(0));
+    bench.run(1.secs());
+    bench.contact(Contact::PlusLimit, true);
+    bench.run_out();
+    let there = bench.c1();
+    bench.run(1.secs());
+    assert_eq!(bench.c1(), there);
+}
+
+#[test]
+fn a_limit_in_the_way_of_what_paused_leaves_what_waited_behind_it() {
+    let mut bench = Bench::new(SLOW);
+    bench.does(to(5_000));
+    bench.does(to(0));
+    bench.run(500.millis());
+    bench.tell(|motion, at, out| motion.pause(at, out));
+    bench.run_out();
+    bench.contact(Contact::PlusLimit, true);
+    bench.tell(|motion, at, out| motion.resume(at, out));
+    bench.run_out();
+    assert_eq!((bench.c1(), bench.errors()), (0, [Error::PlusLimit].to_vec()));
+}
+
+#[test]
+fn in_clock_mode_limits_do_nothing() {
+    let mut bench = Bench::new(Settings { follows_clock: true, ..SLOW });
+    bench.contact(Contact::PlusLimit, true);
+    bench.does(to(100));
+    bench.run_out();
+    assert_eq!((bench.c1(), bench.errors()), (100, Vec::new()));
+}
+
+#[test]
+fn a_jog_lasts_as_long_as_its_contact() {
+    let mut bench = Bench::new(Settings { jogs: true, ..SLOW });
+    bench.contact(Contact::JogMinus, true);
+    bench.run(600.millis());
+    assert_eq!((bench.c1(), bench.v(), bench.is_positioning()), (-2_200, -5_000, false));
+    // The other one does not matter meanwhile.
+    bench.contact(Contact::JogPlus, true);
+    bench.contact(Contact::JogPlus, false);
+    bench.contact(Contact::JogMinus, false);
+    bench.run(400.millis());
+    assert_eq!((bench.c1(), bench.is_moving()), (-3_400, false));
+}
+
+#[test]
+fn je_permits_a_jog() {
+    let mut bench = Bench::new(SLOW);
+    bench.contact(Contact::JogPlus, true);
+    assert!(!bench.is_moving());
+    bench.set(Settings { jogs: true, ..SLOW });
+    assert!(bench.is_moving());
+    bench.run(1.secs());
+    bench.set(SLOW);
+    bench.run(400.millis());
+    assert!(!bench.is_moving());
+}
+
+#[test]
+fn a_jog_is_no_motion_where_it_must_not_be() {
+    let mut bench = Bench::new(Settings { jogs: true, follows_clock: true, ..SLOW });
+    bench.contact(Contact::JogPlus, true);
+    assert_eq!((bench.is_moving(), bench.errors()), (false, [Error::JogInClockMode].to_vec()));
+    let mut bench = Bench::new(Settings { jogs: true, ..SLOW });
+    bench.contact(Contact::PlusLimit, true);
+    bench.contact(Contact::JogPlus, true);
+    assert_eq!((bench.is_moving(), bench.errors()), (false, [Error::PlusLimit].to_vec()));
+    bench.run(1.secs());
+    assert_eq!(bench.errors().len(), 1);
+}

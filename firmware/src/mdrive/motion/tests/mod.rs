@@ -1,0 +1,227 @@
+//! What the motor does, without what is around it.
+
+#![expect(clippy::float_arithmetic, reason = "mathematics that is not the code's")]
+
+mod closed;
+mod currents;
+mod follow;
+mod home;
+mod limits;
+mod model;
+mod moves;
+mod wild;
+
+use std::vec::Vec;
+
+use standin_protocol::time::Span;
+
+use super::{Contact, Event, Motion, Order, Settings};
+use crate::device::{Duration, Instant, Output, Plan, Sink};
+use crate::mdrive::error::Error;
+
+/// The factory's (FB 5).
+const FACTORY: Settings = Settings {
+    start: 1_000,
+    speed: 768_000,
+    up: 1_000_000,
+    down: 1_000_000,
+    microsteps: 256,
+    settle_ms: 0,
+    hold_delay_ms: 500,
+    run_percent: 25,
+    hold_percent: 5,
+    enabled: true,
+    limit_mode: 1,
+    jogs: false,
+    follows_clock: false,
+    ratio: 1_000,
+    closed: false,
+    lines: 512,
+    deadband: 10,
+    stall_factor: 15,
+    goes_on_stalled: false,
+    maintains: false,
+};
+
+/// What steps so slowly that it can be told by hand: 10,000 steps/s², from 1,000 to 5,000 steps/s in 400 ms and
+/// 1,200 steps.
+const SLOW: Settings = Settings { speed: 5_000, up: 10_000, down: 10_000, ..FACTORY };
+
+/// 1 ms.
+const MS: Duration = Duration::millis(1);
+
+/// The motion, and what it has put out.
+struct Bench {
+    motion: Motion,
+    now: Instant,
+    plans: Vec<Plan>,
+    currents: Vec<(Instant, u32)>,
+    steps: Vec<(Instant, i32)>,
+    /// Steps since the last plan.
+    beside: i32,
+    events: Vec<(Instant, Event)>,
+    /// Edges that a remote encoder has made.
+    edges: i32,
+}
+
+#[derive(Default)]
+struct Outputs {
+    plans: Vec<Plan>,
+    currents: Vec<(Instant, u32)>,
+    steps: Vec<(Instant, i32)>,
+    beside: i32,
+}
+
+impl Sink for Outputs {
+    fn put(&mut self, at: Instant, output: Output<'_>) {
+        match output {
+            Output::Plan { plan, .. } => {
+                assert_eq!(plan.start(), at);
+                self.plans.push(*plan);
+                self.beside = 0;
+            }
+            Output::Current { ma, .. } => self.currents.push((at, ma)),
+            Output::Step { steps, .. } => {
+                self.steps.push((at, steps));
+                self.beside += steps;
+            }
+            other => panic!("{other:?}"),
+        }
+    }
+
+    fn memory(&self) -> &[u8] {
+        &[]
+    }
+}
+
+impl Motion {
+    /// Whether what waits waits for RS.
+    pub(in crate::mdrive) fn is_paused(&self) -> bool {
+        self.paused
+    }
+}
+
+impl Bench {
+    fn new(settings: Settings) -> Self {
+        let mut bench = Self {
+            motion: Motion::new(FACTORY),
+            now: Instant::ZERO,
+            plans: Vec::new(),
+            currents: Vec::new(),
+            steps: Vec::new(),
+            beside: 0,
+            events: Vec::new(),
+            edges: 0,
+        };
+        bench.tell(|motion, at, out| motion.power_on(at, settings, out));
+        bench
+    }
+
+    /// Something happens now.
+    fn tell<T>(&mut self, does: impl FnOnce(&mut Motion, Instant, &mut dyn Sink) -> T) -> T {
+        let mut out = Outputs::default();
+        let answer = does(&mut self.motion, self.now, &mut out);
+        self.beside = if out.plans.is_empty() { self.beside + out.beside } else { out.beside };
+        self.plans.extend(out.plans);
+        self.currents.extend(out.currents);
+        self.steps.extend(out.steps);
+        while let Some(event) = self.motion.take_event() {
+            self.events.push((self.now, event));
+        }
+        answer
+    }
+
+    /// Time passes.
+    fn run(&mut self, time: Duration) {
+        self.run_to(self.now + time);
+    }
+
+    fn run_to(&mut self, until: Instant) {
+        let mut calls = 0;
+        while self.motion.deadline() <= until && self.motion.deadline() != Instant::NEVER {
+            let due = self.motion.deadline();
+            calls = if due == self.now { calls + 1 } else { 0 };
+            assert!(calls < 20, "it does not get on: {:?}", self.motion.activity);
+            assert!(due >= self.now);
+            self.now = due;
+            self.tell(|motion, at, out| motion.timeout(at, out));
+        }
+        self.now = until;
+    }
+
+    /// Runs until it stands, at most a minute.
+    fn run_out(&mut self) {
+        let end = self.now + 60.secs();
+        while self.is_moving() {
+            let due = self.motion.deadline();
+            assert!(due <= end, "it goes on and on: {:?}", self.motion.activity);
+            self.run_to(due);
+        }
+    }
+
+    fn order(&mut self, order: Order) -> Result<(), Error> {
+        self.tell(|motion, at, out| motion.order(at, order, out))
+    }
+
+    fn does(&mut self, order: Order) {
+        assert_eq!(self.order(order), Ok(()), "{order:?}");
+    }
+
+    fn contact(&mut self, contact: Contact, active: bool) {
+        self.tell(|motion, at, out| motion.contact(at, contact, active, out));
+    }
+
+    fn set(&mut self, settings: Settings) {
+        self.tell(|motion, at, out| motion.set(at, settings, out));
+    }
+
+    fn hold(&mut self, held: bool) {
+        self.tell(|motion, at, out| motion.hold_shaft(at, held, out));
+    }
+
+    /// C1, V, MV, MP, VC.
+    fn c1(&self) -> i32 {
+        self.motion.steps(self.now)
+    }
+
+    fn c2(&self) -> i32 {
+        self.motion.counts(self.now)
+    }
+
+    fn v(&self) -> i32 {
+        self.motion.velocity(self.now)
+    }
+
+    fn is_moving(&self) -> bool {
+        self.motion.is_moving(self.now)
+    }
+
+    fn is_positioning(&self) -> bool {
+        self.motion.is_positioning(self.now)
+    }
+
+    fn is_changing(&self) -> bool {
+        self.motion.is_changing(self.now)
+    }
+
+    /// The errors that it has told.
+    fn errors(&self) -> Vec<Error> {
+        let errors = self.events.iter().filter_map(|(_, event)| match event {
+            Event::Failed(error) => Some(*error),
+            _ => None,
+        });
+        errors.collect()
+    }
+
+    fn ms(&self) -> u64 {
+        self.now.since(Instant::ZERO) / MS
+    }
+}
+
+fn to(position: i32) -> Order {
+    Order::To { position, announces: false, goes_on: false }
+}
+
+fn by(distance: i32) -> Order {
+    Order::By { distance, announces: false, goes_on: false }
+}

@@ -1,0 +1,132 @@
+//! Random slews and moves beside a model that goes on by 10 µs.
+
+use proptest::prelude::*;
+
+use super::*;
+
+const STEP: f64 = 10e-6;
+
+#[derive(Clone, Copy, Debug)]
+enum Aim {
+    Speed(f64),
+    Position(f64),
+}
+
+/// Where a body is that speeds up with A, slows down with D and is never slower than VI, unless it is to.
+struct Model {
+    x: f64,
+    v: f64,
+    aim: Aim,
+    settings: Settings,
+}
+
+impl Model {
+    fn step(&mut self) {
+        let Settings { start, speed, up, down, .. } = self.settings;
+        let (vi, vm, up, down) =
+            (f64::from(start), f64::from(speed), f64::from(up) * STEP, f64::from(down) * STEP);
+        let before = self.v;
+        match self.aim {
+            Aim::Speed(aim) => {
+                let least = vi.min(aim.abs());
+                let turns = aim == 0.0 || self.v * aim < 0.0;
+                self.v = if turns && self.v.abs() - down <= vi {
+                    aim.signum() * if aim == 0.0 { 0.0 } else { least }
+                } else if turns {
+                    self.v - self.v.signum() * down
+                } else if self.v == 0.0 {
+                    aim.signum() * least
+                } else if self.v.abs() < aim.abs() {
+                    aim.signum() * (self.v.abs() + up).min(aim.abs())
+                } else {
+                    aim.signum() * (self.v.abs() - down).max(aim.abs())
+                };
+            }
+            Aim::Position(aim) => {
+                let left = (aim - self.x).abs();
+                let way = (aim - self.x).signum();
+                let size = self.v.abs().max(vi);
+                let brakes = (size * size - vi * vi) / (2.0 * down / STEP) >= left;
+                let size = if brakes { (size - down).max(vi) } else { (size + up).min(vm) };
+                self.v = way * size;
+                if size * STEP >= left {
+                    (self.x, self.v, self.aim) = (aim, 0.0, Aim::Speed(0.0));
+                    return;
+                }
+            }
+        }
+        self.x += (before + self.v) / 2.0 * STEP;
+    }
+
+    fn stands(&self) -> bool {
+        self.v == 0.0 && matches!(self.aim, Aim::Speed(0.0))
+    }
+}
+
+#[derive(Clone, Copy, Debug)]
+enum Does {
+    Slews(i32),
+    Stops,
+    Moves(i32),
+}
+
+fn does() -> impl Strategy<Value = Does> {
+    prop_oneof![
+        (-12_000..12_000_i32).prop_map(Does::Slews),
+        Just(Does::Stops),
+        (-4_000..4_000_i32).prop_map(Does::Moves),
+    ]
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 16, ..ProptestConfig::default() })]
+
+    #[test]
+    fn it_goes_as_the_model_does(
+        start in 50..2_000_u32, more in 1..10_000_u32, up in 2_000..200_000_u32, down in 2_000..200_000_u32,
+        orders in proptest::collection::vec((does(), 1..700_u64), 1..8),
+    ) {
+        let settings = Settings { start, speed: start + more, up, down, ..FACTORY };
+        let mut bench = Bench::new(settings);
+        let mut model = Model { x: 0.0, v: 0.0, aim: Aim::Speed(0.0), settings };
+        for (order, ms) in orders {
+            let mut differ = 0;
+            let mut run = |bench: &mut Bench, model: &mut Model, steps: u64| {
+                for _ in 0..steps {
+                    let before = model.v;
+                    model.step();
+                    bench.run(10.micros());
+                    // Each end of a ramp, and each turn, is off by a step of the model at most.
+                    let off = (f64::from(bench.c1()) - model.x).abs();
+                    prop_assert!(off <= 3.0, "{} at {} ms: {} and {}", off, bench.ms(), bench.c1(), model.x);
+                    let (low, high) = (model.v.min(before), model.v.max(before));
+                    let near = 3.0 * STEP * f64::from(up.max(down)) + 1.0;
+                    // At VI a small part of a step may take long.
+                    let stands = bench.v() == 0 || model.v == 0.0;
+                    let differs = !stands && !(low - near..=high + near).contains(&f64::from(bench.v()));
+                    differ = if differs { differ + 1 } else { 0 };
+                    prop_assert!(differ <= 4, "at {} ms: {} and {}", bench.ms(), bench.v(), model.v);
+                }
+                Ok(())
+            };
+            match order {
+                Does::Slews(speed) => {
+                    bench.does(Order::Slew(speed));
+                    model.aim = Aim::Speed(speed.into());
+                }
+                Does::Stops => {
+                    bench.does(Order::Slew(0));
+                    model.aim = Aim::Speed(0.0);
+                }
+                Does::Moves(distance) if model.stands() && !bench.is_moving() => {
+                    bench.does(by(distance));
+                    run(&mut bench, &mut model, 250)?;
+                    model.x = bench.c1().into();
+                    model.aim = Aim::Position(f64::from(bench.c1() + distance));
+                }
+                Does::Moves(_) => {}
+            }
+            run(&mut bench, &mut model, 100 * ms)?;
+        }
+    }
+}

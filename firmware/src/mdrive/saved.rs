@@ -1,0 +1,238 @@
+//! What the non-volatile memory holds beside programs: variables and flags, set-up of I/O, global user variables (S,
+//! IP, FD).
+//!
+//! Variables come first, global user variables behind them, each with a check sum. Both are bad while they are
+//! stored, so power lost meanwhile leaves what was, what is to be, or a memory that does not pass (70).
+
+use standin_protocol::registers::{Bank, Register};
+
+use super::drive::Drive;
+use super::error::Error;
+use super::io::Io;
+use super::mcode::{names, program};
+use super::registers::Reg;
+use super::variables::{entry, is_number, words};
+use crate::device::{Duration, Instant, Output, Refused, Sink};
+use crate::memory::{self, Content, Save};
+
+/// Bytes of the variables, as they lie first.
+pub(super) const VARIABLES: usize = memory::bytes(Reg::SAVED_WORDS) as usize;
+/// Bytes of a global user variable: two of its name and four of its value.
+const GLOBAL: usize = 6;
+const GLOBAL_BYTES: usize = GLOBAL * names::MOST;
+/// Bytes of global user variables behind the variables, with a CRC.
+pub(super) const GLOBALS: usize = GLOBAL_BYTES + 2;
+/// Where the program's log begins.
+pub(super) const PROGRAM: usize = VARIABLES + GLOBALS;
+/// Bytes of the non-volatile memory.
+pub(super) const MEMORY: usize = PROGRAM + program::BYTES;
+
+/// How long a save takes; the manuals do not say.
+pub(super) const SAVE: Duration = Duration::millis(10);
+
+/// A save that runs.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Saving {
+    variables: Save,
+    globals: Save,
+}
+
+/// Where nobody hears of anything.
+struct Nowhere;
+
+impl Sink for Nowhere {
+    fn put(&mut self, _at: Instant, _output: Output<'_>) {}
+
+    fn memory(&self) -> &[u8] {
+        &[]
+    }
+}
+
+impl Drive {
+    /// Power comes: loads variables, global user variables and the program. Whether the memory was good (70 if not);
+    /// what is bad is as the factory made it.
+    pub(super) fn load(&mut self, out: &dyn Sink) -> bool {
+        let saved = self.load_variables(out) && self.load_globals(out);
+        if !saved {
+            self.bank = Bank::of(self.model.entries());
+            self.mcode.names = names::Names::new();
+        }
+        self.load_program(out) && saved
+    }
+
+    /// Loads the variables, those of a new drive from the factory. Whether they were good.
+    fn load_variables(&mut self, out: &dyn Sink) -> bool {
+        let entries = self.model.entries();
+        self.bank = Bank::of(entries);
+        let content = memory::content(out.memory(), Reg::SAVED_WORDS);
+        if content == Content::Good {
+            memory::load(entries, out.memory(), self.bank.words_mut());
+            self.mend();
+        }
+        content != Content::Bad
+    }
+
+    /// A memory of nobody, or of the other model, may hold what no write could bring: that is the factory's then.
+    fn mend(&mut self) {
+        let entries = self.model.entries();
+        for (row, entry) in entries.list.iter().enumerate() {
+            if entry.saved != 0 && !entry.accepts(entries.value(self.bank.words(), row)) {
+                entries.put(self.bank.words_mut(), row, entry.reset);
+            }
+        }
+        // Each is legal now; they must go together, too.
+        let rows = entries.list.iter().enumerate().filter(|(_, entry)| entry.saved != 0);
+        let mut numbers = rows.filter_map(|(row, _)| Reg::from_row(row)).filter(|&reg| is_number(reg));
+        let held = |reg| self.held(reg);
+        if numbers.any(|reg| self.has(reg) && self.judge_together(reg, held(reg), &held).is_err()) {
+            self.bank = Bank::of(entries);
+        }
+    }
+
+    /// Loads the global user variables. Whether they were good.
+    fn load_globals(&mut self, out: &dyn Sink) -> bool {
+        self.mcode.names = names::Names::new();
+        let memory = out.memory().get(VARIABLES..PROGRAM).unwrap_or(&[]);
+        let content = memory::content(memory, GLOBAL_BYTES / 2);
+        if content == Content::Good {
+            for &[first, second, a, b, c, d] in memory.as_chunks::<GLOBAL>().0 {
+                if first != u8::MAX {
+                    let value = names::Meaning::Global(i32::from_be_bytes([a, b, c, d]));
+                    let _ = self.mcode.names.add([first, second], value);
+                }
+            }
+        }
+        content != Content::Bad
+    }
+
+    /// S.
+    ///
+    /// # Errors
+    /// 73 in motion.
+    pub(super) fn save(&mut self, at: Instant, out: &mut dyn Sink) -> Result<(), Error> {
+        if self.motion.is_moving(at) {
+            return Err(Error::SaveInMotion);
+        }
+        self.begin_save(at, out);
+        Ok(())
+    }
+
+    /// Begins to save; a save that runs begins again.
+    fn begin_save(&mut self, at: Instant, out: &mut dyn Sink) {
+        let mut image = [u8::MAX; GLOBAL_BYTES];
+        let globals = self.mcode.names.iter().filter_map(|(name, meaning)| match meaning {
+            names::Meaning::Global(value) => Some((name, value)),
+            names::Meaning::Label(_) | names::Meaning::Local(_) => None,
+        });
+        for (target, ([first, second], value)) in image.as_chunks_mut::<GLOBAL>().0.iter_mut().zip(globals) {
+            let [a, b, c, d] = value.to_be_bytes();
+            *target = [first, second, a, b, c, d];
+        }
+        // The globals do not pass from here on, so neither does the memory.
+        let globals = Save::of_bytes(&image, VARIABLES as u16, at, SAVE, out);
+        let (entries, words) = (self.model.entries(), self.bank.words());
+        let variables = Save::of_rows::<VARIABLES>(entries, words, at, SAVE, out);
+        self.saving = Some(Saving { variables, globals });
+    }
+
+    pub(super) fn save_due(&self) -> Instant {
+        self.saving.map_or(Instant::NEVER, |saving| saving.variables.due())
+    }
+
+    /// Ends the save that runs.
+    pub(super) fn finish_save(&mut self, at: Instant, out: &mut dyn Sink) {
+        if let Some(saving) = self.saving.take() {
+            saving.globals.finish(at, out);
+            saving.variables.finish(at, out);
+        }
+    }
+
+    /// IP: variables and flags as they are saved.
+    ///
+    /// # Errors
+    /// 70 if what is saved is bad, 74 in motion.
+    pub(super) fn initialize(&mut self, at: Instant, out: &mut dyn Sink) -> Result<(), Error> {
+        if self.motion.is_moving(at) {
+            return Err(Error::ClearInMotion);
+        }
+        // What is said comes in order.
+        self.finish_save(at, out);
+        let good = self.load_variables(out);
+        self.take_variables(at, out);
+        if good { Ok(()) } else { Err(Error::Flash) }
+    }
+
+    /// FD: the factory's variables, no program, no user variables, also in the memory; counters at 0; the sign-on. What
+    /// a setting chose stays.
+    ///
+    /// # Errors
+    /// 73 in motion.
+    pub(super) fn restore(&mut self, at: Instant, out: &mut dyn Sink) -> Result<(), Error> {
+        if self.motion.is_moving(at) {
+            return Err(Error::SaveInMotion);
+        }
+        self.forget();
+        let serial = self.bank.get(Reg::SerialCommands);
+        self.bank = Bank::of(self.model.entries());
+        self.bank.set(Reg::SerialCommands, serial);
+        self.mcode.names = names::Names::new();
+        self.take_variables(at, out);
+        self.motion.set_steps(at, 0);
+        self.motion.set_counts(at, 0);
+        // The memory does not pass from here on until all of it is as new.
+        self.begin_save(at, out);
+        self.mcode.program.clear(at, 1, out);
+        self.greet(at, out);
+        Ok(())
+    }
+
+    /// All variables may be others: who goes by them hears of it.
+    pub(super) fn take_variables(&mut self, at: Instant, out: &mut dyn Sink) {
+        self.set_filters(at, out);
+        self.take_set_ups(at, out);
+        self.set_motion(at, out);
+    }
+
+    /// All I/O points may be others; one that cannot be so is as the factory made it.
+    fn take_set_ups(&mut self, at: Instant, out: &mut dyn Sink) {
+        self.io.begin_load();
+        for reg in [Reg::S1, Reg::S2, Reg::S3, Reg::S4, Reg::S5, Reg::S7, Reg::S8, Reg::S13] {
+            if self.has(reg) && self.set_up(at, reg, self.set_up_of(reg), out).is_err() {
+                self.bank.set(reg, entry(reg).reset);
+                let _ = self.set_up(at, reg, self.set_up_of(reg), out);
+            }
+        }
+        self.io.end_load(at, out);
+    }
+
+    /// A preset before power comes, as if saved.
+    pub(super) fn preset(
+        &mut self,
+        at: Instant,
+        reg: Reg,
+        value: i64,
+        out: &mut dyn Sink,
+    ) -> Result<(), Refused> {
+        if !self.load_variables(out) || !self.load_globals(out) {
+            return Err(Refused::BadMemory);
+        }
+        match i32::try_from(value) {
+            _ if !is_number(reg) => {
+                // The points say whether they can be so; power finds them as new.
+                self.take_set_ups(at, &mut Nowhere);
+                let judged = self.set_up(at, reg, words(reg, value), &mut Nowhere);
+                self.io = Io::REST;
+                judged.map_err(|_| Refused::OutOfRange)?;
+            }
+            Ok(value) => {
+                let judged = self.judge(at, reg, value, &|other| self.held(other));
+                judged.map_err(|_| Refused::OutOfRange)?;
+                self.hold(reg, value);
+            }
+            Err(_) => return Err(Refused::OutOfRange),
+        }
+        self.begin_save(at, out);
+        self.finish_save(at, out);
+        Ok(())
+    }
+}

@@ -1,0 +1,496 @@
+//! What a Hybrid's circuitry does, and when.
+
+use proptest::prelude::*;
+use proptest::sample::select;
+
+use super::*;
+
+/// AF.
+const LEAD: i64 = 1;
+const LAG: i64 = 2;
+const LOCKED: i64 = 8;
+const ACTIVE: i64 = 16;
+const HARDWARE: i64 = 32;
+const AT_ZERO: i64 = 64;
+const CALIBRATED: i64 = 128;
+const FAILED: i64 = 256;
+
+/// Counts of C2 in a full step: 1,000 lines, 200 steps.
+const COUNTS: i64 = 20;
+/// Steps in a full step, with MS = 256.
+const STEPS: i64 = 256;
+
+fn bed() -> Bed {
+    Bed::hybrid()
+}
+
+impl Bed {
+    /// Runs on while something is so, by the tick, for a minute at most. Returns how long that was.
+    fn lasts(&mut self, is_so: impl Fn(&Self) -> bool) -> Duration {
+        let begin = self.now;
+        let mut step = Duration::secs(1);
+        while step > Duration::ZERO {
+            // A copy looks ahead.
+            let mut ahead = Self {
+                drive: self.drive.clone(),
+                world: World { memory: self.world.memory.clone(), ..World::default() },
+                now: self.now,
+            };
+            ahead.wait(step);
+            assert!(ahead.now.since(begin) < 60.secs(), "it lasts");
+            if is_so(&ahead) {
+                self.wait(step);
+            } else {
+                step = Duration::from_ticks(step.ticks() / 2);
+            }
+        }
+        self.wait(Duration::TICK);
+        self.now.since(begin)
+    }
+}
+
+#[test]
+fn a_calibration_turns_the_shaft_but_c1() {
+    // MC 5-9: pause, 6 full steps forward, wait, 3 back, pause; 3.12 s with CT = 250.
+    let mut bed = bed();
+    bed.set(Reg::CT, 250);
+    let counts = bed.get(Reg::C2);
+    bed.set(Reg::SC, 1);
+    assert_eq!(bed.get(Reg::AF), 0);
+    for (ms, full_steps) in [(249, 0), (250 + 1_581, 6), (250 + 1_580 + 249, 6), (250 + 1_580 + 250 + 791, 3)]
+    {
+        let at = Instant::from(Duration::millis(ms));
+        bed.run_until(at);
+        assert_eq!(bed.get(Reg::C2) - counts, full_steps * COUNTS, "{ms} ms");
+        assert_eq!((bed.get(Reg::C1), bed.get(Reg::P)), (0, 0));
+        assert_eq!((bed.get(Reg::MV), bed.get(Reg::V), bed.get(Reg::VC)), (0, 0, 0));
+    }
+    bed.run_until(Instant::from_ticks(Duration::millis(3_120).ticks() - 1));
+    assert_eq!(bed.get(Reg::AF), 0);
+    bed.run_until(Duration::millis(3_120));
+    assert_eq!(bed.get(Reg::AF), AT_ZERO | CALIBRATED, "192 (MC 5-2)");
+    assert_eq!((bed.get(Reg::C1), bed.get(Reg::C2) - counts), (0, 3 * COUNTS));
+    assert_eq!(bed.error(), 0);
+    // A move counts on from there.
+    bed.set(Reg::MR, 2 * 51_200);
+    bed.wait(10.secs());
+    assert_eq!((bed.get(Reg::C1), bed.get(Reg::C2) - counts), (2 * 51_200, 3 * COUNTS + 8_000));
+}
+
+#[test]
+fn power_on_calibrates_before_the_sign_on() {
+    let mut bed = Bed::off(Mdrive::hybrid(), vec![0xFF; MEMORY]);
+    bed.power_on(false);
+    bed.wait(400.millis());
+    assert_eq!(bed.get(Reg::AF), 0);
+    // CT = 200: 150 ms less.
+    bed.run_until(Duration::millis(300 + 2_969));
+    assert_eq!(bed.get(Reg::AF), 0);
+    bed.run_until(Duration::millis(300 + 2_970));
+    assert_eq!(bed.get(Reg::AF), AT_ZERO | CALIBRATED);
+}
+
+#[test]
+fn what_calibrates() {
+    let calibrates = |prepare: &dyn Fn(&mut Bed), reg, value| {
+        let mut bed = bed();
+        prepare(&mut bed);
+        bed.wait(10.secs());
+        bed.set(reg, value);
+        bed.get(Reg::AF) & CALIBRATED == 0
+    };
+    assert!(calibrates(&|_| {}, Reg::SC, 1));
+    assert!(calibrates(&|_| {}, Reg::CF, 1));
+    assert!(calibrates(&|bed| bed.set(Reg::AS, 0), Reg::AS, 1));
+    assert!(!calibrates(&|_| {}, Reg::AS, 1));
+    assert!(calibrates(&|bed| bed.set(Reg::DE, 0), Reg::DE, 1));
+    assert!(!calibrates(&|_| {}, Reg::DE, 1));
+    assert!(calibrates(&|_| {}, Reg::MS, 128));
+    assert!(!calibrates(&|_| {}, Reg::MS, 256));
+    // Ctrl-C, which takes as long as power-on.
+    let mut bed = Bed::off(Mdrive::hybrid(), vec![0xFF; MEMORY]);
+    bed.power_on(false);
+    bed.wait(5.secs());
+    assert_eq!(bed.get(Reg::AF) & CALIBRATED, CALIBRATED);
+    bed.connect(Link(0));
+    bed.type_in(Link(0), "\x03");
+    bed.wait(1.secs());
+    assert_eq!(bed.get(Reg::AF) & CALIBRATED, 0);
+}
+
+#[test]
+fn what_a_calibration_forbids_and_what_forbids_it() {
+    let mut bed = bed();
+    bed.set(Reg::SC, 1);
+    // MC 9.6: 88 moves, 87 AS.
+    bed.refused(&[16, 0, 0x46, 0, 2, 4, 0, 0, 0x10, 0], 4, 88);
+    bed.refused(&[16, 0, 0x78, 0, 2, 4, 0, 0, 0x10, 0], 4, 88);
+    bed.refused(&[16, 0, 0x8E, 0, 1, 2, 0, 1], 4, 87);
+    bed.wait(4.secs());
+    bed.write(0x78, 2, 5_000);
+    bed.wait(1.secs());
+    // 89 SC, 94 CF in motion.
+    bed.refused(&[16, 0, 0xA1, 0, 1, 2, 0, 1], 4, 89);
+    bed.refused(&[16, 0, 0x93, 0, 1, 2, 0, 1], 4, 94);
+    assert_eq!(bed.get(Reg::AF) & CALIBRATED, CALIBRATED);
+}
+
+#[test]
+fn a_rotor_that_cannot_be_calibrated_is_given_up_after_10_s() {
+    // MC 5-9: 109, the flag is set, the bridge off.
+    for (fault, held) in [("calibration", false), ("stall", true), ("locked_rotor", false)] {
+        let mut bed = bed();
+        bed.fault(fault, true);
+        bed.error();
+        let counts = bed.get(Reg::C2);
+        let begin = bed.now;
+        bed.set(Reg::CF, 1);
+        assert_eq!(bed.lasts(|bed| bed.get(Reg::AF) & FAILED == 0), 10.secs(), "{fault}");
+        assert_eq!(bed.now.since(begin), 10.secs());
+        assert_eq!(bed.get(Reg::AF), LOCKED | CALIBRATED | FAILED);
+        assert_eq!((bed.get(Reg::LR), bed.error()), (1, 109));
+        if held {
+            assert_eq!(bed.get(Reg::C2), counts);
+        }
+        // The bridge is off: the indexer runs, the motor does not.
+        let counts = bed.get(Reg::C2);
+        bed.set(Reg::MR, 51_200);
+        bed.wait(5.secs());
+        assert_eq!((bed.get(Reg::C1), bed.get(Reg::C2)), (51_200, counts));
+        // Once the cause is gone CF is enough.
+        bed.fault(fault, false);
+        bed.set(Reg::CF, 1);
+        bed.wait(5.secs());
+        assert_eq!((bed.get(Reg::AF), bed.get(Reg::LR)), (AT_ZERO | CALIBRATED, 0));
+    }
+}
+
+#[test]
+fn a_rotor_at_its_bounds_is_locked_after_lt() {
+    // MC 5-10, 5-44: 1.1, 1.3, 1.5 and 1.7 full steps.
+    for (bounds, tenths) in [(0, 11), (1, 13), (2, 15), (3, 17)] {
+        let mut bed = bed();
+        bed.set(Reg::CB, bounds);
+        bed.set(Reg::LT, 65_535);
+        bed.fault("stall", true);
+        bed.write(0x78, 2, 1_000);
+        let reaches = bed.lasts(|bed| bed.get(Reg::AF) & ACTIVE == 0);
+        // At 1,000 steps/s, from the first tick on: VI is as much.
+        assert_eq!(bed.get(Reg::C1), STEPS * tenths / 10);
+        assert_eq!(bed.get(Reg::LL), STEPS * tenths / 10);
+        assert_eq!(reaches, (STEPS as u64 * tenths as u64 / 10).millis());
+        bed.set(Reg::LT, 500);
+        assert_eq!(bed.lasts(|bed| bed.get(Reg::LR) == 0), 500.millis());
+        assert_eq!(bed.get(Reg::AF), LOCKED | CALIBRATED);
+        assert_eq!(bed.error(), 104);
+        // "Clear Locked Rotor Fault not allowed while in Motion", then it calibrates.
+        bed.fault("stall", false);
+        bed.write(0x78, 2, 0);
+        bed.wait(1.secs());
+        bed.set(Reg::CF, 1);
+        bed.wait(5.secs());
+        assert_eq!((bed.get(Reg::AF), bed.get(Reg::LL)), (AT_ZERO | CALIBRATED, 0));
+    }
+}
+
+#[test]
+fn a_rotor_that_is_free_again_goes_on_and_lags() {
+    let mut bed = bed();
+    let counts = bed.get(Reg::C2);
+    bed.fault("stall", true);
+    bed.write(0x78, 2, 10_000);
+    bed.wait(1.secs());
+    assert_eq!(bed.get(Reg::AF), ACTIVE | CALIBRATED);
+    bed.fault("stall", false);
+    bed.wait(1.secs());
+    bed.write(0x78, 2, 0);
+    bed.wait(1.secs());
+    // It falls in where the field's torque repeats: every four full steps.
+    let lag = bed.get(Reg::LL);
+    assert_eq!(lag % (4 * STEPS), 0);
+    assert!((lag - 9_500).abs() <= 2 * STEPS + 600, "{lag}");
+    assert_eq!(bed.get(Reg::AF), CALIBRATED);
+    assert_eq!(bed.get(Reg::C2) - counts, (bed.get(Reg::C1) - lag) * COUNTS / STEPS);
+    assert_eq!(bed.error(), 0);
+    // MU = n,1 forgets it.
+    bed.connect(Link(0));
+    bed.type_in(Link(0), "MU=0,1\r");
+    assert_eq!((bed.get(Reg::LL), bed.get(Reg::AF)), (0, AT_ZERO | CALIBRATED));
+}
+
+#[test]
+fn missed_steps_are_made_up_for_at_mf_or_ss() {
+    // MC 5-46, 5-50: MU 1 at MF, 2 at SS: 10 MHz/(255 + 2) = 38,910.
+    for (mode, reg, value, frequency) in [(1, Reg::MF, 1_000, 1_000), (2, Reg::SS, 255, 38_910)] {
+        let mut bed = bed();
+        let counts = bed.get(Reg::C2);
+        bed.set(reg, value);
+        bed.fault("stall", true);
+        bed.set(Reg::MR, 2_048);
+        bed.wait(500.millis());
+        assert_eq!((bed.get(Reg::LL), bed.get(Reg::C1)), (2_048, 2_048));
+        bed.fault("stall", false);
+        bed.wait(10.millis());
+        assert_eq!((bed.get(Reg::LL), bed.get(Reg::C2) - counts), (2_048, 0), "MU is 0");
+        bed.set(Reg::MU, mode);
+        assert_eq!(bed.get(Reg::AF), ACTIVE | CALIBRATED);
+        let took = bed.lasts(|bed| bed.get(Reg::AF) & ACTIVE != 0);
+        let expected = Duration::from_ticks(16_000_000 * 2_048 / frequency);
+        let off = took.max(expected) - took.min(expected);
+        assert!(off <= 10.micros(), "{took:?}, {expected:?}");
+        assert_eq!((bed.get(Reg::LL), bed.get(Reg::C1)), (0, 2_048));
+        assert_eq!(bed.get(Reg::C2) - counts, 8 * COUNTS);
+        assert_eq!(bed.get(Reg::AF), AT_ZERO | CALIBRATED);
+    }
+}
+
+#[test]
+fn a_move_does_not_wait_for_make_up() {
+    let mut bed = bed();
+    bed.fault("stall", true);
+    bed.set(Reg::MR, 2_048);
+    bed.wait(500.millis());
+    bed.fault("stall", false);
+    bed.set(Reg::MF, 306);
+    bed.set(Reg::MU, 1);
+    bed.wait(1.secs());
+    let left = bed.get(Reg::LL);
+    assert!((2_048 - left - 306).abs() <= 2, "{left}");
+    let begin = bed.get(Reg::C1);
+    bed.set(Reg::MR, 51_200);
+    bed.wait(100.millis());
+    assert_eq!(bed.get(Reg::MV), 1);
+    assert!((bed.get(Reg::LL) - left).abs() <= 1);
+    bed.wait(20.secs());
+    assert_eq!((bed.get(Reg::C1), bed.get(Reg::LL)), (begin + 51_200, 0));
+}
+
+#[test]
+fn lag_and_lead_limits() {
+    // MC 5-41: 107 and 106.
+    for (reg, address, speed, error, bit) in
+        [(Reg::LG, 0x97, 1_000, 107, LAG), (Reg::LD, 0x95, -1_000, 106, LEAD)]
+    {
+        let mut bed = bed();
+        bed.write(address, 2, 300);
+        assert_eq!(bed.get(reg), 300);
+        bed.set(Reg::LT, 60_000);
+        bed.fault("stall", true);
+        bed.write(0x78, 2, speed);
+        let took = bed.lasts(|bed| bed.get(Reg::AF) & bit == 0);
+        assert_eq!(took, 300.millis());
+        assert_eq!(bed.get(Reg::LL), 300 * speed.signum());
+        assert_eq!(bed.error(), error);
+        // Told once.
+        bed.wait(100.millis());
+        assert_eq!(bed.error(), 0);
+    }
+}
+
+#[test]
+fn faults_without_a_cause_in_the_model() {
+    for (fault, bit, error) in [("lead_limit", LEAD, 106), ("lag_limit", LAG, 107)] {
+        let mut bed = bed();
+        bed.fault(fault, true);
+        assert_eq!(bed.get(Reg::AF), AT_ZERO | CALIBRATED | bit);
+        assert_eq!(bed.error(), error);
+        bed.fault(fault, true);
+        assert_eq!(bed.error(), 0);
+        bed.fault(fault, false);
+        assert_eq!(bed.get(Reg::AF), AT_ZERO | CALIBRATED);
+    }
+    let mut bed = bed();
+    bed.fault("locked_rotor", true);
+    assert_eq!((bed.get(Reg::AF), bed.get(Reg::LR), bed.error()), (LOCKED | CALIBRATED, 1, 104));
+    bed.fault("locked_rotor", false);
+    assert_eq!(bed.get(Reg::LR), 1, "until CF");
+    bed.set(Reg::CF, 1);
+    assert_eq!(bed.get(Reg::LR), 0);
+}
+
+#[test]
+fn torque_mode_turns_the_rotor_without_steps() {
+    let mut bed = bed();
+    // 10 MHz/(198 + 2) = 50,000 steps/s.
+    bed.set(Reg::TS, 198);
+    bed.set(Reg::TD, 0);
+    let counts = bed.get(Reg::C2);
+    bed.set(Reg::AS, 3);
+    assert_eq!(bed.get(Reg::AF), ACTIVE | CALIBRATED);
+    bed.wait(1.secs());
+    let before = bed.get(Reg::C2);
+    assert!(before < counts);
+    bed.wait(1.secs());
+    let turned = before - bed.get(Reg::C2);
+    assert!((turned - 50_000 * 4_000 / 51_200).abs() <= 1, "{turned}");
+    assert_eq!((bed.get(Reg::V), bed.get(Reg::MV), bed.get(Reg::C1), bed.get(Reg::LL)), (0, 0, 0, 0));
+    // "Takes effect when torque mode starts" (MC 5-72).
+    bed.set(Reg::TD, 1);
+    let before = bed.get(Reg::C2);
+    bed.wait(100.millis());
+    assert!(bed.get(Reg::C2) < before);
+    // A rotor that is stopped is locked after LT, but the bridge stays on (MC 5-44).
+    bed.fault("stall", true);
+    assert_eq!(bed.lasts(|bed| bed.get(Reg::LR) == 0), 2.secs());
+    assert_eq!((bed.error(), bed.get(Reg::AF)), (0, LOCKED | ACTIVE | CALIBRATED));
+    bed.fault("stall", false);
+    let before = bed.get(Reg::C2);
+    bed.wait(100.millis());
+    assert!(bed.get(Reg::C2) < before);
+    assert_eq!(bed.get(Reg::LR), 0);
+    // Back to the position: it stands, and neither lags nor leads.
+    bed.set(Reg::AS, 2);
+    bed.wait(10.millis());
+    let counts = bed.get(Reg::C2);
+    bed.wait(1.secs());
+    assert_eq!((bed.get(Reg::C2), bed.get(Reg::AF)), (counts, AT_ZERO | CALIBRATED));
+    bed.set(Reg::MR, 51_200);
+    bed.wait(5.secs());
+    assert_eq!((bed.get(Reg::C1), bed.get(Reg::C2)), (51_200, counts + 4_000));
+}
+
+#[test]
+fn an_overheated_drive_warns_and_switches_itself_off() {
+    let mut bed = bed();
+    assert_eq!(bed.get(Reg::IT), 40);
+    bed.set(Reg::WT, 60);
+    bed.fault("over_temperature", true);
+    // 10 °C/s: above 60 °C after 2.1 s, 90 °C after 5 s.
+    bed.wait(2_099.millis());
+    assert_eq!((bed.get(Reg::IT), bed.error()), (60, 0));
+    bed.wait(1.millis());
+    assert_eq!((bed.get(Reg::IT), bed.error()), (61, 71));
+    bed.wait(2_899.millis());
+    assert_eq!((bed.get(Reg::AF), bed.error()), (AT_ZERO | CALIBRATED, 0));
+    bed.wait(1.millis());
+    assert_eq!((bed.get(Reg::IT), bed.get(Reg::AF), bed.error()), (90, HARDWARE | CALIBRATED, 72));
+    bed.wait(10.secs());
+    assert_eq!(bed.get(Reg::IT), 95);
+    // CF does not help while it is hot.
+    bed.set(Reg::CF, 1);
+    bed.wait(10.secs());
+    assert_eq!(bed.get(Reg::AF), HARDWARE);
+    bed.fault("over_temperature", false);
+    bed.wait(10.secs());
+    assert_eq!(bed.get(Reg::IT), 40);
+    bed.set(Reg::CF, 1);
+    bed.wait(5.secs());
+    assert_eq!((bed.get(Reg::AF), bed.error()), (AT_ZERO | CALIBRATED, 0));
+}
+
+#[test]
+fn without_the_circuitry_nobody_looks_after_the_rotor() {
+    let mut bed = bed();
+    bed.set(Reg::AS, 0);
+    bed.fault("stall", true);
+    bed.write(0x78, 2, 100_000);
+    bed.wait(10.secs());
+    assert_eq!((bed.get(Reg::AF), bed.get(Reg::LL), bed.get(Reg::LR)), (CALIBRATED, 0, 0));
+    assert_eq!(bed.error(), 0);
+}
+
+#[test]
+fn outputs_show_the_circuitry() {
+    let mut bed = bed();
+    // Locked rotor, Hybrid active, make-up active (MC 5-64).
+    bed.set(Reg::S1, 21 << 32);
+    bed.set(Reg::S2, 24 << 32);
+    bed.set(Reg::S3, 25 << 32);
+    bed.fault("stall", true);
+    bed.set(Reg::MR, 2_048);
+    bed.wait(500.millis());
+    assert_eq!([Reg::O1, Reg::O2, Reg::O3].map(|reg| bed.get(reg)), [0, 1, 0]);
+    bed.fault("stall", false);
+    bed.set(Reg::MF, 1_000);
+    bed.set(Reg::MU, 1);
+    bed.wait(100.millis());
+    assert_eq!([Reg::O1, Reg::O2, Reg::O3].map(|reg| bed.get(reg)), [0, 1, 1]);
+    bed.wait(5.secs());
+    bed.fault("locked_rotor", true);
+    assert_eq!([Reg::O1, Reg::O2, Reg::O3].map(|reg| bed.get(reg)), [1, 0, 0]);
+}
+
+#[test]
+fn a_status_trips_instead_of_an_error() {
+    // MC 5-71.
+    let mut bed = bed();
+    bed.connect(Link(0));
+    bed.type_in(Link(0), "PG 1\rLB K1\rR1=R1+1\rRT\rPG\rTA=4,K1\rTE=32\r");
+    bed.error();
+    bed.fault("locked_rotor", true);
+    bed.wait(100.millis());
+    assert_eq!((bed.get(Reg::R1), bed.error(), bed.get(Reg::TE)), (1, 0, 0));
+    // Calibration done.
+    bed.fault("locked_rotor", false);
+    bed.type_in(Link(0), "TA=1,K1\rTE=32\rCF\r");
+    bed.wait(5.secs());
+    assert_eq!((bed.get(Reg::R1), bed.error()), (2, 0));
+}
+
+const FAULTS: [&str; 6] =
+    ["stall", "locked_rotor", "lead_limit", "lag_limit", "over_temperature", "calibration"];
+
+/// What may happen to it.
+#[derive(Clone, Debug)]
+enum Act {
+    Set(Reg, i64),
+    Fault(&'static str, bool),
+}
+
+fn acts() -> impl Strategy<Value = Act> {
+    let set = |reg, values: &'static [i64]| select(values).prop_map(move |value| Act::Set(reg, value));
+    prop_oneof![
+        2 => set(Reg::AS, &[0, 1, 2, 3]),
+        1 => set(Reg::DE, &[0, 1]),
+        1 => set(Reg::MS, &[1, 127, 256]),
+        1 => set(Reg::MU, &[0, 1, 2]),
+        1 => set(Reg::CB, &[0, 3]),
+        1 => set(Reg::LT, &[2, 500]),
+        1 => set(Reg::LG, &[0, 1, 5_000]),
+        1 => set(Reg::LD, &[0, 1, 5_000]),
+        1 => set(Reg::TQ, &[1, 100]),
+        1 => set(Reg::TS, &[0, 255]),
+        1 => set(Reg::CT, &[2, 200]),
+        1 => set(Reg::P, &[0, i32::MIN as i64, i32::MAX as i64]),
+        1 => set(Reg::SC, &[1]),
+        1 => set(Reg::CF, &[1]),
+        3 => set(Reg::SL, &[0, 5_000, -200_000, 5_000_000]),
+        2 => set(Reg::MR, &[1, -10_000, 1_000_000]),
+        4 => (select(&FAULTS[..]), any::<bool>()).prop_map(|(fault, on)| Act::Fault(fault, on)),
+    ]
+}
+
+proptest! {
+    #[test]
+    fn whatever_happens_time_goes_on_and_a_healthy_rotor_is_where_the_steps_are(
+        script in prop::collection::vec((0..20_000_000_u64, acts()), 0..30)
+    ) {
+        let mut bed = bed();
+        for (later, act) in script {
+            bed.wait(Duration::from_ticks(later));
+            match act {
+                Act::Set(reg, value) => drop(bed.try_set(reg, value)),
+                Act::Fault(fault, on) => bed.fault(fault, on),
+            }
+            prop_assert!(bed.drive.deadline() > bed.now);
+        }
+        for fault in FAULTS {
+            bed.fault(fault, false);
+        }
+        for reg in [Reg::SL, Reg::AS, Reg::DE, Reg::P] {
+            // A drive that moves, or calibrates, refuses some of these.
+            let _ = bed.try_set(reg, 0);
+            bed.wait(20.secs());
+        }
+        for (reg, value) in [(Reg::CB, 1), (Reg::CT, 200), (Reg::MS, 256), (Reg::AS, 2), (Reg::DE, 1)] {
+            bed.set(reg, value);
+            bed.wait(20.secs());
+        }
+        prop_assert_eq!(bed.get(Reg::AF) & !(LEAD | LAG), AT_ZERO | CALIBRATED);
+        let (steps, counts) = (bed.get(Reg::C1), bed.get(Reg::C2));
+        bed.set(Reg::MR, 51_200);
+        bed.wait(20.secs());
+        prop_assert_eq!((bed.get(Reg::C1) - steps, bed.get(Reg::C2) - counts), (51_200, 4_000));
+        prop_assert_eq!(bed.get(Reg::LL), 0);
+    }
+}

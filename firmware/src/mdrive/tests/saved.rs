@@ -1,0 +1,289 @@
+//! S, IP, FD, presets, and power that goes in the middle of a save.
+
+use super::*;
+use crate::mdrive::mcode::names::Meaning;
+
+impl Bed {
+    fn declare(&mut self, name: &[u8; 2], meaning: Meaning) {
+        self.drive.drive.mcode.names.add(*name, meaning).unwrap();
+    }
+
+    fn meaning(&self, name: &[u8; 2]) -> Option<Meaning> {
+        self.drive.drive.mcode.names.find(*name)
+    }
+
+    fn save(&mut self) {
+        self.write(0x76, 1, 1);
+        self.wait(100.millis());
+    }
+}
+
+#[test]
+fn what_a_save_keeps() {
+    for fresh in [Bed::plus, Bed::hybrid] {
+        let mut bed = fresh();
+        let (hybrid, mut values) =
+            (bed.drive.spec().kind == "mdrive-hybrid", vec![(Reg::A, 5_000), (Reg::VM, 70_000)]);
+        values.extend([
+            (Reg::CE, 0),
+            (Reg::D5, 9),
+            (Reg::LM, 4),
+            (Reg::R4, -5),
+            (Reg::EM, 2),
+            (Reg::S3, 16 << 32),
+        ]);
+        values.extend([(Reg::S5, 10 << 16 | 1), (Reg::ES, 2), (Reg::NE, 0), (Reg::HT, 0)]);
+        values.push(if hybrid { (Reg::LT, 777) } else { (Reg::SF, 0) });
+        for &(reg, value) in &values {
+            bed.set(reg, value);
+        }
+        bed.declare(b"Q1", Meaning::Global(-123_456));
+        bed.declare(b"X ", Meaning::Global(7));
+        bed.declare(b"Q2", Meaning::Local(1));
+        bed.set(Reg::C1, 99);
+        bed.save();
+        // What came behind it is not kept.
+        bed.set(Reg::R4, 6);
+        bed.try_write(0x67, 1, 0);
+        bed.cycle();
+        for &(reg, value) in &values {
+            assert_eq!(bed.get(reg), value, "{reg:?}");
+        }
+        assert_eq!(bed.meaning(b"Q1"), Some(Meaning::Global(-123_456)));
+        assert_eq!(bed.meaning(b"X "), Some(Meaning::Global(7)));
+        assert_eq!(bed.meaning(b"Q2"), None);
+        assert_eq!((bed.get(Reg::C1), bed.error()), (0, 0));
+    }
+}
+
+#[test]
+fn what_is_not_saved_is_lost() {
+    let mut bed = Bed::plus();
+    bed.set(Reg::VM, 70_000);
+    bed.declare(b"Q1", Meaning::Global(5));
+    bed.cycle();
+    assert_eq!((bed.get(Reg::VM), bed.meaning(b"Q1"), bed.error()), (768_000, None, 0));
+}
+
+#[test]
+fn power_that_goes_at_any_byte_of_a_save() {
+    let mut bed = Bed::plus();
+    bed.set(Reg::R1, 1);
+    bed.declare(b"Q1", Meaning::Global(1));
+    bed.save();
+    let old = bed.world.memory.clone();
+    bed.world.stores.clear();
+    bed.set(Reg::R1, 2);
+    bed.write(0x1F + 2, 1, 0);
+    bed.drive.drive.mcode.names.set(*b"Q1", 2).unwrap();
+    bed.declare(b"Q9", Meaning::Global(9));
+    bed.save();
+    let stores = bed.world.stores.iter().flat_map(|(_, offset, bytes)| {
+        bytes.iter().enumerate().map(|(n, &byte)| (usize::from(*offset) + n, byte))
+    });
+    let bytes: Vec<(usize, u8)> = stores.collect();
+    let (mut memory, mut bad) = (old, 0);
+    for stored in 0..=bytes.len() {
+        let mut cut = Bed::off(Mdrive::plus(), memory.clone());
+        cut.power_on(true);
+        let state = (cut.get(Reg::R1), cut.meaning(b"Q1"), cut.meaning(b"Q9"), cut.get(Reg::ER));
+        let (one, two, nine) = (Some(Meaning::Global(1)), Some(Meaning::Global(2)), Some(Meaning::Global(9)));
+        match state {
+            (1, q, None, 0) if q == one => assert!(stored < 10, "old at {stored}"),
+            (2, q, n, 0) if (q, n) == (two, nine) => assert!(stored + 2 >= bytes.len(), "new at {stored}"),
+            (0, None, None, 70) => bad += 1,
+            other => panic!("{other:?} at {stored}"),
+        }
+        if let Some(&(place, byte)) = bytes.get(stored) {
+            memory[place] = byte;
+        }
+    }
+    assert!(bad > 1_000);
+}
+
+/// The memory after each byte that the drive has stored since it was `memory`.
+fn every_cut(memory: &[u8], stores: &[(Instant, u16, Vec<u8>)]) -> Vec<Vec<u8>> {
+    let mut cuts = vec![memory.to_vec()];
+    for (_, offset, bytes) in stores {
+        for (place, &byte) in (usize::from(*offset)..).zip(bytes) {
+            let mut next = cuts.last().unwrap().clone();
+            next[place] = byte;
+            cuts.push(next);
+        }
+    }
+    cuts
+}
+
+#[test]
+fn power_that_goes_at_any_byte_of_fd() {
+    let mut bed = Bed::plus();
+    bed.connect(CLIENT);
+    bed.type_in(CLIENT, "EM=2\rVA Q1=1\rR1=5\rPG 1\rLB K1\rE\rPG\r");
+    bed.save();
+    let old = bed.world.memory.clone();
+    bed.world.stores.clear();
+    bed.type_in(CLIENT, "FD\r");
+    bed.wait(100.millis());
+    let cuts = every_cut(&old, &bed.world.stores);
+    let mut outcomes = [0; 3];
+    for (n, memory) in cuts.iter().enumerate() {
+        let mut cut = Bed::off(Mdrive::plus(), memory.clone());
+        cut.power_on(true);
+        let state = (cut.get(Reg::R1), cut.meaning(b"Q1"), cut.meaning(b"K1"), cut.error());
+        let outcome = match state {
+            (5, Some(Meaning::Global(1)), Some(Meaning::Label(1)), 0) => 0,
+            (0, None, _, 70) => 1,
+            (0, None, None, 0) => 2,
+            other => panic!("{other:?} at {n}"),
+        };
+        outcomes[outcome] += 1;
+    }
+    assert!(outcomes.iter().all(|&times| times > 0), "old, bad, new: {outcomes:?}");
+}
+
+#[test]
+fn a_memory_that_does_not_pass() {
+    let mut bed = Bed::plus();
+    bed.set(Reg::R1, 5);
+    bed.save();
+    for place in [0, 40, 200, 900] {
+        let mut memory = bed.world.memory.clone();
+        memory[place] ^= 1;
+        let mut bad = Bed::off(Mdrive::plus(), memory);
+        assert_eq!(bad.try_set(Reg::R2, 1), Err(Refused::BadMemory));
+        bad.power_on(true);
+        assert_eq!((bad.get(Reg::R1), bad.error()), (0, 70), "{place}");
+        bad.set(Reg::R1, 6);
+        bad.save();
+        bad.cycle();
+        assert_eq!((bad.get(Reg::R1), bad.error()), (6, 0));
+    }
+}
+
+#[test]
+fn a_memory_of_what_no_write_could_bring() {
+    for pair in
+        [[(Reg::JE, 1), (Reg::CM, 1)], [(Reg::VI, 5_000), (Reg::VM, 5_000)], [(Reg::HT, 1), (Reg::R1, 7)]]
+    {
+        let mut bed = Bed::plus();
+        for (reg, value) in pair {
+            // Past the drive.
+            bed.drive.drive.bank.set(reg, value);
+        }
+        bed.save();
+        bed.cycle();
+        let factory = pair.map(|(reg, _)| Reg::ENTRIES.list[reg.row()].reset);
+        assert_eq!(pair.map(|(reg, _)| bed.get(reg)), factory, "{pair:?}");
+    }
+}
+
+#[test]
+fn a_save_in_motion() {
+    let mut bed = Bed::plus();
+    bed.write(0x78, 2, 10_000);
+    bed.wait(100.millis());
+    bed.refused(&[16, 0, 0x76, 0, 1, 2, 0, 1], 4, 73);
+    assert_eq!(bed.world.stores, []);
+}
+
+#[test]
+fn presets_before_power() {
+    let mut bed = Bed::off(Mdrive::plus(), vec![0xFF; MEMORY]);
+    bed.set(Reg::VM, 90_000);
+    bed.set(Reg::VI, 80_000);
+    bed.set(Reg::S2, 16 << 32 | 1 << 16 | 1);
+    bed.set(Reg::EE, 1);
+    bed.set(Reg::SerialCommands, 1);
+    for (reg, value, refused) in [
+        (Reg::VI, 4_000, Refused::OutOfRange),
+        (Reg::RC, 101, Refused::OutOfRange),
+        (Reg::RC, 1 << 40, Refused::OutOfRange),
+        (Reg::S1, 22 << 32, Refused::OutOfRange),
+        (Reg::C1, 5, Refused::ReadOnly),
+        (Reg::EF, 1, Refused::ReadOnly),
+        (Reg::LT, 5, Refused::NoSuchRegister),
+    ] {
+        assert_eq!(bed.try_set(reg, value), Err(refused), "{reg:?}");
+    }
+    bed.power_on(true);
+    // 90,000 and 80,000 steps/s are 3,600 and 3,200 counts/s.
+    assert_eq!([Reg::VM, Reg::VI, Reg::A, Reg::EE].map(|reg| bed.get(reg)), [3_600, 3_200, 40_000, 1]);
+    assert_eq!((bed.get(Reg::S2), bed.get(Reg::SerialCommands)), (16 << 32 | 1 << 16 | 1, 1));
+    assert_eq!(bed.error(), 0);
+}
+
+#[test]
+fn presets_later() {
+    let mut bed = Bed::plus();
+    for (reg, value, refused) in [
+        (Reg::MV, 1, Refused::ReadOnly),
+        (Reg::BY, 1, Refused::ReadOnly),
+        (Reg::RC, 0, Refused::OutOfRange),
+        (Reg::R1, 1 << 31, Refused::OutOfRange),
+        (Reg::O1, 1, Refused::Busy),
+        (Reg::V1, 1, Refused::NoSuchRegister),
+        (Reg::LT, 5, Refused::NoSuchRegister),
+        (Reg::S1, 9 << 32, Refused::OutOfRange),
+        (Reg::SerialCommands, 2, Refused::OutOfRange),
+    ] {
+        assert_eq!(bed.try_set(reg, value), Err(refused), "{reg:?}");
+    }
+    bed.set(Reg::S1, 16 << 32);
+    bed.set(Reg::O1, 1);
+    bed.set(Reg::P, -5);
+    assert_eq!((bed.get(Reg::O1), bed.get(Reg::P)), (1, -5));
+    assert_eq!(bed.error(), 0, "a preset is no write of the bus");
+    let mut bed = Bed::hybrid();
+    bed.set(Reg::SS, 198);
+    assert_eq!(bed.get(Reg::SS), 198, "the register, not Hz");
+}
+
+#[test]
+fn ip_brings_back_what_is_saved() {
+    let mut bed = Bed::plus();
+    bed.connect(CLIENT);
+    bed.type_in(CLIENT, "RC=70\rVA Q1=1\rS1=16,1,0\rS\rRC=80\rQ1=2\rS1=0,0,0\rP=5\rIP\r");
+    // User variables and counters are none of the factory's variables (MC 3-3).
+    let now = (bed.get(Reg::RC), bed.get(Reg::S1), bed.meaning(b"Q1"), bed.get(Reg::P), bed.error());
+    assert_eq!(now, (70, 16 << 32 | 1 << 16, Some(Meaning::Global(2)), 5, 0));
+    bed.write(0x78, 2, 5_000);
+    bed.wait(10.millis());
+    bed.type_in(CLIENT, "RC=90\rIP\r");
+    assert_eq!((bed.error(), bed.get(Reg::RC)), (74, 90));
+}
+
+#[test]
+fn fd_is_as_the_factory_made_it() {
+    let mut bed = Bed::plus();
+    bed.set(Reg::SerialCommands, 1);
+    bed.connect(CLIENT);
+    bed.type_in(CLIENT, "RC=70\rVA Q1=1\rLK=1\rS\rCP\rPG 1\rLB K1\rE\rPG\rP=5\rEM=2\r");
+    assert_eq!(bed.type_in(CLIENT, "FD\r"), "Copyright 2001-2010 by Schneider Electric Motion USA.\r\n>");
+    for _ in 0..2 {
+        let now = [Reg::RC, Reg::P, Reg::LK, Reg::EM].map(|reg| bed.get(reg));
+        assert_eq!(now, [25, 0, 0, 0]);
+        assert_eq!((bed.meaning(b"Q1"), bed.meaning(b"K1"), bed.error()), (None, None, 0));
+        assert_eq!(bed.get(Reg::SerialCommands), 1);
+        bed.wait(100.millis());
+        bed.cycle();
+    }
+    bed.connect(CLIENT);
+    assert_eq!(bed.type_in(CLIENT, "L\r"), "L\r\n>");
+    bed.write(0x78, 2, 5_000);
+    bed.wait(10.millis());
+    bed.type_in(CLIENT, "FD\r");
+    assert_eq!(bed.error(), 73);
+}
+
+#[test]
+fn the_lock_holds_until_everything_is_cleared() {
+    let mut bed = Bed::plus();
+    bed.connect(CLIENT);
+    bed.type_in(CLIENT, "LK=1\rLK=0\r");
+    assert_eq!((bed.error(), bed.get(Reg::LK)), (44, 1));
+    bed.type_in(CLIENT, "CP\r");
+    assert_eq!((bed.error(), bed.get(Reg::LK)), (0, 0));
+    bed.type_in(CLIENT, "LK=1\r");
+    bed.cycle();
+    assert_eq!(bed.get(Reg::LK), 0, "it was not saved");
+}

@@ -1,0 +1,213 @@
+//! What a value that is written does.
+
+use super::{entry, output_bit, step, user_name};
+use crate::device::{Instant, Sink};
+use crate::mdrive::drive::{Drive, filters, motion_settings};
+use crate::mdrive::error::Error;
+use crate::mdrive::mcode::statement::{List, Operand, Parameter};
+use crate::mdrive::motion::{self, Contact, Order};
+use crate::mdrive::registers::Reg;
+
+impl Drive {
+    /// Gives the motor something to do: MA, MR, SL, HM and HI, in whatever way they come. Registers keep the last
+    /// of each.
+    ///
+    /// # Errors
+    /// 80, 81, 85, 88, 93: its state forbids it; nothing has changed.
+    pub(in crate::mdrive) fn order(
+        &mut self,
+        at: Instant,
+        order: Order,
+        out: &mut dyn Sink,
+    ) -> Result<(), Error> {
+        if self.hybrid.is_calibrating() {
+            return Err(Error::Calibrating);
+        }
+        if matches!(order, Order::Home(_)) && self.io.contact(Contact::Home).is_none() {
+            return Err(Error::NoHomeSwitch);
+        }
+        self.motion.order(at, order, out)?;
+        self.mcode.vm.remember(order);
+        match order {
+            Order::To { position, .. } => self.bank.set(Reg::MA, position.into()),
+            Order::By { distance, .. } => self.bank.set(Reg::MR, distance.into()),
+            Order::Slew(speed) => self.bank.set(Reg::SL, speed.into()),
+            Order::Home(kind) => self.bank.set(Reg::HM, kind.into()),
+            Order::HomeToIndex(_) => {}
+        }
+        Ok(())
+    }
+
+    /// Writes a variable of several values: S1 to S13, CA, MU, a trip. A value that is left out behind the first one
+    /// is 0.
+    ///
+    /// # Errors
+    /// 6, 8, 9, 11, 12, 21, 30, 38, 39; nothing has changed then.
+    pub(in crate::mdrive) fn write_list(
+        &mut self,
+        at: Instant,
+        list: List,
+        parameters: &[Parameter],
+        out: &mut dyn Sink,
+    ) -> Result<(), Error> {
+        match list {
+            List::Trip(trip) => self.define_trip(at, trip, parameters, out),
+            List::Io(reg) => {
+                let values = self.values(at, usize::from(entry(reg).shape.words()), parameters)?;
+                self.set_up(at, reg, values, out)
+            }
+            List::With(reg) => {
+                let [value, with, _] = self.values(at, 2, parameters)?;
+                if with > 1 {
+                    return Err(Error::IllegalValue);
+                }
+                self.write(at, reg, value.into(), out)?;
+                if reg == Reg::MU && with == 1 {
+                    self.clear_lag(at);
+                }
+                Ok(())
+            }
+        }
+    }
+
+    /// Sets up an I/O point.
+    ///
+    /// # Errors
+    /// 6, 8, 11, 21; nothing has changed then.
+    pub(in crate::mdrive) fn set_up(
+        &mut self,
+        at: Instant,
+        reg: Reg,
+        values: [u16; 3],
+        out: &mut dyn Sink,
+    ) -> Result<(), Error> {
+        let [kind, second, _] = values;
+        if !self.has_type(kind) {
+            return Err(Error::IllegalType);
+        }
+        match reg {
+            Reg::S1 => self.io.set_up(at, 1, values, out),
+            Reg::S2 => self.io.set_up(at, 2, values, out),
+            Reg::S3 => self.io.set_up(at, 3, values, out),
+            Reg::S4 => self.io.set_up(at, 4, values, out),
+            Reg::S5 => self.io.set_up_analogue(at, [kind, second]),
+            Reg::S7 => self.io.set_up_clock(at, 7, [kind, second], out),
+            Reg::S8 => self.io.set_up_clock(at, 8, [kind, second], out),
+            Reg::S13 => self.io.set_up_capture(at, [kind, second], out),
+            _ => Err(Error::IllegalIo),
+        }?;
+        let words = values.iter().take(usize::from(entry(reg).shape.words()));
+        self.bank.set(reg, words.fold(0, |all, &word| all << 16 | i64::from(word)));
+        if matches!(reg, Reg::S7 | Reg::S8) {
+            self.set_motion(at, out);
+        }
+        Ok(())
+    }
+
+    /// Does what a value means that is judged.
+    ///
+    /// # Errors
+    /// What only the one knows who carries it out: motion, trips, the memory. Nothing has changed then.
+    pub(in crate::mdrive) fn apply(
+        &mut self,
+        at: Instant,
+        reg: Reg,
+        value: i32,
+        out: &mut dyn Sink,
+    ) -> Result<(), Error> {
+        let (announces, goes_on) = (false, false);
+        match reg {
+            Reg::C1 => self.motion.set_steps(at, value),
+            Reg::C2 => self.motion.set_counts(at, value),
+            Reg::P if self.is_closed() => self.motion.set_counts(at, value),
+            Reg::P => self.motion.set_steps(at, value),
+            Reg::ER => self.errors.clear(),
+            Reg::IC | Reg::DC => {
+                let counted = self.counted_by_address(value)?;
+                return self.count(at, counted, step(reg), out);
+            }
+            Reg::O1 | Reg::O2 | Reg::O3 | Reg::O4 => {
+                let bit = output_bit(reg);
+                self.write_outputs(at, bit, if value == 0 { 0 } else { bit }, out);
+            }
+            Reg::OL | Reg::OT => self.write_outputs(at, 0xF, value, out),
+            // Only IV sets it.
+            Reg::IF => self.mcode.vm.forget_input(),
+            Reg::ST => self.motion.set_stalled(value != 0),
+            Reg::TE => return self.enable_trips(at, (value & 0xFF) as u8),
+            Reg::MA => return self.order(at, Order::To { position: value, announces, goes_on }, out),
+            Reg::MR => return self.order(at, Order::By { distance: value, announces, goes_on }, out),
+            Reg::SL => return self.order(at, Order::Slew(value), out),
+            Reg::HM => return self.order(at, Order::Home((value & 0xFF) as u8), out),
+            Reg::S => return self.save(at, out),
+            Reg::CF => return self.calibrate(at, true, out),
+            Reg::SC => return self.calibrate(at, false, out),
+            _ => match user_name(reg) {
+                Some(name) => return self.mcode.names.set(name, value),
+                None => return self.set(at, reg, value, out),
+            },
+        }
+        Ok(())
+    }
+
+    /// A variable that is held takes a value, and who goes by it hears of it.
+    fn set(&mut self, at: Instant, reg: Reg, value: i32, out: &mut dyn Sink) -> Result<(), Error> {
+        let calibrates = self.calibrates(reg, value);
+        self.hold(reg, value);
+        match reg {
+            Reg::D1 | Reg::D2 | Reg::D3 | Reg::D4 | Reg::D5 | Reg::FC | Reg::FM | Reg::CW => {
+                self.set_filters(at, out);
+            }
+            Reg::CM | Reg::CR => {
+                self.set_filters(at, out);
+                self.set_motion(at, out);
+            }
+            _ => self.set_motion(at, out),
+        }
+        if calibrates { self.calibrate(at, false, out) } else { Ok(()) }
+    }
+
+    /// Motion goes by what has been written.
+    pub(in crate::mdrive) fn set_motion(&mut self, at: Instant, out: &mut dyn Sink) {
+        let settings = motion_settings(&self.bank, self.io.follows_clock());
+        let enabled = settings.enabled && !self.hybrid.is_disabled();
+        self.motion.set(at, motion::Settings { enabled, ..settings }, out);
+    }
+
+    /// I/O goes by what has been written.
+    pub(in crate::mdrive) fn set_filters(&mut self, at: Instant, out: &mut dyn Sink) {
+        self.io.set_filters(at, filters(&self.bank), out);
+    }
+
+    /// Writes those of `outputs` that are outputs, a bit each.
+    fn write_outputs(&mut self, at: Instant, outputs: i32, active: i32, out: &mut dyn Sink) {
+        let outputs = outputs & i32::from(self.io.outputs());
+        for n in 1..=4 {
+            let bit = 1 << (n - 1);
+            if outputs & bit != 0 {
+                // It is an output.
+                let _ = self.io.write(at, n, active & bit != 0, out);
+            }
+        }
+    }
+
+    /// The values of a list, of which it has `count` at most; but for the first one they are 0 if they are left out.
+    fn values(&mut self, at: Instant, count: usize, parameters: &[Parameter]) -> Result<[u16; 3], Error> {
+        if parameters.len() > count {
+            return Err(Error::IllegalValue);
+        }
+        if matches!(parameters.first(), None | Some(Parameter::Absent)) {
+            return Err(Error::IllegalData);
+        }
+        let mut values = [0; 3];
+        for (value, &parameter) in values.iter_mut().zip(parameters) {
+            let number = match parameter {
+                Parameter::Absent => 0,
+                Parameter::Value(operand) => self.operand(at, operand)?,
+                Parameter::Label(name) => self.operand(at, Operand::User(name))?,
+            };
+            *value = u16::try_from(number).map_err(|_| Error::IllegalValue)?;
+        }
+        Ok(values)
+    }
+}

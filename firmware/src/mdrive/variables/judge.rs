@@ -1,0 +1,157 @@
+//! Whether a value may be written, before anything is done.
+
+use standin_protocol::registers::{Register, Space};
+
+use super::units::{CLOSED_MICROSTEPS, fits};
+use super::{entry, is_number, output_bit, step};
+use crate::device::Instant;
+use crate::mdrive::drive::{Drive, Model};
+use crate::mdrive::error::Error;
+use crate::mdrive::io;
+use crate::mdrive::registers::Reg;
+
+/// The most of HT and MT together, in ms (MC 5-32).
+const MOST_DELAY_MS: i32 = 65_535;
+
+impl Drive {
+    /// Whether a write may bring this, while others are `as_is`: what they are, or what the same request makes of
+    /// them.
+    ///
+    /// # Errors
+    /// As [`Self::write`].
+    pub(in crate::mdrive) fn judge(
+        &self,
+        at: Instant,
+        reg: Reg,
+        value: i32,
+        as_is: &dyn Fn(Reg) -> i32,
+    ) -> Result<(), Error> {
+        if !self.is_there(reg) {
+            return Err(Error::Unknown);
+        }
+        if !entry(reg).access.writes() {
+            return Err(Error::ReadOnly);
+        }
+        self.judge_together(reg, value, as_is)?;
+        match reg {
+            Reg::EE if value == 1 && !self.is_closed() => self.judge_closing(),
+            Reg::LK if value == 0 && self.held(Reg::LK) == 1 => Err(Error::Locked),
+            Reg::O1 | Reg::O2 | Reg::O3 | Reg::O4 => self.judge_outputs(output_bit(reg)),
+            // Higher ones are those of outputs that are not there (MC 5-54).
+            Reg::OL | Reg::OT => self.judge_outputs(value & 0xF),
+            Reg::IC | Reg::DC => {
+                let counted = self.counted_by_address(value)?;
+                // What the same request writes behind it is not yet so.
+                let held = if counted.row() < reg.row() { as_is(counted) } else { self.held(counted) };
+                let value = self.counted(at, counted, step(reg), held)?;
+                self.judge(at, counted, value, as_is)
+            }
+            Reg::TE => self.judge_trips(value),
+            Reg::S if self.motion.is_moving(at) => Err(Error::SaveInMotion),
+            Reg::CF if self.motion.is_moving(at) => Err(Error::ClearLockedInMotion),
+            Reg::AS if self.hybrid.is_calibrating() => Err(Error::JogInClockMode),
+            Reg::MA | Reg::MR | Reg::SL | Reg::HM if self.hybrid.is_calibrating() => Err(Error::Calibrating),
+            _ if self.calibrates(reg, value) && self.motion.is_moving(at) => Err(Error::CalibrationInMotion),
+            _ => Ok(()),
+        }
+    }
+
+    /// Whether a value is in its range, and goes with what others are.
+    ///
+    /// # Errors
+    /// As [`Self::write`].
+    pub(in crate::mdrive) fn judge_together(
+        &self,
+        reg: Reg,
+        value: i32,
+        as_is: &dyn Fn(Reg) -> i32,
+    ) -> Result<(), Error> {
+        match reg {
+            // Before the ranges: what is below VI is too low for VM, whatever else it is.
+            Reg::VI if value >= as_is(Reg::VM) => Err(Error::InitialVelocity),
+            Reg::VM if value <= as_is(Reg::VI) => Err(Error::MaximumVelocity),
+            _ if !self.accepts(reg, value) => Err(illegal(reg)),
+            Reg::HT if value == 1 || value + as_is(Reg::MT) > MOST_DELAY_MS => Err(Error::IllegalValue),
+            Reg::MT if value + as_is(Reg::HT) > MOST_DELAY_MS => Err(Error::IllegalValue),
+            Reg::MS if self.is_closed() && value != CLOSED_MICROSTEPS => Err(Error::IllegalRatio),
+            Reg::EL if self.is_closed() && !fits(value) => Err(Error::IllegalRatio),
+            Reg::JE if value == 1 && as_is(Reg::CM) == 1 => Err(Error::JogInClockMode),
+            Reg::CM if value == 1 && as_is(Reg::JE) == 1 => Err(Error::JogInClockMode),
+            // Only IV sets it.
+            Reg::IF if value == 1 => Err(Error::IllegalValue),
+            _ => Ok(()),
+        }
+    }
+
+    /// Whether a write has a Hybrid calibrate (FB 5.1, CA).
+    pub(in crate::mdrive) fn calibrates(&self, reg: Reg, value: i32) -> bool {
+        let calibrates = match reg {
+            Reg::AS | Reg::DE => self.held(reg) == 0 && value != 0,
+            Reg::MS => value != self.held(reg),
+            Reg::SC => true,
+            _ => false,
+        };
+        calibrates && self.model == Model::Hybrid
+    }
+
+    /// Whether the drive's model has an I/O of this type.
+    pub(super) fn has_type(&self, kind: u16) -> bool {
+        self.model == Model::Hybrid || !io::is_of_hybrid(kind)
+    }
+
+    /// Whether these can be active, a bit each.
+    ///
+    /// # Errors
+    /// 9: one of them is no general purpose output, or there is none at all.
+    fn judge_outputs(&self, bits: i32) -> Result<(), Error> {
+        let outputs = i32::from(self.io.outputs());
+        if bits & !outputs == 0 && outputs != 0 { Ok(()) } else { Err(Error::NoOutput) }
+    }
+
+    /// The variable at the address that IC or DC brings on the bus.
+    pub(super) fn counted_by_address(&self, address: i32) -> Result<Reg, Error> {
+        let entries = self.model.entries();
+        let mut list = entries.list.iter();
+        let row = list.position(|row| row.space == Space::Holding && i32::from(row.address) == address);
+        row.and_then(Reg::from_row).filter(|&reg| self.is_there(reg)).ok_or(Error::NotCountable)
+    }
+
+    /// What a variable becomes when it is counted; of one that is held, from this on.
+    pub(super) fn counted(&self, at: Instant, reg: Reg, by: i32, held: i32) -> Result<i32, Error> {
+        if !is_countable(reg) {
+            return Err(Error::NotCountable);
+        }
+        let value = if entry(reg).live { self.read(at, reg) } else { held };
+        Ok(value.wrapping_add(by))
+    }
+}
+
+/// What a value outside of its range is.
+pub(in crate::mdrive) fn illegal(reg: Reg) -> Error {
+    match reg {
+        Reg::HM => Error::HomeType,
+        Reg::IC | Reg::DC => Error::NotCountable,
+        Reg::BD => Error::IllegalBaud,
+        _ => Error::IllegalValue,
+    }
+}
+
+/// Whether IC and DC count it: none that only does something, no baud rate (MC 9.2).
+fn is_countable(reg: Reg) -> bool {
+    let does = matches!(
+        reg,
+        Reg::CF
+            | Reg::DC
+            | Reg::ER
+            | Reg::HM
+            | Reg::IC
+            | Reg::MA
+            | Reg::MR
+            | Reg::OL
+            | Reg::OT
+            | Reg::S
+            | Reg::SC
+            | Reg::SL
+    );
+    entry(reg).access.writes() && is_number(reg) && !does && reg != Reg::BD
+}

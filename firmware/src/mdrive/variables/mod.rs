@@ -1,0 +1,232 @@
+//! The variables: what they read as, and what happens when one is written, be it by the bus or by MCode.
+//!
+//! A write is judged first, with all that it brings (`judge`); then it acts (`apply`). EE changes units (`units`).
+
+mod apply;
+mod judge;
+mod units;
+
+use core::ops::RangeInclusive;
+
+use standin_protocol::registers::{Entry, Register, Row, Shape};
+
+pub(super) use self::judge::illegal;
+use super::drive::{Drive, Model};
+use super::error::Error;
+use super::mcode::names::Meaning;
+use super::mcode::statement::{Name, Operand};
+use super::registers::Reg;
+use crate::device::{Instant, Sink};
+
+/// AS: torque mode.
+const TORQUE: i64 = 3;
+/// What SS and TS divide (FB 5.1), in Hz.
+const OSCILLATOR: i32 = 10_000_000;
+/// What they may be in MCode (MC 5-70, 5-76), in Hz.
+const FREQUENCIES: RangeInclusive<i32> = 38_910..=5_000_000;
+
+impl Drive {
+    /// A variable as its register reads now, without what reading it does; 0 for a user variable that is not
+    /// declared.
+    pub(super) fn read(&self, at: Instant, reg: Reg) -> i32 {
+        match reg {
+            Reg::C1 => self.motion.steps(at),
+            Reg::C2 => self.motion.counts(at),
+            Reg::P if self.is_closed() => self.motion.counts(at),
+            Reg::P => self.motion.steps(at),
+            Reg::EF => self.errors.is_set().into(),
+            Reg::ER => self.errors.number().into(),
+            Reg::I1 | Reg::O1 => self.io.is_active(1).into(),
+            Reg::I2 | Reg::O2 => self.io.is_active(2).into(),
+            Reg::I3 | Reg::O3 => self.io.is_active(3).into(),
+            Reg::I4 | Reg::O4 => self.io.is_active(4).into(),
+            Reg::I5 => self.io.analogue(at).into(),
+            Reg::I6 => self.motion.is_on_index(at).into(),
+            Reg::IL => self.io.levels().into(),
+            Reg::IN => self.io.raw_levels().into(),
+            Reg::IF => self.mcode.vm.awaits_input().into(),
+            Reg::MP => self.motion.is_positioning(at).into(),
+            Reg::MV => self.motion.is_moving(at).into(),
+            Reg::PC => self.mcode.trips.captured(),
+            Reg::ST => self.motion.has_stalled().into(),
+            Reg::TE => self.mcode.trips.enabled().into(),
+            // (FB 5, V)
+            Reg::V if self.model == Model::Hybrid && self.bank.get(Reg::AS) == TORQUE => 0,
+            Reg::V => self.motion.velocity(at),
+            Reg::VC => self.motion.is_changing(at).into(),
+            Reg::AF => self.hybrid_status(at).into(),
+            Reg::LL => self.lag(at),
+            Reg::LR => self.hybrid.is_locked().into(),
+            Reg::IT => self.hybrid.temperature(at),
+            Reg::BY => self.mcode.vm.is_running().into(),
+            // Nothing is left of them.
+            Reg::DC | Reg::IC | Reg::OL | Reg::OT | Reg::S | Reg::CF | Reg::SC => 0,
+            _ => match user_name(reg) {
+                Some(name) => self.user_variable(name).unwrap_or(0),
+                None => self.held(reg),
+            },
+        }
+    }
+
+    /// A variable as MCode reads it: SS and TS in Hz.
+    pub(super) fn read_mcode(&self, at: Instant, reg: Reg) -> i32 {
+        let value = self.read(at, reg);
+        if is_frequency(reg) { over(OSCILLATOR, value.saturating_add(2)) } else { value }
+    }
+
+    /// A variable was read: ER is cleared by that.
+    pub(super) fn has_read(&mut self, reg: Reg) {
+        if reg == Reg::ER {
+            self.errors.clear();
+        }
+    }
+
+    /// What an operand of MCode is now; what reading it does is done.
+    ///
+    /// # Errors
+    /// 30: there is no such user variable.
+    pub(super) fn operand(&mut self, at: Instant, operand: Operand) -> Result<i32, Error> {
+        match operand {
+            Operand::Number(number) => Ok(number),
+            Operand::Variable(reg) => {
+                let value = self.read_mcode(at, reg);
+                self.has_read(reg);
+                Ok(value)
+            }
+            Operand::User(name) => self.user_variable(name).ok_or(Error::UnknownLabel),
+        }
+    }
+
+    /// Whether a row is there: its model has it, and if it is a user variable it is declared.
+    pub(super) fn is_there(&self, reg: Reg) -> bool {
+        self.has(reg) && user_name(reg).is_none_or(|name| self.user_variable(name).is_some())
+    }
+
+    /// Writes a variable: judges, then does what it means.
+    ///
+    /// # Errors
+    /// 21, 22, 23, 25 and what the drive's state forbids; nothing has changed then. Who writes tells of it:
+    /// [`Self::fail`].
+    pub(super) fn write(
+        &mut self,
+        at: Instant,
+        reg: Reg,
+        value: i32,
+        out: &mut dyn Sink,
+    ) -> Result<(), Error> {
+        self.judge(at, reg, value, &|other| self.held(other))?;
+        self.apply(at, reg, value, out)
+    }
+
+    /// Writes a variable as MCode does: SS and TS in Hz, of which the register that comes next to it is kept.
+    ///
+    /// # Errors
+    /// As [`Self::write`].
+    pub(super) fn write_mcode(
+        &mut self,
+        at: Instant,
+        reg: Reg,
+        value: i32,
+        out: &mut dyn Sink,
+    ) -> Result<(), Error> {
+        if !is_frequency(reg) {
+            return self.write(at, reg, value, out);
+        }
+        if !FREQUENCIES.contains(&value) {
+            return Err(Error::IllegalValue);
+        }
+        self.write(at, reg, over(OSCILLATOR, value) - 2, out)
+    }
+
+    /// Adds 1, or -1, to a variable: IC, DC.
+    ///
+    /// # Errors
+    /// 26 for what cannot be counted, and those of [`Self::write`].
+    pub(super) fn count(&mut self, at: Instant, reg: Reg, by: i32, out: &mut dyn Sink) -> Result<(), Error> {
+        let value = self.counted(at, reg, by, self.held(reg))?;
+        self.write(at, reg, value, out)
+    }
+
+    /// The values of a set-up as it is held; behind the last one 0.
+    pub(super) fn set_up_of(&self, reg: Reg) -> [u16; 3] {
+        words(reg, self.bank.get(reg))
+    }
+
+    /// A variable as it was written last.
+    pub(super) fn held(&self, reg: Reg) -> i32 {
+        i32::try_from(self.bank.get(reg)).unwrap_or(i32::MAX)
+    }
+
+    /// Whether its model has a row.
+    pub(super) fn has(&self, reg: Reg) -> bool {
+        entry(reg).variants & self.model.variant() != 0
+    }
+
+    fn user_variable(&self, name: Name) -> Option<i32> {
+        match self.mcode.names.find(name)? {
+            Meaning::Global(value) | Meaning::Local(value) => Some(value),
+            Meaning::Label(_) => None,
+        }
+    }
+}
+
+/// What the bus and the drive go by of a variable.
+pub(super) fn entry(reg: Reg) -> &'static Entry {
+    static NONE: Entry = Row::setting(0, "no row").entry;
+    Reg::ENTRIES.list.get(reg.row()).unwrap_or(&NONE)
+}
+
+/// The values of an I/O's set-up, of what its row holds; behind the last one 0.
+pub(super) fn words(reg: Reg, value: i64) -> [u16; 3] {
+    let word = |n: u16| (value >> (16 * n) & 0xFFFF) as u16;
+    match entry(reg).shape.words() {
+        3 => [word(2), word(1), word(0)],
+        _ => [word(1), word(0), 0],
+    }
+}
+
+/// Whether it has one value, and not several.
+pub(super) fn is_number(reg: Reg) -> bool {
+    !matches!(entry(reg).shape, Shape::Words(_))
+}
+
+/// What IC and DC add.
+fn step(reg: Reg) -> i32 {
+    if reg == Reg::DC { -1 } else { 1 }
+}
+
+/// Whether MCode has it in Hz.
+fn is_frequency(reg: Reg) -> bool {
+    matches!(reg, Reg::SS | Reg::TS)
+}
+
+/// A quotient, of a divisor that is not 0.
+fn over(value: i32, by: i32) -> i32 {
+    value.checked_div(by).unwrap_or(0)
+}
+
+/// The bit of O1 to O4 in OL.
+fn output_bit(reg: Reg) -> i32 {
+    match reg {
+        Reg::O1 => 1,
+        Reg::O2 => 2,
+        Reg::O3 => 4,
+        _ => 8,
+    }
+}
+
+/// What a program declares for a register of FB 5.2 to be there.
+fn user_name(reg: Reg) -> Option<Name> {
+    let digit = match reg {
+        Reg::V1 => b'1',
+        Reg::V2 => b'2',
+        Reg::V3 => b'3',
+        Reg::V4 => b'4',
+        Reg::V5 => b'5',
+        Reg::V6 => b'6',
+        Reg::V7 => b'7',
+        Reg::V8 => b'8',
+        _ => return None,
+    };
+    Some([b'V', digit])
+}

@@ -1,0 +1,86 @@
+//! Steps and counts: EE changes the units of A, D, VI and VM, and their ranges (MC 7.3.7).
+
+use standin_protocol::registers::Legal;
+
+use super::entry;
+use crate::mdrive::drive::{Drive, motion_settings};
+use crate::mdrive::error::Error;
+use crate::mdrive::motion::STEPS_PER_REV;
+use crate::mdrive::registers::Reg;
+
+/// The most of A and D in counts/s² (MC 5-1, 5-16).
+const MOST_COUNTS_PER_S2: i32 = 61_035_160;
+/// The most of VM and SL in counts/s (MC 5-68, 5-80).
+const MOST_COUNTS_PER_S: i32 = 200_000;
+/// MS while EE is 1 (MC 7-22).
+pub(super) const CLOSED_MICROSTEPS: i32 = 256;
+/// Steps of a revolution then.
+const CLOSED_STEPS: i32 = STEPS_PER_REV as i32 * CLOSED_MICROSTEPS;
+
+impl Drive {
+    /// Puts a value into the bank; with EE A, D, VI and VM change their units.
+    pub(in crate::mdrive) fn hold(&mut self, reg: Reg, value: i32) {
+        let closes = value != 0;
+        if reg == Reg::EE && closes != self.is_closed() {
+            for scaled in SCALED {
+                let value = self.scaled(scaled, closes);
+                self.bank.set(scaled, value);
+            }
+        }
+        self.bank.set(reg, value.into());
+    }
+
+    /// EE.
+    pub(in crate::mdrive) fn is_closed(&self) -> bool {
+        self.bank.word(Reg::EE) != 0
+    }
+
+    /// Whether its row accepts a value; with EE in counts.
+    pub(super) fn accepts(&self, reg: Reg, value: i32) -> bool {
+        let fits = match reg {
+            Reg::A | Reg::D => value <= MOST_COUNTS_PER_S2,
+            Reg::VM | Reg::SL => value.unsigned_abs() <= MOST_COUNTS_PER_S.unsigned_abs(),
+            _ => true,
+        };
+        entry(reg).accepts(value.into()) && (fits || !self.is_closed())
+    }
+
+    /// Whether EE may become 1.
+    ///
+    /// # Errors
+    /// 36 if steps and counts do not fit, 90 if something would become too low.
+    pub(super) fn judge_closing(&self) -> Result<(), Error> {
+        if self.held(Reg::MS) != CLOSED_MICROSTEPS || !fits(self.held(Reg::EL)) {
+            return Err(Error::IllegalRatio);
+        }
+        let too_low = SCALED.iter().any(|&reg| self.scaled(reg, true) < 1);
+        if too_low || self.scaled(Reg::VI, true) >= self.scaled(Reg::VM, true) {
+            return Err(Error::TooSlowForEncoder);
+        }
+        Ok(())
+    }
+
+    /// A, D, VI or VM in counts, or in steps, within its limits there.
+    fn scaled(&self, reg: Reg, to_counts: bool) -> i64 {
+        let (scale, value) = (motion_settings(&self.bank, false).closed_scale(), self.bank.get(reg));
+        let value = if to_counts { scale.in_counts(value) } else { scale.in_steps(value) };
+        let most = match reg {
+            Reg::A | Reg::D => MOST_COUNTS_PER_S2,
+            Reg::VI => MOST_COUNTS_PER_S - 1,
+            _ => MOST_COUNTS_PER_S,
+        };
+        match entry(reg).legal {
+            _ if to_counts => value.min(most.into()),
+            Legal::Range(least, most) => value.max(least).min(most),
+            _ => value,
+        }
+    }
+}
+
+/// What EE has in other units.
+const SCALED: [Reg; 4] = [Reg::A, Reg::D, Reg::VI, Reg::VM];
+
+/// Whether an encoder of so many lines goes with the steps of EE 1: MS is at least EL x 8 / 200 (MC 5-22).
+pub(super) fn fits(lines: i32) -> bool {
+    lines * 8 <= CLOSED_STEPS
+}

@@ -1,0 +1,123 @@
+//! The codes of COMMAND (p. 6): what each does, or why it does nothing.
+
+use standin_protocol::registers::Register;
+
+use super::drive::Drive;
+use super::registers::Pid;
+use super::{CLUTCH, FAN};
+use crate::device::{Command, Instant, Level, Output, Pin, Sink};
+
+/// What a code does.
+#[derive(Clone, Copy, Debug)]
+enum Act {
+    /// The same as that PID with any word.
+    As(Pid),
+    /// The same as that PID with this value.
+    Set(Pid, i64),
+    /// Those PIDs have their factory values again.
+    Erase(&'static [Pid]),
+    /// That output takes a level.
+    Switch(Pin, Level),
+    /// Nothing.
+    Nothing,
+}
+
+use Act::{As, Erase, Nothing, Set, Switch};
+
+const OWN_PROTOCOL: &str = "what is sent without a request is of the maker's own protocol";
+const ONE_MOTOR: &str = "an MD400 has one motor";
+const NO_CAN: &str = "there is no CAN";
+
+const fn does(code: u16, name: &'static str, doc: &'static str, act: Act) -> (Command, Act) {
+    (Command { code, name, section: page(code), doc, missing: "" }, act)
+}
+
+const fn known(code: u16, name: &'static str, doc: &'static str, missing: &'static str) -> (Command, Act) {
+    (Command { code, name, section: page(code), doc, missing }, Nothing)
+}
+
+/// Where the manual has it.
+const fn page(code: u16) -> &'static str {
+    if code < 32 { "p. 6" } else { "p. 7" }
+}
+
+/// The rows of the manual, under the header's names where it has them.
+#[rustfmt::skip]
+const ROWS: [(Command, Act); 36] = [
+    does(2, "TQ_OFF", "as TQ_OFF", As(Pid::TQ_OFF)),
+    does(4, "BRAKE", "as BRAKE", As(Pid::BRAKE)),
+    known(5, "MAIN_DATA_BC_ON", "sends MAIN_DATA again and again", OWN_PROTOCOL),
+    known(6, "MAIN_DATA_BC_OFF", "ends that", OWN_PROTOCOL),
+    does(8, "ALARM_RESET", "as ALARM_RESET", As(Pid::ALARM_RESET)),
+    does(10, "POSI_RESET", "as POSI_RESET", As(Pid::POSI_RESET)),
+    known(11, "MONITOR_BC_ON", "sends MONITOR again and again", OWN_PROTOCOL),
+    known(12, "MONITOR_BC_OFF", "ends that", OWN_PROTOCOL),
+    known(13, "IO_MONITOR_BC_ON", "sends IO_MONITOR again and again", OWN_PROTOCOL),
+    known(14, "IO_MONITOR_BC_OFF", "ends that", OWN_PROTOCOL),
+    does(15, "FAN_ON", "FAN is high", Switch(FAN, Level::High)),
+    does(16, "FAN_OFF", "FAN is low", Switch(FAN, Level::Low)),
+    does(17, "CLUTCH_ON", "CLUTCH is high; the brake itself is not modelled", Switch(CLUTCH, Level::High)),
+    does(18, "CLUTCH_OFF", "CLUTCH is low", Switch(CLUTCH, Level::Low)),
+    does(20, "TAR_VEL_OFF", "TAR_VEL is 0", Erase(&[Pid::TAR_VEL])),
+    does(21, "SLOW_START_OFF", "SLOW_START is 0", Erase(&[Pid::SLOW_START])),
+    does(22, "SLOW_DOWN_OFF", "SLOW_DOWN is 0", Erase(&[Pid::SLOW_DOWN])),
+    known(23, "CAN_RESEND_ON", "sends on what comes from CAN", NO_CAN),
+    known(24, "CAN_RESEND_OFF", "ends that", NO_CAN),
+    does(25, "MAX_LOAD_OFF", "MAX_LOAD is 200", Erase(&[Pid::MAX_LOAD])),
+    does(26, "ENC_PPR_OFF", "ENC_PPR is 0", Erase(&[Pid::ENC_PPR])),
+    does(27, "LOW_SPEED_LIMIT_OFF", "LOW_SPEED_LIMIT is 0", Erase(&[Pid::LOW_SPEED_LIMIT])),
+    does(28, "HIGH_SPEED_LIMIT_OFF", "HIGH_SPEED_LIMIT is 0", Erase(&[Pid::HIGH_SPEED_LIMIT])),
+    does(29, "SPEED_LIMIT_OFF", "LOW_SPEED_LIMIT and HIGH_SPEED_LIMIT are 0", Erase(&[Pid::LOW_SPEED_LIMIT, Pid::HIGH_SPEED_LIMIT])),
+    known(31, "CURVE_OFF", "cancels the fitted curve of the speed input", "the manual says no more of it"),
+    does(32, "STEP_OFF", "INPUT_TYPE is 0", Erase(&[Pid::INPUT_TYPE])),
+    does(44, "UI_COM_OFF", "as UI_COM with 0", Set(Pid::UI_COM, 0)),
+    does(45, "UI_COM_ON", "as UI_COM with 1", Set(Pid::UI_COM, 1)),
+    does(46, "MAX_RPM_OFF", "MAX_RPM is 3,000", Erase(&[Pid::MAX_RPM])),
+    does(47, "HALL_TYPE_OFF", "HALL_TYPE is 0", Erase(&[Pid::HALL_TYPE])),
+    known(50, "MAIN_BC_ON2", "MAIN_DATA of the second motor", ONE_MOTOR),
+    known(51, "MAIN_BC_OFF2", "ends that", ONE_MOTOR),
+    known(52, "MONITOR_BC_ON2", "MONITOR of the second motor", ONE_MOTOR),
+    known(53, "MONITOR_BC_OFF2", "ends that", ONE_MOTOR),
+    known(54, "IO_MONITOR_BC_ON2", "IO_MONITOR of the second motor", ONE_MOTOR),
+    known(55, "IO_MONITOR_BC_OFF2", "ends that", ONE_MOTOR),
+];
+
+/// What `describe` tells of them.
+pub(super) static COMMANDS: [Command; ROWS.len()] = SPLIT.0;
+
+/// What the drive goes by.
+static ACTS: [(u16, Act); ROWS.len()] = SPLIT.1;
+
+const SPLIT: ([Command; ROWS.len()], [(u16, Act); ROWS.len()]) = split(ROWS);
+
+/// The rows apart, because a drive needs no text.
+#[expect(clippy::indexing_slicing, reason = "only ever evaluated by the compiler")]
+const fn split<const N: usize>(rows: [(Command, Act); N]) -> ([Command; N], [(u16, Act); N]) {
+    let mut commands = [Command { code: 0, name: "", section: "", doc: "", missing: "" }; N];
+    let mut acts = [(0, Nothing); N];
+    let mut i = 0;
+    while i < N {
+        (commands[i], acts[i]) = (rows[i].0, (rows[i].0.code, rows[i].1));
+        i += 1;
+    }
+    (commands, acts)
+}
+
+impl Drive {
+    /// COMMAND was written. A code without a row does nothing (newer controllers have more).
+    pub(super) fn command(&mut self, at: Instant, code: u16, out: &mut dyn Sink) {
+        let Some((_, act)) = ACTS.iter().find(|(known, _)| *known == code) else { return };
+        match *act {
+            As(pid) => self.written(at, pid, out),
+            Set(pid, value) => self.set(at, pid, value, out),
+            Erase(pids) => {
+                for &pid in pids {
+                    let factory = Pid::ENTRIES.list.get(pid.row()).map_or(0, |row| row.reset);
+                    self.set(at, pid, factory, out);
+                }
+            }
+            Switch(pin, level) => out.put(at, Output::Level { pin, level }),
+            Nothing => {}
+        }
+    }
+}

@@ -1,0 +1,375 @@
+//! An MD controller without its serial port: its PIDs, and what happens when one is written.
+//!
+//! | file | what of the drive |
+//! |---|---|
+//! | `registers` | the table of PIDs |
+//! | `command` | the codes of COMMAND |
+//! | `startup` | how it starts |
+//! | `saved` | PIDs in the non-volatile memory |
+//! | `inputs` | the connectors: contacts, speed input |
+//! | `reference` | who commands, and what the motor is to do; functions |
+//! | `alarm` | alarms, their causes and outputs |
+//! | `servo` | how the motor is made to do it |
+
+use standin_protocol::modbus::pdu::Exception;
+use standin_protocol::registers::{Bank, Register};
+
+use super::alarm::Alarms;
+use super::inputs::Inputs;
+use super::reference::Reference;
+use super::registers::{self, Pid, SUPPLY, function};
+use super::servo::{Servo, Settings};
+use crate::device::{Boot, Instant, Line, Refused, Sink};
+use crate::memory::Save;
+use crate::motor::Parameters;
+
+/// The most that RPM_DATA shows, either way (p. 12).
+const MOST_RPM: i32 = 5_000;
+/// Of MAX_LOAD and TQ_DATA.
+const MA_PER_UNIT: u32 = 100;
+
+/// Whether the drive listens and moves.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) enum State {
+    /// It never had power.
+    Off,
+    /// It has no ears yet.
+    Booting {
+        /// When it has.
+        due: Instant,
+    },
+    /// Normal operation, or an alarm.
+    Ready,
+}
+
+/// The drive behind the serial port.
+#[derive(Clone, Debug)]
+pub(super) struct Drive {
+    pub(super) state: State,
+    pub(super) bank: Bank<Pid, { Pid::WORDS }>,
+    pub(super) save: Option<Save>,
+    /// The address on which it answers: as it was saved when power came.
+    pub(super) unit: u8,
+    pub(super) alarms: Alarms,
+    pub(super) inputs: Inputs,
+    pub(super) reference: Reference,
+    pub(super) servo: Servo,
+    /// Power has come since the motor was asked for last.
+    pub(super) other_motor: bool,
+}
+
+impl Drive {
+    // Where it will be: a copy takes room on a board's stack.
+    #[inline(always)]
+    pub(super) fn new() -> Self {
+        let bank = Bank::factory();
+        Self {
+            state: State::Off,
+            servo: Servo::new(servo_settings(&bank)),
+            bank,
+            save: None,
+            unit: 1,
+            alarms: Alarms::NONE,
+            inputs: Inputs::REST,
+            reference: Reference::NONE,
+            other_motor: false,
+        }
+    }
+
+    /// Power comes: what is around the drive will be told anew.
+    pub(super) fn power_on(&mut self, at: Instant, boot: Boot, out: &mut dyn Sink) {
+        self.load(out);
+        self.save = None;
+        self.unit = (self.bank.word(Pid::CONTROLLER_ID) & 0xFF) as u8;
+        self.alarms = Alarms::NONE;
+        self.inputs = Inputs::REST;
+        self.reference = Reference::NONE;
+        self.boot(at, boot);
+        self.other_motor = true;
+        self.servo.power_on(at, servo_settings(&self.bank), out);
+    }
+
+    pub(super) fn deadline(&self) -> Instant {
+        self.startup_due().min(self.save_due()).min(self.sources_due()).min(self.servo.deadline())
+    }
+
+    pub(super) fn timeout(&mut self, at: Instant, out: &mut dyn Sink) {
+        if self.startup_due() <= at {
+            self.ready(at, out);
+        }
+        if self.save_due() <= at {
+            self.finish_save(at, out);
+        }
+        if self.sources_due() <= at {
+            self.sources_timeout(at, out);
+        }
+        if self.servo.deadline() <= at {
+            self.servo.timeout(at, out);
+        }
+        self.look_for_alarms(at, out);
+    }
+
+    /// What is due at the instant of a character comes before it.
+    pub(super) fn wake(&mut self, at: Instant, out: &mut dyn Sink) {
+        if self.deadline() <= at {
+            self.timeout(at, out);
+        }
+    }
+
+    pub(super) fn unit(&self) -> u8 {
+        self.unit
+    }
+
+    /// The line that holds from the next power-on.
+    pub(super) fn line(&self) -> Line {
+        registers::line(self.bank.word(Pid::CONTROLLER_BAUD))
+    }
+
+    /// The motor of its own: with the poles of HALL_TYPE.
+    pub(super) fn motor(&self) -> Parameters {
+        // 24 V / 3,820 rpm is 0.06 V·s: 0.06 Nm for an ampere.
+        Parameters {
+            supply_mv: u32::from(SUPPLY) * 100,
+            no_load_rpm: 3_820,
+            resistance_mohm: 300,
+            inertia_gcm2: 5_000,
+            hall_pulses: registers::poles(self.bank.word(Pid::HALL_TYPE)) / 2,
+            hall_sensors: 3,
+            ..Parameters::NOMINAL
+        }
+    }
+
+    /// The same, if power has come since this was last asked.
+    pub(super) fn new_motor(&mut self) -> Option<Parameters> {
+        core::mem::take(&mut self.other_motor).then(|| self.motor())
+    }
+
+    pub(super) fn draws(&mut self, at: Instant, ma: i32) {
+        self.servo.draws(at, ma);
+    }
+
+    /// The servo goes by what has been written.
+    fn set_servo(&mut self, at: Instant, out: &mut dyn Sink) {
+        self.servo.set(at, servo_settings(&self.bank), out);
+    }
+
+    /// A PID as it reads now; of MONITOR the first four words.
+    pub(super) fn value(&self, at: Instant, pid: Pid) -> i64 {
+        match pid {
+            Pid::CTRL_STATUS => (self.alarms.status() & 0xFF).into(),
+            Pid::DI => self.inputs.digital().into(),
+            Pid::IN_POSITION_OK => self.in_position().into(),
+            Pid::RPM_DATA => self.rpm(at).into(),
+            Pid::TQ_DATA => self.current().into(),
+            Pid::VOLT_IN => self.alarms.supply().into(),
+            Pid::MAX_LOAD_181 => self.bank.get(Pid::MAX_LOAD),
+            Pid::MONITOR => {
+                let words = self.monitor(at).into_iter().take(4).rev();
+                words.fold(0, |value, word| value << 16 | i64::from(word))
+            }
+            Pid::POSI_DATA => self.servo.position().into(),
+            Pid::SPEED_LIMIT => {
+                self.bank.get(Pid::HIGH_SPEED_LIMIT) << 16 | self.bank.get(Pid::LOW_SPEED_LIMIT)
+            }
+            Pid::TAR_POSI => self.servo.target().into(),
+            _ => self.bank.get(pid),
+        }
+    }
+
+    /// The words of MONITOR.
+    pub(super) fn monitor(&self, at: Instant) -> [u16; 6] {
+        let position = self.servo.position().cast_unsigned();
+        [
+            self.rpm(at).cast_unsigned(),
+            self.current().cast_unsigned(),
+            self.servo.output(at).cast_unsigned(),
+            (position & 0xFFFF) as u16,
+            (position >> 16) as u16,
+            self.alarms.status(),
+        ]
+    }
+
+    /// RPM_DATA.
+    fn rpm(&self, at: Instant) -> i16 {
+        self.servo.rpm(at).clamp(-MOST_RPM, MOST_RPM) as i16
+    }
+
+    /// TQ_DATA, in 0.1 A.
+    fn current(&self) -> i16 {
+        let (ma, unit) = (i64::from(self.servo.current()), i64::from(MA_PER_UNIT));
+        let rounded = (ma + ma.signum() * unit / 2) / unit;
+        rounded.clamp(i16::MIN.into(), i16::MAX.into()) as i16
+    }
+
+    fn in_position(&self) -> bool {
+        let window = self.bank.word(Pid::IN_POSITION);
+        self.servo.error().is_some_and(|error| error.unsigned_abs() <= u32::from(window))
+    }
+
+    /// Puts a live PID into the bank, because it is read.
+    pub(super) fn refresh(&mut self, at: Instant, pid: Pid) {
+        if pid == Pid::MONITOR {
+            let place = Pid::ENTRIES.place(pid.row());
+            let words = self.monitor(at);
+            for (target, word) in self.bank.words_mut().iter_mut().skip(place).zip(words) {
+                *target = word;
+            }
+        } else {
+            let value = self.value(at, pid);
+            self.bank.set(pid, value);
+        }
+    }
+
+    /// Whether a value that its row accepts may be written: with the key DH of ID and BAUDRATE is judged, and of
+    /// FUNC_CMD_TYPE only DL is.
+    pub(super) fn permits(&self, pid: Pid, value: i64) -> Result<(), Exception> {
+        let legal = match pid {
+            Pid::ID => keyed(value).is_none_or(|id| accepts(Pid::CONTROLLER_ID, id)),
+            Pid::BAUDRATE => keyed(value).is_none_or(|code| accepts(Pid::CONTROLLER_BAUD, code)),
+            Pid::FUNC_CMD_TYPE => value & 0xFF <= i64::from(function::SPEED_ADD),
+            _ => true,
+        };
+        if legal { Ok(()) } else { Err(Exception::IllegalDataValue) }
+    }
+
+    /// Something was written: what it means, in the order of the PIDs.
+    pub(super) fn written(&mut self, at: Instant, pid: Pid, out: &mut dyn Sink) {
+        let value = self.bank.get(pid);
+        match pid {
+            Pid::DEFAULT_SET if self.bank.word(pid) == registers::DEFAULT_CHECK => {
+                self.restore();
+                self.set_servo(at, out);
+                self.reference_changed(at, out);
+                self.show_alarm(at, out);
+                self.save(at, out);
+            }
+            Pid::COMMAND => self.command(at, self.bank.word(pid), out),
+            Pid::ALARM_RESET => self.reset_alarms(at, out),
+            Pid::POSI_RESET => self.servo.clear_position(),
+            Pid::INV_ALARM => self.show_alarm(at, out),
+            Pid::TQ_OFF
+            | Pid::BRAKE
+            | Pid::UI_COM
+            | Pid::START_STOP
+            | Pid::VEL_CMD
+            | Pid::OPEN_VEL_CMD
+            | Pid::TQ_CMD
+            | Pid::COM_TAR_SPEED
+            | Pid::FUNC_CMD
+            | Pid::POSI_VEL_CMD
+            | Pid::INC_POSI_VEL_CMD
+            | Pid::POSI_CMD
+            | Pid::INC_POSI_CMD => self.command_written(at, pid, out),
+            Pid::INV_SIGN_CMD
+            | Pid::USE_LIMIT_SW
+            | Pid::INPUT_TYPE
+            | Pid::START_INV_SIGN
+            | Pid::RUN_INV_SIGN
+            | Pid::LIMIT_STOP_COND
+            | Pid::TQ_CTRL
+            | Pid::TAR_VEL
+            | Pid::LOW_SPEED_LIMIT
+            | Pid::HIGH_SPEED_LIMIT
+            | Pid::INT_VOLUME => self.reference_changed(at, out),
+            Pid::ID => {
+                if let Some(id) = keyed(value) {
+                    self.set(at, Pid::CONTROLLER_ID, id, out);
+                }
+            }
+            Pid::BAUDRATE => {
+                if let Some(code) = keyed(value) {
+                    self.set(at, Pid::CONTROLLER_BAUD, code, out);
+                }
+            }
+            Pid::HALL_TYPE
+            | Pid::STOP_STATUS
+            | Pid::SLOW_START
+            | Pid::SLOW_DOWN
+            | Pid::ENC_PPR
+            | Pid::PV_GAIN
+            | Pid::P_GAIN
+            | Pid::I_GAIN => self.set_servo(at, out),
+            Pid::MAX_LOAD_181 => self.set(at, Pid::MAX_LOAD, value, out),
+            Pid::FUNC_CMD_TYPE => {
+                self.bank.set(pid, kept(pid, value));
+                self.command_written(at, pid, out);
+            }
+            Pid::MAX_LOAD | Pid::MAX_RPM => {
+                self.set_servo(at, out);
+                self.reference_changed(at, out);
+            }
+            Pid::SPEED_LIMIT => {
+                self.bank.set(Pid::HIGH_SPEED_LIMIT, value >> 16);
+                self.set(at, Pid::LOW_SPEED_LIMIT, value & 0xFFFF, out);
+            }
+            // They hold from the next power-on, are looked at when they are used, or do nothing.
+            _ => {}
+        }
+        if Pid::ENTRIES.list.get(pid.row()).is_some_and(|row| row.saved != 0) {
+            self.save(at, out);
+        }
+    }
+
+    /// Another PID than the one that was written takes a value.
+    pub(super) fn set(&mut self, at: Instant, pid: Pid, value: i64, out: &mut dyn Sink) {
+        self.bank.set(pid, value);
+        self.written(at, pid, out);
+    }
+
+    pub(super) fn poke(
+        &mut self,
+        at: Instant,
+        pid: Pid,
+        value: i64,
+        out: &mut dyn Sink,
+    ) -> Result<(), Refused> {
+        let row = Pid::ENTRIES.list.get(pid.row()).ok_or(Refused::NoSuchRegister)?;
+        if !row.accepts(value) || self.permits(pid, value).is_err() {
+            return Err(Refused::OutOfRange);
+        }
+        if self.state == State::Off {
+            return if row.saved == 0 { Err(Refused::ReadOnly) } else { self.preset(at, pid, value, out) };
+        }
+        if pid == Pid::VOLT_IN {
+            self.set_supply(at, value as u16, out);
+            return Ok(());
+        }
+        if !row.access.writes() {
+            return Err(Refused::ReadOnly);
+        }
+        self.set(at, pid, value, out);
+        Ok(())
+    }
+}
+
+/// What the servo goes by.
+fn servo_settings(bank: &Bank<Pid, { Pid::WORDS }>) -> Settings {
+    let word = |pid| bank.word(pid);
+    Settings {
+        max_rpm: bank.limited(Pid::MAX_RPM) as u16,
+        limit_ma: bank.limited(Pid::MAX_LOAD) as u32 * MA_PER_UNIT,
+        pv_gain: word(Pid::PV_GAIN),
+        p_gain: word(Pid::P_GAIN),
+        i_gain: word(Pid::I_GAIN),
+        slow_start: word(Pid::SLOW_START),
+        slow_down: word(Pid::SLOW_DOWN),
+        stop_status: word(Pid::STOP_STATUS),
+        poles: registers::poles(word(Pid::HALL_TYPE)),
+        enc_ppr: word(Pid::ENC_PPR),
+    }
+}
+
+/// Of what is written to ID or BAUDRATE DH, if DL is the key.
+fn keyed(value: i64) -> Option<i64> {
+    (value & 0xFF == registers::WRITE_CHECK).then_some(value >> 8 & 0xFF)
+}
+
+/// What a PID keeps of a value that is written: FUNC_CMD_TYPE only DL (p. 15).
+pub(super) fn kept(pid: Pid, value: i64) -> i64 {
+    if pid == Pid::FUNC_CMD_TYPE { value & 0xFF } else { value }
+}
+
+/// Whether the row of a PID accepts a value.
+fn accepts(pid: Pid, value: i64) -> bool {
+    Pid::ENTRIES.list.get(pid.row()).is_some_and(|row| row.accepts(value))
+}

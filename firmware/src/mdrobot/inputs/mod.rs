@@ -1,0 +1,191 @@
+//! The connectors: contacts of CTRL, SPEED_IN, PULSE_IN, and what they ask for (p. 8 to 11, 13, 14).
+
+mod contacts;
+mod pulse_in;
+mod share;
+mod speed_in;
+
+use self::contacts::{Contact, Contacts};
+use self::pulse_in::PulseIn;
+pub(super) use self::share::Share;
+use self::speed_in::{FULL_SCALE, SpeedIn};
+use super::drive::{Drive, State};
+use super::registers::Pid;
+use super::servo::Sensor;
+use super::{ALARM_RESET, ENC_A, ENC_B, HU, HV, HW, PULSE_IN, SPEED_IN};
+use crate::device::{Instant, Pin, Sink};
+
+/// Codes of INPUT_TYPE (p. 10).
+mod input_type {
+    pub(super) const JOYSTICK: u16 = 1;
+    pub(super) const PULSES: u16 = 2;
+    pub(super) const RC: u16 = 3;
+    pub(super) const STEPS: u16 = 5;
+}
+
+/// The greatest step number: it stands for full scale.
+const STEPS: u16 = 7;
+
+/// What the connectors show.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Inputs {
+    contacts: Contacts,
+    speed_in: SpeedIn,
+    pulse_in: PulseIn,
+}
+
+impl Inputs {
+    /// Nothing is wired.
+    pub(super) const REST: Self =
+        Self { contacts: Contacts::UNWIRED, speed_in: SpeedIn::GROUND, pulse_in: PulseIn::SILENT };
+
+    /// DI.
+    pub(super) fn digital(&self) -> u8 {
+        self.contacts.bits()
+    }
+
+    /// When something that is measured has ended.
+    pub(super) fn due(&self) -> Instant {
+        self.speed_in.due.min(self.pulse_in.due)
+    }
+
+    /// Whether something that is measured has ended.
+    pub(super) fn timeout(&mut self, at: Instant) -> bool {
+        let speed_in = self.speed_in.timeout(at);
+        self.pulse_in.timeout(at) || speed_in
+    }
+}
+
+impl Drive {
+    /// A contact, a sensor or a pulse input has another level.
+    pub(super) fn edge(&mut self, at: Instant, pin: Pin, high: bool, out: &mut dyn Sink) {
+        let sensor = match pin {
+            SPEED_IN => {
+                if self.inputs.speed_in.edge(at, high) {
+                    self.follow(at, out);
+                }
+                return;
+            }
+            PULSE_IN => {
+                // Pulses are counted where they begin, and those of RC measured where they end.
+                let of_interest = high != (self.bank.word(Pid::INPUT_TYPE) == input_type::RC);
+                if self.inputs.pulse_in.edge(at, high) && of_interest {
+                    self.follow(at, out);
+                }
+                return;
+            }
+            HU => Sensor::Hall(0),
+            HV => Sensor::Hall(1),
+            HW => Sensor::Hall(2),
+            ENC_A => {
+                self.inputs.contacts.enc_a = high;
+                Sensor::EncoderA
+            }
+            ENC_B => {
+                self.inputs.contacts.enc_b = high;
+                Sensor::EncoderB
+            }
+            _ => return self.contact(at, pin, if high { Contact::Open } else { Contact::Closed }, out),
+        };
+        self.servo.edge(at, sensor, high);
+    }
+
+    /// Nobody drives a contact any more, and no wire leads there.
+    pub(super) fn opened(&mut self, at: Instant, pin: Pin, out: &mut dyn Sink) {
+        self.contact(at, pin, Contact::Unwired, out);
+    }
+
+    /// SPEED_IN has another voltage.
+    pub(super) fn voltage(&mut self, at: Instant, mv: i32, out: &mut dyn Sink) {
+        self.inputs.speed_in.voltage(mv);
+        self.follow(at, out);
+    }
+
+    fn contact(&mut self, at: Instant, pin: Pin, contact: Contact, out: &mut dyn Sink) {
+        let Some(known) = self.inputs.contacts.at(pin) else { return };
+        let was = core::mem::replace(known, contact);
+        if was == contact || self.state != State::Ready {
+            return;
+        }
+        if pin == ALARM_RESET && contact == Contact::Closed {
+            self.reset_alarms(at, out);
+        }
+        self.signals_changed(at, out);
+        self.follow(at, out);
+    }
+
+    /// START/STOP as START_INV_SIGN has it.
+    pub(super) fn start_contact(&self) -> bool {
+        self.inputs.contacts.start_stop.is_on(self.flag(Pid::START_INV_SIGN))
+    }
+
+    /// RUN/BRAKE as RUN_INV_SIGN has it. One that is not wired is as open (decisions, MDROBOT 21).
+    fn run_contact(&self) -> bool {
+        (self.inputs.contacts.run_brake == Contact::Closed) != self.flag(Pid::RUN_INV_SIGN)
+    }
+
+    /// DIR: ON is CW.
+    fn is_clockwise(&self) -> bool {
+        self.inputs.contacts.dir.is_on(false)
+    }
+
+    /// The step number, 0 to 7, while contacts say how fast (p. 10).
+    pub(super) fn step(&self) -> Option<u16> {
+        let step = || {
+            let bit = |on: bool, n: u16| u16::from(on) << n;
+            bit(self.inputs.contacts.int_speed.is_on(false), 0)
+                | bit(self.run_contact(), 1)
+                | bit(self.start_contact(), 2)
+        };
+        (self.bank.word(Pid::INPUT_TYPE) == input_type::STEPS).then(step)
+    }
+
+    /// RUN/BRAKE asks for the electric brake: of steps it is a bit of the number.
+    pub(super) fn is_braked(&self) -> bool {
+        self.step().is_none() && !self.run_contact()
+    }
+
+    /// Whether a limit switch keeps the motor from turning `way`, positive CCW (p. 7; DIR permits CW, START/STOP CCW).
+    pub(super) fn limit_forbids(&self, way: i32) -> bool {
+        let Contacts { start_stop, dir, .. } = self.inputs.contacts;
+        let switch = if way > 0 { start_stop } else { dir };
+        way != 0 && self.flag(Pid::USE_LIMIT_SW) && switch == Contact::Open
+    }
+
+    /// What the connectors ask for, positive CCW.
+    pub(super) fn speed_input(&self) -> Share {
+        // Those that know two ways need no DIR.
+        let one_way = |share: Share| if self.is_clockwise() { -share } else { share };
+        let Inputs { speed_in, pulse_in, .. } = self.inputs;
+        if let Some(step) = self.step() {
+            return one_way(Share::new(step.into(), STEPS.into()));
+        }
+        let tar_vel = self.bank.word(Pid::TAR_VEL);
+        if tar_vel != 0 {
+            return one_way(Share::new(tar_vel.into(), self.full_speed().into()));
+        }
+        if self.inputs.contacts.int_speed.is_on(false) {
+            return one_way(self.analogue(self.bank.word(Pid::INT_VOLUME)));
+        }
+        match self.bank.word(Pid::INPUT_TYPE) {
+            input_type::JOYSTICK => speed_in::joystick(speed_in.digit),
+            input_type::PULSES => one_way(pulse_in.rate()),
+            input_type::RC => pulse_in.rc(),
+            _ => one_way(self.analogue(speed_in.digit)),
+        }
+    }
+
+    /// What a voltage asks for between LOW_SPEED_LIMIT and HIGH_SPEED_LIMIT (p. 14).
+    fn analogue(&self, digit: u16) -> Share {
+        let high = match self.bank.word(Pid::HIGH_SPEED_LIMIT) {
+            0 => FULL_SCALE,
+            limit => limit,
+        };
+        speed_in::analogue(digit, self.bank.word(Pid::LOW_SPEED_LIMIT), high)
+    }
+
+    /// Whether a register of one bit is 1.
+    pub(super) fn flag(&self, pid: Pid) -> bool {
+        self.bank.word(pid) == 1
+    }
+}

@@ -1,0 +1,92 @@
+//! PULSE_IN: how many pulses, or how wide they are (p. 10).
+
+use super::Share;
+use crate::device::{Duration, Instant};
+
+/// Pulses are counted for so long at least.
+const GATE: Duration = Duration::millis(1);
+/// RC pulses come faster than 250 Hz, counted ones faster still: when none has come for so long there are none.
+const SLOWEST: Duration = Duration::millis(4);
+
+/// Pulses in a second for standstill and for full scale.
+const LEAST_RATE: u64 = 5_000;
+const GREATEST_RATE: u64 = 500_000;
+
+/// Widths of an RC pulse: full scale backward, the middle, full scale forward.
+const RC_LEAST: Duration = Duration::micros(1_050);
+const RC_MIDDLE: (Duration, Duration) = (Duration::micros(1_400), Duration::micros(1_600));
+
+/// What is measured at PULSE_IN.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct PulseIn {
+    /// When the last pulse began.
+    rose: Option<Instant>,
+    /// How long one lasted.
+    width: Option<Duration>,
+    /// When counting began, and pulses since.
+    gate: Instant,
+    count: u32,
+    /// Pulses that were counted, and in what time.
+    counted: (u32, Duration),
+    /// When there are none any more.
+    pub(super) due: Instant,
+}
+
+impl PulseIn {
+    /// No pulses.
+    pub(super) const SILENT: Self = Self {
+        rose: None,
+        width: None,
+        gate: Instant::ZERO,
+        count: 0,
+        counted: (0, Duration::ZERO),
+        due: Instant::NEVER,
+    };
+
+    /// It has another level. Whether it measures something new.
+    pub(super) fn edge(&mut self, at: Instant, high: bool) -> bool {
+        if !high {
+            self.width = self.rose.map(|rose| at.since(rose));
+            return self.width.is_some();
+        }
+        self.due = at + SLOWEST;
+        if self.rose.replace(at).is_none() {
+            self.gate = at;
+            return false;
+        }
+        self.count += 1;
+        let span = at.since(self.gate);
+        let whole = span >= GATE;
+        if whole {
+            (self.counted, self.gate, self.count) = ((self.count, span), at, 0);
+        }
+        whole
+    }
+
+    /// Whether there are no pulses any more.
+    pub(super) fn timeout(&mut self, at: Instant) -> bool {
+        let silent = self.due <= at;
+        if silent {
+            *self = Self::SILENT;
+        }
+        silent
+    }
+
+    /// What their rate asks for.
+    pub(super) fn rate(self) -> Share {
+        let (count, span) = self.counted;
+        // Both sides of the fraction times the time in ticks.
+        let ticks = span.ticks();
+        let pulses = Duration::secs(count.into()).ticks();
+        let above = pulses.saturating_sub(LEAST_RATE.saturating_mul(ticks));
+        Share::new(above.cast_signed(), (GREATEST_RATE - LEAST_RATE).saturating_mul(ticks).cast_signed())
+    }
+
+    /// What their width asks for, as of a radio control.
+    pub(super) fn rc(self) -> Share {
+        let Some(width) = self.width else { return Share::NONE };
+        let (first, last) = RC_MIDDLE;
+        let past = width.ticks().cast_signed() - width.clamp(first, last).ticks().cast_signed();
+        Share::new(past, (first - RC_LEAST).ticks().cast_signed())
+    }
+}

@@ -1,0 +1,83 @@
+//! SPEED_IN: a voltage, or the duty of pulses (p. 10, 14).
+
+use super::Share;
+use crate::device::{Duration, Instant};
+
+/// What 5 V measure, with 10 bits.
+pub(super) const FULL_SCALE: u16 = 1_023;
+const FULL_SCALE_MV: i32 = 5_000;
+
+/// A joystick is in the middle from 2 V to 3 V: 409.2 to 613.8.
+const MIDDLE: core::ops::RangeInclusive<u16> = 409..=614;
+
+/// Pulses are faster than 5 kHz: a level that lasts for longer is a voltage.
+const SLOWEST: Duration = Duration::micros(200);
+
+/// What is measured at SPEED_IN.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct SpeedIn {
+    /// 0 to [`FULL_SCALE`].
+    pub(super) digit: u16,
+    high: bool,
+    /// When it rose last, and how long it was high then.
+    rose: Option<Instant>,
+    on: Option<Duration>,
+    /// When the level will have lasted for too long to be of a pulse.
+    pub(super) due: Instant,
+}
+
+impl SpeedIn {
+    /// 0 V.
+    pub(super) const GROUND: Self = Self { digit: 0, high: false, rose: None, on: None, due: Instant::NEVER };
+
+    /// A voltage comes.
+    pub(super) fn voltage(&mut self, mv: i32) {
+        let digit = mv.clamp(0, FULL_SCALE_MV) * i32::from(FULL_SCALE) / FULL_SCALE_MV;
+        *self = Self { digit: digit as u16, ..Self::GROUND };
+    }
+
+    /// It has another level. Whether it measures something new.
+    pub(super) fn edge(&mut self, at: Instant, high: bool) -> bool {
+        (self.high, self.due) = (high, at + SLOWEST);
+        if !high {
+            self.on = self.rose.map(|rose| at.since(rose));
+            return false;
+        }
+        let Some((rose, on)) = self.rose.replace(at).zip(self.on.take()) else { return false };
+        let period = at.since(rose);
+        let pulsed = period < SLOWEST;
+        if pulsed {
+            self.digit = (on * FULL_SCALE.into() / period) as u16;
+        }
+        pulsed
+    }
+
+    /// Whether its level has become a voltage.
+    pub(super) fn timeout(&mut self, at: Instant) -> bool {
+        let steady = self.due <= at;
+        if steady {
+            let digit = if self.high { FULL_SCALE } else { 0 };
+            *self = Self { digit, high: self.high, ..Self::GROUND };
+        }
+        steady
+    }
+}
+
+/// What a voltage asks for: nothing below `low`, all of it from `high` on (p. 14).
+pub(super) fn analogue(digit: u16, low: u16, high: u16) -> Share {
+    let [digit, low, high] = [digit, low, high].map(i64::from);
+    if digit < low {
+        Share::NONE
+    } else if digit >= high {
+        Share::ALL
+    } else {
+        Share::new(digit - low, high - low)
+    }
+}
+
+/// What a joystick asks for, to either side of its middle.
+pub(super) fn joystick(digit: u16) -> Share {
+    let (first, last) = (*MIDDLE.start(), *MIDDLE.end());
+    let past = i64::from(digit) - i64::from(digit.clamp(first, last));
+    Share::new(past, i64::from(first))
+}

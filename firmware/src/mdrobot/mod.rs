@@ -1,0 +1,298 @@
+//! An MD400 of the MDROBOT MD series: a controller of brushless motors, on RS-485 with Modbus RTU, with a connector for
+//! switches and analogue inputs (CTRL) and one for pulses.
+//!
+//! Follows *Modbus Protocol on the MD Controller*, V1.1; numbers like p. 6 are its pages.
+
+mod alarm;
+mod command;
+mod drive;
+mod inputs;
+mod reference;
+mod registers;
+mod saved;
+mod servo;
+mod startup;
+#[cfg(test)]
+mod tests;
+
+use standin_protocol::modbus::pdu::{
+    Exception, READ_HOLDING_REGISTERS, WRITE_MULTIPLE_REGISTERS, WRITE_SINGLE_REGISTER,
+};
+use standin_protocol::modbus::rtu::Receiver;
+use standin_protocol::modbus::server::{Map, Outcome, Rules, serve_rtu};
+use standin_protocol::modbus::{Frame, Why};
+use standin_protocol::registers::Register;
+
+use self::drive::Drive;
+pub use self::registers::Pid;
+use crate::device::{
+    AxisSpec, Boot, Device, Duration, EncoderSpec, Ends, Fault, Input, Instant, Level, Note, Output, Pin,
+    PinSpec, Port, PortSpec, Refused, Role, Sink, Spec,
+};
+use crate::memory;
+use crate::motor::{Parameters, Rig, Turns};
+
+const RS485: Port = Port(0);
+
+const INT_SPEED: Pin = Pin(0);
+const ALARM_RESET: Pin = Pin(1);
+const DIR: Pin = Pin(2);
+const RUN_BRAKE: Pin = Pin(3);
+const START_STOP: Pin = Pin(4);
+const ENC_A: Pin = Pin(5);
+const ENC_B: Pin = Pin(6);
+const SPEED_IN: Pin = Pin(7);
+const PULSE_IN: Pin = Pin(8);
+const ALARM: Pin = Pin(9);
+const CLUTCH: Pin = Pin(10);
+const FAN: Pin = Pin(11);
+const HU: Pin = Pin(12);
+const HV: Pin = Pin(13);
+const HW: Pin = Pin(14);
+
+const OVER_VOLTAGE: Fault = Fault(0);
+const OVER_TEMPERATURE: Fault = Fault(1);
+const OVERLOAD: Fault = Fault(2);
+const HALL_FAIL: Fault = Fault(3);
+const ENCODER_FAIL: Fault = Fault(4);
+const INVERSE_VELOCITY: Fault = Fault(5);
+/// The motor's: its shaft is held.
+const STALL: Fault = Fault(6);
+const CTRL_FAIL: Fault = Fault(7);
+const REGEN_OVER_TEMPERATURE: Fault = Fault(8);
+
+/// Bytes of the non-volatile memory.
+pub const MEMORY: usize = memory::bytes(Pid::SAVED_WORDS) as usize;
+
+const fn pin(name: &'static str, role: Role, rest: Level) -> PinSpec {
+    PinSpec { name, role, rest, shunt_ohm: 0 }
+}
+
+static MD400: Spec = Spec {
+    kind: "mdrobot",
+    product: "MDROBOT MD400 brushless motor controller, 20 A",
+    manual: "Modbus Protocol on the MD Controller V1.1",
+    ports: &[PortSpec { name: "rs485", ends: Ends::Silence, line: Some(registers::FACTORY_LINE) }],
+    // A contact that nobody wired is neither open nor closed: a limit switch that is not there permits.
+    pins: &[
+        pin("INT_SPEED", Role::Input, Level::Float),
+        pin("ALARM_RESET", Role::Input, Level::Float),
+        pin("DIR", Role::Input, Level::Float),
+        pin("RUN_BRAKE", Role::Input, Level::Float),
+        pin("START_STOP", Role::Input, Level::Float),
+        pin("ENC_A", Role::Input, Level::High),
+        pin("ENC_B", Role::Input, Level::High),
+        pin("SPEED_IN", Role::Mixed, Level::Low),
+        pin("PULSE_IN", Role::Input, Level::Low),
+        pin("ALARM", Role::Output, Level::High),
+        pin("CLUTCH", Role::Output, Level::Low),
+        pin("FAN", Role::Output, Level::Low),
+        pin("HU", Role::Both, Level::High),
+        pin("HV", Role::Both, Level::High),
+        pin("HW", Role::Both, Level::High),
+    ],
+    axes: &[AxisSpec { name: "motor", step_dir: None }],
+    encoders: &[EncoderSpec { a: ENC_A, b: ENC_B, index: None }],
+    faults: &[
+        "over_voltage",
+        "over_temperature",
+        "overload",
+        "hall_fail",
+        "encoder_fail",
+        "inverse_velocity",
+        "stall",
+        "ctrl_fail",
+        "regen_over_temperature",
+    ],
+    memory: MEMORY as u16,
+    registers: Pid::TABLE,
+    commands: &command::COMMANDS,
+    decimal: true,
+    prefix: "PID_",
+    address: Some(Pid::CONTROLLER_ID as usize),
+    ..Spec::BARE
+};
+
+/// A quantity or a value that is not allowed is 03, an address that is not there or cannot be written 02.
+static RULES: Rules = Rules {
+    functions: &[READ_HOLDING_REGISTERS, WRITE_SINGLE_REGISTER, WRITE_MULTIPLE_REGISTERS],
+    broadcast: Some(0xFE),
+    most_read: 125,
+    most_written: 123,
+    bits_per_word: 16,
+    writes_halves: true,
+    bad_quantity: Exception::IllegalDataValue,
+    bad_value: Exception::IllegalDataValue,
+    read_only: Exception::IllegalDataAddress,
+};
+
+/// An MD400 with a motor, without power.
+#[must_use]
+pub fn mdrobot() -> Rig<Mdrobot> {
+    Rig::new(Mdrobot::new())
+}
+
+/// An MD400, without a motor.
+#[derive(Clone, Debug)]
+pub struct Mdrobot {
+    receiver: Receiver,
+    drive: Drive,
+}
+
+impl Mdrobot {
+    // Where it will be: a copy takes room on a board's stack.
+    #[inline(always)]
+    fn new() -> Self {
+        Self { receiver: Receiver::new(registers::FACTORY_LINE), drive: Drive::new() }
+    }
+
+    /// The frame that has come is over.
+    fn serve(&mut self, at: Instant, out: &mut dyn Sink) {
+        let Some(frame) = self.receiver.take() else { return };
+        let unit = self.drive.unit();
+        let mut reply = Frame::new();
+        let mut map = Bus { drive: &mut self.drive, at, out };
+        let outcome = match frame {
+            Ok(frame) => serve_rtu(frame, unit, &RULES, &mut map, &mut reply),
+            Err(why) => Outcome::Dropped(why),
+        };
+        out.put(at, Output::Note(Note::of(RS485, outcome)));
+        if !reply.is_empty() {
+            out.put(at, Output::Bytes { port: RS485, bytes: &reply });
+        }
+    }
+
+    /// Characters; those that end before the drive listens are lost.
+    fn hear(&mut self, at: Instant, bytes: &[u8], out: &mut dyn Sink) {
+        let Some(deaf_until) = self.drive.deaf_until().filter(|deaf_until| at < *deaf_until) else {
+            self.receiver.bytes(at, bytes);
+            return;
+        };
+        let character = self.receiver.timing().character;
+        let lost = (deaf_until - Duration::TICK).since(at) / character + 1;
+        let heard = usize::try_from(lost).ok().and_then(|lost| bytes.get(lost..)).unwrap_or(&[]);
+        self.receiver.bytes(at + character * lost, heard);
+        out.put(at, Output::Note(Note::Dropped { port: RS485, why: Why::Starting }));
+    }
+}
+
+impl Turns for Mdrobot {
+    const HALLS: &'static [Pin] = &[HU, HV, HW];
+    const STALL: Option<Fault> = Some(STALL);
+
+    fn motor(&self) -> Parameters {
+        self.drive.motor()
+    }
+
+    fn new_motor(&mut self) -> Option<Parameters> {
+        self.drive.new_motor()
+    }
+}
+
+impl Device for Mdrobot {
+    fn spec(&self) -> &'static Spec {
+        &MD400
+    }
+
+    fn power_on(&mut self, at: Instant, boot: Boot, out: &mut dyn Sink) {
+        self.drive.power_on(at, boot, out);
+        let line = self.drive.line();
+        self.receiver.clear();
+        self.receiver.set_line(line);
+        out.put(at, Output::Line { port: RS485, line });
+    }
+
+    fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Sink) {
+        let character = matches!(input, Input::Bytes { .. } | Input::Spoiled { .. });
+        if character || matches!(input, Input::Idle { .. }) {
+            self.drive.wake(at, out);
+        }
+        if character && self.receiver.is_over(at) {
+            self.serve(at, out);
+        }
+        match input {
+            Input::Bytes { bytes, .. } => self.hear(at, bytes, out),
+            Input::Spoiled { .. } if self.drive.deaf_until().is_none_or(|deaf_until| at >= deaf_until) => {
+                self.receiver.spoiled(at);
+            }
+            Input::Idle { .. } => self.serve(at, out),
+            Input::Edge { pin, high } => self.drive.edge(at, pin, high, out),
+            Input::Open { pin } => self.drive.opened(at, pin, out),
+            Input::Millivolts { pin: SPEED_IN, mv } => self.drive.voltage(at, mv, out),
+            Input::Fault { fault, on } => self.drive.set_cause(at, fault, on, out),
+            Input::Draws { ma, .. } => self.drive.draws(at, ma),
+            // It has no such ports, and the motor's inputs are its outputs.
+            Input::Spoiled { .. }
+            | Input::Millivolts { .. }
+            | Input::Attached { .. }
+            | Input::Opened { .. }
+            | Input::Message { .. }
+            | Input::Closed { .. }
+            | Input::Count { .. }
+            | Input::Current { .. }
+            | Input::Duty { .. }
+            | Input::Plan { .. }
+            | Input::Step { .. }
+            | Input::Slipped { .. } => {}
+        }
+        self.drive.look_for_alarms(at, out);
+    }
+
+    fn deadline(&self) -> Instant {
+        self.drive.deadline().min(self.receiver.deadline())
+    }
+
+    fn timeout(&mut self, at: Instant, out: &mut dyn Sink) {
+        if self.drive.deadline() <= at {
+            self.drive.timeout(at, out);
+        }
+        if self.receiver.is_over(at) {
+            self.serve(at, out);
+        }
+    }
+
+    fn peek(&self, at: Instant, row: usize) -> i64 {
+        Pid::from_row(row).map_or(0, |pid| self.drive.value(at, pid))
+    }
+
+    fn peek_word(&self, at: Instant, row: usize, word: usize) -> u16 {
+        let words = if row == Pid::MONITOR.row() { self.drive.monitor(at) } else { [0; 6] };
+        words.get(word).copied().unwrap_or(0)
+    }
+
+    fn poke(&mut self, at: Instant, row: usize, value: i64, out: &mut dyn Sink) -> Result<(), Refused> {
+        let pid = Pid::from_row(row).ok_or(Refused::NoSuchRegister)?;
+        self.drive.poke(at, pid, value, out)
+    }
+}
+
+/// The drive as its bus sees it during a request.
+struct Bus<'a> {
+    drive: &'a mut Drive,
+    at: Instant,
+    out: &'a mut dyn Sink,
+}
+
+impl Map for Bus<'_> {
+    type Register = Pid;
+
+    fn words(&self) -> &[u16] {
+        self.drive.bank.words()
+    }
+
+    fn words_mut(&mut self) -> &mut [u16] {
+        self.drive.bank.words_mut()
+    }
+
+    fn refresh(&mut self, pid: Pid) {
+        self.drive.refresh(self.at, pid);
+    }
+
+    fn written(&mut self, pid: Pid) {
+        self.drive.written(self.at, pid, self.out);
+    }
+
+    fn permits(&self, pid: Pid, value: i64) -> Result<(), Exception> {
+        self.drive.permits(pid, value)
+    }
+}

@@ -1,0 +1,391 @@
+//! Who commands, and what the motor is to do: the last command decides (p. 7, 12, 15).
+
+mod functions;
+#[cfg(test)]
+mod tests;
+
+use standin_protocol::registers::Bank;
+
+use self::functions::Function;
+use super::drive::{Drive, State};
+use super::registers::{Pid, function};
+use super::servo::Order;
+use crate::device::{Instant, Sink};
+
+/// Torque at full scale, as TQ_CMD has it (p. 12).
+const FULL_TORQUE: u16 = 1_023;
+
+/// A shaft that is slower stands, as far as limit switches go: at 3,000 rpm in 15 s it stops within a count of 12 a
+/// turn, and its last edge is no more than a sixth of a second old.
+const TURNS_RPM: u32 = 30;
+
+/// The command that counts, and by whom it may be.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Reference {
+    who: Who,
+    /// The signal that starts what the connectors ask for, or a function, is ON.
+    start: bool,
+    /// RUN/BRAKE is OFF.
+    brake: bool,
+    command: Command,
+}
+
+/// Who may command.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+struct Who {
+    /// The bus, and not the CTRL connector.
+    bus: bool,
+    /// A function only, by its number in FUNC_CMD_TYPE.
+    function: u16,
+}
+
+impl Who {
+    /// START/STOP, RUN/BRAKE, DIR and the speed input.
+    const CONNECTORS: Self = Self { bus: false, function: function::NONE };
+    /// The commands of the bus.
+    const BUS: Self = Self { bus: true, function: function::NONE };
+
+    fn of(bank: &Bank<Pid, { Pid::WORDS }>) -> Self {
+        Self { bus: bank.word(Pid::UI_COM) == 1, function: bank.word(Pid::FUNC_CMD_TYPE) }
+    }
+
+    /// Only a function drives (p. 15).
+    fn is_function(self) -> bool {
+        self.function != function::NONE
+    }
+}
+
+/// What there is to follow.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+enum Command {
+    /// Nothing.
+    Nothing(Rest),
+    /// The connectors.
+    Connectors {
+        /// START/STOP, or the step number, has come ON.
+        started: bool,
+    },
+    /// VEL_CMD, in rpm.
+    Velocity(i16),
+    /// START_STOP at COM_TAR_SPEED.
+    StartStop,
+    /// OPEN_VEL_CMD.
+    Open(i16),
+    /// TQ_CMD.
+    Torque(i16),
+    /// A position, which the servo knows: it moves along when the position is cleared.
+    Position {
+        /// How fast at most, not negative.
+        rpm: i32,
+    },
+    /// A function that runs.
+    Function(Function),
+}
+
+/// How the motor is while there is nothing to follow.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+enum Rest {
+    /// Free.
+    Free,
+    /// Its windings are shorted.
+    Brake,
+    /// As SLOW_DOWN and STOP_STATUS say.
+    Stop,
+}
+
+impl Reference {
+    /// Power has come: the connectors command.
+    pub(super) const NONE: Self = Self {
+        who: Who::CONNECTORS,
+        start: false,
+        brake: false,
+        command: Command::Connectors { started: false },
+    };
+}
+
+impl Drive {
+    /// One of the commands of the bus was written: it is carried out if it may be.
+    pub(super) fn command_written(&mut self, at: Instant, pid: Pid, out: &mut dyn Sink) {
+        match pid {
+            Pid::UI_COM | Pid::FUNC_CMD_TYPE | Pid::FUNC_CMD => return self.reference_changed(at, out),
+            _ if self.state != State::Ready || self.alarms.any() => return,
+            Pid::POSI_VEL_CMD | Pid::INC_POSI_VEL_CMD | Pid::POSI_CMD | Pid::INC_POSI_CMD => {
+                return self.position_written(at, pid, out);
+            }
+            _ => {}
+        }
+        if let Some(command) = self.asked(pid) {
+            self.reference.command = command;
+            self.follow(at, out);
+        }
+    }
+
+    /// What a command other than of a position asks for; `None` if nobody may ask for it now.
+    fn asked(&self, pid: Pid) -> Option<Command> {
+        let drives = self.reference.who == Who::BUS;
+        let armed = drives && self.bank.word(Pid::START_STOP) != 0;
+        let value = self.bank.get(pid) as i16;
+        // What was dropped stays so: there is no speed to be taken to zero.
+        let dropped = matches!(self.reference.command, Command::Nothing(_));
+        match pid {
+            Pid::TQ_OFF => Some(Command::Nothing(Rest::Free)),
+            Pid::BRAKE => Some(Command::Nothing(Rest::Brake)),
+            Pid::START_STOP if drives && !armed => (!dropped).then_some(Command::Nothing(Rest::Stop)),
+            // A speed drives; none ends only what START_STOP itself drives.
+            Pid::START_STOP | Pid::COM_TAR_SPEED if armed => {
+                let turns = self.bank.word(Pid::COM_TAR_SPEED) != 0;
+                (turns || self.reference.command == Command::StartStop).then_some(Command::StartStop)
+            }
+            Pid::VEL_CMD if dropped && value == 0 => None,
+            Pid::VEL_CMD if armed => Some(Command::Velocity(value)),
+            Pid::OPEN_VEL_CMD if armed => Some(Command::Open(value)),
+            Pid::TQ_CMD if armed => Some(Command::Torque(value)),
+            _ => None,
+        }
+    }
+
+    /// A command of a position was written: low word, high word, and maybe a speed.
+    fn position_written(&mut self, at: Instant, pid: Pid, out: &mut dyn Sink) {
+        let words = self.bank.get(pid);
+        let count = self.turned(words as i32);
+        let here = matches!(pid, Pid::INC_POSI_CMD | Pid::INC_POSI_VEL_CMD);
+        let count = if here { self.further(count) } else { count };
+        let own_rpm = matches!(pid, Pid::POSI_VEL_CMD | Pid::INC_POSI_VEL_CMD);
+        let rpm = if own_rpm { i32::from((words >> 32) as i16).abs() } else { i32::MAX };
+        if self.reference.who == Who::BUS {
+            self.reference.command = Command::Position { rpm };
+            self.give(at, self.position(count, rpm), out);
+        }
+    }
+
+    /// A register that says who commands, or what a command or an input means, was written.
+    pub(super) fn reference_changed(&mut self, at: Instant, out: &mut dyn Sink) {
+        if self.take_who() {
+            // What is ON already has started nothing of what is commanded now.
+            self.reference.start = self.state == State::Ready && self.start_signal();
+        } else {
+            self.signals_changed(at, out);
+        }
+        self.follow(at, out);
+    }
+
+    /// The drive is ready: what the connectors ask for begins. A function waits until its signal comes (p. 17).
+    pub(super) fn sources_ready(&mut self, at: Instant, out: &mut dyn Sink) {
+        self.take_who();
+        if self.reference.who.is_function() {
+            self.reference.start = self.start_signal();
+        }
+        self.signals_changed(at, out);
+        self.follow(at, out);
+    }
+
+    /// An alarm: nothing is followed any more, and the motor is free.
+    pub(super) fn drop_reference(&mut self, at: Instant, out: &mut dyn Sink) {
+        self.reference.command = Command::Nothing(Rest::Free);
+        self.servo.order(at, Order::Free, out);
+    }
+
+    /// The last alarm is cleared.
+    pub(super) fn alarms_cleared(&mut self, at: Instant, out: &mut dyn Sink) {
+        self.brake_dropped();
+        self.follow(at, out);
+    }
+
+    /// When inputs or functions want to be looked at.
+    pub(super) fn sources_due(&self) -> Instant {
+        self.inputs.due().min(self.function_due())
+    }
+
+    /// They are due.
+    pub(super) fn sources_timeout(&mut self, at: Instant, out: &mut dyn Sink) {
+        let measured = self.inputs.timeout(at);
+        if self.function_timeout(at) || measured {
+            self.follow(at, out);
+        }
+    }
+
+    /// Whether somebody else commands from now on. The motor stops, and waits for a command of theirs; what was dropped
+    /// stays so.
+    fn take_who(&mut self) -> bool {
+        let who = Who::of(&self.bank);
+        let another = who != core::mem::replace(&mut self.reference.who, who);
+        if another {
+            self.reference.command = match (self.reference.command, who) {
+                (dropped @ Command::Nothing(Rest::Free | Rest::Brake), _) => dropped,
+                (_, Who::CONNECTORS) => Command::Connectors { started: false },
+                _ => Command::Nothing(Rest::Stop),
+            };
+            self.brake_dropped();
+        }
+        another
+    }
+
+    /// While the connectors command RUN/BRAKE that is OFF brakes a motor that was let go, too.
+    fn brake_dropped(&mut self) {
+        if self.is_braked() {
+            self.rest_dropped(Rest::Brake);
+        }
+    }
+
+    /// That is how a motor is left that was let go, while the connectors command.
+    fn rest_dropped(&mut self, rest: Rest) {
+        let Reference { who: Who::CONNECTORS, command: Command::Nothing(left), .. } = &mut self.reference
+        else {
+            return;
+        };
+        *left = rest;
+    }
+
+    /// START/STOP, RUN/BRAKE, the step number or FUNC_CMD may have come or gone: what that starts and ends.
+    pub(super) fn signals_changed(&mut self, at: Instant, out: &mut dyn Sink) {
+        if self.state != State::Ready {
+            return;
+        }
+        let (on, brake) = (self.start_signal(), self.is_braked());
+        let was_on = core::mem::replace(&mut self.reference.start, on);
+        let was_braked = core::mem::replace(&mut self.reference.brake, brake);
+        if self.alarms.any() {
+            return;
+        }
+        if brake != was_braked {
+            self.rest_dropped(if brake { Rest::Brake } else { Rest::Free });
+        }
+        if on == was_on {
+            return;
+        }
+        let connectors = matches!(self.reference.command, Command::Connectors { .. });
+        match self.reference.who {
+            who if who.is_function() && on => self.start_function(at, out),
+            who if who.is_function() => self.release_function(),
+            // What TQ_OFF, BRAKE or an alarm has dropped begins again when the signal comes.
+            Who::CONNECTORS if on || connectors => {
+                self.reference.command = Command::Connectors { started: on };
+            }
+            Who { .. } => {}
+        }
+    }
+
+    /// Whether what starts the connectors, or a function, is ON.
+    fn start_signal(&self) -> bool {
+        let who = self.reference.who;
+        let contact = match self.step().filter(|_| !who.is_function()) {
+            Some(step) => step != 0,
+            None => self.start_contact(),
+        };
+        let by_bus = who.is_function() && self.bank.word(Pid::FUNC_CMD) != 0;
+        !who.bus && contact || by_bus
+    }
+
+    /// The motor does from now on what there is to follow.
+    pub(super) fn follow(&mut self, at: Instant, out: &mut dyn Sink) {
+        self.give(at, self.ordered(), out);
+    }
+
+    /// Orders that of the servo, unless nothing moves now or a limit switch forbids it.
+    pub(super) fn give(&mut self, at: Instant, order: Order, out: &mut dyn Sink) {
+        if self.state != State::Ready || self.alarms.any() {
+            return;
+        }
+        let order = if self.stop_at_limit(at, order) { self.ordered() } else { order };
+        self.servo.order(at, order, out);
+    }
+
+    /// Drops an order that an open limit switch forbids: one that turns the motor towards it, and one of speed or
+    /// position that would still have to slow down a shaft that turns towards it. Whether it does.
+    fn stop_at_limit(&mut self, at: Instant, order: Order) -> bool {
+        let shaft = match self.servo.rpm(at) {
+            rpm if rpm.unsigned_abs() < TURNS_RPM => 0,
+            rpm => rpm,
+        };
+        // Positive CCW.
+        let [way, shaft] = match order {
+            Order::Free | Order::Brake => [0, 0],
+            Order::Velocity(rpm) => [rpm, shaft],
+            // What pushes the other way brakes at once.
+            Order::Open(part) | Order::Torque(part) => [part.into(), 0],
+            // One that holds its position has no way to go.
+            Order::Position { count, .. } => match count.saturating_sub(self.servo.position()) {
+                error if error.unsigned_abs() <= u32::from(self.bank.word(Pid::IN_POSITION).max(1)) => {
+                    [0, shaft]
+                }
+                error => [error, shaft],
+            },
+        };
+        let stops = self.reference.who.bus && (self.limit_forbids(way) || self.limit_forbids(shaft));
+        if stops {
+            let rest = if self.flag(Pid::LIMIT_STOP_COND) { Rest::Brake } else { Rest::Free };
+            self.reference.command = Command::Nothing(rest);
+        }
+        stops
+    }
+
+    /// What the motor is to do.
+    fn ordered(&self) -> Order {
+        match self.reference.command {
+            Command::Nothing(Rest::Free) => Order::Free,
+            Command::Nothing(Rest::Brake) => Order::Brake,
+            Command::Nothing(Rest::Stop) => Order::Velocity(0),
+            Command::Connectors { started } => self.connected(started),
+            Command::Velocity(rpm) => self.velocity(rpm.into()),
+            Command::StartStop => {
+                let rpm = i32::from(self.bank.word(Pid::COM_TAR_SPEED));
+                self.velocity(if self.bank.word(Pid::START_STOP) == 2 { -rpm } else { rpm })
+            }
+            Command::Open(part) => Order::Open(self.turned(part.into()) as i16),
+            Command::Torque(part) => Order::Torque(self.turned(part.into()) as i16),
+            Command::Position { rpm } | Command::Function(Function::Position { rpm }) => {
+                self.position(self.servo.target(), rpm)
+            }
+            Command::Function(
+                Function::Speed { rpm, .. } | Function::Momentary { rpm } | Function::Add { rpm, .. },
+            ) => self.velocity(rpm),
+        }
+    }
+
+    /// What the connectors want the motor to do.
+    fn connected(&self, started: bool) -> Order {
+        if self.is_braked() {
+            return Order::Brake;
+        }
+        if !started {
+            return Order::Velocity(0);
+        }
+        let input = self.speed_input();
+        if self.flag(Pid::TQ_CTRL) {
+            // No more than full scale, which a word holds.
+            Order::Torque(self.turned(input.of(FULL_TORQUE)) as i16)
+        } else {
+            self.velocity(input.of(self.full_speed()))
+        }
+    }
+
+    /// A velocity before INV_SIGN_CMD and MAX_RPM, in rpm.
+    fn velocity(&self, rpm: i32) -> Order {
+        let most = self.max_rpm();
+        Order::Velocity(self.turned(rpm).min(most).max(-most))
+    }
+
+    /// A position, and how fast it may be gone to before MAX_RPM.
+    pub(super) fn position(&self, count: i32, rpm: i32) -> Order {
+        Order::Position { count, rpm: rpm.min(self.max_rpm()) }
+    }
+
+    /// `counts` from where the motor is, or as far as positions go.
+    pub(super) fn further(&self, counts: i32) -> i32 {
+        self.servo.position().saturating_add(counts)
+    }
+
+    /// What INV_SIGN_CMD makes of a reference.
+    pub(super) fn turned(&self, reference: i32) -> i32 {
+        if self.flag(Pid::INV_SIGN_CMD) { reference.saturating_neg() } else { reference }
+    }
+
+    /// MAX_RPM as it acts.
+    pub(super) fn full_speed(&self) -> u16 {
+        self.bank.limited(Pid::MAX_RPM) as u16
+    }
+
+    fn max_rpm(&self) -> i32 {
+        self.full_speed().into()
+    }
+}

@@ -1,0 +1,106 @@
+//! The functions that START/STOP and FUNC_CMD start (p. 17, 18).
+
+use super::{Command, Rest};
+use crate::device::{Duration, Instant, Sink};
+use crate::mdrobot::drive::Drive;
+use crate::mdrobot::registers::{Pid, function};
+
+/// Unit of the run time in FUNC_SPEED.
+const RUN_TIME: Duration = Duration::millis(100);
+
+/// A function that runs.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) enum Function {
+    /// SPEED: turns until its time is over, whatever the signal does.
+    Speed {
+        /// Positive CCW.
+        rpm: i32,
+        /// When that is.
+        until: Instant,
+    },
+    /// POSITION: goes so far, and stays there.
+    Position {
+        /// How fast at most, not negative.
+        rpm: i32,
+    },
+    /// SPEED_MOMENTARY: turns while the signal is ON.
+    Momentary {
+        /// Positive CCW.
+        rpm: i32,
+    },
+    /// SPEED_ADD: turns until both its time is over and the signal OFF.
+    Add {
+        /// Positive CCW.
+        rpm: i32,
+        /// When its time is over; [`Instant::NEVER`] once it is.
+        until: Instant,
+    },
+}
+
+impl Function {
+    fn is_position(self) -> bool {
+        matches!(self, Self::Position { .. })
+    }
+}
+
+impl Drive {
+    /// The signal has come: the function that FUNC_CMD_TYPE names begins.
+    pub(super) fn start_function(&mut self, at: Instant, out: &mut dyn Sink) {
+        // While one of speed runs it ignores the signal; one of position goes on from where the motor is.
+        if matches!(self.reference.command, Command::Function(running) if !running.is_position()) {
+            return;
+        }
+        let (rpm, units) = self.two_words(Pid::FUNC_SPEED);
+        let rpm = i32::from(rpm);
+        let until = at + RUN_TIME * u64::from(units.cast_unsigned());
+        let begun = match self.bank.word(Pid::FUNC_CMD_TYPE) {
+            function::SPEED if until > at => Function::Speed { rpm, until },
+            function::POSITION => {
+                let (rpm, counts) = self.two_words(Pid::FUNC_POSI);
+                let (rpm, count) = (i32::from(rpm).abs(), self.further(self.turned(counts.into())));
+                self.reference.command = Command::Function(Function::Position { rpm });
+                return self.give(at, self.position(count, rpm), out);
+            }
+            function::SPEED_MOMENTARY => Function::Momentary { rpm },
+            function::SPEED_ADD => Function::Add { rpm, until },
+            _ => return,
+        };
+        self.reference.command = Command::Function(begun);
+    }
+
+    /// The signal has gone.
+    pub(super) fn release_function(&mut self) {
+        if let Command::Function(Function::Momentary { .. } | Function::Add { until: Instant::NEVER, .. }) =
+            self.reference.command
+        {
+            self.reference.command = Command::Nothing(Rest::Stop);
+        }
+    }
+
+    /// When the time of the function that runs is over.
+    pub(super) fn function_due(&self) -> Instant {
+        match self.reference.command {
+            Command::Function(Function::Speed { until, .. } | Function::Add { until, .. }) => until,
+            _ => Instant::NEVER,
+        }
+    }
+
+    /// Its time may be over. Whether the motor has something else to do then.
+    pub(super) fn function_timeout(&mut self, at: Instant) -> bool {
+        if self.function_due() > at {
+            return false;
+        }
+        let held = self.reference.start;
+        match &mut self.reference.command {
+            Command::Function(Function::Add { until, .. }) if held => *until = Instant::NEVER,
+            command => *command = Command::Nothing(Rest::Stop),
+        }
+        true
+    }
+
+    /// A PID of two words, signed.
+    fn two_words(&self, pid: Pid) -> (i16, i16) {
+        let words = self.bank.get(pid);
+        (words as i16, (words >> 16) as i16)
+    }
+}

@@ -1,0 +1,160 @@
+//! Scripts with times: what the manual and the decisions say of who commands and of what is asked for.
+//!
+//! There is no motor, and nobody wakes the servo: what counts is what it is ordered.
+
+mod bus;
+mod connectors;
+mod functions;
+mod limits;
+mod speed_input;
+
+use standin_protocol::time::Span;
+
+use crate::device::{Boot, Duration, Instant, Output, Pin, Sink};
+use crate::mdrobot::drive::Drive;
+use crate::mdrobot::registers::Pid;
+use crate::mdrobot::servo::Order;
+use crate::mdrobot::{
+    ALARM_RESET, DIR, ENC_A, ENC_B, HU, HV, HW, INT_SPEED, OVER_VOLTAGE, PULSE_IN, RUN_BRAKE, SPEED_IN,
+    START_STOP,
+};
+
+/// Nobody listens, and the memory is new.
+struct Nowhere;
+
+impl Sink for Nowhere {
+    fn put(&mut self, _: Instant, _: Output<'_>) {}
+
+    fn memory(&self) -> &[u8] {
+        &[]
+    }
+}
+
+/// A drive without a motor, and what time it is.
+struct Bed {
+    drive: Drive,
+    now: Instant,
+    /// Hall edges forward so far.
+    counts: i32,
+}
+
+impl Bed {
+    /// A new drive that is ready at 0, with nothing wired to it.
+    fn ready() -> Self {
+        let mut bed = Self::starting(true);
+        bed.start();
+        bed
+    }
+
+    /// A new drive that has got power at 0.
+    fn starting(fast: bool) -> Self {
+        let mut bed = Self { drive: Drive::new(), now: Instant::ZERO, counts: 0 };
+        bed.drive.power_on(Instant::ZERO, Boot { fast, ..Boot::default() }, &mut Nowhere);
+        bed.halls();
+        bed
+    }
+
+    /// Its start is over.
+    fn start(&mut self) {
+        self.now = self.drive.startup_due();
+        self.drive.timeout(self.now, &mut Nowhere);
+    }
+
+    /// One that the bus commands, and that it lets move.
+    fn armed() -> Self {
+        let mut bed = Self::ready();
+        bed.set(Pid::UI_COM, 1);
+        bed.set(Pid::START_STOP, 1);
+        bed
+    }
+
+    /// One that the connectors command, with RUN/BRAKE closed.
+    fn connected() -> Self {
+        let mut bed = Self::ready();
+        bed.close(RUN_BRAKE);
+        bed
+    }
+
+    /// Time goes on; what the inputs and functions want to be woken for comes in time.
+    fn wait(&mut self, span: Duration) {
+        let end = self.now + span;
+        while self.drive.sources_due() <= end {
+            let due = self.drive.sources_due();
+            self.drive.sources_timeout(due, &mut Nowhere);
+            assert!(self.drive.sources_due() > due, "it wants to be woken for ever");
+        }
+        self.now = end;
+    }
+
+    /// A write that the bus may make.
+    fn set(&mut self, pid: Pid, value: i64) {
+        self.drive.poke(self.now, pid, value, &mut Nowhere).unwrap();
+    }
+
+    fn get(&self, pid: Pid) -> i64 {
+        self.drive.value(self.now, pid)
+    }
+
+    fn edge(&mut self, pin: Pin, high: bool) {
+        self.drive.edge(self.now, pin, high, &mut Nowhere);
+    }
+
+    /// A contact closes to ground.
+    fn close(&mut self, pin: Pin) {
+        self.edge(pin, false);
+    }
+
+    /// A contact opens.
+    fn open(&mut self, pin: Pin) {
+        self.edge(pin, true);
+    }
+
+    /// A wire is taken off.
+    fn unwire(&mut self, pin: Pin) {
+        self.drive.opened(self.now, pin, &mut Nowhere);
+    }
+
+    fn volts(&mut self, mv: i32) {
+        self.drive.voltage(self.now, mv, &mut Nowhere);
+    }
+
+    /// Pulses of a width, one after the other.
+    fn pulses(&mut self, pin: Pin, count: u32, width: Duration, period: Duration) {
+        for _ in 0..count {
+            self.edge(pin, true);
+            self.wait(width);
+            self.edge(pin, false);
+            self.wait(period - width);
+        }
+    }
+
+    /// The shaft is so many counts further on, 1 ms for each.
+    fn turn(&mut self, counts: i32) {
+        for _ in 0..counts.unsigned_abs() {
+            self.counts += counts.signum();
+            self.wait(1.millis());
+            self.halls();
+        }
+    }
+
+    /// The three Hall sensors as they are, in the order in which they come forward.
+    fn halls(&mut self) {
+        const FORWARD: [[bool; 3]; 6] = [
+            [true, false, true],
+            [true, false, false],
+            [true, true, false],
+            [false, true, false],
+            [false, true, true],
+            [false, false, true],
+        ];
+        let levels = FORWARD[self.counts.rem_euclid(6) as usize];
+        for (pin, high) in [HU, HV, HW].into_iter().zip(levels) {
+            self.edge(pin, high);
+        }
+    }
+
+    /// What the servo was ordered last.
+    fn order(&self) -> Order {
+        self.drive.servo.ordered()
+    }
+}

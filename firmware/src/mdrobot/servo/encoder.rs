@@ -1,0 +1,28 @@
+//! An encoder: two channels a quarter of a cycle apart, A before B while the motor turns forward.
+
+/// What is known of an encoder.
+#[derive(Clone, Debug)]
+pub(super) struct Encoder {
+    /// Channels A and B: high unless told otherwise, as their wires rest.
+    levels: [bool; 2],
+    /// Its wires are broken.
+    cut: bool,
+}
+
+impl Encoder {
+    /// Nothing told.
+    pub(super) const NEW: Self = Self { levels: [true; 2], cut: false };
+
+    /// A channel changed, or tells its level: A, or else B. Which way that is, if it is an edge: forward or not.
+    pub(super) fn edge(&mut self, a: bool, high: bool) -> Option<bool> {
+        let [was_a, was_b] = self.levels;
+        let (was, other) = if a { (was_a, was_b) } else { (was_b, was_a) };
+        self.levels = if a { [high, was_b] } else { [was_a, high] };
+        (was != high && !self.cut).then_some((high == other) != a)
+    }
+
+    /// Its wires break, and read high, or are whole again.
+    pub(super) fn cut(&mut self, cut: bool) {
+        self.cut = cut;
+    }
+}

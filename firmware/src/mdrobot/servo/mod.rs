@@ -1,0 +1,464 @@
+//! What the drive does with its motor: control of velocity, position and torque, ramps, and what its sensors and its
+//! current tell.
+//!
+//! While it controls the motor it looks at it every millisecond ([`control`]). Velocity and position are held by a loop of the
+//! speed ([`pi`]) whose reference comes from a [`ramp`] or from the way that is left
+//! ([`position`]), and whose measure is the
+//! back-EMF ([`emf`]), scaled by what the sensors ([`halls`], [`encoder`]) say of the [`speed`]. All that is there in
+//! between two edges is so known, and the edges are right in the end. [`watch`] tells what goes wrong.
+
+mod control;
+mod emf;
+mod encoder;
+mod halls;
+mod pi;
+mod position;
+mod ramp;
+mod speed;
+#[cfg(test)]
+mod tests;
+mod watch;
+
+use fixed::types::I40F24;
+
+use self::emf::Emf;
+use self::encoder::Encoder;
+use self::halls::Halls;
+use self::pi::{FULL, FULL_DUTY, Pi};
+use self::speed::{Speed, Window};
+use self::watch::Watch;
+use crate::device::{Duration, Instant, Output, Sink};
+use crate::motor::AXIS;
+
+const LOOK: Duration = Duration::millis(1);
+/// How long it is put to something to measure it: so short that its speed, and the current with it, stays the same.
+const PROBED: Duration = Duration::micros(1);
+/// The whole supply as an output, and MAX_LOAD as a torque, in registers (p. 12).
+const OUTPUTS: u16 = 1_023;
+
+/// What the motor is to do.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) enum Order {
+    /// Nothing: open terminals.
+    Free,
+    /// Shorted windings.
+    Brake,
+    /// Turn at so many rpm, positive CCW, by SLOW_START and SLOW_DOWN; at 0, what STOP_STATUS says.
+    Velocity(i32),
+    /// Go to that count and hold it, at most at so many rpm, not negative.
+    Position {
+        /// Where to.
+        count: i32,
+        /// How fast at most.
+        rpm: i32,
+    },
+    /// An output of so many 1/1023 of the supply.
+    Open(i16),
+    /// A torque of so many 1/1023 of MAX_LOAD.
+    Torque(i16),
+}
+
+/// What registers tell it.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) struct Settings {
+    /// MAX_RPM as it acts.
+    pub(super) max_rpm: u16,
+    /// MAX_LOAD as it acts, in mA.
+    pub(super) limit_ma: u32,
+    /// PV_GAIN, rpm a count.
+    pub(super) pv_gain: u16,
+    /// P_GAIN.
+    pub(super) p_gain: u16,
+    /// I_GAIN.
+    pub(super) i_gain: u16,
+    /// SLOW_START, 0 to 1,023.
+    pub(super) slow_start: u16,
+    /// SLOW_DOWN, 0 to 1,023.
+    pub(super) slow_down: u16,
+    /// STOP_STATUS, 0 to 3.
+    pub(super) stop_status: u16,
+    /// Poles of the motor, by HALL_TYPE.
+    pub(super) poles: u16,
+    /// ENC_PPR; 0 without an encoder.
+    pub(super) enc_ppr: u16,
+}
+
+impl Settings {
+    /// Those of a new drive.
+    #[cfg(test)]
+    pub(super) const FACTORY: Self = Self {
+        max_rpm: 3_000,
+        limit_ma: 20_000,
+        pv_gain: 20,
+        p_gain: 6_000,
+        i_gain: 6_000,
+        slow_start: 0,
+        slow_down: 0,
+        stop_status: 0,
+        poles: 4,
+        enc_ppr: 0,
+    };
+
+    /// Counts of the Hall sensors in a turn: the edges of three in each pair of poles.
+    fn counts(&self) -> u32 {
+        3 * u32::from(self.poles.max(1))
+    }
+
+    /// Counts of the sensor that tells the speed, in a turn.
+    fn turn(&self) -> u32 {
+        if self.enc_ppr > 0 { 4 * u32::from(self.enc_ppr) } else { self.counts() }
+    }
+}
+
+/// How far it is with measuring the winding: what the motor draws is fresh for an instant after its duty was put.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+enum Probe {
+    Not,
+    /// A duty was put.
+    Due,
+    /// Another one was put for an instant; this one comes back.
+    Back(i32),
+}
+
+/// A sensor that changed.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) enum Sensor {
+    /// Hall sensor 0, 1 or 2: HU, HV, HW.
+    Hall(u8),
+    /// Channel A of the encoder.
+    EncoderA,
+    /// Channel B of the encoder.
+    EncoderB,
+}
+
+/// The drive's half of the motor.
+#[derive(Clone, Debug)]
+pub(super) struct Servo {
+    settings: Settings,
+    order: Order,
+    /// When it looks at the motor next; never while nobody controls it.
+    next: Instant,
+    /// The reference of the speed in rpm, on its ramp.
+    pace: I40F24,
+    /// When it was last not 0.
+    paced: Instant,
+    pi: Pi,
+    emf: Emf,
+    probe: Probe,
+    /// What the terminals are put to; the limit of the current may leave less of it.
+    duty: i32,
+    /// What the terminals may carry, in mA: 0 while they are open.
+    carries: u32,
+    swapped: bool,
+    halls: Halls,
+    encoder: Encoder,
+    /// By the Hall sensors.
+    turns: Speed,
+    /// By the encoder.
+    encoded: Speed,
+    /// Where the count of the Hall sensors is position 0.
+    zero: i32,
+    target: i32,
+    watch: Watch,
+    /// Alarms that nobody has asked for yet.
+    alarms: u16,
+}
+
+impl Servo {
+    /// A motor that stands, its terminals open.
+    pub(super) fn new(settings: Settings) -> Self {
+        Self {
+            settings,
+            order: Order::Free,
+            next: Instant::NEVER,
+            pace: I40F24::ZERO,
+            paced: Instant::ZERO,
+            pi: Pi::NEW,
+            emf: Emf::NEW,
+            probe: Probe::Not,
+            duty: 0,
+            carries: 0,
+            swapped: false,
+            halls: Halls::NEW,
+            encoder: Encoder::NEW,
+            turns: Speed::NONE,
+            encoded: Speed::NONE,
+            zero: 0,
+            target: 0,
+            watch: Watch::NEW,
+            alarms: 0,
+        }
+    }
+
+    /// Power has come: tells the motor what it has. Everything is forgotten, the position, too.
+    pub(super) fn power_on(&mut self, at: Instant, settings: Settings, out: &mut dyn Sink) {
+        *self = Self::new(settings);
+        out.put(at, Output::Duty { axis: AXIS, duty: self.duty });
+        out.put(at, Output::Current { axis: AXIS, ma: self.carries });
+    }
+
+    /// Registers have been written: all of them hold at once.
+    pub(super) fn set(&mut self, at: Instant, settings: Settings, out: &mut dyn Sink) {
+        let before = core::mem::replace(&mut self.settings, settings);
+        if settings == before {
+            return;
+        }
+        let same_sensor = (settings.enc_ppr == 0) == (before.enc_ppr == 0);
+        if settings.turn() != before.turn() || !same_sensor {
+            self.emf.rescale(settings.turn(), same_sensor.then(|| before.turn()));
+        }
+        match self.order {
+            Order::Brake => self.rest(at, true, out),
+            Order::Velocity(_) if !self.looks() => {
+                // What was let go at 0 may have to be held there; what coasts since is not caught for anything else.
+                let is_other = settings.stop_status != before.stop_status;
+                if is_other || self.goal() != Some(0) {
+                    self.begin(at, self.order, out);
+                }
+            }
+            _ if self.looks() => self.terminals(at, self.duty, self.allowed(), out),
+            _ => {}
+        }
+    }
+
+    /// What the motor was to do last.
+    #[cfg(test)]
+    pub(super) fn ordered(&self) -> Order {
+        self.order
+    }
+
+    /// What the motor is to do from now on; the same order once more changes nothing.
+    pub(super) fn order(&mut self, at: Instant, order: Order, out: &mut dyn Sink) {
+        let before = core::mem::replace(&mut self.order, order);
+        if order == before {
+            return;
+        }
+        if let Order::Position { count, .. } = order {
+            self.target = count;
+        }
+        match (before, order) {
+            (_, Order::Free) => self.rest(at, false, out),
+            (_, Order::Brake) => self.rest(at, true, out),
+            (Order::Velocity(_), Order::Velocity(_)) | (Order::Position { .. }, Order::Position { .. })
+                if self.looks() => {}
+            _ => self.begin(at, before, out),
+        }
+    }
+
+    /// A sensor changed, or its level is told.
+    pub(super) fn edge(&mut self, at: Instant, sensor: Sensor, high: bool) {
+        match sensor {
+            Sensor::Hall(place) => {
+                let counts = self.halls.edge(at, place, high);
+                self.counted(at, counts);
+            }
+            Sensor::EncoderA | Sensor::EncoderB => {
+                let Some(forward) = self.encoder.edge(sensor == Sensor::EncoderA, high) else { return };
+                self.watch.encoder_edge();
+                let window = self.encoded.edge(at, forward);
+                if self.settings.enc_ppr > 0 {
+                    self.measured(at, window);
+                }
+            }
+        }
+    }
+
+    /// The Hall sensors made so many counts.
+    fn counted(&mut self, at: Instant, counts: i8) {
+        for _ in 0..counts.unsigned_abs() {
+            let window = self.turns.edge(at, counts > 0);
+            if self.settings.enc_ppr == 0 {
+                self.measured(at, window);
+            }
+        }
+        if counts != 0 && self.settings.enc_ppr > 0 && self.looks() {
+            let (count, settings) = (self.halls.count(), &self.settings);
+            self.alarms |= self.watch.hall_edge(at, count, settings.counts(), settings.turn());
+        }
+    }
+
+    /// What the sensor that tells the speed says.
+    fn measured(&mut self, at: Instant, window: Window) {
+        match window {
+            Window::Begins => self.emf.begin(at, true),
+            Window::GoesOn => {}
+            Window::Ends { counts, span } => self.emf.learn(at, counts, span, self.settings.turn()),
+        }
+    }
+
+    /// The motor draws so many mA.
+    pub(super) fn draws(&mut self, at: Instant, ma: i32) {
+        self.emf.draws(at, if self.swapped { ma.saturating_neg() } else { ma });
+    }
+
+    /// Two wires of the motor are swapped: what is put out turns it the other way.
+    pub(super) fn swap(&mut self, at: Instant, swapped: bool, out: &mut dyn Sink) {
+        if swapped != self.swapped {
+            self.swapped = swapped;
+            self.emf.draws(at, self.emf.ma().saturating_neg());
+            self.put(at, out);
+        }
+    }
+
+    /// The wire of a Hall sensor, or those of the encoder, are broken: the drive reads high there.
+    pub(super) fn cut(&mut self, at: Instant, halls: bool, encoder: bool) {
+        self.encoder.cut(encoder);
+        let counts = self.halls.cut(at, halls);
+        self.counted(at, counts);
+    }
+
+    /// When it wants to look at the motor.
+    pub(super) fn deadline(&self) -> Instant {
+        self.next.min(self.halls.deadline())
+    }
+
+    /// It is due.
+    pub(super) fn timeout(&mut self, at: Instant, out: &mut dyn Sink) {
+        self.halls.settle(at);
+        if at >= self.next {
+            self.next = at + LOOK;
+            self.look(at, out);
+        }
+    }
+
+    /// The motor is controlled from now on, after `before`, from the speed that it has.
+    fn begin(&mut self, at: Instant, before: Order, out: &mut dyn Sink) {
+        let rpm = I40F24::from_num(self.rpm(at));
+        let tells = self.looks() && !matches!(before, Order::Torque(_)) && !self.emf.is_limited();
+        let duty = if tells { I40F24::from_num(self.duty) } else { rpm.saturating_mul(self.emf.per_rpm()) };
+        let duty = duty.clamp(-FULL, FULL);
+        self.pi.begin(duty);
+        if !self.looks() {
+            // Who knows what is connected now.
+            self.emf.forget_winding();
+        }
+        (self.pace, self.watch) = (rpm, Watch::NEW);
+        self.look_again(at);
+        if let Some(shorted) = self.is_over(at) {
+            return self.rest(at, shorted, out);
+        }
+        self.terminals(at, duty.round().to_num(), self.limit(), out);
+        self.emf.begin(at, false);
+    }
+
+    /// The motor is left alone, its terminals open or shorted.
+    fn rest(&mut self, at: Instant, shorted: bool, out: &mut dyn Sink) {
+        if self.rpm(at) == 0 {
+            self.turns.stands();
+            self.encoded.stands();
+        }
+        (self.next, self.pace, self.watch) = (Instant::NEVER, I40F24::ZERO, Watch::NEW);
+        self.terminals(at, 0, if shorted { self.limit() } else { 0 }, out);
+    }
+
+    /// Puts the terminals so, if they are not.
+    fn terminals(&mut self, at: Instant, duty: i32, carries: u32, out: &mut dyn Sink) {
+        if (duty, carries) == (self.duty, self.carries) {
+            return;
+        }
+        let before = core::mem::replace(&mut self.carries, carries);
+        self.emf.put(at, duty, carries);
+        if duty != self.duty {
+            self.duty = duty;
+            self.put(at, out);
+        }
+        if carries != before {
+            out.put(at, Output::Current { axis: AXIS, ma: carries });
+        }
+    }
+
+    fn put(&self, at: Instant, out: &mut dyn Sink) {
+        out.put(at, Output::Duty { axis: AXIS, duty: if self.swapped { -self.duty } else { self.duty } });
+    }
+
+    /// Whether it controls the motor.
+    fn looks(&self) -> bool {
+        self.next != Instant::NEVER
+    }
+
+    fn limit(&self) -> u32 {
+        self.settings.limit_ma
+    }
+
+    /// By the sensor that tells it.
+    fn speed(&self) -> &Speed {
+        if self.settings.enc_ppr > 0 { &self.encoded } else { &self.turns }
+    }
+
+    /// The back-EMF, as the duty that makes it.
+    fn felt(&self) -> I40F24 {
+        self.emf.now(self.speed().counts(), self.settings.turn())
+    }
+
+    /// Counts to the target, or as many as there can be.
+    fn way(&self) -> i32 {
+        self.target.saturating_sub(self.position())
+    }
+
+    /// Counts of the Hall sensors, CCW less CW; wraps.
+    pub(super) fn position(&self) -> i32 {
+        self.halls.count().wrapping_sub(self.zero)
+    }
+
+    /// The position is 0 here; a position that is held moves along.
+    pub(super) fn clear_position(&mut self) {
+        self.target = self.way();
+        self.zero = self.halls.count();
+        if let Order::Position { count, .. } = &mut self.order {
+            *count = self.target;
+        }
+    }
+
+    /// Where position control goes, or went last, in counts; it moves along when the position is cleared.
+    pub(super) fn target(&self) -> i32 {
+        self.target
+    }
+
+    /// The error of position control, in counts; `None` unless it controls the position.
+    pub(super) fn error(&self) -> Option<i32> {
+        matches!(self.order, Order::Position { .. }).then(|| self.way())
+    }
+
+    /// How fast it turns, in rpm, positive CCW, not limited: as the edges of its sensor tell, and in between two of
+    /// them its current, while it is controlled.
+    pub(super) fn rpm(&self, at: Instant) -> i32 {
+        // Which way it turns is for the edges to say.
+        if !self.looks() || self.emf.is_limited() || self.emf.is_opposed() {
+            return self.speed().rpm(at, self.settings.turn());
+        }
+        self.felt().checked_div(self.emf.per_rpm()).unwrap_or(I40F24::ZERO).round().to_num()
+    }
+
+    /// Current in mA, with the sign of its torque.
+    pub(super) fn current(&self) -> i32 {
+        self.emf.ma()
+    }
+
+    /// The output as far as the limit of the current lets it, in 1/1023 of the supply.
+    pub(super) fn output(&self, at: Instant) -> i16 {
+        (self.put_out(at) * i64::from(OUTPUTS) / i64::from(FULL_DUTY)).round().to_num()
+    }
+
+    /// The same as a duty.
+    fn put_out(&self, at: Instant) -> I40F24 {
+        if self.carries == 0 || self.duty == 0 {
+            I40F24::ZERO
+        } else if self.emf.is_limited() {
+            // At its limit the current does not tell how fast the motor turns.
+            let emf = I40F24::from_num(self.rpm(at)).saturating_mul(self.emf.per_rpm());
+            (emf + self.emf.lost(self.emf.ma())).clamp(-FULL, FULL)
+        } else {
+            I40F24::from_num(self.duty)
+        }
+    }
+
+    /// Alarms that have come up since it was asked last, bits of [`super::alarm::status`].
+    pub(super) fn alarms(&mut self) -> u16 {
+        core::mem::take(&mut self.alarms)
+    }
+
+    /// Whether the Hall sensors are in a state that cannot be.
+    pub(super) fn halls_are_broken(&self) -> bool {
+        self.halls.are_broken()
+    }
+}

@@ -1,0 +1,66 @@
+//! SLOW_START and SLOW_DOWN (p. 13): how the reference of the speed gets where it is to be.
+
+use fixed::types::I40F24;
+
+/// What SLOW_START and SLOW_DOWN at their greatest take from 0 to MAX_RPM, in ms.
+const LONGEST_MS: i64 = 15_000;
+/// Their greatest value.
+const GREATEST: i64 = 1_023;
+
+/// The change of the speed in a ms, in rpm, that such a value gives; `None` without a ramp.
+pub(super) fn rate(slow: u16, max_rpm: u16) -> Option<I40F24> {
+    let rate = ((i64::from(max_rpm) * GREATEST) << 24).checked_div(LONGEST_MS * i64::from(slow))?;
+    Some(I40F24::from_bits(rate.max(1)))
+}
+
+/// The speed a ms after it was `pace`, on the way to `target`: its magnitude changes by `up` and `down`, and it
+/// turns round at 0.
+pub(super) fn next(pace: I40F24, target: I40F24, up: Option<I40F24>, down: Option<I40F24>) -> I40F24 {
+    let turns_round = pace.signum() * target.signum() < 0;
+    let (slows, aim) = if turns_round { (true, I40F24::ZERO) } else { (target.abs() < pace.abs(), target) };
+    let next = match if slows { down } else { up } {
+        Some(rate) => pace + (aim - pace).min(rate).max(-rate),
+        None => aim,
+    };
+    // What comes to 0 at once turns round in the same ms.
+    if turns_round && next == 0 && down.is_none() { self::next(next, target, up, down) } else { next }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Speeds of so many ms, rounded.
+    fn paces(from: i32, to: i32, up: u16, down: u16, ms: usize) -> i32 {
+        let (up, down) = (rate(up, 3_000), rate(down, 3_000));
+        let mut pace = I40F24::from_num(from);
+        for _ in 0..ms {
+            pace = next(pace, I40F24::from_num(to), up, down);
+        }
+        pace.round().to_num()
+    }
+
+    #[test]
+    fn the_greatest_takes_15_s_for_max_rpm_and_others_their_part_of_it() {
+        assert_eq!(paces(0, 3_000, 1_023, 0, 7_500), 1_500);
+        assert_eq!(paces(0, 3_000, 1_023, 0, 15_001), 3_000);
+        // 341 is a third: 5 s.
+        assert_eq!(paces(3_000, 0, 0, 341, 2_500), 1_500);
+        assert_eq!(paces(0, -600, 341, 0, 500), -300);
+    }
+
+    #[test]
+    fn a_reversal_goes_down_by_the_one_and_up_by_the_other() {
+        // 600 rpm are 1 s down and 3 s up.
+        assert_eq!(paces(600, -600, 1_023, 341, 500), 300);
+        assert_eq!(paces(600, -600, 1_023, 341, 1_001 + 1_500), -300);
+        assert_eq!(paces(600, -600, 0, 341, 1_003), -600);
+        assert_eq!(paces(600, -600, 1_023, 0, 1_500), -300);
+    }
+
+    #[test]
+    fn zero_is_no_ramp() {
+        assert_eq!(paces(0, 3_000, 0, 1_023, 1), 3_000);
+        assert_eq!(paces(-600, 600, 0, 0, 1), 600);
+    }
+}

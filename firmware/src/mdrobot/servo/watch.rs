@@ -1,0 +1,147 @@
+//! What goes wrong with a motor that is driven (p. 9).
+
+use fixed::types::I40F24;
+
+use super::pi::FULL;
+use crate::device::{Duration, Instant};
+use crate::mdrobot::alarm::status;
+
+const OVER_LOAD: Duration = Duration::secs(4);
+const STALL: Duration = Duration::secs(1);
+const CTRL_FAIL: Duration = Duration::secs(3);
+const INV_VEL: Duration = Duration::millis(500);
+const ENCODER: Duration = Duration::millis(600);
+
+/// The part of its limit that a current may miss and still be at it: twice what the loop of the speed leaves.
+const NEARLY: u32 = 16;
+/// The same, in mA.
+const NEARLY_MA: u32 = 4;
+
+/// What has become less by this part since it began is being mended; less than this is what edges leave unknown.
+const LESS: i64 = 16;
+
+/// Something that is wrong if it lasts.
+#[derive(Clone, Copy, Debug)]
+struct Lasting(Option<Instant>);
+
+impl Lasting {
+    const NOT: Self = Self(None);
+
+    /// Whether it has been so for as long as that.
+    fn is(&mut self, so: bool, at: Instant, span: Duration) -> bool {
+        self.0 = so.then(|| self.0.unwrap_or(at));
+        self.0.is_some_and(|since| at.since(since) >= span)
+    }
+}
+
+/// Something that is wrong if it lasts and does not become less.
+#[derive(Clone, Copy, Debug)]
+struct Mending {
+    wrong: Lasting,
+    /// By how much it was wrong when it began.
+    first: I40F24,
+}
+
+impl Mending {
+    const NOT: Self = Self { wrong: Lasting::NOT, first: I40F24::ZERO };
+
+    /// Whether it has been wrong for as long as that, now by so much, and has not become less in that time.
+    fn fails(&mut self, by: Option<I40F24>, at: Instant, span: Duration) -> bool {
+        let by_now = by.unwrap_or(I40F24::ZERO);
+        if self.wrong.0.is_none() {
+            self.first = by_now;
+        }
+        if !self.wrong.is(by.is_some(), at, span) {
+            return false;
+        }
+        let less = by_now < self.first - self.first / LESS;
+        if less {
+            *self = Self { wrong: Lasting(Some(at)), first: by_now };
+        }
+        !less
+    }
+}
+
+/// What a look sees.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Sight {
+    /// What it draws.
+    pub(super) ma: i32,
+    /// MAX_LOAD.
+    pub(super) limit_ma: u32,
+    /// The output that it is to have, as a duty; a limit of the current may leave less of it.
+    pub(super) wanted: I40F24,
+    /// The speed that it is to have and the one that its current tells, as duties; none without control of the speed.
+    pub(super) speeds: Option<(I40F24, I40F24)>,
+    /// By the sensor that tells the speed.
+    pub(super) rpm: i32,
+    /// The last edge of a Hall sensor.
+    pub(super) hall: Option<Instant>,
+}
+
+/// What goes wrong, and since when.
+#[derive(Clone, Debug)]
+pub(super) struct Watch {
+    load: Lasting,
+    stands: Lasting,
+    fails: Mending,
+    inverse: Mending,
+    /// Since the last edge of the encoder: the first edge of a Hall sensor, and its count.
+    silent: Option<(Instant, i32)>,
+}
+
+impl Watch {
+    /// Nothing, so far.
+    pub(super) const NEW: Self = Self {
+        load: Lasting::NOT,
+        stands: Lasting::NOT,
+        fails: Mending::NOT,
+        inverse: Mending::NOT,
+        silent: None,
+    };
+
+    /// What a look sees, and what of it is wrong.
+    pub(super) fn look(&mut self, at: Instant, sight: Sight) -> u16 {
+        let mut alarms = 0;
+        let full_load = (sight.limit_ma - sight.limit_ma / NEARLY).saturating_sub(NEARLY_MA);
+        if self.load.is(sight.ma != 0 && sight.ma.unsigned_abs() >= full_load, at, OVER_LOAD) {
+            alarms |= status::OVER_LOAD;
+        }
+        let moved = sight.hall.is_some_and(|hall| at.since(hall) < STALL);
+        if self.stands.is(sight.wanted.abs() > FULL / 2, at, STALL) && !moved {
+            alarms |= status::STALL;
+        }
+        // A reference of 0 has no half.
+        let off = sight.speeds.filter(|(wanted, _)| *wanted != 0).and_then(|(wanted, speed)| {
+            let off = (wanted - speed).abs();
+            (off > wanted.abs() / 2).then_some(off)
+        });
+        if self.fails.fails(off, at, CTRL_FAIL) {
+            alarms |= status::CTRL_FAIL;
+        }
+        let against = sight.speeds.and_then(|(wanted, _)| {
+            (wanted.signum() * i64::from(sight.rpm.signum()) < 0).then(|| I40F24::from_num(sight.rpm).abs())
+        });
+        if self.inverse.fails(against, at, INV_VEL) {
+            alarms |= status::INV_VEL;
+        }
+        alarms
+    }
+
+    /// The encoder made an edge.
+    pub(super) fn encoder_edge(&mut self) {
+        self.silent = None;
+    }
+
+    /// The Hall sensors made an edge and count so much; that is `turn` a turn, in which the encoder is to make
+    /// `edges`. Returns what is wrong: it has turned for a while, and as far as two of those.
+    pub(super) fn hall_edge(&mut self, at: Instant, count: i32, turn: u32, edges: u32) -> u16 {
+        let (since, first) = *self.silent.get_or_insert((at, count));
+        let missed = u64::from(count.wrapping_sub(first).unsigned_abs()) * u64::from(edges);
+        if at.since(since) >= ENCODER && missed >= 2 * u64::from(turn) {
+            status::HALL_FAIL | status::ENCODER_FAIL
+        } else {
+            0
+        }
+    }
+}

@@ -1,0 +1,38 @@
+//! How the drive starts.
+
+use super::drive::{Drive, State};
+use crate::device::{Boot, Duration, Instant, Sink};
+
+/// From power-on to the first character that is heard; the manual does not say.
+const BOOT: Duration = Duration::millis(300);
+
+impl Drive {
+    /// What is around the drive will be told in the instant in which it gets power, also if it starts at once.
+    pub(super) fn boot(&mut self, at: Instant, boot: Boot) {
+        self.state = State::Booting { due: if boot.fast { at } else { at + BOOT } };
+    }
+
+    /// Until when it hears nothing; `None` once it hears.
+    pub(super) fn deaf_until(&self) -> Option<Instant> {
+        match self.state {
+            State::Off => Some(Instant::NEVER),
+            State::Booting { due } => Some(due),
+            State::Ready => None,
+        }
+    }
+
+    pub(super) fn startup_due(&self) -> Instant {
+        match self.state {
+            State::Booting { due } => due,
+            State::Off | State::Ready => Instant::NEVER,
+        }
+    }
+
+    /// It is ready: what is wrong shows, and what the connectors ask for is done.
+    pub(super) fn ready(&mut self, at: Instant, out: &mut dyn Sink) {
+        self.state = State::Ready;
+        self.look_for_alarms(at, out);
+        self.show_alarm(at, out);
+        self.sources_ready(at, out);
+    }
+}

@@ -1,0 +1,114 @@
+//! Limit switches and a shaft that turns (decisions, MDROBOT 23).
+
+use super::super::{DIR, START_STOP};
+use super::*;
+
+/// Each switch, the way that it permits, and the other switch.
+const WAYS: [(Pin, i16, Pin); 2] = [(START_STOP, 1, DIR), (DIR, -1, START_STOP)];
+
+/// A motor that turns `way` at 1,500 rpm between two closed switches, and slows down in 7.5 s from there.
+fn turning(way: i16) -> Bed {
+    let mut bed = Bed::armed();
+    bed.contact(DIR, true);
+    bed.contact(START_STOP, true);
+    bed.write(130, (way * 1_500).cast_unsigned());
+    bed.wait(2.secs());
+    assert!((1_485..=1_515).contains(&(i64::from(way) * bed.rpm())), "{}", bed.rpm());
+    bed.write(154, 1_023);
+    bed
+}
+
+/// The output, word 3 of MONITOR.
+fn output(bed: &mut Bed) -> u16 {
+    bed.read_words(196, 6)[2]
+}
+
+#[test]
+fn one_stops_a_shaft_that_still_turns_there_whatever_the_order_is() {
+    let orders: [fn(&mut Bed, i16); 4] = [
+        |bed, way| bed.write(130, (way * -1_500).cast_unsigned()),
+        |bed, _| bed.write(130, 0),
+        |bed, _| bed.write(100, 0),
+        // A position that lies behind.
+        |bed, way| bed.write_words(244, if way > 0 { &[0xFF00, 0xFFFF] } else { &[0x0100, 0] }),
+    ];
+    for (switch, way, _) in WAYS {
+        for (which, order) in orders.into_iter().enumerate() {
+            let mut bed = turning(way);
+            bed.write(40, 1);
+            order(&mut bed, way);
+            bed.wait(50.millis());
+            let rpm = i64::from(way) * bed.rpm();
+            assert!(rpm > 200, "{which}: {rpm} rpm");
+            bed.contact(switch, false);
+            assert_eq!(output(&mut bed), 0, "{which}");
+            // Shorted windings stop it at once, and nothing turns it after that.
+            bed.wait(500.millis());
+            let position = bed.get(Pid::POSI_DATA);
+            bed.wait(20.secs());
+            assert_eq!((bed.get(Pid::POSI_DATA), bed.rpm()), (position, 0), "{which}");
+        }
+    }
+}
+
+#[test]
+fn the_other_one_lets_it_slow_down() {
+    for (_, way, other) in WAYS {
+        for rpm in [0, way * 500] {
+            let mut bed = turning(way);
+            bed.write(130, rpm.cast_unsigned());
+            bed.contact(other, false);
+            bed.wait(1.secs());
+            assert_ne!(output(&mut bed), 0, "it is driven down its ramp");
+            assert!((1_250..=1_350).contains(&(i64::from(way) * bed.rpm())), "{}", bed.rpm());
+        }
+    }
+}
+
+#[test]
+fn one_frees_it_if_limit_stop_cond_is_0() {
+    for (switch, way, _) in WAYS {
+        let mut bed = turning(way);
+        bed.write(130, (way * -1_500).cast_unsigned());
+        bed.wait(500.millis());
+        bed.contact(switch, false);
+        bed.wait(10.millis());
+        assert_eq!((output(&mut bed), bed.get(Pid::TQ_DATA)), (0, 0));
+        assert!(i64::from(way) * bed.rpm() > 500, "{}", bed.rpm());
+    }
+}
+
+#[test]
+fn nothing_drives_it_on_after_it_has_been_freed() {
+    for (switch, way, _) in WAYS {
+        let mut bed = turning(way);
+        bed.contact(switch, false);
+        for (pid, value) in [(100, 0), (100, 1), (130, 0), (130, (way * -1_500).cast_unsigned())] {
+            bed.write(pid, value);
+            bed.wait(10.millis());
+            assert_eq!((output(&mut bed), bed.get(Pid::TQ_DATA)), (0, 0), "PID {pid} = {value}");
+        }
+        assert!(i64::from(way) * bed.rpm() > 500, "{}", bed.rpm());
+    }
+}
+
+#[test]
+fn a_motor_comes_back_out_of_an_open_one() {
+    for (switch, way, _) in WAYS {
+        let mut bed = turning(way);
+        bed.write(40, 1);
+        bed.contact(switch, false);
+        bed.wait(1.secs());
+        let position = bed.get(Pid::POSI_DATA);
+        // Slowly, and with everything that a master writes meanwhile.
+        bed.write(130, (way * -100).cast_unsigned());
+        for _ in 0..20 {
+            bed.wait(100.millis());
+            bed.write(154, 0);
+            bed.write(130, (way * -100).cast_unsigned());
+        }
+        let way_back = i64::from(-way) * (bed.get(Pid::POSI_DATA) - position);
+        // 100 rpm are 20 counts a second.
+        assert!((30..=50).contains(&way_back), "{way_back}");
+    }
+}
