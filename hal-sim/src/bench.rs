@@ -17,6 +17,7 @@ mod lines;
 mod motors;
 mod sensors;
 mod speech;
+mod tcp;
 #[cfg(test)]
 mod tests;
 mod turns;
@@ -30,11 +31,14 @@ use standin_firmware::device::{Device, Duration, Instant, Port, Refused, Shaft, 
 use crate::bus::{Clients, LineMode, Wire};
 use crate::capture::Capture;
 use crate::schedule::{Class, Event, Heap, Tournament, What};
+pub use crate::seat::MOST_CONNECTIONS;
 use crate::seat::{Outbox, Seated, Tape};
 use crate::trace::{self, Fed, Power, Trace, TraceKeep};
 use motors::Fitted;
 pub use motors::{Fitting, Motor, Turn};
 pub use sensors::{CYCLES_PER_REV, Closed, FURTHEST_REV};
+use tcp::Connections;
+pub use tcp::{Ended, Outlet, TurnedAway};
 use wires::PinWire;
 pub use wires::StepOutput;
 
@@ -46,7 +50,7 @@ pub struct Seat(pub(crate) u32);
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
 pub struct Bus(u32);
 
-/// Somebody outside, who talks and listens on a line.
+/// Somebody outside, who talks and listens on a line, or on a TCP connection.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
 pub struct Client(u32);
 
@@ -210,6 +214,12 @@ pub struct Statistics {
     pub foreign: u64,
     /// Frames that came while the device was starting.
     pub starting: u64,
+    /// Of a TCP port: connections that there have been.
+    pub connections: u64,
+    /// Of a TCP port: messages that the device was told; of MCode pieces of them.
+    pub messages: u64,
+    /// Of a TCP port: connections that were closed because what came was no Modbus/TCP.
+    pub broken: u64,
 }
 
 impl Statistics {
@@ -223,7 +233,7 @@ impl Statistics {
 /// What [`Bench::settle_until`] waits for, besides requests.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Settling {
-    /// When what was done to pins and power has arrived.
+    /// When what was done to pins and power has arrived, and patience has ended.
     hands: Instant,
 }
 
@@ -245,9 +255,11 @@ pub struct Bench {
     motors: Vec<Fitted>,
     motor_ranks: Vec<u32>,
     buses: Vec<Wire>,
-    /// Lines on which somebody is being served.
+    /// Lines on which somebody is being served, and what is on its way on TCP connections.
     busy: usize,
     clients: Clients,
+    /// Clients of TCP ports.
+    connections: Connections,
     /// Clients there have been.
     connected: u32,
     /// Bytes that have arrived from clients, in the order of arrival.
@@ -290,6 +302,7 @@ impl Bench {
             buses: Vec::new(),
             busy: 0,
             clients: Clients::default(),
+            connections: Connections::default(),
             connected: 0,
             arrivals: 0,
             outbox: Outbox::default(),
@@ -436,7 +449,8 @@ impl Bench {
     /// [`Instant::NEVER`] if nothing is under way.
     #[must_use]
     pub fn next(&self) -> Instant {
-        self.next_event().min(self.clients.due())
+        let heard = if self.connections.audible().next().is_some() { self.now } else { Instant::NEVER };
+        self.next_event().min(self.clients.due()).min(heard)
     }
 
     fn next_event(&self) -> Instant {
@@ -493,6 +507,20 @@ impl Bench {
         Settling { hands: self.now + Duration::TICK * 2 }
     }
 
+    /// Begins to [settle](Self::settle) with all that has been said, because nobody will say the rest of
+    /// [half a message](Self::half_said) any more.
+    pub fn begin_to_settle_halves(&mut self) -> Settling {
+        let Settling { hands } = self.begin_to_settle();
+        let halves = self.buses.iter().filter_map(Wire::half_until).max();
+        Settling { hands: halves.map_or(hands, |until| hands.max(until)) }
+    }
+
+    /// Whether half a message waits for its rest on some line.
+    #[must_use]
+    pub fn half_said(&self) -> bool {
+        self.buses.iter().any(|wire| wire.half_until().is_some())
+    }
+
     /// Goes on to [settle](Self::settle), but not beyond `at`; whether that is over. In how many pieces it is done
     /// makes no difference, as long as nothing is done to the bench in between.
     pub fn settle_until(&mut self, settling: Settling, at: Instant) -> bool {
@@ -519,6 +547,7 @@ impl Bench {
         self.carry_all();
         if off {
             self.hush(place);
+            self.lose_connections(place);
         }
     }
 
@@ -534,6 +563,7 @@ impl Bench {
         self.carry_all();
         if off {
             self.hush(place);
+            self.lose_connections(place);
         }
     }
 
@@ -588,6 +618,7 @@ impl Bench {
                 let fed = self.exposed(event.seat, fed, number);
                 self.deliver(event.seat, &fed);
             }
+            What::Said { client, fed } => self.hear(event.seat, client, &fed),
             What::Hand { pin, drive } => self.hand(event.seat, pin, drive),
             What::Wired { wire, level } => self.wired(wire, level),
             What::Pulse { pin, number } => self.pulse_edge(event.seat, pin, number),

@@ -119,6 +119,11 @@ impl Wire {
         }
     }
 
+    /// When patience with half a message ends, if one waits for its rest.
+    pub(crate) fn half_until(&self) -> Option<Instant> {
+        (self.turn == Turn::Free && self.until != Instant::NEVER).then_some(self.until)
+    }
+
     /// The line that a drive has for itself at a port called `name`.
     pub(crate) fn own(seed: u64, drive: &str, name: &'static str, at: (Seat, Port)) -> Self {
         Self { port: Some(name), ..Self::shared(seed, &format!("{drive}.{name}"), vec![at]) }

@@ -1,14 +1,14 @@
-//! What was on the lines: frames as a probe on the wires sees them, disturbed as they are. Of frames that collided it
+//! What was on the lines and TCP connections: frames as a probe on the wires sees them, disturbed as they are. Of frames that collided it
 //! keeps what each sender put there, and that nobody could read it.
 
 use std::collections::VecDeque;
 
-use standin_firmware::device::{Duration, Instant, Line};
+use standin_firmware::device::{Duration, Instant, Line, Link, Port};
 
 use crate::bench::{Bus, Seat};
 use crate::trace::TraceKeep;
 
-/// Frames that were on the lines.
+/// Frames that were on the lines and connections.
 #[derive(Clone, Debug)]
 pub struct Capture {
     frames: VecDeque<Frame>,
@@ -23,18 +23,27 @@ pub struct Capture {
 pub struct Frame {
     /// When the first one begins.
     pub at: Instant,
-    /// How long all of them take.
+    /// How long all of them take; on a connection no time.
     pub lasts: Duration,
-    /// On which line.
-    pub bus: Bus,
+    /// Where.
+    pub on: Medium,
     /// Who sent them.
     pub from: Source,
-    /// At which settings.
-    pub line: Line,
-    /// The characters.
+    /// The settings of the line; `None` on a connection.
+    pub line: Option<Line>,
+    /// The characters; none when a connection is over.
     pub bytes: Vec<u8>,
     /// Whether some of them overlapped others on the line.
     pub collided: bool,
+}
+
+/// What carries frames.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
+pub enum Medium {
+    /// A line.
+    Line(Bus),
+    /// A connection of a TCP port.
+    Tcp(Seat, Port, Link),
 }
 
 /// Who sent a frame.
@@ -98,10 +107,11 @@ impl Capture {
 
     /// What a drive says on a line ends at `at`.
     pub(crate) fn cut(&mut self, bus: Bus, seat: Seat, at: Instant) {
-        let said = |frame: &&mut Frame| frame.bus == bus && frame.from == Source::Drive(seat);
+        let said = |frame: &&mut Frame| frame.on == Medium::Line(bus) && frame.from == Source::Drive(seat);
         for frame in self.frames.iter_mut().filter(said).filter(|frame| frame.end() > at) {
+            let Some(line) = frame.line else { continue };
             self.bytes -= frame.size();
-            let whole = at.since(frame.at) / frame.line.character();
+            let whole = at.since(frame.at) / line.character();
             frame.bytes.truncate(usize::try_from(whole).unwrap_or(usize::MAX));
             frame.lasts = at.since(frame.at);
             self.bytes += frame.size();

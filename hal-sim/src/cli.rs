@@ -77,7 +77,8 @@ pub(crate) struct Run {
     #[arg(value_name = "KIND|BENCH.toml")]
     pub(crate) what: String,
     /// Where a port of the drive is reached, [PORT=]URI: pty:, pty:LINK, tcp:HOST:PORT, serial:DEVICE or
-    /// stdio:; may repeat [default: a pty and a free loopback TCP port]
+    /// stdio:; a TCP port by tcp: alone; may repeat [default: each port by a free loopback TCP port, a serial one by a
+    /// pty, too]
     #[arg(long, value_name = "[PORT=]URI", help_heading = ONE_DRIVE)]
     pub(crate) listen: Vec<Listen>,
     /// Where the control API listens: HOST:PORT or off

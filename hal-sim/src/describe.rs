@@ -5,8 +5,9 @@
 use std::fmt::Write as _;
 
 use serde::Serialize;
-use standin_firmware::device::{Ends, Level, Pin, PinSpec, Role, Spec};
+use standin_firmware::device::{self, Ends, Level, Pin, PinSpec, Role, Spec};
 use standin_protocol::registers::{Legal, Row, Shape, Space, Table};
+use standin_sim::value::Value;
 
 /// As JSON, on one line.
 pub(crate) fn json(spec: &Spec) -> String {
@@ -46,12 +47,13 @@ pub(crate) fn json(spec: &Spec) -> String {
         encoders: spec
             .encoders
             .iter()
-            .map(|encoder| Encoder { a: pin(encoder.a), b: pin(encoder.b), index: pin(encoder.index) })
+            .map(|encoder| Encoder { a: pin(encoder.a), b: pin(encoder.b), index: encoder.index.map(pin) })
             .collect(),
         faults: spec.faults,
         memory_bytes: spec.memory,
         address_register: spec.address.and_then(|row| spec.registers.rows.get(row)).map(|row| row.name),
         registers: spec.rows().map(|(_, row)| Register::of(spec.registers, row)).collect(),
+        commands: spec.commands.iter().map(Command::of).collect(),
         not_modelled: spec.not_modelled,
     };
     serde_json::to_string(&kind).expect("plain numbers and text")
@@ -70,6 +72,7 @@ struct Kind {
     memory_bytes: u16,
     address_register: Option<&'static str>,
     registers: Vec<Register>,
+    commands: Vec<Command>,
     not_modelled: &'static [&'static str],
 }
 
@@ -99,7 +102,7 @@ struct Axis {
 struct Encoder {
     a: &'static str,
     b: &'static str,
-    index: &'static str,
+    index: Option<&'static str>,
 }
 
 #[derive(Serialize)]
@@ -116,8 +119,10 @@ struct Register {
     least: Option<i64>,
     greatest: Option<i64>,
     codes: Option<&'static [i64]>,
+    /// The least and the greatest of each word, in bus order, where there is no number as a whole.
+    words: Option<Vec<(u16, u16)>>,
     acts_within: Option<(i64, i64)>,
-    default: i64,
+    default: Value,
     saved_bits: u16,
     doc: String,
     not_modelled: Option<&'static str>,
@@ -125,10 +130,12 @@ struct Register {
 
 impl Register {
     fn of(table: &Table, row: &Row) -> Self {
-        let (limits, codes) = match row.legal {
-            Legal::Any => (Some(row.shape.limits()), None),
-            Legal::Range(least, greatest) => (Some((least, greatest)), None),
-            Legal::OneOf(codes) => (None, Some(codes)),
+        let (limits, codes, words) = match (row.legal, row.shape) {
+            (Legal::Any, Shape::Words(n)) => (None, None, Some(vec![(0, u16::MAX); n.into()])),
+            (Legal::Any, shape) => (Some(shape.limits()), None, None),
+            (Legal::Range(least, greatest), _) => (Some((least, greatest)), None, None),
+            (Legal::OneOf(codes), _) => (None, Some(codes), None),
+            (Legal::Each(ranges), _) => (None, None, Some(ranges.to_vec())),
         };
         Self {
             name: row.name,
@@ -142,12 +149,29 @@ impl Register {
             least: limits.map(|(least, _)| least),
             greatest: limits.map(|(_, greatest)| greatest),
             codes,
+            words,
             acts_within: row.clamp,
-            default: row.reset,
+            default: Value::of(table, row.shape, row.reset),
             saved_bits: row.saved,
             doc: doc(row),
             not_modelled: (!row.missing.is_empty()).then_some(row.missing),
         }
+    }
+}
+
+#[derive(Serialize)]
+struct Command {
+    code: u16,
+    name: &'static str,
+    section: &'static str,
+    doc: &'static str,
+    not_modelled: Option<&'static str>,
+}
+
+impl Command {
+    fn of(command: &device::Command) -> Self {
+        let &device::Command { code, name, section, doc, missing } = command;
+        Self { code, name, section, doc, not_modelled: (!missing.is_empty()).then_some(missing) }
     }
 }
 
@@ -222,6 +246,9 @@ impl Section {
     }
 }
 
+/// Of a row that has no address.
+const NAMED: &[&str] = &["Name", "§", "Type", "Access", "Values", "Default", "Saved", "What it is"];
+
 /// All that is worth a table, in the order of a manual.
 fn sections(spec: &Spec) -> Vec<Section> {
     let pin = |pin: Pin| pin_name(spec, pin).to_owned();
@@ -238,15 +265,22 @@ fn sections(spec: &Spec) -> Vec<Section> {
         let (step, direction) = axis.step_dir.map_or_else(Default::default, |(a, b)| (pin(a), pin(b)));
         vec![axis.name.into(), step, direction]
     });
-    let encoders =
-        spec.encoders.iter().map(|encoder| vec![pin(encoder.a), pin(encoder.b), pin(encoder.index)]);
+    let encoders = spec
+        .encoders
+        .iter()
+        .map(|encoder| vec![pin(encoder.a), pin(encoder.b), encoder.index.map(pin).unwrap_or_default()]);
     let rows = || spec.rows().map(|(_, row)| row);
-    let on_the_bus = rows().filter(|row| row.space != Space::Setting).map(|row| {
-        let mut cells = vec![place(spec.registers, row)];
-        cells.extend(cells_of(row));
+    let by_name = |space| rows().filter(move |row| row.space == space).map(|row| cells_of(spec, row));
+    let on_a_bus = |row: &&Row| !matches!(row.space, Space::Variable | Space::Setting);
+    let on_the_bus = rows().filter(on_a_bus).map(|row| {
+        let mut cells = vec![place(spec, row)];
+        cells.extend(cells_of(spec, row));
         cells
     });
-    let settings = rows().filter(|row| row.space == Space::Setting).map(cells_of);
+    let commands = spec.commands.iter().map(|command| {
+        let does = with_reason(command.doc.into(), command.missing);
+        vec![command.code.to_string(), command.name.into(), command.section.into(), does]
+    });
     let missing = spec.not_modelled.iter().map(|what| vec![what.to_string()]);
     let sections = [
         Section { title: "Ports", columns: &["Port", "Line", "A message ends"], rows: ports.collect() },
@@ -264,9 +298,19 @@ fn sections(spec: &Spec) -> Vec<Section> {
             rows: on_the_bus.collect(),
         },
         Section {
+            title: "Commands",
+            columns: &["Code", "Name", "§", "What it does"],
+            rows: commands.collect(),
+        },
+        Section {
+            title: "Variables without an address",
+            columns: NAMED,
+            rows: by_name(Space::Variable).collect(),
+        },
+        Section {
             title: "Settings of the stand-in (by name only)",
-            columns: &["Name", "§", "Type", "Access", "Values", "Default", "Saved", "What it is"],
-            rows: settings.collect(),
+            columns: NAMED,
+            rows: by_name(Space::Setting).collect(),
         },
         Section { title: "Beside the rows that say so, not modelled", columns: &[], rows: missing.collect() },
     ];
@@ -274,7 +318,7 @@ fn sections(spec: &Spec) -> Vec<Section> {
 }
 
 /// A row's cells after its address.
-fn cells_of(row: &Row) -> Vec<String> {
+fn cells_of(spec: &Spec, row: &Row) -> Vec<String> {
     let saved = match row.saved {
         0 => "no".into(),
         u16::MAX => "yes".into(),
@@ -285,11 +329,16 @@ fn cells_of(row: &Row) -> Vec<String> {
         row.section.into(),
         shape(row),
         access(row),
-        values(row),
-        default(row),
+        values(spec, row),
+        default(spec, row),
         saved,
-        if row.missing.is_empty() { doc(row) } else { format!("{} ({})", doc(row), row.missing) },
+        with_reason(doc(row), row.missing),
     ]
+}
+
+/// What something is, and why it is not modelled.
+fn with_reason(what: String, missing: &str) -> String {
+    if missing.is_empty() { what } else { format!("{what} ({missing})") }
 }
 
 /// How the bus may use it.
@@ -297,22 +346,30 @@ fn access(row: &Row) -> String {
     format!("{}{}", row.access.as_str(), if row.streams { "/S" } else { "" })
 }
 
-/// The factory value: words in hexadecimal, as manuals print them, longer and signed ones as numbers.
-fn default(row: &Row) -> String {
+/// The factory value: words in hexadecimal, as most manuals print them, longer and signed ones as numbers.
+fn default(spec: &Spec, row: &Row) -> String {
     match row.shape {
+        Shape::U8 | Shape::U16 if spec.decimal => row.reset.to_string(),
         Shape::U8 => format!("{:#04x}", row.reset),
         Shape::U16 => format!("{:#06x}", row.reset),
-        _ => row.reset.to_string(),
+        _ => Value::of(spec.registers, row.shape, row.reset).to_string(),
     }
 }
 
 /// What a row takes, and how it acts.
-fn values(row: &Row) -> String {
+fn values(spec: &Spec, row: &Row) -> String {
     let mut values = match row.legal {
         Legal::Any => "any".into(),
         Legal::Range(least, greatest) => format!("{least}…{greatest}"),
-        // They are patterns of bits, whatever their width.
-        Legal::OneOf(codes) => codes.iter().map(|code| format!("{code:#x}")).collect::<Vec<_>>().join(", "),
+        Legal::Each(ranges) => {
+            let ranges = ranges.iter().map(|(least, greatest)| format!("{least}…{greatest}"));
+            ranges.collect::<Vec<_>>().join(", ")
+        }
+        Legal::OneOf(codes) => {
+            // Elsewhere than in a decimal manual they are patterns of bits, whatever their width.
+            let code = |code: &i64| if spec.decimal { code.to_string() } else { format!("{code:#x}") };
+            codes.iter().map(code).collect::<Vec<_>>().join(", ")
+        }
     };
     if let Some((least, greatest)) = row.clamp {
         let _ = write!(values, ", acts as {least}…{greatest}");
@@ -321,12 +378,14 @@ fn values(row: &Row) -> String {
 }
 
 /// Where a row is.
-fn place(table: &Table, row: &Row) -> String {
+fn place(spec: &Spec, row: &Row) -> String {
+    let address = |n: u16| if spec.decimal { n.to_string() } else { format!("{n:#04x}") };
     let first = row.address;
-    let last = first.saturating_add(addresses(table, row) - 1);
-    let place = if last == first { format!("{first:#04x}") } else { format!("{first:#04x}–{last:#04x}") };
+    let last = first.saturating_add(addresses(spec.registers, row) - 1);
+    let place =
+        if last == first { address(first) } else { format!("{}–{}", address(first), address(last)) };
     match row.space {
-        Space::Holding | Space::Setting => place,
+        Space::Holding | Space::Variable | Space::Setting => place,
         other => format!("{} {place}", space(other)),
     }
 }
@@ -336,8 +395,10 @@ fn addresses(table: &Table, row: &Row) -> u16 {
 }
 
 fn shape(row: &Row) -> String {
-    let words = row.shape.words();
-    if words > 2 { format!("{words} {}", row.shape.as_str()) } else { row.shape.as_str().into() }
+    match row.shape {
+        Shape::Words(n) => format!("{n} words"),
+        shape => shape.as_str().into(),
+    }
 }
 
 fn doc(row: &Row) -> String {
@@ -388,6 +449,7 @@ fn space(space: Space) -> &'static str {
         Space::Discrete => "discrete",
         Space::Input => "input",
         Space::Holding => "holding",
+        Space::Variable => "variable",
         Space::Setting => "setting",
     }
 }

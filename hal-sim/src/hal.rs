@@ -12,8 +12,9 @@ use std::rc::Rc;
 use embedded_hal::digital;
 use embedded_io::ErrorType;
 use embedded_storage::{ReadStorage, Storage};
-use standin_firmware::device::{Axis, Duration, Instant, Line, Pin, Plan, Port, Spec};
-use standin_firmware::shell::{Caught, Inputs, Outputs};
+use standin_firmware::device::{Axis, Duration, Instant, Line, Link, Pin, Plan, Port, Spec};
+use standin_firmware::shell::{Came, Caught, Inputs, Links, Outputs};
+use standin_protocol::modbus::tcp::Adu;
 
 /// Characters that a UART takes before the first of them has left.
 const FIFO: usize = 16;
@@ -23,6 +24,10 @@ const FIFO: usize = 16;
 pub enum Done {
     /// Characters left back to back, from the stamp on.
     Sent(Port, Vec<u8>),
+    /// A message left on a TCP connection.
+    Message(Port, Link, Vec<u8>),
+    /// The drive closed a TCP connection.
+    Closed(Port, Link),
     /// A line changed.
     Line(Port, Line),
     /// A pin changed, to high or low.
@@ -47,6 +52,8 @@ pub struct Board(Rc<RefCell<State>>);
 struct State {
     now: Instant,
     caught: VecDeque<(Instant, Caught)>,
+    /// What came on TCP connections; the bytes of a message.
+    came: VecDeque<(Instant, Port, Link, Came, Adu)>,
     done: Vec<(Instant, Done)>,
     uarts: Vec<Line>,
     /// When each UART will have sent all it took, and where that began.
@@ -65,6 +72,7 @@ impl Board {
         Self(Rc::new(RefCell::new(State {
             now: Instant::ZERO,
             caught: VecDeque::new(),
+            came: VecDeque::new(),
             done: Vec::new(),
             busy: vec![None; lines.len()],
             uarts: lines,
@@ -83,12 +91,27 @@ impl Board {
             uarts: (0..state.uarts.len()).map(|n| Uart(self.clone(), n)).collect(),
             pins: (0..state.levels.len()).map(|n| WiredPin(self.clone(), n)).collect(),
             memory: Memory { board: self.clone(), stored: state.memory.clone() },
+            network: Network(self.clone()),
         }
     }
 
     /// An interrupt catches something at `at`, not before anything it caught.
     pub fn catch(&self, at: Instant, caught: Caught) {
         self.0.borrow_mut().caught.push_back((at, caught));
+    }
+
+    /// Something comes on a TCP connection at `at`, not before anything that came on one.
+    pub fn come(&self, at: Instant, port: Port, link: Link, came: Came) {
+        self.0.borrow_mut().came.push_back((at, port, link, came, Adu::new()));
+    }
+
+    /// A message comes on a TCP connection, as [`come`](Self::come).
+    ///
+    /// # Panics
+    /// If it is longer than what comes at once.
+    pub fn say(&self, at: Instant, port: Port, link: Link, bytes: &[u8]) {
+        let message = Adu::from_slice(bytes).expect("no more than comes at once");
+        self.0.borrow_mut().came.push_back((at, port, link, Came::Message, message));
     }
 
     /// The clock goes on to `now`.
@@ -105,10 +128,13 @@ impl Board {
         ports.map(|port| state.room_at(port)).filter(|&at| at > state.now).min().unwrap_or(Instant::NEVER)
     }
 
-    /// When its oldest input was caught; [`Instant::NEVER`] if there is none.
+    /// When its oldest input was caught, or came; [`Instant::NEVER`] if there is none.
     #[must_use]
     pub fn caught_at(&self) -> Instant {
-        self.0.borrow().caught.front().map_or(Instant::NEVER, |(at, _)| *at)
+        let state = self.0.borrow();
+        let caught = state.caught.front().map(|(at, _)| *at);
+        let came = state.came.front().map(|(at, ..)| *at);
+        caught.into_iter().chain(came).min().unwrap_or(Instant::NEVER)
     }
 
     /// What it did so far, with stamps that ascend.
@@ -177,6 +203,7 @@ pub struct SimOutputs {
     uarts: Vec<Uart>,
     pins: Vec<WiredPin>,
     memory: Memory,
+    network: Network,
 }
 
 impl SimOutputs {
@@ -191,9 +218,14 @@ impl Outputs for SimOutputs {
     type Serial = Uart;
     type Pin = WiredPin;
     type Memory = Memory;
+    type Links = Network;
 
     fn serial(&mut self, port: Port) -> Option<&mut Uart> {
         self.uarts.get_mut(usize::from(port.0))
+    }
+
+    fn links(&mut self) -> Option<&mut Network> {
+        Some(&mut self.network)
     }
 
     fn set_line(&mut self, port: Port, line: Line) {
@@ -259,6 +291,34 @@ impl embedded_io::WriteReady for Uart {
     fn write_ready(&mut self) -> Result<bool, Infallible> {
         let state = self.0.0.borrow();
         Ok(state.room_at(self.1) <= state.now)
+    }
+}
+
+/// TCP connections without limits, on which everything is at its end at once.
+#[derive(Debug)]
+pub struct Network(Board);
+
+impl Links for Network {
+    fn next(&mut self, now: Instant, message: &mut Adu) -> Result<(Port, Link, Came), Instant> {
+        let mut state = self.0.0.borrow_mut();
+        let due = state.came.front().map_or(Instant::NEVER, |(at, ..)| *at);
+        let first = if due <= now { state.came.pop_front() } else { None };
+        let (_, port, link, came, bytes) = first.ok_or(due)?;
+        *message = bytes;
+        Ok((port, link, came))
+    }
+
+    fn send(&mut self, port: Port, link: Link, bytes: &[u8]) -> bool {
+        let mut state = self.0.0.borrow_mut();
+        let now = state.now;
+        state.done.push((now, Done::Message(port, link, bytes.to_vec())));
+        true
+    }
+
+    fn close(&mut self, port: Port, link: Link) {
+        let mut state = self.0.0.borrow_mut();
+        let now = state.now;
+        state.done.push((now, Done::Closed(port, link)));
     }
 }
 
@@ -351,7 +411,7 @@ impl Storage for Memory {
 mod tests {
     use super::*;
     use embedded_io::{Write, WriteReady};
-    use standin_firmware::device::{Boot, Device};
+    use standin_firmware::device::{Boot, Device, Ends, Input, Output, PortSpec, Refused, Sink};
     use standin_firmware::md3::Md3;
     use standin_firmware::qsb::Qsb;
     use standin_firmware::shell::{ANSWERS, ONE_ANSWER, Shell};
@@ -474,5 +534,169 @@ mod tests {
         assert_eq!(all, ANSWER.repeat(all.len() / ANSWER.len()));
         assert!(failures > 0, "all of it fits");
         assert_eq!(all.len() / ANSWER.len() + failures as usize, FIT + 10);
+    }
+
+    static PARROT: Spec =
+        Spec { ports: &[PortSpec { name: "mcode", ends: Ends::Return, line: None }], ..Spec::BARE };
+    const MCODE: Port = Port(0);
+    const HOUR: Duration = Duration::secs(3_600);
+
+    /// Greets, repeats what it hears, closes on `x`, and says good-bye to who is gone. Every so often it rings.
+    struct Parrot {
+        every: Duration,
+        due: Instant,
+        last: Link,
+    }
+
+    impl Device for Parrot {
+        fn spec(&self) -> &'static Spec {
+            &PARROT
+        }
+
+        fn power_on(&mut self, at: Instant, _boot: Boot, _out: &mut dyn Sink) {
+            self.due = at + self.every;
+        }
+
+        fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Sink) {
+            let said = |link, bytes| Output::Message { port: MCODE, link, bytes };
+            match input {
+                Input::Opened { port: MCODE, link } => {
+                    self.last = link;
+                    out.put(at, said(link, b"hello"));
+                }
+                Input::Message { port: MCODE, link, bytes: b"x" } => {
+                    out.put(at, Output::Close { port: MCODE, link });
+                }
+                Input::Message { port: MCODE, link, bytes } => out.put(at, said(link, bytes)),
+                Input::Closed { port: MCODE, link } => out.put(at, said(link, b"good-bye")),
+                other => panic!("{other:?}"),
+            }
+        }
+
+        fn deadline(&self) -> Instant {
+            self.due
+        }
+
+        fn timeout(&mut self, at: Instant, out: &mut dyn Sink) {
+            out.put(at, Output::Message { port: MCODE, link: self.last, bytes: b"ring" });
+            self.due += self.every;
+        }
+
+        fn peek(&self, _at: Instant, _row: usize) -> i64 {
+            0
+        }
+
+        fn poke(
+            &mut self,
+            _at: Instant,
+            _row: usize,
+            _value: i64,
+            _out: &mut dyn Sink,
+        ) -> Result<(), Refused> {
+            Err(Refused::NoSuchRegister)
+        }
+    }
+
+    /// A parrot with power, on a board.
+    fn parrot(every: Duration) -> (Board, Shell<Parrot, Board, SimOutputs>) {
+        let board = Board::new(&PARROT, Vec::new());
+        let parrot = Parrot { every, due: Instant::NEVER, last: Link(0) };
+        let mut shell = Shell::new(parrot, board.clone(), board.outputs());
+        shell.power_on(Instant::ZERO, Boot::default());
+        (board, shell)
+    }
+
+    #[test]
+    fn the_shell_tells_a_drive_what_comes_by_tcp_and_does_what_it_says() {
+        let (board, mut shell) = parrot(HOUR);
+        let second = |n| Instant::ZERO + Duration::secs(n);
+        board.come(second(1), MCODE, Link(0), Came::Opened);
+        board.come(second(2), MCODE, Link(1), Came::Opened);
+        board.say(second(2), MCODE, Link(0), b"PR V\r");
+        board.say(second(2), MCODE, Link(1), b"PR P\r");
+        board.come(second(3), MCODE, Link(0), Came::Closed);
+        board.say(second(4), MCODE, Link(1), b"x");
+        assert!(shell.turn().is_err(), "nothing has come");
+        // It sleeps no longer than until something comes.
+        for n in 1..=4 {
+            assert_eq!(shell.deadline(), second(n));
+            board.set_now(second(n));
+            while shell.turn().is_ok() {}
+        }
+        let said = |n, link, bytes: &[u8]| (second(n), Done::Message(MCODE, Link(link), bytes.to_vec()));
+        let expected = [
+            said(1, 0, b"hello"),
+            said(2, 1, b"hello"),
+            said(2, 0, b"PR V\r"),
+            said(2, 1, b"PR P\r"),
+            said(3, 0, b"good-bye"),
+            (second(4), Done::Closed(MCODE, Link(1))),
+        ];
+        assert_eq!(*board.done(), expected);
+        assert_eq!(shell.failures(), 0);
+    }
+
+    #[test]
+    fn what_comes_by_tcp_waits_for_no_deadline_and_no_deadline_for_it() {
+        const TEN_MS: Duration = Duration::millis(10);
+        let (board, mut shell) = parrot(TEN_MS);
+        // The loop comes late: three deadlines are over, and somebody has connected and said things.
+        let late = Instant::ZERO + TEN_MS * 3;
+        board.come(late, MCODE, Link(0), Came::Opened);
+        board.say(late, MCODE, Link(0), b"a\r");
+        board.say(late, MCODE, Link(0), b"b\r");
+        board.set_now(late);
+        let mut rings = 0;
+        for said in ["hello", "a\r", "b\r"] {
+            shell.turn().expect("there is something to do");
+            let done: Vec<_> = board.done().iter().map(|(_, done)| done.clone()).collect();
+            rings += 1;
+            let message = |text: &str| Done::Message(MCODE, Link(0), text.as_bytes().to_vec());
+            assert!(done.contains(&message(said)), "{said} is answered in turn {rings}");
+            assert_eq!(done.iter().filter(|done| **done == message("ring")).count(), rings);
+        }
+    }
+
+    #[test]
+    fn messages_of_a_drive_on_a_board_without_a_network_are_counted() {
+        use standin_firmware::shell::NoLinks;
+
+        /// All of a board but its network.
+        struct Alone(SimOutputs);
+
+        impl Outputs for Alone {
+            type Serial = Uart;
+            type Pin = WiredPin;
+            type Memory = Memory;
+            type Links = NoLinks;
+
+            fn serial(&mut self, port: Port) -> Option<&mut Uart> {
+                self.0.serial(port)
+            }
+
+            fn set_line(&mut self, port: Port, line: Line) {
+                self.0.set_line(port, line);
+            }
+
+            fn pin(&mut self, pin: Pin) -> Option<&mut WiredPin> {
+                self.0.pin(pin)
+            }
+
+            fn memory(&mut self) -> &mut Memory {
+                self.0.memory()
+            }
+
+            fn stored(&self) -> &[u8] {
+                self.0.stored()
+            }
+        }
+
+        let board = Board::new(&PARROT, Vec::new());
+        let parrot = Parrot { every: HOUR, due: Instant::NEVER, last: Link(0) };
+        let mut shell: Shell<_, _, _> = Shell::new(parrot, board.clone(), Alone(board.outputs()));
+        shell.power_on(Instant::ZERO, Boot::default());
+        board.set_now(Instant::ZERO + HOUR);
+        while shell.turn().is_ok() {}
+        assert_eq!(shell.failures(), 1, "it rang");
     }
 }

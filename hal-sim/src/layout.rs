@@ -128,12 +128,12 @@ pub struct Motor {
 pub enum MotorKind {
     /// It follows the steps of its drive.
     Stepper(motor::stepper::Parameters),
-    /// What is not said is as the drive's registers describe it when it has been powered on for the first time, with
+    /// One with brushes, or a brushless one. What is not said is as the drive's registers describe it when it has been powered on for the first time, with
     /// its memory and presets. From then on it is a motor of its own and follows no register.
     Brush(BrushKeys),
 }
 
-/// What is said of a brush motor; see [`motor::Parameters`].
+/// What is said of a brush motor, or of a brushless one; see [`motor::Parameters`].
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 #[expect(missing_docs, reason = "the fields are those of `motor::Parameters`")]
 pub struct BrushKeys {
@@ -209,6 +209,12 @@ pub fn reached(spec: &Spec, listen: &Listen) -> Result<(Port, Uri), String> {
         }
         _ => Ok((port, uri.clone())),
     }
+}
+
+/// A sentence about a TCP port where a line is wanted.
+#[must_use]
+pub fn no_line(name: &str) -> String {
+    format!("{name} is a TCP port and no line")
 }
 
 /// Whether two paths in one folder are the same, as far as they tell.

@@ -20,6 +20,7 @@
 //! | [`spi`] | chips on an SPI bus |
 //! | [`trace`] | what happened, as text that people read and write |
 //! | [`replay`] | a trace once more, and the first difference |
+//! | [`value`] | a register's value as users see it |
 //! | [`vcd`] | waveforms of the pins |
 
 pub mod bench;
@@ -28,6 +29,8 @@ pub mod capture;
 mod collisions;
 mod dice;
 mod drives;
+#[cfg(test)]
+mod echo;
 pub mod faults;
 pub mod file;
 pub mod hal;
@@ -47,4 +50,5 @@ pub mod spi;
 #[cfg(test)]
 mod toy;
 pub mod trace;
+pub mod value;
 pub mod vcd;

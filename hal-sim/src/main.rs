@@ -3,6 +3,8 @@
 mod api;
 mod cli;
 mod describe;
+#[cfg(test)]
+mod echo;
 mod followed;
 mod log;
 mod nv;
@@ -101,11 +103,6 @@ fn replay(file: &Path) -> Result<ExitCode, String> {
             Ok(ExitCode::from(DIFFERENT))
         }
     }
-}
-
-/// One sentence about what a later version brings.
-fn not_yet(what: &str) -> String {
-    format!("{what}: not yet in this version; `standin --help` lists what is")
 }
 
 fn print(text: &str) -> Result<(), String> {

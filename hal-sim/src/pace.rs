@@ -5,8 +5,8 @@ use std::str::FromStr;
 
 use standin_firmware::device::Duration;
 
-/// How long half a message may wait for its rest, as the wall clock counts.
-const PATIENCE: Duration = Duration::millis(20);
+/// How long half a message may wait for its rest, in ms of the wall clock.
+pub const PATIENCE_MS: u64 = 20;
 
 /// The greatest factor of [`Pace::Times`].
 const FASTEST: u32 = 1000;
@@ -24,8 +24,8 @@ impl Pace {
     /// How long half a message may wait, in time of the bench.
     pub fn patience(self) -> Duration {
         match self {
-            Self::Times(factor) => PATIENCE * u64::from(factor),
-            Self::Manual => PATIENCE,
+            Self::Times(factor) => Duration::millis(PATIENCE_MS) * u64::from(factor),
+            Self::Manual => Duration::millis(PATIENCE_MS),
         }
     }
 }

@@ -1,13 +1,13 @@
-//! Frames of the lines: pcapng, as Wireshark and its tools read it.
+//! Frames of the lines and TCP ports: pcapng, as Wireshark and its tools read it.
 //!
-//! Each line is an interface of its name, each frame a packet, stamped with the bench's time (from the epoch
+//! Each line is an interface of its name, as is each connection of a TCP port (`modbus 0`), and each frame a packet, stamped with the bench's time (from the epoch
 //! on, in whole nanoseconds) at which its first character begins. A packet says what dissects it
 //! (`WIRESHARK_UPPER_PDU`), so nothing has to be set:
 //!
 //! | on the line | shown as |
 //! |---|---|
 //! | Modbus RTU, Modbus/TCP | that, a query or a response |
-//! | Modbus ASCII, commands of a QSB | lines of text |
+//! | Modbus ASCII, commands of a QSB, MCode | lines of text |
 //! | frames with a wrong check sum, or that collided, noise | data; that nobody could read it is in the packet's flags, as a wrong check sum |
 //!
 //! The flags also tell which way a packet went: *inbound* to drives, *outbound* from one. That is the only way to
@@ -19,12 +19,12 @@ mod blocks;
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::{self, Write};
 
-use standin_firmware::device::{Duration, Ends, Instant};
+use standin_firmware::device::{Duration, Ends, Instant, Line};
 use standin_protocol::modbus::ascii;
 
 pub use self::blocks::{Blocks, Packet, Protocol, Way};
-use crate::bench::{Bench, Bus};
-use crate::capture::{Capture, Frame, Source};
+use crate::bench::{Bench, Outlet};
+use crate::capture::{Capture, Frame, Medium, Source};
 
 /// A line of text that is longer is cut there.
 const LONGEST_TEXT: usize = 1 << 10;
@@ -45,16 +45,21 @@ pub struct Snapshot {
     /// So many frames there were.
     seen: u64,
     now: Instant,
-    lines: Vec<(Bus, About)>,
+    outlets: Vec<(Outlet, About)>,
 }
 
 impl Snapshot {
     /// A copy as of now, without the frames.
     #[must_use]
     pub fn begin(bench: &Bench) -> Self {
-        let lines = bench.buses().into_iter().map(|bus| (bus, About::of(bench, bus)));
+        let outlets = bench.outlets().into_iter().map(|outlet| (outlet, About::of(bench, outlet)));
         let capture = bench.capture();
-        Self { capture: capture.outline(), seen: capture.seen(), now: bench.now(), lines: lines.collect() }
+        Self {
+            capture: capture.outline(),
+            seen: capture.seen(),
+            now: bench.now(),
+            outlets: outlets.collect(),
+        }
     }
 
     /// Brings at most `most` more of the frames; whether there are more. What the bench has forgotten
@@ -68,41 +73,53 @@ impl Snapshot {
     /// # Errors
     /// Those of the writer.
     pub fn write(&self, out: impl Write) -> io::Result<()> {
-        let mut file = Pcapng::with(self.lines.iter().cloned(), out)?;
-        file.take_ended(&self.capture, self.now, &|bus| {
-            let known = self.lines.iter().find(|(known, _)| *known == bus);
+        let mut file = Pcapng::with(self.outlets.iter().cloned(), out)?;
+        file.take_ended(&self.capture, self.now, &|outlet| {
+            let known = self.outlets.iter().find(|(known, _)| *known == outlet);
             known.map_or_else(About::default, |(_, about)| about.clone())
         })?;
         file.finish()
     }
 }
 
-/// What a file has to know of a line.
+/// What a file has to know of a line or a TCP port.
 #[derive(Clone, Default)]
 struct About {
     name: String,
-    /// What ends a message on it.
+    /// What ends a message there.
     ends: Option<Ends>,
 }
 
 impl About {
-    fn of(bench: &Bench, bus: Bus) -> Self {
-        let first = bench.ports(bus).first();
-        let port = first.and_then(|&(seat, port)| bench.spec(seat).ports.get(usize::from(port.0)));
-        Self { name: bench.bus_name(bus).to_owned(), ends: port.map(|port| port.ends) }
+    fn of(bench: &Bench, outlet: Outlet) -> Self {
+        let first = match outlet {
+            Outlet::Line(bus) => bench.ports(bus).first().copied(),
+            Outlet::Tcp(seat, port) => Some((seat, port)),
+        };
+        let port = first.and_then(|(seat, port)| bench.spec(seat).ports.get(usize::from(port.0)));
+        Self { name: bench.outlet_name(outlet), ends: port.map(|port| port.ends) }
     }
 }
 
-/// A file that follows a bench. Between two calls it holds no more than the text of a line for each line.
+/// Where that is.
+fn outlet(on: Medium) -> Outlet {
+    match on {
+        Medium::Line(bus) => Outlet::Line(bus),
+        Medium::Tcp(seat, port, _) => Outlet::Tcp(seat, port),
+    }
+}
+
+/// A file that follows a bench. Between two calls it holds no more than the text of a line for each line and
+/// connection.
 ///
 /// What is in it, and in which order, does not depend on how often it follows: packets are written in the
 /// order in which they end.
 pub struct Pcapng<W> {
     blocks: Blocks<W>,
-    /// What the file calls each line, and what ends a message on it.
-    lines: BTreeMap<Bus, (u32, Option<Ends>)>,
+    /// What the file calls each line or connection, and what ends a message on it.
+    lines: BTreeMap<Medium, (u32, Option<Ends>)>,
     /// Text that is not written yet.
-    texts: BTreeMap<(Bus, Way), Text>,
+    texts: BTreeMap<(Medium, Way), Text>,
     /// The first frame that is not taken, and those behind it that are.
     first: u64,
     ahead: BTreeSet<u64>,
@@ -127,10 +144,10 @@ impl<W: Write> Pcapng<W> {
     /// # Errors
     /// Those of the writer.
     pub fn new(bench: &Bench, out: W) -> io::Result<Self> {
-        Self::with(bench.buses().into_iter().map(|bus| (bus, About::of(bench, bus))), out)
+        Self::with(bench.outlets().into_iter().map(|outlet| (outlet, About::of(bench, outlet))), out)
     }
 
-    fn with(lines: impl IntoIterator<Item = (Bus, About)>, out: W) -> io::Result<Self> {
+    fn with(outlets: impl IntoIterator<Item = (Outlet, About)>, out: W) -> io::Result<Self> {
         let mut pcapng = Self {
             blocks: Blocks::new(out)?,
             lines: BTreeMap::new(),
@@ -139,8 +156,10 @@ impl<W: Write> Pcapng<W> {
             ahead: BTreeSet::new(),
             lost: 0,
         };
-        for (bus, about) in lines {
-            pcapng.line(bus, &|_| about.clone())?;
+        for (outlet, about) in outlets {
+            if let Outlet::Line(bus) = outlet {
+                pcapng.line(Medium::Line(bus), &|_| about.clone())?;
+            }
         }
         Ok(pcapng)
     }
@@ -150,7 +169,7 @@ impl<W: Write> Pcapng<W> {
     /// # Errors
     /// Those of the writer.
     pub fn follow(&mut self, bench: &Bench) -> io::Result<()> {
-        self.take_ended(bench.capture(), bench.now(), &|bus| About::of(bench, bus))
+        self.take_ended(bench.capture(), bench.now(), &|outlet| About::of(bench, outlet))
     }
 
     /// Writes the frames of a capture that have ended by `now`.
@@ -158,7 +177,7 @@ impl<W: Write> Pcapng<W> {
         &mut self,
         capture: &Capture,
         now: Instant,
-        about: &dyn Fn(Bus) -> About,
+        about: &dyn Fn(Outlet) -> About,
     ) -> io::Result<()> {
         self.skip(capture.lost());
         let new = (self.first..).zip(capture.since(self.first));
@@ -195,16 +214,21 @@ impl<W: Write> Pcapng<W> {
         }
     }
 
-    fn take(&mut self, frame: &Frame, about: &dyn Fn(Bus) -> About) -> io::Result<()> {
+    fn take(&mut self, frame: &Frame, about: &dyn Fn(Outlet) -> About) -> io::Result<()> {
         let way = match frame.from {
             Source::Client => Way::In,
             Source::Drive(_) => Way::Out,
             Source::Noise => Way::Nowhere,
         };
-        let (line, ends) = self.line(frame.bus, about)?;
+        let over = frame.bytes.is_empty() && matches!(frame.on, Medium::Tcp(..));
+        if over {
+            // What ends with its connection is written as far as it came.
+            return [Way::In, Way::Out].into_iter().try_for_each(|way| self.write_text((frame.on, way)));
+        }
+        let (line, ends) = self.line(frame.on, about)?;
         match protocol(ends, frame) {
             _ if frame.bytes.is_empty() => Ok(()),
-            Protocol::Text => self.take_text((frame.bus, way), frame),
+            Protocol::Text => self.take_text((frame.on, way), frame),
             protocol => {
                 let Frame { at, ref bytes, collided, .. } = *frame;
                 self.packet(Packet { line, at, way, protocol, bytes, collided, lost: 0 })
@@ -213,20 +237,20 @@ impl<W: Write> Pcapng<W> {
     }
 
     /// Puts characters to those before them. A text ends with its line, or is cut.
-    fn take_text(&mut self, key: (Bus, Way), frame: &Frame) -> io::Result<()> {
-        let timed = frame.lasts > Duration::ZERO;
-        let character = if timed { frame.line.character() } else { Duration::ZERO };
+    fn take_text(&mut self, key: (Medium, Way), frame: &Frame) -> io::Result<()> {
+        let of_line = frame.line.map_or(Duration::ZERO, Line::character);
+        let character = if frame.lasts > Duration::ZERO { of_line } else { Duration::ZERO };
         for (n, &byte) in (0..).zip(&frame.bytes) {
             let at = frame.at + character * n;
             if let Some(text) = self.texts.get(&key)
-                && !text.goes_on(at, byte, frame.line.character())
+                && !text.goes_on(at, byte, of_line)
             {
                 self.write_text(key)?;
             }
             let text = self.texts.entry(key).or_insert(Text { at, end: at, open: at, bytes: Vec::new() });
             text.bytes.push(byte);
             text.end = at + character;
-            text.open = text.end + frame.line.character() * 2;
+            text.open = text.end + of_line * 2;
         }
         Ok(())
     }
@@ -240,7 +264,7 @@ impl<W: Write> Pcapng<W> {
         texts.into_iter().try_for_each(|(_, key)| self.write_text(key))
     }
 
-    fn write_text(&mut self, key: (Bus, Way)) -> io::Result<()> {
+    fn write_text(&mut self, key: (Medium, Way)) -> io::Result<()> {
         match (self.texts.remove(&key), self.lines.get(&key.0)) {
             (Some(Text { at, bytes, .. }), Some(&(line, _))) => self.packet(Packet {
                 line,
@@ -260,14 +284,17 @@ impl<W: Write> Pcapng<W> {
         self.blocks.packet(&Packet { lost, ..packet })
     }
 
-    /// What the file calls a line, and what ends a message on it.
-    fn line(&mut self, bus: Bus, about: &dyn Fn(Bus) -> About) -> io::Result<(u32, Option<Ends>)> {
-        if let Some(&known) = self.lines.get(&bus) {
+    /// What the file calls a line or a connection, and what ends a message on it.
+    fn line(&mut self, on: Medium, about: &dyn Fn(Outlet) -> About) -> io::Result<(u32, Option<Ends>)> {
+        if let Some(&known) = self.lines.get(&on) {
             return Ok(known);
         }
-        let About { name, ends } = about(bus);
+        let About { mut name, ends } = about(outlet(on));
+        if let Medium::Tcp(_, _, link) = on {
+            name += &format!(" {}", link.0);
+        }
         let line = (self.blocks.line(&name)?, ends);
-        self.lines.insert(bus, line);
+        self.lines.insert(on, line);
         Ok(line)
     }
 }
@@ -294,7 +321,7 @@ fn ends_line(byte: u8) -> bool {
 fn protocol(ends: Option<Ends>, frame: &Frame) -> Protocol {
     match ends {
         _ if frame.from == Source::Noise => Protocol::Noise,
-        Some(Ends::Silence) if ascii::is_on(frame.line) => Protocol::Ascii,
+        Some(Ends::Silence) if frame.line.is_some_and(ascii::is_on) => Protocol::Ascii,
         Some(Ends::Silence) => Protocol::Rtu,
         Some(Ends::Mbap) => Protocol::Tcp,
         Some(Ends::Character | Ends::Return) | None => Protocol::Text,
@@ -308,6 +335,7 @@ mod tests {
 
     use super::*;
     use crate::bench::{Seat, Settings};
+    use crate::echo::{Echo, MCODE, MODBUS};
     use crate::trace::TraceKeep;
 
     /// A bench that keeps so much of its lines, and has been asked as often.
@@ -325,6 +353,33 @@ mod tests {
         let mut file = Vec::new();
         copy.write(&mut file).unwrap();
         file
+    }
+
+    #[test]
+    fn each_connection_has_an_interface_and_its_text_lines_of_its_own() {
+        let mut bench = Bench::with(Settings { capture: TraceKeep::All, ..Settings::default() });
+        let echo = bench.add::<Echo>("echo");
+        let [a, b, c] = [MCODE, MCODE, MODBUS].map(|port| bench.connect_to(echo, port).unwrap());
+        for (client, text) in [(a, "PR"), (b, "MR 10\r\n"), (a, " P\r\n"), (b, "SL")] {
+            bench.send(client, text.as_bytes());
+            bench.settle();
+        }
+        bench.send(c, &[0, 1, 0, 0, 0, 2, 1, 0x11]);
+        bench.disconnect(b);
+        bench.settle();
+        let mut file = Vec::new();
+        write(&bench, &mut file).unwrap();
+        let mut copy = Snapshot::begin(&bench);
+        while copy.go_on(&bench, 2) {}
+        assert_eq!(copied(&copy), file);
+        let times = |bytes: &[u8]| file.windows(bytes.len()).filter(|window| *window == bytes).count();
+        for name in ["mcode 0", "mcode 1", "modbus 0"] {
+            assert_eq!(times(name.as_bytes()), 1, "{name}");
+        }
+        // Asked, and sent back behind the greeting; at the end as far as it came.
+        assert_eq!((times(b"PR P\r\n"), times(b">PR P\r\n")), (2, 1));
+        assert_eq!((times(b"MR 10\r\n"), times(b">MR 10\r\n"), times(b"SL")), (2, 1, 2));
+        assert_eq!((times(b"mbtcp"), times(b"data-text-lines")), (2, 6));
     }
 
     #[test]

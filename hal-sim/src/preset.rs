@@ -1,9 +1,10 @@
 //! Registers set by name, past the bus: `--set REG=VALUE` and the control API.
 
 use standin_firmware::device::{Refused, Spec};
-use standin_protocol::registers::{Legal, Order, Row, Shape};
+use standin_protocol::registers::{Entries, Legal, Order, Row, Shape};
 
 use crate::nearest;
+use crate::value::Value;
 
 /// A value for a register, or for the high or low word of one.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -27,7 +28,7 @@ impl Preset {
     ///
     /// # Errors
     /// One sentence: there is no such register, or it does not take the value.
-    pub fn new(spec: &Spec, name: &str, value: Number) -> Result<Self, String> {
+    pub fn new(spec: &Spec, name: &str, value: &Number) -> Result<Self, String> {
         let rows = spec.registers.rows;
         let found = spec.find(name);
         let (named, row) = found.and_then(|named| Some((named, rows.get(named.row)?))).ok_or_else(|| {
@@ -35,20 +36,25 @@ impl Preset {
                 return format!("{name} is a register of other variants; {} does not have it", spec.kind);
             }
             let what = format!("register of {}", spec.kind);
-            nearest::unknown(&what, name, spec.rows().map(|(_, row)| row.name))
+            // With the prefix if that was typed.
+            let prefix = if name.starts_with(spec.prefix) { spec.prefix } else { "" };
+            let names: Vec<_> = spec.rows().map(|(_, row)| format!("{prefix}{}", row.name)).collect();
+            nearest::unknown(&what, name, names.iter().map(String::as_str))
         })?;
         let half = named.word.map(|word| {
             let first_is_high = spec.registers.layout.order == Order::HighFirst;
             if (word == 0) == first_is_high { Half::High } else { Half::Low }
         });
         let shape = if half.is_some() { Shape::U16 } else { row.shape };
-        let value = value.shaped(shape);
         let (least, greatest) = shape.limits();
-        let legal = if half.is_some() { least <= value && value <= greatest } else { row.accepts(value) };
-        if !legal {
+        let legal = |&value: &i64| match half {
+            Some(_) => least <= value && value <= greatest,
+            None => row.accepts(value),
+        };
+        let value = value.shaped(spec.registers, shape).filter(legal).ok_or_else(|| {
             let takes = if half.is_some() { span(least, greatest) } else { takes(row) };
-            return Err(format!("{name} takes {takes}, not {value}"));
-        }
+            format!("{name} takes {takes}, not {}", value.shown(spec.registers, shape))
+        })?;
         Ok(Self { row: named.row, half, value })
     }
 
@@ -87,18 +93,36 @@ impl Preset {
     }
 }
 
-/// A number as somebody typed it.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+/// A value as somebody typed it.
+#[derive(Clone, PartialEq, Eq, Debug)]
 pub enum Number {
-    /// A value.
+    /// A number.
     Decimal(i64),
     /// The bits of one: `0xFFFF` is −1 where the register is a signed word.
     Bits(i64),
+    /// Words, in bus order, of a register that has words with a meaning each.
+    Words(Vec<i64>),
+}
+
+impl From<Value> for Number {
+    fn from(value: Value) -> Self {
+        match value {
+            Value::Number(value) => Self::Decimal(value),
+            Value::Words(words) => Self::Words(words),
+        }
+    }
 }
 
 impl Number {
-    /// Reads `8000`, `-5` or `0x1F40`.
+    /// Reads `8000`, `-5`, `0x1F40`, or words like `1000,10`.
     pub fn parse(text: &str) -> Option<Self> {
+        if text.contains(',') {
+            let word = |text: &str| match Self::parse(text.trim())? {
+                Self::Decimal(value) | Self::Bits(value) => Some(value),
+                Self::Words(_) => None,
+            };
+            return text.split(',').map(word).collect::<Option<_>>().map(Self::Words);
+        }
         match text.strip_prefix("0x").or_else(|| text.strip_prefix("0X")) {
             // Not `0x-5`, which `from_str_radix` would take.
             Some(digits) if digits.starts_with(['+', '-']) => None,
@@ -107,31 +131,56 @@ impl Number {
         }
     }
 
-    /// As a value of that shape; bits that it does not hold stay, so that it is refused.
-    fn shaped(self, shape: Shape) -> i64 {
+    /// As a value of that shape; bits that it does not hold stay, so that it is refused. `None` if it has another
+    /// number of words.
+    fn shaped(&self, entries: &Entries, shape: Shape) -> Option<i64> {
         match (self, shape) {
-            (Self::Bits(bits), Shape::I16) => {
-                u16::try_from(bits).map_or(bits, |word| word.cast_signed().into())
+            (Self::Words(words), Shape::Words(count)) => {
+                let words: Option<Vec<u16>> = words.iter().map(|&word| bits_of(word)).collect();
+                let words = words.filter(|words| words.len() == usize::from(count))?;
+                Some(entries.assemble(shape, |n| words.get(n).copied().unwrap_or(0)))
             }
-            (Self::Bits(bits), Shape::I32) => {
-                u32::try_from(bits).map_or(bits, |pair| pair.cast_signed().into())
+            (Self::Words(_), _) | (_, Shape::Words(_)) => None,
+            (&Self::Bits(bits), Shape::I16) => {
+                Some(u16::try_from(bits).map_or(bits, |word| word.cast_signed().into()))
             }
-            (Self::Bits(value) | Self::Decimal(value), _) => value,
+            (&Self::Bits(bits), Shape::I32) => {
+                Some(u32::try_from(bits).map_or(bits, |pair| pair.cast_signed().into()))
+            }
+            (&Self::Bits(value) | &Self::Decimal(value), _) => Some(value),
+        }
+    }
+
+    /// As the end of a sentence.
+    fn shown(&self, entries: &Entries, shape: Shape) -> String {
+        match self {
+            Self::Words(words) => Value::Words(words.clone()).to_string(),
+            &(Self::Decimal(value) | Self::Bits(value)) => {
+                self.shaped(entries, shape).unwrap_or(value).to_string()
+            }
         }
     }
 }
 
+/// A word that may be written with a sign.
+fn bits_of(word: i64) -> Option<u16> {
+    u16::try_from(word).ok().or_else(|| i16::try_from(word).ok().map(i16::cast_unsigned))
+}
+
 /// What a row takes, in words.
 fn takes(row: &Row) -> String {
-    match row.legal {
-        Legal::Any => {
-            let (least, greatest) = row.shape.limits();
-            span(least, greatest)
-        }
-        Legal::Range(least, greatest) => span(least, greatest),
-        Legal::OneOf(codes) => {
+    let (least, greatest) = row.shape.limits();
+    match (row.legal, row.shape) {
+        (Legal::Any, Shape::Words(count)) => format!("{count} words, each {}", span(0, u16::MAX.into())),
+        (Legal::Any, _) => span(least, greatest),
+        (Legal::Range(least, greatest), _) => span(least, greatest),
+        (Legal::OneOf(codes), _) => {
             let codes: Vec<String> = codes.iter().map(ToString::to_string).collect();
             format!("one of {}", codes.join(", "))
+        }
+        (Legal::Each(ranges), _) => {
+            let each = ranges.iter().map(|&(least, greatest)| span(least.into(), greatest.into()));
+            format!("{} words: {}", ranges.len(), each.collect::<Vec<_>>().join(", "))
         }
     }
 }
@@ -178,7 +227,7 @@ mod tests {
     }
 
     fn preset(name: &str, value: &str) -> Result<Preset, String> {
-        Preset::new(&spec(), name, Number::parse(value).unwrap())
+        Preset::new(&spec(), name, &Number::parse(value).unwrap())
     }
 
     #[test]
@@ -197,6 +246,31 @@ mod tests {
         assert_eq!(preset("Speed", "0xFFFFFFFF").unwrap().onto(&spec, 5_000), -1);
         assert_eq!(preset("SpeedHigh", "0xFFFF").unwrap().onto(&spec, 5_000), -0x1_0000 + 5_000);
         assert_eq!(preset("SpeedLow", "2").unwrap().onto(&spec, -1), -0x1_0000 + 2);
+    }
+
+    #[test]
+    fn words_are_a_list() {
+        use standin_firmware::mdrobot::Pid;
+        use standin_protocol::registers::Register;
+        let spec = Spec { kind: "toy", registers: Pid::TABLE, prefix: "PID_", ..Spec::BARE };
+        let set = |name: &str, value: &str| {
+            let preset = Preset::new(&spec, name, &Number::parse(value).unwrap())?;
+            Ok::<_, String>(preset.onto(&spec, 0))
+        };
+        // The low word first.
+        assert_eq!(set("PID_FUNC_SPEED", "1000,10"), Ok(10 << 16 | 1_000));
+        assert_eq!(set("FUNC_POSI", "0x5DC, -240"), Ok(0xFF10 << 16 | 1_500));
+        assert_eq!(set("SPEED_LIMIT", "512,512"), Ok(512 << 16 | 512));
+        for (name, value, sentence) in [
+            ("FUNC_SPEED", "1000", "FUNC_SPEED takes 2 words, each 0 to 65535, not 1000"),
+            ("FUNC_SPEED", "1,2,3", "FUNC_SPEED takes 2 words, each 0 to 65535, not 1, 2, 3"),
+            ("FUNC_SPEED", "1,65536", "FUNC_SPEED takes 2 words, each 0 to 65535, not 1, 65536"),
+            ("SPEED_LIMIT", "0,511", "SPEED_LIMIT takes 2 words: 0 to 512, 512 to 1023, not 0, 511"),
+            ("MAX_RPM", "1,2", "MAX_RPM takes 0 to 65535, not 1, 2"),
+            ("PID_MAX_RPN", "1", "there is no register of toy 'PID_MAX_RPN'; the nearest is 'PID_MAX_RPM'"),
+        ] {
+            assert_eq!(set(name, value).unwrap_err(), sentence);
+        }
     }
 
     #[test]

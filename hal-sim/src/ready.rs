@@ -11,13 +11,13 @@ use standin_firmware::device::{Ends, Line, Port, Spec};
 use standin_protocol::line::Parity;
 use standin_protocol::modbus::ascii;
 use standin_protocol::registers::Space;
-use standin_sim::bench::{Bench, Bus, Seat};
+use standin_sim::bench::{Bench, Outlet, Seat};
 use standin_sim::listen::Uri;
 
 use crate::api::Places;
 use crate::log;
 
-/// Where a line is reached.
+/// Where a line or a TCP port is reached.
 pub(crate) enum Address {
     /// By what a whole URI says.
     Uri(String),
@@ -34,10 +34,11 @@ impl Address {
     }
 }
 
-/// A line, and everywhere it is reached.
+/// A line or a TCP port, and everywhere it is reached.
 struct Reached {
     name: String,
-    line: Line,
+    /// The settings of a line.
+    line: Option<Line>,
     addresses: Vec<Address>,
 }
 
@@ -47,20 +48,20 @@ struct Drive {
     spec: &'static Spec,
     /// Its bus address, if it has one.
     unit: Option<i64>,
-    /// Its serial ports, and their lines.
-    ports: Vec<(Port, Bus)>,
+    /// Its ports, and what they are to somebody outside.
+    ports: Vec<(Port, Outlet)>,
 }
 
 /// A bench that is ready.
 pub(crate) struct Ready {
     drives: Vec<Drive>,
-    lines: BTreeMap<Bus, Reached>,
+    outlets: BTreeMap<Outlet, Reached>,
     control: Option<SocketAddr>,
 }
 
 impl Ready {
-    /// A bench whose lines are reached at `addresses`; its drives in the order of `seats`.
-    pub(crate) fn new(bench: &Bench, seats: &[Seat], mut addresses: BTreeMap<Bus, Vec<Address>>) -> Self {
+    /// A bench whose lines and TCP ports are reached at `addresses`; its drives in the order of `seats`.
+    pub(crate) fn new(bench: &Bench, seats: &[Seat], mut addresses: BTreeMap<Outlet, Vec<Address>>) -> Self {
         let drives = seats.iter().map(|&seat| {
             let spec = bench.spec(seat);
             let ports = (0..).map(Port).take(spec.ports.len());
@@ -68,14 +69,18 @@ impl Ready {
                 name: bench.name(seat).into(),
                 spec,
                 unit: spec.address.map(|row| bench.peek(seat, row)),
-                ports: ports.filter_map(|port| Some((port, bench.bus(seat, port)?))).collect(),
+                ports: ports.map(|port| (port, bench.outlet(seat, port))).collect(),
             }
         });
-        let lines = bench.buses().into_iter().map(|bus| {
-            let addresses = addresses.remove(&bus).unwrap_or_default();
-            (bus, Reached { name: bench.bus_name(bus).into(), line: bench.line(bus), addresses })
+        let outlets = bench.outlets().into_iter().map(|outlet| {
+            let addresses = addresses.remove(&outlet).unwrap_or_default();
+            let line = match outlet {
+                Outlet::Line(bus) => Some(bench.line(bus)),
+                Outlet::Tcp(..) => None,
+            };
+            (outlet, Reached { name: bench.outlet_name(outlet), line, addresses })
         });
-        Self { drives: drives.collect(), lines: lines.collect(), control: None }
+        Self { drives: drives.collect(), outlets: outlets.collect(), control: None }
     }
 
     /// The control API listens there.
@@ -83,9 +88,9 @@ impl Ready {
         self.control = Some(address);
     }
 
-    /// Where each line is reached.
+    /// Where each line and TCP port is reached.
     pub(crate) fn places(&self) -> Places {
-        self.lines.values().map(|line| (line.name.clone(), line.uris())).collect()
+        self.outlets.iter().map(|(&outlet, reached)| (outlet, reached.uris())).collect()
     }
 
     /// Says it: on stdout, if that does not belong to a line.
@@ -95,7 +100,7 @@ impl Ready {
     pub(crate) fn print(&self, json: bool) -> io::Result<()> {
         let text = if json { self.json()? + "\n" } else { self.text() };
         let stdio = Uri::Stdio.to_string();
-        if self.lines.values().any(|line| line.uris().contains(&stdio)) {
+        if self.outlets.values().any(|reached| reached.uris().contains(&stdio)) {
             log::say(text.as_bytes());
             return Ok(());
         }
@@ -121,8 +126,8 @@ impl Ready {
             serializer.collect_map(ports.iter().map(|(name, uris)| (name, uris)))
         }
         let devices = self.drives.iter().map(|drive| {
-            let uris = |bus| self.lines.get(bus).map(Reached::uris).unwrap_or_default();
-            let ports = drive.ports.iter().map(|(port, bus)| (drive.port_name(*port), uris(bus)));
+            let uris = |outlet| self.outlets.get(outlet).map(Reached::uris).unwrap_or_default();
+            let ports = drive.ports.iter().map(|(port, outlet)| (drive.port_name(*port), uris(outlet)));
             Device { name: &drive.name, kind: drive.spec.kind, ports: ports.collect() }
         });
         let line = Line {
@@ -137,13 +142,16 @@ impl Ready {
         let mut told = BTreeSet::new();
         for drive in &self.drives {
             let _ = writeln!(text, "{}: {}", drive.name, drive.spec.product);
-            for (_, bus) in &drive.ports {
-                let Some(reached) = self.lines.get(bus) else { continue };
-                let _ = write!(text, "  {}, {}", reached.name, reached.line);
+            for (_, outlet) in &drive.ports {
+                let Some(reached) = self.outlets.get(outlet) else { continue };
+                let _ = match reached.line {
+                    Some(line) => write!(text, "  {}, {line}", reached.name),
+                    None => write!(text, "  {}, TCP", reached.name),
+                };
                 let _ = drive.unit.map(|unit| write!(text, ", address {unit}"));
                 text.push('\n');
                 // Who shares a line is reached where its first drive is.
-                if told.insert(bus) {
+                if told.insert(outlet) {
                     for uri in reached.uris() {
                         let _ = writeln!(text, "    {uri}");
                     }
@@ -162,10 +170,10 @@ impl Ready {
 
     /// A command to begin with.
     fn command(&self) -> Option<String> {
-        let by_pty = self.drives.iter().find_map(|drive| {
-            drive.ports.iter().find_map(|(port, bus)| drive.command(*port, self.lines.get(bus)?))
+        let of_port = self.drives.iter().find_map(|drive| {
+            drive.ports.iter().find_map(|(port, outlet)| drive.command(*port, self.outlets.get(outlet)?))
         });
-        by_pty.or_else(|| {
+        of_port.or_else(|| {
             let (control, drive) = (self.control?, self.drives.first()?);
             Some(format!("curl -s http://{control}/api/drives/{}", drive.name))
         })
@@ -183,21 +191,22 @@ impl Drive {
         self.spec.ports.get(usize::from(port.0)).map_or("", |port| port.name)
     }
 
-    /// A command that reads the drive's registers, or opens a terminal where somebody may type, by a pty of
-    /// `port`.
+    /// A command that reads the drive's registers, or opens a terminal where somebody may type: by a pty of
+    /// `port`, or where that is one of Modbus/TCP by its address.
     fn command(&self, port: Port, reached: &Reached) -> Option<String> {
         let ends = self.spec.ports.get(usize::from(port.0))?.ends;
+        let Some(line) = reached.line else { return self.command_by_tcp(ends, reached) };
         let pty = reached.addresses.iter().find_map(|address| match address {
             Address::Pty(path) => Some(path.display()),
             Address::Uri(_) => None,
         })?;
-        let Line { baud, parity, stop, .. } = reached.line;
+        let Line { baud, parity, stop, .. } = line;
         if ends == Ends::Character {
             return Some(format!("python3 -m serial.tools.miniterm {pty} {baud}"));
         }
         let (first, count) = self.readable()?;
         // mbpoll has no ASCII.
-        (ends == Ends::Silence && !ascii::is_on(reached.line)).then(|| {
+        (ends == Ends::Silence && !ascii::is_on(line)).then(|| {
             let parity = match parity {
                 Parity::None => "none",
                 Parity::Even => "even",
@@ -213,6 +222,15 @@ impl Drive {
         })
     }
 
+    fn command_by_tcp(&self, ends: Ends, reached: &Reached) -> Option<String> {
+        let uris = reached.uris();
+        let address: SocketAddr = uris.iter().find_map(|uri| uri.strip_prefix("tcp:")?.parse().ok())?;
+        let (first, count) = self.readable().filter(|_| ends == Ends::Mbap)?;
+        // mbpoll counts registers from 1.
+        let first = u32::from(first) + 1;
+        Some(format!("mbpoll -m tcp -p {} -t 4:hex -r {first} -c {count} {}", address.port(), address.ip()))
+    }
+
     /// The first holding register, and how many from there one request may read.
     fn readable(&self) -> Option<(u16, u16)> {
         /// What a reply has room for.
@@ -221,5 +239,32 @@ impl Drive {
         let first = table.rows.iter().find(|row| row.space == Space::Holding && row.access.reads())?.address;
         let count = (1..=MOST).rev().find(|&count| table.readable(Space::Holding, first, count).is_some())?;
         Some((first, count))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::echo::{Echo, MCODE, MODBUS};
+
+    #[test]
+    fn tcp_ports_are_told_as_lines_are() {
+        let mut bench = Bench::new();
+        let echo = bench.add::<Echo>("echo");
+        let places = [(MODBUS, "tcp:127.0.0.1:5020"), (MCODE, "tcp:127.0.0.1:5030")];
+        let addresses =
+            places.map(|(port, uri)| (bench.outlet(echo, port), vec![Address::Uri(uri.into())])).into();
+        let ready = Ready::new(&bench, &[echo], addresses);
+        let json = r#"{"devices":[{"name":"echo","kind":"echo","ports":{"modbus":["tcp:127.0.0.1:5020"],"mcode":["tcp:127.0.0.1:5030"]}}],"control":null}"#;
+        assert_eq!(ready.json().unwrap(), json);
+        let text = "echo: an echo
+  modbus, TCP
+    tcp:127.0.0.1:5020
+  mcode, TCP
+    tcp:127.0.0.1:5030
+Ctrl-C ends it.
+";
+        assert_eq!(ready.text(), text);
+        assert_eq!(ready.places()[&bench.outlet(echo, MCODE)], ["tcp:127.0.0.1:5030"]);
     }
 }

@@ -15,7 +15,7 @@ use rustix::event::EventfdFlags;
 use standin_firmware::device::{Duration, Instant};
 use standin_protocol::time::TICKS_PER_SECOND;
 use standin_sim::bench::{Bench, Settling};
-use standin_sim::pace::Pace;
+use standin_sim::pace::{PATIENCE_MS, Pace};
 use tokio::sync::{oneshot, watch};
 use tracing::warn;
 
@@ -151,6 +151,8 @@ pub(crate) struct Host {
     settling: Option<Settling>,
     /// Who waits for that, if it was no port.
     answer: Option<Answer>,
+    /// In manual time, until when half a message may wait for its rest.
+    patient_until: Option<WallInstant>,
     inbox: Inbox,
 }
 
@@ -166,6 +168,7 @@ impl Host {
             advance: None,
             settling: None,
             answer: None,
+            patient_until: None,
             inbox,
         };
         host.set_pace(pace);
@@ -229,7 +232,10 @@ impl Host {
                 self.work();
             }
             self.catch_up();
-            self.ports.deliver(&mut self.bench);
+            let heard = self.ports.deliver(&mut self.bench);
+            if heard && !self.is_busy() {
+                self.settle();
+            }
             self.follow();
         }
         Ok(())
@@ -270,7 +276,9 @@ impl Host {
         if self.is_busy() {
             return Some(WallSpan::ZERO);
         }
-        let clock = self.clock.as_ref()?;
+        let Some(clock) = &self.clock else {
+            return self.patient_until.map(|until| until.saturating_duration_since(wall()));
+        };
         let due = clock.until(self.next().min(self.ports.deadline()))?;
         Some(due.saturating_sub(wall().saturating_duration_since(clock.wall)))
     }
@@ -297,6 +305,12 @@ impl Host {
             if let Some(answer) = self.answer.take() {
                 answer();
             }
+            let waits = self.clock.is_none() && self.bench.half_said();
+            self.patient_until = waits.then(|| wall() + WallSpan::from_millis(PATIENCE_MS));
+        }
+        if self.patient_until.is_some_and(|until| until <= wall()) {
+            self.patient_until = None;
+            self.settling = self.clock.is_none().then(|| self.bench.begin_to_settle_halves());
         }
         let next = self.next();
         let Some(clock) = &mut self.clock else { return };

@@ -29,6 +29,7 @@ impl Class {
             Fed::Power(_) => Self::Power,
             Fed::Fault { .. } => Self::Fault,
             Fed::Edge { .. }
+            | Fed::Open { .. }
             | Fed::Millivolts { .. }
             | Fed::Count { .. }
             | Fed::Slipped { .. }
@@ -37,6 +38,7 @@ impl Class {
             | Fed::Spoiled { .. }
             | Fed::Idle { .. }
             | Fed::Attached { .. }
+            | Fed::Opened { .. }
             | Fed::Message { .. }
             | Fed::Closed { .. } => Self::Line,
             Fed::Poke { .. } => Self::Preset,
@@ -73,6 +75,8 @@ pub(crate) enum What {
     /// A character to be fed to a device, if it overlaps no other one: it belongs to what has that number on the
     /// line.
     Exposed { fed: Fed, number: u32 },
+    /// To be fed to a device, unless the connection on which that client said it is closed by then.
+    Said { client: u32, fed: Fed },
     /// What hands do to a pin.
     Hand { pin: Pin, drive: Driving },
     /// The other end of a wire takes a level.

@@ -8,7 +8,7 @@
 //! | value | what a probe at the pin sees |
 //! |---|---|
 //! | `0` `1` | what the drive drives, else what comes from outside, else what the pin rests at |
-//! | `z` | nothing: an output is let go, and nothing is wired to it |
+//! | `z` | nothing: an output is let go, or an input is open, and nothing is wired to it |
 //! | `x` `nan` | nobody knows: the drive has no power, or what was recorded of it is lost |
 //!
 //! STEP and DIR come from the plans of the axes, lights and clocks from their waves, edge by edge while
@@ -203,8 +203,11 @@ impl<W: Write> Waves<W> {
             Event::Fed(fed) => match *fed {
                 Fed::Power(Power::On) => self.power(drive, true),
                 Fed::Power(Power::Off) => self.power(drive, false),
-                Fed::Edge { pin, high } => self.outside(drive, pin, if high { LOGIC_HIGH_MV } else { 0 }),
-                Fed::Millivolts { pin, mv } => self.outside(drive, pin, mv),
+                Fed::Edge { pin, high } => {
+                    self.outside(drive, pin, Some(if high { LOGIC_HIGH_MV } else { 0 }));
+                }
+                Fed::Open { pin } => self.outside(drive, pin, None),
+                Fed::Millivolts { pin, mv } => self.outside(drive, pin, Some(mv)),
                 _ => {}
             },
             Event::Did(did) => match did {
@@ -270,11 +273,11 @@ impl<W: Write> Waves<W> {
         }
     }
 
-    /// Something comes to a pin from outside.
-    fn outside(&mut self, drive: usize, pin: Pin, mv: i32) {
+    /// Something else comes to a pin from outside, or nothing any more.
+    fn outside(&mut self, drive: usize, pin: Pin, mv: Option<i32>) {
         let Some(place) = self.place(drive, pin) else { return };
         let wire = &mut self.wires[place];
-        (wire.known, wire.outside) = (true, Some(mv));
+        (wire.known, wire.outside) = (true, mv);
         self.changed.push(place);
     }
 
@@ -463,11 +466,12 @@ mod tests {
     use proptest::prelude::*;
     use standin_firmware::device::Device;
     use standin_firmware::md3::Md3;
+    use standin_firmware::mdrobot::mdrobot;
     use standin_protocol::modbus::rtu;
     use standin_protocol::time::Span;
 
     use super::*;
-    use crate::bench::{Bench, Driving, PowerAction, Settings};
+    use crate::bench::{Bench, Driving, PowerAction, Settings, Setup};
     use crate::toy::{LEVEL, Toy};
     use crate::trace::TraceKeep;
 
@@ -531,6 +535,29 @@ r2.5 \"
 #35000000
 ";
         assert_eq!(text(bench.trace()), header + expected);
+    }
+
+    #[test]
+    fn a_contact_that_is_not_wired_floats() {
+        let mut bench = Bench::new();
+        let seat = bench.seat("c", Box::new(mdrobot()), Setup::default()).unwrap();
+        let dir = bench.spec(seat).pin("DIR").unwrap();
+        for drive in [Driving::Low, Driving::Open] {
+            bench.run_until(bench.now() + 1.millis());
+            bench.set_pin(seat, dir, drive);
+        }
+        bench.run_until(bench.now() + 1.millis());
+        let text = text(bench.trace());
+        let code = text.lines().find_map(|line| line.strip_suffix(" DIR $end")?.strip_prefix("$var wire 1 "));
+        let (mut at, mut changes) = (0, Vec::new());
+        for line in text.lines() {
+            if let Some(units) = line.strip_prefix('#') {
+                at = units.parse::<u64>().unwrap();
+            } else if let Some(value) = line.strip_suffix(code.unwrap()).filter(|value| value.len() == 1) {
+                changes.push((at, value));
+            }
+        }
+        assert_eq!(changes, [(0, "z"), (10_000_625, "0"), (20_000_625, "z")]);
     }
 
     #[test]

@@ -3,12 +3,13 @@
 use axum::Json;
 use axum::extract::{Path, State};
 use axum::http::StatusCode;
-use standin_firmware::device::{Duration, Encoder, Fault, Pin, Refused, Role};
+use standin_firmware::device::{Duration, Encoder, Fault, Pin, PinSpec, Refused, Role};
 use standin_protocol::time::TICKS_PER_SECOND;
 use standin_sim::bench::{Driving, Seat};
 use standin_sim::faults::LineFaults;
+use standin_sim::layout::no_line;
 use standin_sim::pace::Pace;
-use standin_sim::preset::{self, Number, Preset};
+use standin_sim::preset::{self, Preset};
 use tokio::sync::oneshot;
 
 use super::guard::Body;
@@ -35,7 +36,8 @@ pub(super) async fn bench(State(api): State<Api>) -> Result<Json<Bench>, Problem
     (status = 200, body = Drive),
 ))]
 pub(super) async fn drive(State(api): State<Api>, Path(name): Path<String>) -> Result<Json<Drive>, Problem> {
-    api.call(move |host| Ok(Json(Drive::of(&host.bench, seat(host, &name)?)))).await?
+    let places = api.places.clone();
+    api.call(move |host| Ok(Json(Drive::of(&host.bench, seat(host, &name)?, &places)))).await?
 }
 
 /// Drives an input pin from outside. While the drive drives the pin itself, its level is what is seen;
@@ -51,7 +53,7 @@ pub(super) async fn drive_pin(
     api.call(move |host| {
         let seat = seat(host, &name)?;
         let pin = input(host, seat, &pin)?;
-        let driving = driving(&level, role(host, seat, pin))?;
+        let driving = driving(&level, pin_spec(host, seat, pin))?;
         host.bench.set_pin(seat, pin, driving);
         host.settle();
         Ok(StatusCode::NO_CONTENT)
@@ -135,7 +137,7 @@ pub(super) async fn preset(
         let spec = host.bench.spec(seat);
         let known = spec.find(&register).is_some();
         let status = if known { StatusCode::UNPROCESSABLE_ENTITY } else { StatusCode::NOT_FOUND };
-        let preset = Preset::new(spec, &register, Number::Decimal(value.value))
+        let preset = Preset::new(spec, &register, &value.value.into())
             .map_err(|sentence| Problem::new(status, sentence))?;
         if !host.bench.powered(seat) {
             return Err(Problem::conflict(format!("{name} has no power")));
@@ -222,6 +224,9 @@ pub(super) async fn disturb(
     api.call(move |host| {
         let bench = &mut host.bench;
         let bus = bench.find_bus(&name).ok_or_else(|| {
+            if bench.has_tcp_port(&name) {
+                return Problem::not_found(no_line(&name));
+            }
             let buses = bench.buses();
             let names = buses.iter().map(|&bus| bench.bus_name(bus));
             Problem::not_found(nearest::unknown("bus", &name, names))
@@ -301,11 +306,16 @@ fn input(host: &Host, seat: Seat, name: &str) -> Result<Pin, Problem> {
 }
 
 fn role(host: &Host, seat: Seat, pin: Pin) -> Option<Role> {
-    host.bench.spec(seat).pins.get(usize::from(pin.0)).map(|pin| pin.role)
+    pin_spec(host, seat, pin).map(|pin| pin.role)
 }
 
-/// What is to be done to a pin of that role.
-fn driving(wanted: &PinLevel, role: Option<Role>) -> Result<Driving, Problem> {
+fn pin_spec(host: &Host, seat: Seat, pin: Pin) -> Option<&'static PinSpec> {
+    host.bench.spec(seat).pins.get(usize::from(pin.0))
+}
+
+/// What is to be done to a pin.
+fn driving(wanted: &PinLevel, pin: Option<&PinSpec>) -> Result<Driving, Problem> {
+    let (role, shunt_ohm) = pin.map_or((None, 0), |pin| (Some(pin.role), pin.shunt_ohm));
     let levels = role != Some(Role::Analogue);
     let voltages = matches!(role, Some(Role::Analogue | Role::Mixed));
     match *wanted {
@@ -321,8 +331,15 @@ fn driving(wanted: &PinLevel, role: Option<Role>) -> Result<Driving, Problem> {
             }
             Ok(Driving::Millivolts((volts * 1_000.0).round() as i32))
         }
+        PinLevel { level: None, volts: None, milliamps: Some(milliamps) } if shunt_ohm > 0 => {
+            if !(-1_000.0..=1_000.0).contains(&milliamps) {
+                return Err(Problem::refused("milliamps are -1000 to 1000"));
+            }
+            // The device is told the voltage across its shunt.
+            Ok(Driving::Millivolts((milliamps * f64::from(shunt_ohm)).round() as i32))
+        }
         PinLevel { level: None, volts: None, milliamps: Some(_) } => {
-            Err(Problem::refused("no pin of this drive takes a current"))
+            Err(Problem::refused("this pin takes no current"))
         }
         PinLevel { level: None, volts: None, milliamps: None } => Err(Problem::refused(format!(
             "the body says nothing; it takes one of {}",
@@ -331,11 +348,17 @@ fn driving(wanted: &PinLevel, role: Option<Role>) -> Result<Driving, Problem> {
                     "{\"level\":\"low\"}, {\"level\":\"high\"}, {\"level\":\"open\"} and {\"volts\":2.5}"
                 }
                 (true, false) => "{\"level\":\"low\"}, {\"level\":\"high\"} and {\"level\":\"open\"}",
+                (false, _) if shunt_ohm > 0 => {
+                    "{\"volts\":2.5}, {\"milliamps\":12} and {\"level\":\"open\"}"
+                }
                 (false, _) => "{\"volts\":2.5} and {\"level\":\"open\"}",
             }
         ))),
         _ if levels && voltages => {
             Err(Problem::refused("this input takes a level (low, high or open) or volts, one of them"))
+        }
+        _ if shunt_ohm > 0 => {
+            Err(Problem::refused("this input takes volts, milliamps, or the level open, one of them"))
         }
         _ if voltages => Err(Problem::refused("an analogue input takes volts, or the level open")),
         _ => Err(Problem::refused("a digital input takes a level: low, high or open")),

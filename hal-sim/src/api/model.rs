@@ -5,8 +5,9 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize, Serializer};
 use standin_firmware::device::{Axis, Duration, Instant, Level, Pin, Port, Role};
 use standin_protocol::time::TICKS_PER_SECOND;
-use standin_sim::bench::{self, PowerAction, Seat};
+use standin_sim::bench::{self, Outlet, PowerAction, Seat};
 use standin_sim::faults::{LONGEST_DELAY, LineFaults};
+use standin_sim::value::Value;
 use utoipa::ToSchema;
 
 use crate::realtime::Host;
@@ -125,8 +126,8 @@ pub(super) struct Drive {
     kind: &'static str,
     powered: bool,
     /// Values by the manual's names.
-    #[schema(value_type = BTreeMap<String, i64>)]
-    registers: InOrder<i64>,
+    #[schema(value_type = BTreeMap<String, Value>)]
+    registers: InOrder<Value>,
     /// `low`, `high` or `open`, by the manual's names.
     #[schema(value_type = BTreeMap<String, Shown>)]
     pins: InOrder<Shown>,
@@ -138,9 +139,9 @@ pub(super) struct Drive {
     /// Whether the cause of a fault is there.
     #[schema(value_type = BTreeMap<String, bool>)]
     faults: InOrder<bool>,
-    /// What its serial ports have seen.
-    #[schema(value_type = BTreeMap<String, Statistics>)]
-    ports: InOrder<Statistics>,
+    /// What its ports have seen.
+    #[schema(value_type = BTreeMap<String, Seen>)]
+    ports: InOrder<Seen>,
 }
 
 /// What a pin shows.
@@ -167,6 +168,36 @@ struct Motion {
 }
 
 /// What a port has seen since its drive was seated.
+#[derive(Serialize, ToSchema)]
+#[serde(untagged)]
+enum Seen {
+    Serial(Statistics),
+    Tcp(TcpStatistics),
+}
+
+/// What a TCP port has seen.
+#[derive(Serialize, ToSchema)]
+struct TcpStatistics {
+    /// Where it is reached.
+    #[schema(example = json!(["tcp:127.0.0.1:5020"]))]
+    listen: Vec<String>,
+    /// Who is connected now.
+    connected: usize,
+    /// Connections that there have been.
+    connections: u64,
+    /// Connections that were closed because what came was no Modbus/TCP.
+    broken: u64,
+    /// Messages that the drive was told; where lines of text are spoken pieces of them.
+    messages: u64,
+    /// Requests carried out.
+    requests: u64,
+    /// Requests refused with an exception.
+    refused: u64,
+    /// Requests ignored.
+    dropped: u64,
+}
+
+/// What a serial port has seen.
 #[derive(Serialize, ToSchema)]
 struct Statistics {
     /// Its line now.
@@ -201,7 +232,7 @@ pub(super) struct PinLevel {
     pub(super) level: Option<Driven>,
     /// A voltage, on an analogue input.
     pub(super) volts: Option<f64>,
-    /// A current, on a current input.
+    /// A current in mA, on an analogue input that can measure one.
     pub(super) milliamps: Option<f64>,
 }
 
@@ -247,7 +278,7 @@ pub(super) struct Turn {
 #[serde(deny_unknown_fields)]
 #[schema(example = json!({"value": 5}))]
 pub(super) struct NewValue {
-    pub(super) value: i64,
+    pub(super) value: Value,
 }
 
 /// What is done to a drive's power.
@@ -298,8 +329,8 @@ pub(super) struct Advance {
     pub(super) seconds: f64,
 }
 
-/// Where each line is reached, by the line's name.
-pub(crate) type Places = BTreeMap<String, Vec<String>>;
+/// Where each line and TCP port is reached.
+pub(crate) type Places = BTreeMap<Outlet, Vec<String>>;
 
 impl Bench {
     pub(super) fn of(host: &Host, places: &Places) -> Self {
@@ -326,7 +357,7 @@ impl Bus {
             name: bench.bus_name(bus).to_owned(),
             line: bench.line(bus).to_string(),
             drives: bench.ports(bus).iter().map(|&(seat, _)| bench.name(seat).to_owned()).collect(),
-            listen: places.get(bench.bus_name(bus)).cloned().unwrap_or_default(),
+            listen: places.get(&Outlet::Line(bus)).cloned().unwrap_or_default(),
             faults: bench.disturbed(bus).into(),
         };
         bench.buses().into_iter().map(bus).collect()
@@ -410,21 +441,19 @@ impl Time {
 }
 
 impl Drive {
-    pub(super) fn of(bench: &bench::Bench, seat: Seat) -> Self {
+    pub(super) fn of(bench: &bench::Bench, seat: Seat, places: &Places) -> Self {
         let spec = bench.spec(seat);
         let is_light = |pin: Pin| spec.pins.get(usize::from(pin.0)).is_some_and(|pin| pin.role == Role::Led);
         let lights = spec.pin_names().filter(|(_, pin)| is_light(*pin));
         let pins = spec.pin_names().filter(|(_, pin)| !is_light(*pin));
         let faults = (0..).map(standin_firmware::device::Fault).zip(spec.faults);
-        let ports = ports_of(bench, seat).filter_map(|(seat, port)| {
-            let name = spec.ports.get(usize::from(port.0))?.name;
-            Some((name, Statistics::of(bench, seat, port)?))
-        });
+        let ports = (0..).map(Port).zip(spec.ports);
+        let ports = ports.map(|(port, of)| (of.name, Seen::of(bench, seat, port, places)));
         Self {
             name: bench.name(seat).to_owned(),
             kind: spec.kind,
             powered: bench.powered(seat),
-            registers: InOrder(spec.rows().map(|(row, of)| (of.name, bench.peek(seat, row))).collect()),
+            registers: InOrder(spec.rows().map(|(row, of)| (of.name, bench.value(seat, row))).collect()),
             pins: InOrder(pins.map(|(name, pin)| (name, Shown::of(bench.level(seat, pin)))).collect()),
             leds: InOrder(lights.map(|(name, pin)| (name, bench.level(seat, pin) == Level::High)).collect()),
             motion: spec.axes.first().map(|_| Motion::of(bench.motion(seat, Axis(0)))),
@@ -456,11 +485,28 @@ impl Motion {
     }
 }
 
-impl Statistics {
-    fn of(bench: &bench::Bench, seat: Seat, port: Port) -> Option<Self> {
-        let line = bench.line(bench.bus(seat, port)?).to_string();
+impl Seen {
+    fn of(bench: &bench::Bench, seat: Seat, port: Port, places: &Places) -> Self {
         let seen = bench.statistics(seat, port);
-        Some(Self {
+        match bench.outlet(seat, port) {
+            Outlet::Line(bus) => Self::Serial(Statistics::of(bench.line(bus).to_string(), seen)),
+            outlet @ Outlet::Tcp(..) => Self::Tcp(TcpStatistics {
+                listen: places.get(&outlet).cloned().unwrap_or_default(),
+                connected: bench.connections(seat, port),
+                connections: seen.connections,
+                broken: seen.broken,
+                messages: seen.messages,
+                requests: seen.requests,
+                refused: seen.refused,
+                dropped: seen.dropped(),
+            }),
+        }
+    }
+}
+
+impl Statistics {
+    fn of(line: String, seen: bench::Statistics) -> Self {
+        Self {
             line,
             requests: seen.requests,
             refused: seen.refused,
@@ -471,16 +517,36 @@ impl Statistics {
             spoiled: seen.spoiled,
             foreign: seen.foreign,
             starting: seen.starting,
-        })
+        }
     }
-}
-
-/// All ports of a drive.
-fn ports_of(bench: &bench::Bench, seat: Seat) -> impl Iterator<Item = (Seat, Port)> + use<> {
-    (0..).map(Port).zip(bench.spec(seat).ports).map(move |(port, _)| (seat, port))
 }
 
 /// Seconds since the beginning.
 pub(super) fn seconds(at: Instant) -> f64 {
     at.ticks() as f64 / TICKS_PER_SECOND as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::echo::{Echo, MODBUS};
+
+    #[test]
+    fn a_tcp_port_tells_where_it_is_who_is_there_and_what_came() {
+        let mut bench = bench::Bench::new();
+        let echo = bench.add::<Echo>("echo");
+        let places = Places::from([(bench.outlet(echo, MODBUS), vec!["tcp:127.0.0.1:5020".to_owned()])]);
+        let [client, _] = [(); 2].map(|()| bench.connect_to(echo, MODBUS).unwrap());
+        bench.send(client, &[0, 1, 0, 0, 0, 2, 1, 0x11]);
+        bench.send(client, &[0, 1, 2, 3]);
+        bench.settle();
+        let drive = serde_json::to_value(Drive::of(&bench, echo, &places)).unwrap();
+        let expected = serde_json::json!({
+            "modbus": {"listen": ["tcp:127.0.0.1:5020"], "connected": 1, "connections": 2, "broken": 1,
+                "messages": 1, "requests": 1, "refused": 0, "dropped": 0},
+            "mcode": {"listen": [], "connected": 0, "connections": 0, "broken": 0,
+                "messages": 0, "requests": 0, "refused": 0, "dropped": 0},
+        });
+        assert_eq!(drive["ports"], expected);
+    }
 }

@@ -1,4 +1,4 @@
-//! Clients: somebody outside who talks and listens on a line.
+//! Clients: somebody outside who talks and listens on a line, or on a TCP connection.
 
 use standin_firmware::device::{Duration, Port};
 
@@ -20,8 +20,12 @@ impl Bench {
         Client(self.connected)
     }
 
-    /// A client leaves, and takes its half message along. What was complete is still sent.
+    /// A client leaves, and takes its half message along. What was complete is still sent, on a TCP connection unless
+    /// it waits because answers were not read.
     pub fn disconnect(&mut self, client: Client) {
+        if self.connections.has(client.0) {
+            return self.disconnect_tcp(client.0);
+        }
         let Some(outside) = self.clients.leave(client.0) else { return };
         let bus = outside.bus;
         if outside.backlog() == 0 {
@@ -38,6 +42,9 @@ impl Bench {
     /// A client's bytes arrive now, from a port with these settings. A drive whose line they do not
     /// fit hears characters that nobody can read.
     pub fn send_from(&mut self, client: Client, bytes: &[u8], sender: Sender) {
+        if self.connections.has(client.0) {
+            return self.send_messages(client.0, bytes);
+        }
         let Some(outside) = self.clients.get_mut(&client.0).filter(|outside| !outside.left) else { return };
         if bytes.is_empty() {
             return;
@@ -60,21 +67,25 @@ impl Bench {
         }
     }
 
-    /// Bytes of a client that are not on the line yet. A host that reads only while this is small
-    /// holds back who sends faster than the line.
+    /// Bytes of a client that are not on the line yet, or on a TCP connection not on their way to the drive. A host that
+    /// reads only while this is small holds back who sends faster than the line, or does not read what is answered.
     #[must_use]
     pub fn backlog(&self, client: Client) -> usize {
-        self.clients.get(&client.0).map_or(0, Outside::backlog)
+        let on_a_line = self.clients.get(&client.0).map(Outside::backlog);
+        on_a_line.unwrap_or_else(|| self.connections.backlog(client.0))
     }
 
     /// Appends the characters that have reached a client by now; returns how many.
     pub fn receive(&mut self, client: Client, into: &mut Vec<u8>) -> usize {
+        if self.connections.has(client.0) {
+            return self.receive_messages(client.0, into);
+        }
         self.clients.receive(client.0, self.now, into)
     }
 
-    /// The clients that can read something now.
+    /// The clients that can read something now, or that their connection is closed.
     pub fn audible(&self) -> impl Iterator<Item = Client> {
-        self.clients.audible(self.now).map(Client)
+        self.clients.audible(self.now).chain(self.connections.audible()).map(Client)
     }
 
     /// A client's port gives characters their time itself, as a real serial port does: what a drive says
@@ -88,8 +99,7 @@ impl Bench {
     /// Sends a frame to the first port of a device, [settles](Self::settle), and returns what came.
     pub fn ask(&mut self, seat: Seat, frame: &[u8]) -> Vec<u8> {
         let mut reply = Vec::new();
-        if let Some(bus) = self.bus(seat, Port(0)) {
-            let client = self.connect(bus);
+        if let Ok(client) = self.connect_to(seat, Port(0)) {
             self.send(client, frame);
             self.settle();
             self.receive(client, &mut reply);

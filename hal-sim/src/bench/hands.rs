@@ -1,12 +1,14 @@
 //! What hands do to a bench: pins, faults, power, registers.
 
 use standin_firmware::device::{Axis, Duration, Encoder, EncoderSpec, Fault, Level, Pin, Port, Refused};
+use standin_protocol::registers::Shape;
 use standin_protocol::time::TICKS_PER_SECOND;
 
 use super::{Bench, Busy, Driving, Motion, PowerAction, Seat, Statistics, tape};
 use crate::schedule::{Class, What};
-use crate::seat::{EdgeTrain, PinState, PulseTrain};
+use crate::seat::{EdgeTrain, PinState, PulseTrain, Signal};
 use crate::trace::{Fed, Power};
+use crate::value::Value;
 
 /// The most edges a second: one a tick.
 const MOST_HZ: f64 = TICKS_PER_SECOND as f64;
@@ -144,6 +146,7 @@ impl Bench {
             return;
         };
         let (back, Some(edges)) = (state.back, &mut state.edges) else { return };
+        let is_first = edges.made == 0;
         edges.made += 1;
         let due = edges.due();
         if due.is_none() {
@@ -156,10 +159,25 @@ impl Bench {
         if let Some(due) = due {
             self.schedule(due, Class::Pin, place, What::Encoder { encoder, number });
         }
+        if is_first {
+            self.plug(place, *spec);
+        }
         if let Some(state) = self.seats[place as usize].pin_mut(pin) {
             state.hands = drive;
         }
         self.hand(place, pin, drive);
+    }
+
+    /// An encoder that begins to turn drives both of its channels: a device that tells an open pin from a high one
+    /// would not see its first edges else.
+    fn plug(&mut self, place: u32, EncoderSpec { a, b, .. }: EncoderSpec) {
+        for pin in [a, b] {
+            let Some(state) = self.seats[place as usize].pin_mut(pin) else { continue };
+            if state.seen() == Signal::Open {
+                state.hands = Driving::High;
+                self.hand(place, pin, Driving::High);
+            }
+        }
     }
 
     /// Whether a train of pulses, or an encoder, runs on a pin.
@@ -228,6 +246,18 @@ impl Bench {
     #[must_use]
     pub fn peek(&self, seat: Seat, row: usize) -> i64 {
         self.at(seat).peek(self.now, row)
+    }
+
+    /// The same as users see it.
+    #[must_use]
+    pub fn value(&self, seat: Seat, row: usize) -> Value {
+        let table = self.spec(seat).registers;
+        let shape = table.list.get(row).map_or(Shape::U16, |entry| entry.shape);
+        let value = self.peek(seat, row);
+        Value::with_words(shape, value, |n| match shape {
+            Shape::Words(5..) => self.at(seat).peek_word(self.now, row, n),
+            _ => table.word(shape, value, n),
+        })
     }
 
     /// What an axis does now; of a drive that has parted from its motor what the bench's does.

@@ -8,7 +8,7 @@ use std::collections::VecDeque;
 use standin_firmware::device::{
     Axis, Boot, Duration, Fault, Input, Instant, Level, Output, Pin, Shaft, Sink,
 };
-use standin_firmware::motor::{self, HALL_A, HALL_B, Pace, Rotor, STALL, stepper};
+use standin_firmware::motor::{self, HALL_PINS, Pace, Rotor, STALL, stepper};
 use standin_protocol::time::TICKS_PER_SECOND;
 
 use super::sensors::{Sees, Sensor};
@@ -26,7 +26,8 @@ pub struct Motor(u32);
 pub enum Fitting {
     /// It follows the plans and steps of its drive.
     Stepper(stepper::Parameters),
-    /// It is turned by the duty of a drive that was seated [`apart`](super::Setup::apart).
+    /// It has brushes, or is a brushless one, and is turned by the duty of a drive that was seated
+    /// [`apart`](super::Setup::apart).
     Brush(motor::Parameters),
 }
 
@@ -123,7 +124,7 @@ impl Machine {
 /// What a motor did at an instant, on its way to its drive.
 #[derive(Default)]
 struct Felt {
-    halls: [Option<Level>; 2],
+    halls: [Option<Level>; HALL_PINS.len()],
     draws: Option<i32>,
     /// Whether its arrival is foreseen.
     foreseen: bool,
@@ -138,8 +139,11 @@ impl Felt {
 impl Sink for Felt {
     fn put(&mut self, _at: Instant, output: Output<'_>) {
         match output {
-            Output::Level { pin: HALL_A, level } => self.halls[0] = Some(level),
-            Output::Level { pin: HALL_B, level } => self.halls[1] = Some(level),
+            Output::Level { pin, level } => {
+                if let Some(hall) = HALL_PINS.iter().position(|hall| *hall == pin) {
+                    self.halls[hall] = Some(level);
+                }
+            }
             Output::Draws { ma, .. } => self.draws = Some(ma),
             _ => {}
         }
@@ -182,6 +186,12 @@ impl Bench {
                 return Err(format!("{of} does not turn brush motors of a bench, and {name} is one"));
             }
         };
+        if let (Fitting::Brush(is), Some(halls)) = (is, halls)
+            && usize::from(is.hall_sensors) != halls.len()
+        {
+            let (has, wants) = (is.hall_sensors, halls.len());
+            return Err(format!("{of} turns a motor with {wants} Hall sensors, and {name} has {has}"));
+        }
         let place = u32::try_from(self.motors.len()).expect("a bench has room for two billion motors");
         let halls = halls.unwrap_or_default().iter().map(|&pin| self.end_of_wire((drive, pin))).collect();
         let mut motor = Fitted {

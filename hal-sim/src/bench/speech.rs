@@ -6,7 +6,7 @@ use standin_protocol::modbus::ascii;
 use super::lines::judgement;
 use super::{Bench, Bus, Seat};
 use crate::bus::{Request, Sender, Told, Turn};
-use crate::capture::{Frame, Source};
+use crate::capture::{Frame, Medium, Source};
 use crate::schedule::{Class, What};
 use crate::seat::Sent;
 use crate::trace::Fed;
@@ -179,6 +179,12 @@ impl Bench {
             self.carry(sent, message);
             bytes = rest;
         }
+        let mut messages = outbox.messages.as_slice();
+        for said in &outbox.said {
+            let (message, rest) = messages.split_at(said.count.unwrap_or(0));
+            self.carry_said(said, message);
+            messages = rest;
+        }
         for (seat, moved) in &outbox.moved {
             self.carry_moved(*seat, moved);
         }
@@ -287,9 +293,9 @@ impl Bench {
         self.capture.record(|| Frame {
             at,
             lasts,
-            bus: Bus(bus),
+            on: Medium::Line(Bus(bus)),
             from,
-            line,
+            line: Some(line),
             bytes: bytes.to_vec(),
             collided: air.is_some_and(|(air, number)| air.met(number).next().is_some()),
         });

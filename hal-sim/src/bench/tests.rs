@@ -2,9 +2,11 @@
 
 mod ascii;
 mod characters;
+mod contacts;
 mod faults;
 mod motors;
 mod names;
+mod tcp;
 
 use std::cell::RefCell;
 use std::rc::Rc;
@@ -18,6 +20,7 @@ use standin_protocol::time::Span;
 
 use super::*;
 use crate::bus::Sender;
+use crate::echo::Echo;
 use crate::faults::LineFaults;
 use crate::replay;
 use crate::toy::{self, Toy};
@@ -32,6 +35,7 @@ const RS485: Port = Port(0);
 fn make(kind: &str) -> Option<Box<dyn Device>> {
     match kind {
         "md3" => Some(Box::new(Md3::new())),
+        "echo" => Some(Box::new(Echo::default())),
         "toy" => Some(Box::new(Toy::default())),
         _ => None,
     }
@@ -165,6 +169,21 @@ fn a_full_length_with_a_bad_crc_is_over_at_once() {
     bench.settle();
     assert_eq!(bench.now(), start() + EIGHT + T3_5 + CHARACTER);
     assert_eq!(bench.statistics(seat, RS485).crc, 1);
+    assert_eq!(bench.ask(seat, &rtu::read(1, 0, 1)).len(), 7);
+}
+
+#[test]
+fn half_a_message_whose_rest_does_not_come_is_judged() {
+    let (mut bench, seat, client) = alone(LineMode::Timed);
+    bench.send(client, &rtu::read(1, 0, 1)[..3]);
+    bench.settle();
+    assert!(bench.half_said());
+    let settling = bench.begin_to_settle_halves();
+    assert!(bench.settle_until(settling, Instant::NEVER));
+    assert!(!bench.half_said());
+    // Patience, and three characters on the line with the silence behind them.
+    assert_eq!(bench.now(), start() + 20.millis() + CHARACTER * 3 + T3_5 + CHARACTER);
+    assert_eq!(bench.statistics(seat, RS485).dropped(), 1);
     assert_eq!(bench.ask(seat, &rtu::read(1, 0, 1)).len(), 7);
 }
 

@@ -206,15 +206,12 @@ impl Reader {
                 return Err(format!("{text} is on the bus '{}'", bus.name));
             }
             let own = Line::Own(drive, port);
-            return if lines.contains(&own) {
-                Ok(own)
-            } else {
-                Err(format!("{text} is a TCP port and no line"))
-            };
+            return if lines.contains(&own) { Ok(own) } else { Err(layout::no_line(text)) };
         }
         let alike: Vec<Line> = lines.iter().copied().filter(|&line| self.port_name(line) == text).collect();
         match alike[..] {
             [line] => Ok(line),
+            [] if self.specs.iter().any(|spec| is_tcp_port(spec, text)) => Err(layout::no_line(text)),
             [] => {
                 let names: Vec<String> = (0..self.layout.buses.len())
                     .map(Line::Shared)
@@ -279,6 +276,11 @@ impl Reader {
     }
 }
 
+/// Whether a TCP port of a drive is called so.
+fn is_tcp_port(spec: &Spec, name: &str) -> bool {
+    spec.ports.iter().any(|port| port.line.is_none() && port.name == name)
+}
+
 fn unknown_port(spec: &Spec, name: &str) -> String {
     nearest::unknown(&format!("port of {}", spec.kind), name, spec.ports.iter().map(|port| port.name))
 }
@@ -298,19 +300,19 @@ fn presets(table: &Table<'_>, spec: &Spec) -> Result<Vec<Said<Preset>>, Wrong> {
     let mut presets = Vec::new();
     let address = spec.address.and_then(|row| spec.registers.rows.get(row));
     let told = table.integer("address")?;
-    if let Some(value) = told {
+    if let Some(value) = &told {
         let row = address.ok_or_else(|| value.wrong(format!("{} has no bus address", spec.kind)))?;
-        let preset = Preset::new(spec, row.name, number(value.is)).map_err(Wrong::at(value.at))?;
+        let preset = Preset::new(spec, row.name, &value.is).map_err(Wrong::at(value.at))?;
         presets.push(Said { is: preset, at: value.at });
     }
     if let Some(set) = table.any_table("set")? {
         for key in set.keys() {
             if spec.find(key.is).is_none() {
                 // The sentence is that of an unknown name.
-                Preset::new(spec, key.is, Number::Decimal(0)).map_err(Wrong::at(key.at))?;
+                Preset::new(spec, key.is, &Number::Decimal(0)).map_err(Wrong::at(key.at))?;
             }
-            let Some(value) = set.integer(key.is)? else { continue };
-            let preset = Preset::new(spec, key.is, number(value.is))
+            let Some(value) = set.integers(key.is)? else { continue };
+            let preset = Preset::new(spec, key.is, &value.is)
                 .and_then(|preset| preset.check_saved(spec).map(|()| preset))
                 .map_err(Wrong::at(value.at))?;
             if told.is_some() && spec.address == Some(preset.row) {
@@ -321,8 +323,4 @@ fn presets(table: &Table<'_>, spec: &Spec) -> Result<Vec<Said<Preset>>, Wrong> {
     }
     presets.sort_by_key(|preset| (preset.is.row, preset.is.is_half()));
     Ok(presets)
-}
-
-fn number((value, bits): (i64, bool)) -> Number {
-    if bits { Number::Bits(value) } else { Number::Decimal(value) }
 }

@@ -10,31 +10,62 @@ use crate::layout::{At, BrushKeys, Encoder, Motor, MotorKind, Switch, Wire};
 use crate::{kinds, nearest};
 
 /// The keys of `[[motor]]`.
-pub(super) const MOTOR: [&str; 13] = [
+pub(super) const MOTOR: [&str; 14] = [
     "name",
     "drive",
     "inertia_gcm2",
     "friction_mnm",
     "load_mnm",
-    STEPPER[0],
-    STEPPER[1],
-    STEPPER[2],
-    STEPPER[3],
-    BRUSH[0],
-    BRUSH[1],
-    BRUSH[2],
-    BRUSH[3],
+    "steps_per_rev",
+    "holding_mnm",
+    "rated_ma",
+    "pull_out_rpm",
+    "no_load_rpm",
+    "supply_v",
+    "resistance_ohm",
+    "hall_pulses",
+    "poles",
 ];
-/// Those that only a stepper motor has.
-const STEPPER: [&str; 4] = ["steps_per_rev", "holding_mnm", "rated_ma", "pull_out_rpm"];
-/// Those that only a brush motor has.
-const BRUSH: [&str; 4] = ["no_load_rpm", "supply_v", "resistance_ohm", "hall_pulses"];
 /// The keys of `[[encoder]]`.
 pub(super) const ENCODER: [&str; 3] = ["motor", "cycles_per_rev", "to"];
 /// The keys of `[[switch]]`.
 pub(super) const SWITCH: [&str; 3] = ["motor", "closed", "to"];
 /// The keys of `[[wire]]`.
 pub(super) const WIRE: [&str; 2] = ["from", "to"];
+
+/// What sort of a motor a drive turns.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Sort {
+    Stepper,
+    Brush,
+    Brushless,
+}
+
+impl Sort {
+    fn of(spec: &Spec) -> Self {
+        let own = kinds::make(spec.kind).ok().and_then(|device| device.own_motor());
+        own.map_or(Self::Stepper, |own| if own.is_brushless() { Self::Brushless } else { Self::Brush })
+    }
+
+    /// The sorts that have a key, the first of them for sentences; all of them if that is none.
+    fn with(key: &str) -> &'static [Self] {
+        match key {
+            "steps_per_rev" | "holding_mnm" | "rated_ma" | "pull_out_rpm" => &[Self::Stepper],
+            "no_load_rpm" | "supply_v" | "resistance_ohm" => &[Self::Brush, Self::Brushless],
+            "hall_pulses" => &[Self::Brush],
+            "poles" => &[Self::Brushless],
+            _ => &[],
+        }
+    }
+
+    fn name(self) -> &'static str {
+        match self {
+            Self::Stepper => "stepper",
+            Self::Brush => "brush",
+            Self::Brushless => "brushless",
+        }
+    }
+}
 
 impl Reader {
     pub(super) fn motor(&mut self, table: &Table<'_>) -> Result<(), Wrong> {
@@ -51,15 +82,20 @@ impl Reader {
         {
             return Err(text.wrong(format!("'{}' turns the motor '{}' already", text.is, other.name)));
         }
-        let is_brush = kinds::make(spec.kind).is_ok_and(|device| device.own_motor().is_some());
-        let (foreign, own, other) =
-            if is_brush { (&STEPPER, "brush", "stepper") } else { (&BRUSH, "stepper", "brush") };
-        if let Some(key) = table.any_of(foreign) {
-            return Err(
-                key.wrong(format!("{} is of a {other} motor; {} turns a {own} motor", key.is, spec.kind))
-            );
+        let sort = Sort::of(spec);
+        for key in table.keys() {
+            if let [first, ..] = Sort::with(key.is)
+                && !Sort::with(key.is).contains(&sort)
+            {
+                let (other, own) = (first.name(), sort.name());
+                let what = format!("{} is of a {other} motor; {} turns a {own} motor", key.is, spec.kind);
+                return Err(key.wrong(what));
+            }
         }
-        let is = if is_brush { MotorKind::Brush(brush(table)?) } else { MotorKind::Stepper(stepper(table)?) };
+        let is = match sort {
+            Sort::Stepper => MotorKind::Stepper(stepper(table)?),
+            Sort::Brush | Sort::Brushless => MotorKind::Brush(brush(table)?),
+        };
         self.layout.motors.push(Motor { name, drive, axis, is });
         Ok(())
     }
@@ -170,6 +206,12 @@ fn brush(table: &Table<'_>) -> Result<BrushKeys, Wrong> {
     let (least, most) = (Parameters::LEAST, Parameters::MOST);
     let whole = |key, least, most| Ok(table.whole(key, least, most)?.map(|number| number.is));
     let hall_pulses = table.whole("hall_pulses", least.hall_pulses, most.hall_pulses)?;
+    let pairs_of_poles = match table.whole("poles", 2 * least.hall_pulses, 2 * most.hall_pulses)? {
+        Some(poles) if poles.is % 2 == 1 => {
+            return Err(poles.wrong(format!("poles takes an even number, not {}", poles.is)));
+        }
+        poles => poles.map(|poles| poles.is / 2),
+    };
     Ok(BrushKeys {
         supply_mv: unsigned(table, "supply_v", least.supply_mv, most.supply_mv)?,
         no_load_rpm: whole("no_load_rpm", least.no_load_rpm, most.no_load_rpm)?,
@@ -177,7 +219,7 @@ fn brush(table: &Table<'_>) -> Result<BrushKeys, Wrong> {
         inertia_gcm2: whole("inertia_gcm2", least.inertia_gcm2, most.inertia_gcm2)?,
         friction_unm: unsigned(table, "friction_mnm", least.friction_unm, most.friction_unm)?,
         load_unm: thousandths(table, "load_mnm", least.load_unm, most.load_unm)?,
-        hall_pulses: hall_pulses.map(|pulses| pulses.is),
+        hall_pulses: hall_pulses.map(|pulses| pulses.is).or(pairs_of_poles),
     })
 }
 

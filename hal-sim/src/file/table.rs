@@ -4,6 +4,7 @@ use toml::Spanned;
 use toml::de::{DeInteger, DeTable, DeValue};
 
 use crate::nearest;
+use crate::preset::Number;
 
 /// Something is wrong at an offset of the text.
 #[derive(Debug)]
@@ -164,14 +165,23 @@ impl<'a> Table<'a> {
         })
     }
 
-    /// Any whole number, and whether it is written as bits, like `0xFF`.
-    pub(super) fn integer(&self, key: &str) -> Result<Option<Said<(i64, bool)>>, Wrong> {
+    /// Any whole number.
+    pub(super) fn integer(&self, key: &str) -> Result<Option<Said<Number>>, Wrong> {
+        self.get(key, || "a whole number".to_owned(), integer)
+    }
+
+    /// Any whole number, or a list of some.
+    pub(super) fn integers(&self, key: &str) -> Result<Option<Said<Number>>, Wrong> {
         self.get(
             key,
-            || "a whole number".to_owned(),
-            |value| {
-                let value = value.as_integer()?;
-                Some((i64::try_from(whole(value)?).ok()?, value.radix() != 10))
+            || "a whole number or a list of them".to_owned(),
+            |value| match value.as_array() {
+                Some(list) => {
+                    let words =
+                        list.iter().map(|value| i64::try_from(whole(value.get_ref().as_integer()?)?).ok());
+                    words.collect::<Option<_>>().map(Number::Words)
+                }
+                None => integer(value),
             },
         )
     }
@@ -187,6 +197,13 @@ impl<'a> Table<'a> {
         let keys = self.get(key, || "a table, like { … }".to_owned(), DeValue::as_table)?;
         Ok(keys.map(|keys| Table { what: key, at: keys.at, keys: keys.is }))
     }
+}
+
+/// A whole number, as bits if it is written like `0xFF`.
+fn integer(value: &DeValue<'_>) -> Option<Number> {
+    let integer = value.as_integer()?;
+    let value = i64::try_from(whole(integer)?).ok()?;
+    Some(if integer.radix() == 10 { Number::Decimal(value) } else { Number::Bits(value) })
 }
 
 fn whole(integer: &DeInteger<'_>) -> Option<i128> {

@@ -145,7 +145,7 @@ fn sorted<T, K: Ord>(things: &[T], key: impl Fn(&T) -> K) -> Vec<usize> {
     places
 }
 
-/// A brush motor: what is not said of it is as its drive describes it.
+/// A brush motor, or a brushless one: what is not said of it is as its drive describes it.
 fn brush(bench: &Bench, seat: Seat, keys: &BrushKeys) -> Result<motor::Parameters, String> {
     let own = bench.parted(seat);
     let own = own.ok_or_else(|| format!("{} turns no brush motor", bench.name(seat)))?;
@@ -157,6 +157,7 @@ fn brush(bench: &Bench, seat: Seat, keys: &BrushKeys) -> Result<motor::Parameter
         friction_unm: keys.friction_unm.unwrap_or(own.friction_unm),
         load_unm: keys.load_unm.unwrap_or(own.load_unm),
         hall_pulses: keys.hall_pulses.unwrap_or(own.hall_pulses),
+        hall_sensors: own.hall_sensors,
         encoder_cycles: own.encoder_cycles,
     })
 }

@@ -1,5 +1,5 @@
-//! Where the lines of a bench are reached from outside: ptys, TCP ports, serial ports, standard input and
-//! output.
+//! Where the lines of a bench, and the TCP ports of its drives, are reached from outside: ptys, TCP ports, serial
+//! ports, standard input and output.
 //!
 //! All descriptors are non-blocking and belong to the bench's thread. [`Ports::wait`] sleeps until something
 //! comes, [`Ports::take`] takes it, [`Ports::deliver`] hands out what the drives sent. Each touches only the
@@ -12,6 +12,8 @@ mod pty;
 mod serial;
 mod stdio;
 mod tcp;
+#[cfg(test)]
+mod tests;
 mod timer;
 mod unread;
 mod watch;
@@ -26,7 +28,7 @@ use std::time::Duration;
 use rustix::event::epoll::EventFlags;
 use rustix::fs::inotify;
 use standin_firmware::device::Instant;
-use standin_sim::bench::{Bench, Bus, Client};
+use standin_sim::bench::{Bench, Bus, Client, Outlet};
 use tracing::error;
 
 pub(crate) use link::check_link;
@@ -39,7 +41,8 @@ use watch::Watch;
 /// Bytes read from a client at once.
 const READ_BYTES: usize = 4096;
 
-/// Bytes of a client that may wait for the line before it is read no further.
+/// Bytes of a client that may wait for the line, and bytes that may wait for it to read them, before it is read no
+/// further.
 const BACKLOG_BYTES: usize = 4096;
 
 /// Time between two looks whether there is room again for those who knock.
@@ -60,8 +63,9 @@ trait End {
     /// any end is asked again.
     fn take(&mut self, bench: &mut Bench, ready: EventFlags, manual: bool) -> bool;
 
-    /// Hands out what the drives have sent by now.
-    fn deliver(&mut self, bench: &mut Bench);
+    /// Hands out what the drives have sent by now. Whether a drive is to hear more of who talks there, because he reads
+    /// what it answers.
+    fn deliver(&mut self, bench: &mut Bench) -> bool;
 
     /// When it is of no use any more.
     fn ends(&self) -> Instant {
@@ -155,12 +159,12 @@ impl Ports {
         Ok(ports)
     }
 
-    /// Reaches `bus` by a TCP port, from now on; returns its URI.
+    /// Reaches `outlet` by a TCP port, from now on; returns its URI.
     ///
     /// # Errors
     /// The system refuses to listen, or gives no timer.
-    pub(crate) fn add_tcp(&mut self, bus: Bus, bound: Bound) -> io::Result<String> {
-        let listener = tcp::Listener::new(bus, bound)?;
+    pub(crate) fn add_tcp(&mut self, outlet: Outlet, bound: Bound) -> io::Result<String> {
+        let listener = tcp::Listener::new(outlet, bound)?;
         // Later there may be no descriptor left for its timer.
         self.round(CROWDED)?;
         let uri = format!("tcp:{}", listener.address());
@@ -220,6 +224,9 @@ impl Ports {
         // Who is ready after those that are left over is so next time, too.
         if self.ready.is_empty() {
             self.ready.extend(self.watch.ready());
+            // Who leaves makes room for who comes.
+            let listeners = &self.listeners;
+            self.ready.make_contiguous().sort_by_key(|(number, _)| listeners.contains_key(number));
         }
         Ok(())
     }
@@ -249,15 +256,16 @@ impl Ports {
         while let Some((number, flags)) = self.ready.pop_front() {
             if let Some(place) = self.places.get_mut(&number) {
                 let said = place.end.take(bench, flags, manual);
-                if flags.contains(EventFlags::OUT) {
-                    place.end.deliver(bench);
-                }
+                let goes_on = flags.contains(EventFlags::OUT) && place.end.deliver(bench);
                 self.note(bench, number);
-                if said && manual {
+                if (said || goes_on) && manual {
                     return true;
                 }
             } else if self.listeners.contains_key(&number) {
-                self.accept(bench, number);
+                let goes_on = self.deliver(bench);
+                if (self.accept(bench, number) || goes_on) && manual {
+                    return true;
+                }
             } else {
                 self.go_round(bench, number);
             }
@@ -265,13 +273,15 @@ impl Ports {
         false
     }
 
-    /// Hands out what the drives have sent by now.
-    pub(crate) fn deliver(&mut self, bench: &mut Bench) {
+    /// Hands out what the drives have sent by now. Whether a drive is to hear something because of that: more of who
+    /// has said more than he read, or that somebody has left.
+    pub(crate) fn deliver(&mut self, bench: &mut Bench) -> bool {
         let audible = bench.audible().filter_map(|client| self.clients.get(&client).copied());
         let numbers: Vec<u64> = audible.chain(self.going.iter().copied()).collect();
+        let mut heard = false;
         for number in numbers {
             if let Some(place) = self.places.get_mut(&number) {
-                place.end.deliver(bench);
+                heard |= place.end.deliver(bench);
                 self.note(bench, number);
             }
         }
@@ -279,7 +289,9 @@ impl Ports {
             && at <= bench.now()
         {
             self.remove(bench, number);
+            heard = true;
         }
+        heard
     }
 
     /// A number for something new.
@@ -388,22 +400,26 @@ impl Ports {
         }
     }
 
-    /// Lets in who knocks at a TCP port.
-    fn accept(&mut self, bench: &mut Bench, number: u64) {
+    /// Lets in who knocks at a TCP port. Whether somebody has come of whom a drive is to hear.
+    fn accept(&mut self, bench: &mut Bench, number: u64) -> bool {
+        let mut came = false;
         while let Some(listener) = self.listeners.get_mut(&number) {
             match listener.accept(bench) {
                 Ok(Some(connection)) => {
+                    came |= connection.is_told();
                     let number = self.place(Box::new(connection));
                     self.note(bench, number);
                 }
-                Ok(None) => return,
+                Ok(None) => break,
                 Err(_) => {
                     // Who is not let in knocks without end.
                     let _ = self.watch.remove(listener.socket());
-                    return self.look_every(number, None, Some(CROWDED));
+                    self.look_every(number, None, Some(CROWDED));
+                    break;
                 }
             }
         }
+        came
     }
 
     /// An end is of no use any more.

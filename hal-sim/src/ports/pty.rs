@@ -238,8 +238,8 @@ impl End for Pty {
         }
     }
 
-    fn deliver(&mut self, bench: &mut Bench) {
-        let Some(client) = self.client else { return };
+    fn deliver(&mut self, bench: &mut Bench) -> bool {
+        let Some(client) = self.client else { return false };
         self.unread.receive(bench, client);
         // A failure here is the other end going away, which the next read tells.
         let _ = self.unread.write(&self.master);
@@ -250,6 +250,7 @@ impl End for Pty {
                 self.path.display()
             );
         }
+        false
     }
 
     /// An open pty does not tell when its settings change; while nobody is there nobody changes them.

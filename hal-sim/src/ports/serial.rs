@@ -157,8 +157,8 @@ impl End for Serial {
         false
     }
 
-    fn deliver(&mut self, bench: &mut Bench) {
-        let (Some(client), Some(fd)) = (self.client, &self.fd) else { return };
+    fn deliver(&mut self, bench: &mut Bench) -> bool {
+        let (Some(client), Some(fd)) = (self.client, &self.fd) else { return false };
         self.unread.receive(bench, client);
         if self.setter.is_none() {
             // A failure here is the port going away, which the next read tells.
@@ -171,6 +171,7 @@ impl End for Serial {
             let path = self.path.display();
             warn!("serial:{path} has left more than {MOST_MIB} MiB unsent; what follows is lost");
         }
+        false
     }
 
     /// The line's settings change when a drive says so.

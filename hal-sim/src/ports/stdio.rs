@@ -93,7 +93,7 @@ impl End for Stdio {
         false
     }
 
-    fn deliver(&mut self, bench: &mut Bench) {
+    fn deliver(&mut self, bench: &mut Bench) -> bool {
         self.unread.receive(bench, self.client);
         if self.unread.write(&self.near).is_err() {
             self.stage = Stage::Over;
@@ -105,6 +105,7 @@ impl End for Stdio {
             let _ = self.near.shutdown(Shutdown::Write);
             self.stage = Stage::Answered;
         }
+        false
     }
 
     fn ends(&self) -> Instant {

@@ -1,6 +1,5 @@
-//! A line reached by TCP: raw characters, as serial device servers carry them.
+//! What is reached by TCP: a line, with raw characters as serial device servers carry them, or a TCP port of a drive.
 
-use std::cell::Cell;
 use std::io;
 use std::net::{SocketAddr, TcpListener, TcpStream, ToSocketAddrs};
 use std::os::fd::{AsFd as _, BorrowedFd, OwnedFd};
@@ -10,20 +9,34 @@ use std::time::Duration;
 use rustix::event::epoll::EventFlags;
 use rustix::net::{AddressFamily, SocketFlags, SocketType, sockopt};
 use standin_firmware::device::Instant;
-use standin_sim::bench::{Bench, Bus, Client};
+use standin_sim::bench::{Bench, Client, Ended, MOST_CONNECTIONS, Outlet, TurnedAway};
 use tracing::{info, warn};
 
 use super::unread::{MOST_MIB, Unread};
-use super::{Came, End, READ_BYTES, interest, may_read, read_some};
-
-/// Connections that a port takes at once; the next one is closed.
-const MAX_CLIENTS: usize = 64;
+use super::{BACKLOG_BYTES, Came, End, READ_BYTES, interest, may_read, read_some};
 
 /// Time between two looks at somebody who has said all that he has to say.
 const LOOK: Duration = Duration::from_secs(1);
 
 /// Looks after which he has to leave, whatever he still waits for: twice as long as a line may hold up an answer.
 const LAST_WORDS: u32 = 120;
+
+/// The same where the drive, or the host, has closed the connection.
+const LAST_WORDS_OF_DRIVE: u32 = 5;
+
+/// Time without a word of somebody after which he is asked whether he is there.
+const ASKS_AFTER: Duration = Duration::from_secs(10);
+
+/// How often he is asked then, and the time between.
+const QUESTIONS: u32 = 4;
+const ASKS_AGAIN_AFTER: Duration = Duration::from_secs(5);
+
+/// Without any sign of him for so long he is gone.
+const GONE: Duration = Duration::from_secs(30);
+
+/// Reads by which what still came is taken before a connection is closed: else the system would take back what is
+/// on its way to the other end.
+const LAST_READS: usize = 16;
 
 /// A TCP port that is reserved, and does not listen yet.
 pub(crate) struct Bound(OwnedFd);
@@ -53,6 +66,21 @@ fn bind_at(address: SocketAddr) -> io::Result<Bound> {
     Ok(Bound(socket))
 }
 
+/// Notices when nobody is at the other end any more, though he has not said that he leaves: a cable is pulled, a
+/// machine sleeps.
+fn watch_over(stream: &TcpStream, outlet: Outlet) -> io::Result<()> {
+    sockopt::set_tcp_keepidle(stream, ASKS_AFTER)?;
+    sockopt::set_tcp_keepintvl(stream, ASKS_AGAIN_AFTER)?;
+    sockopt::set_tcp_keepcnt(stream, QUESTIONS)?;
+    sockopt::set_socket_keepalive(stream, true)?;
+    // Where something waits to be acknowledged the system asks nothing. It would also give up who is there and does
+    // not read, as whoever takes his time with the stream of a line may.
+    if matches!(outlet, Outlet::Tcp(..)) {
+        sockopt::set_tcp_user_timeout(stream, GONE.as_millis() as u32)?;
+    }
+    Ok(())
+}
+
 impl Bound {
     /// Listens from now on.
     ///
@@ -64,15 +92,17 @@ impl Bound {
     }
 }
 
-/// A TCP port of a line.
+/// Where a line, or a TCP port of a drive, is reached.
 pub(super) struct Listener {
     socket: TcpListener,
-    bus: Bus,
+    outlet: Outlet,
     address: SocketAddr,
-    /// How many are there.
-    clients: Rc<Cell<usize>>,
+    /// Held by each one who is there, also while he leaves.
+    presence: Rc<()>,
     /// Whether somebody knocks for whom the system has no room.
     crowded: bool,
+    /// Whether it is told that somebody was turned away, and nobody was let in since.
+    turns_away: bool,
 }
 
 /// One client.
@@ -80,12 +110,14 @@ pub(super) struct Connection {
     stream: TcpStream,
     peer: SocketAddr,
     address: SocketAddr,
-    /// How many are at its port.
-    clients: Rc<Cell<usize>>,
-    bus: Bus,
+    /// Its presence at its port.
+    _presence: Rc<()>,
+    outlet: Outlet,
     client: Client,
     /// What the drives sent and it has not taken.
     unread: Unread,
+    /// Whether nothing has told the other end that what it has sent last has come.
+    unacknowledged: bool,
     /// Looks that are left to somebody who has said all that he has to say.
     last_words: Option<u32>,
     /// Whether it is of no use any more.
@@ -93,14 +125,14 @@ pub(super) struct Connection {
 }
 
 impl Listener {
-    /// A port of `bus` that listens from now on.
+    /// A port of `outlet` that listens from now on.
     ///
     /// # Errors
     /// The system refuses.
-    pub(super) fn new(bus: Bus, bound: Bound) -> io::Result<Self> {
+    pub(super) fn new(outlet: Outlet, bound: Bound) -> io::Result<Self> {
         let socket = bound.listen()?;
         let address = socket.local_addr()?;
-        Ok(Self { socket, bus, address, clients: Rc::default(), crowded: false })
+        Ok(Self { socket, outlet, address, presence: Rc::default(), crowded: false, turns_away: false })
     }
 
     /// Where it listens.
@@ -132,32 +164,53 @@ impl Listener {
                 }
             };
             self.crowded = false;
-            if self.clients.get() == MAX_CLIENTS {
-                warn!("{peer} is turned away from tcp:{}: {MAX_CLIENTS} are there", self.address);
+            if Rc::strong_count(&self.presence) > MOST_CONNECTIONS {
+                self.turn_away(peer, TurnedAway::Full);
                 continue;
             }
-            if let Err(error) = stream.set_nonblocking(true).and_then(|()| stream.set_nodelay(true)) {
+            let prepared = stream.set_nonblocking(true).and_then(|()| stream.set_nodelay(true));
+            if let Err(error) = prepared.and_then(|()| watch_over(&stream, self.outlet)) {
                 warn!("{peer} cannot be served: {error}");
                 continue;
             }
+            let client = match bench.join(self.outlet) {
+                Ok(client) => client,
+                Err(why) => {
+                    self.turn_away(peer, why);
+                    continue;
+                }
+            };
             info!("{peer} comes to tcp:{}", self.address);
-            self.clients.set(self.clients.get() + 1);
+            self.turns_away = false;
             return Ok(Some(Connection {
                 stream,
                 peer,
                 address: self.address,
-                clients: Rc::clone(&self.clients),
-                bus: self.bus,
-                client: bench.connect(self.bus),
+                _presence: Rc::clone(&self.presence),
+                outlet: self.outlet,
+                client,
                 unread: Unread::default(),
+                unacknowledged: false,
                 last_words: None,
                 over: false,
             }));
         }
     }
+
+    /// Tells that somebody is turned away: once, until somebody is let in again, because many try again and again.
+    fn turn_away(&mut self, peer: SocketAddr, why: TurnedAway) {
+        if !std::mem::replace(&mut self.turns_away, true) {
+            warn!("{peer} is turned away from tcp:{}, as all are until there is room: {why}", self.address);
+        }
+    }
 }
 
 impl Connection {
+    /// Whether a drive is told that somebody comes and goes.
+    pub(super) fn is_told(&self) -> bool {
+        matches!(self.outlet, Outlet::Tcp(..))
+    }
+
     /// Whether it has said all that it has to say.
     fn is_leaving(&self) -> bool {
         self.last_words.is_some()
@@ -185,9 +238,7 @@ impl End for Connection {
             let mut buffer = [0; READ_BYTES];
             match read_some(&self.stream, &mut buffer) {
                 Came::Bytes(count) => {
-                    // Else a client without `TCP_NODELAY` is kept from its next request for up to 40 ms
-                    // where the drive does not answer this one. It holds until the next read.
-                    let _ = sockopt::set_tcp_quickack(&self.stream, true);
+                    self.unacknowledged = true;
                     bench.send(self.client, &buffer[..count]);
                     return true;
                 }
@@ -199,19 +250,42 @@ impl End for Connection {
         false
     }
 
-    fn deliver(&mut self, bench: &mut Bench) {
+    fn deliver(&mut self, bench: &mut Bench) -> bool {
         self.unread.receive(bench, self.client);
-        if self.unread.write(&self.stream).is_err() {
+        let waits = self.unread.len();
+        let written = self.unread.write(&self.stream);
+        if self.unacknowledged && self.unread.len() == waits {
+            // Else a client without `TCP_NODELAY` is kept from its next request for up to 40 ms where the drive does
+            // not answer this one. An answer tells it by itself.
+            let _ = sockopt::set_tcp_quickack(&self.stream, true);
+        }
+        self.unacknowledged = false;
+        bench.hold_back(self.client, self.unread.len() >= BACKLOG_BYTES);
+        if written.is_err() {
             self.over = true;
         } else if self.unread.is_too_much() {
             warn!("{} is disconnected: it has left more than {MOST_MIB} MiB unread", self.peer);
             self.over = true;
         }
-        self.over |= self.is_leaving() && self.unread.is_empty() && bench.is_free(self.bus);
+        if self.last_words.is_none()
+            && let Some(ended) = bench.ended(self.client)
+        {
+            self.last_words = Some(LAST_WORDS_OF_DRIVE);
+            match ended {
+                Ended::Broken(_) => warn!("{} is disconnected from tcp:{}: {ended}", self.peer, self.address),
+                Ended::ByDrive | Ended::NoPower => info!("{}, tcp:{}: {ended}", self.peer, self.address),
+            }
+        }
+        self.over |= self.is_leaving() && self.unread.is_empty() && bench.is_served(self.client);
+        bench.is_under_way(self.client)
     }
 
     fn ends(&self) -> Instant {
         if self.over { Instant::ZERO } else { Instant::NEVER }
+    }
+
+    fn goes_with_time(&self) -> bool {
+        self.unacknowledged
     }
 
     fn pause(&self) -> Option<Duration> {
@@ -224,8 +298,35 @@ impl End for Connection {
     }
 
     fn leave(&mut self, bench: &mut Bench) {
-        self.clients.set(self.clients.get() - 1);
+        let mut buffer = [0; READ_BYTES];
+        for _ in 0..LAST_READS {
+            let Came::Bytes(_) = read_some(&self.stream, &mut buffer) else { break };
+        }
         info!("{} leaves tcp:{}", self.peer, self.address);
         bench.disconnect(self.client);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn who_is_silent_for_10_s_is_asked_and_after_30_s_is_gone() {
+        let mut bench = Bench::new();
+        let seat = bench.add::<crate::echo::Echo>("echo");
+        let outlet = bench.outlet(seat, crate::echo::MODBUS);
+        let mut listener = Listener::new(outlet, bind("127.0.0.1:0").unwrap()).unwrap();
+        let _far = TcpStream::connect(listener.address()).unwrap();
+        let stream = loop {
+            if let Some(connection) = listener.accept(&mut bench).unwrap() {
+                break connection.stream;
+            }
+        };
+        assert!(sockopt::socket_keepalive(&stream).unwrap());
+        let asks = sockopt::tcp_keepidle(&stream).unwrap();
+        let again = sockopt::tcp_keepintvl(&stream).unwrap() * sockopt::tcp_keepcnt(&stream).unwrap();
+        assert_eq!((asks.as_secs(), (asks + again).as_secs()), (10, 30));
+        assert_eq!(sockopt::tcp_user_timeout(&stream).unwrap(), 30_000);
     }
 }

@@ -1,24 +1,23 @@
-//! Where the lines of a bench are reached: reserved first, and opened when all else is right.
+//! Where the lines and TCP ports of a bench are reached: reserved first, and opened when all else is right.
 
 use std::collections::BTreeMap;
 use std::io;
 use std::path::{Path, PathBuf};
 
 use standin_firmware::device::Port;
-use standin_sim::bench::{Bench, Bus, Seat};
-use standin_sim::kinds;
-use standin_sim::layout::Layout;
+use standin_sim::bench::{Bench, Bus, Outlet, Seat};
+use standin_sim::layout::{Layout, no_line};
 use standin_sim::listen::Uri;
 
 use crate::ports::{self, Bound, Device, Ports};
 use crate::ready::Address;
 
-/// Whose line is reached.
+/// What is reached.
 #[derive(Clone, Copy)]
-enum Line {
-    /// That of a port: place of the drive in the layout.
+enum Reached {
+    /// A port, with its line if it has one: place of the drive in the layout.
     Own(usize, Port),
-    /// One that drives share: place in the layout.
+    /// A line that drives share: place in the layout.
     Shared(usize),
 }
 
@@ -30,8 +29,8 @@ enum Place {
     Stdio,
 }
 
-/// All places where the lines of a layout will be reached.
-pub(super) struct Reserved(Vec<(Line, Place)>);
+/// All places where the lines and TCP ports of a layout will be reached.
+pub(super) struct Reserved(Vec<(Reached, Place)>);
 
 impl Reserved {
     /// Reserves all of them.
@@ -42,18 +41,13 @@ impl Reserved {
         check_links(layout)?;
         let mut places = Vec::new();
         for (place, drive) in layout.drives.iter().enumerate() {
-            let spec = kinds::make(drive.kind)?.spec();
             for (port, uri) in &drive.listen {
-                let of = spec.ports.get(usize::from(port.0));
-                if let Some(of) = of.filter(|of| of.line.is_none()) {
-                    return Err(crate::not_yet(&format!("TCP ports like {} of {}", of.name, spec.kind)));
-                }
-                places.push((Line::Own(place, *port), reserve(uri)?));
+                places.push((Reached::Own(place, *port), reserve(uri)?));
             }
         }
         for (place, bus) in layout.buses.iter().enumerate() {
             for uri in &bus.listen {
-                places.push((Line::Shared(place), reserve(uri)?));
+                places.push((Reached::Shared(place), reserve(uri)?));
             }
         }
         Ok(Self(places))
@@ -64,7 +58,7 @@ impl Reserved {
         self.0.iter().any(|(_, place)| matches!(place, Place::Stdio))
     }
 
-    /// Opens all of them; where each line is reached then.
+    /// Opens all of them; where each line and TCP port is reached then.
     ///
     /// # Errors
     /// One sentence: which one cannot be opened, and why.
@@ -73,29 +67,38 @@ impl Reserved {
         bench: &mut Bench,
         seats: &[Seat],
         buses: &[Bus],
-    ) -> Result<(Ports, BTreeMap<Bus, Vec<Address>>), String> {
+    ) -> Result<(Ports, BTreeMap<Outlet, Vec<Address>>), String> {
         let mut ports = Ports::new().map_err(|error| format!("ports cannot be waited for: {error}"))?;
-        let mut addresses: BTreeMap<Bus, Vec<Address>> = BTreeMap::new();
-        for (line, place) in self.0 {
-            let bus = match line {
-                Line::Own(drive, port) => bench.bus(seats[drive], port).ok_or("a port without a line")?,
-                Line::Shared(bus) => buses[bus],
+        let mut addresses: BTreeMap<Outlet, Vec<Address>> = BTreeMap::new();
+        for (reached, place) in self.0 {
+            let outlet = match reached {
+                Reached::Own(drive, port) => bench.outlet(seats[drive], port),
+                Reached::Shared(bus) => Outlet::Line(buses[bus]),
+            };
+            let line = || match outlet {
+                Outlet::Line(bus) => Ok(bus),
+                Outlet::Tcp(..) => Err(no_line(&bench.outlet_name(outlet))),
             };
             let address = match place {
                 Place::Tcp(bound) => Address::Uri(
-                    ports.add_tcp(bus, bound).map_err(|error| format!("tcp: cannot listen: {error}"))?,
+                    ports.add_tcp(outlet, bound).map_err(|error| format!("tcp: cannot listen: {error}"))?,
                 ),
                 Place::Pty(link) => {
+                    let bus = line()?;
                     Address::Pty(ports.add_pty(bus, link).map_err(|error| error.to_string())?)
                 }
-                Place::Serial(device) => Address::Uri(ports.add_serial(bench, bus, device)),
+                Place::Serial(device) => {
+                    let bus = line()?;
+                    Address::Uri(ports.add_serial(bench, bus, device))
+                }
                 Place::Stdio => {
+                    let bus = line()?;
                     let added = ports.add_stdio(bench, bus);
                     added.map_err(|error| format!("stdio: cannot be read and written: {error}"))?;
                     Address::Uri(Uri::Stdio.to_string())
                 }
             };
-            addresses.entry(bus).or_default().push(address);
+            addresses.entry(outlet).or_default().push(address);
         }
         Ok((ports, addresses))
     }

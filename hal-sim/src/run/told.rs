@@ -146,14 +146,14 @@ fn places(spec: &Spec, listen: &[Listen]) -> Result<Vec<(Port, Uri)>, String> {
 /// The registers to preset, in the order of the command line.
 fn presets(spec: &Spec, options: &cli::Run) -> Result<Vec<Preset>, String> {
     let mut presets = Vec::new();
-    if let Some(address) = options.address {
+    if let Some(address) = &options.address {
         let row = spec.address.and_then(|row| spec.registers.rows.get(row));
         let row = row.ok_or_else(|| format!("--address: {} has no bus address", spec.kind))?;
         presets
             .push(Preset::new(spec, row.name, address).map_err(|sentence| format!("--address: {sentence}"))?);
     }
     for set in &options.set {
-        let preset = Preset::new(spec, &set.register, set.value)
+        let preset = Preset::new(spec, &set.register, &set.value)
             .and_then(|preset| preset.check_saved(spec).map(|()| preset));
         presets.push(preset.map_err(|sentence| format!("--set: {sentence}"))?);
     }

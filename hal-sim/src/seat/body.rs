@@ -1,10 +1,13 @@
 //! What a device leaves behind: its memory, its power, and what it does to the world.
 
-use standin_firmware::device::{Axis, Instant, Level, Line, Note, Output, Pin, Plan, Port, Sink, Spec, Why};
+use standin_firmware::device::{
+    Axis, Instant, Level, Line, Link, Note, Output, Pin, Plan, Port, Sink, Spec, Why,
+};
 
 use super::axis::AxisState;
 use super::pin::{EncoderState, PinState};
 use super::serial::{PortState, Serial};
+use super::tcp::Tcp;
 use crate::bench::Keep;
 use crate::dice::Dice;
 use crate::drives::Drives;
@@ -59,6 +62,17 @@ pub(crate) struct Sent {
     pub(crate) count: usize,
 }
 
+/// What a device says on a TCP connection.
+pub(crate) struct Said {
+    pub(crate) seat: u32,
+    pub(crate) port: Port,
+    pub(crate) link: Link,
+    /// Who has it.
+    pub(crate) client: u32,
+    /// How many bytes, which are in [`Outbox::messages`]; `None`: it closes the connection.
+    pub(crate) count: Option<usize>,
+}
+
 /// What an output did to which a wire goes.
 pub(crate) enum Moved {
     /// A pin took a level then.
@@ -93,19 +107,24 @@ pub(crate) struct Outbox {
     pub(crate) sent: Vec<Sent>,
     /// All characters, one message behind the other.
     pub(crate) bytes: Vec<u8>,
+    pub(crate) said: Vec<Said>,
+    /// All that it says, one message behind the other.
+    pub(crate) messages: Vec<u8>,
     /// And whose output it was.
     pub(crate) moved: Vec<(u32, Moved)>,
 }
 
 impl Outbox {
     pub(crate) fn is_empty(&self) -> bool {
-        self.sent.is_empty() && self.moved.is_empty()
+        self.sent.is_empty() && self.said.is_empty() && self.moved.is_empty()
     }
 
     /// Empties it, and keeps its room.
     pub(crate) fn clear(&mut self) {
         self.sent.clear();
         self.bytes.clear();
+        self.said.clear();
+        self.messages.clear();
         self.moved.clear();
         self.told.clear();
     }
@@ -254,9 +273,21 @@ impl Body {
                 self.tell(axis, at, tape.outbox, || Told::Duty(duty));
             }
             Output::Note(note) => self.count(note),
-            // A store has its own way; of connections only the trace tells so far. No motor has a seat.
-            Output::Store { .. } | Output::Message { .. } | Output::Close { .. } | Output::Draws { .. } => {}
+            Output::Message { port, link, bytes } => self.say(port, link, Some(bytes), tape.outbox),
+            Output::Close { port, link } => self.say(port, link, None, tape.outbox),
+            // A store has its own way, and no motor has a seat.
+            Output::Store { .. } | Output::Draws { .. } => {}
         }
+    }
+
+    /// Says something on a TCP connection, or closes it (`None`), if somebody is there.
+    fn say(&mut self, port: Port, link: Link, bytes: Option<&[u8]>, outbox: &mut Outbox) {
+        let seat = self.seat;
+        let Some(tcp) = self.tcp(port) else { return };
+        let client = if bytes.is_some() { tcp.known(link) } else { tcp.close(link) };
+        let Some(client) = client else { return };
+        outbox.said.push(Said { seat, port, link, client, count: bytes.map(<[u8]>::len) });
+        outbox.messages.extend_from_slice(bytes.unwrap_or_default());
     }
 
     /// The motor of an axis, if it has one, is to hear of it.
@@ -344,6 +375,11 @@ impl Body {
     /// A serial port.
     pub(crate) fn serial(&mut self, port: Port) -> Option<&mut Serial> {
         self.ports.get_mut(usize::from(port.0))?.serial.as_mut()
+    }
+
+    /// A TCP port.
+    pub(crate) fn tcp(&mut self, port: Port) -> Option<&mut Tcp> {
+        self.ports.get_mut(usize::from(port.0))?.tcp.as_mut()
     }
 
     pub(super) fn power_on(&mut self, at: Instant) {

@@ -4,6 +4,7 @@ mod axis;
 mod body;
 mod pin;
 mod serial;
+mod tcp;
 
 use standin_firmware::device::{
     Axis, Boot, Device, Duration, Encoder, EncoderSpec, Fault, Instant, Level, Line, Pin, Port, Refused, Spec,
@@ -15,9 +16,11 @@ use crate::dice::Dice;
 use crate::schedule::Class;
 use crate::trace::{Fed, Power};
 use body::{Body, Hand};
-pub(crate) use body::{Moved, Outbox, Sent, Tape, Told};
+pub(crate) use body::{Moved, Outbox, Said, Sent, Tape, Told};
 pub(crate) use pin::{EdgeTrain, EncoderState, PinState, PulseTrain, Signal};
 pub(crate) use serial::Serial;
+pub use tcp::MOST_CONNECTIONS;
+pub(crate) use tcp::Tcp;
 
 /// A device, and all that it has to do with.
 pub(crate) struct Seated {
@@ -143,6 +146,7 @@ impl Seated {
         match *fed {
             Fed::Edge { pin, high } => self.tell(pin, Signal::Digital(high)),
             Fed::Millivolts { pin, mv } => self.tell(pin, Signal::Millivolts(mv)),
+            Fed::Open { pin } => self.tell(pin, Signal::Open),
             Fed::Fault { fault, on } => {
                 if let Some(cause) = self.body.faults.get_mut(usize::from(fault.0)) {
                     *cause = on;
@@ -223,7 +227,7 @@ impl Seated {
         if self.last > (now, class) { now + Duration::TICK } else { now }
     }
 
-    /// All that differs from rest, and that it must be told when power comes: faults, then pins.
+    /// All that differs from what it believes untold, and that it must be told when power comes: faults, then pins.
     pub(crate) fn surroundings(&self) -> Vec<Fed> {
         let faults = (0..).zip(&self.body.faults).filter(|(_, on)| **on);
         let pins = (0..).zip(&self.body.pins).filter(|(_, pin)| pin.away());
@@ -291,6 +295,11 @@ impl Seated {
     /// A register as it reads at `at`.
     pub(crate) fn peek(&self, at: Instant, row: usize) -> i64 {
         self.device.peek(at, row)
+    }
+
+    /// A word of a register of more than four.
+    pub(crate) fn peek_word(&self, at: Instant, row: usize, word: usize) -> u16 {
+        self.device.peek_word(at, row, word)
     }
 
     /// A pin as it is seen from outside.

@@ -39,7 +39,7 @@ impl PinState {
             wired: Driving::Open,
             driven_by: Vec::new(),
             drives_wires: Vec::new(),
-            told: Signal::Digital(false),
+            told: Signal::Open,
             train: None,
             trains: 0,
             drives: Drives::NOTHING,
@@ -49,6 +49,12 @@ impl PinState {
         pin
     }
 
+    /// What it reads, or shows, while nobody drives it: a contact that is wired is pulled up.
+    fn rest(&self) -> Level {
+        let wired = !self.driven_by.is_empty();
+        if self.spec.tells_open() && wired { Level::High } else { self.spec.rest }
+    }
+
     /// What the device sees of what has arrived: where hands let go wires decide.
     pub(crate) fn seen(&self) -> Signal {
         self.signal(if self.held == Driving::Open { self.wired } else { self.held })
@@ -56,7 +62,7 @@ impl PinState {
 
     /// What the device sees while that is done to the pin.
     fn signal(&self, drive: Driving) -> Signal {
-        let rests_high = self.spec.rest == Level::High;
+        let rests_high = self.rest() == Level::High;
         if self.spec.role == Role::Analogue {
             return Signal::Millivolts(match drive {
                 Driving::Millivolts(mv) => mv,
@@ -71,6 +77,7 @@ impl PinState {
         Signal::Digital(match drive {
             Driving::Low => false,
             Driving::High => true,
+            Driving::Open if self.spec.tells_open() && !rests_high => return Signal::Open,
             Driving::Open => rests_high,
             Driving::Millivolts(mv) => mv > HIGH_MV,
         })
@@ -86,18 +93,20 @@ impl PinState {
         match self.signal(self.outside()) {
             Signal::Digital(high) => high,
             Signal::Millivolts(mv) => mv > HIGH_MV,
+            // Its pull-up is there all the same.
+            Signal::Open => true,
         }
     }
 
-    /// Whether the device sees something else than at rest.
+    /// Whether the device sees something else than it believes before it is told.
     pub(super) fn away(&self) -> bool {
-        self.told != self.signal(Driving::Open)
+        self.told != Self::new(self.spec).told
     }
 
     /// The pin as it is seen from outside.
     pub(super) fn level(&self, at: Instant) -> Level {
         match self.drives.level(at) {
-            Level::Float if self.outside() == Driving::Open => self.spec.rest,
+            Level::Float if self.outside() == Driving::Open => self.rest(),
             Level::Float => level_of(self.is_high()),
             level => level,
         }
@@ -109,6 +118,8 @@ impl PinState {
 pub(crate) enum Signal {
     Digital(bool),
     Millivolts(i32),
+    /// Nobody drives it, and no wire ends there.
+    Open,
 }
 
 impl Signal {
@@ -117,6 +128,7 @@ impl Signal {
         match self {
             Self::Digital(high) => Fed::Edge { pin, high },
             Self::Millivolts(mv) => Fed::Millivolts { pin, mv },
+            Self::Open => Fed::Open { pin },
         }
     }
 }

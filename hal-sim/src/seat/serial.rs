@@ -3,18 +3,22 @@
 use standin_firmware::device::{Duration, Ends, Instant, Line, PortSpec};
 
 use super::body::Tape;
+use super::tcp::Tcp;
 use crate::bench::Statistics;
 
 /// What is known of a port.
 pub(crate) struct PortState {
     pub(crate) serial: Option<Serial>,
+    /// Of one that is no serial port.
+    pub(crate) tcp: Option<Tcp>,
     pub(crate) statistics: Statistics,
 }
 
 impl PortState {
     pub(super) fn new(spec: &PortSpec) -> Self {
         let serial = spec.line.map(|line| Serial::new(line, spec.ends == Ends::Silence));
-        Self { serial, statistics: Statistics::default() }
+        let tcp = spec.line.is_none().then(|| Tcp::new(spec));
+        Self { serial, tcp, statistics: Statistics::default() }
     }
 }
 

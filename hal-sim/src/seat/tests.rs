@@ -31,8 +31,8 @@ static SPEC: Spec = Spec {
     product: "an axis that lends its pins",
     manual: "this file",
     pins: &[
-        PinSpec { name: "STEP", role: Role::Both, rest: Level::High },
-        PinSpec { name: "DIR", role: Role::Both, rest: Level::High },
+        PinSpec { name: "STEP", role: Role::Both, rest: Level::High, shunt_ohm: 0 },
+        PinSpec { name: "DIR", role: Role::Both, rest: Level::High, shunt_ohm: 0 },
     ],
     axes: &[AxisSpec { name: "motor", step_dir: Some((STEP, DIR)) }],
     registers: Reg::TABLE,

@@ -27,8 +27,9 @@
 //! | `rx 01 03` `rx "W15\r"` | characters, back to back; the stamp is the end of the first |
 //! | `spoiled` `idle` | a character nobody could read; the line says that the frame is over |
 //! | `attached on` | somebody opens the port, or leaves (`off`) |
-//! | `message 0 01 03` `closed 0` | on TCP connection 0 |
+//! | `opened 0` `message 0 01 03` `closed 0` | somebody opens TCP connection 0, a message on it, it is closed |
 //! | `pin J2.2 low` `millivolts ANALOG 2500` | an input changes |
+//! | `pin DIR open` | nobody drives it any more, and it is not wired; only of a pin that is open at rest |
 //! | `count 0 -4 high low` | encoder, quarter cycles, A, B |
 //! | `slipped motor 1` | steps made too many |
 //! | `draws motor 130` | mA that its motor draws |
@@ -155,6 +156,8 @@ pub enum Fed {
     Fault { fault: Fault, on: bool },
     /// [`Input::Edge`]
     Edge { pin: Pin, high: bool },
+    /// [`Input::Open`]
+    Open { pin: Pin },
     /// [`Input::Millivolts`]
     Millivolts { pin: Pin, mv: i32 },
     /// [`Input::Count`]
@@ -172,6 +175,8 @@ pub enum Fed {
     Idle { port: Port },
     /// [`Input::Attached`]
     Attached { port: Port, here: bool },
+    /// [`Input::Opened`]
+    Opened { port: Port, link: Link },
     /// [`Input::Message`]
     Message { port: Port, link: Link, bytes: Vec<u8> },
     /// [`Input::Closed`]
@@ -188,6 +193,7 @@ impl Fed {
             Self::Power(_) | Self::Poke { .. } => return None,
             Self::Fault { fault, on } => Input::Fault { fault, on },
             Self::Edge { pin, high } => Input::Edge { pin, high },
+            Self::Open { pin } => Input::Open { pin },
             Self::Millivolts { pin, mv } => Input::Millivolts { pin, mv },
             Self::Count { encoder, steps, a, b } => Input::Count { encoder, steps, a, b },
             Self::Slipped { axis, steps } => Input::Slipped { axis, steps },
@@ -196,6 +202,7 @@ impl Fed {
             Self::Spoiled { port } => Input::Spoiled { port },
             Self::Idle { port } => Input::Idle { port },
             Self::Attached { port, here } => Input::Attached { port, here },
+            Self::Opened { port, link } => Input::Opened { port, link },
             Self::Message { port, link, ref bytes } => Input::Message { port, link, bytes },
             Self::Closed { port, link } => Input::Closed { port, link },
         })

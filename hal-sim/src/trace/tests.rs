@@ -1,6 +1,7 @@
 use fixed::types::{I24F8, U24F8};
 use proptest::prelude::*;
 use standin_firmware::md3::Md3;
+use standin_firmware::mdrobot::mdrobot;
 use standin_firmware::motion::Rates;
 use standin_protocol::line::Parity;
 
@@ -12,6 +13,7 @@ fn make(kind: &str) -> Option<Box<dyn Device>> {
     match kind {
         "md3" => Some(Box::new(Md3::new())),
         "toy" => Some(Box::new(Toy::default())),
+        "mdrobot" => Some(Box::new(mdrobot())),
         _ => None,
     }
 }
@@ -29,15 +31,18 @@ seed 5
 drive a toy
 memory a 0x0000 FF FF FF FF FF FF FF FF 00 FF
 drive b md3 fast apart from 0.250000
+drive c mdrobot
 compare tx motion
 1.000000 a > rx \"r#\\r\\n\\\"\\\\\"
 1.000000 a > rx 80 FF
+1.000063 a > opened:net 3
 1.000063 a > message:net 3 \"x\"
 1.000063 a > closed:net 3
 1.000125 b > spoiled
 1.000125 b > idle
 1.000125 b > attached on
 1.000188 b > pin J2.2 low
+1.000188 c > pin DIR open
 2.000000 a > millivolts LEVEL -2500
 2.000000 b > count 0 -4 high low
 2.000000 b > slipped motor 1
@@ -69,7 +74,7 @@ compare tx motion
 fn every_word_is_read_and_written() {
     let trace = Trace::parse(WORDS, &make).unwrap();
     assert_eq!(trace.to_text(), WORDS);
-    assert_eq!(trace.events().len(), WORDS.lines().count() - 7);
+    assert_eq!(trace.events().len(), WORDS.lines().count() - 8);
     assert_eq!(trace.drives[0].memory[7..], [0xFF, 0, 0xFF]);
     let line = trace.events().find_map(|entry| match entry.event {
         Event::Did(Did::Line { line, .. }) => Some(line),
@@ -94,7 +99,7 @@ fn what_is_not_known_is_an_error_in_its_line() {
     for (lines, error) in [
         (
             "1 > tx 01",
-            "line 3: \"tx\" cannot be fed: rx, spoiled, idle, attached, message, closed, pin, millivolts, count, slipped, draws, fault, poke, power",
+            "line 3: \"tx\" cannot be fed: rx, spoiled, idle, attached, opened, message, closed, pin, millivolts, count, slipped, draws, fault, poke, power",
         ),
         (
             "1 < rx 01",
@@ -108,6 +113,8 @@ fn what_is_not_known_is_an_error_in_its_line() {
         ("1 > rx:com 01", "line 3: there is no port \"com\"; there are: usb, net"),
         ("1 > pin OUTT low", "line 3: there is no pin \"OUTT\"; there are: IN, LEVEL, OUT, LED"),
         ("1 > pin IN float", "line 3: \"high\" or \"low\", not \"float\""),
+        ("1 > pin IN open", "line 3: \"high\" or \"low\", not \"open\""),
+        ("drive d mdrobot\n1 d > pin DIR float", "line 4: \"high\", \"low\" or \"open\", not \"float\""),
         ("1 > pin IN low low", "line 3: \"low\" is too much"),
         ("1 > fault stal on", "line 3: there is no fault \"stal\"; there are: stall"),
         ("1 > poke Volum 1", "line 3: there is no register \"Volum\""),

@@ -4,7 +4,7 @@ use std::fmt::{self, Write as _};
 use std::io;
 
 use standin_firmware::device::{
-    Axis, Encoder, Ends, Fault, Instant, Level, Line, Link, Pin, Port, PortSpec, Spec,
+    Axis, Encoder, Ends, Fault, Instant, Level, Line, Link, Pin, PinSpec, Port, PortSpec, Spec,
 };
 use standin_protocol::line::Parity;
 use standin_protocol::time::Duration;
@@ -243,6 +243,7 @@ fn fed_text(spec: &'static Spec, fed: &Fed) -> String {
             format!("fault {name} {}", on_off(*on))
         }
         Fed::Edge { pin, high } => format!("pin {} {}", pin_name(spec, *pin), high_low(*high)),
+        Fed::Open { pin } => format!("pin {} open", pin_name(spec, *pin)),
         Fed::Millivolts { pin, mv } => format!("millivolts {} {mv}", pin_name(spec, *pin)),
         Fed::Count { encoder, steps, a, b } => {
             format!("count {} {steps} {} {}", encoder.0, high_low(*a), high_low(*b))
@@ -255,6 +256,7 @@ fn fed_text(spec: &'static Spec, fed: &Fed) -> String {
         Fed::Spoiled { port } => at_port(spec, "spoiled", *port),
         Fed::Idle { port } => at_port(spec, "idle", *port),
         Fed::Attached { port, here } => format!("{} {}", at_port(spec, "attached", *port), on_off(*here)),
+        Fed::Opened { port, link } => format!("{} {}", at_port(spec, "opened", *port), link.0),
         Fed::Message { port, link, bytes } => {
             let word = at_port(spec, "message", *port);
             format!("{word} {}{}", link.0, payload(port_of(spec, *port), bytes))
@@ -477,11 +479,22 @@ fn fed(spec: &'static Spec, words: &mut Words<'_>) -> Result<Fed, String> {
         "spoiled" => Fed::Spoiled { port },
         "idle" => Fed::Idle { port },
         "attached" => Fed::Attached { port, here: words.either("on", "off")? },
+        "opened" => Fed::Opened { port, link: Link(words.number("a connection")?) },
         "message" => {
             Fed::Message { port, link: Link(words.number("a connection")?), bytes: words.some_bytes()? }
         }
         "closed" => Fed::Closed { port, link: Link(words.number("a connection")?) },
-        "pin" => Fed::Edge { pin: words.pin(spec)?, high: words.either("high", "low")? },
+        "pin" => {
+            let pin = words.pin(spec)?;
+            let open = spec.pins.get(usize::from(pin.0)).is_some_and(PinSpec::tells_open);
+            match words.next() {
+                "open" if open => Fed::Open { pin },
+                "high" => Fed::Edge { pin, high: true },
+                "low" => Fed::Edge { pin, high: false },
+                word if open => return Err(format!("\"high\", \"low\" or \"open\", not \"{word}\"")),
+                word => return Err(format!("\"high\" or \"low\", not \"{word}\"")),
+            }
+        }
         "millivolts" => Fed::Millivolts { pin: words.pin(spec)?, mv: words.number("a voltage in mV")? },
         "count" => Fed::Count {
             encoder: Encoder(words.number("an encoder")?),
@@ -516,6 +529,7 @@ fn fed(spec: &'static Spec, words: &mut Words<'_>) -> Result<Fed, String> {
                 "spoiled",
                 "idle",
                 "attached",
+                "opened",
                 "message",
                 "closed",
                 "pin",

@@ -1,6 +1,7 @@
 //! The control API: what it does, and whom it refuses.
 
 use std::io::{Read as _, Write as _};
+use std::process::Stdio;
 
 use crate::running::{Answer, Running, ask, standin};
 use standin_protocol::modbus::rtu;
@@ -510,4 +511,36 @@ fn what_takes_long_in_manual_time_holds_up_neither_looks_nor_the_end() {
     let mut reply = Vec::new();
     let _ = line.read_to_end(&mut reply);
     assert!(reply.is_empty(), "it has ended");
+}
+
+#[test]
+fn half_a_message_does_not_keep_a_line_for_ever_in_manual_time() {
+    let md3 = Running::md3(&["--time", "manual", "--fast-boot"]);
+    let mut line = md3.connect();
+    let whole = rtu::read(1, 0x1D, 1);
+    line.write_all(&whole[..3]).unwrap();
+    // Drives drop it when the wall clock's patience is over.
+    while md3.drive()["ports"]["rs485"]["dropped"] == 0 {}
+    line.write_all(&whole).unwrap();
+    let mut reply = [0; 7];
+    line.read_exact(&mut reply).unwrap();
+    assert_eq!(reply[..3], [1, 3, 2]);
+}
+
+/// S5, the kind of the analogue input: 10 for a current, of 0 to 20 mA; I5 has 1,023 for the most (MC 5-34, 5-65).
+#[test]
+fn a_current_is_driven_into_the_input_that_measures_one() {
+    let what = ["--time", "manual", "--fast-boot"];
+    let mdrive = Running::start("mdrive", &what, Stdio::inherit());
+    let pin = |pin: &str, body: &str| mdrive.call("PUT", &format!("/api/drives/mdrive/pins/{pin}"), body);
+    let set = mdrive.call("PUT", "/api/drives/mdrive/registers/S5", "{\"value\":[10,0]}");
+    assert_eq!(set.status, 204, "{}", set.body);
+    for (current, reads) in [("20", 1_023), ("12", 614), ("0", 0), ("5", 256)] {
+        assert_eq!(pin("ANALOG", &format!("{{\"milliamps\":{current}}}")).status, 204);
+        assert_eq!(mdrive.call("GET", "/api/drives/mdrive", "").ok()["registers"]["I5"], reads);
+    }
+    assert_eq!(pin("ANALOG", "{\"milliamps\":1001}").problem(422), "milliamps are -1000 to 1000");
+    assert_eq!(pin("IO1", "{\"milliamps\":12}").problem(422), "this pin takes no current");
+    pin("ANALOG", "{\"milliamps\":12,\"volts\":3}").problem(422);
+    assert!(pin("ANALOG", "{}").problem(422).contains("{\"milliamps\":12}"));
 }

@@ -32,8 +32,8 @@ fn what_is_wrong_with_options_is_told_in_one_sentence() {
         (vec!["run"], "<KIND|BENCH.toml>"),
         (vec!["run", "md4"], "there is no kind 'md4'; the nearest is 'md3'"),
         (
-            vec!["run", "robot"],
-            "there is no kind 'robot'; what there is: md3, md3-low, qsb-d, qsb-m, qsb-s, rs434544, rs434546",
+            vec!["run", "plotter"],
+            "there is no kind 'plotter'; what there is: md3, md3-low, qsb-d, qsb-m, qsb-s, rs434544, rs434546, mdrobot",
         ),
         (
             vec!["run", "qsb-s", "--set", "MdAccel=1"],

@@ -1,7 +1,7 @@
 //! Lines that are disturbed: what drives and clients hear of each frame, and when.
 
 use super::*;
-use crate::capture::{Frame, Source};
+use crate::capture::{Frame, Medium, Source};
 
 /// Reads the address of drive 1, in 8 characters; its answer has 7.
 const ASKED: [u8; 8] = [1, 3, 0, 0, 0, 1, 0x84, 0x0A];
@@ -65,7 +65,8 @@ fn an_undisturbed_line_is_as_it_is() {
     let answer = leaves().ticks();
     assert_eq!(frames(&bench), [(0, Source::Client, &ASKED[..]), (answer, Source::Drive(x), &ANSWER[..])]);
     let frame = bench.capture().since(1).next().unwrap();
-    assert_eq!((frame.bus, frame.lasts, frame.line.to_string()), (bus, SEVEN, "9600 8E1".to_owned()));
+    let line = frame.line.unwrap().to_string();
+    assert_eq!((frame.on, frame.lasts, line), (Medium::Line(bus), SEVEN, "9600 8E1".to_owned()));
 }
 
 #[test]
@@ -331,7 +332,7 @@ fn another_baud_rate_is_garbage_both_ways() {
     assert_eq!(bench.statistics(x, RS485).spoiled, 1);
     let frame = bench.capture().since(0).next().unwrap();
     // 11 bits at 4,800 baud are 2,291.67 µs.
-    assert_eq!((frame.line.baud, frame.lasts), (4_800, Duration::from_ticks(8 * 36_667)));
+    assert_eq!((frame.line.unwrap().baud, frame.lasts), (4_800, Duration::from_ticks(8 * 36_667)));
     // In the time of seven characters there is room for three of half the rate.
     bench.disturb(bus, QUIET);
     bench.send(client, &ASKED);

@@ -1,5 +1,6 @@
 //! Motors: whose they are, and that the order in which anything is put on a bench does not matter.
 
+use standin_firmware::motor;
 use standin_firmware::motor::stepper::Parameters;
 use standin_firmware::rs434::rs434544;
 
@@ -130,7 +131,9 @@ fn a_motor_fits_its_drive() {
     };
     let (rig, apart) = (seat(&mut bench, "rig", false), seat(&mut bench, "apart", true));
     assert_eq!(bench.parted(rig), None);
-    let brush = Fitting::Brush(bench.parted(apart).unwrap());
+    let own = bench.parted(apart).unwrap();
+    let brush = Fitting::Brush(own);
+    let three = Fitting::Brush(motor::Parameters { hall_sensors: 3, ..own });
     let stepper = Fitting::Stepper(Parameters::NOMINAL);
     for (name, drive, axis, is, why) in [
         ("two words", rig, 0, stepper, "\"two words\" is no name for a motor: use one word without dots"),
@@ -140,6 +143,7 @@ fn a_motor_fits_its_drive() {
         ("n", x, 1, stepper, "x has no axis 1, so it cannot turn n"),
         ("n", rig, 0, brush, "rig does not turn brush motors of a bench, and n is one"),
         ("n", apart, 0, stepper, "apart turns a brush motor, and n is a stepper motor"),
+        ("n", apart, 0, three, "apart turns a motor with 2 Hall sensors, and n has 3"),
     ] {
         assert_eq!(bench.fit(name, drive, Axis(axis), is), Err(why.to_owned()));
     }

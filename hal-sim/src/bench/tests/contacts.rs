@@ -1,0 +1,126 @@
+//! Contacts of which a drive knows whether they are wired: those of an MD controller.
+
+use standin_firmware::mdrobot::mdrobot;
+use standin_firmware::motor::stepper::Parameters;
+
+use super::*;
+
+fn controller(bench: &mut Bench) -> (Seat, impl Fn(&str) -> Pin + use<>) {
+    let seat = bench.seat("c", Box::new(mdrobot()), Setup::default()).unwrap();
+    let spec = bench.spec(seat);
+    (seat, move |name: &str| spec.pin(name).unwrap())
+}
+
+/// What the trace says of contacts from `from` on.
+fn contacts(bench: &Bench, from: Instant) -> Vec<String> {
+    let entries = bench.trace().events().filter(|entry| {
+        entry.at >= from && matches!(entry.event, trace::Event::Fed(Fed::Edge { .. } | Fed::Open { .. }))
+    });
+    let told = |entry: &trace::Entry| (bench.trace().words(entry), entry.at.since(from).ticks());
+    entries.map(told).map(|(words, ticks)| format!("{ticks} {words}")).collect()
+}
+
+#[track_caller]
+fn assert_replays(bench: &Bench) {
+    let make = |kind: &str| match kind {
+        "mdrobot" => Some(Box::new(mdrobot()) as Box<dyn Device>),
+        kind => make(kind),
+    };
+    let trace = trace::Trace::parse(&bench.trace().to_text(), &make).unwrap();
+    assert_eq!(replay::run(&trace, &make), Ok(None));
+}
+
+#[test]
+fn of_what_is_not_wired_nothing_is_told_until_hands_have_let_go() {
+    let mut bench = Bench::new();
+    let (seat, pin) = controller(&mut bench);
+    bench.run_until(1.secs());
+    assert_eq!(bench.level(seat, pin("START_STOP")), Level::Float);
+    assert_eq!(contacts(&bench, Instant::ZERO), [""; 0]);
+    for drive in [Driving::Low, Driving::Open, Driving::Open, Driving::High, Driving::Millivolts(1_400)] {
+        bench.set_pin(seat, pin("START_STOP"), drive);
+        bench.run_until(bench.now() + 1.millis());
+    }
+    assert_eq!(
+        contacts(&bench, Instant::from(1.secs())),
+        [
+            "1 pin START_STOP low",
+            "16001 pin START_STOP open",
+            "48001 pin START_STOP high",
+            "64001 pin START_STOP low"
+        ]
+    );
+    // Power does not make it news that nobody is there, but that somebody is.
+    bench.set_pin(seat, pin("START_STOP"), Driving::Open);
+    bench.set_pin(seat, pin("DIR"), Driving::High);
+    bench.run_until(2.secs());
+    bench.power(seat, PowerAction::Cycle);
+    bench.run_until(3.secs());
+    assert_eq!(contacts(&bench, Instant::from(2.secs())), ["1 pin DIR high"]);
+    assert_replays(&bench);
+}
+
+#[test]
+fn pulses_at_an_open_pin_go_down_from_its_pull_up() {
+    let mut bench = Bench::new();
+    let (seat, pin) = controller(&mut bench);
+    bench.pulse(seat, pin("DIR"), 2, 1_000.0).unwrap();
+    bench.run_until(1.secs());
+    assert_eq!(
+        contacts(&bench, Instant::ZERO),
+        [
+            "1 pin DIR low",
+            "8001 pin DIR high",
+            "16001 pin DIR low",
+            "24001 pin DIR high",
+            "24001 pin DIR open"
+        ]
+    );
+}
+
+#[test]
+fn a_wire_pulls_up_what_it_does_not_drive() {
+    let mut bench = Bench::new();
+    let (seat, pin) = controller(&mut bench);
+    let toy = bench.add::<Toy>("toy");
+    bench.wire((toy, toy::OUT), (seat, pin("DIR")));
+    assert_eq!(bench.level(seat, pin("DIR")), Level::High);
+    bench.run_until(1.millis());
+    assert_eq!(contacts(&bench, Instant::ZERO), ["1 pin DIR high"]);
+    // Hands, then the wire.
+    bench.set_pin(seat, pin("DIR"), Driving::Low);
+    bench.run_until(2.millis());
+    bench.set_pin(seat, pin("DIR"), Driving::Open);
+    bench.run_until(3.millis());
+    assert_eq!(contacts(&bench, Instant::from(1.millis())), ["1 pin DIR low", "16001 pin DIR high"]);
+    bench.power(seat, PowerAction::Cycle);
+    bench.run_until(4.millis());
+    assert_eq!(contacts(&bench, Instant::from(3.millis())), ["1 pin DIR high"]);
+    assert_eq!(bench.level(seat, pin("DIR")), Level::High);
+    assert_replays(&bench);
+}
+
+#[test]
+fn hands_turn_the_encoder_that_has_no_index() {
+    let mut bench = Bench::new();
+    let (seat, _) = controller(&mut bench);
+    bench.encoder(seat, Encoder(0), 4, 1_000.0).unwrap();
+    bench.run_until(1.secs());
+    let edges = ["1 pin ENC_A low", "16001 pin ENC_B low", "32001 pin ENC_A high", "48001 pin ENC_B high"];
+    assert_eq!(contacts(&bench, Instant::ZERO), edges);
+}
+
+#[test]
+fn a_switch_is_a_contact_that_is_wired() {
+    let mut bench = Bench::new();
+    let (seat, pin) = controller(&mut bench);
+    let toy = bench.add::<Toy>("toy");
+    let motor = bench.fit("m", toy, Axis(0), Fitting::Stepper(Parameters::NOMINAL)).unwrap();
+    // The shaft is at 0.
+    for (name, from) in [("DIR", -1.0), ("START_STOP", 1.0)] {
+        let closed = Closed { above_rev: Some(from), below_rev: None };
+        bench.switch(motor, closed, (seat, pin(name)));
+    }
+    bench.run_until(1.millis());
+    assert_eq!(contacts(&bench, Instant::ZERO), ["1 pin DIR low", "1 pin START_STOP high"]);
+}

@@ -1,0 +1,62 @@
+//! A register's value as users see it.
+
+use std::fmt;
+
+use serde::{Deserialize, Serialize};
+use standin_protocol::registers::{Entries, Shape};
+use utoipa::ToSchema;
+
+/// A number, or its words, each 0 to 65,535 and in bus order, where a register has words with a meaning each.
+#[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize, ToSchema)]
+#[serde(untagged)]
+pub enum Value {
+    /// A number.
+    Number(i64),
+    /// Words.
+    Words(Vec<i64>),
+}
+
+impl Value {
+    /// Of a shape of up to four words.
+    #[must_use]
+    pub fn of(entries: &Entries, shape: Shape, value: i64) -> Self {
+        Self::with_words(shape, value, |n| entries.word(shape, value, n))
+    }
+
+    /// Of a shape, its value, and its words in bus order.
+    pub(crate) fn with_words(shape: Shape, value: i64, word: impl Fn(usize) -> u16) -> Self {
+        match shape {
+            Shape::Words(count) => Self::Words((0..count.into()).map(|n| word(n).into()).collect()),
+            _ => Self::Number(value),
+        }
+    }
+}
+
+impl fmt::Display for Value {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Number(value) => value.fmt(f),
+            Self::Words(words) => {
+                let words: Vec<_> = words.iter().map(ToString::to_string).collect();
+                f.write_str(&words.join(", "))
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn words_are_in_bus_order() {
+        use standin_firmware::{md3, mdrobot};
+        use standin_protocol::registers::Register;
+        let words = |first: i64, second: i64| Value::Words(vec![first, second]);
+        // A run time of 1 s behind 1,000 rpm (p. 16); the MD3 has the high word first.
+        assert_eq!(Value::of(mdrobot::Pid::ENTRIES, Shape::Words(2), 10 << 16 | 1_000), words(1_000, 10));
+        assert_eq!(Value::of(md3::Reg::ENTRIES, Shape::Words(2), 10 << 16 | 1_000), words(10, 1_000));
+        assert_eq!(Value::of(md3::Reg::ENTRIES, Shape::I32, -5), Value::Number(-5));
+        assert_eq!(words(1_000, 10).to_string(), "1000, 10");
+    }
+}
