@@ -2,8 +2,9 @@
 //! linker runs; this board's map is the default one there.
 
 /// Bytes of each image's stack, where the drive and what it has said lie. An MD3 says one thing at a time, and
-/// its board takes 8 KiB of RAM; a QSB may say many things at once; an RS 434544 has a program, and twice.
-const STACKS: [(&str, u32); 7] = [
+/// its board takes 8 KiB of RAM; a QSB may say many things at once; an RS 434544 has a program; beside an MDrive's are all
+/// its connections, and this is what they leave.
+const STACKS: [(&str, u32); 10] = [
     ("md3", 5_632),
     ("md3-low", 5_632),
     ("qsb-d", 6_656),
@@ -11,7 +12,13 @@ const STACKS: [(&str, u32); 7] = [
     ("qsb-s", 6_656),
     ("rs434544", 14_848),
     ("rs434546", 14_848),
+    ("mdrobot", 6_656),
+    ("mdrive", 23_040),
+    ("mdrive-hybrid", 23_040),
 ];
+
+/// Images with a network. The TCP/IP stack can panic, as far as the linker knows: there that is a fault.
+const ON_NETWORK: [&str; 2] = ["mdrive", "mdrive-hybrid"];
 
 fn main() {
     println!("cargo::rustc-link-arg-bins=-Tlink.x");
@@ -19,6 +26,9 @@ fn main() {
     println!("cargo::rustc-link-arg-bins=--nmagic");
     for (kind, bytes) in STACKS {
         println!("cargo::rustc-link-arg-bin={kind}=--defsym=_stack_length={bytes}");
+    }
+    for kind in ON_NETWORK {
+        println!("cargo::rustc-link-arg-bin={kind}=--defsym=a_panic_can_happen=HardFault");
     }
     if std::env::var_os("CARGO_FEATURE_DEFMT").is_some() {
         println!("cargo::rustc-link-arg-bins=-Tdefmt.x");

@@ -1,7 +1,8 @@
 //! Links for the board: by its own script alone, which says where everything lies.
 
-/// Bytes of the stacks that are not as `pico.x` says: those of drives with a large memory, which lie there with it.
-const STACKS: [(&str, u32); 2] = [("rs434544", 17 << 10), ("rs434546", 17 << 10)];
+/// Bytes of the stacks that are not as `pico.x` says: those of drives with a large memory, which lie there with it, and
+/// of one that reckons deep.
+const STACKS: [(&str, u32); 3] = [("rs434544", 17 << 10), ("rs434546", 17 << 10), ("mdrobot", 8 << 10)];
 
 fn main() {
     let here = std::env::var("CARGO_MANIFEST_DIR").unwrap_or_default();

@@ -5,7 +5,7 @@ use embedded_io::{Write, WriteReady};
 use embedded_storage::Storage;
 use standin_firmware::device::{self, Duration, Line, Pin, Plan, Port};
 use standin_firmware::motion::{Followed, Follower, StepTimer};
-use standin_firmware::shell::Outputs;
+use standin_firmware::shell::{Links, NoLinks, Outputs};
 
 use crate::axis::{Axis, Timer};
 use crate::slips;
@@ -24,7 +24,7 @@ pub trait Release: OutputPin {
 }
 
 /// The outputs of a board with one bus, one axis and `PINS` wires.
-pub struct Hands<B, P, M, T: Timer + 'static, const PINS: usize> {
+pub struct Hands<B, P, M, T: Timer + 'static, const PINS: usize, L = NoLinks> {
     /// The bus.
     pub bus: B,
     /// Where each pin goes; `None` if the drive has nothing of that name.
@@ -37,21 +37,29 @@ pub struct Hands<B, P, M, T: Timer + 'static, const PINS: usize> {
     pub axis_pins: AxisPins,
     /// What gives it its plans.
     pub follower: Follower,
+    /// The network, if the drive has a port there.
+    pub links: Option<L>,
 }
 
-impl<B, P, M, T, const PINS: usize> Outputs for Hands<B, P, M, T, PINS>
+impl<B, P, M, T, const PINS: usize, L> Outputs for Hands<B, P, M, T, PINS, L>
 where
     B: Bus,
     P: Release,
     M: Storage + AsRef<[u8]>,
     T: Timer,
+    L: Links,
 {
     type Serial = B;
     type Pin = P;
     type Memory = M;
+    type Links = L;
 
     fn serial(&mut self, _port: Port) -> Option<&mut B> {
         Some(&mut self.bus)
+    }
+
+    fn links(&mut self) -> Option<&mut L> {
+        self.links.as_mut()
     }
 
     fn set_line(&mut self, _port: Port, line: Line) {
@@ -81,6 +89,9 @@ where
     }
 
     fn plan(&mut self, _axis: device::Axis, plan: &Plan) -> Duration {
+        if self.axis_pins == AxisPins::None {
+            return Duration::ZERO;
+        }
         let Followed { slipped, late } = self.follower.follow(&mut self.axis, plan);
         slips::add(slipped);
         late
@@ -91,6 +102,8 @@ where
     }
 
     fn step(&mut self, _axis: device::Axis, steps: i32) {
-        let _ = self.axis.with(|stepper, now| stepper.step(now, steps));
+        if self.axis_pins != AxisPins::None {
+            let _ = self.axis.with(|stepper, now| stepper.step(now, steps));
+        }
     }
 }

@@ -7,6 +7,7 @@
 
 mod axis;
 mod hands;
+pub mod network;
 mod pl011;
 mod queue;
 mod saved;

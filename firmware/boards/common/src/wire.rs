@@ -87,7 +87,7 @@ pub fn is_full_duplex(spec: &Spec) -> bool {
 /// How STEP and DIR of a drive's axis leave the board.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum AxisPins {
-    /// There is no axis.
+    /// There is no axis, or its motor is inside the drive and its steps leave nowhere.
     None,
     /// At pins of their own.
     Own,
@@ -100,7 +100,7 @@ impl AxisPins {
     #[must_use]
     pub fn of(spec: &Spec, mut wired: impl Iterator<Item = Option<End>>) -> Self {
         match spec.axes {
-            [] => Self::None,
+            [] | [AxisSpec { step_dir: None, .. }, ..] => Self::None,
             [AxisSpec { step_dir: Some((_, dir)), .. }, ..]
                 if wired.any(|end| end == Some(End::Pin(*dir))) =>
             {

@@ -96,6 +96,7 @@ fn the_drive_is_told_once_of_steps_that_slipped() {
         axis: &AXIS,
         axis_pins: AxisPins::Own,
         follower: Follower::new(),
+        links: None,
     };
     assert_eq!(untold(), None);
     let at = |ms: u64| Instant::from_ticks(ms * 16_000);

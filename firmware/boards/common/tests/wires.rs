@@ -4,6 +4,8 @@
 use standin_board::{AxisPins, End, Queue, is_full_duplex};
 use standin_firmware::device::{Device, Fault, Pin, Port};
 use standin_firmware::md3::Md3;
+use standin_firmware::mdrive::Mdrive;
+use standin_firmware::mdrobot::mdrobot;
 use standin_firmware::qsb::Qsb;
 use standin_firmware::rs434::rs434544;
 use standin_firmware::shell::Caught;
@@ -83,6 +85,38 @@ fn the_names_of_an_rs434544_are_its_pins_and_faults() {
 }
 
 #[test]
+fn the_names_of_an_mdrobot_are_its_pins_and_faults() {
+    let mdrobot = mdrobot();
+    let spec = mdrobot.spec();
+    // As the table in firmware/boards/rp2040/README.md has them: name, is an input, rests high.
+    let expected = [
+        ("INT_SPEED", true, true),
+        ("ALARM_RESET", true, true),
+        ("DIR", true, true),
+        ("RUN_BRAKE", true, true),
+        ("START_STOP", true, true),
+        ("ENC_A", true, true),
+        ("ENC_B", true, true),
+        ("SPEED_IN", true, false),
+        ("PULSE_IN", true, false),
+        ("CLUTCH", false, false),
+        ("FAN", false, false),
+        ("over_voltage", true, true),
+        ("over_temperature", true, true),
+        ("hall_fail", true, true),
+        ("inverse_velocity", true, true),
+        ("stall", true, true),
+    ];
+    for (name, is_input, rests_high) in expected {
+        let end = End::of(spec, name).unwrap_or_else(|| panic!("an MD400 has no {name}"));
+        assert_eq!(end.is_input(spec), is_input, "{name}");
+        assert_eq!(end.rests_high(spec), rests_high, "{name}");
+        assert!(!end.is_open_drain(spec), "{name}");
+    }
+    assert!(!is_full_duplex(spec));
+}
+
+#[test]
 fn the_names_of_a_qsb_are_its_pins_and_dtr() {
     let qsb = Qsb::m();
     let spec = qsb.spec();
@@ -109,4 +143,6 @@ fn an_axis_has_pins_of_its_own_unless_they_are_wired_as_others() {
     assert_eq!(AxisPins::of(Qsb::s().spec(), wired("DIO2")), AxisPins::None);
     let wired = ["J2.4", "D5"].map(|name| End::of(md3.spec(), name));
     assert_eq!(AxisPins::of(md3.spec(), wired.into_iter()), AxisPins::Own);
+    // The motor of an MDrive is inside.
+    assert_eq!(AxisPins::of(Mdrive::plus().spec(), [].into_iter()), AxisPins::None);
 }

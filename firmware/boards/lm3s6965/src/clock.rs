@@ -15,7 +15,7 @@ use standin_firmware::device::{Duration, Instant};
 
 use crate::registers::Register;
 use crate::timer::{SENT, STEP, WAKE};
-use crate::{bus, caught};
+use crate::{bus, caught, ethernet};
 
 /// Cycles in a second.
 pub(crate) const HZ: u32 = 50_000_000;
@@ -30,8 +30,11 @@ const RCC: Register = Register::at(SYSTEM, 0x060);
 const RCGC0: Register = Register::at(SYSTEM, 0x100);
 /// Clock gates of UART0, UART1, and the timers 0 to 2.
 const RCGC1: Register = Register::at(SYSTEM, 0x104);
-/// Clock gates of the ports A to G.
+/// Clock gates of the ports A to G, and of the Ethernet controller.
 const RCGC2: Register = Register::at(SYSTEM, 0x108);
+/// The board's Ethernet address, three bytes in each.
+const USER_REG0: Register = Register::at(SYSTEM, 0x1E0);
+const USER_REG1: Register = Register::at(SYSTEM, 0x1E4);
 
 /// Whole periods of SysTick since the start. A debugger finds them by this name.
 #[unsafe(export_name = "PERIODS")]
@@ -67,6 +70,20 @@ pub(crate) fn start(systick: &mut SYST) {
     }
 }
 
+/// Gives the Ethernet controller its clock; returns the address that the board was made with (5.5). The maker of a board
+/// without one said nothing: all ones. That gets one of those that anybody may use.
+pub(crate) fn give_ethernet_its_clock() -> [u8; 6] {
+    const CONTROLLER: u32 = 1 << 28;
+    const TRANSCEIVER: u32 = 1 << 30;
+    RCGC2.set(CONTROLLER | TRANSCEIVER);
+    let [a, b, c, _] = USER_REG0.read().to_le_bytes();
+    let [d, e, f, _] = USER_REG1.read().to_le_bytes();
+    match [a, b, c, d, e, f] {
+        [0xFF, 0xFF, 0xFF, ..] => *b"\x02sta-n",
+        address => address,
+    }
+}
+
 /// Now; in an interrupt, too. That of SysTick is above the others or their equal, so that a period that is
 /// over is still pending or has been counted.
 pub(crate) fn now() -> Instant {
@@ -95,7 +112,7 @@ pub(crate) fn cycles_since(from: u32) -> u32 {
     if left <= from { from - left } else { from + PERIOD - left }
 }
 
-/// Sleeps until something is caught, the bus has room again, or `deadline`, at most
+/// Sleeps until something is caught, the bus has room again, a frame has come, or `deadline`, at most
 /// [`OneShot::LONGEST`](crate::timer::OneShot::LONGEST) ahead, has come; steps alone wake nobody. A debugger finds it by this name.
 #[inline(never)]
 #[unsafe(export_name = "sleep_until")]
@@ -104,7 +121,8 @@ pub(crate) fn sleep_until(deadline: Instant) {
     loop {
         // What comes between the look and the sleep ends the sleep, and is served behind it.
         cortex_m::interrupt::disable();
-        let over = !caught::QUEUE.is_empty() || bus::take_room() || now() >= deadline;
+        let woken = !caught::QUEUE.is_empty() || bus::take_room() || ethernet::take_frames();
+        let over = woken || now() >= deadline;
         if !over {
             asm::wfi();
         }

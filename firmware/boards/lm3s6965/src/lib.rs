@@ -1,8 +1,8 @@
 //! Drives on the Stellaris LM3S6965 evaluation board (`lm3s6965evb` in QEMU).
 //!
 //! Each binary is one kind of drive: it says which pin of the board is which of the drive, and calls
-//! [`run`]. What all have in common is here: UART0 is the bus, UART1 says one line when the drive has
-//! power, a timer makes STEP and DIR. `README.md` has the pins.
+//! [`run`], or [`run_on_network`] where the drive has TCP ports. What all have in common is here: UART0 is the bus,
+//! UART1 says one line when the drive has power, a timer makes STEP and DIR. `README.md` has the pins.
 //!
 //! Interrupts have two priorities: that of the step timer and of SysTick, and below it all the others.
 //!
@@ -13,6 +13,7 @@
 mod bus;
 mod caught;
 mod clock;
+mod ethernet;
 pub mod gpio;
 mod inputs;
 mod log;
@@ -33,7 +34,7 @@ use lm3s6965::Interrupt;
 use standin_board::{AxisPins, End, Hands, is_full_duplex};
 use standin_firmware::device::{Boot, Device, Instant, Spec};
 use standin_firmware::motion::Follower;
-use standin_firmware::shell::Shell;
+use standin_firmware::shell::{Links, NoLinks, Shell};
 
 use self::bus::Sender;
 use self::caught::Ears;
@@ -47,7 +48,7 @@ use self::wires::Wire;
 const FAST: Gpio = gpio::B.pin(6);
 
 /// Interrupts below the step timer's.
-const LESS_URGENT: [Interrupt; 10] = [
+const LESS_URGENT: [Interrupt; 11] = [
     Interrupt::UART0,
     Interrupt::TIMER_0A,
     Interrupt::TIMER_2A,
@@ -58,28 +59,47 @@ const LESS_URGENT: [Interrupt; 10] = [
     Interrupt::GPIOE,
     Interrupt::GPIOF,
     Interrupt::GPIOG,
+    Interrupt::ETHERNET,
 ];
 
 /// A drive on this board.
-type Board<'a, D, const MEMORY: usize, const CHARACTERS: usize, const WIRES: usize> =
-    Shell<&'a mut D, Ears, Hands<Sender, Output, Memory<'a, MEMORY>, Steps, WIRES>, CHARACTERS>;
+type Board<'a, D, const MEMORY: usize, const CHARACTERS: usize, const WIRES: usize, L> =
+    Shell<&'a mut D, Ears, Hands<Sender, Output, Memory<MEMORY>, Steps, WIRES, L>, CHARACTERS>;
 
-/// Runs a drive with these saved registers, for which there is as much `memory`, and whose pins and faults, by their
-/// names, are wired to these pins of the board. `CHARACTERS` is how many characters may wait to be sent.
+/// Runs a drive with these saved registers, whose pins and faults, by their names, are wired to these pins of the
+/// board. `CHARACTERS` is how many characters may wait to be sent.
 ///
-/// Drive and memory are lent: they may be large, and whoever made them did so where they stay.
+/// The drive is lent: it may be large, and whoever made it did so where it stays.
 pub fn run<D: Device, const MEMORY: usize, const CHARACTERS: usize, const WIRES: usize>(
     drive: &mut D,
-    memory: &mut [u8; MEMORY],
     saved: &'static Saved<MEMORY>,
     wires: &[Wire; WIRES],
+) -> ! {
+    start::<_, _, CHARACTERS, _, _>(drive, saved, wires, |_| None::<NoLinks>)
+}
+
+/// Runs a drive as [`run`] does, one whose ports are TCP ports: 502 is Modbus, 503 is MCode, at 192.168.33.1.
+pub fn run_on_network<D: Device, const MEMORY: usize, const WIRES: usize>(
+    drive: &mut D,
+    saved: &'static Saved<MEMORY>,
+    wires: &[Wire; WIRES],
+) -> ! {
+    start::<_, _, 0, _, _>(drive, saved, wires, ethernet::start)
+}
+
+fn start<D: Device, const MEMORY: usize, const CHARACTERS: usize, const WIRES: usize, L: Links>(
+    drive: &mut D,
+    saved: &'static Saved<MEMORY>,
+    wires: &[Wire; WIRES],
+    network: impl FnOnce(&Spec) -> Option<L>,
 ) -> ! {
     let mut core = Peripherals::take();
     if let Some(core) = &mut core {
         clock::start(&mut core.SYST);
     }
     watchdog::start();
-    let mut shell: Board<'_, D, MEMORY, CHARACTERS, WIRES> = assemble(drive, saved.begin(memory), wires);
+    let links = network(drive.spec());
+    let mut shell: Board<'_, D, MEMORY, CHARACTERS, WIRES, L> = assemble(drive, saved.begin(), wires, links);
     FAST.pulled(true);
     // Time for the pull-ups: 20 µs.
     asm::delay(1_000);
@@ -102,11 +122,12 @@ pub fn run<D: Device, const MEMORY: usize, const CHARACTERS: usize, const WIRES:
 
 /// Puts the drive on the board. What that needs of the stack is free again when it returns.
 #[inline(never)]
-fn assemble<'a, D: Device, const MEMORY: usize, const CHARACTERS: usize, const WIRES: usize>(
+fn assemble<'a, D: Device, const MEMORY: usize, const CHARACTERS: usize, const WIRES: usize, L: Links>(
     drive: &'a mut D,
-    memory: Memory<'a, MEMORY>,
+    memory: Memory<MEMORY>,
     wires: &[Wire; WIRES],
-) -> Board<'a, D, MEMORY, CHARACTERS, WIRES> {
+    links: Option<L>,
+) -> Board<'a, D, MEMORY, CHARACTERS, WIRES, L> {
     let spec = drive.spec();
     bus::start(is_full_duplex(spec));
     let pins = wires.map(|(name, gpio)| wire(spec, name, gpio));
@@ -114,7 +135,8 @@ fn assemble<'a, D: Device, const MEMORY: usize, const CHARACTERS: usize, const W
     if axis_pins == AxisPins::Own {
         steps::start();
     }
-    let hands = Hands { bus: Sender, pins, memory, axis: &steps::AXIS, axis_pins, follower: Follower::new() };
+    let axis = &steps::AXIS;
+    let hands = Hands { bus: Sender, pins, memory, axis, axis_pins, follower: Follower::new(), links };
     Shell::new(drive, Ears, hands)
 }
 
@@ -158,7 +180,7 @@ unsafe fn HardFault(_: &ExceptionFrame) -> ! {
 
 #[cfg(not(feature = "defmt"))]
 unsafe extern "C" {
-    /// Never defined: an image that can panic does not link.
+    /// Never defined but in images with a network, where it is [`HardFault`]: another one that can panic does not link.
     safe fn a_panic_can_happen() -> !;
 }
 

@@ -1,8 +1,11 @@
 //! Saved registers in RAM: QEMU's flash can only be read.
 
+use core::cell::UnsafeCell;
 use core::convert::Infallible;
-use core::sync::atomic::{AtomicU8, AtomicU32, Ordering};
+use core::ptr::write_volatile;
+use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 
+use cortex_m::peripheral::SCB;
 use embedded_storage::{ReadStorage, Storage};
 
 /// What says that the memory was ever written. RAM that comes up by chance is not this.
@@ -13,8 +16,11 @@ const WRITTEN: [u32; 2] = [0x7374_616E, 0x6469_6E21];
 #[repr(C)]
 pub struct Saved<const N: usize> {
     written: [AtomicU32; 2],
-    bytes: [AtomicU8; N],
+    bytes: UnsafeCell<[u8; N]>,
 }
+
+// SAFETY: `begin` lends the bytes once, and nobody else touches them.
+unsafe impl<const N: usize> Sync for Saved<N> {}
 
 impl<const N: usize> Default for Saved<N> {
     fn default() -> Self {
@@ -26,39 +32,39 @@ impl<const N: usize> Saved<N> {
     /// A place for them.
     #[must_use]
     pub const fn new() -> Self {
-        Self { written: [const { AtomicU32::new(0) }; 2], bytes: [const { AtomicU8::new(0) }; N] }
+        Self { written: [const { AtomicU32::new(0) }; 2], bytes: UnsafeCell::new([0; N]) }
     }
 
-    /// Reads them into `bytes`; a memory that was never written becomes a new one, all `0xFF`.
-    pub(crate) fn begin<'a>(&'static self, bytes: &'a mut [u8; N]) -> Memory<'a, N> {
+    /// Lends them, once after each start; a memory that was never written becomes a new one, all `0xFF`.
+    pub(crate) fn begin(&'static self) -> Memory<N> {
+        /// A board has one memory. This is cleared at a start, as the memory is not.
+        static LENT: AtomicBool = AtomicBool::new(false);
+        if LENT.swap(true, Ordering::Relaxed) {
+            SCB::sys_reset();
+        }
+        // SAFETY: this is reached once, so that there is no other reference to them; any byte is a value.
+        let bytes = unsafe { &mut *self.bytes.get() };
         let written = || self.written.iter().zip(WRITTEN);
         if !written().all(|(word, expected)| word.load(Ordering::Relaxed) == expected) {
-            for byte in &self.bytes {
-                byte.store(0xFF, Ordering::Relaxed);
-            }
+            bytes.fill(0xFF);
             written().for_each(|(word, expected)| word.store(expected, Ordering::Relaxed));
         }
-        for (byte, stored) in bytes.iter_mut().zip(&self.bytes) {
-            *byte = stored.load(Ordering::Relaxed);
-        }
-        Memory { saved: self, bytes }
+        Memory { bytes }
     }
 }
 
 /// The memory of a drive.
-pub(crate) struct Memory<'a, const N: usize> {
-    saved: &'static Saved<N>,
-    /// The same bytes, as the drive reads them.
-    bytes: &'a mut [u8; N],
+pub(crate) struct Memory<const N: usize> {
+    bytes: &'static mut [u8; N],
 }
 
-impl<const N: usize> AsRef<[u8]> for Memory<'_, N> {
+impl<const N: usize> AsRef<[u8]> for Memory<N> {
     fn as_ref(&self) -> &[u8] {
         self.bytes
     }
 }
 
-impl<const N: usize> ReadStorage for Memory<'_, N> {
+impl<const N: usize> ReadStorage for Memory<N> {
     type Error = Infallible;
 
     fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), Infallible> {
@@ -73,12 +79,12 @@ impl<const N: usize> ReadStorage for Memory<'_, N> {
     }
 }
 
-impl<const N: usize> Storage for Memory<'_, N> {
+impl<const N: usize> Storage for Memory<N> {
     fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), Infallible> {
-        let places = self.bytes.iter_mut().zip(&self.saved.bytes).skip(offset as usize);
-        for (byte, (copy, stored)) in bytes.iter().zip(places) {
-            *copy = *byte;
-            stored.store(*byte, Ordering::Relaxed);
+        for (stored, byte) in self.bytes.iter_mut().skip(offset as usize).zip(bytes) {
+            // One after the other, and now: a reset may come at any time.
+            // SAFETY: it is a valid reference.
+            unsafe { write_volatile(stored, *byte) };
         }
         Ok(())
     }

@@ -1,6 +1,6 @@
 //! Which pins of the board are what of a drive.
 
-use crate::gpio::{A, B, C, D, F, G, Gpio};
+use crate::gpio::{A, B, C, D, E, F, G, Gpio};
 use crate::steps;
 
 /// What of a drive, by its name, is wired to which pin of the board.
@@ -54,4 +54,52 @@ pub const RS434: [Wire; 17] = [
     ("switches", G.pin(0)),
     ("current_limit", G.pin(1)),
     ("stall", C.pin(6)),
+];
+
+/// An MD400 of MDROBOT, with the causes of all its faults.
+pub const MDROBOT: [Wire; 24] = [
+    ("INT_SPEED", D.pin(0)),
+    ("ALARM_RESET", D.pin(1)),
+    ("DIR", D.pin(4)),
+    ("RUN_BRAKE", D.pin(5)),
+    ("START_STOP", D.pin(6)),
+    ("ENC_A", D.pin(7)),
+    ("ENC_B", C.pin(4)),
+    ("SPEED_IN", C.pin(5)),
+    ("PULSE_IN", C.pin(6)),
+    ("ALARM", B.pin(0)),
+    ("CLUTCH", B.pin(1)),
+    ("FAN", F.pin(0)),
+    ("HU", E.pin(0)),
+    ("HV", E.pin(1)),
+    ("HW", E.pin(2)),
+    ("over_voltage", A.pin(2)),
+    ("over_temperature", A.pin(3)),
+    ("overload", A.pin(4)),
+    ("hall_fail", A.pin(5)),
+    ("encoder_fail", A.pin(6)),
+    ("inverse_velocity", A.pin(7)),
+    ("stall", G.pin(0)),
+    ("ctrl_fail", G.pin(1)),
+    ("regen_over_temperature", C.pin(7)),
+];
+
+/// An MDrive of either kind, with the causes of all their faults: what one does not have stays unused.
+pub const MDRIVE: [Wire; 16] = [
+    ("IO1", D.pin(4)),
+    ("IO2", D.pin(5)),
+    ("IO3", D.pin(6)),
+    ("IO4", D.pin(7)),
+    ("IO7", C.pin(4)),
+    ("IO8", C.pin(5)),
+    ("CAPTURE", C.pin(6)),
+    ("A", E.pin(0)),
+    ("B", E.pin(1)),
+    ("I", E.pin(2)),
+    ("stall", A.pin(2)),
+    ("locked_rotor", A.pin(3)),
+    ("lead_limit", A.pin(4)),
+    ("lag_limit", A.pin(5)),
+    ("over_temperature", A.pin(6)),
+    ("calibration", A.pin(7)),
 ];

@@ -105,7 +105,8 @@ fn assemble<'a, D: Device, const CHARACTERS: usize, const WIRES: usize>(
     if axis_pins == AxisPins::Own {
         steps::start();
     }
-    let hands = Hands { bus: Sender, pins, memory, axis: &steps::AXIS, axis_pins, follower: Follower::new() };
+    let axis = &steps::AXIS;
+    let hands = Hands { bus: Sender, pins, memory, axis, axis_pins, follower: Follower::new(), links: None };
     Shell::new(drive, Ears, hands)
 }
 

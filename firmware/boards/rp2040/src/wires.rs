@@ -76,6 +76,34 @@ pub const RS434: [Wire; 17] = apart(
     ],
 );
 
+/// An MD400 of MDROBOT, with the causes of as many faults as there are pins.
+pub const MDROBOT: [Wire; 20] = apart(
+    BUS | STEP | DIR,
+    [
+        ("INT_SPEED", gp(5)),
+        ("ALARM_RESET", gp(6)),
+        ("DIR", gp(7)),
+        ("RUN_BRAKE", gp(8)),
+        ("START_STOP", gp(9)),
+        ("ENC_A", gp(10)),
+        ("ENC_B", gp(11)),
+        ("SPEED_IN", gp(12)),
+        ("PULSE_IN", gp(13)),
+        ("ALARM", gp(14)),
+        ("CLUTCH", gp(15)),
+        // And the Pico's own light.
+        ("FAN", gp(16) | gp(25)),
+        ("HU", gp(17)),
+        ("HV", gp(18)),
+        ("HW", gp(19)),
+        ("over_voltage", gp(20)),
+        ("over_temperature", gp(21)),
+        ("hall_fail", gp(26)),
+        ("inverse_velocity", gp(27)),
+        ("stall", gp(28)),
+    ],
+);
+
 /// What every drive has.
 const BUS: u32 = TX | RX | DE | FAST;
 

@@ -79,6 +79,32 @@ pub const RS434: [Wire; 17] = apart(
     ],
 );
 
+/// An MD400 of MDROBOT, with the causes of as many faults as there are pins.
+pub const MDROBOT: [Wire; 19] = apart(
+    &[TX, RX, DE, FAST, STEP, DIR],
+    [
+        input("INT_SPEED", A.pin(1)),
+        input("ALARM_RESET", A.pin(2)),
+        input("DIR", A.pin(3)),
+        input("RUN_BRAKE", A.pin(4)),
+        input("START_STOP", A.pin(5)),
+        input("ENC_A", A.pin(6)),
+        input("ENC_B", A.pin(7)),
+        input("SPEED_IN", A.pin(8)),
+        input("PULSE_IN", A.pin(15)),
+        input("over_voltage", B.pin(12)),
+        input("over_temperature", B.pin(13)),
+        input("hall_fail", B.pin(9)),
+        input("stall", B.pin(10)),
+        output("ALARM", B.pin(0)),
+        output("CLUTCH", B.pin(1)),
+        output("FAN", LIGHT),
+        output("HU", B.pin(3)),
+        output("HV", B.pin(4)),
+        output("HW", B.pin(5)),
+    ],
+);
+
 /// A wire, and whether the drive hears it.
 type Row = (Wire, bool);
 

@@ -14,5 +14,5 @@ static SAVED: Saved<MEMORY> = Saved::new();
 #[entry]
 fn main() -> ! {
     let mut drive = Md3::new();
-    run::<_, _, ONE_ANSWER, _>(&mut drive, &mut [0xFF; MEMORY], &SAVED, &wires::MD3)
+    run::<_, _, ONE_ANSWER, _>(&mut drive, &SAVED, &wires::MD3)
 }

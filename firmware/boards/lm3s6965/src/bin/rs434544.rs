@@ -14,5 +14,5 @@ static SAVED: Saved<MEMORY> = Saved::new();
 #[entry]
 fn main() -> ! {
     let mut drive = rs434544();
-    run::<_, _, ONE_ANSWER, _>(&mut drive, &mut [0xFF; MEMORY], &SAVED, &wires::RS434)
+    run::<_, _, ONE_ANSWER, _>(&mut drive, &SAVED, &wires::RS434)
 }

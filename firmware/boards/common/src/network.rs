@@ -1,0 +1,381 @@
+//! TCP connections at the ports of a board's drive, over smoltcp.
+
+use smoltcp::iface::{Config, Interface, PollIngressSingleResult, SocketHandle, SocketSet, SocketStorage};
+use smoltcp::phy;
+use smoltcp::socket::tcp::{Socket, SocketBuffer, State};
+use smoltcp::time;
+use smoltcp::wire::{EthernetAddress, HardwareAddress, IpAddress, IpCidr};
+use standin_firmware::device::{Duration, Ends, Instant, Link, Port, Spec};
+use standin_firmware::shell::{Came, Links};
+use standin_protocol::modbus::tcp::{ADU_BYTES, Adu, Broken, Splitter};
+
+/// Bytes of the longest frame that a network carries, without its check sequence: that of the longest packet that
+/// every host must take (RFC 791). Nobody sends longer ones who knows how long ours are.
+pub const FRAME_BYTES: usize = 14 + 576;
+
+/// Connections that each port takes; the next one is refused.
+pub const LINKS: usize = 4;
+/// Places for the connections of a drive with two ports.
+pub const PLACES: usize = 2 * LINKS;
+/// Bytes for all connections.
+pub const BYTES: usize = PLACES * (UNHEARD + UNSENT);
+/// Bytes of a long answer: the listing of the longest program of an MDrive.
+pub const LONG: usize = 13 * 1_024;
+
+/// Bytes of a connection that have come and were not taken.
+const UNHEARD: usize = 256;
+/// Bytes of answers that have not left. What has no room there is a long answer, for which there is room once.
+const UNSENT: usize = 640;
+/// Nothing is taken from a connection while more bytes of its answers than that have not left.
+const ENOUGH: usize = UNSENT / 2;
+const _: () = assert!(UNSENT - ENOUGH >= ADU_BYTES, "a Modbus reply always has room");
+
+/// Frames taken before the drive has its turn.
+const BURST: usize = 8;
+/// Between two looks whether a client that says nothing is there.
+const LOOK: time::Duration = time::Duration::from_secs(10);
+/// Without a sign of a client for so long it is gone.
+const GONE: time::Duration = time::Duration::from_secs(30);
+/// What a client that is to leave may still take of that time; it is thrown out then.
+const FAREWELL: Duration = Duration::secs(10);
+
+/// The factory address of an MDrive, 192.168.33.1, and its subnet mask, 255.255.0.0 (FB 6.3).
+const ADDRESS: IpCidr = IpCidr::new(IpAddress::v4(192, 168, 33, 1), 16);
+
+/// A network controller.
+pub trait Frames: phy::Device {
+    /// Whether a frame has come.
+    fn has_frame(&self) -> bool;
+}
+
+/// Where connections live: with a network it is a board's largest thing.
+pub struct Places<'a> {
+    /// The connections.
+    pub sockets: &'a mut [SocketStorage<'a>; PLACES],
+    /// What has come of a Modbus request.
+    pub splitters: &'a mut [Splitter; LINKS],
+    /// What has come, and what waits to leave.
+    pub bytes: &'a mut [u8; BYTES],
+    /// A long answer.
+    pub long: &'a mut [u8; LONG],
+}
+
+/// The network of a board.
+pub struct Network<'a, F> {
+    frames: F,
+    interface: Interface,
+    sockets: SocketSet<'a>,
+    connections: heapless::Vec<Connection<'a>, PLACES>,
+    long: Long<'a>,
+    /// Which of them is asked next.
+    turn: usize,
+    /// When the network wants to be looked at.
+    due: Instant,
+}
+
+impl<'a, F: Frames> Network<'a, F> {
+    /// The ports of a drive at that Ethernet address. `seed` makes the numbers of a connection hard to guess. What this
+    /// needs of the stack is free again when it returns.
+    #[inline(never)]
+    pub fn new(spec: &Spec, mut frames: F, address: [u8; 6], seed: u64, places: Places<'a>) -> Self {
+        let mut config = Config::new(HardwareAddress::Ethernet(EthernetAddress(address)));
+        config.random_seed = seed;
+        let mut interface = Interface::new(config, &mut frames, time::Instant::ZERO);
+        interface.update_ip_addrs(|addresses| {
+            let _ = addresses.push(ADDRESS);
+        });
+        let mut sockets = SocketSet::new(&mut places.sockets[..]);
+        let mut connections = heapless::Vec::new();
+        let mut splitters = places.splitters.iter_mut();
+        let mut bytes = &mut places.bytes[..];
+        let ports = (0..).map(Port).zip(spec.ports).flat_map(|(port, of)| [(port, of.ends); LINKS]);
+        for ((port, ends), link) in ports.zip((0..LINKS as u8).cycle().map(Link)) {
+            let Some(framing) = Framing::of(ends, &mut splitters) else { continue };
+            let Some((heard, rest)) = bytes.split_at_mut_checked(UNHEARD) else { break };
+            let Some((said, rest)) = rest.split_at_mut_checked(UNSENT) else { break };
+            bytes = rest;
+            let mut socket = Socket::new(SocketBuffer::new(heard), SocketBuffer::new(said));
+            // An answer leaves at once.
+            socket.set_nagle_enabled(false);
+            socket.set_keep_alive(Some(LOOK));
+            socket.set_timeout(Some(GONE));
+            let socket = sockets.add(socket);
+            let _ = connections.push(Connection { port, link, socket, framing, stage: Stage::Free });
+        }
+        let long = Long { bytes: places.long, gone: 0, put: 0, of: None };
+        Self { frames, interface, sockets, connections, long, turn: 0, due: Instant::ZERO }
+    }
+
+    /// Asks those whose turn it is what came.
+    fn ask(&mut self, now: Instant, message: &mut Adu) -> Option<(Port, Link, Came)> {
+        for (place, connection) in self.connections.iter_mut().enumerate().skip(self.turn) {
+            self.turn += 1;
+            let socket = self.sockets.get_mut(connection.socket);
+            let waits = self.long.of == Some(place);
+            if waits && self.long.leave(socket) {
+                self.due = now;
+            }
+            if let Some(came) = connection.next(socket, waits, now, message) {
+                // The window is wider now, or somebody has to be told that it is over.
+                self.due = now;
+                return Some((connection.port, connection.link, came));
+            }
+        }
+        self.turn = 0;
+        None
+    }
+
+    /// Takes frames and sends some.
+    fn poll(&mut self, now: Instant) {
+        let at = time::Instant::from_micros((now.ticks() >> 4) as i64);
+        let Self { frames, interface, sockets, .. } = self;
+        for _ in 0..BURST {
+            if interface.poll_ingress_single(at, frames, sockets) == PollIngressSingleResult::None {
+                break;
+            }
+        }
+        interface.poll_egress(at, frames, sockets);
+        let due =
+            interface.poll_at(at, sockets).map(|due| Instant::from_ticks((due.total_micros() as u64) << 4));
+        let leaves = self.connections.iter().filter_map(|connection| match connection.stage {
+            Stage::Leaves(until) => until,
+            _ => None,
+        });
+        self.due = leaves.chain(due).min().unwrap_or(Instant::NEVER);
+    }
+
+    /// The place of an open connection.
+    fn place(&self, port: Port, link: Link) -> Option<usize> {
+        let is = |of: &Connection<'_>| of.port == port && of.link == link && of.stage == Stage::Open;
+        self.connections.iter().position(is)
+    }
+}
+
+impl<F: Frames> Links for Network<'_, F> {
+    fn next(&mut self, now: Instant, message: &mut Adu) -> Result<(Port, Link, Came), Instant> {
+        if let Some(came) = self.ask(now, message) {
+            return Ok(came);
+        }
+        if self.due <= now || self.frames.has_frame() {
+            self.poll(now);
+            if let Some(came) = self.ask(now, message) {
+                return Ok(came);
+            }
+        }
+        Err(if self.frames.has_frame() { now } else { self.due })
+    }
+
+    fn send(&mut self, port: Port, link: Link, bytes: &[u8]) -> bool {
+        self.due = Instant::ZERO;
+        let Some(place) = self.place(port, link) else { return true };
+        let Some(connection) = self.connections.get(place) else { return true };
+        let socket = self.sockets.get_mut::<Socket<'_>>(connection.socket);
+        if !socket.may_send() {
+            return true;
+        }
+        let room = socket.send_capacity().saturating_sub(socket.send_queue());
+        let fits = if self.long.of != Some(place) && bytes.len() <= room {
+            socket.send_slice(bytes).is_ok()
+        } else {
+            self.long.put(place, bytes)
+        };
+        if !fits {
+            socket.abort();
+        }
+        fits
+    }
+
+    fn close(&mut self, port: Port, link: Link) {
+        self.due = Instant::ZERO;
+        if let Some(connection) = self.place(port, link).and_then(|place| self.connections.get_mut(place)) {
+            connection.stage = Stage::Leaves(None);
+        }
+    }
+}
+
+/// A long answer that leaves.
+struct Long<'a> {
+    bytes: &'a mut [u8; LONG],
+    /// How many of them have left.
+    gone: usize,
+    /// How many there are.
+    put: usize,
+    /// The place of the connection that it is for.
+    of: Option<usize>,
+}
+
+impl Long<'_> {
+    /// Adds to it, or begins one; `false` if there is no room, or another one has not left.
+    fn put(&mut self, place: usize, bytes: &[u8]) -> bool {
+        if self.of.is_some_and(|of| of != place) {
+            return false;
+        }
+        let room = self.bytes.get_mut(self.put..).and_then(|room| room.get_mut(..bytes.len()));
+        let Some(room) = room else { return false };
+        room.copy_from_slice(bytes);
+        self.put += bytes.len();
+        self.of = Some(place);
+        true
+    }
+
+    /// Lets go as much as there is room for; whether anything went.
+    fn leave(&mut self, socket: &mut Socket<'_>) -> bool {
+        let rest = self.bytes.get(self.gone..self.put).unwrap_or_default();
+        // Nobody waits for the rest if the connection is over.
+        let went = socket.send_slice(rest).unwrap_or(rest.len());
+        self.gone += went;
+        if self.gone == self.put {
+            (self.gone, self.put, self.of) = (0, 0, None);
+        }
+        went > 0
+    }
+}
+
+/// A connection, or the place for one.
+struct Connection<'a> {
+    port: Port,
+    link: Link,
+    socket: SocketHandle,
+    framing: Framing<'a>,
+    stage: Stage,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Stage {
+    /// Nobody is there whom the drive knows.
+    Free,
+    /// The drive knows of it.
+    Open,
+    /// The drive knows no more of it, and what was said to it leaves, until then at the latest.
+    Leaves(Option<Instant>),
+}
+
+impl Connection<'_> {
+    /// What came first. Some of a long answer may still wait for room.
+    fn next(
+        &mut self,
+        socket: &mut Socket<'_>,
+        waits: bool,
+        now: Instant,
+        message: &mut Adu,
+    ) -> Option<Came> {
+        match self.stage {
+            Stage::Open if !socket.is_active() => {
+                self.stage = Stage::Free;
+                Some(Came::Closed)
+            }
+            Stage::Open if waits || socket.send_queue() > ENOUGH => None,
+            Stage::Open => {
+                while socket.can_recv() {
+                    match self.framing.take(socket, message) {
+                        Ok(true) => return Some(Came::Message),
+                        Ok(false) => {}
+                        Err(Broken::Protocol | Broken::Length) => {
+                            self.stage = Stage::Leaves(None);
+                            return Some(Came::Closed);
+                        }
+                    }
+                }
+                if socket.state() != State::CloseWait {
+                    return None;
+                }
+                // It has said all that it has to say.
+                self.stage = Stage::Leaves(None);
+                Some(Came::Closed)
+            }
+            Stage::Free if socket.may_send() => {
+                self.stage = Stage::Open;
+                self.framing.begin();
+                Some(Came::Opened)
+            }
+            Stage::Free => {
+                self.listen(socket);
+                None
+            }
+            Stage::Leaves(until) => {
+                let until = until.unwrap_or(now + FAREWELL);
+                self.stage = Stage::Leaves(Some(until));
+                let _ = socket.recv(|unheard| (unheard.len(), ()));
+                if now >= until {
+                    socket.abort();
+                } else if !waits {
+                    socket.close();
+                }
+                if !socket.is_active() {
+                    self.stage = Stage::Free;
+                    self.listen(socket);
+                }
+                None
+            }
+        }
+    }
+
+    /// Makes room for somebody else, unless a reset is still to be sent.
+    fn listen(&self, socket: &mut Socket<'_>) {
+        if socket.state() == State::TimeWait || socket.remote_endpoint().is_none() {
+            let _ = socket.listen(self.framing.port());
+        }
+    }
+}
+
+/// How messages are told from each other.
+enum Framing<'a> {
+    /// By the length in their header: Modbus/TCP.
+    Mbap(&'a mut Splitter),
+    /// By a carriage return: MCode.
+    Return,
+}
+
+impl<'a> Framing<'a> {
+    /// Of a port whose messages end so; `None` of one without connections.
+    fn of(ends: Ends, splitters: &mut impl Iterator<Item = &'a mut Splitter>) -> Option<Self> {
+        match ends {
+            Ends::Mbap => splitters.next().map(Self::Mbap),
+            Ends::Return => Some(Self::Return),
+            Ends::Silence | Ends::Character => None,
+        }
+    }
+
+    /// The TCP port (FB 6.3).
+    fn port(&self) -> u16 {
+        match self {
+            Self::Mbap(_) => 502,
+            Self::Return => 503,
+        }
+    }
+
+    /// Of a new connection.
+    fn begin(&mut self) {
+        if let Self::Mbap(splitter) = self {
+            **splitter = Splitter::new();
+        }
+    }
+
+    /// Takes what came; whether that is a message.
+    fn take(&mut self, socket: &mut Socket<'_>, message: &mut Adu) -> Result<bool, Broken> {
+        let taken = socket.recv(|came| match self {
+            Self::Mbap(splitter) => {
+                let mut rest = &*came;
+                let whole = splitter.next(&mut rest).map(|adu| match adu {
+                    Some(adu) => {
+                        message.clear();
+                        message.extend_from_slice(adu).is_ok()
+                    }
+                    None => false,
+                });
+                (came.len().saturating_sub(rest.len()), whole)
+            }
+            Self::Return => {
+                message.clear();
+                for byte in came.iter().take(message.capacity()) {
+                    let _ = message.push(*byte);
+                    if *byte == b'\r' {
+                        break;
+                    }
+                }
+                (message.len(), Ok(true))
+            }
+        });
+        taken.unwrap_or(Ok(false))
+    }
+}

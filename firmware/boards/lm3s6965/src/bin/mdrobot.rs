@@ -1,0 +1,18 @@
+//! An MD400 of MDROBOT on the LM3S6965 board.
+#![no_std]
+#![no_main]
+
+use cortex_m_rt::entry;
+use standin_firmware::mdrobot::{MEMORY, mdrobot};
+use standin_firmware::shell::ONE_ANSWER;
+use standin_lm3s6965::{Saved, run, wires};
+
+#[unsafe(export_name = "SAVED")]
+#[unsafe(link_section = ".uninit.SAVED")]
+static SAVED: Saved<MEMORY> = Saved::new();
+
+#[entry]
+fn main() -> ! {
+    let mut drive = mdrobot();
+    run::<_, _, ONE_ANSWER, _>(&mut drive, &SAVED, &wires::MDROBOT)
+}

@@ -1,0 +1,199 @@
+//! The Ethernet controller (16.6), and the network behind it.
+
+use core::sync::atomic::{AtomicBool, Ordering};
+
+use cortex_m::singleton;
+use lm3s6965::interrupt;
+use smoltcp::iface::SocketStorage;
+use smoltcp::phy::{Device, DeviceCapabilities, RxToken, TxToken};
+use smoltcp::time::Instant;
+use standin_board::network::{BYTES, FRAME_BYTES, Frames, LINKS, LONG, Network, PLACES, Places};
+use standin_firmware::device::Spec;
+use standin_protocol::modbus::tcp::Splitter;
+
+use crate::registers::Register;
+use crate::{clock, gpio};
+
+const ETHERNET: usize = 0x4004_8000;
+/// What happened; what is written there is acknowledged.
+const RIS: Register = Register::at(ETHERNET, 0x000);
+const IM: Register = Register::at(ETHERNET, 0x004);
+const RCTL: Register = Register::at(ETHERNET, 0x008);
+const TCTL: Register = Register::at(ETHERNET, 0x00C);
+const DATA: Register = Register::at(ETHERNET, 0x010);
+const IA0: Register = Register::at(ETHERNET, 0x014);
+const IA1: Register = Register::at(ETHERNET, 0x018);
+const MDV: Register = Register::at(ETHERNET, 0x024);
+/// How many frames have come.
+const NP: Register = Register::at(ETHERNET, 0x034);
+const TR: Register = Register::at(ETHERNET, 0x038);
+
+/// What is in a FIFO beside a frame that came: its length before it and its check sequence behind it.
+const AROUND: usize = 2 + 4;
+/// Bytes of a frame that its length does not count as it is sent: two addresses and a type.
+const HEADER: usize = 14;
+/// A frame has come.
+const RECEIVED: u32 = 1 << 0;
+/// Flushes the FIFO of what has come.
+const FLUSH: u32 = 1 << 4;
+/// A frame leaves, or shall leave.
+const NEW_TX: u32 = 1 << 0;
+
+/// A frame has come since the last time.
+static FRAMES: AtomicBool = AtomicBool::new(false);
+
+/// The TCP ports of a drive, on the network. `None` if they are there already. What this needs of the stack is free again
+/// when it returns.
+#[inline(never)]
+pub(crate) fn start(spec: &Spec) -> Option<&'static mut Network<'static, Ethernet>> {
+    let address = clock::give_ethernet_its_clock();
+    // The lights of the jack.
+    gpio::F.give(0b1100);
+    begin(address);
+    let ethernet = Ethernet {
+        received: singleton!(: [u8; FRAME_BYTES] = [0; FRAME_BYTES])?,
+        leaving: singleton!(: [u8; FRAME_BYTES] = [0; FRAME_BYTES])?,
+    };
+    let places = Places {
+        sockets: singleton!(: [SocketStorage<'static>; PLACES] = [SocketStorage::EMPTY; PLACES])?,
+        splitters: singleton!(: [Splitter; LINKS] = [const { Splitter::new() }; LINKS])?,
+        bytes: singleton!(: [u8; BYTES] = [0; BYTES])?,
+        long: singleton!(: [u8; LONG] = [0; LONG])?,
+    };
+    // Nobody else's address and the time that starting took: that must do, where nothing is random.
+    let [a, b, c, d, e, f] = address;
+    let seed = u64::from_le_bytes([a, b, c, d, e, f, 0, 0]) ^ clock::now().ticks().rotate_right(16);
+    singleton!(: Network<'static, Ethernet> = Network::new(spec, ethernet, address, seed, places))
+}
+
+/// Lets frames to that address come and go (16.4.1).
+fn begin([a, b, c, d, e, f]: [u8; 6]) {
+    const ENABLE: u32 = 1 << 0;
+    const PAD: u32 = 1 << 1;
+    const CHECK_SEQUENCE: u32 = 1 << 2;
+    const FULL_DUPLEX: u32 = 1 << 4;
+    const REFUSE_SPOILED: u32 = 1 << 3;
+    /// What makes 2.5 MHz of the clock.
+    const DIVISOR: u32 = clock::HZ / 2 / 2_500_000 - 1;
+    MDV.write(DIVISOR);
+    IA0.write(u32::from_le_bytes([a, b, c, d]));
+    IA1.write(u32::from_le_bytes([e, f, 0, 0]));
+    RCTL.write(REFUSE_SPOILED | FLUSH);
+    TCTL.write(FULL_DUPLEX | CHECK_SEQUENCE | PAD | ENABLE);
+    RCTL.write(REFUSE_SPOILED | ENABLE);
+    IM.write(RECEIVED);
+}
+
+/// Whether a frame has come since the last time.
+pub(crate) fn take_frames() -> bool {
+    FRAMES.swap(false, Ordering::Relaxed)
+}
+
+#[interrupt]
+fn ETHERNET() {
+    RIS.write(RIS.read());
+    FRAMES.store(true, Ordering::Relaxed);
+}
+
+/// The controller, with the frame that has come last and the one that leaves.
+pub(crate) struct Ethernet {
+    received: &'static mut [u8; FRAME_BYTES],
+    leaving: &'static mut [u8; FRAME_BYTES],
+}
+
+/// Takes the first frame that fits; what is longer is for nobody here.
+fn take(into: &mut [u8; FRAME_BYTES]) -> Option<&[u8]> {
+    while NP.read() & 0x3F != 0 {
+        // The length and the first two bytes.
+        let [low, high, a, b] = DATA.read().to_le_bytes();
+        let inside = usize::from(u16::from_le_bytes([low, high]));
+        let Some(length) = inside.checked_sub(AROUND).filter(|length| *length >= HEADER) else {
+            // It is no length: where the next frame begins is unknown.
+            RCTL.set(FLUSH);
+            return None;
+        };
+        let mut places = into.iter_mut();
+        let mut put = |bytes: &[u8]| {
+            // Bytes first: where they end, no place is passed over.
+            for (byte, place) in bytes.iter().zip(places.by_ref()) {
+                *place = *byte;
+            }
+        };
+        put(&[a, b]);
+        for _ in 1..inside.div_ceil(4) {
+            put(&DATA.read().to_le_bytes());
+        }
+        if length <= FRAME_BYTES {
+            return into.get(..length);
+        }
+    }
+    None
+}
+
+/// Whether the last frame has left.
+fn has_sent() -> bool {
+    TR.read() & NEW_TX == 0
+}
+
+impl Frames for Ethernet {
+    fn has_frame(&self) -> bool {
+        NP.read() & 0x3F != 0
+    }
+}
+
+impl Device for Ethernet {
+    type RxToken<'a> = Received<'a>;
+    type TxToken<'a> = Leaving<'a>;
+
+    fn receive(&mut self, _now: Instant) -> Option<(Received<'_>, Leaving<'_>)> {
+        if !has_sent() {
+            return None;
+        }
+        Some((Received(take(self.received)?), Leaving(self.leaving)))
+    }
+
+    fn transmit(&mut self, _now: Instant) -> Option<Leaving<'_>> {
+        has_sent().then_some(Leaving(self.leaving))
+    }
+
+    fn capabilities(&self) -> DeviceCapabilities {
+        let mut capabilities = DeviceCapabilities::default();
+        capabilities.max_transmission_unit = FRAME_BYTES;
+        capabilities
+    }
+}
+
+/// A frame that has come.
+pub(crate) struct Received<'a>(&'a [u8]);
+
+impl RxToken for Received<'_> {
+    fn consume<R, F: FnOnce(&[u8]) -> R>(self, f: F) -> R {
+        f(self.0)
+    }
+}
+
+/// Room for a frame that leaves.
+pub(crate) struct Leaving<'a>(&'a mut [u8; FRAME_BYTES]);
+
+impl TxToken for Leaving<'_> {
+    fn consume<R, F: FnOnce(&mut [u8]) -> R>(self, length: usize, f: F) -> R {
+        let frame = self.0.get_mut(..length).unwrap_or_default();
+        let result = f(frame);
+        let [low, high, ..] = frame.len().saturating_sub(HEADER).to_le_bytes();
+        let (first, rest) = frame.split_at_checked(2).unwrap_or_default();
+        let mut word = [low, high, 0, 0];
+        for (place, byte) in word.iter_mut().skip(2).zip(first) {
+            *place = *byte;
+        }
+        DATA.write(u32::from_le_bytes(word));
+        for bytes in rest.chunks(4) {
+            let mut word = [0; 4];
+            for (place, byte) in word.iter_mut().zip(bytes) {
+                *place = *byte;
+            }
+            DATA.write(u32::from_le_bytes(word));
+        }
+        TR.write(NEW_TX);
+        result
+    }
+}

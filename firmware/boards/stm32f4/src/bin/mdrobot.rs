@@ -1,0 +1,14 @@
+//! An MD400 of MDROBOT on the STM32F411.
+#![no_std]
+#![no_main]
+
+use cortex_m_rt::entry;
+use standin_firmware::mdrobot::{MEMORY, mdrobot};
+use standin_firmware::shell::ONE_ANSWER;
+use standin_stm32f4::{run, wires};
+
+#[entry]
+fn main() -> ! {
+    let mut drive = mdrobot();
+    run::<_, ONE_ANSWER, _>(&mut drive, &mut [0xFF; MEMORY], &wires::MDROBOT)
+}
