@@ -2,23 +2,21 @@
 //!
 //! The binary runs as people start it, and is built before. `/proc` tells what it takes.
 
+#[path = "support/running.rs"]
+mod running;
 mod support;
 
 use std::fmt::Write as _;
-use std::io::{BufRead as _, BufReader, Read as _, Write as _};
+use std::io::{Read as _, Write as _};
 use std::net::TcpStream;
-use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
-use std::sync::mpsc;
 use std::time::Duration;
 
+use running::{Running, build, wait};
 use standin_protocol::modbus::rtu;
 use support::{line, took};
 
 /// How long idle drives are watched.
 const WATCH: Duration = Duration::from_secs(5);
-/// Clock ticks of the system in a second, as `/proc` counts.
-const TICKS: f64 = 100.0;
 /// How often each drive is asked.
 const ROUNDS: u32 = 10;
 /// Of all kinds that there are, as many drives as that.
@@ -100,12 +98,6 @@ fn idle(bench: &Running) {
     line("an idle drive", &format!("{memory:.1} KiB of the process, {:.4} % of a core", 100.0 * cpu));
 }
 
-/// A benchmark measures the wall clock, and this is how it lets it pass.
-fn wait(span: Duration) {
-    let (_open, never) = mpsc::channel::<()>();
-    let _ = never.recv_timeout(span);
-}
-
 fn connect(place: &String) -> TcpStream {
     let connection = TcpStream::connect(place).expect("the port is there");
     connection.set_nodelay(true).expect("it is TCP");
@@ -118,68 +110,4 @@ fn reply(connection: &mut TcpStream) {
     let mut bytes = [0; 7];
     connection.read_exact(&mut bytes).expect("a drive answers");
     assert_eq!(bytes[1..3], [3, 2], "a drive refuses");
-}
-
-/// Builds the binary; where it is.
-fn build() -> PathBuf {
-    let built = Command::new(env!("CARGO")).args(["build", "--release", "-p", "standin-sim"]).status();
-    assert!(built.is_ok_and(|status| status.success()), "standin cannot be built");
-    let here = std::env::current_exe().expect("a benchmark is a file");
-    // …/release/deps/scale-…
-    here.ancestors().nth(2).map(|release| release.join("standin")).expect("it is in a target directory")
-}
-
-/// A bench that runs, and is killed with this.
-struct Running {
-    child: Child,
-    /// Where each drive is reached.
-    places: Vec<String>,
-}
-
-impl Running {
-    fn start(standin: &Path, text: &str, options: &[&str]) -> Self {
-        let file = std::env::temp_dir().join(format!("standin-scale-{}.toml", std::process::id()));
-        std::fs::write(&file, text).expect("there is room for a file");
-        let mut child = Command::new(standin)
-            .arg("run")
-            .arg(&file)
-            .args(["--json"])
-            .args(options)
-            .stdout(Stdio::piped())
-            .spawn()
-            .expect("standin starts");
-        let mut ready = String::new();
-        let stdout = child.stdout.take().expect("it is piped");
-        BufReader::new(stdout).read_line(&mut ready).expect("standin says where the drives are");
-        let _ = std::fs::remove_file(&file);
-        let places = ready.split("tcp:").skip(1).filter_map(|rest| Some(rest.split('"').next()?.to_owned()));
-        Self { child, places: places.collect() }
-    }
-
-    /// Seconds of a core that it has taken.
-    fn cpu(&self) -> f64 {
-        let text = self.proc("stat");
-        // The name of the program may hold anything but is in brackets.
-        let after = text.rsplit(')').next().unwrap_or("");
-        let ticks = after.split_whitespace().skip(11).take(2).filter_map(|ticks| ticks.parse::<f64>().ok());
-        ticks.sum::<f64>() / TICKS
-    }
-
-    /// KiB of memory that it has.
-    fn memory(&self) -> f64 {
-        let text = self.proc("status");
-        let rss = text.lines().find_map(|line| line.strip_prefix("VmRSS:"));
-        rss.and_then(|rss| rss.trim().trim_end_matches(" kB").parse().ok()).unwrap_or(f64::NAN)
-    }
-
-    fn proc(&self, name: &str) -> String {
-        std::fs::read_to_string(format!("/proc/{}/{name}", self.child.id())).expect("it runs")
-    }
-}
-
-impl Drop for Running {
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-    }
 }

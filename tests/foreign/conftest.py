@@ -43,11 +43,13 @@ class Standin:
             return
         (device,) = ready["devices"]
         assert (device["name"], device["kind"]) == (kind, kind)
-        (uris,) = device["ports"].values()
-        addresses = dict(uri.split(":", 1) for uri in uris)
-        host, port = addresses["tcp"].rsplit(":", 1)
-        self.tcp = (host, int(port))
-        self.pty = addresses["pty"]
+        self.ports = {}
+        for name, uris in device["ports"].items():
+            addresses = dict(uri.split(":", 1) for uri in uris)
+            host, port = addresses["tcp"].rsplit(":", 1)
+            self.ports[name] = (host, int(port))
+        self.tcp = next(iter(self.ports.values()))
+        self.pty = addresses.get("pty")
 
     def _line(self):
         """The one line that says where everything is."""
@@ -86,9 +88,9 @@ class Standin:
         self.notice()
         self.call("POST", "/api/time/advance", {"seconds": seconds})
 
-    def socket(self):
-        """A client of its own on the line."""
-        return socket.create_connection(self.tcp, timeout=PATIENCE)
+    def socket(self, port=None):
+        """A client of its own on the line, or on a port by its name."""
+        return socket.create_connection(self.ports[port] if port else self.tcp, timeout=PATIENCE)
 
     def notice(self):
         """Returns when it has seen what was sent so far, and that a pty was left: before that, the pty

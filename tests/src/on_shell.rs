@@ -1,7 +1,7 @@
 //! A golden trace on the shell of a board, over the simulated hardware.
 
 use standin_firmware::device::{Boot, Device, Duration, Ends, Instant, Level, Line, Pin};
-use standin_firmware::shell::{ANSWERS, Caught, Inputs, ONE_ANSWER, Shell};
+use standin_firmware::shell::{ANSWERS, Came, Caught, Inputs, ONE_ANSWER, Shell};
 use standin_sim::hal::{Board, Done, SimOutputs};
 use standin_sim::trace::{Course, Did, Drive, Event, Fed, Power, Trace};
 
@@ -115,6 +115,18 @@ fn run_with<D: Device, const CHARACTERS: usize>(
             Fed::Millivolts { pin, mv } => player.catch(entry.at, Caught::Millivolts(*pin, *mv)),
             Fed::Fault { fault, on } => player.catch(entry.at, Caught::Fault(*fault, *on)),
             Fed::Slipped { axis, steps } => player.catch(entry.at, Caught::Slipped(*axis, *steps)),
+            Fed::Opened { port, link } => {
+                player.sleep_before(entry.at);
+                player.board.come(entry.at, *port, *link, Came::Opened);
+            }
+            Fed::Message { port, link, bytes } => {
+                player.sleep_before(entry.at);
+                player.board.say(entry.at, *port, *link, bytes);
+            }
+            Fed::Closed { port, link } => {
+                player.sleep_before(entry.at);
+                player.board.come(entry.at, *port, *link, Came::Closed);
+            }
             Fed::Power(power @ (Power::On | Power::Off)) => {
                 player.sleep_before(entry.at);
                 player.board.set_now(entry.at);
@@ -132,6 +144,8 @@ fn as_seen(at: Instant, done: &Done) -> Seen {
     Seen::Did(match done {
         Done::Level(pin, high) => return Seen::Pin(*pin, *high),
         Done::Sent(port, bytes) => Did::Bytes { port: *port, bytes: bytes.clone() },
+        Done::Message(port, link, bytes) => Did::Message { port: *port, link: *link, bytes: bytes.clone() },
+        Done::Closed(port, link) => Did::Close { port: *port, link: *link },
         Done::Line(port, line) => Did::Line { port: *port, line: *line },
         Done::Stored(offset, bytes) => Did::Store { offset: *offset as u16, bytes: bytes.clone() },
         Done::Planned(axis, plan) => Did::Course { axis: *axis, course: Box::new(Course::of(plan, at)) },

@@ -26,8 +26,8 @@ static SPEC: Spec = Spec {
         line: Some(Line::new(115_200, 8, Parity::None, 1)),
     }],
     pins: &[
-        PinSpec { name: "IN", role: Role::Input, rest: Level::High },
-        PinSpec { name: "OUT", role: Role::Output, rest: Level::Low },
+        PinSpec { name: "IN", role: Role::Input, rest: Level::High, shunt_ohm: 0 },
+        PinSpec { name: "OUT", role: Role::Output, rest: Level::Low, shunt_ohm: 0 },
     ],
     registers: Reg::TABLE,
     ..Spec::BARE

@@ -10,7 +10,7 @@ use standin_protocol::modbus::rtu;
 use standin_protocol::time::{Duration, Instant, Span};
 use standin_sim::bench::{Bench, Client, PowerAction, Seat, Settings, Setup};
 use standin_sim::bus::LineMode;
-use standin_sim::capture::Source;
+use standin_sim::capture::{Frame, Medium, Source};
 use standin_sim::faults::LineFaults;
 use standin_sim::trace::TraceKeep;
 use standin_tests::{md3, rs434};
@@ -266,8 +266,11 @@ fn scene(seed: u64, line: LineMode, order: [usize; 4]) -> String {
                 Source::Client => "client".to_owned(),
                 Source::Noise => "noise".to_owned(),
             };
-            let (at, bus) = (frame.at.since(Instant::ZERO), bench.bus_name(frame.bus));
-            format!("{at:?} {bus} {from} {:?} {} {:02X?}", frame.lasts, frame.line, frame.bytes)
+            let Frame { on: Medium::Line(bus), line: Some(line), .. } = *frame else {
+                panic!("{frame:?} is on no line");
+            };
+            let (at, bus) = (frame.at.since(Instant::ZERO), bench.bus_name(bus));
+            format!("{at:?} {bus} {from} {:?} {line} {:02X?}", frame.lasts, frame.bytes)
         })
         .collect();
     let memories = [a, b, r].map(|seat| bench.memory(seat).to_vec());

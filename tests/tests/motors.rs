@@ -346,6 +346,34 @@ fn an_rs_drive_apart_is_the_same_drive() {
     }
 }
 
+/// RATED_SPEED 3,000 and PULSES_PER_REVOLUTION 4, and motors that are not so: it is the edges that make the speed.
+#[test]
+fn an_rs_drive_holds_the_speed_that_its_sensors_count() {
+    let factory = motor::Parameters::NOMINAL;
+    for (hall_pulses, no_load_rpm, shaft_rpm) in [(8, 3_000, 500.0), (4, 4_500, 1_000.0), (4, 2_000, 1_000.0)]
+    {
+        let mut bench = Bench::new();
+        let setup = Setup { apart: true, ..Setup::default() };
+        let drive = bench.seat("d", Box::new(rs434544()), setup).unwrap();
+        assert_eq!(bench.parted(drive), Some(factory));
+        let parameters = motor::Parameters { hall_pulses, no_load_rpm, ..factory };
+        let motor = bench.fit("m", drive, AXIS, Fitting::Brush(parameters)).unwrap();
+        bench.run_until(600.millis());
+        // SPEED is 1,000, and START.
+        bench.ask(drive, &rtu::write(1, at::SPEED, 1_000));
+        bench.ask(drive, &rtu::frame(1, &[5, 0x20, 0, 0xFF, 0]));
+        bench.run_until(2_600.millis());
+        // 1 % of it, for 0.2 s; without an error.
+        for ms in (2_600..2_800).step_by(10) {
+            bench.run_until(ms.millis());
+            let (valid, shaft) = (bench.peek(drive, row("SPEED_VALID")), bench.turn(motor).rpm);
+            assert!((990..=1_010).contains(&valid), "SPEED_VALID {valid} with {parameters:?}");
+            assert!((shaft / shaft_rpm - 1.0).abs() <= 0.01, "{shaft} rpm with {parameters:?}");
+        }
+        assert_eq!(bench.peek(drive, row("ERROR")), 0, "{parameters:?}");
+    }
+}
+
 #[test]
 fn a_motor_of_other_parameters_turns_otherwise() {
     let mut ways = Vec::new();

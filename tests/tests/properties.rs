@@ -4,10 +4,10 @@
 
 use proptest::prelude::*;
 use standin_firmware::device::{
-    Boot, Device, Duration, Encoder, Ends, Fault, Input, Instant, Output, Pin, Port, Sink, advance,
+    Boot, Device, Duration, Encoder, Ends, Fault, Input, Instant, Link, Output, Pin, Port, Sink, advance,
 };
-use standin_protocol::line::Line;
-use standin_protocol::modbus::{ascii, rtu};
+use standin_protocol::line::{Line, Parity};
+use standin_protocol::modbus::{ascii, rtu, tcp};
 use standin_tests::md3::at;
 use standin_tests::toy::Toy;
 
@@ -56,6 +56,11 @@ enum Event {
     Millivolts(u8, i32),
     Count(u8, i32, bool, bool),
     Fault(u8, bool),
+    /// On a TCP connection, of a drive that has such ports: its number, and what comes there.
+    Opened(u8),
+    Request(u8, Vec<u8>),
+    Typed(u8, Vec<u8>),
+    Closed(u8),
 }
 
 /// Makes a drive without power.
@@ -228,8 +233,118 @@ fn bytes() -> impl Strategy<Value = Vec<u8>> {
     ]
 }
 
+/// Requests of an MDrive, good or not quite: registers, programs, set-up.
+fn adu() -> impl Strategy<Value = Vec<u8>> {
+    let address = 0_u16..0xB8;
+    let value = prop_oneof![0_u32..30, 1_000_u32..2_000_000, any::<u32>()];
+    let name = proptest::sample::select(vec![*b"S1", *b"S2", *b"EX", *b"PS", *b"RS", *b"E ", *b"TR", *b"CR"]);
+    let string = proptest::sample::select(vec!["=0,0,0", "=16,1,0", "=7,0,0", "G1", "1", "=500", "", "="]);
+    let pdu = prop_oneof![
+        (proptest::sample::select(vec![1_u8, 2, 3, 5]), address.clone(), 0_u16..5)
+            .prop_map(|(function, first, count)| pdu(function, &[first, count])),
+        (address.clone(), any::<u16>()).prop_map(|(first, value)| write_words(first, &[value])),
+        (address, value)
+            .prop_map(|(first, value)| write_words(first, &[(value >> 16) as u16, (value & 0xFFFF) as u16])),
+        (any::<bool>(), name, string).prop_map(|(writes, name, string)| {
+            let mut pdu =
+                vec![if writes { 66 } else { 65 }, b' ', b' ', name[1], name[0], string.len() as u8];
+            pdu.extend(string.bytes());
+            pdu
+        }),
+        proptest::collection::vec(any::<u8>(), 1..40),
+    ];
+    (0_u8..3, pdu).prop_map(|(unit, pdu)| tcp::frame(tcp::Header { transaction: 7, unit }, &pdu).to_vec())
+}
+
+/// Lines of MCode, good or not quite.
+fn typed() -> impl Strategy<Value = Vec<u8>> {
+    let line = proptest::sample::select(vec![
+        "MR 20000",
+        "MA -5000,0,1",
+        "SL 400000",
+        "SL -3000",
+        "SL 0",
+        "HM 1",
+        "HI 3",
+        "H 20",
+        "H",
+        "PR P,V,MV",
+        "PR AL",
+        "PR ER",
+        "P=0",
+        "S1=2,0,0",
+        "S2=3,0,0",
+        "S3=1,0,0",
+        "S4=17,1,0",
+        "EE=1",
+        "EE=0",
+        "PM=1",
+        "MS=16",
+        "VA Q1=3",
+        "IC Q1",
+        "R1=R1+7",
+        "R2=R1*R1",
+        "PG 1",
+        "PG 50",
+        "PG",
+        "LB G1",
+        "LB K1",
+        "LB SU",
+        "BR G1",
+        "BR G1,R1<50",
+        "CL K1",
+        "RT",
+        "E",
+        "EX 1",
+        "EX G1,1",
+        "EX G1,2",
+        "PS",
+        "RS",
+        "OE K1",
+        "OE 0",
+        "TP=3000,K1",
+        "TT=15,K1",
+        "TI=1,K1",
+        "TR=500,K1,3",
+        "TE=11",
+        "TE=16",
+        "IV R3",
+        "250",
+        "EM=2",
+        "EM=0",
+        "S",
+        "IP",
+        "CP",
+        "L",
+        "FD",
+        "AS=3",
+        "MU=1",
+        "CM=1",
+        "S7=50,0",
+        "S8=50,0",
+        "S13=61,0",
+        "JE=1",
+        "DE=0",
+        "DE=1",
+        "LM=3",
+        "\x03",
+        "\x1b",
+        " ",
+        "\x08\x08X",
+    ]);
+    let end = proptest::sample::select(vec!["\r", "\r\n", "\n", ""]);
+    prop_oneof![
+        20 => (line, end).prop_map(|(line, end)| format!("{line}{end}").into_bytes()),
+        1 => proptest::collection::vec(any::<u8>(), 1..80),
+    ]
+}
+
 fn event() -> impl Strategy<Value = Event> {
     prop_oneof![
+        1 => (0_u8..6).prop_map(Event::Opened),
+        8 => (0_u8..6, adu()).prop_map(|(link, adu)| Event::Request(link, adu)),
+        12 => (0_u8..6, typed()).prop_map(|(link, line)| Event::Typed(link, line)),
+        1 => (0_u8..6).prop_map(Event::Closed),
         24 => bytes().prop_map(Event::Bytes),
         2 => Just(Event::Spoiled),
         2 => Just(Event::Idle),
@@ -271,7 +386,7 @@ fn script() -> impl Strategy<Value = Script> {
 }
 
 /// More rows than any drive has.
-const ROWS: usize = 100;
+const ROWS: usize = 160;
 
 /// Values of registers, by their rows.
 fn presets() -> impl Strategy<Value = Vec<(usize, i64)>> {
@@ -303,6 +418,8 @@ fn run(
     let port = spec.ports.first().expect("every drive here has a port");
     let silence = port.ends == Ends::Silence;
     let longest = longest(&*drive);
+    // What comes by TCP takes no time.
+    let serial = port.line.is_some();
     // The line of one that judges silence is among what could be preset.
     let (piece, presets) = if silence { (piece, [].as_slice()) } else { (1, presets.as_slice()) };
     if let Some((name, value)) = subject.saved {
@@ -322,19 +439,27 @@ fn run(
         advance(&mut *drive, Instant::ZERO, core::iter::empty(), &mut log);
     }
     let said = log.line.filter(|_| silence);
-    let line = said.or(port.line).expect("it is a serial port");
+    let line = said.or(port.line).unwrap_or(Line::new(115_200, 8, Parity::None, 1));
     assert_eq!(ascii::is_on(line), subject.saved.is_some());
     let mut at = Instant::ZERO;
     let mut inputs: Vec<(Instant, Event)> = Vec::new();
     for (gap, event) in events {
         at += Duration::from_ticks(*gap % longest.ticks()) + line.character();
         match event {
+            Event::Bytes(_) | Event::Spoiled | Event::Idle | Event::Attached(_) if !serial => {}
+            Event::Opened(_) | Event::Request(..) | Event::Typed(..) | Event::Closed(_) if serial => {}
             Event::Bytes(bytes) => {
                 // In ASCII nothing follows a line feed in a burst.
                 let bursts = bytes.split_inclusive(|&byte| ascii::is_on(line) && byte == b'\n');
                 for bytes in bursts.flat_map(|burst| burst.chunks(piece)) {
                     inputs.push((at, Event::Bytes(bytes.to_vec())));
                     at += line.character() * bytes.len() as u64;
+                }
+            }
+            // Nothing follows a carriage return in a message.
+            Event::Typed(link, bytes) => {
+                for part in bytes.split_inclusive(|&byte| byte == b'\r') {
+                    inputs.push((at, Event::Typed(*link, part.to_vec())));
                 }
             }
             event => inputs.push((at, event.clone())),
@@ -356,6 +481,10 @@ fn run(
                 Input::Count { encoder: Encoder(*encoder), steps: *steps, a: *a, b: *b }
             }
             Event::Fault(fault, on) => Input::Fault { fault: Fault(*fault), on: *on },
+            Event::Opened(link) => Input::Opened { port: Port(1), link: Link(*link) },
+            Event::Request(link, bytes) => Input::Message { port: Port(0), link: Link(*link), bytes },
+            Event::Typed(link, bytes) => Input::Message { port: Port(1), link: Link(*link), bytes },
+            Event::Closed(link) => Input::Closed { port: Port(1), link: Link(*link) },
         };
         let due = drive.deadline();
         standin_firmware::device::feed(&mut *drive, due, *at, input, &mut log);
@@ -365,7 +494,7 @@ fn run(
 }
 
 /// More bytes than any drive's memory has.
-const MEMORY: usize = 5_000;
+const MEMORY: usize = 20_000;
 
 proptest! {
     #![proptest_config(ProptestConfig { cases: 256, ..ProptestConfig::default() })]
@@ -454,13 +583,17 @@ fn every_drive_names_what_its_spec_points_to() {
         assert!(
             spec.axes.iter().filter_map(|axis| axis.step_dir).all(|(step, dir)| exists(step) && exists(dir))
         );
-        assert!(spec.encoders.iter().all(|e| exists(e.a) && exists(e.b) && exists(e.index)));
+        assert!(spec.encoders.iter().all(|e| exists(e.a) && exists(e.b) && e.index.is_none_or(exists)));
         assert!(spec.address.is_none_or(|row| row < spec.registers.rows.len()));
-        let mut names: Vec<_> = spec.pins.iter().map(|pin| pin.name).collect();
-        names.extend(spec.registers.rows.iter().map(|row| row.name));
-        let count = names.len();
-        names.sort_unstable();
-        names.dedup();
-        assert_eq!(names.len(), count, "{}: two things have one name", spec.kind);
+        // A board knows pins and faults by their names alone.
+        let ends = spec.pins.iter().map(|pin| pin.name).chain(spec.faults.iter().copied());
+        assert_eq!(twice(ends), None, "{}", spec.kind);
+        assert_eq!(twice(spec.registers.rows.iter().map(|row| row.name)), None, "{}", spec.kind);
     }
+}
+
+/// The first name that comes again.
+fn twice(names: impl Iterator<Item = &'static str>) -> Option<&'static str> {
+    let mut seen = std::collections::BTreeSet::new();
+    names.into_iter().find(|name| !seen.insert(*name))
 }

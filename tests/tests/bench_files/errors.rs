@@ -100,7 +100,10 @@ fn drives() {
                 "set = { Sped = 1 }",
                 "line 4, column 9: there is no register of md3 'Sped'; the nearest is 'Speed'",
             ),
-            ("set = { Speed = 2.5 }", "line 4, column 17: Speed takes a whole number, not 2.5"),
+            (
+                "set = { Speed = 2.5 }",
+                "line 4, column 17: Speed takes a whole number or a list of them, not 2.5",
+            ),
             ("set = { SpeedHigh = 65536 }", "line 4, column 21: SpeedHigh takes 0 to 65535, not 65536"),
             (
                 "set = { MotionControl = 1 }",
@@ -260,6 +263,35 @@ fn brush_motors() {
             (
                 "[[motor]]\nname = 'm'\ndrive = 'r'\nsupply_v = 0",
                 "line 5, column 12: supply_v takes a number from 0.001 to 100, not 0",
+            ),
+            (
+                "[[motor]]\nname = 'm'\ndrive = 'r'\npoles = 4",
+                "line 5, column 1: poles is of a brushless motor; rs434544 turns a brush motor",
+            ),
+        ],
+    );
+}
+
+#[test]
+fn brushless_motors() {
+    check(
+        "drive = [{name = 'd', kind = 'mdrobot'}]\n",
+        &[
+            (
+                "[[motor]]\nname = 'm'\ndrive = 'd'\nhall_pulses = 2",
+                "line 5, column 1: hall_pulses is of a brush motor; mdrobot turns a brushless motor",
+            ),
+            (
+                "[[motor]]\nname = 'm'\ndrive = 'd'\nsupply_v = 24\nrated_ma = 1",
+                "line 6, column 1: rated_ma is of a stepper motor; mdrobot turns a brushless motor",
+            ),
+            (
+                "[[motor]]\nname = 'm'\ndrive = 'd'\npoles = 7",
+                "line 5, column 9: poles takes an even number, not 7",
+            ),
+            (
+                "[[motor]]\nname = 'm'\ndrive = 'd'\npoles = 0",
+                "line 5, column 9: poles takes a whole number from 2 to 2000, not 0",
             ),
         ],
     );

@@ -67,6 +67,31 @@ fn the_qsb_moves_the_motor_of_the_md3_and_reads_its_encoder() {
     }
 }
 
+#[test]
+fn two_wheels_drive_straight_on_with_the_same_command() {
+    // PIDs of the manual: UI_COM, START_STOP, VEL_CMD, POSI_RESET, INV_SIGN_CMD (p. 7, 12, 13).
+    let mut built = example("two-wheels");
+    let bench = &mut built.bench;
+    let [left, right] = ["left", "right"].map(|name| seat(bench, name));
+    let client = bench.connect(built.buses[0]);
+    let position = |bench: &Bench, seat| bench.motion(seat, AXIS).position;
+    bench.run_until(5.secs());
+    assert_eq!([left, right].map(|seat| bench.motion(seat, AXIS).moving), [false; 2], "nobody has commanded");
+    let began = [position(bench, left), position(bench, right)];
+    for (pid, value) in [(78, 1), (100, 1), (130, 500)] {
+        for id in [1, 2] {
+            let request = rtu::write(id, pid, value);
+            assert_eq!(ask(bench, client, &request), request[..]);
+        }
+    }
+    bench.run_until(10.secs());
+    assert!((register(bench, left, "RPM_DATA") - 500).abs() <= 5);
+    assert!((register(bench, right, "RPM_DATA") + 500).abs() <= 5, "measured values are not turned round");
+    // 12 counts a turn; the second one was told 30 ms later.
+    let ways = [position(bench, left) - began[0], began[1] - position(bench, right)];
+    assert!(ways[0] > 400 && (ways[0] - ways[1]).abs() <= 6, "{ways:?}");
+}
+
 /// Sends a command to a QSB, and returns the data of its reply.
 #[track_caller]
 fn command(bench: &mut Bench, client: Client, command: &str) -> i32 {

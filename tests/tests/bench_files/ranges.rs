@@ -2,6 +2,7 @@
 
 use standin_firmware::motor::{self, stepper};
 use standin_sim::bench::{CYCLES_PER_REV, FURTHEST_REV};
+use standin_sim::kinds;
 
 const REFERENCE: &str = include_str!("../../../docs/bench-files.md");
 
@@ -17,7 +18,7 @@ fn written(number: f64) -> String {
 /// What the reference says of each key with that name.
 fn rows(key: &str) -> Vec<&'static str> {
     let rows = REFERENCE
-        .lines()
+        .split_inclusive('\n')
         .filter(|row| row.starts_with(&format!("| `{key}`")) || row.starts_with(&format!("| **`{key}`**")));
     rows.collect()
 }
@@ -67,6 +68,7 @@ fn the_reference_tells_the_ranges_of_motors() {
     thousandths("supply_v", least.supply_mv, most.supply_mv);
     thousandths("resistance_ohm", least.resistance_mohm, most.resistance_mohm);
     range("hall_pulses", least.hall_pulses, most.hall_pulses);
+    range("poles", 2 * least.hall_pulses, 2 * most.hall_pulses);
 }
 
 #[test]
@@ -97,4 +99,14 @@ fn the_reference_tells_the_defaults_of_motors() {
     default("supply_v", f64::from(nominal.supply_mv) / 1_000.0);
     default("resistance_ohm", f64::from(nominal.resistance_mohm) / 1_000.0);
     default("hall_pulses", nominal.hall_pulses.into());
+
+    let own = kinds::make("mdrobot").unwrap().own_motor().unwrap();
+    let last = |key: &str, value: f64| assert_says(key, &format!("| {} |\n", written(value)));
+    last("inertia_gcm2", own.inertia_gcm2.into());
+    last("friction_mnm", f64::from(own.friction_unm) / 1_000.0);
+    last("load_mnm", f64::from(own.load_unm) / 1_000.0);
+    last("no_load_rpm", own.no_load_rpm.into());
+    last("supply_v", f64::from(own.supply_mv) / 1_000.0);
+    last("resistance_ohm", f64::from(own.resistance_mohm) / 1_000.0);
+    last("poles", (2 * own.hall_pulses).into());
 }

@@ -23,6 +23,7 @@ pub(crate) fn wires(kind: &str) -> Wires {
         "md3" | "md3-low" => MD3.to_vec(),
         "qsb-d" | "qsb-m" | "qsb-s" => QSB.to_vec(),
         "rs434544" | "rs434546" => RS434.to_vec(),
+        "mdrobot" => MDROBOT.to_vec(),
         _ => panic!("the pin-out of a {kind} is missing here"),
     }
 }
@@ -80,4 +81,31 @@ static RS434: [(&str, Gpio); 17] = [
     ("switches", Gpio('G', 0)),
     ("current_limit", Gpio('G', 1)),
     ("stall", Gpio('C', 6)),
+];
+
+static MDROBOT: [(&str, Gpio); 24] = [
+    ("INT_SPEED", Gpio('D', 0)),
+    ("ALARM_RESET", Gpio('D', 1)),
+    ("DIR", Gpio('D', 4)),
+    ("RUN_BRAKE", Gpio('D', 5)),
+    ("START_STOP", Gpio('D', 6)),
+    ("ENC_A", Gpio('D', 7)),
+    ("ENC_B", Gpio('C', 4)),
+    ("SPEED_IN", Gpio('C', 5)),
+    ("PULSE_IN", Gpio('C', 6)),
+    ("ALARM", Gpio('B', 0)),
+    ("CLUTCH", Gpio('B', 1)),
+    ("FAN", Gpio('F', 0)),
+    ("HU", Gpio('E', 0)),
+    ("HV", Gpio('E', 1)),
+    ("HW", Gpio('E', 2)),
+    ("over_voltage", Gpio('A', 2)),
+    ("over_temperature", Gpio('A', 3)),
+    ("overload", Gpio('A', 4)),
+    ("hall_fail", Gpio('A', 5)),
+    ("encoder_fail", Gpio('A', 6)),
+    ("inverse_velocity", Gpio('A', 7)),
+    ("stall", Gpio('G', 0)),
+    ("ctrl_fail", Gpio('G', 1)),
+    ("regen_over_temperature", Gpio('C', 7)),
 ];

@@ -21,13 +21,14 @@ use crate::place::Places;
 use crate::stack::Stack;
 
 /// How long after its instant the board may do a thing, or hear one: interrupts and the loop. This bound
-/// and the next ones are for the speed of its code: the instructions that take so long at 16 ns each. Longest is a
-/// request that gives an RS 434544 a speed and two ramps, each of which its servo takes in: 207 µs.
-const LATENCY: Duration = Duration::micros(250);
+/// and the next ones are for the speed of its code: the instructions that take so long at 16 ns each. Longest is an
+/// alarm of an MDROBOT, which lets go of what its servo does: 376 µs.
+const LATENCY: Duration = Duration::micros(400);
 /// How long if the motor is given a new plan then, which the loop computes before it does anything else.
 pub(crate) const PLANNING: Duration = Duration::micros(700);
-/// How long it may take from its first instruction until it has done all that it does at power-on.
-const BOOT: Duration = Duration::micros(450);
+/// How long it may take from its first instruction until it has done all that it does at power-on. Longest is an
+/// MDROBOT, which judges each of its 92 rows: 600 µs.
+const BOOT: Duration = Duration::micros(700);
 /// How much longer for each byte of its memory, which is read and judged then; as much where the drive judges and
 /// stores [many](MANY) bytes.
 const BYTE: Duration = Duration::from_ticks(4);
@@ -98,7 +99,8 @@ pub(crate) fn play(
     inputs.extend(heard.filter_map(|pin| Some((gpio(pin.name)?, pin.rest != Level::Low))));
     inputs.extend(spec.faults.iter().chain(&["DTR"]).filter_map(|name| Some((gpio(name)?, true))));
 
-    let has_axis_pins = !spec.axes.is_empty() && expected.shared_step().is_none();
+    let has_steps = spec.axes.iter().any(|axis| axis.step_dir.is_some());
+    let has_axis_pins = has_steps && expected.shared_step().is_none();
     let mut replay = Replay {
         machine,
         expected,

@@ -11,7 +11,7 @@ use embedded_hal::digital::{self, OutputPin};
 use embedded_io::{Write, WriteReady};
 use embedded_storage::{ReadStorage, Storage};
 use standin_firmware::device::{Boot, Device, Duration, Ends, Instant, Line, Pin, Port};
-use standin_firmware::shell::{Caught, Inputs, Outputs, Shell};
+use standin_firmware::shell::{Caught, Inputs, NoLinks, Outputs, Shell};
 use standin_protocol::modbus::rtu;
 use standin_protocol::registers::Space;
 
@@ -32,7 +32,7 @@ fn main() -> ! {
     macro_rules! pick {
         ($($make:expr),* $(,)?) => {
             $(if place.next() == Some(PLACE) {
-                measure($make());
+                measure(|| $make());
             })*
         };
     }
@@ -40,14 +40,24 @@ fn main() -> ! {
     done()
 }
 
-/// Asks a drive with its factory settings for its first ten registers, or one that hears lines of text for a value.
-fn measure<D: Device>(mut drive: D) {
+/// Asks a drive with its factory settings for its first ten registers, one whose addresses name whole values for the
+/// longest of them, or one that hears lines of text for a value. Not inlined: RAM has room for one drive.
+#[inline(never)]
+fn measure<D: Device>(make: impl FnOnce() -> D) {
+    let mut drive = make();
     const STARTED: Duration = Duration::secs(10);
     let port = drive.spec().ports.first().expect("the drive has a port");
     let character = port.line.expect("it is a serial one").character();
     let hears_lines = port.ends == Ends::Character;
+    let objects = drive.spec().registers.layout.objects;
     let registers = drive.spec().registers.rows.iter();
-    let first = registers.filter(|row| row.space == Space::Holding).map(|row| row.address).min();
+    let registers = registers.filter(|row| row.space == Space::Holding && row.access.reads());
+    let (first, words) = if objects {
+        registers.map(|row| (row.address, row.shape.words())).max_by_key(|(_, words)| *words)
+    } else {
+        registers.map(|row| row.address).min().map(|first| (first, 10))
+    }
+    .expect("there is something to read");
     let board = Board::default();
     let boot = Boot { seed: 0, fast: true };
     let mut shell = DriveShell::<D>::new(&mut drive, &board, Hands(&board));
@@ -63,7 +73,7 @@ fn measure<D: Device>(mut drive: D) {
         board.caught.set(Some(Caught::Byte(Port(0), byte)));
     };
     group(c"byte received");
-    let request = rtu::read(1, first.unwrap_or(0), 10);
+    let request = rtu::read(1, first, words);
     for byte in if hears_lines { b"R0E" } else { request.as_slice() } {
         hear(*byte);
         count(|| turn(&mut shell));
@@ -73,9 +83,9 @@ fn measure<D: Device>(mut drive: D) {
         hear(b'\r');
         (17, *b"r 0")
     } else {
-        group(c"request of 10 registers");
+        group(if objects { c"request of the longest value" } else { c"request of 10 registers" });
         board.now.set(shell.deadline());
-        (25, [1, 3, 20])
+        (5 + 2 * usize::from(words), [1, 3, 2 * words as u8])
     };
     count(|| turn(&mut shell));
     assert_eq!(board.said.get(), answer, "the drive answers at once");
@@ -113,6 +123,7 @@ impl Outputs for Hands<'_> {
     type Serial = Self;
     type Pin = Self;
     type Memory = Self;
+    type Links = NoLinks;
 
     fn serial(&mut self, _port: Port) -> Option<&mut Self> {
         Some(self)

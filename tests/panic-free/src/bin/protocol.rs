@@ -6,22 +6,23 @@ use panic_free::{opaque, perhaps_panic};
 use standin_protocol::line::Line;
 use standin_protocol::modbus::pdu::{Exception, Request};
 use standin_protocol::modbus::rtu::{self, Receiver, Timing};
-use standin_protocol::modbus::server::{Map, Rules, serve_rtu, serve_serial};
-use standin_protocol::modbus::{Frame, ascii, front};
+use standin_protocol::modbus::server::{Map, Rules, Values, serve_rtu, serve_serial, serve_tcp};
+use standin_protocol::modbus::tcp::{self, Adu, Header, Splitter};
+use standin_protocol::modbus::{Frame, Reply, ascii, front, identification};
 use standin_protocol::registers::{Bank, Register, Space};
 use standin_protocol::time::{Duration, Instant};
 
 standin_protocol::registers! {
     /// A map with a row of each kind of shape.
     enum Reg: LowFirst {
-        /// A limited word.
-        Word = rw(0, "1").range(0, 9).saved(),
+        /// A limited word, which is a coil too.
+        Word = rw(0, "1").range(0, 9).saved().also_coil(),
         /// Two words.
         Pair = rw(1, "2").i32().clamped(-5, 5).live(),
         /// More words.
-        Words = rw(3, "3").words(3),
+        Words = rw(3, "3").words(3).optional(),
         /// A bit.
-        Coil = coil(0, "4").one_of(&[0, 1]),
+        Coil = coil(1, "4").one_of(&[0, 1]),
     }
 }
 
@@ -45,6 +46,19 @@ impl Map for Slave {
     fn written(&mut self, register: Reg) {
         opaque(register);
     }
+
+    fn carry_out(&mut self, values: &Values<'_, Reg>) -> Option<Result<(), Exception>> {
+        opaque(values.get(opaque(Reg::Pair)));
+        opaque(None)
+    }
+
+    fn is_there(&self, register: Reg) -> bool {
+        opaque(register) != opaque(Reg::Words)
+    }
+
+    fn serve_other(&mut self, pdu: &[u8], reply: &mut Reply) -> Result<(), Exception> {
+        identification::answer(pdu, opaque(0x82), opaque(&[(0, b"")]), reply)
+    }
 }
 
 /// Where the linker begins.
@@ -58,6 +72,7 @@ extern "C" fn start() -> ! {
         serve(slave, bytes);
         map(slave, bytes);
         receive(bytes, at);
+        split(bytes);
         time(at);
         perhaps_panic(bytes, opaque(0));
     }
@@ -69,6 +84,8 @@ fn serve(slave: &mut Slave, bytes: &[u8]) {
         broadcast: opaque(None),
         most_read: opaque(32),
         most_written: opaque(32),
+        bits_per_word: opaque(16),
+        writes_halves: opaque(true),
         bad_quantity: opaque(Exception::IllegalDataValue),
         bad_value: opaque(Exception::IllegalDataValue),
         read_only: opaque(Exception::IllegalDataAddress),
@@ -76,6 +93,8 @@ fn serve(slave: &mut Slave, bytes: &[u8]) {
     let mut reply: Frame = opaque(Frame::new());
     opaque(serve_rtu(bytes, opaque(1), &rules, slave, &mut reply));
     opaque(serve_serial(bytes, opaque(1), &rules, slave, &mut reply));
+    let mut adu: Adu = opaque(Adu::new());
+    opaque(serve_tcp(bytes, &rules, slave, &mut adu));
     opaque(Request::parse(bytes));
     opaque(rtu::frame(opaque(1), bytes));
     opaque(rtu::read(opaque(1), opaque(0), opaque(1)));
@@ -84,6 +103,9 @@ fn serve(slave: &mut Slave, bytes: &[u8]) {
     opaque(ascii::frame(opaque(1), bytes));
     opaque(ascii::read(opaque(1), opaque(0), opaque(1)));
     opaque(ascii::write(opaque(1), opaque(0), opaque(1)));
+    let header = opaque(Header { transaction: 1, unit: 1 });
+    opaque(tcp::read(header, opaque(0), opaque(1)));
+    opaque(tcp::frame(header, bytes));
 }
 
 fn map(slave: &mut Slave, bytes: &[u8]) {
@@ -123,6 +145,14 @@ fn receive(bytes: &[u8], at: Instant) {
     opaque((receiver.deadline(), receiver.is_over(at)));
     opaque(receiver.take());
     receiver.clear();
+}
+
+fn split(mut segment: &[u8]) {
+    let mut splitter = opaque(Splitter::new());
+    while let Ok(Some(adu)) = splitter.next(&mut segment) {
+        opaque(tcp::parse(adu));
+    }
+    opaque(splitter);
 }
 
 fn time(at: Instant) {

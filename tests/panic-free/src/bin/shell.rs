@@ -9,10 +9,11 @@ use embedded_io::{Write, WriteReady};
 use embedded_storage::{ReadStorage, Storage};
 use panic_free::{opaque, perhaps_panic};
 use standin_firmware::device::{
-    Axis, Boot, Device, Duration, Input, Instant, Line, Output, Pin, Plan, Port, Refused, Sink, Spec,
+    Axis, Boot, Device, Duration, Input, Instant, Line, Link, Output, Pin, Plan, Port, Refused, Sink, Spec,
 };
 use standin_firmware::md3::Reg;
-use standin_firmware::shell::{Caught, Inputs, ONE_ANSWER, Outputs, Shell};
+use standin_firmware::shell::{Came, Caught, Inputs, Links, ONE_ANSWER, Outputs, Shell};
+use standin_protocol::modbus::tcp::Adu;
 use standin_protocol::registers::Register;
 
 /// Any drive on any board.
@@ -81,6 +82,7 @@ impl Outputs for Anything {
     type Serial = Self;
     type Pin = Self;
     type Memory = Self;
+    type Links = Self;
 
     fn serial(&mut self, _port: Port) -> Option<&mut Self> {
         opaque(Some(self))
@@ -88,6 +90,10 @@ impl Outputs for Anything {
 
     fn set_line(&mut self, _port: Port, line: Line) {
         opaque(line);
+    }
+
+    fn links(&mut self) -> Option<&mut Self> {
+        opaque(Some(self))
     }
 
     fn pin(&mut self, _pin: Pin) -> Option<&mut Self> {
@@ -105,6 +111,22 @@ impl Outputs for Anything {
     fn plan(&mut self, _axis: Axis, plan: &Plan) -> Duration {
         opaque(plan);
         opaque(Duration::ZERO)
+    }
+}
+
+impl Links for Anything {
+    fn next(&mut self, now: Instant, message: &mut Adu) -> Result<(Port, Link, Came), Instant> {
+        opaque(message);
+        opaque(Err(now))
+    }
+
+    fn send(&mut self, _port: Port, _link: Link, bytes: &[u8]) -> bool {
+        opaque(bytes);
+        opaque(true)
+    }
+
+    fn close(&mut self, port: Port, link: Link) {
+        opaque((port, link));
     }
 }
 

@@ -1,0 +1,80 @@
+//! The program `standin` as people start it, and what its process takes, as `/proc` tells.
+
+use std::io::{BufRead as _, BufReader};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::sync::mpsc;
+use std::time::Duration;
+
+/// Clock ticks of the system in a second, as `/proc` counts.
+const TICKS: f64 = 100.0;
+
+/// A benchmark measures the wall clock, and this is how it lets it pass.
+pub(crate) fn wait(span: Duration) {
+    let (_open, never) = mpsc::channel::<()>();
+    let _ = never.recv_timeout(span);
+}
+
+/// Builds the binary; where it is.
+pub(crate) fn build() -> PathBuf {
+    let built = Command::new(env!("CARGO")).args(["build", "--release", "-p", "standin-sim"]).status();
+    assert!(built.is_ok_and(|status| status.success()), "standin cannot be built");
+    let here = std::env::current_exe().expect("a benchmark is a file");
+    // …/release/deps/scale-…
+    here.ancestors().nth(2).map(|release| release.join("standin")).expect("it is in a target directory")
+}
+
+/// A program that serves TCP ports, and is killed with this.
+pub(crate) struct Running {
+    child: Child,
+    /// Where each port is reached.
+    pub(crate) places: Vec<String>,
+}
+
+impl Running {
+    /// `standin` with the bench of a file.
+    pub(crate) fn start(standin: &Path, text: &str, options: &[&str]) -> Self {
+        let file = std::env::temp_dir().join(format!("standin-bench-{}.toml", std::process::id()));
+        std::fs::write(&file, text).expect("there is room for a file");
+        let running = Self::of(Command::new(standin).arg("run").arg(&file).arg("--json").args(options));
+        let _ = std::fs::remove_file(&file);
+        running
+    }
+
+    /// A program whose first line says where it is reached, each time as `tcp:HOST:PORT"`.
+    pub(crate) fn of(command: &mut Command) -> Self {
+        let mut child = command.stdout(Stdio::piped()).spawn().expect("it starts");
+        let mut ready = String::new();
+        let stdout = child.stdout.take().expect("it is piped");
+        BufReader::new(stdout).read_line(&mut ready).expect("it says where it is reached");
+        let places = ready.split("tcp:").skip(1).filter_map(|rest| Some(rest.split('"').next()?.to_owned()));
+        Self { child, places: places.collect() }
+    }
+
+    /// Seconds of a core that it has taken.
+    pub(crate) fn cpu(&self) -> f64 {
+        let text = self.proc("stat");
+        // The name of the program may hold anything but is in brackets.
+        let after = text.rsplit(')').next().unwrap_or("");
+        let ticks = after.split_whitespace().skip(11).take(2).filter_map(|ticks| ticks.parse::<f64>().ok());
+        ticks.sum::<f64>() / TICKS
+    }
+
+    /// KiB of memory that it has.
+    pub(crate) fn memory(&self) -> f64 {
+        let text = self.proc("status");
+        let rss = text.lines().find_map(|line| line.strip_prefix("VmRSS:"));
+        rss.and_then(|rss| rss.trim().trim_end_matches(" kB").parse().ok()).unwrap_or(f64::NAN)
+    }
+
+    fn proc(&self, name: &str) -> String {
+        std::fs::read_to_string(format!("/proc/{}/{name}", self.child.id())).expect("it runs")
+    }
+}
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}

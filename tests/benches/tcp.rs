@@ -1,0 +1,203 @@
+//! Modbus/TCP: how fast a drive answers, beside a server of the `tokio-modbus` crate in the same run, and what
+//! connections take on which nothing is said.
+//!
+//! Both run as processes of their own and are asked by the same client, in turns; `/proc` tells what they take. The
+//! server holds a few registers in memory and runs on one thread, as a bench does; each turn is long enough that the
+//! system's clock ticks of 10 ms do not matter.
+
+#[path = "support/running.rs"]
+mod running;
+mod support;
+
+use std::fmt::Write as _;
+use std::future;
+use std::io::{Read as _, Write as _};
+use std::net::TcpStream;
+use std::process::Command;
+use std::time::Duration;
+
+use running::{Running, build, wait};
+use standin_protocol::modbus::tcp::{self, HEADER_BYTES, Header};
+use support::{line, took};
+use tokio_modbus::server::Service;
+use tokio_modbus::server::tcp::{Server, accept_tcp_connection};
+use tokio_modbus::{ExceptionCode, Request, Response};
+
+/// The drive that is asked.
+const KIND: &str = "mdrive";
+/// Its port of Modbus/TCP.
+const PORT: &str = "modbus";
+/// What is read: its maximum velocity, two registers.
+const FIRST: u16 = 0x8B;
+const COUNT: u16 = 2;
+
+/// Requests in a turn, and turns of each; the best one counts.
+const REQUESTS: usize = 100_000;
+const TURNS: usize = 3;
+
+/// Connections on which nothing is said: so many drives, so many of each.
+const DRIVES: usize = 20;
+const EACH: usize = 50;
+
+/// How long they are watched.
+const WATCH: Duration = Duration::from_secs(5);
+
+/// The argument with which this program is the server.
+const SERVE: &str = "serve";
+
+fn main() {
+    if std::env::args().nth(1).as_deref() == Some(SERVE) {
+        return serve();
+    }
+    let standin = build();
+    let start = |drives: usize| {
+        let mut file = String::new();
+        for drive in 0..drives {
+            let listen = format!("listen = ['{PORT}=tcp:127.0.0.1:0']");
+            let _ =
+                write!(file, "[[drive]]\nname = 'd{drive}'\nkind = '{KIND}'\nfast_boot = true\n{listen}\n");
+        }
+        let bench = Running::start(&standin, &file, &[]);
+        assert_eq!(bench.places.len(), drives, "standin has started no {KIND}");
+        bench
+    };
+    let this = std::env::current_exe().expect("a benchmark is a file");
+    let server = Running::of(Command::new(this).arg(SERVE));
+    {
+        let bench = start(1);
+        for connections in [1, 50] {
+            println!("{connections} connection(s), each with a request of {COUNT} registers under way");
+            let (mut ours, mut theirs) = (Taken::NOTHING, Taken::NOTHING);
+            for _ in 0..TURNS {
+                ours = ours.best(turn(&bench, connections));
+                theirs = theirs.best(turn(&server, connections));
+            }
+            line("standin", &ours.to_string());
+            line("tokio-modbus", &theirs.to_string());
+            let (speed, cpu) = (ours.rate / theirs.rate, ours.cpu_us / theirs.cpu_us);
+            line("standin is", &format!("{speed:.2} times as fast, and takes {cpu:.2} times the CPU time"));
+        }
+    }
+    println!("{} connections on which nothing is said", DRIVES * EACH);
+    let bench = start(DRIVES);
+    idle(&format!("standin, {DRIVES} drives"), &bench, EACH);
+    idle("tokio-modbus", &server, DRIVES * EACH);
+}
+
+/// What requests have taken.
+#[derive(Clone, Copy)]
+struct Taken {
+    /// Requests a second.
+    rate: f64,
+    /// µs of a core for each.
+    cpu_us: f64,
+}
+
+impl Taken {
+    const NOTHING: Self = Self { rate: 0.0, cpu_us: f64::INFINITY };
+
+    fn best(self, other: Self) -> Self {
+        Self { rate: self.rate.max(other.rate), cpu_us: self.cpu_us.min(other.cpu_us) }
+    }
+}
+
+impl std::fmt::Display for Taken {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{:.0} requests/s, {:.1} µs of a core each", self.rate, self.cpu_us)
+    }
+}
+
+/// Asks by so many connections at once.
+fn turn(running: &Running, connections: usize) -> Taken {
+    let mut streams: Vec<TcpStream> = (0..connections).map(|_| connect(&running.places[0])).collect();
+    let before = running.cpu();
+    let rounds = REQUESTS / connections;
+    let seconds = took(|| {
+        for round in 0..rounds {
+            let transaction = round as u16;
+            let request = tcp::read(Header { transaction, unit: 1 }, FIRST, COUNT);
+            for stream in &mut streams {
+                stream.write_all(&request).expect("somebody serves");
+            }
+            for stream in &mut streams {
+                reply(stream, transaction);
+            }
+        }
+    });
+    let requests = (rounds * connections) as f64;
+    Taken { rate: requests / seconds.as_secs_f64(), cpu_us: 1e6 * (running.cpu() - before) / requests }
+}
+
+fn connect(place: &String) -> TcpStream {
+    let stream = TcpStream::connect(place).expect("the port is there");
+    stream.set_nodelay(true).expect("it is TCP");
+    stream.set_read_timeout(Some(Duration::from_secs(10))).expect("it is TCP");
+    stream
+}
+
+/// Reads a reply of that transaction with all registers.
+fn reply(stream: &mut TcpStream, transaction: u16) {
+    let mut adu = [0; HEADER_BYTES + 2 + 2 * COUNT as usize];
+    stream.read_exact(&mut adu).expect("somebody answers");
+    let (header, pdu) = tcp::parse(&adu).expect("a whole reply");
+    assert_eq!((header.transaction, &pdu[..2]), (transaction, &[3, 2 * COUNT as u8][..]), "{adu:02X?}");
+}
+
+/// Says what connections take, so many to each place.
+fn idle(name: &str, running: &Running, each: usize) {
+    let memory = running.memory();
+    let mut streams: Vec<TcpStream> =
+        running.places.iter().flat_map(|place| (0..each).map(move |_| connect(place))).collect();
+    // Each has been let in when it has been answered.
+    for stream in &mut streams {
+        stream
+            .write_all(&tcp::read(Header { transaction: 0, unit: 1 }, FIRST, COUNT))
+            .expect("somebody serves");
+        reply(stream, 0);
+    }
+    let each = (running.memory() - memory) / streams.len() as f64;
+    let cpu = running.cpu();
+    wait(WATCH);
+    let cpu = (running.cpu() - cpu) / WATCH.as_secs_f64();
+    let all = running.memory();
+    let cpu = 100.0 * cpu;
+    line(name, &format!("{all:.0} KiB of the process, {each:.2} KiB a connection, {cpu:.2} % of a core"));
+}
+
+/// A few registers.
+struct Registers([u16; 256]);
+
+impl Service for Registers {
+    type Request = Request<'static>;
+    type Response = Response;
+    type Exception = ExceptionCode;
+    type Future = future::Ready<Result<Response, ExceptionCode>>;
+
+    fn call(&self, request: Self::Request) -> Self::Future {
+        future::ready(match request {
+            Request::ReadHoldingRegisters(first, count) => {
+                let first = usize::from(first);
+                let words = self.0.get(first..first + usize::from(count));
+                words
+                    .map(|words| Response::ReadHoldingRegisters(words.to_vec()))
+                    .ok_or(ExceptionCode::IllegalDataAddress)
+            }
+            _ => Err(ExceptionCode::IllegalFunction),
+        })
+    }
+}
+
+/// Serves the registers until killed.
+fn serve() {
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().expect("a runtime");
+    let served = runtime.block_on(async {
+        let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await?;
+        println!("tcp:{}\"", listener.local_addr()?);
+        let connected = |stream: tokio::net::TcpStream, peer| async move {
+            stream.set_nodelay(true)?;
+            accept_tcp_connection(stream, peer, |_| Ok(Some(Registers([0; 256]))))
+        };
+        Server::new(listener).serve(&connected, |error| eprintln!("{error}")).await
+    });
+    served.expect("a server");
+}

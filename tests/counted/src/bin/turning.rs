@@ -1,0 +1,63 @@
+//! What a ms costs a drive on its board while its motor turns: the looks of its servo, and its motor.
+#![no_std]
+#![no_main]
+
+use core::ffi::CStr;
+
+use cortex_m_rt::entry;
+use counted::{count, done, group};
+use standin_firmware::device::{Axis, Boot, Device, Duration, Instant, Output, Sink, advance};
+use standin_firmware::mdrobot::{Pid, mdrobot};
+use standin_firmware::rs434::{Reg, rs434544};
+
+/// How long it turns until it is looked at, in ms, and how long it is looked at.
+const SPEEDS_UP: u32 = 1_000;
+const LOOKED_AT: u32 = 100;
+
+#[entry]
+fn main() -> ! {
+    // It rotates at its factory setting, 1,000 rpm.
+    turn(c"rs434544: ms of turning", rs434544(), &[(Reg::START_bit as usize, 1)]);
+    let orders = [(Pid::UI_COM as usize, 1), (Pid::START_STOP as usize, 1), (Pid::VEL_CMD as usize, 1_000)];
+    turn(c"mdrobot: ms of turning", mdrobot(), &orders);
+    done()
+}
+
+/// Counts while the drive carries out what its registers order. Not inlined: RAM has room for one drive.
+#[inline(never)]
+fn turn(name: &CStr, mut drive: impl Device, orders: &[(usize, i64)]) {
+    let out = &mut Hands;
+    let mut now = Instant::ZERO;
+    drive.power_on(now, Boot { seed: 1, fast: true }, out);
+    pass(&mut drive, &mut now, out);
+    for &(row, value) in orders {
+        assert!(drive.poke(now, row, value, out).is_ok());
+    }
+    for _ in 0..SPEEDS_UP {
+        pass(&mut drive, &mut now, out);
+    }
+    group(name);
+    for _ in 0..LOOKED_AT {
+        count(|| pass(&mut drive, &mut now, out));
+    }
+    assert!(drive.shaft(now, Axis(0)).is_some_and(|shaft| shaft.speed > 100), "it turns");
+}
+
+/// A ms passes.
+#[inline(never)]
+fn pass(drive: &mut impl Device, now: &mut Instant, out: &mut Hands) {
+    *now += Duration::millis(1);
+    advance(drive, *now, core::iter::empty(), out);
+}
+
+/// A board that does nothing.
+struct Hands;
+
+impl Sink for Hands {
+    fn put(&mut self, _at: Instant, _output: Output<'_>) {}
+
+    fn memory(&self) -> &[u8] {
+        static NEW: [u8; 8 << 10] = [0xFF; _];
+        &NEW
+    }
+}

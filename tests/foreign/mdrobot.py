@@ -1,0 +1,17 @@
+"""PIDs and commands of an MD controller: the tables of "Modbus Protocol on the MD Controller", typed by hand."""
+
+ID_ALL = 0xFE
+
+VERSION, DEFAULT_SET, TQ_OFF, BRAKE, COMMAND, ALARM_RESET = 1, 3, 5, 6, 10, 12
+INV_SIGN_CMD, INV_ALARM, HALL_TYPE, STOP_STATUS, CTRL_STATUS, DI, IN_POSITION_OK = 16, 19, 21, 24, 34, 48, 49
+UI_COM, START_STOP, VEL_CMD, ID, RPM_DATA, VOLT_IN, TAR_VEL, P_GAIN = 78, 100, 130, 133, 138, 143, 155, 168
+IN_POSITION, MONITOR, POSI_DATA, POSI_VEL_CMD, MAX_RPM = 171, 196, 197, 219, 221
+SPEED_LIMIT, TAR_POSI, FUNC_SPEED, POSI_CMD, INC_POSI_CMD = 222, 230, 239, 243, 244
+
+CMD_BRAKE, CMD_ALARM_RESET, CMD_UICOM_ON = 4, 8, 45
+
+ALARM, OVER_VOLT, HALL_FAIL, STALL = 1, 1 << 2, 1 << 5, 1 << 7
+"""Bits of CTRL_STATUS (p. 9)."""
+
+COUNTS = 12
+"""In a turn of a motor of four poles: three a pole."""

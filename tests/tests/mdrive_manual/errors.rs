@@ -1,0 +1,199 @@
+//! The errors of MC 9 that other tests do not meet.
+
+use standin_protocol::time::Span;
+
+use crate::rig::{KINDS, Rig};
+
+#[test]
+fn what_is_wrong_with_a_line_has_a_number() {
+    for kind in KINDS {
+        let mut rig = Rig::new(kind);
+        rig.program("PG 1\nLB P9\nE\nPG");
+        for (line, error) in [
+            // Unknown variable, or a typo.
+            ("QQ=5", 20),
+            ("XYZZY", 20),
+            ("?", 20),
+            // An operand that is not known.
+            ("R1=QQ", 30),
+            ("PR QQ", 30),
+            ("EX QQ", 30),
+            // A label is not set; an instruction is not; a variable does nothing.
+            ("P9=1000", 32),
+            ("RS=1", 33),
+            ("VM", 34),
+            ("PR FD", 35),
+            ("PR H", 35),
+            // Not in program mode; no program runs.
+            ("LB X1", 46),
+            ("H", 40),
+            ("H 100", 40),
+            // Not an address.
+            ("EX 500", 42),
+            ("EX 768", 42),
+            ("EX 0", 42),
+            ("L 768", 42),
+            ("CP 768", 42),
+            ("PG 768", 42),
+            ("PG 0", 42),
+            // No home switch; no such type.
+            ("HM 1", 80),
+            ("HI 5", 81),
+            ("HI 0", 81),
+            // Only the serial products, and I/O that Ethernet models do not have.
+            ("BD=96", 37),
+            ("CK=1", 37),
+            ("DG=0", 37),
+            ("DN=\"A\"", 37),
+            ("PY=1", 37),
+            ("QD=1", 37),
+            ("PR I9", 37),
+            ("O9=1", 37),
+            ("S9=0,0,0", 37),
+            ("D9=1", 37),
+            ("PR IH", 37),
+            ("OH=1", 37),
+            ("UG 2956102", 37),
+            // Incorrect types.
+            ("S1=9,0,0", 8),
+            ("S5=8,0", 8),
+            ("O1=1", 9),
+            ("RC=101", 21),
+        ] {
+            rig.refused(line, error);
+        }
+        rig.assert_no_error();
+    }
+}
+
+/// Reserved names: any use is an error.
+#[test]
+fn reserved_names_are_of_no_use() {
+    let mut rig = Rig::plus();
+    for line in ["AT", "AT=1", "FT", "FT=1", "PR AT", "I7=1", "PR I13"] {
+        rig.say(line);
+        assert_ne!(rig.value("ER"), 0, "{line}");
+    }
+}
+
+#[test]
+fn illegal_data_is_error_24() {
+    let mut rig = Rig::plus();
+    for line in ["VM=12X4", "MA 1000X", "R1=1.5", "R1=99999999999"] {
+        rig.say(line);
+        let error = rig.value("ER");
+        assert!([21, 24].contains(&error), "{line}: {error}");
+        rig.assert_values(&[("VM", 768_000), ("R1", 0), ("MV", 0)]);
+    }
+}
+
+/// MC 5-38, 5-62, 9.5: not while it moves.
+#[test]
+fn motion_forbids_saving_restoring_and_clearing() {
+    for kind in KINDS {
+        let mut rig = Rig::new(kind);
+        rig.set(&["MR 1000000"]);
+        rig.after(500.millis());
+        for (line, error) in [("S", 73), ("FD", 73), ("IP", 74), ("CP", 74)] {
+            rig.refused(line, error);
+        }
+        assert_eq!(rig.try_write(0x0076, &[1]), Err(4));
+        assert_eq!(rig.ef_er(), (1, 73));
+        rig.wait_still(10.secs());
+        assert_eq!(rig.long(0x0057), 1_000_000);
+        rig.set(&["S"]);
+        rig.after(100.millis());
+        rig.set(&["IP", "CP"]);
+    }
+}
+
+/// MC 5-38
+#[test]
+fn stored_values_come_back() {
+    let mut rig = Rig::plus();
+    rig.set(&["RC=50", "S1=16,1,0", "R1=3", "S"]);
+    rig.after(100.millis());
+    rig.set(&["RC=60", "S1=0,0,0", "R1=7", "HC=9", "IP"]);
+    rig.assert_values(&[("RC", 50), ("R1", 3), ("HC", 5)]);
+    assert_eq!(rig.show("S1"), "16, 1, 0");
+}
+
+#[test]
+fn programs_end_where_they_go_wrong() {
+    let mut rig = Rig::plus();
+    for (lines, error) in [
+        // Nowhere to go.
+        ("LB G1\nBR ZZ\nR2=1\nE", 30),
+        ("LB G1\nBR 700\nR2=1\nE", 42),
+        // A subroutine that calls itself and never returns.
+        ("LB G1\nR1=R1+1\nCL G1\nR2=1\nE", 43),
+    ] {
+        rig.set(&["CP", "R2=0"]);
+        for line in ["PG 1"].into_iter().chain(lines.lines()).chain(["PG"]) {
+            rig.say(line);
+        }
+        rig.say("ER=0");
+        rig.say("EX 1");
+        rig.after(1.secs());
+        rig.assert_values(&[("BY", 0), ("ER", error), ("R2", 0)]);
+    }
+    // A return from nowhere.
+    rig.set(&["CP"]);
+    rig.program("PG 1\nRT\nR2=1\nE\nPG");
+    rig.say("EX 1");
+    rig.after(1.secs());
+    let error = rig.value("ER");
+    assert!([41, 43].contains(&error), "{error}");
+    rig.assert_values(&[("BY", 0), ("R2", 0)]);
+}
+
+/// Others let it go on.
+#[test]
+fn programs_go_on_after_a_refused_value() {
+    let mut rig = Rig::plus();
+    rig.program("PG 1\nRC=101\nO1=1\nTE=1\nR2=1\nE\nPG");
+    rig.set(&["EX 1"]);
+    rig.after(100.millis());
+    rig.assert_values(&[("BY", 0), ("R2", 1), ("EF", 1), ("ER", 27)]);
+}
+
+/// MC 5-21: EF clears when a program starts.
+#[test]
+fn a_new_program_clears_the_error() {
+    let mut rig = Rig::plus();
+    rig.program("PG 1\nR1=EF\nE\nPG");
+    rig.say("RC=101");
+    rig.say("EX 1");
+    rig.after(10.millis());
+    rig.assert_values(&[("R1", 0), ("EF", 0)]);
+}
+
+/// Jogging is not for clock mode (MC 9.6).
+#[test]
+fn clock_mode_has_no_jogging() {
+    let mut rig = Rig::plus();
+    rig.set(&["CM=1"]);
+    rig.refused("JE=1", 87);
+    assert_eq!(rig.try_write(0x003F, &[1]), Err(4));
+    assert_eq!(rig.ef_er(), (1, 87));
+}
+
+/// Labels (MC 5-40).
+#[test]
+fn labels_are_new_names_of_two_characters() {
+    let mut rig = Rig::plus();
+    rig.set(&["VA Q1"]);
+    for (place, line, error) in [
+        ("PG 1", "LB VM", 29),
+        ("PG 1", "LB Q1", 28),
+        ("PG 50", "LB G1", 0),
+        // Over itself it is none that is new.
+        ("PG 50", "LB G1", 0),
+        ("PG 60", "LB G1", 28),
+    ] {
+        rig.say(place);
+        rig.say(line);
+        rig.say("PG");
+        assert_eq!(rig.value("ER"), error, "{place}, {line}");
+    }
+}

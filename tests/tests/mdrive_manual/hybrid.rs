@@ -1,0 +1,193 @@
+//! The Hybrid (MC 5-2 to 5-11, 5-41 to 5-50, 5-67, 5-71 to 5-76, 9.6, 9.7).
+
+use standin_protocol::time::Span;
+use standin_sim::bench::Setup;
+
+use crate::rig::{CALIBRATION, Kind, Rig, START};
+
+/// Bits of AF (MC 5-2).
+const LOCKED: i64 = 8;
+const CALIBRATED: i64 = 128;
+
+/// At power-on it calibrates: 3.12 s if CT is 250 (MC 5-9), with 200 thrice 50 ms less.
+#[test]
+fn it_calibrates_at_power_on() {
+    let mut rig = Rig::set_up(Kind::Hybrid, Setup::default());
+    rig.say("EM=2");
+    rig.heard();
+    assert_eq!(rig.value("AF") & CALIBRATED, 0);
+    rig.refused("MR 100", 88);
+    rig.refused("AS=1", 87);
+    assert_eq!(rig.try_write(0x0043, &[0, 100]), Err(4));
+    assert_eq!(rig.ef_er(), (1, 88));
+    rig.wait(CALIBRATION, 1.millis(), |rig| rig.word(0x008F) & CALIBRATED as u16 != 0);
+    // On power-up it is complete when the sign-on message is sent (MC 5-9).
+    rig.after(1.millis());
+    assert!(rig.heard().contains(crate::rig::SIGN_ON));
+    rig.assert_values(&[("C1", 0), ("ER", 0)]);
+    // Three full steps forward: 3/200 of a turn of 4,000 counts (MC 5-9, 5-22).
+    let counts = rig.value("C2");
+    assert!((counts - 60).abs() <= 2, "{counts}");
+    rig.set(&["MR 1000"]);
+}
+
+/// MC 5-8, 5-67: SC, CF, AS from 0, DE from 0, MS.
+#[test]
+fn what_calibrates() {
+    let mut rig = Rig::hybrid();
+    rig.set(&["CT=250"]);
+    for line in ["SC", "CF", "AS=1", "DE=1", "MS=128"] {
+        rig.set(&["AS=0", "DE=0"]);
+        rig.set(if line == "AS=1" {
+            &["DE=1"][..]
+        } else if line == "DE=1" {
+            &["AS=2"]
+        } else {
+            &["DE=1", "AS=2"]
+        });
+        rig.after(CALIBRATION);
+        rig.set(&[line]);
+        assert_eq!(rig.value("AF") & CALIBRATED, 0, "{line}");
+        let took = rig.wait(CALIBRATION, 1.millis(), |rig| rig.value("AF") & CALIBRATED != 0);
+        let took = took.ticks() as f64 / 16e6;
+        assert!((took - 3.12).abs() <= 0.01, "{line}: {took} s");
+        rig.assert_values(&[("C1", 0), ("ER", 0)]);
+    }
+    for address in [0x00A1, 0x0093] {
+        rig.write(address, 1);
+        assert_eq!(rig.word(0x008F) & CALIBRATED as u16, 0, "{address:#06X}");
+        rig.after(CALIBRATION);
+    }
+}
+
+/// MC 9.6, 89 and 94.
+#[test]
+fn it_does_not_calibrate_while_it_moves() {
+    let mut rig = Rig::hybrid();
+    rig.set(&["SL 20000"]);
+    rig.after(100.millis());
+    rig.refused("SC", 89);
+    rig.refused("CF", 94);
+    assert_eq!(rig.try_write(0x00A1, &[1]), Err(4));
+    assert_eq!(rig.ef_er(), (1, 89));
+    assert_eq!(rig.try_write(0x0093, &[1]), Err(4));
+    assert_eq!(rig.ef_er(), (1, 94));
+    rig.assert_values(&[("V", 20_000)]);
+}
+
+/// MC 5-44, 9.7: the rotor has not moved for LT ms; the bridge is off until CF.
+#[test]
+fn a_locked_rotor_disables_the_bridge() {
+    let mut rig = Rig::hybrid();
+    rig.set(&["SL 20000"]);
+    rig.after(500.millis());
+    rig.fault("locked_rotor", true);
+    rig.after(3.secs());
+    rig.assert_values(&[("LR", 1), ("EF", 1)]);
+    assert_ne!(rig.value("AF") & LOCKED, 0);
+    assert_eq!(rig.value("ER"), 104);
+    assert_eq!(rig.word(0x009B), 1);
+    rig.say("SL 0");
+    rig.after(2.secs());
+    rig.say("ER=0");
+    rig.fault("locked_rotor", false);
+    rig.set(&["CF"]);
+    rig.after(CALIBRATION);
+    rig.assert_values(&[("LR", 0)]);
+}
+
+/// MC 9.7, 106 and 107.
+#[test]
+fn limits_of_lead_and_lag_are_errors() {
+    for (fault, error, bit) in [("lead_limit", 106, 1), ("lag_limit", 107, 2)] {
+        let mut rig = Rig::hybrid();
+        rig.set(&["SL 20000"]);
+        rig.after(500.millis());
+        rig.fault(fault, true);
+        rig.after(100.millis());
+        assert_ne!(rig.value("AF") & bit, 0, "{fault}");
+        assert_eq!(rig.value("ER"), error, "{fault}");
+    }
+}
+
+/// MC 5-38, 5-81, 9.5: 71 above WT, 72 disables the drive.
+#[test]
+fn it_can_be_too_hot() {
+    let mut rig = Rig::hybrid();
+    let normal = rig.value("IT");
+    assert!((-55..=125).contains(&normal));
+    rig.refused("WT=85", 21);
+    rig.say(&format!("WT={}", normal - 1));
+    rig.after(2.secs());
+    assert_eq!(rig.value("ER"), 71);
+    rig.set(&["WT=80"]);
+    // "10C to Shutdown", then "Disabling Drive".
+    rig.fault("over_temperature", true);
+    rig.wait(60.secs(), 100.millis(), |rig| rig.value("ER") == 71);
+    rig.wait(60.secs(), 100.millis(), |rig| rig.value("ER") == 72);
+    assert_eq!(rig.motion().current_ma, 0, "the bridge");
+}
+
+/// MC 9.7, 109 and 64 at power-on.
+#[test]
+fn a_calibration_can_fail() {
+    let mut rig = Rig::hybrid();
+    rig.fault("calibration", true);
+    rig.set(&["SC"]);
+    rig.after(20.secs());
+    let error = rig.value("ER");
+    assert_eq!(error, 109);
+    assert_ne!(rig.value("AF") & CALIBRATED, 0, "the flag will set (MC 5-9)");
+}
+
+/// MC 5-3, 5-72, 5-74: torque and its direction; V is 0 (FB 5, MC 5-77).
+#[test]
+fn torque_mode_turns_the_shaft() {
+    for (direction, sign) in [(1, 1.0), (0, -1.0)] {
+        let mut rig = Rig::hybrid();
+        rig.set(&[&format!("TD={direction}"), "TQ=50", "TS=50000"]);
+        rig.set(&["AS=3"]);
+        rig.after(CALIBRATION + 2.secs());
+        rig.assert_values(&[("V", 0), ("ER", 0)]);
+        let before = rig.value("C2");
+        rig.after(1.secs());
+        let turned = (rig.value("C2") - before) as f64;
+        assert!(turned * sign > 100.0, "{turned} counts in 1 s, TD={direction}");
+        rig.set(&["AS=0"]);
+        rig.after(2.secs());
+        let before = rig.value("C2");
+        rig.after(1.secs());
+        assert!((rig.value("C2") - before).abs() <= 4, "it stands");
+    }
+}
+
+/// MC 5-71: trips on its status.
+#[test]
+fn it_trips_on_its_status() {
+    let mut rig = Rig::hybrid();
+    rig.program("PG 1\nLB G1\nLB G2\nH 10\nBR G2\nE\nLB K1\nR1=R1+1\nRT\nPG");
+    rig.set(&["TA=1,K1", "TE=32", "EX 1", "SC"]);
+    rig.after(CALIBRATION);
+    rig.assert_values(&[("R1", 1), ("TE", 0), ("ER", 0)]);
+    rig.set(&["TA=4,K1", "TE=32", "SL 20000"]);
+    rig.after(500.millis());
+    rig.fault("locked_rotor", true);
+    rig.after(3.secs());
+    rig.assert_values(&[("R1", 2), ("TE", 0)]);
+    // "There is no error generation when enabling trip on locked rotor" (MC 5-71).
+    rig.assert_values(&[("ER", 0)]);
+}
+
+/// A Plus needs no calibration, and its start is quick.
+#[test]
+fn a_plus_is_ready_at_once() {
+    let mut rig = Rig::set_up(Kind::Plus, Setup::default());
+    rig.say("EM=2");
+    rig.heard();
+    rig.set(&["MR 100"]);
+    rig.after(START);
+    rig.assert_values(&[("P", 100), ("ER", 0)]);
+    let mut hybrid = Rig::hybrid();
+    // At zero, and calibrated (MC 5-2).
+    assert_eq!(hybrid.value("AF"), 64 + CALIBRATED);
+}

@@ -1,0 +1,166 @@
+//! Limit switches (p. 7, p. 9; decision 23): with UI_COM 1 and USE_LIMIT_SW 1 DIR permits CW and START/STOP permits
+//! CCW while closed.
+
+use standin_protocol::time::Span;
+use standin_sim::bench::Driving;
+
+use crate::rig::{Rig, pid};
+
+/// The switch that permits it, the one that does not matter, and its sign.
+const WAYS: [(&str, &str, i16); 2] = [("START_STOP", "DIR", 1), ("DIR", "START_STOP", -1)];
+
+/// Both closed, and the bus commands.
+fn between(settings: &[(u16, u16)]) -> Rig {
+    let mut rig = Rig::armed(settings);
+    rig.close("DIR");
+    rig.close("START_STOP");
+    rig
+}
+
+#[test]
+fn page_7_each_switch_stops_its_own_way() {
+    for condition in [0, 1] {
+        for (switch, other, sign) in WAYS {
+            let mut rig = between(&[(pid::LIMIT_STOP_COND, condition)]);
+            rig.velocity(sign * 1_000);
+            rig.assert_turns(f64::from(sign) * 1_000.0);
+            rig.open(other);
+            rig.assert_turns(f64::from(sign) * 1_000.0);
+            rig.close(other);
+            rig.open(switch);
+            rig.after(10.millis());
+            // "1: BRAKE (electric braking), 0: natural stop (free)".
+            let current = rig.amperes();
+            if condition == 1 {
+                assert!(current > 1.0, "{current} A");
+            } else {
+                assert_eq!(current, 0.0);
+            }
+            rig.after(400.millis());
+            let shaft = rig.shaft().abs();
+            if condition == 1 {
+                assert_eq!(shaft, 0.0);
+            } else {
+                assert!(shaft > 500.0, "{shaft}");
+            }
+            rig.after(20.secs());
+            rig.assert_stands();
+            // Echoed, and forbidden.
+            let position = rig.position();
+            rig.velocity(sign * 500);
+            rig.assert_stands();
+            assert_eq!((rig.position(), rig.signed(pid::VEL_CMD)), (position, sign * 500));
+            // Away from it.
+            rig.velocity(sign * -500);
+            rig.assert_turns(f64::from(sign) * -500.0);
+            rig.write(pid::BRAKE, 0);
+            rig.assert_stands();
+            // Closed again: what was stopped does not begin again, the next command drives.
+            rig.close(switch);
+            rig.assert_stands();
+            rig.velocity(sign * 500);
+            rig.assert_turns(f64::from(sign) * 500.0);
+        }
+    }
+}
+
+/// After it has closed nothing moves by itself: the reference is gone.
+#[test]
+fn page_7_the_reference_is_dropped() {
+    for (switch, _, sign) in WAYS {
+        let mut rig = between(&[(pid::LIMIT_STOP_COND, 1)]);
+        rig.velocity(sign * 600);
+        rig.assert_turns(f64::from(sign) * 600.0);
+        rig.open(switch);
+        rig.after(500.millis());
+        rig.close(switch);
+        rig.assert_stands();
+        rig.velocity(sign * 600);
+        rig.assert_turns(f64::from(sign) * 600.0);
+    }
+}
+
+/// Also in positions, open loop and torque.
+#[test]
+fn page_7_other_commands() {
+    for (switch, _, sign) in WAYS {
+        let mut rig = between(&[(pid::LIMIT_STOP_COND, 1)]);
+        rig.write_move(pid::POSI_VEL_CMD, i32::from(sign) * 2_400, 600);
+        rig.after(3.secs());
+        assert!(rig.position().abs() > 200, "on its way");
+        rig.open(switch);
+        rig.after(500.millis());
+        rig.assert_stands();
+        rig.close(switch);
+        rig.assert_stands();
+        rig.write_long(pid::POSI_CMD, 0);
+        rig.after(5.secs());
+        assert!(rig.position().abs() <= 1, "{}", rig.position());
+        for pid in [pid::OPEN_VEL_CMD, pid::TQ_CMD] {
+            rig.write_signed(pid, sign * 500);
+            rig.after(300.millis());
+            assert!(rig.shaft() * f64::from(sign) > 100.0, "PID {pid}: {}", rig.shaft());
+            rig.open(switch);
+            rig.after(1.secs());
+            assert_eq!(rig.shaft(), 0.0, "PID {pid}");
+            rig.close(switch);
+            rig.assert_stands();
+        }
+    }
+}
+
+/// Without USE_LIMIT_SW, without UI_COM, and where nothing is wired, nobody stops it.
+#[test]
+fn page_7_where_they_do_not_act() {
+    for (switch, _, sign) in WAYS {
+        let mut rig = between(&[(pid::USE_LIMIT_SW, 0)]);
+        rig.velocity(sign * 500);
+        rig.open(switch);
+        rig.assert_turns(f64::from(sign) * 500.0);
+        // Put to use while it is open: it forbids.
+        rig.set(&[(pid::LIMIT_STOP_COND, 1), (pid::USE_LIMIT_SW, 1)]);
+        rig.after(500.millis());
+        rig.assert_stands();
+        // Not wired any more, and never.
+        let mut rig = between(&[]);
+        rig.velocity(sign * 500);
+        rig.drive(switch, Driving::Open);
+        rig.assert_turns(f64::from(sign) * 500.0);
+        let mut rig = Rig::armed(&[]);
+        rig.velocity(sign * 500);
+        rig.assert_turns(f64::from(sign) * 500.0);
+    }
+}
+
+/// A move from the other side, with a switch that is open when the command comes.
+#[test]
+fn page_7_open_from_the_beginning() {
+    for (switch, _, sign) in WAYS {
+        let mut rig = between(&[]);
+        rig.open(switch);
+        rig.velocity(sign * 500);
+        rig.assert_stands();
+        assert_eq!(rig.position(), 0);
+        rig.write_move(pid::INC_POSI_VEL_CMD, i32::from(sign) * 60, 300);
+        rig.assert_stands();
+        assert_eq!(rig.position(), 0);
+        rig.write_move(pid::INC_POSI_VEL_CMD, i32::from(sign) * -60, 300);
+        rig.after(4.secs());
+        assert!(rig.position().abs_diff(i32::from(sign) * -60) <= 1, "{}", rig.position());
+    }
+}
+
+/// What permits is the way that the shaft turns, so INV_SIGN does not confuse it.
+#[test]
+fn page_7_with_inv_sign() {
+    for (switch, other, sign) in WAYS {
+        let mut rig = between(&[(pid::INV_SIGN_CMD, 1), (pid::LIMIT_STOP_COND, 1)]);
+        rig.velocity(sign * -500);
+        rig.assert_turns(f64::from(sign) * 500.0);
+        rig.open(other);
+        rig.assert_turns(f64::from(sign) * 500.0);
+        rig.open(switch);
+        rig.after(500.millis());
+        rig.assert_stands();
+    }
+}

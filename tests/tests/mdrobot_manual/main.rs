@@ -1,0 +1,23 @@
+//! *Modbus Protocol on the MD Controller* V1.1 as a test: its PIDs, its commands, its functions, what drives the motor
+//! and what stops it, over the bus and the pins, as a master meets them. Values are typed from the manual or come from
+//! the arithmetic in the comments.
+//!
+//! Where the manual is silent or contradicts itself the project has decided. In comments "decision 5" is the fifth
+//! under "MDROBOT MD series" in docs/decisions.md, where also the tolerances of motion have their reasons; numbers like
+//! p. 6 are the manual's pages.
+#![allow(missing_docs, reason = "a test")]
+
+mod alarms;
+mod arming;
+mod bus;
+mod commands;
+mod ctrl;
+mod encoder;
+mod functions;
+mod limits;
+mod motion;
+mod pids;
+mod positions;
+mod rig;
+mod speed_inputs;
+mod table;

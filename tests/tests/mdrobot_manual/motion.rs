@@ -1,0 +1,534 @@
+//! Velocity, ramps, gains, currents, open loop, torque, stopping (p. 8, p. 12 to 15; decisions 16 to 18, 27 to 30), with
+//! the tolerances of a controller of this size: with factory gains, without load, at 24 V.
+
+use standin_protocol::time::{Duration, Span};
+
+use crate::rig::{Rig, SAVE, pid};
+
+/// Motors of other poles, by HALL_TYPE at power-on (p. 8).
+fn with_poles(hall_type: u16, poles: f64, settings: &[(u16, u16)]) -> Rig {
+    let mut rig = Rig::with(&[(pid::HALL_TYPE, hall_type)]);
+    rig.after(SAVE);
+    rig.power_cycle();
+    rig.poles = poles;
+    rig.set(settings);
+    rig.set(&[(pid::UI_COM, 1), (pid::START_STOP, 1)]);
+    rig
+}
+
+/// 2 s after the change every sample is within 1 % or 2 rpm; counts say the same.
+#[test]
+fn velocity_steady() {
+    for (hall_type, poles) in [(0, 4.0), (2, 10.0)] {
+        for rpm in [100_i16, 250, 600, 1_000, 1_700, 2_500, -100, -1_000, -2_500] {
+            let mut rig = with_poles(hall_type, poles, &[]);
+            rig.velocity(rpm);
+            rig.after(2.secs());
+            let (from, rpm) = (rig.position(), f64::from(rpm));
+            let within = (rpm.abs() / 100.0).max(2.0);
+            rig.watch(6.secs(), 7.millis(), |rig, t| {
+                assert!((rig.rpm() - rpm).abs() <= within, "{} rpm, not {rpm}, after {t:?}", rig.rpm());
+            });
+            // 857 samples of 7 ms.
+            let counts = rpm / 60.0 * 3.0 * poles * 5.999;
+            let counted = f64::from(rig.position() - from);
+            assert!(
+                (counted - counts).abs() <= counts.abs() * 0.02 + 2.0,
+                "{counted} counts, not {counts:.0}"
+            );
+        }
+    }
+}
+
+#[test]
+fn velocity_slow_and_zero() {
+    for (hall_type, poles) in [(0, 4.0), (2, 10.0)] {
+        for rpm in [40_i16, -40] {
+            let mut rig = with_poles(hall_type, poles, &[]);
+            rig.velocity(rpm);
+            rig.after(2.secs());
+            rig.watch(10.secs(), 11.millis(), |rig, t| {
+                assert!((rig.rpm() - f64::from(rpm)).abs() <= 4.0, "{} rpm after {t:?}", rig.rpm());
+            });
+            rig.velocity(0);
+            rig.after(10.secs());
+            rig.assert_stands();
+        }
+    }
+}
+
+/// 0 to 1,000 without a ramp: not at once, not late, not far beyond.
+#[test]
+fn velocity_step() {
+    for (hall_type, poles) in [(0, 4.0), (2, 10.0)] {
+        for sign in [1_i16, -1] {
+            let mut rig = with_poles(hall_type, poles, &[]);
+            rig.velocity(sign * 1_000);
+            let rpm = |rig: &mut Rig| rig.rpm() * f64::from(sign);
+            assert!(rpm(&mut rig) <= 600.0);
+            let (mut reached, mut most, mut before) = (None, 0.0_f64, 0.0);
+            rig.watch(3.secs(), 2.millis(), |rig, t| {
+                let now = rpm(rig);
+                assert!(now >= -20.0, "{now} rpm after {t:?}");
+                // J = 5,000 g cm², 20 A and 0.06 Nm/A: 2,400 rad/s², 46 rpm in 2 ms; Halls show it later, in larger steps.
+                assert!(rig.shaft().abs() - before <= 60.0, "from {before} to {} rpm in 2 ms", rig.shaft());
+                before = rig.shaft().abs();
+                most = most.max(now);
+                if now >= 900.0 && reached.is_none() {
+                    reached = Some(t);
+                }
+            });
+            let reached = reached.expect("900 rpm");
+            assert!(reached <= 580.millis(), "{reached:?}");
+            assert!(most <= 1_200.0, "{most}");
+            assert!((rpm(&mut rig) - 1_000.0).abs() <= 10.0);
+        }
+    }
+}
+
+/// From one speed to others, through zero.
+#[test]
+fn velocity_changes() {
+    let mut rig = Rig::armed(&[]);
+    for rpm in [1_000, 1_500, 300, -300, 2_000, -2_000, 100, 2_500, -2_500, 500] {
+        rig.velocity(rpm);
+        rig.assert_turns(f64::from(rpm));
+    }
+    assert_eq!(rig.status(), (0, 0));
+}
+
+/// SLOW_START and SLOW_DOWN: 0 to 1,023 are 0 to 15 s for MAX_RPM (p. 13): within 8 % of the step at any time,
+/// settled half a second after.
+#[test]
+fn ramps() {
+    for (max_rpm, slow_start, slow_down) in
+        [(3_000, 205, 205), (3_000, 205, 137), (3_000, 137, 205), (1_500, 205, 205), (3_000, 1_023, 512)]
+    {
+        let per_rpm = |slow: u16| 15.0 * f64::from(slow) / 1_023.0 / f64::from(max_rpm);
+        let ramps = Ramps { up: per_rpm(slow_start), down: per_rpm(slow_down) };
+        let settings = [(pid::MAX_RPM, max_rpm), (pid::SLOW_START, slow_start), (pid::SLOW_DOWN, slow_down)];
+        for sign in [1.0, -1.0] {
+            let mut rig = Rig::armed(&settings);
+            rig.write(pid::STOP_STATUS, 1);
+            let mut from = 0.0;
+            for to in [1_400.0, 600.0, 1_200.0, 0.0, 900.0, -1_200.0, 500.0] {
+                ramps.assert_followed(&mut rig, from * sign, to * sign);
+                from = to;
+            }
+        }
+    }
+}
+
+/// Seconds a rpm.
+struct Ramps {
+    up: f64,
+    down: f64,
+}
+
+impl Ramps {
+    /// The reference so many seconds after the command, and how long it moves. The magnitude has ramps, so a reversal
+    /// goes down by SLOW_DOWN and up by SLOW_START (decision 16).
+    fn reference(&self, from: f64, to: f64, t: f64) -> (f64, f64) {
+        let way = (to - from).signum();
+        if from * to < 0.0 {
+            let first = from.abs() * self.down;
+            let second = to.abs() * self.up;
+            let at = if t < first { from + way * t / self.down } else { way * (t - first) / self.up };
+            return (if t < first + second { at } else { to }, first + second);
+        }
+        let per_rpm = if to.abs() > from.abs() { self.up } else { self.down };
+        let seconds = (to - from).abs() * per_rpm;
+        (if t < seconds { from + way * t / per_rpm } else { to }, seconds)
+    }
+
+    /// Below this RPM_DATA may be anything between it and zero: from rest it takes two Hall edges to have a speed, and
+    /// v² = 2 a x.
+    fn unseen(&self, rig: &Rig) -> f64 {
+        let rpm_a_second = 1.0 / self.up.min(self.down);
+        let counts = 2.0 / (3.0 * rig.poles);
+        (2.0 * rpm_a_second / 60.0 * counts).sqrt() * 60.0
+    }
+
+    /// Commands `to` and holds the shaft and RPM_DATA against the reference.
+    #[track_caller]
+    fn assert_followed(&self, rig: &mut Rig, from: f64, to: f64) {
+        rig.velocity(to as i16);
+        let (_, seconds) = self.reference(from, to, 0.0);
+        let step = (to - from).abs() * 0.08;
+        let unseen = self.unseen(rig);
+        let mut seen = 0;
+        rig.watch(Duration::from_ticks(((seconds + 1.5) * 16e6) as u64), 20.millis(), |rig, t| {
+            let t = t.ticks() as f64 / 16e6;
+            let (want, _) = self.reference(from, to, t);
+            let (shown, shaft) = (rig.rpm(), rig.shaft());
+            let when = format!("{t:.2} s of {seconds:.2}, {from} to {to}");
+            if t > seconds + 0.5 {
+                let within = (to.abs() * 0.01).max(2.0) + 2.0;
+                assert!((shown - want).abs() <= within, "{shown} rpm, not {want:.0}, {when}");
+            } else {
+                assert!((shaft - want).abs() <= step, "the shaft is at {shaft:.0}, not {want:.0}, {when}");
+                let within = if want.abs() < unseen + step { unseen.max(step) } else { step };
+                assert!((shown - want).abs() <= within, "{shown} rpm, not {want:.0}, {when}");
+            }
+            seen += 1;
+        });
+        assert!(seen > 50);
+    }
+}
+
+/// Ramps are for the velocity reference: not for open loop, torque and positions (decision 16).
+#[test]
+fn page_13_what_has_no_ramp() {
+    let settings = [(pid::SLOW_START, 1_023), (pid::SLOW_DOWN, 1_023)];
+    for pid in [pid::OPEN_VEL_CMD, pid::TQ_CMD] {
+        let mut rig = Rig::armed(&settings);
+        rig.write(pid, 500);
+        rig.after(300.millis());
+        assert!(rig.shaft() > 500.0, "PID {pid}: {}", rig.shaft());
+    }
+    let mut rig = Rig::armed(&settings);
+    rig.write_move(pid::POSI_VEL_CMD, 1_200, 1_000);
+    rig.after(500.millis());
+    assert!(rig.shaft() > 850.0, "{}", rig.shaft());
+    rig.after(9.secs());
+    assert!(rig.position().abs_diff(1_200) <= 1);
+}
+
+/// "Control zero speed (like a servo lock)": it stays where it stopped.
+#[test]
+fn page_8_servo_lock() {
+    for rpm in [1_000, -300] {
+        let mut rig = Rig::armed(&[(pid::STOP_STATUS, 1)]);
+        rig.velocity(rpm);
+        rig.assert_turns(f64::from(rpm));
+        rig.velocity(0);
+        rig.after(2.secs());
+        let from = rig.position();
+        rig.after(120.secs());
+        assert!(rig.position().abs_diff(from) <= 1, "{} counts in two minutes", rig.position() - from);
+    }
+}
+
+/// "Set the stop status" (p. 8, decision 17), at the end of a ramp and without one.
+#[test]
+fn page_8_stop_status() {
+    for status in 0..=3 {
+        // 1,000 rpm in 3.34 s.
+        for slow_down in [0, 683] {
+            let mut rig = Rig::armed(&[(pid::STOP_STATUS, status), (pid::SLOW_DOWN, slow_down)]);
+            rig.velocity(1_000);
+            rig.assert_turns(1_000.0);
+            rig.velocity(0);
+            rig.after(10.millis());
+            let free = rig.motion().current_ma == 0 && rig.motion().duty == 0;
+            match (status, slow_down) {
+                // At once.
+                (3, _) | (0, 0) => assert!(free && rig.shaft() > 900.0, "{status}"),
+                // The ramp.
+                (_, 683) => {
+                    rig.after(1_660.millis());
+                    assert!((rig.rpm() - 500.0).abs() <= 80.0, "{status}: {} rpm", rig.rpm());
+                    rig.after(2_200.millis());
+                    assert!(rig.shaft().abs() <= 10.0, "{status}: {} rpm", rig.shaft());
+                }
+                _ => {
+                    rig.after(500.millis());
+                    assert!(rig.shaft().abs() <= 10.0, "{status}: {} rpm", rig.shaft());
+                }
+            }
+            rig.after(10.secs());
+            rig.assert_stands();
+        }
+    }
+}
+
+/// At zero: 0 and 3 are free, 1 controls and so holds against a load, 2 brakes and so gives way slowly.
+#[test]
+fn page_8_at_rest_against_a_load() {
+    let turned = |status: u16| {
+        // 0.05 Nm against forward, friction 0.01: it turns backward where nobody holds it. At 0.06 Nm/A, 0.8 A hold it.
+        let (mut rig, _) = Rig::turning(&[(pid::STOP_STATUS, status)], |motor| motor.load_unm = 50_000);
+        rig.velocity(200);
+        rig.after(2.secs());
+        rig.velocity(0);
+        rig.after(1.secs());
+        let from = rig.position();
+        rig.after(2.secs());
+        f64::from(rig.position() - from)
+    };
+    let [free, servo, brake, free_at_once] = [0, 1, 2, 3].map(turned);
+    assert!(servo.abs() <= 2.0, "servo lock turned {servo} counts");
+    // Brake: 0.67 A through 0.3 Ω is 0.2 V, 3.3 rad/s: 13 counts in 2 s.
+    assert!(brake < -6.0 && brake > -30.0, "brake turned {brake} counts");
+    assert!(free < -100.0 && free_at_once < -100.0, "free turned {free} and {free_at_once} counts");
+}
+
+/// Coasting takes at least twice as long as braking, and no current.
+#[test]
+fn page_6_coasting_and_braking() {
+    let stops = |pid: u16| {
+        let mut rig = Rig::armed(&[]);
+        rig.velocity(1_500);
+        rig.assert_turns(1_500.0);
+        rig.write(pid, 0);
+        rig.after(1.millis());
+        let (mut stopped, mut current) = (None, 0.0_f64);
+        rig.watch(30.secs(), 2.millis(), |rig, t| {
+            current = current.max(rig.amperes());
+            if stopped.is_none() && rig.shaft() == 0.0 {
+                stopped = Some(t);
+            }
+        });
+        (stopped.expect("it stops"), current)
+    };
+    let (coasting, none) = stops(pid::TQ_OFF);
+    let (braking, some) = stops(pid::BRAKE);
+    assert!(coasting > braking * 2, "{coasting:?}, {braking:?}");
+    assert!(none == 0.0 && some > 1.0, "{none} A, {some} A");
+}
+
+/// "Max. current available" (p. 15): never over it by more than a tenth and 0.1 A; less is slower.
+#[test]
+fn page_15_max_load() {
+    let mut before = Duration::ZERO;
+    for tenths in [200_u16, 100, 50, 20, 10] {
+        let mut rig = Rig::armed(&[(pid::MAX_LOAD, tenths)]);
+        let limit = f64::from(tenths) / 10.0;
+        let mut reached = None;
+        let mut look = |rig: &mut Rig, t: Duration| {
+            assert!(rig.amperes() <= limit * 1.1 + 0.1, "{} A of {limit}", rig.amperes());
+            if reached.is_none() && rig.rpm() >= 900.0 {
+                reached = Some(t);
+            }
+        };
+        rig.velocity(1_000);
+        rig.watch(6.secs(), 1.millis(), &mut look);
+        let reached = reached.expect("900 rpm");
+        assert!(reached > before, "{reached:?} with {limit} A, {before:?} with more");
+        before = reached;
+        // A reversal wants more than any start.
+        rig.velocity(-1_000);
+        rig.watch(1.secs(), 1.millis(), |rig, _| {
+            assert!(rig.amperes() <= limit * 1.1 + 0.1, "{} A of {limit}", rig.amperes());
+        });
+    }
+    // Beyond 20 A it is 20 A (decision 8).
+    let mut rig = Rig::armed(&[(pid::MAX_LOAD, 1_000)]);
+    assert_eq!(rig.read(pid::MAX_LOAD), 1_000);
+    rig.velocity(2_500);
+    rig.watch(1.secs(), 1.millis(), |rig, _| assert!(rig.amperes() <= 22.1, "{} A", rig.amperes()));
+}
+
+/// Gains have an order, whatever their unit (p. 15).
+#[test]
+fn page_15_gains() {
+    // None: no motion.
+    let mut rig = Rig::armed(&[(pid::P_GAIN, 0), (pid::I_GAIN, 0)]);
+    rig.velocity(1_000);
+    rig.after(2_500.millis());
+    assert_eq!((rig.position(), rig.motion().position), (0, 0));
+    // Proportional alone: an error, less with more gain. 2.5 s, before a speed that is too low is an alarm.
+    let steady = |p: u16, i: u16| {
+        let mut rig = Rig::armed(&[(pid::P_GAIN, p), (pid::I_GAIN, i)]);
+        rig.velocity(1_000);
+        rig.after(2_500.millis());
+        rig.rpm()
+    };
+    let [least, less, more, most] = [1, 3_000, 6_000, 20_000].map(|p| steady(p, 0));
+    assert!(least < 900.0, "{least}");
+    assert!(least < less && less < more && more < most && most <= 1_010.0, "{least} {less} {more} {most}");
+    // With an integral none.
+    for p in [3_000, 6_000] {
+        let rpm = steady(p, 6_000);
+        assert!((rpm - 1_000.0).abs() <= 10.0, "P {p}: {rpm}");
+    }
+}
+
+/// A load that comes is made up for, with an integral; without, it costs speed.
+#[test]
+fn page_15_gains_against_a_load() {
+    let loaded = |p: u16, i: u16| {
+        // 0.12 Nm, 2 A.
+        let (mut rig, _) =
+            Rig::turning(&[(pid::P_GAIN, p), (pid::I_GAIN, i)], |motor| motor.load_unm = 120_000);
+        rig.velocity(1_000);
+        rig.after(2_500.millis());
+        rig.rpm()
+    };
+    let (alone, both) = (loaded(6_000, 0), loaded(6_000, 6_000));
+    let mut rig = Rig::armed(&[(pid::I_GAIN, 0)]);
+    rig.velocity(1_000);
+    rig.after(2_500.millis());
+    assert!((both - 1_000.0).abs() <= 10.0, "{both}");
+    assert!(alone < rig.rpm() - 10.0, "{alone} with a load, {} without", rig.rpm());
+}
+
+/// "Range: -1023~1023": 1,023 is the supply (decision 28): mirrored, twice the output 1.6 to 2.6 times the speed.
+#[test]
+fn page_12_open_loop() {
+    let speed = |output: i16| {
+        let mut rig = Rig::armed(&[(pid::MAX_RPM, 5_000)]);
+        rig.write_signed(pid::OPEN_VEL_CMD, output);
+        rig.after(3.secs());
+        let rpm = rig.rpm();
+        assert!((rpm - rig.shaft()).abs() <= rpm.abs() * 0.02 + 2.0, "{rpm} is shown, {} is", rig.shaft());
+        let shown = rig.words(pid::MONITOR, 6)[2].cast_signed();
+        assert!(shown.abs_diff(output) <= 1, "the output is shown as {shown}, not {output}");
+        rpm
+    };
+    for output in [100, 200, 400] {
+        let (once, twice) = (speed(output), speed(2 * output));
+        let ratio = twice / once;
+        assert!((1.6..=2.6).contains(&ratio), "{once} and {twice} rpm with {output} and twice that");
+        let mirrored = speed(-output);
+        assert!((once + mirrored).abs() <= once * 0.01, "{once} and {mirrored}");
+    }
+    // 24 V and 0.06 Nm/A: 3,820 rpm, less what friction takes.
+    let full = speed(1_023);
+    assert!((3_500.0..3_820.0).contains(&full), "{full}");
+    let mut rig = Rig::armed(&[]);
+    rig.write_signed(pid::OPEN_VEL_CMD, 0);
+    rig.assert_stands();
+    // Gains do not matter.
+    let mut rig = Rig::armed(&[(pid::P_GAIN, 0), (pid::I_GAIN, 0)]);
+    rig.write_signed(pid::OPEN_VEL_CMD, 400);
+    rig.after(3.secs());
+    assert!(rig.rpm() > 800.0);
+}
+
+/// TQ_CMD 1,023 is MAX_LOAD (decision 28); TQ_DATA in 0.1 A, with the sign of the torque (p. 12).
+#[test]
+fn page_12_torque() {
+    let mut rig = Rig::armed(&[(pid::MAX_LOAD, 60)]);
+    rig.fault("stall", true);
+    for (command, tenths) in [(1_023_i16, 60_i16), (512, 30), (-512, -30), (102, 6), (-1_023, -60), (0, 0)] {
+        rig.write_signed(pid::TQ_CMD, command);
+        rig.after(100.millis());
+        assert!(rig.signed(pid::TQ_DATA).abs_diff(tenths) <= 1, "{command}: {}", rig.signed(pid::TQ_DATA));
+        assert!(
+            (rig.amperes() - f64::from(tenths.abs()) / 10.0).abs() <= 0.1,
+            "{command}: {} A",
+            rig.amperes()
+        );
+    }
+    // Twice the torque, twice the acceleration, less what friction takes: 3 A are 0.18 Nm, 0.01 less, on 5e-4 kg m².
+    for (command, expected) in [(512_i16, 0.17 / 5e-4), (1_023, 0.35 / 5e-4), (-512, -0.17 / 5e-4)] {
+        let mut rig = Rig::armed(&[(pid::MAX_LOAD, 60)]);
+        rig.write_signed(pid::TQ_CMD, command);
+        rig.after(20.millis());
+        let from = rig.shaft();
+        rig.after(100.millis());
+        let is = (rig.shaft() - from) / 0.1 * std::f64::consts::TAU / 60.0;
+        assert!(
+            (is - expected).abs() <= expected.abs() * 0.05,
+            "{command}: {is:.0} rad/s², not {expected:.0}"
+        );
+    }
+}
+
+/// Speeds beyond MAX_RPM are read back as written and limited at use (decision 18).
+#[test]
+fn page_16_max_rpm() {
+    let mut rig = Rig::armed(&[(pid::MAX_RPM, 1_000)]);
+    for rpm in [3_000, -3_000, 32_767, -32_768] {
+        rig.velocity(rpm);
+        assert_eq!(rig.signed(pid::VEL_CMD), rpm);
+        rig.assert_turns(f64::from(rpm.signum()) * 1_000.0);
+    }
+    rig.write(pid::COM_TAR_SPEED, 60_000);
+    assert_eq!(rig.read(pid::COM_TAR_SPEED), 60_000);
+    rig.assert_turns(1_000.0);
+    rig.write(pid::COM_TAR_SPEED, 0);
+    rig.velocity(600);
+    rig.assert_turns(600.0);
+    rig.write(pid::MAX_RPM, 400);
+    rig.assert_turns(400.0);
+    rig.write(pid::MAX_RPM, 2_000);
+    rig.assert_turns(600.0);
+}
+
+/// "Pole 4 8 10 12 2 6: no. 0 1 2 3 4 5", above that twice the number (p. 8): a turn is 3 counts a pole.
+#[test]
+fn page_8_poles() {
+    for (hall_type, poles) in
+        [(0, 4.0), (1, 8.0), (2, 10.0), (3, 12.0), (4, 2.0), (5, 6.0), (6, 12.0), (7, 14.0), (20, 40.0)]
+    {
+        let mut rig = with_poles(hall_type, poles, &[]);
+        rig.velocity(600);
+        rig.assert_turns(600.0);
+        let from = rig.position();
+        rig.after(6.secs());
+        let counts = f64::from(rig.position() - from);
+        let expected = 60.0 * 3.0 * poles;
+        assert!((counts - expected).abs() <= expected * 0.02 + 2.0, "HALL_TYPE {hall_type}: {counts} counts");
+    }
+}
+
+/// The motor stays what it was: HALL_TYPE is what the drive believes until the power comes again (decision 27).
+#[test]
+fn page_8_a_wrong_hall_type() {
+    let mut rig = Rig::armed(&[]);
+    rig.write(pid::HALL_TYPE, 2);
+    rig.velocity(400);
+    rig.after(3.secs());
+    // 10 poles are believed, 4 are there: the shaft is 2.5 times as fast, unseen.
+    assert!((rig.rpm() - 400.0).abs() <= 4.0, "{}", rig.rpm());
+    let from = rig.position();
+    rig.after(6.secs());
+    let counts = f64::from(rig.position() - from);
+    // 1,000 rpm for 6 s: 100 turns of 12 counts.
+    assert!((counts - 1_200.0).abs() <= 26.0, "{counts}");
+}
+
+/// A motor of the bench with 8 poles, and a drive that knows it.
+#[test]
+fn page_8_a_motor_of_the_bench() {
+    let (mut rig, motor) = Rig::turning(&[(pid::HALL_TYPE, 1)], |motor| motor.hall_pulses = 4);
+    rig.velocity(900);
+    rig.assert_turns(900.0);
+    let (counts, turns) = (rig.position(), rig.bench.turn(motor).revolutions);
+    rig.after(4.secs());
+    assert!((rig.bench.turn(motor).revolutions - turns - 60.0).abs() <= 1.2);
+    assert!((rig.position() - counts - 60 * 24).abs() <= 30);
+}
+
+/// MONITOR: speed, current, output, position low and high, status (HW): what the single PIDs say.
+#[test]
+fn page_21_monitor() {
+    let mut rig = Rig::armed(&[]);
+    for rpm in [800, -800] {
+        rig.velocity(rpm);
+        rig.after(3.secs());
+        let words = rig.words(pid::MONITOR, 6);
+        assert_eq!(words[0], rig.read(pid::RPM_DATA));
+        assert_eq!(words[1], rig.read(pid::TQ_DATA));
+        // 3,820 rpm at 1,023: 800 are some 214 and a little for friction, with the same sign.
+        let output = words[2].cast_signed() * rpm.signum();
+        assert!((200..=250).contains(&output), "{output}");
+        let position = rig.words(pid::POSI_DATA, 2);
+        assert_eq!(words[3..5], position[..]);
+        assert_eq!(words[5], 0);
+    }
+    // Far enough for the high word: 65,536 counts of 40 poles are 546 turns.
+    let mut rig = with_poles(20, 40.0, &[]);
+    rig.velocity(-2_500);
+    rig.after(20.secs());
+    let words = rig.words(pid::MONITOR, 6);
+    assert!((words[4].cast_signed()) < -1, "{words:?}");
+    let position = (u32::from(words[4]) << 16 | u32::from(words[3])).cast_signed();
+    assert_eq!(position, rig.position());
+    assert!((position + 100_000).abs() <= 2_500, "{position}");
+}
+
+/// RPM_DATA saturates at ±5,000 (decision 18): a load drives the motor faster than the drive can show.
+#[test]
+fn page_12_rpm_data_saturates() {
+    for load in [-100_000, 100_000] {
+        // 0.09 Nm on 5e-4 kg m² are 1,719 rpm/s.
+        let (mut rig, _) = Rig::turning(&[], |motor| motor.load_unm = load);
+        rig.after(5.secs());
+        let sign = f64::from(-load.signum());
+        assert!(rig.shaft() * sign > 6_000.0, "{}", rig.shaft());
+        assert_eq!(rig.rpm(), sign * 5_000.0);
+    }
+}

@@ -1,0 +1,517 @@
+//! Every PID of the table over the bus: what may be read and written, how long it is, its range, its factory value,
+//! and whether it outlives the power.
+
+use standin_firmware::device::{Line, Port};
+use standin_protocol::line::Parity;
+use standin_protocol::modbus::rtu;
+use standin_protocol::time::Span;
+use standin_sim::bench::Setup;
+use standin_sim::bus::LineMode;
+
+use crate::rig::{ALL, BOOT, Rig, SAVE, SILENCE, line, pid, request, timed};
+use crate::table::{HEADER_ONLY, Row, TABLE, Type};
+
+/// FUNC_CMD_TYPE ignores DH (p. 15), so a word of it is illegal by DL alone; see its own test.
+const FUNC_CMD_TYPE: u16 = 183;
+
+fn rows(of: impl Fn(&Row) -> bool) -> impl Iterator<Item = &'static Row> {
+    TABLE.iter().filter(move |row| of(row))
+}
+
+#[test]
+fn page_6_the_table_has_every_pid_once() {
+    let mut pids: Vec<u16> = TABLE.iter().map(|row| row.pid).chain(HEADER_ONLY).collect();
+    pids.sort_unstable();
+    pids.dedup();
+    assert_eq!(pids.len(), TABLE.len() + HEADER_ONLY.len());
+    // 48 numbered rows in the tables (row 36 twice), and those that are known beside them.
+    assert_eq!(TABLE.len(), 57);
+}
+
+#[test]
+fn page_6_names() {
+    let rig = Rig::default();
+    let spec = rig.bench.spec(rig.seat);
+    for row in TABLE {
+        assert!(spec.find(row.name).is_some(), "there is no {}", row.name);
+    }
+}
+
+#[test]
+fn page_6_what_a_new_controller_reads() {
+    let mut rig = Rig::default();
+    for row in rows(Row::is_read) {
+        assert_eq!(
+            rig.try_words(row.pid, row.count()),
+            Ok(row.reset.to_vec()),
+            "PID {} {}",
+            row.pid,
+            row.name
+        );
+    }
+}
+
+/// Decision 2: 0 and more than 125 before the PID is looked up; then whether it is there and can be read; then its own
+/// length.
+#[test]
+fn page_3_quantities_of_a_read() {
+    let mut rig = Rig::default();
+    for row in TABLE {
+        for words in (1..=8).chain([124, 125]) {
+            let right = words == row.count();
+            let expected = match (row.is_read(), right) {
+                (false, _) => Err(2),
+                (true, false) => Err(3),
+                (true, true) => Ok(row.reset.to_vec()),
+            };
+            assert_eq!(
+                rig.try_words(row.pid, words),
+                expected,
+                "{words} words of PID {} {}",
+                row.pid,
+                row.name
+            );
+        }
+    }
+    for pid in (0..=260).chain([0x0182, 0xFFFF]) {
+        for words in [0, 126, 0x0100, 0x0101, 0xFFFF] {
+            assert_eq!(rig.try_words(pid, words), Err(3), "{words} words of PID {pid}");
+        }
+    }
+}
+
+/// Decision 2: 02, with any quantity that Modbus has, and for all functions. PID_H counts.
+#[test]
+fn page_3_pids_that_are_not_there() {
+    let mut rig = Rig::default();
+    let known = |pid| TABLE.iter().any(|row| row.pid == pid);
+    let others = (0..=260).filter(|&pid| !known(pid));
+    let elsewhere = (1..=255).map(|high: u16| high << 8 | 130);
+    let mut seen = 0;
+    for pid in others.chain(elsewhere).chain([0x0101, 0x0103, 0x01C5, 0xFFFF]) {
+        for words in [1, 2, 6, 125] {
+            assert_eq!(rig.try_words(pid, words), Err(2), "read of PID {pid}");
+        }
+        assert_eq!(rig.try_write(pid, 1), Err(2), "write to PID {pid}");
+        for words in [1, 2, 3] {
+            assert_eq!(rig.try_write_words(pid, &vec![1; words]), Err(2), "{words} words to PID {pid}");
+        }
+        seen += 1;
+    }
+    // 261 less the table's, with the header's among them.
+    assert_eq!(seen, 261 - 57 + 255 + 4);
+}
+
+#[test]
+fn header_what_is_only_there() {
+    let mut rig = Rig::default();
+    for pid in HEADER_ONLY {
+        assert_eq!(rig.try_words(pid, 1), Err(2), "read of PID {pid}");
+        assert_eq!(rig.try_write(pid, 0), Err(2), "write to PID {pid}");
+    }
+}
+
+#[test]
+fn page_3_what_is_read_only() {
+    let mut rig = Rig::default();
+    for row in rows(|row| row.kind == Type::R) {
+        assert_eq!(rig.try_write(row.pid, 0), Err(2), "PID {} {}", row.pid, row.name);
+        for words in [1, 2, 3, 6] {
+            assert_eq!(rig.try_write_words(row.pid, &vec![0; words]), Err(2), "PID {} {}", row.pid, row.name);
+        }
+        assert_eq!(
+            rig.try_words(row.pid, row.count()),
+            Ok(row.reset.to_vec()),
+            "PID {} {}",
+            row.pid,
+            row.name
+        );
+    }
+}
+
+/// Least and greatest of each range, by both functions where both fit.
+#[test]
+fn page_6_what_may_be_written() {
+    for row in rows(Row::is_written) {
+        let mut rig = Rig::default();
+        for words in row.legal() {
+            if row.count() == 1 {
+                assert_eq!(
+                    rig.try_write(row.pid, words[0]),
+                    Ok(()),
+                    "{words:?} to PID {} {}",
+                    row.pid,
+                    row.name
+                );
+                assert_reads(&mut rig, row, &words);
+            }
+            assert_eq!(
+                rig.try_write_words(row.pid, &words),
+                Ok(()),
+                "{words:?} to PID {} {}",
+                row.pid,
+                row.name
+            );
+            assert_reads(&mut rig, row, &words);
+        }
+    }
+}
+
+#[track_caller]
+fn assert_reads(rig: &mut Rig, row: &Row, words: &[u16]) {
+    let expected = if row.is_read() { Ok(words.to_vec()) } else { Err(2) };
+    assert_eq!(rig.try_words(row.pid, row.count()), expected, "PID {} {}", row.pid, row.name);
+}
+
+/// Decision 2 and 3: 03, and nothing has changed.
+#[test]
+fn page_6_what_is_beyond() {
+    for row in rows(|row| row.is_written() && row.pid != FUNC_CMD_TYPE) {
+        let mut rig = Rig::default();
+        let before = row.legal().pop().expect("a legal value");
+        rig.write_words(row.pid, &before);
+        let everything = image(&mut rig);
+        for words in row.illegal() {
+            if row.count() == 1 {
+                assert_eq!(
+                    rig.try_write(row.pid, words[0]),
+                    Err(3),
+                    "{words:?} to PID {} {}",
+                    row.pid,
+                    row.name
+                );
+            }
+            assert_eq!(
+                rig.try_write_words(row.pid, &words),
+                Err(3),
+                "{words:?} to PID {} {}",
+                row.pid,
+                row.name
+            );
+            assert_reads(&mut rig, row, &before);
+        }
+        assert_eq!(image(&mut rig), everything, "PID {} {}", row.pid, row.name);
+    }
+}
+
+/// All that is read and written.
+fn image(rig: &mut Rig) -> Vec<(u16, Vec<u16>)> {
+    rows(|row| row.kind == Type::RW).map(|row| (row.pid, rig.words(row.pid, row.count()))).collect()
+}
+
+/// Decision 2: function 6 on more than one word, function 16 with another quantity.
+#[test]
+fn page_5_quantities_of_a_write() {
+    for row in rows(Row::is_written) {
+        let mut rig = Rig::default();
+        let everything = image(&mut rig);
+        let words = row.legal().remove(1);
+        if row.count() > 1 {
+            assert_eq!(rig.try_write(row.pid, words[0]), Err(3), "one word to PID {} {}", row.pid, row.name);
+        }
+        for count in (1..=8).chain([122, 123]).filter(|&count| count != row.words.len()) {
+            let words = vec![words[0]; count];
+            assert_eq!(
+                rig.try_write_words(row.pid, &words),
+                Err(3),
+                "{count} words to PID {} {}",
+                row.pid,
+                row.name
+            );
+        }
+        assert_eq!(image(&mut rig), everything, "PID {} {}", row.pid, row.name);
+    }
+}
+
+/// Decision 2: 0 and more than 123 are 03, whatever the PID.
+#[test]
+fn page_5_structure_of_function_16() {
+    let mut rig = Rig::default();
+    for pid in [0, 2, pid::UI_COM, pid::FUNC_SPEED, pid::VERSION, 260] {
+        assert_eq!(rig.ask(&[&request(16, pid, 0)[..], &[0]].concat()), [0x90, 3], "nothing to PID {pid}");
+        let long = [&request(16, pid, 124)[..], &[248], &[0; 248]].concat();
+        if long.len() <= 253 {
+            assert_eq!(rig.ask(&long), [0x90, 3], "124 words to PID {pid}");
+        }
+    }
+    // The byte count is not that of the quantity.
+    for (quantity, bytes) in [(1, 4), (2, 2), (1, 0), (2, 6), (1, 3)] {
+        let mut pdu = request(16, pid::UI_COM, quantity).to_vec();
+        pdu.push(bytes);
+        pdu.extend(vec![0; usize::from(bytes)]);
+        assert_eq!(rig.ask(&pdu), [0x90, 3], "quantity {quantity}, {bytes} bytes");
+    }
+    assert_eq!(rig.read(pid::UI_COM), 0);
+}
+
+/// "We just use Word read/write and Word write2 function" (p. 3).
+#[test]
+fn page_3_other_functions() {
+    let mut rig = Rig::default();
+    for function in (0..=0x7F_u8).filter(|function| ![3, 6, 16].contains(function)) {
+        assert_eq!(rig.ask(&[function, 0, 130, 0, 1]), [function | 0x80, 1], "function {function:02X}h");
+    }
+}
+
+/// "FUNC_TYPE = DL, DH is ignored" (p. 15).
+#[test]
+fn page_15_func_cmd_type_keeps_dl() {
+    let mut rig = Rig::default();
+    for (word, kept) in [(0x0002, 2), (0x0100, 0), (0xFF04, 4), (0x8003, 3), (0x7F01, 1)] {
+        rig.write(pid::FUNC_CMD_TYPE, word);
+        assert_eq!(rig.read(pid::FUNC_CMD_TYPE), kept, "{word:04X}h");
+    }
+    for word in [5, 0x0105, 0x00FF, 0x0480] {
+        assert_eq!(rig.try_write(pid::FUNC_CMD_TYPE, word), Err(3), "{word:04X}h");
+        assert_eq!(rig.try_write_words(pid::FUNC_CMD_TYPE, &[word]), Err(3), "{word:04X}h");
+        assert_eq!(rig.read(pid::FUNC_CMD_TYPE), 1);
+    }
+}
+
+/// MAX_LOAD twice, SPEED_LIMIT in one and in two (decision 8).
+#[test]
+fn page_14_what_has_two_pids() {
+    let mut rig = Rig::default();
+    rig.write(pid::MAX_LOAD_181, 55);
+    assert_eq!(rig.read(pid::MAX_LOAD), 55);
+    rig.write(pid::MAX_LOAD, 66);
+    assert_eq!(rig.read(pid::MAX_LOAD_181), 66);
+    rig.write(pid::LOW_SPEED_LIMIT, 100);
+    assert_eq!(rig.words(pid::SPEED_LIMIT, 2), [100, 0]);
+    rig.write(pid::HIGH_SPEED_LIMIT, 900);
+    assert_eq!(rig.words(pid::SPEED_LIMIT, 2), [100, 900]);
+    rig.write_words(pid::SPEED_LIMIT, &[512, 1_023]);
+    assert_eq!((rig.read(pid::LOW_SPEED_LIMIT), rig.read(pid::HIGH_SPEED_LIMIT)), (512, 1_023));
+    // All or nothing (decision 4 of all Modbus drives), also where nothing is set yet.
+    let mut rig = Rig::default();
+    for words in [[0, 0], [100, 511], [513, 600], [100, 1_024]] {
+        assert_eq!(rig.try_write_words(pid::SPEED_LIMIT, &words), Err(3), "{words:?}");
+        assert_eq!(rig.words(pid::SPEED_LIMIT, 2), [0, 0]);
+    }
+    rig.power_cycle();
+    assert_eq!(rig.words(pid::SPEED_LIMIT, 2), [0, 0]);
+}
+
+/// A value that differs from the factory's for every PID that is saved, beside those that are the same thing.
+fn changed(row: &Row) -> Vec<u16> {
+    match row.pid {
+        16 | 19 | 36 | 37 | 40 | 44 | 45 => vec![1],
+        17 => vec![0],
+        183 => vec![4],
+        25 => vec![5],
+        24 => vec![2],
+        181 | 211 => vec![150],
+        157 => vec![33],
+        158 => vec![999],
+        222 => vec![33, 999],
+        239 | 250 => vec![row.pid, 0xFF00 | row.pid],
+        pid => vec![pid],
+    }
+}
+
+fn change_everything(rig: &mut Rig) {
+    for row in rows(|row| row.saved) {
+        let words = changed(row);
+        assert_ne!(words, row.reset, "PID {} {}", row.pid, row.name);
+        rig.write_words(row.pid, &words);
+    }
+    rig.after(SAVE);
+}
+
+/// Decision 6: saved at once, all but 78, 100, 130, 180.
+#[test]
+fn page_6_what_outlives_the_power() {
+    let mut rig = Rig::default();
+    change_everything(&mut rig);
+    rig.set(&[(pid::UI_COM, 1), (pid::START_STOP, 2), (pid::VEL_CMD, 77), (pid::COM_TAR_SPEED, 0)]);
+    rig.power_cycle();
+    for row in rows(|row| row.saved) {
+        assert_eq!(rig.words(row.pid, row.count()), changed(row), "PID {} {}", row.pid, row.name);
+    }
+    for pid in [78, 100, 130, 180] {
+        assert_eq!(rig.read(pid), 0, "PID {pid}");
+    }
+    // Each alone, and with the others as they were.
+    for row in rows(|row| row.saved) {
+        let mut rig = Rig::default();
+        rig.write_words(row.pid, &changed(row));
+        rig.after(SAVE);
+        rig.power_cycle();
+        assert_eq!(rig.words(row.pid, row.count()), changed(row), "PID {} {}", row.pid, row.name);
+    }
+}
+
+/// Decision 6: the writes of a master come faster than saves; the last one counts.
+#[test]
+fn page_6_one_write_after_the_other() {
+    let mut rig = Rig::default();
+    for value in 0..100 {
+        rig.write(pid::MAX_RPM, 1_000 + value);
+        rig.write(pid::P_GAIN, value);
+        rig.after(1.millis());
+    }
+    rig.after(SAVE);
+    rig.power_cycle();
+    assert_eq!((rig.read(pid::MAX_RPM), rig.read(pid::P_GAIN)), (1_099, 99));
+}
+
+/// Decision 6: "a bad memory is a new one": power fails in a save.
+#[test]
+fn page_6_power_lost_in_a_save() {
+    let mut rig = Rig::default();
+    rig.write(pid::MAX_RPM, 1_000);
+    rig.after(SAVE);
+    rig.write(pid::MAX_RPM, 2_000);
+    rig.after(5.millis());
+    rig.power_cycle();
+    let read = rig.read(pid::MAX_RPM);
+    assert_eq!(read, 3_000);
+    rig.write(pid::MAX_RPM, 2_500);
+    rig.after(SAVE);
+    rig.power_cycle();
+    assert_eq!(rig.read(pid::MAX_RPM), 2_500);
+}
+
+/// "DL = 0x55(CHECK)" (p. 6): all that is saved, but id and baud.
+#[test]
+fn page_6_default_set() {
+    let mut rig = Rig::default();
+    change_everything(&mut rig);
+    rig.write(pid::ID, 7 << 8 | 0xAA);
+    for wrong in [0, 0x54, 0x56, 0xAA, 0x0155, 0x5500, 0xFF55, 0xFFFF] {
+        rig.write(pid::DEFAULT_SET, wrong);
+        for row in rows(|row| row.saved) {
+            assert_eq!(rig.words(row.pid, row.count()), changed(row), "{wrong:04X}h: PID {}", row.pid);
+        }
+    }
+    rig.write(pid::DEFAULT_SET, 0x55);
+    for row in rows(|row| row.saved) {
+        assert_eq!(rig.words(row.pid, row.count()), row.reset, "PID {} {}", row.pid, row.name);
+    }
+    rig.after(SAVE);
+    rig.power_cycle();
+    assert_eq!(rig.ask(&request(3, pid::VERSION, 1)), SILENCE, "its id is 7 now");
+    for row in rows(|row| row.saved) {
+        let reply = rig.bench.ask(rig.seat, &rtu::read(7, row.pid, row.count()));
+        let words: Vec<u8> = row.reset.iter().flat_map(|word| word.to_be_bytes()).collect();
+        assert_eq!(reply[3..reply.len() - 2], words, "PID {} {}", row.pid, row.name);
+    }
+}
+
+/// "DL = 0xAA, DH = ID of controller to set (1~253)" (p. 12); decision 5: saved at once, from the next power-on on.
+#[test]
+fn page_12_id() {
+    for id in [1, 2, 100, 247, 248, 253] {
+        let mut rig = Rig::default();
+        rig.write(pid::ID, u16::from(id) << 8 | 0xAA);
+        rig.after(SAVE);
+        assert_eq!(rig.read(pid::VERSION), 81, "still 1");
+        rig.power_cycle();
+        let reply = rig.bench.ask(rig.seat, &rtu::read(id, pid::VERSION, 1));
+        assert_eq!(reply, rtu::frame(id, &[3, 2, 0, 81])[..]);
+        if id != 1 {
+            assert_eq!(rig.ask(&request(3, pid::VERSION, 1)), SILENCE);
+        }
+    }
+    for id in [0_u16, 254, 255] {
+        let mut rig = Rig::default();
+        assert_eq!(rig.try_write(pid::ID, id << 8 | 0xAA), Err(3), "id {id}");
+        assert_eq!(rig.try_write_words(pid::ID, &[id << 8 | 0xAA]), Err(3), "id {id}");
+        rig.power_cycle();
+        assert_eq!(rig.read(pid::VERSION), 81);
+    }
+    // Another key is echoed, and nothing else, whatever DH is.
+    for word in [0x0200, 0x0255, 0x02AB, 0x00A9, 0xFF00, 0xAA02] {
+        let mut rig = Rig::default();
+        rig.write(pid::ID, word);
+        rig.after(SAVE);
+        rig.power_cycle();
+        assert_eq!(rig.read(pid::VERSION), 81, "{word:04X}h");
+    }
+}
+
+/// "DH = Baudrate (1~5)" (p. 12).
+#[test]
+fn page_12_baudrate() {
+    let bauds = [9_600, 19_200, 38_400, 57_600, 115_200];
+    assert_eq!(line(&timed()), Line::new(19_200, 8, Parity::None, 1));
+    for (code, baud) in (1..).zip(bauds) {
+        let mut rig = timed();
+        rig.write(pid::BAUDRATE, code << 8 | 0xAA);
+        rig.after(SAVE);
+        assert_eq!(line(&rig).baud, 19_200);
+        assert_eq!(rig.read(pid::VERSION), 81);
+        rig.power_cycle();
+        assert_eq!(line(&rig), Line::new(baud, 8, Parity::None, 1));
+        assert_eq!(rig.read(pid::VERSION), 81, "at {baud}");
+    }
+    for code in [0_u16, 6, 7, 255] {
+        let mut rig = timed();
+        assert_eq!(rig.try_write(pid::BAUDRATE, code << 8 | 0xAA), Err(3), "code {code}");
+        rig.power_cycle();
+        assert_eq!(line(&rig).baud, 19_200);
+    }
+    for word in [0x0500, 0x0555, 0x00AB, 0xAA05] {
+        let mut rig = timed();
+        rig.write(pid::BAUDRATE, word);
+        rig.after(SAVE);
+        rig.power_cycle();
+        assert_eq!(line(&rig).baud, 19_200, "{word:04X}h");
+    }
+}
+
+/// "0xfe(254): ID ALL" (p. 3): obeyed, never answered; id 0 is somebody else's (decision 4).
+#[test]
+fn page_3_id_all() {
+    let mut rig = Rig::default();
+    let silent = |rig: &mut Rig, frame: &[u8]| assert_eq!(rig.bench.ask(rig.seat, frame), SILENCE);
+    silent(&mut rig, &rtu::write(ALL, pid::MAX_RPM, 2_000));
+    assert_eq!(rig.read(pid::MAX_RPM), 2_000);
+    silent(&mut rig, &rtu::frame(ALL, &[16, 0, 239, 0, 2, 4, 0x01, 0x02, 0x03, 0x04]));
+    assert_eq!(rig.words(pid::FUNC_SPEED, 2), [0x0102, 0x0304]);
+    for refused in [rtu::read(ALL, pid::VERSION, 1), rtu::write(ALL, pid::UI_COM, 2), rtu::write(ALL, 2, 0)] {
+        silent(&mut rig, &refused);
+    }
+    for id in [0, 2, 247, 253, 255] {
+        silent(&mut rig, &rtu::write(id, pid::MAX_RPM, 1_000));
+        silent(&mut rig, &rtu::read(id, pid::MAX_RPM, 1));
+    }
+    assert_eq!((rig.read(pid::MAX_RPM), rig.read(pid::UI_COM)), (2_000, 0));
+}
+
+/// Decision 11: 300 ms, in which nothing is heard.
+#[test]
+fn page_3_power_on() {
+    let mut rig = Rig::new(LineMode::Fast, Setup::default());
+    rig.after(BOOT - 1.millis());
+    assert_eq!(rig.ask(&request(3, pid::VERSION, 1)), SILENCE);
+    rig.after(2.millis());
+    assert_eq!(rig.read(pid::VERSION), 81);
+}
+
+/// The bytes of 2.3 to 2.6, with CRCs worked out from the polynomial, the low byte first: VERSION is read, P_GAIN
+/// written, FUNC_SPEED written and read with D1 (1,500) before D2 (20).
+#[test]
+fn page_3_frames() {
+    let mut rig = Rig::default();
+    let exchanges: [(&[u8], &[u8]); 4] = [
+        (&[0x01, 0x03, 0x00, 0x01, 0x00, 0x01, 0xD5, 0xCA], &[0x01, 0x03, 0x02, 0x00, 0x51, 0x79, 0xB8]),
+        (
+            &[0x01, 0x06, 0x00, 0xA8, 0x13, 0x88, 0x05, 0x7C],
+            &[0x01, 0x06, 0x00, 0xA8, 0x13, 0x88, 0x05, 0x7C],
+        ),
+        (
+            &[0x01, 0x10, 0x00, 0xEF, 0x00, 0x02, 0x04, 0x05, 0xDC, 0x00, 0x14, 0x7C, 0x9E],
+            &[0x01, 0x10, 0x00, 0xEF, 0x00, 0x02, 0x70, 0x3D],
+        ),
+        (
+            &[0x01, 0x03, 0x00, 0xEF, 0x00, 0x02, 0xF5, 0xFE],
+            &[0x01, 0x03, 0x04, 0x05, 0xDC, 0x00, 0x14, 0x3B, 0x0A],
+        ),
+    ];
+    for (request, reply) in exchanges {
+        assert_eq!(rig.bench.ask(rig.seat, request), reply, "{request:02X?}");
+    }
+    let bus = rig.bench.bus(rig.seat, Port(0)).expect("a line");
+    assert_eq!(rig.bench.ports(bus).len(), 1);
+}

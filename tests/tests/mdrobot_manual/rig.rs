@@ -1,0 +1,419 @@
+//! An MD400 with a motor on a bench, a master at its port, and a hand on every pin.
+
+use standin_firmware::device::{Axis, Fault, Level, Pin, Port};
+use standin_firmware::mdrobot::mdrobot;
+use standin_firmware::motor::Parameters;
+use standin_protocol::modbus::rtu;
+use standin_protocol::time::{Duration, Instant, Span};
+use standin_sim::bench::{Bench, Driving, Fitting, Motion, Motor, PowerAction, Seat, Settings, Setup};
+use standin_sim::bus::LineMode;
+
+/// From power-on to the first request that is heard (decision 11).
+pub(crate) const BOOT: Duration = Duration::millis(300);
+
+/// Longer than a save takes (10 ms, decision 6).
+pub(crate) const SAVE: Duration = Duration::millis(20);
+
+/// What comes where no reply comes.
+pub(crate) const SILENCE: [u8; 0] = [];
+
+/// Everybody's id (p. 3).
+pub(crate) const ALL: u8 = 0xFE;
+
+/// PIDs by the names of the tables, without `PID_`.
+pub(crate) mod pid {
+    pub(crate) const VERSION: u16 = 1;
+    pub(crate) const DEFAULT_SET: u16 = 3;
+    pub(crate) const TQ_OFF: u16 = 5;
+    pub(crate) const BRAKE: u16 = 6;
+    pub(crate) const COMMAND: u16 = 10;
+    pub(crate) const ALARM_RESET: u16 = 12;
+    pub(crate) const POSI_RESET: u16 = 13;
+    pub(crate) const INV_SIGN_CMD: u16 = 16;
+    pub(crate) const USE_LIMIT_SW: u16 = 17;
+    pub(crate) const INV_ALARM: u16 = 19;
+    pub(crate) const HALL_TYPE: u16 = 21;
+    pub(crate) const STOP_STATUS: u16 = 24;
+    pub(crate) const INPUT_TYPE: u16 = 25;
+    pub(crate) const CTRL_STATUS: u16 = 34;
+    pub(crate) const START_INV_SIGN: u16 = 36;
+    pub(crate) const RUN_INV_SIGN: u16 = 37;
+    pub(crate) const LIMIT_STOP_COND: u16 = 40;
+    pub(crate) const TQ_CTRL: u16 = 44;
+    pub(crate) const DI: u16 = 48;
+    pub(crate) const IN_POSITION_OK: u16 = 49;
+    pub(crate) const UI_COM: u16 = 78;
+    pub(crate) const START_STOP: u16 = 100;
+    pub(crate) const VEL_CMD: u16 = 130;
+    pub(crate) const ID: u16 = 133;
+    pub(crate) const OPEN_VEL_CMD: u16 = 134;
+    pub(crate) const BAUDRATE: u16 = 135;
+    pub(crate) const RPM_DATA: u16 = 138;
+    pub(crate) const TQ_DATA: u16 = 139;
+    pub(crate) const TQ_CMD: u16 = 140;
+    pub(crate) const VOLT_IN: u16 = 143;
+    pub(crate) const SLOW_START: u16 = 153;
+    pub(crate) const SLOW_DOWN: u16 = 154;
+    pub(crate) const TAR_VEL: u16 = 155;
+    pub(crate) const ENC_PPR: u16 = 156;
+    pub(crate) const LOW_SPEED_LIMIT: u16 = 157;
+    pub(crate) const HIGH_SPEED_LIMIT: u16 = 158;
+    pub(crate) const PV_GAIN: u16 = 167;
+    pub(crate) const P_GAIN: u16 = 168;
+    pub(crate) const I_GAIN: u16 = 169;
+    pub(crate) const IN_POSITION: u16 = 171;
+    pub(crate) const COM_TAR_SPEED: u16 = 180;
+    pub(crate) const MAX_LOAD_181: u16 = 181;
+    pub(crate) const FUNC_CMD_TYPE: u16 = 183;
+    pub(crate) const FUNC_CMD: u16 = 184;
+    pub(crate) const MONITOR: u16 = 196;
+    pub(crate) const POSI_DATA: u16 = 197;
+    pub(crate) const MAX_LOAD: u16 = 211;
+    pub(crate) const POSI_VEL_CMD: u16 = 219;
+    pub(crate) const INC_POSI_VEL_CMD: u16 = 220;
+    pub(crate) const MAX_RPM: u16 = 221;
+    pub(crate) const SPEED_LIMIT: u16 = 222;
+    pub(crate) const TAR_POSI: u16 = 230;
+    pub(crate) const FUNC_SPEED: u16 = 239;
+    pub(crate) const POSI_CMD: u16 = 243;
+    pub(crate) const INC_POSI_CMD: u16 = 244;
+    pub(crate) const FUNC_POSI: u16 = 250;
+}
+
+/// A refusal: its exception code.
+pub(crate) type Exception = u8;
+
+/// A controller with its motor. Characters take no time here, unless a test wants them to, so that a command counts
+/// from the instant at which it was given.
+pub(crate) struct Rig {
+    pub(crate) bench: Bench,
+    pub(crate) seat: Seat,
+    /// Poles of the motor; a turn is 3 counts a pole (decision 27).
+    pub(crate) poles: f64,
+}
+
+impl Default for Rig {
+    fn default() -> Self {
+        Self::with(&[])
+    }
+}
+
+/// Time, power, pins.
+impl Rig {
+    /// A new controller that has just been given power.
+    pub(crate) fn new(line: LineMode, setup: Setup) -> Self {
+        let mut bench = Bench::with(Settings { line, ..Settings::default() });
+        let seat = bench.seat("x", Box::new(mdrobot()), setup).expect("a drive that can be seated");
+        Self { bench, seat, poles: 4.0 }
+    }
+
+    /// One that is ready, with these PIDs of one word written.
+    pub(crate) fn with(settings: &[(u16, u16)]) -> Self {
+        let mut rig = Self::new(LineMode::Fast, Setup::default());
+        rig.after(BOOT + 1.millis());
+        rig.set(settings);
+        rig
+    }
+
+    /// One that the bus may move by velocity, with these PIDs written (decision 13).
+    pub(crate) fn armed(settings: &[(u16, u16)]) -> Self {
+        let mut rig = Self::with(settings);
+        rig.set(&[(pid::UI_COM, 1), (pid::START_STOP, 1)]);
+        rig
+    }
+
+    /// One whose motor is on the bench: the drive's own, changed.
+    pub(crate) fn turning(settings: &[(u16, u16)], change: impl FnOnce(&mut Parameters)) -> (Self, Motor) {
+        let mut rig = Self::new(LineMode::Fast, Setup { apart: true, ..Setup::default() });
+        rig.after(BOOT + 1.millis());
+        let mut motor = rig.bench.parted(rig.seat).expect("a drive that has parted from its motor");
+        change(&mut motor);
+        rig.poles = f64::from(2 * motor.hall_pulses);
+        let motor = rig.bench.fit("m", rig.seat, Axis(0), Fitting::Brush(motor)).expect("a motor that fits");
+        rig.set(settings);
+        rig.set(&[(pid::UI_COM, 1), (pid::START_STOP, 1)]);
+        (rig, motor)
+    }
+
+    pub(crate) fn now(&self) -> Instant {
+        self.bench.now()
+    }
+
+    /// Lets time pass.
+    pub(crate) fn after(&mut self, span: Duration) {
+        self.bench.run_until(self.now() + span);
+    }
+
+    /// Lets time pass and looks every `step`, first after one.
+    pub(crate) fn watch(
+        &mut self,
+        span: Duration,
+        step: Duration,
+        mut look: impl FnMut(&mut Self, Duration),
+    ) {
+        let start = self.now();
+        for n in 1..=span / step {
+            self.bench.run_until(start + step * n);
+            look(self, step * n);
+        }
+    }
+
+    /// Takes power away, and gives it again after a second; returns when the drive is ready.
+    pub(crate) fn power_cycle(&mut self) {
+        self.bench.power(self.seat, PowerAction::Off);
+        self.after(1.secs());
+        self.bench.power(self.seat, PowerAction::On);
+        self.after(BOOT + 1.millis());
+    }
+
+    /// A pin by the manual's name.
+    pub(crate) fn pin(&self, name: &str) -> Pin {
+        self.bench.spec(self.seat).pin(name).unwrap_or_else(|| panic!("there is no {name}"))
+    }
+
+    /// Does something to a pin; returns when the drive has seen it.
+    pub(crate) fn drive(&mut self, name: &str, drive: Driving) {
+        self.bench.set_pin(self.seat, self.pin(name), drive);
+        self.after(Duration::TICK);
+    }
+
+    /// Closes a contact to ground: ON (decision 21).
+    pub(crate) fn close(&mut self, name: &str) {
+        self.drive(name, Driving::Low);
+    }
+
+    /// Opens a contact that is there.
+    pub(crate) fn open(&mut self, name: &str) {
+        self.drive(name, Driving::High);
+    }
+
+    /// A voltage at an analogue input.
+    pub(crate) fn volts(&mut self, name: &str, volts: f64) {
+        self.drive(name, Driving::Millivolts((volts * 1_000.0).round() as i32));
+    }
+
+    /// A pin as it is seen from outside.
+    pub(crate) fn level(&self, name: &str) -> Level {
+        self.bench.level(self.seat, self.pin(name))
+    }
+
+    /// The cause of a fault comes or goes; returns when the drive has noticed.
+    pub(crate) fn fault(&mut self, name: &str, on: bool) {
+        let place = self.bench.spec(self.seat).faults.iter().position(|fault| *fault == name);
+        let place = place.unwrap_or_else(|| panic!("there is no fault {name}"));
+        self.bench.fault(self.seat, Fault(place as u8), on);
+        self.after(2.millis());
+    }
+
+    /// Sets the internal volume (decision 24): 0 to 1,023.
+    pub(crate) fn volume(&mut self, value: i64) {
+        let row = self.bench.spec(self.seat).find("INT_VOLUME").expect("a setting").row;
+        assert_eq!(self.bench.poke(self.seat, row, value), Ok(()));
+    }
+
+    pub(crate) fn motion(&self) -> Motion {
+        self.bench.motion(self.seat, Axis(0))
+    }
+
+    /// How fast the shaft turns, in rpm, whatever the drive says of it.
+    pub(crate) fn shaft(&self) -> f64 {
+        self.motion().speed.to_num::<f64>() / (3.0 * self.poles) * 60.0
+    }
+
+    /// What the motor draws now, in A.
+    pub(crate) fn amperes(&self) -> f64 {
+        f64::from(self.motion().current_ma) / 1_000.0
+    }
+}
+
+/// The bus.
+impl Rig {
+    /// What controller 1 answers to a request: its PDU, or nothing.
+    pub(crate) fn ask(&mut self, pdu: &[u8]) -> Vec<u8> {
+        let reply = self.bench.ask(self.seat, &rtu::frame(1, pdu));
+        if reply.is_empty() {
+            return reply;
+        }
+        let body = rtu::checked(&reply).expect("a reply has a CRC that holds");
+        assert_eq!(body[0], 1, "the id of a reply");
+        body[1..].to_vec()
+    }
+
+    /// A request that is answered, or refused.
+    #[track_caller]
+    fn try_ask(&mut self, pdu: &[u8]) -> Result<Vec<u8>, Exception> {
+        let reply = self.ask(pdu);
+        if reply.first() == Some(&(pdu[0] | 0x80)) {
+            assert_eq!(reply.len(), 2, "a refusal is two bytes: {reply:02X?}");
+            return Err(reply[1]);
+        }
+        assert_eq!(reply.first(), Some(&pdu[0]), "to {pdu:02X?} came {reply:02X?}");
+        Ok(reply)
+    }
+
+    /// Reads so many words of a PID (p. 3, p. 4).
+    #[track_caller]
+    pub(crate) fn try_words(&mut self, pid: u16, words: u16) -> Result<Vec<u16>, Exception> {
+        let reply = self.try_ask(&request(3, pid, words))?;
+        assert_eq!(usize::from(reply[1]), 2 * usize::from(words), "its byte count");
+        assert_eq!(reply.len(), 2 + usize::from(reply[1]));
+        Ok(reply[2..].chunks(2).map(|word| u16::from_be_bytes([word[0], word[1]])).collect())
+    }
+
+    #[track_caller]
+    pub(crate) fn words(&mut self, pid: u16, words: u16) -> Vec<u16> {
+        self.try_words(pid, words).unwrap_or_else(|code| panic!("PID {pid}: exception {code:02X}"))
+    }
+
+    #[track_caller]
+    pub(crate) fn read(&mut self, pid: u16) -> u16 {
+        self.words(pid, 1)[0]
+    }
+
+    /// A word with a sign.
+    #[track_caller]
+    pub(crate) fn signed(&mut self, pid: u16) -> i16 {
+        self.read(pid).cast_signed()
+    }
+
+    /// Two words, the low one first (p. 4).
+    #[track_caller]
+    pub(crate) fn long(&mut self, pid: u16) -> i32 {
+        let pair = self.words(pid, 2);
+        (u32::from(pair[1]) << 16 | u32::from(pair[0])).cast_signed()
+    }
+
+    /// RPM_DATA.
+    #[track_caller]
+    pub(crate) fn rpm(&mut self) -> f64 {
+        f64::from(self.signed(pid::RPM_DATA))
+    }
+
+    /// POSI_DATA.
+    #[track_caller]
+    pub(crate) fn position(&mut self) -> i32 {
+        self.long(pid::POSI_DATA)
+    }
+
+    /// CTRL_STATUS, and status2, which only MONITOR has (decision 4 of the header: 196).
+    #[track_caller]
+    pub(crate) fn status(&mut self) -> (u16, u16) {
+        let word = self.words(pid::MONITOR, 6)[5];
+        let status = self.read(pid::CTRL_STATUS);
+        assert_eq!(word & 0xFF, status, "MONITOR and CTRL_STATUS");
+        (status, word >> 8)
+    }
+
+    /// Writes a word with function 6 (p. 4).
+    #[track_caller]
+    pub(crate) fn try_write(&mut self, pid: u16, value: u16) -> Result<(), Exception> {
+        let pdu = request(6, pid, value);
+        assert_eq!(self.try_ask(&pdu)?, pdu, "the echo of a write");
+        Ok(())
+    }
+
+    #[track_caller]
+    pub(crate) fn write(&mut self, pid: u16, value: u16) {
+        assert_eq!(self.try_write(pid, value), Ok(()), "{value} to PID {pid}");
+    }
+
+    #[track_caller]
+    pub(crate) fn write_signed(&mut self, pid: u16, value: i16) {
+        self.write(pid, value.cast_unsigned());
+    }
+
+    /// Writes several PIDs, one after the other.
+    #[track_caller]
+    pub(crate) fn set(&mut self, settings: &[(u16, u16)]) {
+        for &(pid, value) in settings {
+            self.write(pid, value);
+        }
+    }
+
+    /// Writes words with function 16 (p. 5).
+    #[track_caller]
+    pub(crate) fn try_write_words(&mut self, pid: u16, words: &[u16]) -> Result<(), Exception> {
+        let head = request(16, pid, words.len() as u16);
+        let mut pdu = head.to_vec();
+        pdu.push(2 * words.len() as u8);
+        pdu.extend(words.iter().flat_map(|word| word.to_be_bytes()));
+        assert_eq!(self.try_ask(&pdu)?, head, "the reply to function 16");
+        Ok(())
+    }
+
+    #[track_caller]
+    pub(crate) fn write_words(&mut self, pid: u16, words: &[u16]) {
+        assert_eq!(self.try_write_words(pid, words), Ok(()), "{words:?} to PID {pid}");
+    }
+
+    /// Two words, the low one first (p. 5).
+    #[track_caller]
+    pub(crate) fn write_long(&mut self, pid: u16, value: i32) {
+        self.write_words(pid, &halves(value));
+    }
+
+    /// A position and a speed: 219, 220.
+    #[track_caller]
+    pub(crate) fn write_move(&mut self, pid: u16, position: i32, rpm: u16) {
+        let [low, high] = halves(position);
+        self.write_words(pid, &[low, high, rpm]);
+    }
+
+    /// VEL_CMD.
+    #[track_caller]
+    pub(crate) fn velocity(&mut self, rpm: i16) {
+        self.write_signed(pid::VEL_CMD, rpm);
+    }
+
+    #[track_caller]
+    pub(crate) fn command(&mut self, code: u16) {
+        self.write(pid::COMMAND, code);
+    }
+}
+
+/// What tests ask again and again.
+impl Rig {
+    /// It turns at this speed, as it says and in truth, 2 s after the change.
+    #[track_caller]
+    pub(crate) fn assert_turns(&mut self, rpm: f64) {
+        self.after(2.secs());
+        let (shown, shaft) = (self.rpm(), self.shaft());
+        let within = (rpm.abs() * 0.01).max(2.0);
+        assert!((shown - rpm).abs() <= within, "RPM_DATA is {shown}, not {rpm}");
+        // Its shaft has ripple that Hall sensors do not show; its mean is for counts to tell.
+        assert!((shaft - rpm).abs() <= (rpm.abs() * 0.03).max(6.0), "the shaft is at {shaft:.1}, not {rpm}");
+    }
+
+    /// It stands 2 s after the change, and for a while.
+    #[track_caller]
+    pub(crate) fn assert_stands(&mut self) {
+        self.after(2.secs());
+        let before = self.position();
+        self.after(500.millis());
+        assert_eq!((self.rpm(), self.position()), (0.0, before), "RPM_DATA, POSI_DATA");
+    }
+}
+
+/// Low and high word.
+pub(crate) fn halves(value: i32) -> [u16; 2] {
+    let value = value.cast_unsigned();
+    [value as u16, (value >> 16) as u16]
+}
+
+/// A request of a function, a PID and a word.
+pub(crate) fn request(function: u8, pid: u16, word: u16) -> [u8; 5] {
+    let ([a, b], [c, d]) = (pid.to_be_bytes(), word.to_be_bytes());
+    [function, a, b, c, d]
+}
+
+/// A line where characters take their time, and a controller on it that is ready.
+pub(crate) fn timed() -> Rig {
+    let mut rig = Rig::new(LineMode::Timed, Setup::default());
+    rig.after(BOOT + 1.millis());
+    rig
+}
+
+/// The line that the controller uses.
+pub(crate) fn line(rig: &Rig) -> standin_firmware::device::Line {
+    rig.bench.line(rig.bench.bus(rig.seat, Port(0)).expect("a line"))
+}

@@ -1,0 +1,242 @@
+//! Moves and velocities of an MDROBOT with its motor, by its PIDs: whatever they say, it ends on its count, and turns as
+//! fast as it says; with other motors, too.
+#![allow(missing_docs, reason = "a test")]
+
+use proptest::prelude::*;
+use standin_firmware::device::{Axis, Boot, Device, Duration, Fault, Instant, Output, Sink, advance};
+use standin_firmware::mdrobot::mdrobot;
+use standin_firmware::motor::Parameters;
+use standin_protocol::time::Span;
+use standin_sim::bench::{Bench, Fitting, Motor, Seat, Settings, Setup};
+use standin_sim::bus::LineMode;
+
+/// New memory, and nobody else.
+struct Nowhere(Vec<u8>);
+
+impl Sink for Nowhere {
+    fn put(&mut self, _at: Instant, _output: Output<'_>) {}
+
+    fn memory(&self) -> &[u8] {
+        &self.0
+    }
+}
+
+/// A controller that its bus commands, and a clock.
+struct Rig<D> {
+    drive: D,
+    out: Nowhere,
+    now: Instant,
+}
+
+impl<D: Device> Rig<D> {
+    fn new(mut drive: D) -> Self {
+        let mut out = Nowhere(vec![0xFF; usize::from(drive.spec().memory)]);
+        drive.power_on(Instant::ZERO, Boot { seed: 0, fast: true }, &mut out);
+        let mut rig = Self { drive, out, now: Instant::ZERO };
+        rig.run_ms(500);
+        rig
+    }
+
+    fn run_ms(&mut self, ms: u64) {
+        self.now += Duration::millis(ms);
+        advance(&mut self.drive, self.now, std::iter::empty(), &mut self.out);
+    }
+
+    fn write(&mut self, name: &str, value: i64) {
+        let row = self.drive.spec().find(name).unwrap().row;
+        self.drive.poke(self.now, row, value, &mut self.out).unwrap();
+    }
+
+    fn read(&self, name: &str) -> i64 {
+        self.drive.peek(self.now, self.drive.spec().find(name).unwrap().row)
+    }
+
+    fn shaft(&self) -> i64 {
+        self.drive.shaft(self.now, Axis(0)).unwrap().position.into()
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 24, max_shrink_iters: 50, ..ProptestConfig::default() })]
+
+    /// The speed counts down to one count by PV_GAIN, 20 rpm a count: e-fold in 60/(20·3·4) s of 4 poles.
+    #[test]
+    fn a_move_ends_on_its_count(count in -2_000..2_001_i64, rpm in 60..3_001_i64, load in 50..201_i64) {
+        let mut rig = Rig::new(mdrobot());
+        rig.write("MAX_RPM", rpm);
+        rig.write("MAX_LOAD", load);
+        rig.write("UI_COM", 1);
+        let shaft = rig.shaft();
+        rig.write("POSI_CMD", count);
+        let turns = count.unsigned_abs() / 12;
+        rig.run_ms(60_000 * turns / rpm.unsigned_abs() + 60_000 / rpm.unsigned_abs() + 5_000);
+        let position = rig.read("POSI_DATA");
+        prop_assert!((position - count).abs() <= 1, "{} for {}", position, count);
+        prop_assert_eq!(rig.shaft() - shaft, position);
+        prop_assert_eq!((rig.read("RPM_DATA"), rig.read("CTRL_STATUS")), (0, 0));
+    }
+
+    /// As fast as it says in every ms, and in the end as commanded; 12 counts a turn.
+    #[test]
+    fn it_turns_as_fast_as_it_says(rpm in 100..2_501_i64, back in any::<bool>(), slow in 0..300_i64) {
+        let rpm = if back { -rpm } else { rpm };
+        let mut rig = Rig::new(mdrobot());
+        for (name, value) in [("SLOW_START", slow), ("UI_COM", 1), ("START_STOP", 1), ("VEL_CMD", rpm)] {
+            rig.write(name, value);
+        }
+        // 15 s for 1,023 and MAX_RPM, 3,000.
+        rig.run_ms((rpm.unsigned_abs() * slow.unsigned_abs() * 5).div_ceil(1_023) + 2_000);
+        let shaft = rig.shaft();
+        for _ in 0..2_000 {
+            rig.run_ms(1);
+            let off = (rig.read("RPM_DATA") - rpm).abs();
+            prop_assert!(off <= (rpm.abs() / 100).max(2), "{} for {}", rig.read("RPM_DATA"), rpm);
+        }
+        let ideal = rpm * 12 * 2 / 60;
+        prop_assert!((rig.shaft() - shaft - ideal).abs() <= ideal.abs() / 100 + 2);
+        prop_assert_eq!(rig.read("CTRL_STATUS"), 0);
+    }
+}
+
+/// Motors for which the gains are (decision 30), and their HALL_TYPE.
+fn motors() -> impl Strategy<Value = (i64, Parameters)> {
+    (2_u16..11, 2_000..10_001_u32, 5_000..60_001_u32, 200..601_u32).prop_map(
+        |(hall_pulses, inertia_gcm2, friction_unm, resistance_mohm)| {
+            // The list of p. 8 for 4, 6, 8 and 10 poles; above it HALL_TYPE is half of the poles.
+            let hall_type = match hall_pulses {
+                2 => 0,
+                3 => 5,
+                4 => 1,
+                5 => 2,
+                pairs => pairs.into(),
+            };
+            let motor = Parameters {
+                // 0.06 Nm for an ampere at 24 V.
+                no_load_rpm: 3_820,
+                hall_pulses,
+                hall_sensors: 3,
+                inertia_gcm2,
+                friction_unm,
+                resistance_mohm,
+                ..Parameters::NOMINAL
+            };
+            (hall_type, motor)
+        },
+    )
+}
+
+/// The shaft is held.
+fn held(bench: &Bench, drive: Seat) -> Fault {
+    let place = bench.spec(drive).faults.iter().position(|fault| *fault == "stall").unwrap();
+    Fault(place as u8)
+}
+
+/// A controller with another motor than its own, on a bench.
+struct Other {
+    bench: Bench,
+    seat: Seat,
+    motor: Motor,
+    most_ma: u32,
+}
+
+impl Other {
+    fn new((hall_type, motor): (i64, Parameters)) -> Self {
+        let mut bench = Bench::with(Settings { line: LineMode::Fast, ..Settings::default() });
+        let setup = Setup { apart: true, ..Setup::default() };
+        let seat = bench.seat("x", Box::new(mdrobot()), setup).unwrap();
+        let motor = bench.fit("m", seat, Axis(0), Fitting::Brush(motor)).unwrap();
+        // Its load would turn it while the drive starts.
+        bench.fault(seat, held(&bench, seat), true);
+        bench.run_until(Instant::ZERO + 301.millis());
+        let mut other = Self { bench, seat, motor, most_ma: 0 };
+        other.write("HALL_TYPE", hall_type);
+        other.write("UI_COM", 1);
+        other.write("START_STOP", 1);
+        other
+    }
+
+    /// Writes a command; from then on nobody but the drive holds the shaft.
+    fn order(&mut self, name: &str, value: i64) {
+        self.write(name, value);
+        self.bench.fault(self.seat, held(&self.bench, self.seat), false);
+    }
+
+    fn run_ms(&mut self, ms: u64) {
+        for _ in 0..ms {
+            let until = self.bench.now() + 1.millis();
+            self.bench.run_until(until);
+            self.most_ma = self.most_ma.max(self.bench.motion(self.seat, Axis(0)).current_ma);
+        }
+    }
+
+    fn row(&self, name: &str) -> usize {
+        self.bench.spec(self.seat).find(name).unwrap().row
+    }
+
+    fn write(&mut self, name: &str, value: i64) {
+        let row = self.row(name);
+        self.bench.poke(self.seat, row, value).unwrap();
+    }
+
+    fn read(&self, name: &str) -> i64 {
+        self.bench.peek(self.seat, self.row(name))
+    }
+
+    fn turns(&self) -> f64 {
+        self.bench.turn(self.motor).revolutions
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 24, max_shrink_iters: 50, ..ProptestConfig::default() })]
+
+    /// Loads are up to half of what 20 A carry, 0.6 Nm.
+    #[test]
+    fn other_motors_turn_as_commanded(
+        motor in motors(),
+        load_unm in -600_000..600_001_i32,
+        rpms in prop::collection::vec((100..2_501_i64, any::<bool>()), 3),
+    ) {
+        let mut other = Other::new((motor.0, Parameters { load_unm, ..motor.1 }));
+        for (rpm, back) in rpms {
+            let rpm = if back { -rpm } else { rpm };
+            other.order("VEL_CMD", rpm);
+            other.run_ms(3_000);
+            let begin = other.turns();
+            for _ in 0..1_000 {
+                other.run_ms(1);
+                let off = (other.read("RPM_DATA") - rpm).abs();
+                prop_assert!(off <= (rpm.abs() / 100).max(2), "{} for {}", other.read("RPM_DATA"), rpm);
+            }
+            let real = (other.turns() - begin) * 60.0;
+            prop_assert!((real - rpm as f64).abs() <= (rpm as f64 / 100.0).abs().max(2.0), "{} for {}", real, rpm);
+            prop_assert_eq!(other.read("CTRL_STATUS"), 0);
+        }
+        prop_assert!(other.most_ma <= 20_000, "{} mA", other.most_ma);
+    }
+
+    /// From power-on on a count of POSI_DATA is a count of the shaft, 3 for each pole and turn.
+    #[test]
+    fn other_motors_go_where_they_are_sent(
+        motor in motors(),
+        load_unm in prop_oneof![-600_000..600_001_i32, -5_000..5_001_i32],
+        moves in prop::collection::vec((-1_000..1_001_i64, 100..2_501_i64), 3),
+    ) {
+        let counts = f64::from(6 * motor.1.hall_pulses);
+        let mut other = Other::new((motor.0, Parameters { load_unm, ..motor.1 }));
+        for (count, rpm) in moves {
+            other.write("MAX_RPM", rpm);
+            other.order("POSI_CMD", count);
+            let way = (count - other.read("POSI_DATA")).unsigned_abs();
+            // Twice the way at that speed, and PV_GAIN's last counts.
+            other.run_ms(2 * way * 60_000 / (6 * u64::from(motor.1.hall_pulses) * rpm.unsigned_abs()) + 4_000);
+            let position = other.read("POSI_DATA");
+            prop_assert!((position - count).abs() <= 1, "{} for {}", position, count);
+            prop_assert!((other.turns() * counts - position as f64).abs() <= 1.0, "{} turns for {}", other.turns(), position);
+            prop_assert_eq!((other.read("RPM_DATA"), other.read("CTRL_STATUS")), (0, 0));
+            other.run_ms(1_000);
+            prop_assert_eq!(other.read("POSI_DATA"), position);
+        }
+        prop_assert!(other.most_ma <= 20_000, "{} mA", other.most_ma);
+    }
+}
