@@ -25,6 +25,8 @@ pub(crate) struct Board {
     vectors: Option<u64>,
     /// Where RAM begins.
     ram: u64,
+    /// Whether it has Ethernet, and so an image of the drives with TCP ports, too.
+    has_ethernet: bool,
 }
 
 /// Every board.
@@ -35,6 +37,7 @@ pub(crate) const BOARDS: [Board; 3] = [
         target: "thumbv7m-none-eabi",
         vectors: Some(0),
         ram: 0x2000_0000,
+        has_ethernet: true,
     },
     Board {
         name: "rp2040",
@@ -43,6 +46,7 @@ pub(crate) const BOARDS: [Board; 3] = [
         // The image runs from RAM.
         vectors: None,
         ram: 0x2000_0000,
+        has_ethernet: false,
     },
     Board {
         name: "stm32f4",
@@ -51,6 +55,7 @@ pub(crate) const BOARDS: [Board; 3] = [
         // As on the rp2040.
         vectors: None,
         ram: 0x2000_0000,
+        has_ethernet: false,
     },
 ];
 
@@ -136,32 +141,44 @@ impl Board {
         self.build(sh, kind)
     }
 
-    /// Builds every image, at once. Each kind of drive has one.
+    /// Whether it must have an image of a kind of drive: each has one wherever its ports are.
+    pub(crate) fn carries(&self, kind: &str) -> bool {
+        self.has_ethernet || !spec(kind).is_some_and(is_on_network)
+    }
+
+    /// Builds every image, at once.
     pub(crate) fn all(&self, sh: &Shell) -> Result<PathBuf> {
         let Self { package, target, .. } = self;
         let kinds = kinds(sh)?;
-        let bins = kinds.iter().flat_map(|kind| ["--bin", kind]);
+        let bins = kinds.iter().filter(|kind| self.carries(kind)).flat_map(|kind| ["--bin", kind]);
         cmd!(sh, "cargo build --quiet --profile {PROFILE} --package {package} --target {target} {bins...}")
             .run()?;
         Ok(self.images(sh))
     }
 }
 
-/// How a person talks to a kind of drive whose line is at `address` of this machine.
-pub(crate) fn hint(kind: &str, address: &str) -> String {
+/// What a kind of drive is.
+pub(crate) fn spec(kind: &str) -> Option<&'static Spec> {
     macro_rules! specs {
         ($($make:expr),* $(,)?) => { [$(($make)().spec()),*] };
     }
-    let spec = standin_firmware::devices!(specs).into_iter().find(|spec| spec.kind == kind);
+    standin_firmware::devices!(specs).into_iter().find(|spec| spec.kind == kind)
+}
+
+/// Whether a drive is reached by TCP, and has no serial port.
+pub(crate) fn is_on_network(spec: &Spec) -> bool {
+    spec.ports.iter().all(|port| port.line.is_none())
+}
+
+/// How a person talks to a kind of drive whose line is at `address` of this machine.
+pub(crate) fn hint(kind: &str, address: &str) -> String {
+    let spec = spec(kind);
     match spec.and_then(|spec| spec.ports.first()).map(|port| port.ends) {
         Some(Ends::Character) => {
             format!("what it counts, with socat:\n  (printf 'R0E\\r'; sleep 1) | socat - tcp:{address}")
         }
         _ => {
-            // Counted from 1.
-            let holding = spec.into_iter().flat_map(Spec::rows).map(|(_, row)| row);
-            let first = holding.filter(|row| row.space == Space::Holding).map(|row| row.address).min();
-            let first = 1 + u32::from(first.unwrap_or(0));
+            let first = first_register(spec);
             format!(
                 "its first 32 registers, with mbpoll, RTU over TCP:\n  \
                  socat pty,raw,echo=0,link={kind}.tty tcp:{address} & \
@@ -169,6 +186,23 @@ pub(crate) fn hint(kind: &str, address: &str) -> String {
             )
         }
     }
+}
+
+/// How a person talks to a kind of drive whose Modbus and MCode are at these ports of this machine.
+pub(crate) fn network_hint(kind: &str, [modbus, mcode]: [u16; 2]) -> String {
+    let first = first_register(spec(kind));
+    format!(
+        "its first register, with mbpoll, and its number, with socat:\n  \
+         mbpoll -m tcp -p {modbus} -t 4:hex -r {first} -c 1 -1 127.0.0.1\n  \
+         (printf 'PR SN\\r'; sleep 1) | socat - tcp:127.0.0.1:{mcode}"
+    )
+}
+
+/// The first holding register of a drive, counted from 1.
+fn first_register(spec: Option<&'static Spec>) -> u32 {
+    let holding = spec.into_iter().flat_map(Spec::rows).map(|(_, row)| row);
+    let first = holding.filter(|row| row.space == Space::Holding).map(|row| row.address).min();
+    1 + u32::from(first.unwrap_or(0))
 }
 
 /// Asks an image under QEMU.

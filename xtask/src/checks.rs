@@ -35,9 +35,11 @@ pub(crate) fn all(sh: &Shell) -> Result<bool> {
     report.check("build", &[], build);
     report.check("generated documents", &[], docs::check);
     report.check("foreign masters", &[Tool::Python], |sh| {
-        pytest(sh, &["tests/foreign", "--ignore", MBPOLL, "--ignore", PCAP, "--ignore", BOARDS])
+        let others = [MBPOLL, MODBUS_SERIAL, PCAP, BOARDS].map(|test| ["--ignore", test]).concat();
+        pytest(sh, &[&["tests/foreign"], &others[..]].concat())
     });
     report.check("mbpoll", &[Tool::Python, Tool::Mbpoll], |sh| pytest(sh, &[MBPOLL]));
+    report.check("modbus-serial", &[Tool::Python, Tool::Node], |sh| pytest(sh, &[MODBUS_SERIAL]));
     report.check("captures", &[Tool::Python, Tool::Tshark], |sh| pytest(sh, &[PCAP]));
     report.check("example of pytest", &[Tool::Python], |sh| pytest(sh, &["examples/pytest"]));
     report.check("no panics on Cortex-M", &[Tool::ThumbTargets], panic_free::check);
@@ -66,6 +68,7 @@ pub(crate) fn build(sh: &Shell) -> Result<()> {
 }
 
 const MBPOLL: &str = "tests/foreign/test_mbpoll.py";
+const MODBUS_SERIAL: &str = "tests/foreign/test_modbus_serial.py";
 const PCAP: &str = "tests/foreign/test_pcap.py";
 const BOARDS: &str = "tests/foreign/test_boards.py";
 

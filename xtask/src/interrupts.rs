@@ -66,8 +66,8 @@ fn line(place: u16, command: u16, data: u16) -> Vec<u8> {
     rtu::frame(1, &pdu).to_vec()
 }
 
-/// The work of an MD3, of the drive with the most of a QSB, and of an RS 434544.
-pub(crate) const WORKS: [Work; 3] = [
+/// The work of an MD3, of the drive with the most of a QSB, of an RS 434544, and of an MDROBOT.
+pub(crate) const WORKS: [Work; 4] = [
     Work {
         kind: "md3",
         // 40,000 steps/s (7.17), 500,000 steps/s² (7.19), 4,000 steps (7.16), a save (7.20), a move (7.15).
@@ -136,6 +136,21 @@ pub(crate) const WORKS: [Work; 3] = [
         steps: false,
         // IN1 and IN2.
         edges: &[(5, "low"), (6, "low"), (5, "high"), (6, "high")],
+    },
+    Work {
+        kind: "mdrobot",
+        // SLOW_START of 15 s, which is saved (p. 13); UI_COM, START_STOP and VEL_CMD (p. 7, 12): it turns.
+        orders: || {
+            let writes = [(153, 1_023), (78, 1), (100, 1), (130, 500)];
+            writes.map(|(pid, value)| rtu::write(1, pid, value).to_vec()).to_vec()
+        },
+        // RPM_DATA, until it is half way.
+        question: || rtu::read(1, 138, 1).to_vec(),
+        answer: frame,
+        is_over: |answer| answer.get(3) == Some(&1),
+        steps: false,
+        // INT_SPEED and ENC_A.
+        edges: &[(5, "low"), (10, "low"), (5, "high"), (10, "high")],
     },
 ];
 

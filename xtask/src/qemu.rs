@@ -1,36 +1,143 @@
 //! The LM3S6965 board under QEMU, for people: `cargo xtask qemu <kind>`.
 
+use std::io::{BufRead, BufReader, Write};
 use std::net::TcpListener;
 use std::os::fd::OwnedFd;
-use std::process::{Command, Stdio};
+use std::path::Path;
+use std::process::{Command, ExitStatus, Stdio};
+use std::{io, thread};
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result, bail, ensure};
 use xshell::Shell;
 
-use crate::board::{LM3S6965, hint};
+use crate::board::{LM3S6965, hint, is_on_network, network_hint, spec};
 use crate::tools::Tool;
 
-/// Builds the image of a kind of drive and runs it, its UART0 on a free TCP port of this machine, until the
-/// process is stopped.
+/// The TCP ports of a drive on the board: Modbus and MCode (FB 6.3).
+const PORTS: [u16; 2] = [502, 503];
+/// QEMU's network of one cable, the factory's of an MDrive (FB 6.3).
+const NETWORK: &str = "user,model=stellaris,net=192.168.33.0/24,host=192.168.33.2,dhcpstart=192.168.33.15";
+/// The drive there.
+const DRIVE: &str = "192.168.33.1";
+/// What the board says once a drive hears.
+const BOOTED: &str = " has power";
+
+/// Builds the image of a kind of drive and runs it, its UART0, or its TCP ports, on free TCP ports of this machine, until
+/// the process is stopped.
 ///
 /// # Errors
 ///
 /// If there is no image of that kind, if it does not build, or if something to build or emulate it with is missing.
 pub(crate) fn run(sh: &Shell, kind: &str) -> Result<()> {
     let image = LM3S6965.image_for(sh, kind, &[Tool::ThumbTargets, Tool::Qemu])?;
+    let run = if spec(kind).is_some_and(is_on_network) { run_on_network } else { run_on_line };
+    let ended = run(kind, &image)?;
+    ensure!(ended.success(), "QEMU ended: {ended}");
+    Ok(())
+}
+
+/// QEMU, which dies with this process.
+fn qemu(image: &Path) -> Command {
+    let mut qemu = Command::new("setpriv");
+    qemu.args(["--pdeathsig", "KILL", "qemu-system-arm", "-M", "lm3s6965evb", "-display", "none", "-kernel"]);
+    qemu.arg(image);
+    qemu
+}
+
+/// What is said where it cannot be started.
+const CANNOT_START: &str = "cannot start QEMU with setpriv, of util-linux";
+
+/// A drive with a serial port.
+fn run_on_line(kind: &str, image: &Path) -> Result<ExitStatus> {
     let bus = TcpListener::bind(("127.0.0.1", 0)).context("cannot listen on 127.0.0.1")?;
     let address = bus.local_addr()?;
     println!("{kind} is at {address}; Ctrl-C ends the board; {}", hint(kind, &address.to_string()));
-    // QEMU dies with this process. It is handed the port as its standard input, so that nobody else can
-    // have taken it meanwhile.
-    let ended = Command::new("setpriv")
-        .args(["--pdeathsig", "KILL", "qemu-system-arm", "-M", "lm3s6965evb", "-display", "none"])
+    // It is handed the port as its standard input, so that nobody else can have taken it meanwhile.
+    let ended = qemu(image)
         .args(["-monitor", "none", "-chardev", "socket,id=bus,fd=0,server=on,wait=off"])
-        .args(["-serial", "chardev:bus", "-serial", "null", "-kernel"])
-        .arg(image)
+        .args(["-serial", "chardev:bus", "-serial", "null"])
         .stdin(Stdio::from(OwnedFd::from(bus)))
         .status()
-        .context("cannot start QEMU with setpriv, of util-linux")?;
-    ensure!(ended.success(), "QEMU ended: {ended}");
+        .context(CANNOT_START)?;
+    Ok(ended)
+}
+
+/// A drive with TCP ports.
+fn run_on_network(kind: &str, image: &Path) -> Result<ExitStatus> {
+    // QEMU chooses free ports itself, and its monitor tells which.
+    let forward = PORTS.map(|port| format!("hostfwd=tcp:127.0.0.1:0-{DRIVE}:{port}"));
+    let mut qemu = qemu(image)
+        .args(["-monitor", "stdio", "-serial", "null", "-serial", "file:/dev/stderr", "-nic"])
+        .arg(format!("{NETWORK},{}", forward.join(",")))
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .context(CANNOT_START)?;
+    let mut monitor = qemu.stdin.take().context("its standard input is a pipe")?;
+    let told = qemu.stdout.take().context("its standard output is a pipe")?;
+    let mut said = BufReader::new(qemu.stderr.take().context("its standard error is a pipe")?);
+    // Whoever connects before the drive hears waits for seconds.
+    wait_for_power(&mut said)?;
+    thread::spawn(move || io::copy(&mut said, &mut io::stderr()));
+    writeln!(monitor, "info usernet")?;
+    let ports = forwarded(BufReader::new(told))?;
+    let [modbus, mcode] = ports;
+    println!(
+        "{kind} is at 127.0.0.1:{modbus} (Modbus/TCP) and 127.0.0.1:{mcode} (MCode); Ctrl-C ends the board; {}",
+        network_hint(kind, ports)
+    );
+    Ok(qemu.wait()?)
+}
+
+/// Waits until the board says that the drive has power.
+fn wait_for_power(said: &mut impl BufRead) -> Result<()> {
+    let mut all = String::new();
+    while !all.trim_end().ends_with(BOOTED) {
+        ensure!(said.read_line(&mut all)? > 0, "the board did not start: {all}");
+    }
     Ok(())
+}
+
+/// Where the drive's ports are on this machine, as the monitor tells.
+fn forwarded(told: impl BufRead) -> Result<[u16; 2]> {
+    let mut found = [None; PORTS.len()];
+    for line in told.lines() {
+        let line = line?;
+        let words: Vec<&str> = line.split_whitespace().collect();
+        let [what, _, "127.0.0.1", here, DRIVE, there, ..] = words.as_slice() else { continue };
+        let place = PORTS.iter().position(|port| port.to_string() == *there);
+        if let Some(place) = place.filter(|_| what.contains("HOST_FORWARD")) {
+            found[place] = Some(here.parse().with_context(|| format!("`{line}` names no port"))?);
+        }
+        if let [Some(modbus), Some(mcode)] = found {
+            return Ok([modbus, mcode]);
+        }
+    }
+    bail!("QEMU does not say where the ports are")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_monitor_tells_where_the_ports_are() {
+        let told = "QEMU 7.2.22 monitor - type 'help' for more information\r\n\
+            (qemu) info usernet\r\nHub -1 (#net032):\r\n\
+            \x20 Protocol[State]    FD  Source Address  Port   Dest. Address  Port RecvQ SendQ\r\n\
+            \x20 TCP[HOST_FORWARD]   8       127.0.0.1 44871    192.168.33.1   503     0     0\r\n\
+            \x20 TCP[HOST_FORWARD]   3       127.0.0.1 44621    192.168.33.1   502     0     0\r\n(qemu) ";
+        assert_eq!(forwarded(told.as_bytes()).expect("both are there"), [44_621, 44_871]);
+        assert!(forwarded(&told.as_bytes()[..300]).is_err());
+    }
+
+    #[test]
+    fn a_board_that_ends_has_not_started() {
+        assert!(
+            wait_for_power(&mut "Timer with period zero\nstandin: mdrive has power\r\n".as_bytes()).is_ok()
+        );
+        let error = wait_for_power(&mut "no such machine\n".as_bytes()).expect_err("it ended");
+        assert_eq!(error.to_string(), "the board did not start: no such machine\n");
+    }
 }

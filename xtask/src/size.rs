@@ -3,7 +3,7 @@
 use anyhow::{Result, bail, ensure};
 use xshell::Shell;
 
-use crate::board::{BOARDS, PROFILE};
+use crate::board::{BOARDS, PROFILE, is_on_network, spec};
 use crate::budgets::{BUDGETS, Budget, NO_BUDGET, PLACES};
 use crate::checks;
 use crate::counted::{self, Group, PROCESSORS};
@@ -45,12 +45,13 @@ pub(crate) fn check(sh: &Shell) -> Result<()> {
         }
     }
     for (place, processor) in PROCESSORS.iter().enumerate() {
-        for program in ["motion", "counter", "program"] {
+        for program in ["motion", "counter", "program", "turning"] {
             for group in counted::groups(sh, processor, program, None)? {
                 table.instructions(place, &group.name, &group);
             }
         }
-        for kind in &kinds {
+        // What is counted is heard on a serial port.
+        for kind in kinds.iter().filter(|kind| !spec(kind).is_some_and(is_on_network)) {
             for group in counted::groups(sh, processor, "drive", Some(kind))? {
                 table.instructions(place, &format!("{kind}: {}", group.name), &group);
             }
@@ -62,7 +63,7 @@ pub(crate) fn check(sh: &Shell) -> Result<()> {
 
 /// The images with a kind of drive, and the drive alone.
 fn sizes(sh: &Shell, kind: &str, table: &mut Table) -> Result<()> {
-    for (place, board) in BOARDS.iter().enumerate() {
+    for (place, board) in BOARDS.iter().enumerate().filter(|(_, board)| board.carries(kind)) {
         let image = board.image(sh, kind)?;
         let Sizes { flash, ram, stack } = image.sizes()?;
         table.put(place, format!("{kind}: flash, bytes"), flash);

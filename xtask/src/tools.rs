@@ -35,7 +35,7 @@ pub(crate) enum Tool {
     /// Python with `venv`, and in it what `tests/foreign/requirements.txt` names: masters, and what tries the
     /// control API.
     Python,
-    /// Node and npm, and in `tests/pico/node_modules` the emulator that its lock file names.
+    /// Node and npm, and in `node_modules` of each of [`PACKAGES`] what its lock file names.
     Node,
 }
 
@@ -104,7 +104,7 @@ impl Tool {
             Self::Tshark => "tshark",
             Self::Valgrind => "valgrind",
             Self::Python => "a Python environment for foreign masters and the control API",
-            Self::Node => "Node 20 with the emulator of the Pico",
+            Self::Node => "Node 20 with the emulator of the Pico and foreign masters",
         }
     }
 
@@ -135,7 +135,7 @@ impl Tool {
             Self::Tshark => runs(sh, "tshark"),
             Self::Valgrind => runs(sh, "valgrind"),
             Self::Python => environment_is_current(sh),
-            Self::Node => has_node(sh) && emulator_is_current(sh),
+            Self::Node => has_node(sh) && PACKAGES.iter().all(|folder| is_current(sh, folder)),
         }
     }
 
@@ -161,10 +161,13 @@ impl Tool {
                     apt.install(sh, "nodejs")?;
                     apt.install(sh, "npm")?;
                 }
-                let install = cmd!(sh, "npm ci --prefix {PICO} --no-audit --no-fund");
                 // Node knows authorities of its own; what the machine trusts is trusted here, too.
                 let trusted = std::env::var_os(TRUSTED).unwrap_or_else(|| AUTHORITIES.into());
-                Ok(install.env(TRUSTED, trusted).run()?)
+                for folder in PACKAGES {
+                    let install = cmd!(sh, "npm ci --prefix {folder} --no-audit --no-fund");
+                    install.env(TRUSTED, &trusted).run()?;
+                }
+                Ok(())
             }
         }
     }
@@ -239,13 +242,13 @@ fn make_environment(sh: &Shell) -> Result<()> {
         .with_context(|| format!("cannot finish {}", environment.display()))
 }
 
-/// The emulated Pico: programs for Node.
-const PICO: &str = "tests/pico";
+/// Programs for Node: the emulated Pico, foreign masters.
+const PACKAGES: [&str; 2] = ["tests/pico", "tests/foreign/node"];
 
 /// Whether the packages are those of the lock file: npm notes after an installation what it has installed.
-fn emulator_is_current(sh: &Shell) -> bool {
-    let note = sh.read_file(format!("{PICO}/node_modules/.package-lock.json"));
-    let wanted = sh.read_file(format!("{PICO}/package-lock.json"));
+fn is_current(sh: &Shell, folder: &str) -> bool {
+    let note = sh.read_file(format!("{folder}/node_modules/.package-lock.json"));
+    let wanted = sh.read_file(format!("{folder}/package-lock.json"));
     note.is_ok_and(|note| wanted.is_ok_and(|wanted| integrities(&note) == integrities(&wanted)))
 }
 
