@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use anyhow::Result;
+use anyhow::{Context, Result};
 use xshell::{Shell, cmd};
 
 use crate::report::Report;
@@ -28,7 +28,10 @@ pub(crate) fn all(sh: &Shell) -> Result<bool> {
         let doc = cmd!(sh, "cargo doc --workspace {host...} --no-deps --document-private-items");
         Ok(doc.env("RUSTDOCFLAGS", "-D warnings").run()?)
     });
-    report.check("tests", &[], |sh| Ok(cmd!(sh, "cargo test").run()?));
+    report.check("tests", &[], |sh| {
+        let seed = std::env::var("PROPTEST_RNG_SEED").unwrap_or_else(|_| SEED.into());
+        Ok(cmd!(sh, "cargo test --no-fail-fast").env("PROPTEST_RNG_SEED", seed).run()?)
+    });
     report.check("tests of the tools", &[], |sh| {
         Ok(cmd!(sh, "cargo test --package insncount --package xtask").run()?)
     });
@@ -60,6 +63,17 @@ pub(crate) fn all(sh: &Shell) -> Result<bool> {
 /// `flag` before each crate that the host cannot build.
 fn bare(flag: &str) -> Vec<&str> {
     BARE.iter().flat_map(|package| [flag, package]).collect()
+}
+
+/// Of the cases of the property tests: whether a commit passes depends on it alone. New ones are for
+/// [`soak`] and for `cargo test`.
+const SEED: &str = "434544";
+
+/// Runs the property tests with `cases` new cases each.
+pub(crate) fn soak(sh: &Shell, cases: &str) -> Result<()> {
+    let cases: u32 = cases.parse().with_context(|| format!("`{cases}` is no number of cases"))?;
+    let soak = cmd!(sh, "cargo test --profile soak --no-fail-fast");
+    Ok(soak.env("PROPTEST_CASES", cases.to_string()).run()?)
 }
 
 /// Builds the binary as `cargo run --release` does.

@@ -6,6 +6,7 @@
 //! cargo xtask pico    run a drive on an emulated Raspberry Pi Pico
 //! cargo xtask qemu    run a drive on an emulated LM3S6965 board
 //! cargo xtask size    measure what each drive costs on each board, and print it
+//! cargo xtask soak    run the property tests with many new cases
 //! ```
 
 mod board;
@@ -36,6 +37,7 @@ usage: cargo xtask <command>
   pico    run a drive on an emulated Raspberry Pi Pico, its serial line on a TCP port: `pico md3`
   qemu    run a drive on an LM3S6965 board under QEMU, its serial line on a TCP port: `qemu md3`
   size    print what each drive costs on each board; fail if one costs too much
+  soak    run the property tests with so many new cases each: `soak 20000`
 ";
 
 fn main() -> ExitCode {
@@ -47,6 +49,7 @@ fn main() -> ExitCode {
         ["pico", kind] => shell().and_then(|sh| pico::run(&sh, kind)).map(|()| true),
         ["qemu", kind] => shell().and_then(|sh| qemu::run(&sh, kind)).map(|()| true),
         ["size"] => shell().and_then(|sh| size::print(&sh)).map(|()| true),
+        ["soak", cases] => shell().and_then(|sh| checks::soak(&sh, cases)).map(|()| true),
         [] | ["help" | "--help" | "-h"] => {
             print!("{USAGE}");
             Ok(true)
