@@ -28,8 +28,10 @@ const LEAST_STEP: Duration = Duration::micros(50);
 pub(super) struct Constants {
     /// The speed at which the motor makes the voltage of the supply.
     full: i64,
-    /// The acceleration of the supply at standstill.
+    /// The acceleration of the supply at standstill, bounded: what is steeper comes to its speed within a step anyhow.
     stall: i64,
+    /// The same without a bound: a limited current gives its part of this.
+    torque: i64,
     /// The current of the supply at standstill, in mA.
     stall_ma: i64,
     friction: i64,
@@ -62,10 +64,11 @@ impl Constants {
         let stall_ma = (supply * 1_000).cast_signed() / resistance;
         let stall_unm = ((supply * TORQUE / rpm).cast_signed() * stall_ma) >> 16;
         let full = ((rpm * RPM) >> 8).cast_signed();
-        let stall = accelerated(stall_unm).clamp(1, 1 << 34);
+        let torque = (stall_unm * ACCELERATION / inertia) >> 4;
         let mut constants = Self {
             full,
-            stall,
+            stall: torque.clamp(1, 1 << 34),
+            torque,
             stall_ma,
             friction: accelerated(friction.into()),
             load: accelerated(load.into()),
@@ -90,15 +93,12 @@ impl Constants {
     /// What goes on from `now`, and what it draws there, in mA. Open terminals have neither a duty nor a limit
     /// of the current.
     pub(super) fn next(&self, now: Stretch, closed: Option<(i32, u32)>, held: bool) -> (Stretch, i32) {
-        let (push, limit) = match closed {
-            Some((duty, ma)) => {
-                let ma = i64::from(ma).min(2 * self.stall_ma);
-                (self.push(duty, now.speed), ma * self.stall / self.stall_ma.max(1))
-            }
-            None => (0, 0),
-        };
+        let (push, most_ma) = closed.map_or((0, 0), |(duty, ma)| (self.push(duty, now.speed), i64::from(ma)));
+        // At full speed against the supply it is twice that of standstill: what is more is no limit.
+        let limit = (most_ma.saturating_mul(self.torque) / self.stall_ma.max(1)).min(2 * self.stall);
         let drives = push.min(limit).max(-limit);
-        let ma = ((2 * drives * self.stall_ma).div_euclid(self.stall.max(1)) + 1) >> 1;
+        let ma = ((2 * push * self.stall_ma).div_euclid(self.stall.max(1)) + 1) >> 1;
+        let ma = ma.min(most_ma).max(-most_ma);
         let way = if now.speed != 0 {
             now.speed.signum()
         } else if (drives - self.load).abs() > self.friction {

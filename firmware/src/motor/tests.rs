@@ -111,6 +111,25 @@ impl Reference {
     }
 }
 
+#[test]
+fn a_small_current_turns_the_lightest_of_motors_too() {
+    // It would be at its speed in 8 µs, but for 20 mA: 0.161 N·m/A of it on 20 g·cm² are 256 turns/s².
+    let light = Parameters {
+        supply_mv: 23_362,
+        no_load_rpm: 1_387,
+        resistance_mohm: 100,
+        inertia_gcm2: 20,
+        friction_unm: 0,
+        ..Parameters::NOMINAL
+    };
+    let (mut motor, mut log) = (motor(light), Log::default());
+    motor.input(at_ms(0), current(20), &mut log);
+    motor.input(at_ms(0), duty(4_183), &mut log);
+    advance(&mut motor, at_ms(1), core::iter::empty(), &mut log);
+    assert_eq!((turns_per_second(&motor, at_ms(1)) * 1e3).round(), 256.0);
+    assert_eq!(log.draws, [(at_ms(0), 20)]);
+}
+
 /// Motors from a toy to a washing machine's.
 fn parameters() -> impl Strategy<Value = Parameters> {
     let load = -60_000..60_000_i32;
