@@ -91,23 +91,26 @@ proptest! {
         let mut model = Model { x: 0.0, v: 0.0, aim: Aim::Speed(0.0), settings };
         for (order, ms) in orders {
             let mut differ = 0;
+            // A step of the model's steeper ramp is so many of the other: so much earlier or later it may turn round.
+            let turn = 2 * (up.max(down) / up.min(down));
             let mut run = |bench: &mut Bench, model: &mut Model, steps: u64| {
                 for _ in 0..steps {
                     let before = model.v;
                     model.step();
                     bench.run(10.micros());
-                    // Each end of a ramp, and each turn, is off by a step of the model at most.
+                    // Each end of a ramp is off by a step of the model at most.
                     let off = (f64::from(bench.c1()) - model.x).abs();
-                    prop_assert!(off <= 3.0, "{} at {} ms: {} and {}", off, bench.ms(), bench.c1(), model.x);
+                    let beside = 3.0 + f64::from(turn) * STEP * f64::from(start);
+                    prop_assert!(off <= beside, "{} at {} ms: {} and {}", off, bench.ms(), bench.c1(), model.x);
                     let (low, high) = (model.v.min(before), model.v.max(before));
                     let near = 3.0 * STEP * f64::from(up.max(down)) + 1.0;
                     // At VI a small part of a step may take long.
                     let stands = bench.v() == 0 || model.v == 0.0;
                     let differs = !stands && !(low - near..=high + near).contains(&f64::from(bench.v()));
                     differ = if differs { differ + 1 } else { 0 };
-                    prop_assert!(differ <= 4, "at {} ms: {} and {}", bench.ms(), bench.v(), model.v);
+                    prop_assert!(differ <= 4 + turn, "at {} ms: {} and {}", bench.ms(), bench.v(), model.v);
                 }
-                Ok(())
+                Ok(differ == 0)
             };
             match order {
                 Does::Slews(speed) => {
@@ -126,7 +129,11 @@ proptest! {
                 }
                 Does::Moves(_) => {}
             }
-            run(&mut bench, &mut model, 100 * ms)?;
+            let mut agree = run(&mut bench, &mut model, 100 * ms)?;
+            // Where one is about to turn round and the other has, an order is another one for each.
+            while !agree {
+                agree = run(&mut bench, &mut model, 1)?;
+            }
         }
     }
 }
