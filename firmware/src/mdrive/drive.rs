@@ -18,17 +18,18 @@
 use standin_protocol::modbus::pdu::Exception;
 use standin_protocol::registers::{Bank, Entries, Register, Space};
 
+use super::STALL;
 use super::error::{Error, Errors};
 use super::hybrid::Hybrid;
 use super::io::{self, Io};
 use super::mcode::Mcode;
 use super::mcode::statement::Place;
-use super::motion::{self, Channel, Contact, Motion};
+use super::motion::{self, Contact, Motion};
 use super::registers::{HYBRID, PLUS, Reg, TABLE_HYBRID};
 use super::saved::Saving;
 use super::variables::{entry, is_number, words};
-use super::{A, B, INDEX, STALL};
 use crate::device::{Boot, Fault, Instant, Pin, Refused, Sink};
+use crate::motor::stepper::Parameters;
 
 /// SN.
 pub(super) const SERIAL_NUMBER: &[u8] = b"123456789";
@@ -156,18 +157,18 @@ impl Drive {
     }
 
     pub(super) fn edge(&mut self, at: Instant, pin: Pin, high: bool, out: &mut dyn Sink) {
-        match channel(pin) {
-            Some(channel) => self.motion.channel(at, channel, Some(high), out),
-            None => self.io.edge(at, pin, high, out),
-        }
+        self.io.edge(at, pin, high, out);
         self.settle(at, out);
     }
 
     pub(super) fn opened(&mut self, at: Instant, pin: Pin, out: &mut dyn Sink) {
-        match channel(pin) {
-            Some(channel) => self.motion.channel(at, channel, None, out),
-            None => self.io.opened(at, pin, out),
-        }
+        self.io.opened(at, pin, out);
+        self.settle(at, out);
+    }
+
+    /// A board's counter has seen edges of a remote encoder, whose channels are at these levels now.
+    pub(super) fn take_count(&mut self, at: Instant, steps: i32, channels: [bool; 2], out: &mut dyn Sink) {
+        self.motion.count(at, steps, channels, out);
         self.settle(at, out);
     }
 
@@ -207,6 +208,9 @@ impl Drive {
         }
         if row.space == Space::Setting && row.accepts(value) {
             self.bank.set(reg, value);
+            self.set_motion(at, out);
+            self.take_rotor_on(at, out);
+            self.settle(at, out);
             return Ok(());
         }
         let outcome = match i32::try_from(value) {
@@ -251,12 +255,12 @@ impl Drive {
         self.look_for_standstill(at);
         self.sign_on(at, out);
         let shown = io::Shown {
-            moving: self.motion.is_moving(at),
+            moving: self.motion.is_moving(),
             fault: self.errors.is_set(),
             stall: self.motion.has_stalled(),
             changing: self.motion.is_changing(at),
             locked_rotor: self.hybrid.is_locked(),
-            positioning: self.motion.is_positioning(at),
+            positioning: self.motion.is_positioning(),
             hybrid: self.hybrid.is_active(),
             makes_up: self.hybrid.makes_up(),
         };
@@ -267,6 +271,7 @@ impl Drive {
         match event {
             // What is held while it starts does nothing, but for limits and the home switch.
             io::Event::Contact(Contact::JogPlus | Contact::JogMinus, true) if !self.hears() => {}
+            io::Event::Channel(channel, level) => self.motion.channel(at, channel, level, out),
             io::Event::Contact(contact, active) => self.motion.contact(at, contact, active, out),
             _ if !self.hears() => {}
             io::Event::Clock(steps) => {
@@ -276,7 +281,7 @@ impl Drive {
             }
             io::Event::Active(_) | io::Event::Capture => self.trip_on(at, event, out),
             io::Event::Go => {
-                if let Err(error) = self.start_program(at, Place::Address(1), 0, out) {
+                if let Err(error) = self.start_program(at, Place::Address(1), 0) {
                     self.fail(at, error, out);
                 }
             }
@@ -292,7 +297,7 @@ impl Drive {
         if self.mcode.vm.is_paused() {
             return;
         }
-        let (runs, moves) = (self.mcode.vm.is_running(), self.motion.is_moving(at));
+        let (runs, moves) = (self.mcode.vm.is_running(), self.motion.is_moving());
         self.end_program();
         self.motion.stop(at, out);
         if runs {
@@ -309,16 +314,6 @@ impl Drive {
             motion::Event::StopsProgram => self.end_program(),
             motion::Event::Announce => self.say_name(at, out),
         }
-    }
-}
-
-/// The channel of a remote encoder that a pin takes.
-fn channel(pin: Pin) -> Option<Channel> {
-    match pin {
-        A => Some(Channel::A),
-        B => Some(Channel::B),
-        INDEX => Some(Channel::Index),
-        _ => None,
     }
 }
 
@@ -348,6 +343,20 @@ pub(super) fn motion_settings(bank: &Bank<Reg, { Reg::WORDS }>, follows_clock: b
         stall_factor: bank.word(Reg::SF),
         goes_on_stalled: flag(Reg::SM),
         maintains: flag(Reg::PM),
+        machine: machine(bank),
+    }
+}
+
+/// The motor and its load.
+fn machine(bank: &Bank<Reg, { Reg::WORDS }>) -> Parameters {
+    let long = |reg| u32::try_from(bank.get(reg)).unwrap_or(0);
+    Parameters {
+        holding_unm: long(Reg::HoldingTorque) * 1_000,
+        pull_out_rpm: long(Reg::PullOutSpeed),
+        inertia_gcm2: long(Reg::Inertia),
+        friction_unm: long(Reg::Friction) * 1_000,
+        load_unm: i32::try_from(bank.get(Reg::Load)).unwrap_or(0) * 1_000,
+        ..Parameters::NOMINAL
     }
 }
 

@@ -175,8 +175,10 @@ impl Device for Mdrive {
             Input::Edge { pin, high } => drive.edge(at, pin, high, out),
             Input::Open { pin } => drive.opened(at, pin, out),
             Input::Millivolts { pin: ANALOG, mv } => drive.voltage(at, mv),
+            Input::Count { steps, a, b, .. } => drive.take_count(at, steps, [a, b], out),
             Input::Fault { fault, on } => drive.set_cause(at, fault, on, out),
-            // It does not hear yet; it has no serial port, and its motor is its own.
+            // It does not hear yet; it has no serial port, and its motor is its own: without pins of steps no board makes
+            // pulses for it that could slip.
             Input::Message { .. }
             | Input::Opened { .. }
             | Input::Closed { .. }
@@ -185,7 +187,6 @@ impl Device for Mdrive {
             | Input::Idle { .. }
             | Input::Millivolts { .. }
             | Input::Attached { .. }
-            | Input::Count { .. }
             | Input::Current { .. }
             | Input::Duty { .. }
             | Input::Draws { .. }

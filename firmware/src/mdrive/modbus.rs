@@ -97,18 +97,14 @@ impl Drive {
     fn write_all(&mut self, at: Instant, values: &Values<'_, Reg>, out: &mut dyn Sink) -> Result<(), Error> {
         let brought = |reg| values.get(reg).map(narrow);
         for (reg, value) in values.iter() {
-            // MCode takes more (FB 5).
-            let most = match reg {
-                Reg::CE => 1,
-                Reg::OT => 15,
-                Reg::TE => 43,
-                _ => i32::MAX,
-            };
-            if narrow(value) > most {
-                return Err(Error::IllegalValue);
-            }
             // MR is next to MS.
             if self.calibrates(reg, narrow(value)) && brought(Reg::MR).is_some() {
+                return Err(Error::CalibrationInMotion);
+            }
+            // DC is next to DE: where it takes DE to 0, DE 1 calibrates.
+            let counted = brought(Reg::DC).and_then(|address| self.counted_by_address(address).ok());
+            let switches_on = reg == Reg::DE && value == 1 && counted == Some(Reg::DE);
+            if switches_on && self.model == Model::Hybrid && self.motion.is_moving() {
                 return Err(Error::CalibrationInMotion);
             }
             self.judge(at, reg, narrow(value), &|other| brought(other).unwrap_or_else(|| self.held(other)))?;
@@ -158,7 +154,7 @@ impl Drive {
         let done = match specific {
             Specific::Values => self.write_values(at, name, string, out),
             Specific::Command => self.command(at, name, out),
-            Specific::Execute => self.execute_at(at, string, out),
+            Specific::Execute => self.execute_at(at, string),
         };
         done.map_err(|error| self.refuse(at, error, out))?;
         let _ = match function {
@@ -212,10 +208,10 @@ impl Drive {
     }
 
     /// Runs the program at an address or a label, of which `=` may stand before it.
-    fn execute_at(&mut self, at: Instant, place: &[u8], out: &mut dyn Sink) -> Result<(), Error> {
+    fn execute_at(&mut self, at: Instant, place: &[u8]) -> Result<(), Error> {
         let place = place.strip_prefix(b"=").unwrap_or(place);
         match self.parse(&joined(b"EX ", place))? {
-            Statement::Execute(place, None) => self.start_program(at, place, 0, out),
+            Statement::Execute(place, None) => self.start_program(at, place, 0),
             _ => Err(Error::IllegalData),
         }
     }

@@ -1,6 +1,7 @@
 //! The variables, flags and instructions with a value of an MDrive, under their mnemonics: those that the fieldbus
 //! manual (FB) gives an address come first, in its order, then those that only MCode (MC) knows.
 
+use crate::motor::stepper::Parameters;
 use standin_protocol::registers::{Entries, Entry, Register, Row, Table, entries};
 
 /// Bits of [`Entry::variants`].
@@ -14,6 +15,9 @@ const RESOLUTIONS: &[i64] =
 /// The most lines of an encoder: what EL holds.
 const MOST_LINES: i64 = u16::MAX as i64;
 
+/// What the motor and its load are of a new drive.
+const LOAD: Parameters = Parameters::NOMINAL;
+
 standin_protocol::registers! {
     /// Sections are those of FB, with the page of MC where that says more.
     #[allow(non_camel_case_types, reason = "the names are the manual's")]
@@ -24,8 +28,8 @@ standin_protocol::registers! {
         C1 = rw(0x0005, "5").i32().live(),
         /// Edges of the encoder, forward less backward.
         C2 = rw(0x0007, "5").i32().live(),
-        /// 1: Ctrl-C restarts; 2: only addressed, in party mode. 2 in MCode only.
-        CE = rw(0x0009, "5").u8().range(0, 2).reset(1).saved(),
+        /// 1: Ctrl-C restarts; 2, in MCode only: if it is addressed, in party mode.
+        CE = rw(0x0009, "5").u8().range(0, 1).reset(1).saved(),
         /// 1: clock inputs or outputs at I/O 7 and 8.
         CM = rw(0x000B, "5").u8().range(0, 1).saved().only(PLUS),
         /// How long input 1 must last, in ms.
@@ -103,7 +107,7 @@ standin_protocol::registers! {
         /// Writes outputs 1 to 4, output 1 the lowest bit.
         OL = rw(0x0055, "5").u8().range(0, 15).live(),
         /// Writes outputs 1 to 4, output 1 the lowest bit; above 15 in MCode only.
-        OT = rw(0x0056, "5").u8().range(0, 255).live(),
+        OT = rw(0x0056, "5").u8().range(0, 15).live(),
         /// The position: C1, or C2 with EE.
         P = rw(0x0057, "5").i32().live(),
         /// The position at the last trip but one on position.
@@ -131,7 +135,7 @@ standin_protocol::registers! {
         /// 1: it stalled.
         ST = rw(0x007B, "5").u8().range(0, 1).live().only(PLUS),
         /// Trips that are on, a bit each; above 43 in MCode only.
-        TE = rw(0x007D, "5").u8().range(0, 63).live(),
+        TE = rw(0x007D, "5").u8().range(0, 43).live(),
         /// The velocity, in steps/s; counts/s with EE.
         V = ro(0x0085, "5").i32().live(),
         /// 1: the velocity changes.
@@ -257,7 +261,36 @@ standin_protocol::registers! {
 
         /// 1: the serial sister's commands are there, too.
         SerialCommands = setting(1, "MC 1.2.2").range(0, 1).saved(),
+
+        /// What holds the motor at RC = 100, in mN·m; 0: it follows whatever its load is.
+        HoldingTorque = setting(2, "MC 5-70").u32().range(0, 100_000),
+        /// The speed at which it has no torque left, in rpm; it falls evenly with the speed.
+        PullOutSpeed = setting(4, "MC 5-70").u32().range(1, 200_000).reset(LOAD.pull_out_rpm as i64),
+        /// Inertia of rotor and load, in g·cm².
+        Inertia = setting(6, "MC 5-70").u32().range(1, 10_000_000).reset(LOAD.inertia_gcm2 as i64),
+        /// Torque against any motion, in mN·m.
+        Friction = setting(8, "MC 5-70").u32().range(0, 100_000).reset(LOAD.friction_unm as i64 / 1_000),
+        /// Torque of the load, in mN·m, positive against forward motion.
+        Load = setting(10, "MC 5-70").i32().range(-100_000, 100_000),
     }
+}
+
+/// The motor and its load: they stay as they are whatever becomes of the drive.
+pub(super) const MACHINE: [Reg; 5] =
+    [Reg::HoldingTorque, Reg::PullOutSpeed, Reg::Inertia, Reg::Friction, Reg::Load];
+
+/// Whether MCode takes a value: one that the row accepts, whose range is that of FB 5, and of three rows more.
+pub(super) fn mcode_accepts(reg: Reg, value: i64) -> bool {
+    let most = match reg {
+        // (MC 5-11)
+        Reg::CE => 2,
+        // Outputs 9 to 12, which drives with Ethernet do not have (MC 5-54).
+        Reg::OT => 255,
+        // TR and TA (MC 5-73).
+        Reg::TE => 63,
+        _ => return Reg::ENTRIES.list.get(reg.row()).is_some_and(|entry| entry.accepts(value)),
+    };
+    (0..=most).contains(&value)
 }
 
 /// All rows, for what is made of them while the program is compiled.

@@ -10,7 +10,7 @@ use super::drive::Drive;
 use super::error::Error;
 use super::io::Io;
 use super::mcode::{names, program};
-use super::registers::Reg;
+use super::registers::{MACHINE, Reg, mcode_accepts};
 use super::variables::{entry, is_number, words};
 use crate::device::{Duration, Instant, Output, Refused, Sink};
 use crate::memory::{self, Content, Save};
@@ -54,7 +54,7 @@ impl Drive {
     pub(super) fn load(&mut self, out: &dyn Sink) -> bool {
         let saved = self.load_variables(out) && self.load_globals(out);
         if !saved {
-            self.bank = Bank::of(self.model.entries());
+            self.renew();
             self.mcode.names = names::Names::new();
         }
         self.load_program(out) && saved
@@ -63,7 +63,7 @@ impl Drive {
     /// Loads the variables, those of a new drive from the factory. Whether they were good.
     fn load_variables(&mut self, out: &dyn Sink) -> bool {
         let entries = self.model.entries();
-        self.bank = Bank::of(entries);
+        self.renew();
         let content = memory::content(out.memory(), Reg::SAVED_WORDS);
         if content == Content::Good {
             memory::load(entries, out.memory(), self.bank.words_mut());
@@ -76,7 +76,8 @@ impl Drive {
     fn mend(&mut self) {
         let entries = self.model.entries();
         for (row, entry) in entries.list.iter().enumerate() {
-            if entry.saved != 0 && !entry.accepts(entries.value(self.bank.words(), row)) {
+            let value = entries.value(self.bank.words(), row);
+            if entry.saved != 0 && !Reg::from_row(row).is_some_and(|reg| mcode_accepts(reg, value)) {
                 entries.put(self.bank.words_mut(), row, entry.reset);
             }
         }
@@ -85,7 +86,16 @@ impl Drive {
         let mut numbers = rows.filter_map(|(row, _)| Reg::from_row(row)).filter(|&reg| is_number(reg));
         let held = |reg| self.held(reg);
         if numbers.any(|reg| self.has(reg) && self.judge_together(reg, held(reg), &held).is_err()) {
-            self.bank = Bank::of(entries);
+            self.renew();
+        }
+    }
+
+    /// All variables are the factory's. The motor and its load stay.
+    fn renew(&mut self) {
+        let machine = MACHINE.map(|reg| self.bank.get(reg));
+        self.bank = Bank::of(self.model.entries());
+        for (reg, value) in MACHINE.into_iter().zip(machine) {
+            self.bank.set(reg, value);
         }
     }
 
@@ -110,7 +120,7 @@ impl Drive {
     /// # Errors
     /// 73 in motion.
     pub(super) fn save(&mut self, at: Instant, out: &mut dyn Sink) -> Result<(), Error> {
-        if self.motion.is_moving(at) {
+        if self.motion.is_moving() {
             return Err(Error::SaveInMotion);
         }
         self.begin_save(at, out);
@@ -152,7 +162,7 @@ impl Drive {
     /// # Errors
     /// 70 if what is saved is bad, 74 in motion.
     pub(super) fn initialize(&mut self, at: Instant, out: &mut dyn Sink) -> Result<(), Error> {
-        if self.motion.is_moving(at) {
+        if self.motion.is_moving() {
             return Err(Error::ClearInMotion);
         }
         // What is said comes in order.
@@ -168,12 +178,12 @@ impl Drive {
     /// # Errors
     /// 73 in motion.
     pub(super) fn restore(&mut self, at: Instant, out: &mut dyn Sink) -> Result<(), Error> {
-        if self.motion.is_moving(at) {
+        if self.motion.is_moving() {
             return Err(Error::SaveInMotion);
         }
         self.forget();
         let serial = self.bank.get(Reg::SerialCommands);
-        self.bank = Bank::of(self.model.entries());
+        self.renew();
         self.bank.set(Reg::SerialCommands, serial);
         self.mcode.names = names::Names::new();
         self.take_variables(at, out);

@@ -90,7 +90,7 @@ impl Drive {
         self.state = State::Ready;
         self.greet(at, out);
         if self.mcode.names.find(*b"SU").is_some()
-            && let Err(error) = self.start_program(at, START_UP, 0, out)
+            && let Err(error) = self.start_program(at, START_UP, 0)
         {
             self.fail(at, error, out);
         }

@@ -8,7 +8,7 @@
 //! The torque of the motor is its holding torque times the share of the rated current, and falls evenly to nothing
 //! at the pull-out speed. Load, friction and what accelerates the inertia may not take more. Where they do the shaft is
 //! out of step: it stands until the field does, and falls in at the nearest place of the field's torque, which
-//! repeats every four full steps.
+//! repeats every four full steps, if that is enough for load and friction.
 //!
 //! Not modelled: resonance, damping, a load that turns a motor without current.
 //!
@@ -207,6 +207,16 @@ impl Stepper {
         self.begin(at, CATCH_UP);
     }
 
+    /// From `at` on it has another load, or other torque; its full steps in a turn stay.
+    pub fn load(&mut self, at: Instant, parameters: Parameters) {
+        let steps_per_rev = self.parameters.steps_per_rev;
+        let parameters = Parameters { steps_per_rev, ..parameters.limited() };
+        if parameters != self.parameters {
+            self.parameters = parameters;
+            self.begin(at, CATCH_UP);
+        }
+    }
+
     /// Its drive, which knows where the shaft is, moves the field there: if it stands though nothing holds it, it follows
     /// from there on, at the nearest place of the field's torque.
     pub fn catch(&mut self, at: Instant) {
@@ -265,8 +275,11 @@ impl Stepper {
         match self.stands {
             None if !follows => self.stands = Some(shaft),
             Some(_) if follows && rests => {
-                (self.stands, falls_in) = (None, true);
-                self.lost = self.nearest_period(shaft);
+                let lost = self.nearest_period(shaft);
+                falls_in = self.overcomes(shaft, i128::from(self.field + lost) * i128::from(STEP));
+                if falls_in {
+                    (self.stands, self.lost) = (None, lost);
+                }
             }
             _ => {}
         }
@@ -322,6 +335,12 @@ impl Stepper {
         let away = shaft - i128::from(self.field) * i128::from(STEP);
         let periods = (away + period / 2).checked_div_euclid(period).unwrap_or(0);
         (periods as i64).wrapping_mul(steps)
+    }
+
+    /// Whether the torque at standstill suffices to turn the shaft from one phase to another.
+    fn overcomes(&self, from: i128, to: i128) -> bool {
+        let way = (to - from).signum() as i64;
+        self.fails_after(&Stretch { h: way, ..Stretch::rest(Instant::ZERO, Instant::ZERO, from) }) != Some(0)
     }
 
     /// After how many ticks of a stretch the torque does not suffice.

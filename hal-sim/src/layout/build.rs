@@ -1,7 +1,7 @@
 //! The bench of a layout.
 
 use standin_firmware::device::{Refused, Spec};
-use standin_firmware::motor;
+use standin_firmware::motor::{self, stepper};
 
 use super::{At, BrushKeys, Drive, Layout, MotorKind};
 use crate::bench::{Bench, Bus, Fitting, Motor, Seat, SeatError, Settings, Setup};
@@ -60,6 +60,11 @@ impl Layout {
         let device = kinds::make(drive.kind)?;
         let spec = device.spec();
         setup.boot_fast |= drive.fast_boot;
+        for motor in self.motors.iter().filter(|motor| motor.drive == place) {
+            if let MotorKind::Stepper(is) = &motor.is {
+                setup.presets.extend(own_stepper(is, spec));
+            }
+        }
         setup.presets.extend(values(&drive.presets, spec, setup.memory.as_deref()));
         setup.apart |=
             self.motors.iter().any(|motor| motor.drive == place && matches!(motor.is, MotorKind::Brush(_)));
@@ -143,6 +148,22 @@ fn sorted<T, K: Ord>(things: &[T], key: impl Fn(&T) -> K) -> Vec<usize> {
     let mut places: Vec<usize> = (0..things.len()).collect();
     places.sort_by_key(|&place| key(&things[place]));
     places
+}
+
+/// A stepper motor to a drive that brings its own: the settings that describe that one.
+fn own_stepper(is: &stepper::Parameters, spec: &Spec) -> impl Iterator<Item = (usize, i64)> {
+    let mnm = |unm: i64| (unm + unm.signum() * 500) / 1_000;
+    // The drive's motor is rated for another current.
+    let rated = i64::from(stepper::Parameters::NOMINAL.rated_ma);
+    [
+        ("HoldingTorque", mnm(i64::from(is.holding_unm) * rated / i64::from(is.rated_ma))),
+        ("PullOutSpeed", is.pull_out_rpm.into()),
+        ("Inertia", is.inertia_gcm2.into()),
+        ("Friction", mnm(is.friction_unm.into())),
+        ("Load", mnm(is.load_unm.into())),
+    ]
+    .into_iter()
+    .filter_map(|(name, value)| Some((spec.find(name)?.row, value)))
 }
 
 /// A brush motor, or a brushless one: what is not said of it is as its drive describes it.

@@ -1,8 +1,8 @@
 //! The Hybrid's circuitry: calibration, the rotor's lag and lead, make-up, torque mode, temperature (FB 5.1, MC 5-2 to
 //! 5-10, 5-38, 5-41 to 5-50, 5-70 to 5-81).
 //!
-//! The rotor lags while its shaft is held (a fault), or when it has fallen in elsewhere after that: nothing else is
-//! too heavy for this motor. Make-up steps are not interleaved with those of a move, but made behind it.
+//! The rotor lags while its shaft is held (a fault) or its load is too heavy, or when it has fallen in elsewhere after
+//! that. It does not creep on at the bounds then, but stands until the motion does or the load changes. Make-up steps are not interleaved with those of a move, but made behind it.
 
 mod heat;
 
@@ -223,7 +223,7 @@ impl Drive {
     /// # Errors
     /// 89 or 94 in motion.
     pub(super) fn calibrate(&mut self, at: Instant, clears: bool, out: &mut dyn Sink) -> Result<(), Error> {
-        if self.motion.is_moving(at) {
+        if self.motion.is_moving() {
             return Err(if clears { Error::ClearLockedInMotion } else { Error::CalibrationInMotion });
         }
         self.motion.end_uncounted(at, out);
@@ -274,10 +274,15 @@ impl Drive {
         }
     }
 
-    /// The shaft is held, or let go: the circuitry takes the rotor on from where it is.
+    /// The shaft is held, or let go.
     pub(super) fn hold_shaft(&mut self, at: Instant, held: bool, out: &mut dyn Sink) {
         self.motion.hold_shaft(at, held, out);
-        if !held && self.watches_rotor() {
+        self.take_rotor_on(at, out);
+    }
+
+    /// Hands, or the load, have let go of the rotor, perhaps: the circuitry takes it on from where it is.
+    pub(super) fn take_rotor_on(&mut self, at: Instant, out: &mut dyn Sink) {
+        if self.watches_rotor() {
             self.motion.catch_rotor(at, out);
         }
     }

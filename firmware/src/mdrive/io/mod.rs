@@ -1,4 +1,5 @@
-//! The I/O points: what IO1 to IO4 are, the analogue input, the clock points IO7 and IO8, capture and trip at I/O 13.
+//! The I/O points: what IO1 to IO4 are, the analogue input, the clock points IO7 and IO8, capture and trip at I/O 13, the
+//! channels of a remote encoder behind their filter.
 //!
 //! They know nothing of the rest of the drive: what they have to tell they keep as events.
 //!
@@ -9,6 +10,7 @@ mod clock;
 mod high_speed;
 mod lasting;
 mod point;
+mod remote;
 #[cfg(test)]
 mod tests;
 
@@ -18,9 +20,10 @@ use self::analogue::Analogue;
 use self::clock::Clock;
 use self::high_speed::HighSpeed;
 use self::point::{Kind, Point, SetUp};
+use self::remote::Remote;
 use super::error::Error;
-use super::motion::Contact;
-use super::{CAPTURE, IO1, IO2, IO3, IO4, IO7, IO8};
+use super::motion::{Channel, Contact};
+use super::{A, B, CAPTURE, INDEX, IO1, IO2, IO3, IO4, IO7, IO8};
 use crate::device::{Duration, Instant, Pin, Plan, Sink};
 use standin_protocol::time::TICKS_PER_SECOND;
 
@@ -32,8 +35,9 @@ const CONTACTS: [Contact; 5] =
 /// The pulses that the filters let pass, in ns (MC 5-25, 5-26).
 const MIN_PULSES: [u64; 10] = [50, 150, 200, 300, 500, 900, 1_700, 3_300, 6_500, 12_900];
 
-/// More than one instant brings: of four inputs each its own and a trip, of the contacts all, and a capture.
-const EVENTS: usize = 16;
+/// More than one instant brings: of four inputs each its own and a trip, of the contacts all, a capture, and three
+/// channels.
+const EVENTS: usize = 20;
 
 /// What the I/O tells the rest of the drive.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -52,6 +56,8 @@ pub(super) enum Event {
     Reset,
     /// The capture input became active.
     Capture,
+    /// A channel of a remote encoder is at a level, or nobody drives it any more.
+    Channel(Channel, Option<bool>),
     /// Clock inputs ask for so many steps, clock ratio included.
     Clock(i32),
 }
@@ -122,6 +128,7 @@ pub(super) struct Io {
     analogue: Analogue,
     clock: Clock,
     high_speed: HighSpeed,
+    remote: Remote,
     filters: Filters,
     /// All set-ups are being loaded.
     loads: bool,
@@ -137,6 +144,7 @@ impl Io {
         analogue: Analogue::ZERO,
         clock: Clock::OPEN,
         high_speed: HighSpeed::OPEN,
+        remote: Remote::OPEN,
         filters: Filters::NONE,
         loads: false,
         told: [false; 5],
@@ -329,14 +337,20 @@ impl Io {
                     self.push(Event::Capture);
                 }
             }
-            _ => self.see(at, pin, Some(high)),
+            _ => match channel(pin) {
+                Some(channel) => self.see_channel(at, channel, Some(high)),
+                None => self.see(at, pin, Some(high)),
+            },
         }
     }
 
     /// Nobody drives a pin any more.
     pub(super) fn opened(&mut self, at: Instant, pin: Pin, out: &mut dyn Sink) {
         self.timeout(at, out);
-        self.see(at, pin, None);
+        match channel(pin) {
+            Some(channel) => self.see_channel(at, channel, None),
+            None => self.see(at, pin, None),
+        }
     }
 
     /// The analogue input has another voltage, in mV; a current that across 250 Ω.
@@ -350,7 +364,7 @@ impl Io {
     }
 
     pub(super) fn deadline(&self) -> Instant {
-        let fast = self.clock.deadline().min(self.high_speed.deadline());
+        let fast = self.clock.deadline().min(self.high_speed.deadline()).min(self.remote.deadline());
         self.points.iter().fold(fast, |first, point| first.min(point.deadline()))
     }
 
@@ -362,6 +376,9 @@ impl Io {
             self.push(Event::Capture);
         }
         self.clock.timeout(at, self.filters.width(), out);
+        for (channel, level) in self.remote.timeout(at) {
+            self.push(Event::Channel(channel, Some(level)));
+        }
         for place in 0..self.points.len() {
             let became_active = self.points.get_mut(place).is_some_and(|point| point.timeout(at));
             self.tell(place, became_active);
@@ -382,6 +399,13 @@ impl Io {
         let debounce = self.filters.debounce(place);
         let became_active = self.points.get_mut(place).is_some_and(|point| point.see(at, outside, debounce));
         self.tell(place, became_active);
+    }
+
+    /// Somebody drives a channel of a remote encoder, or nobody any more. FM is for it, too (MC 5-26).
+    fn see_channel(&mut self, at: Instant, channel: Channel, level: Option<bool>) {
+        if self.remote.see(at, channel, level, min_pulse(self.filters.clock)) {
+            self.push(Event::Channel(channel, level));
+        }
     }
 
     /// Tells what has come of a change at a point.
@@ -412,6 +436,16 @@ impl Io {
             told.is_ok(),
             "the drive takes events after each thing that happens, each line of a message, too"
         );
+    }
+}
+
+/// The channel of a remote encoder that a pin takes.
+fn channel(pin: Pin) -> Option<Channel> {
+    match pin {
+        A => Some(Channel::A),
+        B => Some(Channel::B),
+        INDEX => Some(Channel::Index),
+        _ => None,
     }
 }
 

@@ -41,7 +41,7 @@ impl Drive {
                 self.mcode.names.set(*name, value)?;
             }
             Statement::SetList(List::Trip(trip), parameters) => {
-                self.define_trip(at, *trip, parameters, out)?;
+                self.define_trip(at, *trip, parameters)?;
             }
             Statement::SetList(list, parameters) => self.write_list(at, *list, parameters, out)?,
             Statement::Declare(name, value) => {
@@ -97,7 +97,7 @@ impl Drive {
             Statement::Execute(place, mode) => {
                 let mode = mode.as_ref().map_or(Ok(0), |mode| self.evaluate(at, mode))?;
                 let mode = u8::try_from(mode).map_err(|_| Error::IllegalValue)?;
-                self.start_program(at, *place, mode, out)?;
+                self.start_program(at, *place, mode)?;
             }
             Statement::Pause => self.pause_program(at, out),
             Statement::Resume => self.resume_program(at, out),

@@ -285,7 +285,7 @@ impl Drive {
         place: Option<Place>,
         out: &mut dyn Sink,
     ) -> Result<(), Error> {
-        if self.motion.is_moving(at) {
+        if self.motion.is_moving() {
             return Err(Error::ClearInMotion);
         }
         let from = match place {

@@ -131,7 +131,6 @@ impl Drive {
         at: Instant,
         trip: Trip,
         parameters: &[Parameter],
-        _out: &mut dyn Sink,
     ) -> Result<(), Error> {
         let definition = self.trip_definition(at, trip, parameters)?;
         let trips = &mut self.mcode.trips;
@@ -325,6 +324,20 @@ impl Drive {
         }
     }
 
+    /// A TR without an end does not run after a position that has outrun it: what came faster than [`FASTEST`], or was
+    /// left out when P was written, is lost.
+    fn skip_missed(&mut self, at: Instant) {
+        let (position, distance) =
+            (self.read(at, Reg::P), self.mcode.trips.value(Trip::Relative).unwrap_or(0));
+        if self.is_at_relative(at) {
+            let trips = &mut self.mcode.trips;
+            let behind = position.wrapping_sub(trips.relative_position);
+            let missed = behind.checked_div(distance).unwrap_or(0).wrapping_add(1);
+            trips.relative_position = trips.relative_position.wrapping_add(distance.wrapping_mul(missed));
+            self.foresee_relative(at);
+        }
+    }
+
     /// When TR trips, which counts as P does (MC 5-75): not before [`FASTEST`] has passed, and then wherever it is.
     fn foresee_relative(&mut self, at: Instant) {
         if self.mcode.trips.value(Trip::Relative).is_some() {
@@ -351,10 +364,14 @@ impl Drive {
             self.io.pulse(at, out);
         }
         let trips = &mut self.mcode.trips;
+        let repeats_for_ever = trips.repeats_left == 0;
         if trip == Trip::Relative && trips.repeats_left != 1 {
             trips.repeats_left = trips.repeats_left.saturating_sub(1);
             trips.relative_not_before = at + FASTEST;
             self.aim_relative(at);
+            if repeats_for_ever {
+                self.skip_missed(at);
+            }
         } else {
             trips.switch_off(trip);
         }

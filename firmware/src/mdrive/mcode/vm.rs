@@ -19,9 +19,6 @@ pub(in crate::mdrive) const LINE: Duration = Duration::micros(210);
 /// How deep CL, trips and OE's handler may nest. Neither manual says it.
 const DEPTH: usize = 16;
 
-/// OE's handler among [`Vm::interrupts`]; trips have the bits of TE.
-const HANDLER: u8 = 1 << 7;
-
 /// What the program is at.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum Phase {
@@ -78,8 +75,9 @@ pub(in crate::mdrive) struct Vm {
     break_point: Option<BreakPoint>,
     /// What is called when an error comes (OE).
     handler: Option<Place>,
-    /// Subroutines that are to be called as soon as a line has ended: a bit each.
-    interrupts: u8,
+    /// What is to be called as soon as a line has ended: OE's handler, and the subroutines of trips, in the bits of TE.
+    handler_is_due: bool,
+    trips_due: u8,
     /// Since when PS holds it.
     paused: Option<Instant>,
     /// The variable that IV waits for.
@@ -97,7 +95,8 @@ impl Vm {
             mode: Mode::Run,
             break_point: None,
             handler: None,
-            interrupts: 0,
+            handler_is_due: false,
+            trips_due: 0,
             paused: None,
             awaited: None,
             last_motion: None,
@@ -215,7 +214,7 @@ impl Vm {
     fn end(&mut self) {
         self.phase = Phase::Idle;
         self.calls.clear();
-        self.interrupts = 0;
+        (self.handler_is_due, self.trips_due) = (false, 0);
         self.paused = None;
     }
 
@@ -241,6 +240,11 @@ impl Vm {
     /// Whether motion's end is what the next line waits for.
     fn waits_for_motion(&self) -> bool {
         self.phase == Phase::Motion && !self.is_paused()
+    }
+
+    /// Whether something is to be called.
+    fn is_interrupted(&self) -> bool {
+        self.handler_is_due || self.trips_due != 0
     }
 
     /// Whether an error's handler runs: errors of its own do not call it again.
@@ -279,7 +283,6 @@ impl Drive {
         at: Instant,
         place: Place,
         mode: u8,
-        _out: &mut dyn Sink,
     ) -> Result<(), Error> {
         let address = self.find_line(place)?;
         let vm = &mut self.mcode.vm;
@@ -325,7 +328,7 @@ impl Drive {
     /// PS: the program stands still, and motion stops with its ramp.
     pub(in crate::mdrive) fn pause_program(&mut self, at: Instant, out: &mut dyn Sink) {
         let vm = &mut self.mcode.vm;
-        if !vm.is_paused() && (vm.is_running() || self.motion.is_moving(at)) {
+        if !vm.is_paused() && (vm.is_running() || self.motion.is_moving()) {
             vm.paused = Some(at);
             self.motion.pause(at, out);
         }
@@ -346,14 +349,14 @@ impl Drive {
         let programming = self.mcode.consoles.is_programming();
         let vm = &mut self.mcode.vm;
         if vm.handler.is_some() && !vm.handles() && !programming {
-            vm.interrupts |= HANDLER;
+            vm.handler_is_due = true;
             self.interrupt_program(at, out);
         }
     }
 
     /// A trip calls its subroutine.
     pub(super) fn call_trip(&mut self, at: Instant, trip: Trip, out: &mut dyn Sink) {
-        self.mcode.vm.interrupts |= trip.bit();
+        self.mcode.vm.trips_due |= trip.bit();
         self.interrupt_program(at, out);
     }
 
@@ -368,7 +371,7 @@ impl Drive {
 
     /// Something has happened: H goes on with the next line once motion is over.
     pub(in crate::mdrive) fn look_for_standstill(&mut self, at: Instant) {
-        if self.mcode.vm.waits_for_motion() && !self.motion.is_moving(at) {
+        if self.mcode.vm.waits_for_motion() && !self.motion.is_moving() {
             self.mcode.vm.begin(at);
         }
     }
@@ -401,7 +404,7 @@ impl Drive {
             self.fail(at, error, out);
         }
         let vm = &mut self.mcode.vm;
-        if vm.interrupts != 0 {
+        if vm.is_interrupted() {
             self.call_next_interrupt(at, out);
         } else if vm.phase == Phase::Line(at) {
             vm.begin(at);
@@ -411,7 +414,7 @@ impl Drive {
     /// What interrupts is called at once, but for a line that is being carried out, or a pause.
     fn interrupt_program(&mut self, at: Instant, out: &mut dyn Sink) {
         let vm = &self.mcode.vm;
-        if vm.interrupts != 0 && !vm.is_paused() && !matches!(vm.phase, Phase::Line(_)) {
+        if vm.is_interrupted() && !vm.is_paused() && !matches!(vm.phase, Phase::Line(_)) {
             self.call_next_interrupt(at, out);
         }
     }
@@ -419,10 +422,14 @@ impl Drive {
     /// Calls one of the subroutines that are to be called: OE's handler first, then trips in the order of TE.
     fn call_next_interrupt(&mut self, at: Instant, out: &mut dyn Sink) {
         let vm = &mut self.mcode.vm;
-        let handles = vm.interrupts & HANDLER != 0;
-        let bit = if handles { HANDLER } else { vm.interrupts & vm.interrupts.wrapping_neg() };
-        vm.interrupts &= !bit;
-        let place = if handles { vm.handler } else { self.mcode.trips.subroutine(bit) };
+        let handles = core::mem::take(&mut vm.handler_is_due);
+        let place = if handles {
+            vm.handler
+        } else {
+            let first = vm.trips_due & vm.trips_due.wrapping_neg();
+            vm.trips_due &= !first;
+            self.mcode.trips.subroutine(first)
+        };
         let Some(place) = place else { return };
         let called = self.find_line(place).and_then(|address| self.mcode.vm.call(at, address, handles));
         if let Err(error) = called {

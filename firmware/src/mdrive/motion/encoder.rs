@@ -107,20 +107,34 @@ impl Encoder {
 
     /// A pin of a remote encoder is driven to a level, or by nothing any more.
     pub(super) fn channel(&mut self, at: Instant, motor: &Motor, channel: Channel, level: Option<bool>) {
-        let (count, phase) = (self.count(at, motor), self.phase());
-        if let Some(place) = self.channels.get_mut(channel as usize) {
+        let phase = self.phase();
+        let mut channels = self.channels;
+        if let Some(place) = channels.get_mut(channel as usize) {
             *place = level;
         }
-        // Who counts may be another one now.
-        self.origin = self.origin.wrapping_add(count.wrapping_sub(self.count(at, motor)));
+        self.connect(at, motor, channels);
         if let (Some(before), Some(now)) = (phase, self.phase()) {
-            let step = match (now - before) & 3 {
+            let edges = match (now - before) & 3 {
                 1 => 1,
                 3 => -1,
                 _ => 0,
             };
-            self.remote = self.remote.wrapping_add(step);
+            self.remote = self.remote.wrapping_add(edges);
         }
+    }
+
+    /// Who counts the edges of a remote encoder himself has so many more, and sees its channels A and B at these levels.
+    pub(super) fn take_edges(&mut self, at: Instant, motor: &Motor, edges: i32, [a, b]: [bool; 2]) {
+        let [.., index] = self.channels;
+        self.connect(at, motor, [Some(a), Some(b), index]);
+        self.remote = self.remote.wrapping_add(edges);
+    }
+
+    /// The channels are at these levels now: who counts may be another one, from the same count on.
+    fn connect(&mut self, at: Instant, motor: &Motor, channels: [Option<bool>; 3]) {
+        let count = self.count(at, motor);
+        self.channels = channels;
+        self.origin = self.origin.wrapping_add(count.wrapping_sub(self.count(at, motor)));
     }
 
     /// Quarters of a cycle, while both channels are driven.

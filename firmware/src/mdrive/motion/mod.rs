@@ -38,6 +38,7 @@ pub(super) use self::motor::STEPS_PER_REV;
 use self::orders::{Activity, Task};
 use super::error::Error;
 use crate::device::{Duration, Instant, Plan, Sink};
+use crate::motor::stepper::Parameters;
 
 /// What the motion goes by, as the variables are now.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -74,6 +75,8 @@ pub(super) struct Settings {
     pub(super) stall_factor: u16,
     pub(super) goes_on_stalled: bool,
     pub(super) maintains: bool,
+    /// The motor and its load.
+    pub(super) machine: Parameters,
 }
 
 /// What the motor is to do. Positions and speeds are those of the user: steps, or counts with EE = 1.
@@ -178,6 +181,7 @@ impl Motion {
     pub(super) fn power_on(&mut self, at: Instant, settings: Settings, out: &mut dyn Sink) {
         self.settings = settings;
         self.motor.set_microsteps(at, settings.microsteps);
+        self.motor.load(at, settings.machine);
         self.motor.power_on(at, out);
         (self.c1, self.c2) = (0, self.encoder.count(at, &self.motor).wrapping_neg());
         self.rest(at);
@@ -206,6 +210,7 @@ impl Motion {
             return;
         }
         self.motor.set_microsteps(at, settings.microsteps);
+        self.motor.load(at, settings.machine);
         if (settings.closed, settings.lines) != (before.closed, before.lines) {
             self.watch_from(at);
         }
@@ -282,6 +287,13 @@ impl Motion {
         self.refresh(at, out);
     }
 
+    /// A remote encoder has made so many edges, and its channels A and B are at these levels now.
+    pub(super) fn count(&mut self, at: Instant, edges: i32, channels: [bool; 2], out: &mut dyn Sink) {
+        self.encoder.take_edges(at, &self.motor, edges, channels);
+        self.counted(at, out);
+        self.refresh(at, out);
+    }
+
     /// The shaft is held, or let go.
     pub(super) fn hold_shaft(&mut self, at: Instant, held: bool, out: &mut dyn Sink) {
         self.motor.hold(at, held, out);
@@ -340,12 +352,12 @@ impl Motion {
     }
 
     /// Whether anything moves it that C1 counts, or is about to (MV).
-    pub(super) fn is_moving(&self, _at: Instant) -> bool {
+    pub(super) fn is_moving(&self) -> bool {
         !matches!(self.activity, Activity::Rest | Activity::Uncounted { .. })
     }
 
     /// Whether it is on its way to a position, or will be (MP).
-    pub(super) fn is_positioning(&self, _at: Instant) -> bool {
+    pub(super) fn is_positioning(&self) -> bool {
         match self.activity {
             Activity::Reckons(way) | Activity::Moves(way) | Activity::Settles(Some(way)) => way.ordered,
             _ => matches!(self.waiting, Some(Task::Order(..))) && !self.paused,
@@ -354,7 +366,7 @@ impl Motion {
 
     /// Whether its speed changes (VC).
     pub(super) fn is_changing(&self, at: Instant) -> bool {
-        self.is_moving(at) && self.motor.plan().segment_at(at).0.a != 0
+        self.is_moving() && self.motor.plan().segment_at(at).0.a != 0
     }
 
     /// Whether the encoder is on its index (I6).

@@ -83,6 +83,11 @@ impl Motor {
         self.shaft.input(at, Input::Fault { fault: STALL, on: held }, out);
     }
 
+    /// From now on this is the motor, and its load.
+    pub(super) fn load(&mut self, at: Instant, machine: Parameters) {
+        self.shaft.load(at, machine);
+    }
+
     /// A shaft that is free again goes on from where it is.
     pub(super) fn catch(&mut self, at: Instant) {
         self.shaft.catch(at);

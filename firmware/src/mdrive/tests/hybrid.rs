@@ -494,3 +494,39 @@ proptest! {
         prop_assert_eq!(bed.get(Reg::LL), 0);
     }
 }
+
+/// A load that is too heavy locks the rotor after LT (MC 5-44), and the circuitry goes on once it is lighter.
+#[test]
+fn a_load_locks_the_rotor() {
+    for lightens in [false, true] {
+        let mut bed = bed();
+        bed.set(Reg::HoldingTorque, 1_000);
+        bed.set(Reg::Load, 300);
+        bed.set(Reg::SL, 51_200);
+        bed.wait(1.secs());
+        assert_eq!(bed.get(Reg::AF) & (ACTIVE | LOCKED), ACTIVE);
+        if lightens {
+            bed.set(Reg::Load, 100);
+            let counts = bed.get(Reg::C2);
+            bed.wait(1.secs());
+            assert!(bed.get(Reg::C2) - counts >= 3_950, "a turn in a second, from where it stands");
+        }
+        bed.wait(2.secs());
+        assert_eq!((bed.get(Reg::LR), bed.error()), if lightens { (0, 0) } else { (1, 104) });
+    }
+}
+
+/// DC is next to DE: it takes DE to 0, and DE 1 would calibrate then (FB 5.1, CA), which it cannot in motion (89).
+#[test]
+fn one_write_does_not_calibrate_in_motion() {
+    let mut bed = bed();
+    let both = [16, 0, 0x1B, 0, 2, 4, 0, 0x1C, 0, 1];
+    bed.set(Reg::SL, 51_200);
+    bed.wait(100.millis());
+    bed.refused(&both, 4, 89);
+    assert_eq!((bed.get(Reg::DE), bed.get(Reg::AF) & CALIBRATED), (1, CALIBRATED), "nothing has changed");
+    bed.set(Reg::SL, 0);
+    bed.wait(1.secs());
+    assert_eq!(bed.ask(&both), both[..5]);
+    assert_eq!((bed.get(Reg::DE), bed.get(Reg::AF) & CALIBRATED), (1, 0));
+}

@@ -2,6 +2,7 @@
 
 use super::super::{A, B, INDEX, IO7};
 use super::*;
+use crate::device::Encoder;
 
 /// Makes so many edges of a remote encoder, forward or backward, from both channels high.
 fn edges(bed: &mut Bed, edges: i32) {
@@ -9,9 +10,86 @@ fn edges(bed: &mut Bed, edges: i32) {
     let backward = [(B, false), (A, false), (B, true), (A, true)];
     let cycle = if edges < 0 { backward } else { forward };
     for (pin, high) in cycle.into_iter().cycle().take(edges.unsigned_abs() as usize) {
-        bed.wait(1.millis());
         bed.input(Input::Edge { pin, high });
+        bed.wait(1.millis());
     }
+}
+
+/// "Set filtering for the motion inputs ... and optional encoder" (MC 5-26): the shortest pulse of each FM, in ns. A
+/// tick is 62.5 ns.
+#[test]
+fn a_remote_encoder_is_filtered() {
+    let filters = [50, 150, 200, 300, 500, 900, 1_700, 3_300, 6_500, 12_900_u64];
+    for (filter, ns) in (0..).zip(filters) {
+        let mut bed = Bed::plus();
+        bed.set(Reg::FM, filter);
+        for pin in [A, B] {
+            bed.input(Input::Edge { pin, high: true });
+        }
+        let mut pulse = |ticks| {
+            for high in [false, true] {
+                bed.input(Input::Edge { pin: A, high });
+                bed.wait(Duration::from_ticks(ticks));
+            }
+            let counted = bed.get(Reg::C2);
+            bed.wait(1.millis());
+            assert_eq!(bed.get(Reg::C2), 0, "there and back");
+            counted
+        };
+        let ticks = (ns * 16).div_ceil(1_000);
+        assert_eq!(pulse(ticks), 0, "it came, and went");
+        bed.input(Input::Edge { pin: A, high: false });
+        bed.wait(Duration::from_ticks(ticks - 1));
+        assert_eq!(bed.get(Reg::C2), 0, "FM {filter}");
+        bed.wait(Duration::TICK);
+        assert_eq!(bed.get(Reg::C2), 1, "FM {filter}");
+        bed.input(Input::Edge { pin: A, high: true });
+        bed.wait(Duration::from_ticks(ticks - 1));
+        bed.input(Input::Edge { pin: A, high: false });
+        bed.wait(1.millis());
+        assert_eq!(bed.get(Reg::C2), 1, "too short for FM {filter}");
+    }
+}
+
+/// A board may count itself.
+#[test]
+fn a_board_counts_a_remote_encoder() {
+    let mut bed = Bed::plus();
+    bed.set(Reg::MR, 1_000);
+    bed.wait(1.secs());
+    assert_eq!(bed.get(Reg::C2), 40);
+    bed.input(Input::Count { encoder: Encoder(0), steps: -7, a: true, b: false });
+    assert_eq!(bed.get(Reg::C2), 33);
+    bed.set(Reg::MR, 1_000);
+    bed.wait(1.secs());
+    assert_eq!(bed.get(Reg::C2), 33, "the motor's own counts no more");
+}
+
+/// A load that RC's share of the torque does not overcome is a stall, and one that it does is none.
+#[test]
+fn a_load_stalls() {
+    let mut bed = Bed::plus();
+    bed.set(Reg::HoldingTorque, 1_000);
+    bed.set(Reg::Load, 300);
+    bed.set(Reg::EE, 1);
+    bed.set(Reg::MA, 2_048);
+    bed.wait(1.secs());
+    // 15 counts, SF, are 375 steps.
+    assert_eq!((bed.get(Reg::ST), bed.get(Reg::MV), bed.error()), (1, 0, 86));
+    assert_eq!((bed.get(Reg::C1), bed.get(Reg::P)), (375, 0));
+    // Neither FD nor a power failure lightens it.
+    bed.type_in(CLIENT, "FD\r");
+    bed.cycle();
+    bed.set(Reg::EE, 1);
+    bed.set(Reg::ST, 0);
+    bed.set(Reg::MA, 2_048);
+    bed.wait(1.secs());
+    assert_eq!((bed.get(Reg::ST), bed.error()), (1, 86));
+    bed.set(Reg::RC, 60);
+    bed.set(Reg::MA, 2_048);
+    bed.wait(2.secs());
+    assert_eq!((bed.get(Reg::P), bed.error()), (2_048, 0));
+    assert_eq!(bed.try_set(Reg::Load, 100_001), Err(Refused::OutOfRange));
 }
 
 #[test]

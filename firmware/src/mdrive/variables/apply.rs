@@ -51,7 +51,7 @@ impl Drive {
         out: &mut dyn Sink,
     ) -> Result<(), Error> {
         match list {
-            List::Trip(trip) => self.define_trip(at, trip, parameters, out),
+            List::Trip(trip) => self.define_trip(at, trip, parameters),
             List::Io(reg) => {
                 let values = self.values(at, usize::from(entry(reg).shape.words()), parameters)?;
                 self.set_up(at, reg, values, out)

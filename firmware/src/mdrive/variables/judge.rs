@@ -47,11 +47,11 @@ impl Drive {
                 self.judge(at, counted, value, as_is)
             }
             Reg::TE => self.judge_trips(value),
-            Reg::S if self.motion.is_moving(at) => Err(Error::SaveInMotion),
-            Reg::CF if self.motion.is_moving(at) => Err(Error::ClearLockedInMotion),
+            Reg::S if self.motion.is_moving() => Err(Error::SaveInMotion),
+            Reg::CF if self.motion.is_moving() => Err(Error::ClearLockedInMotion),
             Reg::AS if self.hybrid.is_calibrating() => Err(Error::JogInClockMode),
             Reg::MA | Reg::MR | Reg::SL | Reg::HM if self.hybrid.is_calibrating() => Err(Error::Calibrating),
-            _ if self.calibrates(reg, value) && self.motion.is_moving(at) => Err(Error::CalibrationInMotion),
+            _ if self.calibrates(reg, value) && self.motion.is_moving() => Err(Error::CalibrationInMotion),
             _ => Ok(()),
         }
     }
@@ -109,7 +109,7 @@ impl Drive {
     }
 
     /// The variable at the address that IC or DC brings on the bus.
-    pub(super) fn counted_by_address(&self, address: i32) -> Result<Reg, Error> {
+    pub(in crate::mdrive) fn counted_by_address(&self, address: i32) -> Result<Reg, Error> {
         let entries = self.model.entries();
         let mut list = entries.list.iter();
         let row = list.position(|row| row.space == Space::Holding && i32::from(row.address) == address);

@@ -6,7 +6,7 @@ use super::entry;
 use crate::mdrive::drive::{Drive, motion_settings};
 use crate::mdrive::error::Error;
 use crate::mdrive::motion::STEPS_PER_REV;
-use crate::mdrive::registers::Reg;
+use crate::mdrive::registers::{Reg, mcode_accepts};
 
 /// The most of A and D in counts/s² (MC 5-1, 5-16).
 const MOST_COUNTS_PER_S2: i32 = 61_035_160;
@@ -42,7 +42,7 @@ impl Drive {
             Reg::VM | Reg::SL => value.unsigned_abs() <= MOST_COUNTS_PER_S.unsigned_abs(),
             _ => true,
         };
-        entry(reg).accepts(value.into()) && (fits || !self.is_closed())
+        mcode_accepts(reg, value.into()) && (fits || !self.is_closed())
     }
 
     /// Whether EE may become 1.

@@ -302,3 +302,71 @@ fn escape_while_it_settles_leaves_it_where_it_is() {
     bench.run_out();
     assert_eq!((bench.c1(), bench.errors()), (2_500, Vec::new()));
 }
+
+/// 1 N·m at 3 A, and no pull but of what is said. 100 rpm of 3,000 take a thirtieth of it.
+const LOADED: Settings = Settings {
+    run_percent: 25,
+    machine: Parameters { holding_unm: 1_000_000, friction_unm: 0, inertia_gcm2: 1, ..Parameters::NOMINAL },
+    ..COUNTS
+};
+
+/// 40 % of 1 N·m, less a third at 750 rpm of 3,000, which are 12.5 turns/s of 2,048 counts.
+#[test]
+fn friction_stalls_a_motor_that_is_too_fast() {
+    let machine = Parameters { friction_unm: 300_000, ..LOADED.machine };
+    let settings = Settings { run_percent: 40, machine, ..LOADED };
+    for (speed, stalls) in [(25_500, false), (25_700, true)] {
+        let mut bench = Bench::new(settings);
+        bench.does(Order::Slew(speed));
+        bench.run(3.secs());
+        let errors = if stalls { [Error::Stall].to_vec() } else { Vec::new() };
+        assert_eq!(
+            (bench.motion.has_stalled(), bench.errors(), bench.is_moving()),
+            (stalls, errors, !stalls)
+        );
+        assert_eq!(bench.v(), if stalls { 0 } else { speed });
+    }
+}
+
+/// 20,000 g·cm² by 40,000 counts/s² are 2 g·m² by 122.7 rad/s²: 245.4 mN·m of the 250 that 25 % are at standstill.
+#[test]
+fn inertia_stalls_a_motor_that_speeds_up() {
+    let settings = |inertia_gcm2, up| Settings {
+        start: 1,
+        up,
+        down: up,
+        machine: Parameters { inertia_gcm2, ..LOADED.machine },
+        ..LOADED
+    };
+    for (inertia_gcm2, up, stalls) in
+        [(20_500, 40_000, true), (20_500, 20_000, false), (10_000, 40_000, false)]
+    {
+        let mut bench = Bench::new(settings(inertia_gcm2, up));
+        bench.does(by(20_480));
+        bench.run_out();
+        assert_eq!(bench.motion.has_stalled(), stalls, "{inertia_gcm2} g·cm² by {up} counts/s²");
+        assert_eq!(bench.c2() == 20_480, !stalls);
+    }
+}
+
+/// Without EE nobody looks: the shaft falls in again, four full steps or more behind.
+#[test]
+fn a_load_loses_steps_in_open_loop() {
+    let machine = Parameters { load_unm: 200_000, friction_unm: 100_000, ..LOADED.machine };
+    let settings = Settings { machine, closed: false, ..FACTORY };
+    let mut bench = Bench::new(settings);
+    bench.does(by(-51_200));
+    bench.run_out();
+    assert_eq!((bench.c1(), bench.c2()), (-51_200, -2_048), "the load helps");
+    bench.does(by(51_200));
+    bench.run_out();
+    bench.run(MS);
+    assert_eq!((bench.c1(), bench.errors()), (0, Vec::new()));
+    let lost = -bench.c2() * 25;
+    assert!(lost >= 4 * 256, "{lost} steps");
+    // The load goes, and nothing more is lost.
+    bench.set(Settings { machine: LOADED.machine, ..settings });
+    bench.does(by(51_200));
+    bench.run_out();
+    assert_eq!((bench.c1(), bench.c2() * 25), (51_200, 51_200 - lost));
+}

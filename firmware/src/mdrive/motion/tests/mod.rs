@@ -18,6 +18,7 @@ use standin_protocol::time::Span;
 use super::{Contact, Event, Motion, Order, Settings};
 use crate::device::{Duration, Instant, Output, Plan, Sink};
 use crate::mdrive::error::Error;
+use crate::motor::stepper::Parameters;
 
 /// The factory's (FB 5).
 const FACTORY: Settings = Settings {
@@ -41,6 +42,7 @@ const FACTORY: Settings = Settings {
     stall_factor: 15,
     goes_on_stalled: false,
     maintains: false,
+    machine: Parameters::NOMINAL,
 };
 
 /// What steps so slowly that it can be told by hand: 10,000 steps/s², from 1,000 to 5,000 steps/s in 400 ms and
@@ -193,11 +195,11 @@ impl Bench {
     }
 
     fn is_moving(&self) -> bool {
-        self.motion.is_moving(self.now)
+        self.motion.is_moving()
     }
 
     fn is_positioning(&self) -> bool {
-        self.motion.is_positioning(self.now)
+        self.motion.is_positioning()
     }
 
     fn is_changing(&self) -> bool {

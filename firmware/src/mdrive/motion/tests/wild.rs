@@ -47,28 +47,44 @@ fn settings() -> impl Strategy<Value = Settings> {
     let times = (0..100_u16, prop_oneof![Just(0), 2..100_u16]);
     let modes = (1..=6_u8, any::<[bool; 5]>(), prop_oneof![Just(1_000_u16), 1..2_000_u16]);
     let loop_ = (any::<bool>(), prop_oneof![Just(512_u16), 1..u16::MAX], 0..50_u16, 0..50_u16);
-    (rates, times, modes, loop_).prop_map(|((start, speed, ramp, shift), times, modes, loop_)| Settings {
-        start: start.min(speed),
-        speed: start.max(speed) + 1,
-        up: ramp,
-        down: (ramp >> shift).max(91),
-        microsteps: if loop_.0 { 256 } else { [1, 2, 50, 108, 250, 256][usize::from(times.0 % 6)] },
-        settle_ms: times.0,
-        hold_delay_ms: times.1,
-        run_percent: 1 + modes.0 * 10,
-        hold_percent: modes.0 * 10 - 10,
-        limit_mode: modes.0,
-        enabled: modes.1[0],
-        jogs: modes.1[1],
-        follows_clock: modes.1[2],
-        goes_on_stalled: modes.1[3],
-        maintains: modes.1[4],
-        ratio: modes.2,
-        closed: loop_.0,
-        lines: loop_.1,
-        deadband: loop_.2,
-        stall_factor: loop_.3,
-    })
+    (rates, times, modes, loop_, machine()).prop_map(
+        |((start, speed, ramp, shift), times, modes, loop_, machine)| Settings {
+            start: start.min(speed),
+            speed: start.max(speed) + 1,
+            up: ramp,
+            down: (ramp >> shift).max(91),
+            microsteps: if loop_.0 { 256 } else { [1, 2, 50, 108, 250, 256][usize::from(times.0 % 6)] },
+            settle_ms: times.0,
+            hold_delay_ms: times.1,
+            run_percent: 1 + modes.0 * 10,
+            hold_percent: modes.0 * 10 - 10,
+            limit_mode: modes.0,
+            enabled: modes.1[0],
+            jogs: modes.1[1],
+            follows_clock: modes.1[2],
+            goes_on_stalled: modes.1[3],
+            maintains: modes.1[4],
+            ratio: modes.2,
+            closed: loop_.0,
+            lines: loop_.1,
+            deadband: loop_.2,
+            stall_factor: loop_.3,
+            machine,
+        },
+    )
+}
+
+/// A motor that follows whatever comes, or one with some load.
+fn machine() -> impl Strategy<Value = Parameters> {
+    let loads = (0..2_000_000_u32, 1..100_000_u32, 0..500_000_u32, -500_000..500_000_i32);
+    let loads = loads.prop_map(|(holding_unm, inertia_gcm2, friction_unm, load_unm)| Parameters {
+        holding_unm,
+        inertia_gcm2,
+        friction_unm,
+        load_unm,
+        ..Parameters::NOMINAL
+    });
+    prop_oneof![Just(Parameters::NOMINAL), loads]
 }
 
 fn does() -> impl Strategy<Value = Does> {

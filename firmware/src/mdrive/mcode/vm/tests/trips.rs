@@ -297,7 +297,8 @@ fn a_distance_follows_a_remote_encoder() {
     for (edge, (pin, high)) in (1..=8).zip(cycle.into_iter().cycle()) {
         bed.wait(1.millis());
         bed.level(pin, high);
-        bed.wait(Duration::ZERO);
+        // FM lets pass what lasts 200 ns.
+        bed.wait(1.micros());
         assert_eq!((bed.get(Reg::P), bed.get(Reg::PC)), (-edge, -(edge / 4 * 4)));
     }
     bed.wait(1.millis());
@@ -316,4 +317,26 @@ fn trips_are_not_faster_than_20_khz() {
     assert_eq!(bed.world.trip_output.len(), 2 * 20);
     bed.wait(1.secs());
     assert_eq!((bed.world.trip_output.len(), bed.get(Reg::TE)), (2 * 1_000, 0));
+}
+
+/// Without an end it keeps to its distances, and does not run after a position that has outrun it.
+#[test]
+fn trips_without_an_end_end_with_the_motion() {
+    let mut bed = Bed::new(Mdrive::plus());
+    bed.commands("S13=61,1; SL 1000000");
+    bed.wait(2.secs());
+    bed.commands("P=0; TR=10; TE=16");
+    bed.world.trip_output.clear();
+    bed.wait(1.millis());
+    assert_eq!(bed.world.trip_output.len(), 2 * 20);
+    assert_eq!(bed.get(Reg::PC).rem_euclid(10), 0, "{}", bed.get(Reg::PC));
+    bed.commands("SL 0");
+    bed.wait(2.secs());
+    bed.world.trip_output.clear();
+    bed.wait(1.secs());
+    assert_eq!((bed.world.trip_output.len(), bed.get(Reg::TE)), (0, 16));
+    // A position that is written is one more, whatever its way.
+    bed.commands("P=P+1000000000");
+    bed.wait(1.secs());
+    assert_eq!(bed.world.trip_output.len(), 2);
 }

@@ -1,0 +1,51 @@
+//! The channels of a remote encoder behind FM (MC 5-26).
+
+use super::lasting::Lasting;
+use crate::device::{Duration, Instant};
+use crate::mdrive::motion::Channel;
+
+const CHANNELS: [Channel; 3] = [Channel::A, Channel::B, Channel::Index];
+
+/// A, B and the index, each `None` while nobody drives it.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Remote {
+    seen: [Option<Lasting>; 3],
+}
+
+impl Remote {
+    /// There is none.
+    pub(super) const OPEN: Self = Self { seen: [None; 3] };
+
+    /// A channel is driven to a level, which counts once it has lasted so long; or by nobody any more. What is driven
+    /// anew, or let go, is not filtered. Returns whether it counts now.
+    pub(super) fn see(
+        &mut self,
+        at: Instant,
+        channel: Channel,
+        level: Option<bool>,
+        lasting: Duration,
+    ) -> bool {
+        let Some(seen) = self.seen.get_mut(channel as usize) else { return false };
+        match (seen, level) {
+            (Some(seen), Some(level)) => seen.see(at, level, lasting),
+            (seen, level) => {
+                let changes = seen.is_some() != level.is_some();
+                *seen = level.map(Lasting::new);
+                changes
+            }
+        }
+    }
+
+    pub(super) fn deadline(&self) -> Instant {
+        self.seen.iter().flatten().fold(Instant::NEVER, |first, seen| first.min(seen.due))
+    }
+
+    /// Channels whose other level has lasted, and counts now.
+    pub(super) fn timeout(&mut self, at: Instant) -> impl Iterator<Item = (Channel, bool)> + use<> {
+        let changed = self.seen.each_mut().map(|seen| {
+            let seen = seen.as_mut()?;
+            seen.timeout(at).then_some(seen.level)
+        });
+        CHANNELS.into_iter().zip(changed).filter_map(|(channel, level)| Some((channel, level?)))
+    }
+}
