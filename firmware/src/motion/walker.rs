@@ -507,11 +507,11 @@ mod tests {
     fn the_longest_interval_of_a_ramp_is_walked() {
         // One step in 256 s. Just before the first it begins to speed up at 1 step/s²: the next one is √2 s later.
         let creep = Plan::rest(at(0), 0).towards(at(0), I24F8::DELTA, MAX_ACCELERATION);
-        let first = Walker::new(&creep, at(0)).next().expect("a creep has steps").at;
+        let first = Walker::new(&creep, at(0)).next().unwrap().at;
         let turn = first - Duration::TICK;
         let jog = creep.towards(turn, I24F8::from_num(9), 1);
         check(&jog, turn, 20);
-        let second = Walker::new(&jog, first).next().expect("a jog has steps").at;
+        let second = Walker::new(&jog, first).next().unwrap().at;
         assert!((1_400_u64.millis()..1_415_u64.millis()).contains(&second.since(first)));
     }
 

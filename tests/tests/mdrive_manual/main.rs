@@ -7,6 +7,7 @@
 
 mod connections;
 mod console;
+mod effects;
 mod encoder;
 mod errors;
 mod functions;

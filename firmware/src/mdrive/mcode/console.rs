@@ -3,23 +3,23 @@
 //! A line belongs to its connection, as does program mode, which ends with it; echo mode is the drive's. A connection
 //! hears nothing before it speaks, but for what is said to all.
 
+mod line;
+
 use core::mem;
 
 use heapless::Vec;
 
+use self::line::Console;
+pub(in crate::mdrive) use self::line::{Consoles, MOST};
 use super::super::MCODE;
 use super::super::drive::Drive;
 use super::super::error::Error;
 use super::super::registers::Reg;
 use super::super::startup::SIGN_ON;
 use super::print::CR_LF;
-use super::program::LINE_BYTES;
 use super::serial::{ACK, Called, NAK, is_checked};
 use super::statement::Statement;
 use crate::device::{Instant, Link, Note, Output, Sink, Why};
-
-/// How many there may be.
-pub(in crate::mdrive) const MOST: usize = 4;
 
 const CTRL_C: u8 = 0x03;
 const CTRL_E: u8 = 0x05;
@@ -35,71 +35,6 @@ mod echo {
     pub(super) const NONE: u16 = 2;
     /// The whole line, once it has ended.
     pub(super) const AFTERWARDS: u16 = 3;
-}
-
-/// A line as it is typed.
-#[derive(Clone, Debug)]
-struct Console {
-    link: Link,
-    line: Vec<u8, LINE_BYTES>,
-    /// It was too long, and has been refused: what is left of it is nothing any more.
-    refused: bool,
-    /// CR was the last character: LF belongs to it.
-    returned: bool,
-    called: Called,
-    /// Of program mode: the address of the next line.
-    programming: Option<u16>,
-}
-
-impl Console {
-    const fn new(link: Link) -> Self {
-        Self {
-            link,
-            line: Vec::new(),
-            refused: false,
-            returned: false,
-            called: Called::Plain,
-            programming: None,
-        }
-    }
-}
-
-/// All of them.
-#[derive(Clone, Debug)]
-pub(in crate::mdrive) struct Consoles {
-    list: Vec<Console, MOST>,
-}
-
-impl Consoles {
-    pub(in crate::mdrive) const fn new() -> Self {
-        Self { list: Vec::new() }
-    }
-
-    /// Whether somebody types lines that are stored.
-    pub(super) fn is_programming(&self) -> bool {
-        self.list.iter().any(|console| console.programming.is_some())
-    }
-
-    /// The drive starts again; its connections stay.
-    pub(in crate::mdrive) fn restart(&mut self) {
-        for console in &mut self.list {
-            *console = Console::new(console.link);
-        }
-    }
-
-    /// All connections.
-    pub(super) fn links(&self) -> Vec<Link, MOST> {
-        let mut links = Vec::new();
-        for console in &self.list {
-            // There is room for all.
-            let _ = links.push(console.link);
-        }
-        links
-    }
-
-    fn find(&mut self, link: Link) -> Option<&mut Console> {
-        self.list.iter_mut().find(|console| console.link == link)
-    }
 }
 
 impl Drive {

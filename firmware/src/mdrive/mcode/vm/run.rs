@@ -1,0 +1,191 @@
+//! How the program runs: what begins, holds, interrupts and ends it, and its lines.
+
+use heapless::Vec;
+
+use super::{LINE, Mode, Phase};
+use crate::device::{Instant, Sink};
+use crate::mdrive::drive::Drive;
+use crate::mdrive::error::Error;
+use crate::mdrive::mcode::names::Meaning;
+use crate::mdrive::mcode::program::LINE_BYTES;
+use crate::mdrive::mcode::statement::{Operand, Place, Statement, Trip};
+
+impl Drive {
+    /// The address of a line.
+    ///
+    /// # Errors
+    /// 30 for a name that is no label, 42 where there is no line.
+    pub(in crate::mdrive) fn find_line(&self, place: Place) -> Result<u16, Error> {
+        let address = self.address(place)?;
+        let found = self.mcode.program.next(address) == Some(address);
+        if found { Ok(address) } else { Err(Error::IllegalAddress) }
+    }
+
+    /// EX: runs the program at a place, in mode 0, 1 (trace) or 2 (single step), instead of one that runs.
+    ///
+    /// # Errors
+    /// 21, 30, 42; nothing has happened then.
+    pub(in crate::mdrive) fn start_program(
+        &mut self,
+        at: Instant,
+        place: Place,
+        mode: u8,
+    ) -> Result<(), Error> {
+        let address = self.find_line(place)?;
+        let vm = &mut self.mcode.vm;
+        let mode = match mode {
+            0 => Mode::Run,
+            1 => Mode::Trace,
+            2 if vm.break_point.is_some() => Mode::ToBreakPoint,
+            2 => Mode::Step,
+            _ => return Err(Error::IllegalValue),
+        };
+        self.end_program();
+        let vm = &mut self.mcode.vm;
+        (vm.address, vm.mode) = (address, mode);
+        if let Some(point) = &mut vm.break_point {
+            point.left = point.count;
+        }
+        vm.begin(at);
+        // The first single step needs no key (MC 6.1.9).
+        if mode == Mode::Step {
+            vm.phase = Phase::Line(at + LINE);
+        }
+        // EF "is automatically cleared when a new program is executed", local variables are "erased and declared
+        // again each time" (MC 5-21, 3.2.2).
+        self.errors.clear();
+        self.mcode.names.retain(|_, meaning| !matches!(meaning, Meaning::Local(_)));
+        if let Some(Operand::User(name)) = self.mcode.vm.awaited
+            && self.mcode.names.find(name).is_none()
+        {
+            self.mcode.vm.forget_input();
+        }
+        Ok(())
+    }
+
+    /// E: the program ends; motion goes on, but for what PS has interrupted, and what waits behind that: nothing is left
+    /// that RS could resume.
+    pub(in crate::mdrive) fn end_program(&mut self) {
+        if self.mcode.vm.is_paused() {
+            self.motion.forget_pause();
+        }
+        self.mcode.vm.end();
+    }
+
+    /// PS: the program stands still, and motion stops with its ramp.
+    pub(in crate::mdrive) fn pause_program(&mut self, at: Instant, out: &mut dyn Sink) {
+        let vm = &mut self.mcode.vm;
+        if !vm.is_paused() && (vm.is_running() || self.motion.is_moving()) {
+            vm.paused = Some(at);
+            self.motion.pause(at, out);
+        }
+    }
+
+    /// RS: both go on.
+    pub(in crate::mdrive) fn resume_program(&mut self, at: Instant, out: &mut dyn Sink) {
+        if let Some(since) = self.mcode.vm.paused.take() {
+            self.mcode.vm.shift(at.since(since));
+            self.motion.resume(at, out);
+            self.interrupt_program(at, out);
+        }
+    }
+
+    /// An error has come: the handler of OE is called, if there is one, also without a program, but not while one is
+    /// typed (MC 5-52).
+    pub(in crate::mdrive) fn call_error_handler(&mut self, at: Instant, out: &mut dyn Sink) {
+        let programming = self.mcode.consoles.is_programming();
+        let vm = &mut self.mcode.vm;
+        if vm.handler.is_some() && !vm.handles() && !programming {
+            vm.handler_is_due = true;
+            self.interrupt_program(at, out);
+        }
+    }
+
+    /// A trip calls its subroutine.
+    pub(in crate::mdrive) fn call_trip(&mut self, at: Instant, trip: Trip, out: &mut dyn Sink) {
+        self.mcode.vm.trips_due |= trip.bit();
+        self.interrupt_program(at, out);
+    }
+
+    /// The next line is due, or what it waits for has come.
+    pub(in crate::mdrive) fn program_timeout(&mut self, at: Instant, out: &mut dyn Sink) {
+        match self.mcode.vm.phase {
+            Phase::Until(_) => self.mcode.vm.begin(at),
+            Phase::Line(_) => self.carry_out_line(at, out),
+            Phase::Idle | Phase::Motion | Phase::Key => {}
+        }
+    }
+
+    /// Something has happened: H goes on with the next line once motion is over.
+    pub(in crate::mdrive) fn look_for_standstill(&mut self, at: Instant) {
+        if self.mcode.vm.waits_for_motion() && !self.motion.is_moving() {
+            self.mcode.vm.begin(at);
+        }
+    }
+
+    fn carry_out_line(&mut self, at: Instant, out: &mut dyn Sink) {
+        let address = self.mcode.vm.address;
+        let mut line = Vec::<u8, LINE_BYTES>::new();
+        match self.mcode.program.line(out.memory(), address) {
+            // None is longer.
+            Some(text) => line.extend_from_slice(text).unwrap_or_default(),
+            // Behind the last line: a program without E, as in MC 7.2.5.
+            None => return self.end_program(),
+        }
+        let vm = &mut self.mcode.vm;
+        vm.address = address.saturating_add(1);
+        // Between two lines, unless this one says otherwise.
+        vm.phase = Phase::Line(at);
+        if matches!(vm.mode, Mode::Trace | Mode::Step) {
+            self.say_to_all(at, &line, out);
+            self.say_to_all(at, b"\r\n", out);
+        }
+        let done = self.parse(&line).and_then(|statement| match statement {
+            Statement::Print(items) => self.print_to_all(at, items, out),
+            _ => self.execute(at, &statement, true, out),
+        });
+        if let Err(error) = done {
+            if error.ends_program() {
+                self.end_program();
+            }
+            self.fail(at, error, out);
+        }
+        let vm = &mut self.mcode.vm;
+        if vm.is_interrupted() {
+            self.call_next_interrupt(at, out);
+        } else if vm.phase == Phase::Line(at) {
+            vm.begin(at);
+        }
+    }
+
+    /// What interrupts is called at once, but for a line that is being carried out, or a pause.
+    fn interrupt_program(&mut self, at: Instant, out: &mut dyn Sink) {
+        let vm = &self.mcode.vm;
+        if vm.is_interrupted() && !vm.is_paused() && !matches!(vm.phase, Phase::Line(_)) {
+            self.call_next_interrupt(at, out);
+        }
+    }
+
+    /// Calls one of the subroutines that are to be called: OE's handler first, then trips in the order of TE.
+    fn call_next_interrupt(&mut self, at: Instant, out: &mut dyn Sink) {
+        let vm = &mut self.mcode.vm;
+        let handles = core::mem::take(&mut vm.handler_is_due);
+        let place = if handles {
+            vm.handler
+        } else {
+            let first = vm.trips_due & vm.trips_due.wrapping_neg();
+            vm.trips_due &= !first;
+            self.mcode.trips.subroutine(first)
+        };
+        let Some(place) = place else { return };
+        let called = self.find_line(place).and_then(|address| self.mcode.vm.call(at, address, handles));
+        if let Err(error) = called {
+            if handles {
+                // It is not there any more, and would be called by its own failure.
+                self.mcode.vm.handler = None;
+            }
+            self.end_program();
+            self.fail(at, error, out);
+        }
+    }
+}

@@ -1,0 +1,328 @@
+use super::*;
+use crate::motion::Walker;
+use proptest::prelude::*;
+use standin_protocol::time::Span;
+use std::vec::Vec;
+
+const FACTORY: Rates = Rates::even(U24F8::const_from_int(5_000), 10_000);
+
+fn at(ticks: u64) -> Instant {
+    Instant::from_ticks(ticks)
+}
+
+#[test]
+fn the_factory_move_of_an_md3_takes_two_and_a_half_seconds() {
+    let plan = Plan::profile(at(0), 0, 10_000, FACTORY);
+    assert_eq!(plan.end(), Instant::from(2_500.millis()));
+    assert_eq!(plan.position_at(Instant::from(500.millis())), 1_250);
+    assert_eq!(plan.position_at(Instant::from(2_000.millis())), 8_750);
+    assert_eq!(plan.position_at(at(2_500 * 16_000 - 1)), 9_999);
+    assert_eq!(plan.position_at(Instant::from(2_500.millis())), 10_000);
+    assert_eq!(plan.position_at(Instant::NEVER), 10_000);
+    assert_eq!(plan.speed_at(Instant::from(250.millis())), I48F16::from_num(2_500));
+    assert_eq!(plan.speed_at(Instant::from(1_000.millis())), I48F16::from_num(5_000));
+    assert_eq!(plan.speed_at(Instant::from(3_000.millis())), 0);
+}
+
+#[test]
+fn a_short_move_is_a_triangle() {
+    let plan = Plan::profile(at(0), 7, -101, FACTORY);
+    assert_eq!(plan.segments().len(), 2);
+    assert_eq!(plan.position_at(plan.end()), 7 - 101);
+    // 2·sqrt(101 / 10,000) s
+    assert_eq!(plan.end().ticks(), 3_215_960);
+}
+
+#[test]
+fn nothing_to_do_is_done_at_once() {
+    for plan in [
+        Plan::profile(at(5), 3, 0, FACTORY),
+        Plan::profile(at(5), 3, 9, Rates { speed: U24F8::ZERO, ..FACTORY }),
+        Plan::profile(at(5), 3, 9, Rates { up: 0, ..FACTORY }),
+    ] {
+        assert_eq!((plan.end(), plan.position_at(at(9))), (at(5), 3));
+    }
+}
+
+#[test]
+fn a_plan_that_is_over_has_no_rest() {
+    let plan = Plan::profile(at(0), 0, 100, FACTORY);
+    for rest in [plan.resumed(plan.end(), 7), plan.resumed(Instant::NEVER, 7)] {
+        assert_eq!((rest.position_at(Instant::NEVER), rest.end()), (7, rest.start()));
+    }
+}
+
+#[test]
+fn a_speed_beyond_the_limit_acts_as_the_limit() {
+    let limit = Rates { speed: U24F8::from_num(MAX_SPEED), ..FACTORY };
+    let beyond = Rates { speed: U24F8::MAX, ..FACTORY };
+    let plan = Plan::profile(at(0), 0, i32::MAX, beyond);
+    assert_eq!(plan, Plan::profile(at(0), 0, i32::MAX, limit));
+    let jog = plan.towards(at(0), I24F8::MAX, u32::MAX);
+    assert_eq!(jog, plan.towards(at(0), I24F8::from_num(MAX_SPEED), MAX_ACCELERATION));
+}
+
+#[test]
+fn a_jog_goes_on_until_it_is_told_to_stop() {
+    let jog = Plan::rest(at(0), 0).towards(at(0), I24F8::from_num(5_000), 10_000);
+    assert_eq!(jog.end(), Instant::NEVER);
+    assert_eq!(jog.position_at(Instant::from(1_500.millis())), 1_250 + 5_000);
+    let stop = jog.towards(Instant::from(1_500.millis()), I24F8::ZERO, 10_000);
+    assert_eq!(stop.end(), Instant::from(2_000.millis()));
+    assert_eq!(stop.position_at(Instant::NEVER), 1_250 + 5_000 + 1_250);
+}
+
+const SLEW: Rates =
+    Rates { start: U24F8::const_from_int(1_000), speed: U24F8::ZERO, up: 10_000, down: 5_000 };
+
+#[test]
+fn a_slew_begins_and_ends_at_its_start_speed() {
+    let slew = Plan::rest(at(0), 0).slew(at(0), I24F8::from_num(5_000), SLEW);
+    assert_eq!(slew.speed_at(at(0)), 1_000);
+    // 400 ms at 3,000 steps/s on average, then 100 ms at 5,000.
+    assert_eq!(slew.position_at(Instant::from(400.millis())), 1_200);
+    assert_eq!(slew.position_at(Instant::from(500.millis())), 1_700);
+    let stop = slew.slew(Instant::from(500.millis()), I24F8::ZERO, SLEW);
+    // 800 ms at 3,000 steps/s on average.
+    assert_eq!(stop.end(), Instant::from(1_300.millis()));
+    assert_eq!(stop.speed_at(stop.end() - Duration::TICK).round(), 1_000);
+    assert_eq!((stop.speed_at(stop.end()), stop.position_at(stop.end())), (I48F16::ZERO, 4_100));
+}
+
+#[test]
+fn a_slew_below_the_start_speed_has_no_ramp() {
+    let slow = Plan::rest(at(0), 7).slew(at(0), I24F8::from_num(-500), SLEW);
+    assert_eq!(slow.speed_at(at(0)), -500);
+    assert_eq!(slow.position_at(Instant::from(2.secs())), 7 - 1_000);
+    let stop = slow.slew(Instant::from(2.secs()), I24F8::ZERO, SLEW);
+    assert_eq!((stop.end(), stop.position_at(Instant::NEVER)), (Instant::from(2.secs()), 7 - 1_000));
+}
+
+#[test]
+fn a_slew_turns_round_at_its_start_speed() {
+    let slew = Plan::rest(at(0), 0).slew(at(0), I24F8::from_num(5_000), SLEW);
+    let back = slew.slew(Instant::from(500.millis()), I24F8::from_num(-3_000), SLEW);
+    let turn = Instant::from(1_300.millis());
+    assert_eq!((back.position_at(turn), back.speed_at(turn)), (4_100, I48F16::from_num(-1_000)));
+    // 200 ms at 2,000 steps/s on average, then at 3,000.
+    assert_eq!(back.position_at(Instant::from(1_500.millis())), 3_700);
+    assert_eq!(back.position_at(Instant::from(2_500.millis())), 700);
+    let slower = back.slew(Instant::from(2_500.millis()), I24F8::from_num(-2_000), SLEW);
+    // 200 ms at 2,500 steps/s on average.
+    assert_eq!(slower.position_at(Instant::from(2_700.millis())), 200);
+    assert_eq!(slower.speed_at(Instant::from(2_700.millis())), -2_000);
+}
+
+#[test]
+fn without_a_start_speed_a_slew_stops_as_a_ramp() {
+    let jog = Plan::rest(at(0), 0).towards(at(0), I24F8::from_num(4_321), 7_000);
+    let rates = Rates { start: U24F8::ZERO, up: 1, down: 9_999, ..SLEW };
+    for ticks in (3_000_000..30_000_000).step_by(777_777) {
+        assert_eq!(jog.slew(at(ticks), I24F8::ZERO, rates), jog.towards(at(ticks), I24F8::ZERO, 9_999));
+    }
+}
+
+#[test]
+fn the_last_step_of_a_stop_is_one_that_falls_on_its_end() {
+    let at_once = Rates { start: U24F8::MAX, ..SLEW };
+    let cruise = Plan::rest(at(0), 0).slew(at(0), I24F8::from_num(4_000), at_once);
+    // (4000² − 1000²)/(2·7500) = 1000 steps in 400 ms.
+    let stop = cruise.slew(Instant::from(250.millis()), I24F8::ZERO, Rates { down: 7_500, ..SLEW });
+    assert_eq!(stop.end(), Instant::from(650.millis()));
+    assert_eq!(stop.position_at(stop.end() - Duration::TICK), 1_999);
+    assert_eq!(stop.position_at(stop.end()), 2_000);
+}
+
+#[test]
+fn a_position_is_reached_once_around_or_never() {
+    let slew =
+        Plan::rest(at(0), 0).slew(at(0), I24F8::from_num(8_000_000), Rates { start: U24F8::MAX, ..SLEW });
+    // Two ticks a step.
+    assert_eq!(slew.when(at(0), 100), at(200));
+    assert_eq!(slew.when(at(200), 100), at(200 + (2 << 32)));
+    assert_eq!(slew.when(at(200), 99), at(200 + (2 << 32) - 2));
+    assert_eq!(slew.when(at(0), -1), at((2 << 32) - 2));
+    let stop = slew.halt(at(200));
+    assert_eq!((stop.when(at(200), 100), stop.when(at(0), 101)), (Instant::NEVER, Instant::NEVER));
+    let profile = Plan::profile(at(5), 0, 10, FACTORY);
+    assert_eq!(profile.when(at(0), 10), profile.end());
+    assert_eq!(profile.when(profile.end(), 10), Instant::NEVER);
+    assert_eq!(profile.when(at(0), 11), Instant::NEVER);
+}
+
+#[test]
+fn a_reversal_goes_by_way_of_standstill() {
+    let jog = Plan::rest(at(0), 0).towards(at(0), I24F8::from_num(5_000), 10_000);
+    let back = jog.towards(Instant::from(1_000.millis()), I24F8::from_num(-5_000), 10_000);
+    // 1250 + 2500 forward, 1250 more to stop, then back: 1250 in the ramp, 5000 a second.
+    assert_eq!(back.position_at(Instant::from(1_500.millis())), 5_000);
+    assert_eq!(back.speed_at(Instant::from(1_500.millis())), 0);
+    assert_eq!(back.position_at(Instant::from(2_000.millis())), 3_750);
+    assert_eq!(back.position_at(Instant::from(3_000.millis())), -1_250);
+    assert_eq!(back.speed_at(Instant::from(3_000.millis())), -5_000);
+}
+
+/// The tick nearest to sqrt(n·S/a), found without the plan's arithmetic.
+fn nearest_root(n: u128, a: u128) -> u64 {
+    let square = 2 * 16_000_000_u128.pow(2) * n;
+    let (mut low, mut high) = (0_u128, 1_u128 << 50);
+    while low < high {
+        let middle = (low + high) / 2;
+        // middle + 1/2 >= root  <=>  (2·middle + 1)² · a >= 4 · square
+        if (2 * middle + 1).pow(2) * a >= 4 * square { high = middle } else { low = middle + 1 }
+    }
+    low as u64
+}
+
+proptest! {
+    #[test]
+    fn every_step_of_a_ramp_is_at_the_nearest_tick(a in 16_u32..2_000_000, n in 1_u32..5_000) {
+        let plan = Plan::rest(at(0), 0).towards(at(0), I24F8::MAX, a);
+        let due = nearest_root(u128::from(n), u128::from(a));
+        prop_assert_eq!(plan.position_at(at(due)), n.cast_signed());
+        prop_assert_eq!(plan.position_at(at(due - 1)), n.cast_signed() - 1);
+    }
+
+    #[test]
+    fn a_profile_makes_its_steps_and_no_others(
+        steps in any::<i32>(), start in 0_u32..2_000_000, speed in 1_u32..5_000_000,
+        up in 1_u32.., down in 1_u32..,
+        samples in proptest::collection::vec(any::<u64>(), 2..40),
+    ) {
+        let start = U24F8::from_num(start.saturating_sub(1_000_000));
+        let rates = Rates { start, speed: U24F8::from_num(speed), up, down };
+        let plan = Plan::profile(at(0), 0, steps, rates);
+        let mirror = Plan::profile(at(0), 0, steps, Rates { up: down, down: up, ..rates });
+        let end = plan.end().ticks();
+        prop_assert_eq!(plan.position_at(plan.end()), steps);
+        let mut instants: Vec<u64> = samples.iter().map(|n| n % (end + 1)).collect();
+        // The seams between segments, where rounding could show.
+        let mut seam = 0;
+        for segment in plan.segments() {
+            seam += segment.ticks;
+            instants.extend([seam.saturating_sub(1), seam, seam + 1]);
+        }
+        instants.sort_unstable();
+        let positions: Vec<i64> =
+            instants.iter().map(|&t| i64::from(plan.position_at(at(t))) * i64::from(steps.signum())).collect();
+        prop_assert!(positions.is_sorted(), "{:?} at {:?}", positions, instants);
+        // Its mirror: as many steps before the end as after the beginning, to half a tick each.
+        prop_assert_eq!(mirror.end(), plan.end());
+        for t in instants {
+            let passed = i64::from(plan.position_at(at(t)).unsigned_abs());
+            let left = i64::from(steps.unsigned_abs())
+                - i64::from(mirror.position_at(at(end.saturating_sub(t))).unsigned_abs());
+            let tolerance = 1 + i64::from(speed) / 8_000_000;
+            prop_assert!((passed - left).abs() <= tolerance, "{} {}", passed, left);
+        }
+    }
+
+    #[test]
+    fn a_new_plan_goes_on_where_the_old_one_is(
+        turns in proptest::collection::vec((0_u64..40_000_000, -40_000_i32..40_000), 1..8),
+        acceleration in 1_u32..,
+    ) {
+        let mut plan = Plan::rest(at(0), 0);
+        let mut now = 0;
+        for (wait, speed) in turns {
+            now += wait;
+            let next = plan.towards(at(now), I24F8::from_num(speed), acceleration);
+            prop_assert_eq!(next.position_at(at(now)), plan.position_at(at(now)));
+            prop_assert_eq!(next.speed_at(at(now)), plan.speed_at(at(now)));
+            // At 40,000 steps/s two ticks never hold two steps.
+            let mut seam = now;
+            for segment in next.segments() {
+                seam = seam.saturating_add(segment.ticks);
+                let jump = next.position_at(at(seam)) - next.position_at(at(seam - 1));
+                prop_assert!(jump.abs() <= 1);
+            }
+            plan = next;
+        }
+    }
+
+    #[test]
+    fn a_slew_goes_on_where_it_is_and_never_creeps(
+        turns in proptest::collection::vec((0_u64..40_000_000, -40_000_i32..40_000), 1..8),
+        start in 1_u32..30_000, up in 1_u32.., down in 1_u32..,
+    ) {
+        let rates = Rates { start: U24F8::from_num(start), up, down, ..SLEW };
+        let mut plan = Plan::rest(at(0), 0);
+        let mut now = 0;
+        for (wait, speed) in turns {
+            now += wait;
+            let next = plan.slew(at(now), I24F8::from_num(speed), rates);
+            prop_assert_eq!(next.position_at(at(now)), plan.position_at(at(now)));
+            let least = I48F16::from_num(speed.unsigned_abs().min(start));
+            let mut seam = now;
+            for segment in next.segments().iter().filter(|segment| segment.ticks > 0) {
+                // Within a ramp no speed is below the start speed but where it was before.
+                let slowest = next.speed_at(at(seam)).abs().min(next.speed_at(at(seam + segment.ticks.min(1 << 40) - 1)).abs());
+                prop_assert!(slowest + I48F16::DELTA >= least.min(plan.speed_at(at(now)).abs()) || speed == 0);
+                seam = seam.saturating_add(segment.ticks);
+                let jump = next.position_at(at(seam)) - next.position_at(at(seam - 1));
+                prop_assert!(jump.abs() <= 1);
+            }
+            plan = next;
+        }
+    }
+
+    #[test]
+    fn a_position_is_reached_with_the_walkers_step(
+        steps in -3_000..3_000_i32, speed in 1_u32..1_000_000_000, start in 0_u32..1_000_000,
+        up in 0_u32..31, down in 0_u32..31, passed in any::<u64>(),
+        slew in proptest::option::of(any::<i32>()),
+    ) {
+        let (start, speed) = (U24F8::from_bits(start), U24F8::from_bits(speed));
+        let rates = Rates { start, speed, up: 1 << up, down: 1 << down };
+        let mut plan = Plan::profile(at(100), 3, steps, rates);
+        let length = (plan.end().ticks() - 100).min(1 << 41);
+        if let Some(speed) = slew {
+            plan = plan.slew(at(100 + passed % (length + 1)), I24F8::from_bits(speed >> (passed % 20)), rates);
+        }
+        let after = plan.start() + Duration::from_ticks((passed / 3) % (length + 1));
+        let mut position = plan.position_at(after);
+        let mut seen = std::collections::BTreeSet::new();
+        for step in Walker::new(&plan, after).take(500) {
+            position += if step.forward { 1 } else { -1 };
+            if seen.insert(position) {
+                prop_assert_eq!(plan.when(after, position), step.at, "{}", position);
+            }
+        }
+    }
+
+    #[test]
+    fn the_rest_of_a_plan_is_the_plan_elsewhere(
+        steps in -1_000..1_000_i32, bits in proptest::array::uniform4(0_u32..31), fine in any::<u32>(),
+        order in proptest::option::of((any::<u64>(), any::<i32>())),
+        seam in 0..4_usize, beside in -2..3_i64, inside in any::<u64>(), position in any::<i32>(),
+    ) {
+        let [start, speed, up, down] = bits.map(|bits| (1 << bits) | (fine & ((1 << bits) - 1)));
+        let rates = Rates { start: U24F8::from_bits(start), speed: U24F8::from_bits(speed), up, down };
+        let mut plan = Plan::profile(at(100), 3, steps, rates);
+        if let Some((when, speed)) = order {
+            let when = at(100 + when % (plan.end().ticks() - 99));
+            plan = plan.towards(when, I24F8::from_bits(speed), up);
+        }
+        // Half of the time close to a seam.
+        let seam = plan.segments().iter().take(seam).map(|segment| segment.ticks.min(1 << 40)).sum::<u64>();
+        let length = (plan.end().ticks() - plan.start().ticks()).min(1 << 41);
+        let passed = if inside % 2 == 0 { seam } else { (inside / 2) % (length + 2) };
+        let now = at(plan.start().ticks() + passed.saturating_add_signed(beside));
+
+        let rest = plan.resumed(now, position);
+        let lost = position.wrapping_sub(plan.position_at(now));
+        prop_assert_eq!(rest.start(), now);
+        prop_assert_eq!(rest.end(), plan.end().max(now));
+        let seams = plan.segments().iter().scan(plan.start(), |at, segment| {
+            *at += Duration::from_ticks(segment.ticks);
+            Some(*at)
+        });
+        let steps = Walker::new(&plan, now).take(50).map(|step| step.at);
+        let near = |instant: Instant| [instant - Duration::TICK, instant, instant + Duration::TICK];
+        for t in seams.chain(steps).chain([now]).flat_map(near).filter(|t| *t >= now) {
+            prop_assert_eq!(rest.position_at(t), plan.position_at(t).wrapping_add(lost), "at {:?}", t);
+            prop_assert_eq!(rest.speed_at(t), plan.speed_at(t), "at {:?}", t);
+        }
+        prop_assert!(Walker::new(&rest, now).take(50).eq(Walker::new(&plan, now).take(50)));
+    }
+}
