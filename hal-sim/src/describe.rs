@@ -429,6 +429,7 @@ fn role(pin: &PinSpec) -> &'static str {
         Role::Input => "input",
         Role::Output => "output",
         Role::Both => "input or output",
+        Role::Analogue if pin.shunt_ohm > 0 => "analogue input, V or mA",
         Role::Analogue => "analogue input",
         Role::Mixed => "digital or analogue input",
         Role::Led => "LED",

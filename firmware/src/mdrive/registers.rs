@@ -238,7 +238,7 @@ standin_protocol::registers! {
         S3 = variable(21, "MC 5-63").words(3).saved(),
         /// I/O 4: type, active state, sinking or sourcing.
         S4 = variable(24, "MC 5-63").words(3).saved(),
-        /// Analogue input: 9 voltage or 10 current, range.
+        /// Analogue input: 9 voltage, with 0 to 5 V, with 1 to 10 V; 10 current, with 0 from 0, with 1 from 4 to 20 mA.
         S5 = variable(27, "MC 5-65").words(2).reset(9 << 16).saved(),
         /// Clock I/O 7: type, active state.
         S7 = variable(29, "MC 5-66").words(2).reset(33 << 16).saved().only(PLUS),

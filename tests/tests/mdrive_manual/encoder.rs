@@ -2,6 +2,7 @@
 
 use standin_firmware::device::Encoder;
 use standin_protocol::time::Span;
+use standin_sim::file;
 
 use crate::rig::{Kind, Rig};
 
@@ -112,4 +113,76 @@ fn a_remote_encoder_loses_no_count() {
         rig.turn(Encoder(0), counts);
         rig.assert_values(&[("C2", count.into())]);
     }
+}
+
+/// A drive whose motor, of 1 N·m at 100 %, a bench file describes.
+fn loaded(load: &str, set: &str) -> Rig {
+    let text = format!(
+        "[[drive]]\nname = \"x\"\nkind = \"mdrive\"\nfast_boot = true\nlisten = []\nset = {{ {set} }}\n\
+         [[motor]]\nname = \"m\"\ndrive = \"x\"\nholding_mnm = 1000\n{load}\n"
+    );
+    let layout = file::parse(&text).unwrap_or_else(|error| panic!("{error}"));
+    let built = layout.build(layout.settings(), Vec::new()).unwrap_or_else(|error| panic!("{error}"));
+    let mut rig = Rig::of(Kind::Plus, built.bench, built.seats[0]);
+    rig.say("EM=2");
+    rig.set(&["EE=1"]);
+    rig
+}
+
+/// Of the 1,000 mN·m RC = 25 gives 250: 240 for a load or friction, and what accelerates 400 g·cm², 5 mN·m, besides.
+/// The speed takes little of it: 1,024 counts/s are 30 rpm of 3,000. The shaft of the bench does as the drive's own.
+#[test]
+fn a_load_that_is_too_heavy_is_a_stall() {
+    for (load, set, stalls) in [
+        ("load_mnm = 200", "", false),
+        ("load_mnm = 300", "", true),
+        ("friction_mnm = 300", "", true),
+        ("friction_mnm = 300", "RC = 50", false),
+        ("friction_mnm = 300", "Friction = 100", false),
+        ("load_mnm = 50\ninertia_gcm2 = 40000", "", true),
+        ("load_mnm = 50\ninertia_gcm2 = 40000", "A = 200000, D = 200000", false),
+    ] {
+        let mut rig = loaded(load, set);
+        rig.set(&["VM=1024"]);
+        rig.say("MR 2048");
+        rig.wait_still(10.secs());
+        let behind = rig.value("C1") / 25 - rig.value("C2");
+        assert_eq!(behind != 0, stalls, "{load}, {set}: {behind} counts behind");
+        rig.assert_values(&[("ST", stalls.into()), ("ER", if stalls { 86 } else { 0 })]);
+        let motor = rig.bench.motors().next().expect("a motor");
+        let turned = (rig.bench.turn(motor).revolutions * 2_048.0).round() as i64;
+        if set != "Friction = 100" {
+            assert_eq!(turned, rig.value("C2"), "{load}, {set}: what the shaft has turned");
+        }
+    }
+}
+
+/// Said while it moves, and gone again; power and FD do not lighten a load.
+#[test]
+fn a_load_comes_and_goes() {
+    let mut rig = closed_loop();
+    let row = |rig: &Rig, name: &str| rig.bench.spec(rig.seat).find(name).expect("a setting").row;
+    let put = |rig: &mut Rig, name: &str, value: i64| {
+        let row = row(rig, name);
+        assert_eq!(rig.bench.poke(rig.seat, row, value), Ok(()), "{name} = {value}");
+    };
+    put(&mut rig, "HoldingTorque", 1_000);
+    rig.set(&["SL 2048"]);
+    rig.after(1.secs());
+    put(&mut rig, "Load", -260);
+    rig.after(1.secs());
+    rig.assert_values(&[("ST", 1), ("V", 0), ("ER", 86)]);
+    rig.power_cycle();
+    rig.say("FD");
+    rig.after(1.secs());
+    rig.say("EM=2");
+    rig.heard();
+    rig.set(&["EE=1"]);
+    rig.say("SL 2048");
+    rig.after(1.secs());
+    rig.assert_values(&[("ST", 1), ("ER", 86)]);
+    put(&mut rig, "Load", 0);
+    rig.set(&["ST=0", "SL 2048"]);
+    rig.after(1.secs());
+    rig.assert_values(&[("ST", 0), ("V", 2_048), ("ER", 0)]);
 }

@@ -72,6 +72,11 @@ impl Rig {
             Kind::Hybrid => Mdrive::hybrid(),
         };
         let seat = bench.seat("x", Box::new(drive), setup).expect("a drive that can be seated");
+        Self::of(kind, bench, seat)
+    }
+
+    /// A drive that has just been seated on a bench.
+    pub(crate) fn of(kind: Kind, mut bench: Bench, seat: Seat) -> Self {
         bench.run_until(bench.now() + START);
         let modbus = bench.connect_to(seat, MODBUS).expect("a drive that has power");
         let mcode = bench.connect_to(seat, MCODE).expect("a drive that has power");
