@@ -1,4 +1,5 @@
-//! What every register that can be written does beyond reading back, typed by hand from FB 5 and the pages of MC.
+//! What every register, and every variable that only MCode has, does beyond reading back, typed by hand from FB 5 and
+//! the pages of MC. S1 to S13 and trips have tests of their own (inputs, outputs, trips), EM has too (console).
 
 use standin_firmware::device::{Encoder, Level};
 use standin_protocol::time::Span;
@@ -35,6 +36,7 @@ const C1: u16 = 0x0005;
 const C2: u16 = 0x0007;
 const EE: u16 = 0x001E;
 const EF: u16 = 0x001F;
+const ER: u16 = 0x0021;
 const I1: u16 = 0x002D;
 const MR: u16 = 0x0046;
 const MV: u16 = 0x004A;
@@ -175,7 +177,7 @@ const EFFECTS: &[Effect] = &[
         &[(Some(200), 0), (Some(10), 92)], |rig| {
             rig.write_long(MR, 100);
             rig.wait_still(10.secs());
-            rig.word(0x0021).into()
+            rig.word(ER).into()
         }),
     effect("DC", |rig| rig.write_long(R1, 5), &[(None, 5), (Some(0x5F), 4), (Some(0x61), 5)], |rig| rig.long(R1).into()),
     effect("DE", nothing, &[(Some(1), 1), (Some(0), 0)], |rig| {
@@ -385,5 +387,114 @@ fn no_register_is_left_out() {
     for effect in EFFECTS {
         let [(_, first), rest @ ..] = effect.seen else { panic!("{} sees nothing", effect.name) };
         assert!(rest.iter().any(|(_, seen)| seen != first), "{} sees the same", effect.name);
+    }
+}
+
+/// The same of a variable that only MCode has: what is typed, and what is observed then.
+struct Typed {
+    lines: fn(&mut Rig),
+    seen: &'static [(&'static str, i64)],
+    observe: fn(&mut Rig) -> i64,
+    only: Option<Kind>,
+}
+
+const fn typed(
+    lines: fn(&mut Rig),
+    seen: &'static [(&'static str, i64)],
+    observe: fn(&mut Rig) -> i64,
+    only: Option<Kind>,
+) -> Typed {
+    Typed { lines, seen, observe, only }
+}
+
+/// A pin is low for so many µs.
+fn dips(rig: &mut Rig, io: &str, us: u64) {
+    rig.low(io);
+    rig.after(us.micros());
+    rig.high(io);
+    rig.after(1.millis());
+}
+
+const PLUS: Option<Kind> = Some(Kind::Plus);
+const HYBRID: Option<Kind> = Some(Kind::Hybrid);
+
+#[rustfmt::skip]
+const TYPED: &[Typed] = &[
+    // Four pulses (MC 5-14).
+    typed(|rig| rig.set(&["CM=1"]), &[("CR=1.000", 4), ("CR=2.000", 8), ("CR=0.500", 2)], |rig| {
+        for _ in 0..4 {
+            dips(rig, "IO7", 1_000);
+        }
+        rig.after(1.secs());
+        rig.long(C1).into()
+    }, PLUS),
+    // In 50 ns: whether the pulse of a trip is there after 5 µs and not after 15 (MC 5-15).
+    typed(|rig| rig.set(&["S13=61,1", "TP=20,0", "TE=2"]), &[("CW=40", 0), ("CW=255", 1)], |rig| {
+        rig.write_long(SL, 1_000);
+        rig.wait(1.secs(), 1.micros(), |rig| rig.level("CAPTURE") == Level::High);
+        rig.after(5.micros());
+        let is_long = rig.level("CAPTURE") == Level::High;
+        rig.after(10.micros());
+        assert_eq!(rig.level("CAPTURE"), Level::Low);
+        is_long.into()
+    }, None),
+    // 51,200 steps are 2,048 counts, or 1,024 (MC 5-22).
+    typed(nothing, &[("EL=512", 2_500), ("EL=256", 5_000)], |rig| {
+        rig.set(&["EE=1", "SM=1", "SF=65000", "DB=65000", "MR 100"]);
+        rig.wait_still(1.secs());
+        rig.long(C1).into()
+    }, PLUS),
+    // Esc, or Ctrl-E (MC 5-23).
+    typed(nothing, &[("ES=1", 0), ("ES=0", 5_000)], |rig| {
+        speed_after(rig, 500, 5_000);
+        rig.key(&[0x1B]);
+        rig.long(V).into()
+    }, None),
+    // 50 ns, or 12.9 µs (MC 5-25).
+    typed(|rig| { trip_program(rig); rig.set(&["S13=60,0", "TC=K1", "TE=4"]); }, &[("FC=0", 1), ("FC=9", 0)], |rig| {
+        rig.high("CAPTURE");
+        rig.after(1.millis());
+        dips(rig, "CAPTURE", 5);
+        rig.after(100.millis());
+        rig.long(R1).into()
+    }, None),
+    // The same (MC 5-26).
+    typed(|rig| rig.set(&["CM=1"]), &[("FM=0", 1), ("FM=9", 0)], |rig| {
+        dips(rig, "IO7", 5);
+        rig.long(C1).into()
+    }, PLUS),
+    // What is typed next is a value of R1 no more (MC 5-36).
+    typed(|rig| rig.set(&["IV R1"]), &[("PR IF", 42), ("IF=0", 0)], |rig| {
+        rig.say("42");
+        rig.long(R1).into()
+    }, None),
+    // 44: the program is locked (MC 5-42).
+    typed(trip_program, &[("LK=0", 0), ("LK=1", 44)], |rig| {
+        rig.say("CP 1");
+        rig.word(ER).into()
+    }, None),
+    // A number alone moves again (MC 5-51).
+    typed(nothing, &[("NE=1", 150), ("NE=0", 100)], |rig| {
+        rig.say("MR 100");
+        rig.wait_still(1.secs());
+        rig.say("50");
+        rig.wait_still(1.secs());
+        rig.long(C1).into()
+    }, None),
+    // 71: it is warmer than that (MC 5-81).
+    typed(nothing, &[("WT=84", 0), ("WT=0", 71)], |rig| rig.word(ER).into(), HYBRID),
+];
+
+#[test]
+fn what_is_typed_does_something() {
+    for kind in KINDS {
+        for typed in TYPED.iter().filter(|typed| typed.only.is_none_or(|only| only == kind)) {
+            for &(line, seen) in typed.seen {
+                let mut rig = Rig::new(kind);
+                (typed.lines)(&mut rig);
+                rig.say(line);
+                assert_eq!((typed.observe)(&mut rig), seen, "{kind:?}: {line}");
+            }
+        }
     }
 }
