@@ -95,6 +95,8 @@ pub(super) struct Servo {
     /// What the motor draws, in mA.
     ma: i32,
     seen: Seen,
+    /// It should stand, and is shorted for a look to see whether it does.
+    waits: bool,
     counter: Counter,
     /// Of the present move, or of one that was stopped on its way.
     goal: Option<Goal>,
@@ -117,6 +119,7 @@ impl Servo {
             carries: if settings.closed { settings.limit_ma } else { 0 },
             ma: 0,
             seen: Seen::AT_REST,
+            waits: false,
             counter: Counter::NEW,
             goal: None,
             left: 0,
@@ -300,8 +303,12 @@ impl Servo {
             return self.leave(at, out);
         }
         self.observe(at);
-        if self.has_arrived() {
-            return self.rest(at, out);
+        let told = self.seen.told;
+        let waited = core::mem::take(&mut self.waits);
+        if self.has_arrived(if waited { told } else { self.seen.speed }) {
+            // How soon another motor slows down is known too little: a look more, shorted, shows whether it stands.
+            self.waits = self.model.another && told.abs() > self.model.slow();
+            return if self.waits { self.leave(at, out) } else { self.rest(at, out) };
         }
         let speed = self.seen.speed;
         // What is held back is waited for.
@@ -322,7 +329,7 @@ impl Servo {
         self.seen.looked(at, self.ma);
     }
 
-    /// Shorts it, until it can begin once more.
+    /// Shorts it for a look.
     fn leave(&mut self, at: Instant, out: &mut dyn Sink) {
         self.pace = I40F24::ZERO;
         self.apply(at, 0, out);
@@ -366,10 +373,10 @@ impl Servo {
         I40F24::from_num(counts) + HALF - self.seen.place
     }
 
-    /// Whether what was ordered is done.
-    fn has_arrived(&self) -> bool {
+    /// Whether what was ordered is done, at that speed.
+    fn has_arrived(&self, speed: I40F24) -> bool {
         // At its limit the current does not tell.
-        let stands = !self.seen.limited && self.seen.speed.abs() <= self.model.slow();
+        let stands = !self.seen.limited && speed.abs() <= self.model.slow();
         match self.order {
             Order::Move { count, .. } => stands && self.way_to(count).abs() <= NEAR,
             Order::Stop { .. } => stands && self.pace == 0,

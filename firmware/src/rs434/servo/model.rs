@@ -67,7 +67,7 @@ pub(super) struct Model {
     /// Of its winding, in 1/8 mΩ.
     resistance: i64,
     /// It is another one than it was told.
-    another: bool,
+    pub(super) another: bool,
     /// The part of the way to its final speed that a motor makes in a look.
     pub(super) gain: I40F24,
     /// 1/gain: by how much more of a push it gets so much faster in a look.

@@ -52,6 +52,8 @@ pub(super) struct Seen {
     at: Instant,
     /// How fast it was supposed to be then.
     pub(super) speed: I40F24,
+    /// How fast the current just after the look before it told that it was.
+    pub(super) told: I40F24,
     /// The current just after it, in mA.
     ma: i32,
     /// What load and friction take of the speed that the voltage would give.
@@ -77,6 +79,7 @@ impl Seen {
     pub(super) const AT_REST: Self = Self {
         at: Instant::ZERO,
         speed: I40F24::ZERO,
+        told: I40F24::ZERO,
         ma: 0,
         load: I40F24::ZERO,
         held: false,
@@ -117,7 +120,9 @@ impl Seen {
 
     /// Counts are now so much smaller, or bigger: `to` for `from`.
     pub(super) fn rescale(&mut self, to: i64, from: i64) {
-        (self.speed, self.load) = (scaled(self.speed, to, from), scaled(self.load, to, from));
+        for speed in [&mut self.speed, &mut self.told, &mut self.load] {
+            *speed = scaled(*speed, to, from);
+        }
         self.place = HALF;
     }
 
@@ -191,7 +196,7 @@ impl Seen {
         if !self.limited {
             self.missed += (place - self.place).abs();
         }
-        (self.speed, self.since, self.doubt) = (then + change, at, part / 2);
+        (self.told, self.speed, self.since, self.doubt) = (then, then + change, at, part / 2);
         if let Some(times) = times {
             model.turns(times);
             (self.speed, self.load, self.response) = (self.speed * times, self.load * times, Response::NEW);
