@@ -3,7 +3,8 @@
 use standin_firmware::device::Level;
 use standin_protocol::time::{Duration, Span};
 
-use crate::rig::{Rig, pid};
+use crate::pid;
+use crate::rig::Rig;
 
 /// Bits of CTRL_STATUS.
 const ALARM: u16 = 1;
