@@ -161,8 +161,9 @@ fn nothing_turns_faster_than_the_fastest() {
     }
     assert_eq!(turns_per_second(&motor, at_ms(199)), 3_906.25);
     // Nor does one that is 3,906 times as fast as its supply when power comes.
-    let parameters = Parameters { no_load_rpm: 60, resistance_mohm: 10, ..parameters };
-    let mut motor = super::Motor::new(parameters);
+    let slow =
+        Parameters { no_load_rpm: 60, resistance_mohm: 10, load_unm: -1_000_000, ..Parameters::NOMINAL };
+    let mut motor = super::Motor::new(slow);
     motor.power_on(at_ms(0), Boot::default(), &mut Log::default());
     motor.power_on(at_ms(10_000), Boot::default(), &mut Log::default());
     advance(&mut motor, at_ms(10_100), core::iter::empty(), &mut Log::default());
