@@ -506,6 +506,8 @@ pub struct Spec {
     pub commands: &'static [Command],
     /// The row that holds its bus address.
     pub address: Option<usize>,
+    /// The row that shows what feeds it and its motor, in 0.1 V.
+    pub supply: Option<usize>,
     /// Its modelled limits that no row tells.
     pub not_modelled: &'static [&'static str],
 }
@@ -529,6 +531,7 @@ impl Spec {
         prefix: "",
         commands: &[],
         address: None,
+        supply: None,
         not_modelled: &[],
     };
 

@@ -94,6 +94,7 @@ impl Drive {
                 self.servo.cut(at, self.alarms.has(HALL_FAIL), self.alarms.has(ENCODER_FAIL));
             }
             INVERSE_VELOCITY => self.servo.swap(at, on, out),
+            OVER_VOLTAGE => self.supply_changed(at, out),
             _ => {}
         }
         self.look_for_alarms(at, out);
@@ -102,6 +103,7 @@ impl Drive {
     /// The supply becomes another one, in 0.1 V.
     pub(super) fn set_supply(&mut self, at: Instant, supply: u16, out: &mut dyn Sink) {
         self.alarms.supply = supply;
+        self.supply_changed(at, out);
         self.look_for_alarms(at, out);
     }
 

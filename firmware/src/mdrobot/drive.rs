@@ -27,6 +27,8 @@ use crate::motor::Parameters;
 const MOST_RPM: i32 = 5_000;
 /// Of MAX_LOAD and TQ_DATA.
 const MA_PER_UNIT: u32 = 100;
+/// Of VOLT_IN.
+const MV_PER_UNIT: u32 = 100;
 
 /// Whether the drive listens and moves.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -54,8 +56,10 @@ pub(super) struct Drive {
     pub(super) inputs: Inputs,
     pub(super) reference: Reference,
     pub(super) servo: Servo,
-    /// Power has come since the motor was asked for last.
-    pub(super) other_motor: bool,
+    /// Poles of the motor of its own: those of HALL_TYPE when power came.
+    poles: u16,
+    /// That motor has become another one since it was asked for last.
+    other_motor: bool,
 }
 
 impl Drive {
@@ -65,7 +69,8 @@ impl Drive {
         let bank = Bank::factory();
         Self {
             state: State::Off,
-            servo: Servo::new(servo_settings(&bank)),
+            servo: Servo::new(servo_settings(&bank, SUPPLY)),
+            poles: hall_poles(&bank),
             bank,
             save: None,
             unit: 1,
@@ -85,8 +90,8 @@ impl Drive {
         self.inputs = Inputs::REST;
         self.reference = Reference::NONE;
         self.boot(at, boot);
-        self.other_motor = true;
-        self.servo.power_on(at, servo_settings(&self.bank), out);
+        (self.poles, self.other_motor) = (hall_poles(&self.bank), true);
+        self.servo.power_on(at, servo_settings(&self.bank, self.alarms.supply()), out);
     }
 
     pub(super) fn deadline(&self) -> Instant {
@@ -125,21 +130,29 @@ impl Drive {
         registers::line(self.bank.word(Pid::CONTROLLER_BAUD))
     }
 
-    /// The motor of its own: with the poles of HALL_TYPE.
+    /// The motor of its own, at the supply that there is.
     pub(super) fn motor(&self) -> Parameters {
-        // 24 V / 3,820 rpm is 0.06 V·s: 0.06 Nm for an ampere.
+        /// At 24 V, which is 0.06 V·s: 0.06 Nm for an ampere.
+        const NO_LOAD_RPM: u32 = 3_820;
+        let supply = u32::from(self.alarms.supply()).min(Parameters::MOST.supply_mv / MV_PER_UNIT);
         Parameters {
-            supply_mv: u32::from(SUPPLY) * 100,
-            no_load_rpm: 3_820,
+            supply_mv: supply * MV_PER_UNIT,
+            no_load_rpm: NO_LOAD_RPM * supply / u32::from(SUPPLY),
             resistance_mohm: 300,
             inertia_gcm2: 5_000,
-            hall_pulses: registers::poles(self.bank.word(Pid::HALL_TYPE)) / 2,
+            hall_pulses: self.poles / 2,
             hall_sensors: 3,
             ..Parameters::NOMINAL
         }
     }
 
-    /// The same, if power has come since this was last asked.
+    /// The supply is another one.
+    pub(super) fn supply_changed(&mut self, at: Instant, out: &mut dyn Sink) {
+        self.other_motor = true;
+        self.set_servo(at, out);
+    }
+
+    /// The same, if it may have become another one since this was last asked.
     pub(super) fn new_motor(&mut self) -> Option<Parameters> {
         core::mem::take(&mut self.other_motor).then(|| self.motor())
     }
@@ -150,7 +163,7 @@ impl Drive {
 
     /// The servo goes by what has been written.
     fn set_servo(&mut self, at: Instant, out: &mut dyn Sink) {
-        self.servo.set(at, servo_settings(&self.bank), out);
+        self.servo.set(at, servo_settings(&self.bank, self.alarms.supply()), out);
     }
 
     /// A PID as it reads now; of MONITOR the first four words.
@@ -203,7 +216,7 @@ impl Drive {
 
     fn in_position(&self) -> bool {
         let window = self.bank.word(Pid::IN_POSITION);
-        self.servo.error().is_some_and(|error| error.unsigned_abs() <= u32::from(window))
+        self.servo.error().is_some_and(|error| error.unsigned_abs() <= u64::from(window))
     }
 
     /// Puts a live PID into the bank, because it is read.
@@ -342,8 +355,13 @@ impl Drive {
     }
 }
 
-/// What the servo goes by.
-fn servo_settings(bank: &Bank<Pid, { Pid::WORDS }>) -> Settings {
+/// Poles of a motor, by HALL_TYPE.
+fn hall_poles(bank: &Bank<Pid, { Pid::WORDS }>) -> u16 {
+    registers::poles(bank.word(Pid::HALL_TYPE))
+}
+
+/// What the servo goes by, with a supply in 0.1 V.
+fn servo_settings(bank: &Bank<Pid, { Pid::WORDS }>, supply: u16) -> Settings {
     let word = |pid| bank.word(pid);
     Settings {
         max_rpm: bank.limited(Pid::MAX_RPM) as u16,
@@ -354,7 +372,8 @@ fn servo_settings(bank: &Bank<Pid, { Pid::WORDS }>) -> Settings {
         slow_start: word(Pid::SLOW_START),
         slow_down: word(Pid::SLOW_DOWN),
         stop_status: word(Pid::STOP_STATUS),
-        poles: registers::poles(word(Pid::HALL_TYPE)),
+        poles: hall_poles(bank),
+        supply,
         enc_ppr: word(Pid::ENC_PPR),
     }
 }

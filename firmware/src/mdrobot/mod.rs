@@ -110,6 +110,7 @@ static MD400: Spec = Spec {
     decimal: true,
     prefix: "PID_",
     address: Some(Pid::CONTROLLER_ID as usize),
+    supply: Some(Pid::VOLT_IN as usize),
     ..Spec::BARE
 };
 

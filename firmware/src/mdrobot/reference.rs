@@ -304,11 +304,11 @@ impl Drive {
             // What pushes the other way brakes at once.
             Order::Open(part) | Order::Torque(part) => [part.into(), 0],
             // One that holds its position has no way to go.
-            Order::Position { count, .. } => match count.saturating_sub(self.servo.position()) {
-                error if error.unsigned_abs() <= u32::from(self.bank.word(Pid::IN_POSITION).max(1)) => {
+            Order::Position { count, .. } => match self.servo.way_to(count) {
+                error if error.unsigned_abs() <= u64::from(self.bank.word(Pid::IN_POSITION).max(1)) => {
                     [0, shaft]
                 }
-                error => [error, shaft],
+                error => [error.signum() as i32, shaft],
             },
         };
         let stops = self.reference.who.bus && (self.limit_forbids(way) || self.limit_forbids(shaft));

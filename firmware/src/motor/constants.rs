@@ -12,6 +12,10 @@
 //! e⁻ˣ = 1/(1 + x + x²/2) this needs no exponential, is right to x² and, whatever *x*, never beyond the
 //! final speed. Current and acceleration are proportional, so the limit of the current is one of the
 //! acceleration.
+//!
+//! What a load turns faster than *full* charges the supply through the diodes of the bridge, as the whole supply at the
+//! terminals would, whatever they are put to and may carry. So a load turns it no faster than *full* and as much more
+//! as it is stronger than the motor at standstill.
 
 use standin_protocol::time::TICKS_PER_SECOND;
 
@@ -22,6 +26,25 @@ use crate::device::Duration;
 const STEP: Duration = Duration::millis(1);
 /// The shortest one: what comes to its speed faster than twice that does so in one step.
 const LEAST_STEP: Duration = Duration::micros(50);
+
+/// The whole supply.
+const FULL_DUTY: i32 = 1 << 16;
+
+/// What a motor's terminals are connected to.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Terminals {
+    /// A bridge without power.
+    Dead,
+    /// A bridge that lets go of them.
+    Open,
+    /// A bridge that drives them.
+    Driven {
+        /// In 1/65536 of the supply; 0 shorts them.
+        duty: i32,
+        /// What they may carry.
+        limit_ma: u32,
+    },
+}
 
 /// What follows from the parameters, in the units of a [`Stretch`].
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -90,15 +113,17 @@ impl Constants {
         Duration::from_ticks(ticks.clamp(1, LONGEST).cast_unsigned())
     }
 
-    /// What goes on from `now`, and what it draws there, in mA. Open terminals have neither a duty nor a limit
-    /// of the current.
-    pub(super) fn next(&self, now: Stretch, closed: Option<(i32, u32)>, held: bool) -> (Stretch, i32) {
-        let (push, most_ma) = closed.map_or((0, 0), |(duty, ma)| (self.push(duty, now.speed), i64::from(ma)));
+    /// What goes on from `now`, and what it draws there, in mA.
+    pub(super) fn next(&self, now: Stretch, terminals: Terminals, held: bool) -> (Stretch, i32) {
+        let (push, most_ma) = match terminals {
+            Terminals::Driven { duty, limit_ma } => (self.push(duty, now.speed), i64::from(limit_ma)),
+            Terminals::Dead | Terminals::Open => (0, 0),
+        };
+        let charge = if matches!(terminals, Terminals::Dead) { 0 } else { self.charge(now.speed) };
         // At full speed against the supply it is twice that of standstill: what is more is no limit.
         let limit = (most_ma.saturating_mul(self.torque) / self.stall_ma.max(1)).min(2 * self.stall);
-        let drives = push.min(limit).max(-limit);
-        let ma = ((2 * push * self.stall_ma).div_euclid(self.stall.max(1)) + 1) >> 1;
-        let ma = ma.min(most_ma).max(-most_ma);
+        let drives = braked(push.min(limit).max(-limit), charge, charge);
+        let ma = braked(self.draws(push).min(most_ma).max(-most_ma), charge, self.draws(charge));
         let way = if now.speed != 0 {
             now.speed.signum()
         } else if (drives - self.load).abs() > self.friction {
@@ -107,22 +132,57 @@ impl Constants {
             0
         };
         let against = self.load + way * self.friction;
-        let acceleration = match closed {
-            Some(_) => (((push - against) * self.mean) >> 16).min(limit - against).max(-limit - against),
-            None => -against,
+        let mean = |push: i64| ((push - against) * self.mean) >> 16;
+        let driven = match terminals {
+            Terminals::Driven { .. } => mean(push).min(limit - against).max(-limit - against),
+            Terminals::Dead | Terminals::Open => -against,
         };
+        let acceleration = braked(driven, charge, mean(charge));
         let stands = way == 0 || (now.speed == 0 && acceleration == 0);
         let next = if held || stands {
             Stretch::rest(now.since(), now.angle)
         } else {
-            now.with(acceleration, if closed.is_some() { self.step } else { Stretch::LONGEST })
+            self.stretch(now, acceleration, terminals)
         };
-        (next, ma as i32)
+        (next, ma.clamp(i32::MIN.into(), i32::MAX.into()) as i32)
+    }
+
+    /// From `now` on, as long as the acceleration may be taken for steady: nothing changes it while nobody drives the
+    /// terminals and the motor is not faster than its supply.
+    fn stretch(&self, now: Stretch, acceleration: i64, terminals: Terminals) -> Stretch {
+        let coasts = now.with(acceleration, Stretch::LONGEST);
+        let steady = match terminals {
+            Terminals::Dead => true,
+            Terminals::Open => now.speed.abs().max(coasts.last_speed().abs()) <= self.full,
+            Terminals::Driven { .. } => false,
+        };
+        if steady { coasts } else { now.with(acceleration, self.step) }
     }
 
     /// The acceleration of a duty at a speed, without limit, friction and load.
     fn push(&self, duty: i32, speed: i64) -> i64 {
         let against = self.stall * (speed >> 16) / (self.full >> 16).max(1);
-        ((self.stall * i64::from(duty.clamp(-65_536, 65_536))) >> 16) - against
+        ((self.stall * i64::from(duty.clamp(-FULL_DUTY, FULL_DUTY))) >> 16) - against
+    }
+
+    /// What an acceleration of a duty draws, in mA.
+    fn draws(&self, push: i64) -> i64 {
+        ((2 * push).saturating_mul(self.stall_ma).div_euclid(self.stall.max(1)) + 1) >> 1
+    }
+
+    /// The acceleration with which it charges its supply, against its speed: 0 unless it is faster than that makes it.
+    fn charge(&self, speed: i64) -> i64 {
+        let way = speed.signum() as i32;
+        let push = if speed.abs() > self.full { self.push(way * FULL_DUTY, speed) } else { 0 };
+        if push.signum() * i64::from(way) < 0 { push } else { 0 }
+    }
+}
+
+/// An acceleration, or a stronger one that brakes, where there is a charge: the way of that is the way that brakes.
+fn braked(acceleration: i64, charge: i64, with_charge: i64) -> i64 {
+    match charge.signum() {
+        -1 => acceleration.min(with_charge),
+        1 => acceleration.max(with_charge),
+        _ => acceleration,
     }
 }

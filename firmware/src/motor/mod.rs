@@ -3,9 +3,10 @@
 //! A stepper motor follows the plans of its drive ([`stepper`]). What is on a shaft looks at it as a [`Rotor`],
 //! whatever turns it.
 //!
-//! A brush motor, and a brushless one whose drive commutates it as brushes do: its winding has a resistance and no inductance, its speed makes a voltage against the
-//! supply, its current a torque; friction of one size holds or brakes it, a load pulls at it. What is
-//! not modelled: inductance, iron, cogging, the supply's own resistance, warmth of the winding.
+//! A brush motor, and a brushless one whose drive commutates it as brushes do: its winding has a resistance and no
+//! inductance, its speed makes a voltage against the supply, its current a torque; friction of one size holds or brakes
+//! it, a load pulls at it, and what that turns faster than the supply would charges the supply. What is not modelled:
+//! inductance, iron, cogging, the supply's own resistance, warmth of the winding.
 //!
 //! All numbers are integers. An angle is in 2⁻³² turns, a speed in 2⁻⁵⁶ turns a tick, an acceleration in
 //! 2⁻⁶⁴ turns a tick². A motor lives in stretches of constant acceleration (`stretch`); inside one every
@@ -21,7 +22,7 @@ mod stretch;
 mod tests;
 mod wheel;
 
-use self::constants::Constants;
+use self::constants::{Constants, Terminals};
 pub use self::rig::{Rig, Turns};
 pub use self::rotor::{Pace, Rotor};
 use self::stretch::Stretch;
@@ -233,19 +234,25 @@ impl Motor {
 
     /// Begins the next stretch, where the present one is at `at`.
     fn go_on(&mut self, at: Instant, out: &mut dyn Sink) {
-        let ma = self.begin(at);
+        let ma = self.begin(at, self.terminals());
         if ma != self.ma {
             self.ma = ma;
             out.put(at, Output::Draws { axis: AXIS, ma });
         }
     }
 
-    /// As [`Self::go_on`], and returns what the motor draws.
-    fn begin(&mut self, at: Instant) -> i32 {
+    fn terminals(&self) -> Terminals {
+        match self.limit_ma {
+            0 => Terminals::Open,
+            limit_ma => Terminals::Driven { duty: self.duty, limit_ma },
+        }
+    }
+
+    /// As [`Self::go_on`] with that at its terminals, and returns what the motor draws.
+    fn begin(&mut self, at: Instant, terminals: Terminals) -> i32 {
         let now = self.stretch.at(at);
-        let push = (self.limit_ma > 0).then_some((self.duty, self.limit_ma));
         let now = if self.held { Stretch::rest(at, now.angle) } else { now };
-        let (stretch, ma) = self.constants.next(now, push, self.held);
+        let (stretch, ma) = self.constants.next(now, terminals, self.held);
         self.stretch = stretch;
         self.find_edge(at);
         ma
@@ -257,18 +264,18 @@ impl Motor {
         self.due = self.edge.min(self.stretch.end());
     }
 
-    /// Without power, from wherever it was last looked at: open terminals, and nobody sees its sensors.
+    /// Without power, from wherever it was last looked at: nobody sees its sensors.
     fn coast(&mut self, at: Instant) {
         (self.limit_ma, self.duty, self.ma) = (0, 0, 0);
-        self.begin(self.stretch.since());
+        self.begin(self.stretch.since(), Terminals::Dead);
         let stands = self.stretch.stands();
         if stands < at {
             self.stretch = self.stretch.lasting_to(stands);
-            self.begin(stands);
+            self.begin(stands, Terminals::Dead);
         }
         // From there on friction holds it or the load turns it, and neither changes any more.
         self.stretch = self.stretch.lasting_to(at);
-        self.begin(at);
+        self.begin(at, Terminals::Dead);
         let angle = self.stretch.angle;
         self.halls = self.halls.moved_to(angle);
         self.encoder = self.encoder.moved_to(angle);
@@ -306,9 +313,9 @@ impl Device for Motor {
     fn power_on(&mut self, at: Instant, _boot: Boot, out: &mut dyn Sink) {
         self.coast(at);
         self.held = false;
-        self.begin(at);
         self.halls.show(at, None, self.parameters.hall_pins(), out);
         self.encoder.show(at, None, ENCODER_PINS, out);
+        self.go_on(at, out);
     }
 
     fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Sink) {

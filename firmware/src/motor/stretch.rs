@@ -3,7 +3,8 @@
 use super::Pace;
 use crate::device::{Duration, Instant};
 
-/// The greatest speed: 234,000 rpm. No motor is meant to come there; a stretch that does goes a little too far.
+/// The greatest speed: 234,375 rpm. No motor is meant to come there; what a load turns without power, or a winding of
+/// so much resistance that it brakes nothing, gets no faster.
 const MOST: i64 = 1 << 44;
 
 /// How a shaft turns from an instant on. It never turns round inside: the speed ends at 0.
@@ -32,12 +33,18 @@ impl Stretch {
         Self { since, angle, speed: 0, acceleration: 0, length: Duration::FOREVER }
     }
 
-    /// What begins here with that acceleration and lasts `length`, or until it stands.
+    /// What begins here with that acceleration and lasts `length`, or until it stands or is as fast as anything.
     pub(super) fn with(self, acceleration: i64, length: Duration) -> Self {
-        let acceleration = acceleration.clamp(-Self::STEEPEST, Self::STEEPEST);
+        let fastest = MOST * acceleration.signum();
+        let acceleration =
+            if self.speed == fastest { 0 } else { acceleration.clamp(-Self::STEEPEST, Self::STEEPEST) };
         let lasting = Self { acceleration, ..self };
-        let length = length.min(Self::LONGEST).min(lasting.stands().since(self.since));
-        Self { length, ..lasting }
+        let changes = match acceleration {
+            0 => Duration::FOREVER,
+            _ if lasting.slows() => Duration::from_ticks(lasting.ticks_to(0)),
+            _ => Duration::from_ticks(lasting.ticks_to(fastest)),
+        };
+        Self { length: length.min(Self::LONGEST).min(changes), ..lasting }
     }
 
     /// Whether its acceleration is against its speed.
@@ -78,6 +85,11 @@ impl Stretch {
             speed: if turned_round { 0 } else { speed.clamp(-MOST, MOST) },
             ..*self
         }
+    }
+
+    /// The speed at its end.
+    pub(super) fn last_speed(&self) -> i64 {
+        self.at(self.end()).speed
     }
 
     /// Where it is at `at`, however late, if its acceleration lasts: until it stands, or until nothing is faster.

@@ -92,6 +92,13 @@ impl Reader {
                 return Err(key.wrong(what));
             }
         }
+        if let Some(key) = table.keys().iter().find(|key| key.is == "supply_v")
+            && let Some(row) = spec.supply.and_then(|row| spec.registers.rows.get(row))
+            && self.layout.drives[drive].presets.iter().any(|preset| Some(preset.row) == spec.supply)
+        {
+            let what = format!("{} of '{}' is the same as supply_v: say one of them", row.name, text.is);
+            return Err(key.wrong(what));
+        }
         let is = match sort {
             Sort::Stepper => MotorKind::Stepper(stepper(table)?),
             Sort::Brush | Sort::Brushless => MotorKind::Brush(brush(table)?),

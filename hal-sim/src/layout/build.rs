@@ -66,6 +66,7 @@ impl Layout {
             }
         }
         setup.presets.extend(values(&drive.presets, spec, setup.memory.as_deref()));
+        setup.presets.extend(spec.supply.zip(self.supply(place)));
         setup.apart |=
             self.motors.iter().any(|motor| motor.drive == place && matches!(motor.is, MotorKind::Brush(_)));
         let seat = bench.seat(&drive.name, device, setup).map_err(|error| match error {
@@ -82,6 +83,15 @@ impl Layout {
             bench.fault(seat, fault, true);
         }
         Ok(seat)
+    }
+
+    /// What the motor of a drive says of what feeds both, in 0.1 V.
+    fn supply(&self, drive: usize) -> Option<i64> {
+        let of = |motor: &super::Motor| match motor.is {
+            MotorKind::Brush(keys) if motor.drive == drive => keys.supply_mv,
+            _ => None,
+        };
+        self.motors.iter().find_map(of).map(|mv| i64::from((mv + 50) / 100))
     }
 
     fn share(&self, bench: &mut Bench, seats: &[Seat]) -> Vec<Bus> {

@@ -295,6 +295,9 @@ fn brushless_motors() {
             ),
         ],
     );
+    let fed = "drive = [{name = 'd', kind = 'mdrobot', set = {VOLT_IN = 240}}]\n";
+    let motor = "[[motor]]\nname = 'm'\ndrive = 'd'\nsupply_v = 24";
+    check(fed, &[(motor, "line 5, column 1: VOLT_IN of 'd' is the same as supply_v: say one of them")]);
 }
 
 #[test]

@@ -5,7 +5,7 @@ use std::path::Path;
 use standin_firmware::device::{Axis, Duration, Fault, Port};
 use standin_protocol::modbus::rtu;
 use standin_protocol::time::Span;
-use standin_sim::bench::Setup;
+use standin_sim::bench::{PowerAction, Setup};
 use standin_sim::bus::LineMode;
 use standin_sim::faults::LineFaults;
 use standin_sim::kinds;
@@ -269,6 +269,39 @@ fn a_brushless_motor_has_the_poles_that_are_said() {
 
 /// A half goes onto the whole that is set beside it, else onto what is in the memory; the factory's Speed is 5,000
 /// (7.17).
+/// `supply_v` feeds the drive, too: it shows it, again after each power-on, and over 60 V is an alarm.
+#[test]
+fn what_feeds_a_motor_feeds_its_drive() {
+    for (said, shown, status) in [("supply_v = 36.04", 360, 0), ("supply_v = 60.1", 601, 0b101), ("", 240, 0)]
+    {
+        let motor = format!("[[motor]]\nname = 'm'\ndrive = 'd'\n{said}");
+        let mut built =
+            built(&format!("drive = [{{name = 'd', kind = 'mdrobot', fast_boot = true}}]\n{motor}"));
+        let bench = &mut built.bench;
+        let drive = seat(bench, "d");
+        for _ in 0..2 {
+            bench.run_until(bench.now() + 10.millis());
+            let read = |name| register(bench, drive, name);
+            assert_eq!((read("VOLT_IN"), read("CTRL_STATUS")), (shown, status), "{said}");
+            bench.power(drive, PowerAction::Cycle);
+        }
+    }
+    // What is preset of the drive feeds the motor: as fast as at 12 V.
+    let mut built = built(
+        "drive = [{name = 'd', kind = 'mdrobot', fast_boot = true, set = {VOLT_IN = 120}}]\n\
+         [[motor]]\nname = 'm'\ndrive = 'd'",
+    );
+    let drive = seat(&built.bench, "d");
+    built.bench.run_until(10.millis());
+    for (name, value) in [("UI_COM", 1), ("START_STOP", 1), ("OPEN_VEL_CMD", 1_023)] {
+        let row = built.bench.spec(drive).find(name).unwrap().row;
+        built.bench.poke(drive, row, value).unwrap();
+    }
+    built.bench.run_until(3.secs());
+    let rpm = built.bench.turn(built.motors[0]).rpm;
+    assert!((rpm - 1_902.0).abs() < 5.0, "{rpm}");
+}
+
 #[test]
 fn presets_are_there_at_power_on() {
     for (set, speed) in

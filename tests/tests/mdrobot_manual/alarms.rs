@@ -3,7 +3,8 @@
 use standin_firmware::device::Level;
 use standin_protocol::time::{Duration, Span};
 
-use crate::rig::{Rig, pid};
+use crate::pid;
+use crate::rig::Rig;
 
 /// Bits of CTRL_STATUS.
 const ALARM: u16 = 1;
@@ -152,6 +153,40 @@ fn page_13_volt_in() {
     assert_eq!(rig.read(pid::VOLT_IN), 240);
 }
 
+/// What VOLT_IN shows is what turns the motor, and over 60 V an alarm (decisions 31, 32).
+#[test]
+fn page_13_the_supply() {
+    let mut rig = Rig::armed(&[]);
+    let row = rig.bench.spec(rig.seat).find("VOLT_IN").expect("a PID").row;
+    // 3,820 rpm at 24 V, less what 10 mN·m of friction take: 8 rpm.
+    for (volts, rpm) in [(240, 3_812.0), (120, 1_902.0), (360, 5_722.0), (600, 9_542.0)] {
+        assert_eq!(rig.bench.poke(rig.seat, row, volts), Ok(()));
+        assert_eq!(i64::from(rig.read(pid::VOLT_IN)), volts);
+        rig.write(pid::OPEN_VEL_CMD, 1_023);
+        rig.after(3.secs());
+        assert!((rig.shaft() - rpm).abs() < 5.0, "{} rpm at {volts}", rig.shaft());
+    }
+    assert_none(&mut rig);
+    assert_eq!(rig.bench.poke(rig.seat, row, 601), Ok(()));
+    assert_alarm(&mut rig, OVER_VOLT, 0);
+    rig.power_cycle();
+    assert_none(&mut rig);
+    assert_eq!(rig.read(pid::VOLT_IN), 240);
+}
+
+/// What a load turns faster than the supply charges that, whatever the drive does: it does not run away.
+#[test]
+fn page_13_a_load_beyond_the_supply() {
+    // 2 Nm less friction are 33.2 A, in 0.3 Ω 9.95 V more than 24 V.
+    let (mut rig, _) = Rig::turning(&[], |motor| motor.load_unm = -2_000_000);
+    rig.velocity(1_000);
+    for _ in 0..10 {
+        rig.after(1.secs());
+        assert!((rig.shaft() - 5_403.0).abs() < 20.0, "{} rpm", rig.shaft());
+        assert_eq!((rig.signed(pid::RPM_DATA), rig.signed(pid::TQ_DATA)), (5_000, -332));
+    }
+}
+
 /// STALL: output over half and no Hall edge for 1 s.
 #[test]
 fn page_9_stall() {
@@ -201,11 +236,17 @@ fn page_9_ctrl_fail() {
     let came = alarm(&mut rig, 5.secs());
     assert!((2_950..=3_150).contains(&(came.ticks() / 16_000)), "{came:?}");
     assert_alarm(&mut rig, CTRL_FAIL, 0);
-    // A reference of zero has no half.
-    let mut rig = Rig::armed(&[(pid::STOP_STATUS, 1), (pid::P_GAIN, 0), (pid::I_GAIN, 0)]);
+    // A reference of zero has no half, however fast it is: without gains a load turns it that is to be held.
+    let (mut rig, _) = Rig::turning(&[(pid::STOP_STATUS, 1)], |motor| motor.load_unm = 100_000);
+    rig.velocity(500);
+    rig.after(1.secs());
+    rig.set(&[(pid::P_GAIN, 0), (pid::I_GAIN, 0)]);
     rig.velocity(0);
-    rig.after(10.secs());
-    assert_none(&mut rig);
+    rig.after(1.secs());
+    rig.watch(10.secs(), 100.millis(), |rig, _| {
+        assert!(rig.shaft() < -20.0, "{} rpm", rig.shaft());
+        assert_none(rig);
+    });
 }
 
 /// INV_VEL: turning against the reference for 0.5 s: a load that is stronger than MAX_LOAD lets the drive.

@@ -2,7 +2,8 @@
 
 use standin_protocol::time::Span;
 
-use crate::rig::{Rig, pid};
+use crate::pid;
+use crate::rig::Rig;
 
 /// VEL_CMD moves the motor with both and with no less; before that it is kept for reading.
 #[test]

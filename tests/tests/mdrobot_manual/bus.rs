@@ -6,7 +6,8 @@ use standin_protocol::modbus::rtu;
 use standin_protocol::time::{Duration, Span};
 use standin_sim::bench::{Bench, Client, Seat, Setup};
 
-use crate::rig::{BOOT, SAVE, SILENCE, pid, timed};
+use crate::pid;
+use crate::rig::{BOOT, SAVE, SILENCE, timed};
 
 /// A character at 19,200 8N1: 10 bits are 8,333⅓ ticks, a whole number by rounding.
 const CHARACTER: u64 = 8_333;

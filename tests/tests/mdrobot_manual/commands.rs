@@ -3,7 +3,8 @@
 use standin_firmware::device::{Level, Port};
 use standin_protocol::time::Span;
 
-use crate::rig::{Rig, SAVE, pid};
+use crate::pid;
+use crate::rig::{Rig, SAVE};
 use crate::table::{TABLE, Type};
 
 /// All that is read and written.

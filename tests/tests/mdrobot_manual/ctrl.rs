@@ -4,7 +4,8 @@ use standin_firmware::device::Level;
 use standin_protocol::time::Span;
 use standin_sim::bench::{Driving, PowerAction};
 
-use crate::rig::{BOOT, Rig, SAVE, pid};
+use crate::pid;
+use crate::rig::{BOOT, Rig, SAVE};
 
 /// PID_DI: bits by name (p. 11).
 const BITS: [(&str, u16); 7] = [

@@ -4,7 +4,8 @@ use standin_firmware::device::Level;
 use standin_protocol::time::Span;
 use standin_sim::bench::Motor;
 
-use crate::rig::{Rig, SAVE, pid};
+use crate::pid;
+use crate::rig::{Rig, SAVE};
 
 /// A motor of the bench whose encoder has so many cycles a turn.
 fn with_encoder(cycles: u32, ppr: u16) -> (Rig, Motor) {

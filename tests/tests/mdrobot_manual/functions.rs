@@ -2,7 +2,8 @@
 
 use standin_protocol::time::{Duration, Span};
 
-use crate::rig::{Rig, pid};
+use crate::pid;
+use crate::rig::Rig;
 
 const SPEED: u16 = 1;
 const POSITION: u16 = 2;

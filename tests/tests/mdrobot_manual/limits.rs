@@ -4,7 +4,8 @@
 use standin_protocol::time::Span;
 use standin_sim::bench::Driving;
 
-use crate::rig::{Rig, pid};
+use crate::pid;
+use crate::rig::Rig;
 
 /// The switch that permits it, the one that does not matter, and its sign.
 const WAYS: [(&str, &str, i16); 2] = [("START_STOP", "DIR", 1), ("DIR", "START_STOP", -1)];

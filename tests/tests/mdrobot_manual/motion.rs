@@ -1,267 +1,10 @@
-//! Velocity, ramps, gains, currents, open loop, torque, stopping (p. 8, p. 12 to 15; decisions 16 to 18, 27 to 30), with
-//! the tolerances of a controller of this size: with factory gains, without load, at 24 V.
+//! Gains, currents, open loop, torque, poles, what MONITOR says (p. 8, p. 12 to 16; decisions 18, 27 to 30), with the
+//! tolerances of a controller of this size: with factory gains, without load, at 24 V.
 
 use standin_protocol::time::{Duration, Span};
 
-use crate::rig::{Rig, SAVE, pid};
-
-/// Motors of other poles, by HALL_TYPE at power-on (p. 8).
-fn with_poles(hall_type: u16, poles: f64, settings: &[(u16, u16)]) -> Rig {
-    let mut rig = Rig::with(&[(pid::HALL_TYPE, hall_type)]);
-    rig.after(SAVE);
-    rig.power_cycle();
-    rig.poles = poles;
-    rig.set(settings);
-    rig.set(&[(pid::UI_COM, 1), (pid::START_STOP, 1)]);
-    rig
-}
-
-/// 2 s after the change every sample is within 1 % or 2 rpm; counts say the same.
-#[test]
-fn velocity_steady() {
-    for (hall_type, poles) in [(0, 4.0), (2, 10.0)] {
-        for rpm in [100_i16, 250, 600, 1_000, 1_700, 2_500, -100, -1_000, -2_500] {
-            let mut rig = with_poles(hall_type, poles, &[]);
-            rig.velocity(rpm);
-            rig.after(2.secs());
-            let (from, rpm) = (rig.position(), f64::from(rpm));
-            let within = (rpm.abs() / 100.0).max(2.0);
-            rig.watch(6.secs(), 7.millis(), |rig, t| {
-                assert!((rig.rpm() - rpm).abs() <= within, "{} rpm, not {rpm}, after {t:?}", rig.rpm());
-            });
-            // 857 samples of 7 ms.
-            let counts = rpm / 60.0 * 3.0 * poles * 5.999;
-            let counted = f64::from(rig.position() - from);
-            assert!(
-                (counted - counts).abs() <= counts.abs() * 0.02 + 2.0,
-                "{counted} counts, not {counts:.0}"
-            );
-        }
-    }
-}
-
-#[test]
-fn velocity_slow_and_zero() {
-    for (hall_type, poles) in [(0, 4.0), (2, 10.0)] {
-        for rpm in [40_i16, -40] {
-            let mut rig = with_poles(hall_type, poles, &[]);
-            rig.velocity(rpm);
-            rig.after(2.secs());
-            rig.watch(10.secs(), 11.millis(), |rig, t| {
-                assert!((rig.rpm() - f64::from(rpm)).abs() <= 4.0, "{} rpm after {t:?}", rig.rpm());
-            });
-            rig.velocity(0);
-            rig.after(10.secs());
-            rig.assert_stands();
-        }
-    }
-}
-
-/// 0 to 1,000 without a ramp: not at once, not late, not far beyond.
-#[test]
-fn velocity_step() {
-    for (hall_type, poles) in [(0, 4.0), (2, 10.0)] {
-        for sign in [1_i16, -1] {
-            let mut rig = with_poles(hall_type, poles, &[]);
-            rig.velocity(sign * 1_000);
-            let rpm = |rig: &mut Rig| rig.rpm() * f64::from(sign);
-            assert!(rpm(&mut rig) <= 600.0);
-            let (mut reached, mut most, mut before) = (None, 0.0_f64, 0.0);
-            rig.watch(3.secs(), 2.millis(), |rig, t| {
-                let now = rpm(rig);
-                assert!(now >= -20.0, "{now} rpm after {t:?}");
-                // J = 5,000 g cm², 20 A and 0.06 Nm/A: 2,400 rad/s², 46 rpm in 2 ms; Halls show it later, in larger steps.
-                assert!(rig.shaft().abs() - before <= 60.0, "from {before} to {} rpm in 2 ms", rig.shaft());
-                before = rig.shaft().abs();
-                most = most.max(now);
-                if now >= 900.0 && reached.is_none() {
-                    reached = Some(t);
-                }
-            });
-            let reached = reached.expect("900 rpm");
-            assert!(reached <= 580.millis(), "{reached:?}");
-            assert!(most <= 1_200.0, "{most}");
-            assert!((rpm(&mut rig) - 1_000.0).abs() <= 10.0);
-        }
-    }
-}
-
-/// From one speed to others, through zero.
-#[test]
-fn velocity_changes() {
-    let mut rig = Rig::armed(&[]);
-    for rpm in [1_000, 1_500, 300, -300, 2_000, -2_000, 100, 2_500, -2_500, 500] {
-        rig.velocity(rpm);
-        rig.assert_turns(f64::from(rpm));
-    }
-    assert_eq!(rig.status(), (0, 0));
-}
-
-/// SLOW_START and SLOW_DOWN: 0 to 1,023 are 0 to 15 s for MAX_RPM (p. 13): within 8 % of the step at any time,
-/// settled half a second after.
-#[test]
-fn ramps() {
-    for (max_rpm, slow_start, slow_down) in
-        [(3_000, 205, 205), (3_000, 205, 137), (3_000, 137, 205), (1_500, 205, 205), (3_000, 1_023, 512)]
-    {
-        let per_rpm = |slow: u16| 15.0 * f64::from(slow) / 1_023.0 / f64::from(max_rpm);
-        let ramps = Ramps { up: per_rpm(slow_start), down: per_rpm(slow_down) };
-        let settings = [(pid::MAX_RPM, max_rpm), (pid::SLOW_START, slow_start), (pid::SLOW_DOWN, slow_down)];
-        for sign in [1.0, -1.0] {
-            let mut rig = Rig::armed(&settings);
-            rig.write(pid::STOP_STATUS, 1);
-            let mut from = 0.0;
-            for to in [1_400.0, 600.0, 1_200.0, 0.0, 900.0, -1_200.0, 500.0] {
-                ramps.assert_followed(&mut rig, from * sign, to * sign);
-                from = to;
-            }
-        }
-    }
-}
-
-/// Seconds a rpm.
-struct Ramps {
-    up: f64,
-    down: f64,
-}
-
-impl Ramps {
-    /// The reference so many seconds after the command, and how long it moves. The magnitude has ramps, so a reversal
-    /// goes down by SLOW_DOWN and up by SLOW_START (decision 16).
-    fn reference(&self, from: f64, to: f64, t: f64) -> (f64, f64) {
-        let way = (to - from).signum();
-        if from * to < 0.0 {
-            let first = from.abs() * self.down;
-            let second = to.abs() * self.up;
-            let at = if t < first { from + way * t / self.down } else { way * (t - first) / self.up };
-            return (if t < first + second { at } else { to }, first + second);
-        }
-        let per_rpm = if to.abs() > from.abs() { self.up } else { self.down };
-        let seconds = (to - from).abs() * per_rpm;
-        (if t < seconds { from + way * t / per_rpm } else { to }, seconds)
-    }
-
-    /// Below this RPM_DATA may be anything between it and zero: from rest it takes two Hall edges to have a speed, and
-    /// v² = 2 a x.
-    fn unseen(&self, rig: &Rig) -> f64 {
-        let rpm_a_second = 1.0 / self.up.min(self.down);
-        let counts = 2.0 / (3.0 * rig.poles);
-        (2.0 * rpm_a_second / 60.0 * counts).sqrt() * 60.0
-    }
-
-    /// Commands `to` and holds the shaft and RPM_DATA against the reference.
-    #[track_caller]
-    fn assert_followed(&self, rig: &mut Rig, from: f64, to: f64) {
-        rig.velocity(to as i16);
-        let (_, seconds) = self.reference(from, to, 0.0);
-        let step = (to - from).abs() * 0.08;
-        let unseen = self.unseen(rig);
-        let mut seen = 0;
-        rig.watch(Duration::from_ticks(((seconds + 1.5) * 16e6) as u64), 20.millis(), |rig, t| {
-            let t = t.ticks() as f64 / 16e6;
-            let (want, _) = self.reference(from, to, t);
-            let (shown, shaft) = (rig.rpm(), rig.shaft());
-            let when = format!("{t:.2} s of {seconds:.2}, {from} to {to}");
-            if t > seconds + 0.5 {
-                let within = (to.abs() * 0.01).max(2.0) + 2.0;
-                assert!((shown - want).abs() <= within, "{shown} rpm, not {want:.0}, {when}");
-            } else {
-                assert!((shaft - want).abs() <= step, "the shaft is at {shaft:.0}, not {want:.0}, {when}");
-                let within = if want.abs() < unseen + step { unseen.max(step) } else { step };
-                assert!((shown - want).abs() <= within, "{shown} rpm, not {want:.0}, {when}");
-            }
-            seen += 1;
-        });
-        assert!(seen > 50);
-    }
-}
-
-/// Ramps are for the velocity reference: not for open loop, torque and positions (decision 16).
-#[test]
-fn page_13_what_has_no_ramp() {
-    let settings = [(pid::SLOW_START, 1_023), (pid::SLOW_DOWN, 1_023)];
-    for pid in [pid::OPEN_VEL_CMD, pid::TQ_CMD] {
-        let mut rig = Rig::armed(&settings);
-        rig.write(pid, 500);
-        rig.after(300.millis());
-        assert!(rig.shaft() > 500.0, "PID {pid}: {}", rig.shaft());
-    }
-    let mut rig = Rig::armed(&settings);
-    rig.write_move(pid::POSI_VEL_CMD, 1_200, 1_000);
-    rig.after(500.millis());
-    assert!(rig.shaft() > 850.0, "{}", rig.shaft());
-    rig.after(9.secs());
-    assert!(rig.position().abs_diff(1_200) <= 1);
-}
-
-/// "Control zero speed (like a servo lock)": it stays where it stopped.
-#[test]
-fn page_8_servo_lock() {
-    for rpm in [1_000, -300] {
-        let mut rig = Rig::armed(&[(pid::STOP_STATUS, 1)]);
-        rig.velocity(rpm);
-        rig.assert_turns(f64::from(rpm));
-        rig.velocity(0);
-        rig.after(2.secs());
-        let from = rig.position();
-        rig.after(120.secs());
-        assert!(rig.position().abs_diff(from) <= 1, "{} counts in two minutes", rig.position() - from);
-    }
-}
-
-/// "Set the stop status" (p. 8, decision 17), at the end of a ramp and without one.
-#[test]
-fn page_8_stop_status() {
-    for status in 0..=3 {
-        // 1,000 rpm in 3.34 s.
-        for slow_down in [0, 683] {
-            let mut rig = Rig::armed(&[(pid::STOP_STATUS, status), (pid::SLOW_DOWN, slow_down)]);
-            rig.velocity(1_000);
-            rig.assert_turns(1_000.0);
-            rig.velocity(0);
-            rig.after(10.millis());
-            let free = rig.motion().current_ma == 0 && rig.motion().duty == 0;
-            match (status, slow_down) {
-                // At once.
-                (3, _) | (0, 0) => assert!(free && rig.shaft() > 900.0, "{status}"),
-                // The ramp.
-                (_, 683) => {
-                    rig.after(1_660.millis());
-                    assert!((rig.rpm() - 500.0).abs() <= 80.0, "{status}: {} rpm", rig.rpm());
-                    rig.after(2_200.millis());
-                    assert!(rig.shaft().abs() <= 10.0, "{status}: {} rpm", rig.shaft());
-                }
-                _ => {
-                    rig.after(500.millis());
-                    assert!(rig.shaft().abs() <= 10.0, "{status}: {} rpm", rig.shaft());
-                }
-            }
-            rig.after(10.secs());
-            rig.assert_stands();
-        }
-    }
-}
-
-/// At zero: 0 and 3 are free, 1 controls and so holds against a load, 2 brakes and so gives way slowly.
-#[test]
-fn page_8_at_rest_against_a_load() {
-    let turned = |status: u16| {
-        // 0.05 Nm against forward, friction 0.01: it turns backward where nobody holds it. At 0.06 Nm/A, 0.8 A hold it.
-        let (mut rig, _) = Rig::turning(&[(pid::STOP_STATUS, status)], |motor| motor.load_unm = 50_000);
-        rig.velocity(200);
-        rig.after(2.secs());
-        rig.velocity(0);
-        rig.after(1.secs());
-        let from = rig.position();
-        rig.after(2.secs());
-        f64::from(rig.position() - from)
-    };
-    let [free, servo, brake, free_at_once] = [0, 1, 2, 3].map(turned);
-    assert!(servo.abs() <= 2.0, "servo lock turned {servo} counts");
-    // Brake: 0.67 A through 0.3 Ω is 0.2 V, 3.3 rad/s: 13 counts in 2 s.
-    assert!(brake < -6.0 && brake > -30.0, "brake turned {brake} counts");
-    assert!(free < -100.0 && free_at_once < -100.0, "free turned {free} and {free_at_once} counts");
-}
+use crate::pid;
+use crate::rig::Rig;
 
 /// Coasting takes at least twice as long as braking, and no current.
 #[test]
@@ -453,7 +196,7 @@ fn page_8_poles() {
     for (hall_type, poles) in
         [(0, 4.0), (1, 8.0), (2, 10.0), (3, 12.0), (4, 2.0), (5, 6.0), (6, 12.0), (7, 14.0), (20, 40.0)]
     {
-        let mut rig = with_poles(hall_type, poles, &[]);
+        let mut rig = Rig::with_poles(hall_type, poles, &[]);
         rig.velocity(600);
         rig.assert_turns(600.0);
         let from = rig.position();
@@ -510,7 +253,7 @@ fn page_21_monitor() {
         assert_eq!(words[5], 0);
     }
     // Far enough for the high word: 65,536 counts of 40 poles are 546 turns.
-    let mut rig = with_poles(20, 40.0, &[]);
+    let mut rig = Rig::with_poles(20, 40.0, &[]);
     rig.velocity(-2_500);
     rig.after(20.secs());
     let words = rig.words(pid::MONITOR, 6);
@@ -523,12 +266,12 @@ fn page_21_monitor() {
 /// RPM_DATA saturates at ±5,000 (decision 18): a load drives the motor faster than the drive can show.
 #[test]
 fn page_12_rpm_data_saturates() {
-    for load in [-100_000, 100_000] {
-        // 0.09 Nm on 5e-4 kg m² are 1,719 rpm/s.
+    for load in [-2_000_000, 2_000_000] {
+        // 2 Nm on 5e-4 kg m² are 38,000 rpm/s, as far as the supply lets it: some 5,403 rpm.
         let (mut rig, _) = Rig::turning(&[], |motor| motor.load_unm = load);
         rig.after(5.secs());
         let sign = f64::from(-load.signum());
-        assert!(rig.shaft() * sign > 6_000.0, "{}", rig.shaft());
+        assert!(rig.shaft() * sign > 5_300.0, "{}", rig.shaft());
         assert_eq!(rig.rpm(), sign * 5_000.0);
     }
 }

@@ -2,7 +2,8 @@
 
 use standin_protocol::time::{Duration, Span};
 
-use crate::rig::{Rig, pid};
+use crate::pid;
+use crate::rig::Rig;
 
 /// Counts a turn of the drive's own motor: 3 × 4 poles.
 const TURN: i32 = 12;

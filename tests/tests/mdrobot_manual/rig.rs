@@ -8,6 +8,8 @@ use standin_protocol::time::{Duration, Instant, Span};
 use standin_sim::bench::{Bench, Driving, Fitting, Motion, Motor, PowerAction, Seat, Settings, Setup};
 use standin_sim::bus::LineMode;
 
+use crate::pid;
+
 /// From power-on to the first request that is heard (decision 11).
 pub(crate) const BOOT: Duration = Duration::millis(300);
 
@@ -19,66 +21,6 @@ pub(crate) const SILENCE: [u8; 0] = [];
 
 /// Everybody's id (p. 3).
 pub(crate) const ALL: u8 = 0xFE;
-
-/// PIDs by the names of the tables, without `PID_`.
-pub(crate) mod pid {
-    pub(crate) const VERSION: u16 = 1;
-    pub(crate) const DEFAULT_SET: u16 = 3;
-    pub(crate) const TQ_OFF: u16 = 5;
-    pub(crate) const BRAKE: u16 = 6;
-    pub(crate) const COMMAND: u16 = 10;
-    pub(crate) const ALARM_RESET: u16 = 12;
-    pub(crate) const POSI_RESET: u16 = 13;
-    pub(crate) const INV_SIGN_CMD: u16 = 16;
-    pub(crate) const USE_LIMIT_SW: u16 = 17;
-    pub(crate) const INV_ALARM: u16 = 19;
-    pub(crate) const HALL_TYPE: u16 = 21;
-    pub(crate) const STOP_STATUS: u16 = 24;
-    pub(crate) const INPUT_TYPE: u16 = 25;
-    pub(crate) const CTRL_STATUS: u16 = 34;
-    pub(crate) const START_INV_SIGN: u16 = 36;
-    pub(crate) const RUN_INV_SIGN: u16 = 37;
-    pub(crate) const LIMIT_STOP_COND: u16 = 40;
-    pub(crate) const TQ_CTRL: u16 = 44;
-    pub(crate) const DI: u16 = 48;
-    pub(crate) const IN_POSITION_OK: u16 = 49;
-    pub(crate) const UI_COM: u16 = 78;
-    pub(crate) const START_STOP: u16 = 100;
-    pub(crate) const VEL_CMD: u16 = 130;
-    pub(crate) const ID: u16 = 133;
-    pub(crate) const OPEN_VEL_CMD: u16 = 134;
-    pub(crate) const BAUDRATE: u16 = 135;
-    pub(crate) const RPM_DATA: u16 = 138;
-    pub(crate) const TQ_DATA: u16 = 139;
-    pub(crate) const TQ_CMD: u16 = 140;
-    pub(crate) const VOLT_IN: u16 = 143;
-    pub(crate) const SLOW_START: u16 = 153;
-    pub(crate) const SLOW_DOWN: u16 = 154;
-    pub(crate) const TAR_VEL: u16 = 155;
-    pub(crate) const ENC_PPR: u16 = 156;
-    pub(crate) const LOW_SPEED_LIMIT: u16 = 157;
-    pub(crate) const HIGH_SPEED_LIMIT: u16 = 158;
-    pub(crate) const PV_GAIN: u16 = 167;
-    pub(crate) const P_GAIN: u16 = 168;
-    pub(crate) const I_GAIN: u16 = 169;
-    pub(crate) const IN_POSITION: u16 = 171;
-    pub(crate) const COM_TAR_SPEED: u16 = 180;
-    pub(crate) const MAX_LOAD_181: u16 = 181;
-    pub(crate) const FUNC_CMD_TYPE: u16 = 183;
-    pub(crate) const FUNC_CMD: u16 = 184;
-    pub(crate) const MONITOR: u16 = 196;
-    pub(crate) const POSI_DATA: u16 = 197;
-    pub(crate) const MAX_LOAD: u16 = 211;
-    pub(crate) const POSI_VEL_CMD: u16 = 219;
-    pub(crate) const INC_POSI_VEL_CMD: u16 = 220;
-    pub(crate) const MAX_RPM: u16 = 221;
-    pub(crate) const SPEED_LIMIT: u16 = 222;
-    pub(crate) const TAR_POSI: u16 = 230;
-    pub(crate) const FUNC_SPEED: u16 = 239;
-    pub(crate) const POSI_CMD: u16 = 243;
-    pub(crate) const INC_POSI_CMD: u16 = 244;
-    pub(crate) const FUNC_POSI: u16 = 250;
-}
 
 /// A refusal: its exception code.
 pub(crate) type Exception = u8;
@@ -133,6 +75,17 @@ impl Rig {
         rig.set(settings);
         rig.set(&[(pid::UI_COM, 1), (pid::START_STOP, 1)]);
         (rig, motor)
+    }
+
+    /// One whose motor has other poles, by HALL_TYPE at power-on (p. 8).
+    pub(crate) fn with_poles(hall_type: u16, poles: f64, settings: &[(u16, u16)]) -> Self {
+        let mut rig = Self::with(&[(pid::HALL_TYPE, hall_type)]);
+        rig.after(SAVE);
+        rig.power_cycle();
+        rig.poles = poles;
+        rig.set(settings);
+        rig.set(&[(pid::UI_COM, 1), (pid::START_STOP, 1)]);
+        rig
     }
 
     pub(crate) fn now(&self) -> Instant {

@@ -2,7 +2,8 @@
 
 use standin_protocol::time::Span;
 
-use crate::rig::{Rig, pid};
+use crate::pid;
+use crate::rig::Rig;
 
 /// It runs by its pins, CCW, with an input type.
 fn by_pins(input_type: u16, settings: &[(u16, u16)]) -> Rig {

@@ -8,8 +8,9 @@ use fixed::types::I40F24;
 
 use super::pi::FULL;
 use crate::device::{Duration, Instant};
+use crate::mdrobot::registers::SUPPLY;
 
-/// What a mA loses in the winding, as a duty: 0.3 Ω of 24 V; or 10 mΩ.
+/// What a mA loses in the winding, as a duty at [`SUPPLY`]: 0.3 Ω of 24 V; or 10 mΩ.
 const LOST: I40F24 = I40F24::lit("0.8192");
 const LEAST_LOST: I40F24 = I40F24::lit("0.0273");
 /// What a current that measures it may be off by, in mA: rounding, and what its speed changes in that instant.
@@ -20,7 +21,7 @@ const PROBE: i32 = 4_000;
 const PROBE_PART: u32 = 4;
 /// There and back on the wires.
 const SOON: Duration = Duration::from_ticks(8);
-/// The duty for a rpm: 24 V for 3,820. It is learnt in these bounds.
+/// The duty for a rpm at [`SUPPLY`]: 24 V for 3,820. It is learnt in these bounds.
 const PER_RPM: I40F24 = I40F24::lit("17.15602");
 const LEAST_PER_RPM: I40F24 = I40F24::lit("0.268");
 const MOST_PER_RPM: I40F24 = I40F24::lit("1098");
@@ -56,9 +57,16 @@ fn ms(span: Duration) -> I40F24 {
     I40F24::from_bits(((span.ticks().min(1 << 38) << 24) / MS).cast_signed())
 }
 
+/// A duty at [`SUPPLY`], for the same voltage at another one.
+fn at_supply(duty: I40F24, supply: u16) -> I40F24 {
+    duty * i64::from(SUPPLY) / i64::from(supply.max(1))
+}
+
 /// What the current tells.
 #[derive(Clone, Debug)]
 pub(super) struct Emf {
+    /// What feeds it, in 0.1 V.
+    supply: u16,
     /// What it is put to.
     duty: i32,
     /// What its terminals may carry, in mA; 0 while they are open.
@@ -83,20 +91,36 @@ pub(super) struct Emf {
 }
 
 impl Emf {
-    /// Of open terminals.
-    pub(super) const NEW: Self = Self {
-        duty: 0,
-        limit_ma: 0,
-        ma: 0,
-        lost: LOST,
-        knows: false,
-        probed: None,
-        opposed: false,
-        per_rpm: PER_RPM,
-        way: I40F24::ZERO,
-        at: Instant::ZERO,
-        whole: false,
-    };
+    /// Of open terminals, with that supply.
+    pub(super) fn new(supply: u16) -> Self {
+        Self {
+            supply,
+            duty: 0,
+            limit_ma: 0,
+            ma: 0,
+            lost: at_supply(LOST, supply),
+            knows: false,
+            probed: None,
+            opposed: false,
+            per_rpm: at_supply(PER_RPM, supply),
+            way: I40F24::ZERO,
+            at: Instant::ZERO,
+            whole: false,
+        }
+    }
+
+    /// It is fed with that from now on: what was known of it holds for other duties.
+    pub(super) fn fed(&mut self, at: Instant, supply: u16) {
+        let before = core::mem::replace(&mut self.supply, supply);
+        if supply == before {
+            return;
+        }
+        let same = |duty: I40F24| duty * i64::from(before.max(1)) / i64::from(supply.max(1));
+        self.lost = same(self.lost).min(PROBE.into());
+        self.per_rpm = same(self.per_rpm).clamp(LEAST_PER_RPM, MOST_PER_RPM);
+        self.probed = None;
+        self.begin(at, false);
+    }
 
     /// In mA.
     pub(super) fn ma(&self) -> i32 {
@@ -148,10 +172,12 @@ impl Emf {
             return;
         }
         let made = I40F24::from_num(i64::from(ma) - i64::from(probe.ma));
-        let lost = I40F24::from_num(probe.more).checked_div(made).unwrap_or(LOST);
+        let usual = at_supply(LOST, self.supply);
+        let lost = I40F24::from_num(probe.more).checked_div(made).unwrap_or(usual);
         if lost > 0 {
-            let is_usual = (LOST * made - I40F24::from_num(probe.more)).abs() <= LOST * OFF_MA;
-            (self.lost, self.knows) = (if is_usual { LOST } else { lost.max(LEAST_LOST) }, true);
+            let is_usual = (usual * made - I40F24::from_num(probe.more)).abs() <= usual * OFF_MA;
+            let least = at_supply(LEAST_LOST, self.supply);
+            (self.lost, self.knows) = (if is_usual { usual } else { lost.max(least) }, true);
         }
     }
 
@@ -167,7 +193,7 @@ impl Emf {
     pub(super) fn rescale(&mut self, to: u32, from: Option<u32>) {
         self.per_rpm = match from {
             Some(from) => self.per_rpm * i64::from(to) / i64::from(from.max(1)),
-            None => PER_RPM,
+            None => at_supply(PER_RPM, self.supply),
         }
         .clamp(LEAST_PER_RPM, MOST_PER_RPM);
         self.whole = false;

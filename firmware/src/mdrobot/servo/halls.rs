@@ -29,8 +29,8 @@ pub(super) struct Halls {
     /// Where in a period the last possible state was.
     place: Option<i8>,
     doubt: Doubt,
-    /// Edges, forward less backward; wraps.
-    count: i32,
+    /// Edges, forward less backward.
+    count: i64,
 }
 
 impl Halls {
@@ -101,8 +101,8 @@ impl Halls {
         self.doubt == Doubt::Broken
     }
 
-    /// Edges, forward less backward; wraps.
-    pub(super) fn count(&self) -> i32 {
+    /// Edges, forward less backward.
+    pub(super) fn count(&self) -> i64 {
         self.count
     }
 }

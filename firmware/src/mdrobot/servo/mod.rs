@@ -1,11 +1,10 @@
 //! What the drive does with its motor: control of velocity, position and torque, ramps, and what its sensors and its
 //! current tell.
 //!
-//! While it controls the motor it looks at it every millisecond ([`control`]). Velocity and position are held by a loop of the
-//! speed ([`pi`]) whose reference comes from a [`ramp`] or from the way that is left
-//! ([`position`]), and whose measure is the
-//! back-EMF ([`emf`]), scaled by what the sensors ([`halls`], [`encoder`]) say of the [`speed`]. All that is there in
-//! between two edges is so known, and the edges are right in the end. [`watch`] tells what goes wrong.
+//! While it controls the motor it looks at it every millisecond ([`control`]). Velocity and position are held by a loop of
+//! the speed ([`pi`]) whose reference comes from a [`ramp`] or from the way that is left ([`position`]), and whose measure
+//! is the back-EMF ([`emf`]), scaled by what the sensors ([`sensing`], [`halls`], [`encoder`]) say of the [`speed`]. All
+//! that is there in between two edges is so known, and the edges are right in the end. [`watch`] tells what goes wrong.
 
 mod control;
 mod emf;
@@ -14,6 +13,7 @@ mod halls;
 mod pi;
 mod position;
 mod ramp;
+mod sensing;
 mod speed;
 #[cfg(test)]
 mod tests;
@@ -25,9 +25,11 @@ use self::emf::Emf;
 use self::encoder::Encoder;
 use self::halls::Halls;
 use self::pi::{FULL, FULL_DUTY, Pi};
-use self::speed::{Speed, Window};
+use self::speed::Speed;
 use self::watch::Watch;
 use crate::device::{Duration, Instant, Output, Sink};
+#[cfg(test)]
+use crate::mdrobot::registers::SUPPLY;
 use crate::motor::AXIS;
 
 const LOOK: Duration = Duration::millis(1);
@@ -81,6 +83,8 @@ pub(super) struct Settings {
     pub(super) poles: u16,
     /// ENC_PPR; 0 without an encoder.
     pub(super) enc_ppr: u16,
+    /// What feeds the motor, in 0.1 V.
+    pub(super) supply: u16,
 }
 
 impl Settings {
@@ -97,6 +101,7 @@ impl Settings {
         stop_status: 0,
         poles: 4,
         enc_ppr: 0,
+        supply: SUPPLY,
     };
 
     /// Counts of the Hall sensors in a turn: the edges of three in each pair of poles.
@@ -157,7 +162,7 @@ pub(super) struct Servo {
     /// By the encoder.
     encoded: Speed,
     /// Where the count of the Hall sensors is position 0.
-    zero: i32,
+    zero: i64,
     target: i32,
     watch: Watch,
     /// Alarms that nobody has asked for yet.
@@ -174,7 +179,7 @@ impl Servo {
             pace: I40F24::ZERO,
             paced: Instant::ZERO,
             pi: Pi::NEW,
-            emf: Emf::NEW,
+            emf: Emf::new(settings.supply),
             probe: Probe::Not,
             duty: 0,
             carries: 0,
@@ -203,6 +208,7 @@ impl Servo {
         if settings == before {
             return;
         }
+        self.emf.fed(at, settings.supply);
         let same_sensor = (settings.enc_ppr == 0) == (before.enc_ppr == 0);
         if settings.turn() != before.turn() || !same_sensor {
             self.emf.rescale(settings.turn(), same_sensor.then(|| before.turn()));
@@ -243,68 +249,6 @@ impl Servo {
                 if self.looks() => {}
             _ => self.begin(at, before, out),
         }
-    }
-
-    /// A sensor changed, or its level is told.
-    pub(super) fn edge(&mut self, at: Instant, sensor: Sensor, high: bool) {
-        match sensor {
-            Sensor::Hall(place) => {
-                let counts = self.halls.edge(at, place, high);
-                self.counted(at, counts);
-            }
-            Sensor::EncoderA | Sensor::EncoderB => {
-                let Some(forward) = self.encoder.edge(sensor == Sensor::EncoderA, high) else { return };
-                self.watch.encoder_edge();
-                let window = self.encoded.edge(at, forward);
-                if self.settings.enc_ppr > 0 {
-                    self.measured(at, window);
-                }
-            }
-        }
-    }
-
-    /// The Hall sensors made so many counts.
-    fn counted(&mut self, at: Instant, counts: i8) {
-        for _ in 0..counts.unsigned_abs() {
-            let window = self.turns.edge(at, counts > 0);
-            if self.settings.enc_ppr == 0 {
-                self.measured(at, window);
-            }
-        }
-        if counts != 0 && self.settings.enc_ppr > 0 && self.looks() {
-            let (count, settings) = (self.halls.count(), &self.settings);
-            self.alarms |= self.watch.hall_edge(at, count, settings.counts(), settings.turn());
-        }
-    }
-
-    /// What the sensor that tells the speed says.
-    fn measured(&mut self, at: Instant, window: Window) {
-        match window {
-            Window::Begins => self.emf.begin(at, true),
-            Window::GoesOn => {}
-            Window::Ends { counts, span } => self.emf.learn(at, counts, span, self.settings.turn()),
-        }
-    }
-
-    /// The motor draws so many mA.
-    pub(super) fn draws(&mut self, at: Instant, ma: i32) {
-        self.emf.draws(at, if self.swapped { ma.saturating_neg() } else { ma });
-    }
-
-    /// Two wires of the motor are swapped: what is put out turns it the other way.
-    pub(super) fn swap(&mut self, at: Instant, swapped: bool, out: &mut dyn Sink) {
-        if swapped != self.swapped {
-            self.swapped = swapped;
-            self.emf.draws(at, self.emf.ma().saturating_neg());
-            self.put(at, out);
-        }
-    }
-
-    /// The wire of a Hall sensor, or those of the encoder, are broken: the drive reads high there.
-    pub(super) fn cut(&mut self, at: Instant, halls: bool, encoder: bool) {
-        self.encoder.cut(encoder);
-        let counts = self.halls.cut(at, halls);
-        self.counted(at, counts);
     }
 
     /// When it wants to look at the motor.
@@ -378,87 +322,5 @@ impl Servo {
 
     fn limit(&self) -> u32 {
         self.settings.limit_ma
-    }
-
-    /// By the sensor that tells it.
-    fn speed(&self) -> &Speed {
-        if self.settings.enc_ppr > 0 { &self.encoded } else { &self.turns }
-    }
-
-    /// The back-EMF, as the duty that makes it.
-    fn felt(&self) -> I40F24 {
-        self.emf.now(self.speed().counts(), self.settings.turn())
-    }
-
-    /// Counts to the target, or as many as there can be.
-    fn way(&self) -> i32 {
-        self.target.saturating_sub(self.position())
-    }
-
-    /// Counts of the Hall sensors, CCW less CW; wraps.
-    pub(super) fn position(&self) -> i32 {
-        self.halls.count().wrapping_sub(self.zero)
-    }
-
-    /// The position is 0 here; a position that is held moves along.
-    pub(super) fn clear_position(&mut self) {
-        self.target = self.way();
-        self.zero = self.halls.count();
-        if let Order::Position { count, .. } = &mut self.order {
-            *count = self.target;
-        }
-    }
-
-    /// Where position control goes, or went last, in counts; it moves along when the position is cleared.
-    pub(super) fn target(&self) -> i32 {
-        self.target
-    }
-
-    /// The error of position control, in counts; `None` unless it controls the position.
-    pub(super) fn error(&self) -> Option<i32> {
-        matches!(self.order, Order::Position { .. }).then(|| self.way())
-    }
-
-    /// How fast it turns, in rpm, positive CCW, not limited: as the edges of its sensor tell, and in between two of
-    /// them its current, while it is controlled.
-    pub(super) fn rpm(&self, at: Instant) -> i32 {
-        // Which way it turns is for the edges to say.
-        if !self.looks() || self.emf.is_limited() || self.emf.is_opposed() {
-            return self.speed().rpm(at, self.settings.turn());
-        }
-        self.felt().checked_div(self.emf.per_rpm()).unwrap_or(I40F24::ZERO).round().to_num()
-    }
-
-    /// Current in mA, with the sign of its torque.
-    pub(super) fn current(&self) -> i32 {
-        self.emf.ma()
-    }
-
-    /// The output as far as the limit of the current lets it, in 1/1023 of the supply.
-    pub(super) fn output(&self, at: Instant) -> i16 {
-        (self.put_out(at) * i64::from(OUTPUTS) / i64::from(FULL_DUTY)).round().to_num()
-    }
-
-    /// The same as a duty.
-    fn put_out(&self, at: Instant) -> I40F24 {
-        if self.carries == 0 || self.duty == 0 {
-            I40F24::ZERO
-        } else if self.emf.is_limited() {
-            // At its limit the current does not tell how fast the motor turns.
-            let emf = I40F24::from_num(self.rpm(at)).saturating_mul(self.emf.per_rpm());
-            (emf + self.emf.lost(self.emf.ma())).clamp(-FULL, FULL)
-        } else {
-            I40F24::from_num(self.duty)
-        }
-    }
-
-    /// Alarms that have come up since it was asked last, bits of [`super::alarm::status`].
-    pub(super) fn alarms(&mut self) -> u16 {
-        core::mem::take(&mut self.alarms)
-    }
-
-    /// Whether the Hall sensors are in a state that cannot be.
-    pub(super) fn halls_are_broken(&self) -> bool {
-        self.halls.are_broken()
     }
 }

@@ -87,7 +87,7 @@ pub(super) struct Watch {
     fails: Mending,
     inverse: Mending,
     /// Since the last edge of the encoder: the first edge of a Hall sensor, and its count.
-    silent: Option<(Instant, i32)>,
+    silent: Option<(Instant, i64)>,
 }
 
 impl Watch {
@@ -135,9 +135,9 @@ impl Watch {
 
     /// The Hall sensors made an edge and count so much; that is `turn` a turn, in which the encoder is to make
     /// `edges`. Returns what is wrong: it has turned for a while, and as far as two of those.
-    pub(super) fn hall_edge(&mut self, at: Instant, count: i32, turn: u32, edges: u32) -> u16 {
+    pub(super) fn hall_edge(&mut self, at: Instant, count: i64, turn: u32, edges: u32) -> u16 {
         let (since, first) = *self.silent.get_or_insert((at, count));
-        let missed = u64::from(count.wrapping_sub(first).unsigned_abs()) * u64::from(edges);
+        let missed = count.abs_diff(first).saturating_mul(edges.into());
         if at.since(since) >= ENCODER && missed >= 2 * u64::from(turn) {
             status::HALL_FAIL | status::ENCODER_FAIL
         } else {

@@ -1,10 +1,10 @@
 #![expect(clippy::float_arithmetic, reason = "mathematics that is not the code's")]
 
+mod properties;
+
 use core::f64::consts::TAU;
 use std::string::String;
 use std::vec::Vec;
-
-use proptest::prelude::*;
 
 use super::*;
 use crate::device::advance;
@@ -64,53 +64,6 @@ fn turns_per_second(motor: &Motor, at: Instant) -> f64 {
     motor.shaft(at, AXIS).unwrap().speed.to_num::<f64>() / counts(motor.parameters())
 }
 
-/// The same motor in SI units and floating point, 10 µs by 10 µs after Runge and Kutta.
-struct Reference {
-    parameters: Parameters,
-    duty: f64,
-    limit: f64,
-    turns: f64,
-    speed: f64,
-}
-
-impl Reference {
-    fn new(parameters: Parameters) -> Self {
-        Self { parameters, duty: 0.0, limit: 0.0, turns: 0.0, speed: 0.0 }
-    }
-
-    /// rad/s² at a speed in rad/s, while it turns in the direction `way`.
-    fn acceleration(&self, speed: f64, way: f64) -> f64 {
-        let p = &self.parameters;
-        let k = f64::from(p.supply_mv) * 1e-3 / (f64::from(p.no_load_rpm) * TAU / 60.0);
-        let volts = self.duty * f64::from(p.supply_mv) * 1e-3 - k * speed;
-        let current = (volts / (f64::from(p.resistance_mohm) * 1e-3)).clamp(-self.limit, self.limit);
-        let torque = k * current - f64::from(p.load_unm) * 1e-6;
-        let friction = f64::from(p.friction_unm) * 1e-6;
-        let net = if way == 0.0 {
-            if torque.abs() <= friction { 0.0 } else { torque - torque.signum() * friction }
-        } else {
-            torque - way * friction
-        };
-        net / (f64::from(p.inertia_gcm2) * 1e-7)
-    }
-
-    fn run(&mut self, ms: u64) {
-        const H: f64 = 10e-6;
-        for _ in 0..100 * ms {
-            let way = if self.speed == 0.0 { 0.0 } else { self.speed.signum() };
-            let a = |speed: f64| self.acceleration(speed, way);
-            let k1 = a(self.speed);
-            let k2 = a(self.speed + k1 * H / 2.0);
-            let k3 = a(self.speed + k2 * H / 2.0);
-            let k4 = a(self.speed + k3 * H);
-            let next = self.speed + (k1 + 2.0 * k2 + 2.0 * k3 + k4) * H / 6.0;
-            let next = if next * self.speed < 0.0 { 0.0 } else { next };
-            self.turns += (self.speed + next) / 2.0 * H / TAU;
-            self.speed = next;
-        }
-    }
-}
-
 #[test]
 fn a_small_current_turns_the_lightest_of_motors_too() {
     // It would be at its speed in 8 µs, but for 20 mA: 0.161 N·m/A of it on 20 g·cm² are 256 turns/s².
@@ -128,147 +81,6 @@ fn a_small_current_turns_the_lightest_of_motors_too() {
     advance(&mut motor, at_ms(1), core::iter::empty(), &mut log);
     assert_eq!((turns_per_second(&motor, at_ms(1)) * 1e3).round(), 256.0);
     assert_eq!(log.draws, [(at_ms(0), 20)]);
-}
-
-/// Motors from a toy to a washing machine's.
-fn parameters() -> impl Strategy<Value = Parameters> {
-    let load = -60_000..60_000_i32;
-    let halls = (1..13_u16, 2..4_u8);
-    (8_000..30_000_u32, 1_000..15_000_u32, 100..2_000_u32, 20..5_000_u32, 0..60_000_u32, load, halls)
-        .prop_map(|(supply_mv, no_load_rpm, resistance_mohm, inertia_gcm2, friction_unm, load_unm, halls)| {
-            Parameters {
-                supply_mv,
-                no_load_rpm,
-                resistance_mohm,
-                inertia_gcm2,
-                friction_unm,
-                load_unm,
-                hall_pulses: halls.0,
-                hall_sensors: halls.1,
-                encoder_cycles: 0,
-            }
-        })
-}
-
-/// Milliseconds, the duty and the limit of the current in them.
-fn script() -> impl Strategy<Value = Vec<(u64, i32, u32)>> {
-    let duty = prop_oneof![Just(0), -65_536..65_537_i32];
-    proptest::collection::vec((1..200_u64, duty, prop_oneof![Just(0), Just(40_000), 1..40_000_u32]), 1..6)
-}
-
-proptest! {
-    #![proptest_config(ProptestConfig { cases: 64, max_shrink_iters: 500, ..ProptestConfig::default() })]
-
-    /// Speed within 1 % of the fastest so far, way within 1 % of what it would be at that.
-    #[test]
-    fn a_motor_turns_as_its_equations_say(parameters in parameters(), script in script()) {
-        let (mut reference, mut log) = (Reference::new(parameters), Log::default());
-        let mut motor = motor(parameters);
-        let counts = counts(&parameters);
-        let (mut ms, mut fastest) = (0, f64::from(parameters.no_load_rpm) / 60.0);
-        for (span, drive, ma) in script {
-            motor.input(at_ms(ms), current(ma), &mut log);
-            motor.input(at_ms(ms), duty(drive), &mut log);
-            (reference.duty, reference.limit) = (f64::from(drive) / 65_536.0, f64::from(ma) * 1e-3);
-            reference.run(span);
-            ms += span;
-            advance(&mut motor, at_ms(ms), core::iter::empty(), &mut log);
-            fastest = fastest.max((reference.speed / TAU).abs());
-            let speed = turns_per_second(&motor, at_ms(ms));
-            prop_assert!((speed - reference.speed / TAU).abs() <= 0.01 * fastest, "{} rps, not {}", speed, reference.speed / TAU);
-            let turns = f64::from(motor.shaft(at_ms(ms), AXIS).unwrap().position) / counts;
-            let tolerance = 1.0 / counts + 0.01 * fastest * ms as f64 / 1e3;
-            prop_assert!((turns - reference.turns).abs() <= tolerance, "{} turns, not {}", turns, reference.turns);
-        }
-    }
-
-    #[test]
-    fn every_edge_is_where_the_shaft_crosses_it(parameters in parameters(), script in script()) {
-        let (mut motor, mut ms) = (motor(parameters), 0);
-        for (span, drive, ma) in script {
-            motor.input(at_ms(ms), current(ma), &mut Log::default());
-            motor.input(at_ms(ms), duty(drive), &mut Log::default());
-            ms += span;
-            while motor.deadline() <= at_ms(ms) {
-                let due = motor.deadline();
-                let place = |at| i64::from(motor.shaft(at, AXIS).unwrap().position);
-                let (before, here) = (place(due - Duration::TICK), place(due));
-                let mut log = Log::default();
-                motor.timeout(due, &mut log);
-                // Of two both sensors are high in count 0, and A leads; of three each is high for half of a pulse
-                // from where it rises, a third of one behind the last.
-                let (of, high): (i64, &[_]) = match parameters.hall_sensors {
-                    2 => (4, &[(HALL_A, [3, 0].as_slice()), (HALL_B, &[0, 1])]),
-                    _ => (6, &[(HALL_A, &[0, 1, 2]), (HALL_B, &[2, 3, 4]), (HALL_C, &[4, 5, 0])]),
-                };
-                for &(_, pin, level) in &log.edges {
-                    let (_, counts) = high.iter().find(|(of, _)| *of == pin).unwrap();
-                    prop_assert_eq!(level, counts.contains(&here.rem_euclid(of)), "{:?} in {}", pin, here);
-                }
-                if !log.edges.is_empty() {
-                    prop_assert_eq!(((here - before).abs(), log.edges.len()), (1, 1));
-                }
-            }
-        }
-    }
-
-    #[test]
-    fn it_never_draws_more_than_the_bridge_carries(parameters in parameters(), script in script()) {
-        let (mut motor, mut ms) = (motor(parameters), 0);
-        for (span, drive, ma) in script {
-            motor.input(at_ms(ms), current(ma), &mut Log::default());
-            let mut log = Log::default();
-            motor.input(at_ms(ms), duty(drive), &mut log);
-            ms += span;
-            advance(&mut motor, at_ms(ms), core::iter::empty(), &mut log);
-            prop_assert!(log.draws.iter().all(|(_, drawn)| drawn.unsigned_abs() <= ma), "{:?}", log.draws);
-        }
-    }
-
-    /// What nobody looks at coasts as what is looked at all the time.
-    #[test]
-    fn it_coasts_in_one_go_as_stretch_by_stretch(
-        parameters in parameters(), spun in -65_536..65_537_i32, ms in 1..3_000_u64,
-    ) {
-        let (mut motor, mut log) = (motor(parameters), Log::default());
-        motor.input(at_ms(0), duty(spun), &mut log);
-        motor.input(at_ms(0), current(20_000), &mut log);
-        advance(&mut motor, at_ms(300), core::iter::empty(), &mut log);
-        motor.input(at_ms(300), current(0), &mut log);
-        let at = at_ms(300 + ms);
-        let unseen = motor.shaft(at, AXIS).unwrap();
-        advance(&mut motor, at, core::iter::empty(), &mut log);
-        let seen = motor.shaft(at, AXIS).unwrap();
-        // That of all motors: what still accelerates there goes a little too far, stretch by stretch.
-        const MOST: f64 = 3_906.0;
-        prop_assume!(turns_per_second(&motor, at).abs() < MOST);
-        prop_assert!((unseen.position - seen.position).abs() <= 1, "{:?} {:?}", unseen, seen);
-        let off = (unseen.speed - seen.speed).abs().to_num::<f64>();
-        prop_assert!(off <= 0.001 + 1e-6 * seen.speed.abs().to_num::<f64>(), "{:?} {:?}", unseen, seen);
-    }
-
-    #[test]
-    fn left_alone_it_only_gets_slower_and_then_is_quiet(
-        parameters in parameters(), spun in -65_536..65_537_i32, shorted in any::<bool>(),
-    ) {
-        let parameters = Parameters { load_unm: 0, friction_unm: parameters.friction_unm.max(1_000), ..parameters };
-        let (mut motor, mut log) = (motor(parameters), Log::default());
-        motor.input(at_ms(0), current(40_000), &mut log);
-        motor.input(at_ms(0), duty(spun), &mut log);
-        advance(&mut motor, at_ms(500), core::iter::empty(), &mut log);
-        motor.input(at_ms(500), duty(0), &mut log);
-        motor.input(at_ms(500), current(if shorted { 40_000 } else { 0 }), &mut log);
-        let mut speed = turns_per_second(&motor, at_ms(500)).abs();
-        while motor.deadline() != Instant::NEVER {
-            let at = motor.deadline();
-            motor.timeout(at, &mut log);
-            let slower = turns_per_second(&motor, at).abs();
-            prop_assert!(slower <= speed, "{} after {}", slower, speed);
-            speed = slower;
-        }
-        prop_assert_eq!(speed, 0.0);
-        prop_assert_eq!(motor.shaft(Instant::NEVER, AXIS).unwrap().ma, 0);
-    }
 }
 
 #[test]
@@ -308,6 +120,66 @@ fn a_load_turns_open_terminals_and_is_braked_by_shorted_ones() {
     // 40 mN·m are 523.6 mA and, in 0.5 Ω, 261.8 mV: 32.725 rpm.
     assert!((turns_per_second(&motor, at_ms(1_000)) - 32.725 / 60.0).abs() < 0.001);
     assert_eq!(motor.shaft(at_ms(1_000), AXIS).unwrap().ma, -524);
+}
+
+#[test]
+fn what_a_load_turns_faster_than_its_supply_does_charges_it() {
+    // Whatever it is put to, and may carry: 990 mN·m are 12.959 A and, in 0.5 Ω, 6.48 V more than 24 V.
+    for (way, limit, drive) in [(1, 0, 0), (-1, 0, 0), (1, 1_000, 0), (-1, 1_000, 65_536), (1, 1_000, 65_536)]
+    {
+        let (mut motor, mut log) =
+            (motor(Parameters { load_unm: way * -1_000_000, ..Parameters::NOMINAL }), Log::default());
+        motor.input(at_ms(0), duty(drive), &mut log);
+        motor.input(at_ms(0), current(limit), &mut log);
+        motor.input(at_ms(0), held(true), &mut log);
+        motor.input(at_ms(0), held(false), &mut log);
+        advance(&mut motor, at_ms(500), core::iter::empty(), &mut log);
+        let rpm = turns_per_second(&motor, at_ms(500)) * 60.0;
+        assert!((rpm - 3_809.9 * f64::from(way)).abs() < 1.0, "{rpm}");
+        let ma = motor.shaft(at_ms(500), AXIS).unwrap().ma;
+        assert!((ma + 12_959 * way).abs() < 10, "{ma}");
+    }
+    // Without power there is nothing to be charged: as fast as anything is, and braked when it comes.
+    let mut motor = motor(Parameters { load_unm: -1_000_000, ..Parameters::NOMINAL });
+    motor.input(at_ms(0), held(true), &mut Log::default());
+    motor.input(at_ms(0), held(false), &mut Log::default());
+    assert_eq!(turns_per_second(&motor, at_ms(10_000)), 3_906.25);
+    motor.power_on(at_ms(10_000), Boot::default(), &mut Log::default());
+    advance(&mut motor, at_ms(10_100), core::iter::empty(), &mut Log::default());
+    assert!((turns_per_second(&motor, at_ms(10_100)) * 60.0 - 3_809.9).abs() < 1.0);
+}
+
+#[test]
+fn nothing_turns_faster_than_the_fastest() {
+    // A winding that brakes nothing.
+    let parameters = Parameters { load_unm: -100_000_000, resistance_mohm: 1_000_000, ..Parameters::NOMINAL };
+    let mut motor = motor(parameters);
+    motor.input(at_ms(0), current(1), &mut Log::default());
+    for at in (1..200).map(at_ms) {
+        advance(&mut motor, at, core::iter::empty(), &mut Log::default());
+        assert!(turns_per_second(&motor, at) <= 3_906.25);
+    }
+    assert_eq!(turns_per_second(&motor, at_ms(199)), 3_906.25);
+    // Nor does one that is 3,906 times as fast as its supply when power comes.
+    let slow =
+        Parameters { no_load_rpm: 60, resistance_mohm: 10, load_unm: -1_000_000, ..Parameters::NOMINAL };
+    let mut motor = super::Motor::new(slow);
+    motor.power_on(at_ms(0), Boot::default(), &mut Log::default());
+    motor.power_on(at_ms(10_000), Boot::default(), &mut Log::default());
+    advance(&mut motor, at_ms(10_100), core::iter::empty(), &mut Log::default());
+    assert!(turns_per_second(&motor, at_ms(10_100)) < 2.0);
+}
+
+#[test]
+fn the_lightest_motor_breaks_loose_by_what_is_stronger_than_its_friction() {
+    let light = Parameters { inertia_gcm2: 1, resistance_mohm: 10, ..Parameters::NOMINAL };
+    // 10 mN·m are 131 mA.
+    for (ma, turns) in [(130, false), (132, true)] {
+        let mut motor = motor(light);
+        motor.input(at_ms(0), duty(32_768), &mut Log::default());
+        motor.input(at_ms(0), current(ma), &mut Log::default());
+        assert_eq!(motor.deadline() != Instant::NEVER, turns, "{ma} mA");
+    }
 }
 
 #[test]

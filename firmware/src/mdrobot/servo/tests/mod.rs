@@ -1,0 +1,201 @@
+#![expect(clippy::float_arithmetic, reason = "mathematics that is not the code's")]
+
+mod alarms;
+mod output;
+mod position;
+mod sensing;
+mod velocity;
+
+use std::format;
+use std::vec::Vec;
+
+use super::*;
+use crate::device::{Boot, Device, Input, Level, Shaft};
+use crate::mdrobot::alarm::status;
+use crate::motor::{ENCODER_A, ENCODER_B, HALL_PINS, Motor, Parameters, STALL};
+
+/// The motor of the drive: 24 V, 0.06 Nm/A, 0.3 Ω.
+const MOTOR: Parameters = Parameters {
+    no_load_rpm: 3_820,
+    resistance_mohm: 300,
+    inertia_gcm2: 5_000,
+    friction_unm: 10_000,
+    hall_pulses: 2,
+    hall_sensors: 3,
+    ..Parameters::NOMINAL
+};
+
+/// What is on the wires between drive and motor.
+#[derive(Clone, Copy, Debug)]
+enum Wire {
+    Duty(i32),
+    Current(u32),
+    Draws(i32),
+    Sensor(Sensor, bool),
+}
+
+struct Wires<'a>(&'a mut Vec<(Instant, Wire)>);
+
+impl Sink for Wires<'_> {
+    fn put(&mut self, at: Instant, output: Output<'_>) {
+        let wire = match output {
+            Output::Duty { duty, .. } => Wire::Duty(duty),
+            Output::Current { ma, .. } => Wire::Current(ma),
+            Output::Draws { ma, .. } => Wire::Draws(ma),
+            Output::Level { pin, level } => {
+                let sensor = match pin {
+                    ENCODER_A => Sensor::EncoderA,
+                    ENCODER_B => Sensor::EncoderB,
+                    _ => match HALL_PINS.iter().position(|hall| *hall == pin) {
+                        Some(place) => Sensor::Hall(place as u8),
+                        None => return,
+                    },
+                };
+                Wire::Sensor(sensor, level == Level::High)
+            }
+            _ => return,
+        };
+        self.0.push((at + Duration::TICK, wire));
+    }
+
+    fn memory(&self) -> &[u8] {
+        &[]
+    }
+}
+
+/// A servo, its motor, and wires between them that take a tick.
+struct Bench {
+    settings: Settings,
+    servo: Servo,
+    motor: Motor,
+    wires: Vec<(Instant, Wire)>,
+    now: Instant,
+    most_ma: u32,
+    alarms: u16,
+    looks: u64,
+}
+
+impl Bench {
+    fn new(settings: Settings, motor: Parameters) -> Self {
+        let mut bench = Self {
+            settings,
+            servo: Servo::new(settings),
+            motor: Motor::new(motor),
+            wires: Vec::new(),
+            now: Instant::ZERO,
+            most_ma: 0,
+            alarms: 0,
+            looks: 0,
+        };
+        bench.servo.power_on(Instant::ZERO, settings, &mut Wires(&mut bench.wires));
+        bench.motor.power_on(Instant::ZERO, Boot::default(), &mut Wires(&mut bench.wires));
+        bench.run_ms(1);
+        bench
+    }
+
+    fn deliver(&mut self) {
+        let wires = core::mem::take(&mut self.wires);
+        let mut out = Wires(&mut self.wires);
+        for (at, wire) in wires {
+            match wire {
+                Wire::Duty(duty) => self.motor.input(at, Input::Duty { axis: AXIS, duty }, &mut out),
+                Wire::Current(ma) => self.motor.input(at, Input::Current { axis: AXIS, ma }, &mut out),
+                Wire::Draws(ma) => {
+                    self.most_ma = self.most_ma.max(ma.unsigned_abs());
+                    self.servo.draws(at, ma);
+                }
+                Wire::Sensor(sensor, high) => self.servo.edge(at, sensor, high),
+            }
+        }
+    }
+
+    fn run_ms(&mut self, ms: u64) {
+        self.run(Duration::millis(ms));
+    }
+
+    fn run(&mut self, span: Duration) {
+        let end = self.now + span;
+        loop {
+            let arrives = self.wires.first().map_or(Instant::NEVER, |(at, _)| *at);
+            let due = arrives.min(self.motor.deadline()).min(self.servo.deadline());
+            if due > end {
+                break;
+            }
+            self.now = due;
+            if arrives <= due {
+                self.deliver();
+            }
+            if self.motor.deadline() <= due {
+                self.motor.timeout(due, &mut Wires(&mut self.wires));
+            }
+            if self.servo.deadline() <= due {
+                self.looks += 1;
+                self.servo.timeout(due, &mut Wires(&mut self.wires));
+            }
+            self.alarms |= self.servo.alarms();
+            if self.servo.halls_are_broken() {
+                self.alarms |= status::HALL_FAIL;
+            }
+        }
+        self.now = end;
+    }
+
+    fn order(&mut self, order: Order) {
+        self.servo.order(self.now, order, &mut Wires(&mut self.wires));
+    }
+
+    fn set(&mut self, change: impl FnOnce(&mut Settings)) {
+        change(&mut self.settings);
+        self.servo.set(self.now, self.settings, &mut Wires(&mut self.wires));
+    }
+
+    fn hold(&mut self, on: bool) {
+        self.motor.input(self.now, Input::Fault { fault: STALL, on }, &mut Wires(&mut self.wires));
+    }
+
+    fn load(&mut self, load_unm: i32) {
+        let parameters = Parameters { load_unm, ..*self.motor.parameters() };
+        self.motor.become_another(self.now, parameters, &mut Wires(&mut self.wires));
+    }
+
+    fn shaft(&self) -> Shaft {
+        self.motor.shaft(self.now, AXIS).unwrap()
+    }
+
+    fn real_rpm(&self) -> f64 {
+        self.shaft().speed.to_num::<f64>() * 60.0 / (6.0 * f64::from(self.motor.parameters().hall_pulses))
+    }
+
+    fn rpm(&self) -> i32 {
+        self.servo.rpm(self.now)
+    }
+}
+
+/// Poles, inertias and frictions that the tolerances hold for.
+fn motors() -> impl Iterator<Item = (Settings, Parameters)> {
+    [4, 10].into_iter().flat_map(|poles| {
+        [2_000, 10_000].into_iter().flat_map(move |inertia_gcm2| {
+            [5_000, 60_000].into_iter().map(move |friction_unm| {
+                let motor = Parameters { hall_pulses: poles / 2, inertia_gcm2, friction_unm, ..MOTOR };
+                (Settings { poles, ..Settings::FACTORY }, motor)
+            })
+        })
+    })
+}
+
+/// The real speed some seconds after an order.
+fn rpm_after(settings: Settings, motor: Parameters, order: Order, ms: u64) -> f64 {
+    let mut bench = Bench::new(settings, motor);
+    bench.order(order);
+    bench.run_ms(ms);
+    bench.real_rpm()
+}
+
+/// A bench whose motor turns at so many rpm.
+fn turning(settings: Settings, motor: Parameters, rpm: i32) -> Bench {
+    let mut bench = Bench::new(settings, motor);
+    bench.order(Order::Velocity(rpm));
+    bench.run_ms(2_000);
+    assert!((bench.rpm() - rpm).abs() <= 10 && bench.alarms == 0);
+    bench
+}
