@@ -191,9 +191,10 @@ impl Drive {
         }
         match self.parse(&joined(name, string))? {
             Statement::SetList(list, parameters) => self.write_list(at, list, &parameters, out),
-            Statement::Set(reg, Expression { not: false, first: Operand::Number(value), then: None }) => {
-                self.write(at, reg, value, out)
-            }
+            Statement::Set(
+                reg,
+                Expression { not: false, first: Operand::Number(value) | Operand::Ratio(value), then: None },
+            ) => self.write(at, reg, value, out),
             _ => Err(Error::IllegalData),
         }
     }

@@ -28,6 +28,22 @@ fn what_is_wrong_with_a_line_has_a_number() {
             ("LB X1", 46),
             ("H", 40),
             ("H 100", 40),
+            // Of programs alone (MC 5-6, 5-62).
+            ("BR 1", 46),
+            ("RT", 46),
+            // No such I/O.
+            ("S6=0,0", 10),
+            ("S0=0,0,0", 10),
+            ("O5=1", 10),
+            ("O13=1", 10),
+            ("S14=1", 10),
+            // Unknown, whatever it is set to.
+            ("XX=4,K1", 20),
+            ("XX 1 2", 20),
+            // What is read only, or an instruction, is nothing to put a number into.
+            ("IV V", 25),
+            ("IV AL", 25),
+            ("IV H", 33),
             // Not an address.
             ("EX 500", 42),
             ("EX 768", 42),
@@ -187,8 +203,8 @@ fn labels_are_new_names_of_two_characters() {
         ("PG 1", "LB VM", 29),
         ("PG 1", "LB Q1", 28),
         ("PG 50", "LB G1", 0),
-        // Over itself it is none that is new.
-        ("PG 50", "LB G1", 0),
+        // "When you download a program over a program already saved" (MC 9.2, 28).
+        ("PG 50", "LB G1", 28),
         ("PG 60", "LB G1", 28),
     ] {
         rig.say(place);
@@ -196,4 +212,34 @@ fn labels_are_new_names_of_two_characters() {
         rig.say("PG");
         assert_eq!(rig.value("ER"), error, "{place}, {line}");
     }
+}
+
+/// FD and CP, or 0, are what ends OE (MC 5-52): errors of the handler's own do not, and do not call it again.
+#[test]
+fn a_handler_that_goes_wrong_is_called_once_for_each_error() {
+    let mut rig = Rig::plus();
+    rig.program("PG 1\nLB K1\nIC R2\nBR ZZ\nRT\nPG");
+    rig.set(&["OE K1"]);
+    for calls in 1..=3 {
+        rig.say("XX");
+        rig.after(1.secs());
+        rig.assert_values(&[("R2", calls), ("ER", 30), ("BY", 0)]);
+    }
+    rig.set(&["OE 0"]);
+    rig.refused("XX", 20);
+    rig.assert_values(&[("R2", 3)]);
+}
+
+/// Room is what the lines that hold leave, however often they have been typed (MC 9.3, 45).
+#[test]
+fn a_program_is_downloaded_again_and_again() {
+    let mut rig = Rig::plus();
+    for _ in 0..500 {
+        for line in ["PG 2", "P=0", "MR 51200", "H", "PR \"Position = \",P", "H 2000", "MA 0", "H", "E", "PG"]
+        {
+            rig.say(line);
+        }
+    }
+    rig.assert_values(&[("ER", 0)]);
+    assert_eq!(rig.say("L 5"), "PR \"Position = \",P\r\nH 2000\r\nMA 0\r\nH\r\nE\r\n");
 }

@@ -191,3 +191,26 @@ fn a_plus_is_ready_at_once() {
     // At zero, and calibrated (MC 5-2).
     assert_eq!(hybrid.value("AF"), 64 + CALIBRATED);
 }
+
+/// MC 5-34, and HI 1 goes by it.
+#[test]
+fn the_index_mark_is_read() {
+    let mut rig = Rig::hybrid();
+    assert!([0, 1].contains(&rig.value("I6")));
+    rig.refused("I6=1", 25);
+    assert_eq!(rig.try_words(0x0032, 1), Err(2), "the register is of the MDrivePlus");
+}
+
+/// MC 4-8: SC = 0 calibrates; the configuration test is not there.
+#[test]
+fn a_calibration_has_a_mode() {
+    let mut rig = Rig::hybrid();
+    for line in ["SC 0", "SC=0"] {
+        rig.set(&[line]);
+        assert_eq!(rig.word(0x008F) & 128, 0, "{line}: not calibrated yet");
+        rig.after(CALIBRATION);
+        assert_eq!(rig.word(0x008F) & 128, 128, "{line}");
+    }
+    rig.refused("SC=1", 37);
+    rig.refused("SC=2", 21);
+}

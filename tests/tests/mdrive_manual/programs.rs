@@ -518,3 +518,38 @@ fn input_trip() {
     assert!((distance - (second - first)).abs() <= 2, "{distance}");
     rig.assert_values(&[("ER", 0)]);
 }
+
+/// MC 5-40: "PG 100, LB G1, PG 1, LB SU". An address within program mode is where it goes on.
+#[test]
+fn labels_of_the_manual_are_typed_in_one_go() {
+    let mut rig = Rig::plus();
+    rig.program("PG 100\nLB G1\nPG 1\nLB SU\nPG");
+    assert_eq!(rig.say("L"), "LB SU\r\nLB G1\r\n");
+}
+
+/// MC 5-27: "Suspend program execution for 2 seconds", Program/Immediate.
+#[test]
+fn a_program_is_held_by_hand() {
+    let mut rig = Rig::plus();
+    rig.program("PG 1\nLB G1\nIC R1\nBR G1\nPG");
+    rig.set(&["EX 1"]);
+    rig.after(100.millis());
+    rig.set(&["H 2000"]);
+    let held = rig.value("R1");
+    assert!(held > 0);
+    rig.after(1_990.millis());
+    rig.assert_values(&[("R1", held), ("BY", 1)]);
+    rig.after(20.millis());
+    assert!(rig.value("R1") > held);
+}
+
+/// L is of immediate mode (MC 5-40), and MC 9 has no error for it in a program: it prints there, too.
+#[test]
+fn a_program_lists_itself() {
+    let mut rig = Rig::plus();
+    rig.program("PG 1\nLB G1\nL 2\nE\nPG");
+    rig.say("EX 1");
+    rig.after(10.millis());
+    assert_eq!(rig.heard(), "L 2\r\nE\r\n");
+    rig.assert_values(&[("ER", 0)]);
+}

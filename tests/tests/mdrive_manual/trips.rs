@@ -184,3 +184,34 @@ fn a_subroutine_of_a_trip_must_be_there() {
     rig.program(SUB);
     rig.refused("TI=5,K1", 12);
 }
+
+/// "Only the activated trip function needs to be re-enabled, the other trips will still be enabled" (MC 5-73).
+#[test]
+fn a_trip_is_enabled_again_beside_others() {
+    let mut rig = Rig::new(crate::rig::Kind::Plus);
+    rig.high("IO1");
+    rig.program("PG 1\nLB K3\nR1=R1+1\nTE=8\nRT\nLB K1\nR2=R2+1\nRT\nPG");
+    rig.set(&["TI=1,K1", "TT=100,K3", "TE=9"]);
+    rig.after(250.millis());
+    rig.assert_values(&[("R1", 2), ("TE", 9)]);
+    rig.low("IO1");
+    rig.after(10.millis());
+    rig.assert_values(&[("R2", 1), ("TE", 8)]);
+    rig.set(&["TE=0"]);
+    rig.assert_values(&[("TE", 0)]);
+}
+
+/// MC 9.1, 12: an output neither trips nor captures.
+#[test]
+fn outputs_are_illegal_trips() {
+    for kind in KINDS {
+        let mut rig = Rig::new(kind);
+        rig.program(SUB);
+        rig.set(&["S13=61,0", "S2=16,0,0"]);
+        rig.refused("TC=K1", 12);
+        rig.refused("TI=2,K1", 12);
+        rig.set(&["S13=60,0", "TC=K1", "S13=61,0"]);
+        rig.refused("TE=4", 12);
+        rig.set(&["S13=60,0", "TE=4"]);
+    }
+}

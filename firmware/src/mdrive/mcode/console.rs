@@ -16,9 +16,10 @@ use super::super::drive::Drive;
 use super::super::error::Error;
 use super::super::registers::Reg;
 use super::super::startup::SIGN_ON;
+use super::parse::begins_number;
 use super::print::CR_LF;
 use super::serial::{ACK, Called, NAK, is_checked};
-use super::statement::Statement;
+use super::statement::{Place, Statement};
 use crate::device::{Instant, Link, Note, Output, Sink, Why};
 
 const CTRL_C: u8 = 0x03;
@@ -111,7 +112,12 @@ impl Drive {
                     self.call(link, if self.is_party() { Called::Next } else { Called::Plain });
                 }
             }
-            CTRL_C if self.bank.word(Reg::CE) != 0 => self.restart(at, out),
+            CTRL_C if self.bank.word(Reg::CE) != 0 => {
+                // The sign-on begins a line of its own.
+                let is_open = echoes && !console.line.is_empty();
+                self.answer(at, link, if is_open { CR_LF } else { b"" }, out);
+                self.restart(at, out);
+            }
             _ if character == escape => self.abort(at, link, out),
             b' ' if steps && is_blank => self.mcode.vm.step(at, true),
             BACKSPACE | DELETE => {
@@ -224,8 +230,10 @@ impl Drive {
         if let Err(error) = outcome {
             self.fail(at, error, out);
         }
-        if sums != 0 && self.echo_mode() != echo::NONE {
-            let good = matches!(outcome, Ok(Answer::Prompt | Answer::Greeting));
+        // "The response will be the sign on message" (MC 5-26).
+        let is_greeting = outcome == Ok(Answer::Greeting);
+        if sums != 0 && self.echo_mode() != echo::NONE && !is_greeting {
+            let good = outcome == Ok(Answer::Prompt);
             // "ACK is not echoed if a program is running" (MC 5-12).
             let acknowledged: &[u8] = match good {
                 true if sums == 2 && self.mcode.vm.is_running() => &[],
@@ -234,7 +242,7 @@ impl Drive {
             };
             self.answer(at, link, acknowledged, out);
         }
-        if outcome != Ok(Answer::Greeting) {
+        if !is_greeting {
             self.answer(at, link, self.prompt(), out);
         }
     }
@@ -250,12 +258,17 @@ impl Drive {
         line: &[u8],
         out: &mut dyn Sink,
     ) -> Result<Answer, Error> {
-        let statement = self.parse(line)?;
         let programming = self.mcode.consoles.find(link).and_then(|console| console.programming);
+        let statement = self.parse(line);
+        if statement.is_err() && programming.is_none() && begins_number(line) {
+            // "IF will be cleared to zero with a carriage return" (MC 5-36), also by a number that is none.
+            self.mcode.vm.set_input_pending(false);
+        }
+        let statement = statement?;
         if let Some(address) = programming {
             match statement {
                 Statement::Empty => {}
-                Statement::Program(_) => self.program_from(link, None),
+                Statement::Program(place) => self.begin_program(link, place)?,
                 _ => {
                     self.store_line(at, address, line, &statement, out)?;
                     self.program_from(link, Some(address + 1));
@@ -265,13 +278,8 @@ impl Drive {
         }
         match statement {
             Statement::Print(items) => self.print_on(at, self.hearers(link), items, out)?,
-            Statement::ListProgram(place) => self.list_program(at, link, place, out)?,
-            Statement::Program(Some(place)) => {
-                self.needs_unlocked()?;
-                let address = self.address(place)?;
-                self.program_from(link, Some(address));
-            }
-            Statement::Program(None) => {}
+            Statement::ListProgram(place) => self.list_program(at, self.hearers(link), place, out)?,
+            Statement::Program(place) => self.begin_program(link, place)?,
             Statement::Defaults => {
                 self.restore(at, out)?;
                 return Ok(Answer::Greeting);
@@ -281,7 +289,23 @@ impl Drive {
         Ok(Answer::Prompt)
     }
 
-    /// PG: what is typed on a connection is stored from an address on, or no more.
+    /// PG: program mode begins at a place, or goes on there; without one it ends.
+    ///
+    /// # Errors
+    /// 30, 42, 44 if it is locked; nothing has happened then.
+    fn begin_program(&mut self, link: Link, place: Option<Place>) -> Result<(), Error> {
+        let address = match place {
+            Some(place) => {
+                self.needs_unlocked()?;
+                Some(self.address(place)?)
+            }
+            None => None,
+        };
+        self.program_from(link, address);
+        Ok(())
+    }
+
+    /// What is typed on a connection is stored from an address on, or no more.
     fn program_from(&mut self, link: Link, address: Option<u16>) {
         if let Some(console) = self.mcode.consoles.find(link) {
             console.programming = address;

@@ -4,13 +4,14 @@ use super::super::drive::Drive;
 use super::super::error::Error;
 use super::super::motion::Order;
 use super::super::registers::Reg;
+use super::super::variables::{RATIO_ONE, entry};
 use super::names::Meaning;
-use super::statement::{Condition, Expression, List, Operand, Operator, Place, Relation, Statement};
+use super::statement::{Condition, Expression, List, Name, Operand, Operator, Place, Relation, Statement};
 use crate::device::{Duration, Instant, Sink};
 
 impl Drive {
     /// Carries out a statement, be it a line of the program that runs or typed; what prints is for who has said so.
-    /// BR, H and RT are for programs alone; the others that programs are made of act on the one that runs.
+    /// BR, LB and RT are for programs alone; the others that programs are made of act on the one that runs.
     ///
     /// # Errors
     /// What MC 9 says; nothing has happened then.
@@ -23,23 +24,14 @@ impl Drive {
     ) -> Result<(), Error> {
         match statement {
             // "IF will be cleared to zero with a carriage return" (MC 5-36).
-            Statement::Empty if !program => self.mcode.vm.forget_input(),
+            Statement::Empty if !program => self.mcode.vm.set_input_pending(false),
             Statement::Empty => {}
-            Statement::Number(number) => {
-                let number = self.evaluate(at, number)?;
-                match self.mcode.vm.awaited.take_if(|_| !program) {
-                    Some(variable) => self.set_operand(at, variable, number, out)?,
-                    None => self.repeat_motion(at, number, out)?,
-                }
+            Statement::Number(number) if !program && self.mcode.vm.awaits_input() => {
+                self.take_input(at, number, out)?;
             }
-            Statement::Set(reg, value) => {
-                let value = self.evaluate(at, value)?;
-                self.write_mcode(at, *reg, value, out)?;
-            }
-            Statement::SetUser(name, value) => {
-                let value = self.evaluate(at, value)?;
-                self.mcode.names.set(*name, value)?;
-            }
+            Statement::Number(number) => self.repeat_motion(at, number, out)?,
+            Statement::Set(reg, value) => self.set_variable(at, *reg, value, out)?,
+            Statement::SetUser(name, value) => self.set_user(at, *name, value)?,
             Statement::SetList(List::Trip(trip), parameters) => {
                 self.define_trip(at, *trip, parameters)?;
             }
@@ -69,14 +61,14 @@ impl Drive {
                 self.order(at, Order::HomeToIndex(way), out)?;
             }
             Statement::Hold(time) => {
-                self.needs_program(program)?;
+                self.needs_running()?;
                 let ms = time.as_ref().map_or(Ok(0), |time| self.evaluate(at, time))?;
                 let ms = u64::try_from(ms).ok().filter(|&ms| ms <= 65_000).ok_or(Error::IllegalValue)?;
                 // "Blank/0=Motion stops" (MC 4.4).
                 self.mcode.vm.hold((ms != 0).then(|| at + Duration::millis(ms)));
             }
             Statement::Branch(place, condition) => {
-                self.needs_program(program)?;
+                needs_line(program)?;
                 if self.holds(at, condition.as_ref())? {
                     let address = self.find_line(*place)?;
                     self.mcode.vm.jump(address);
@@ -90,7 +82,7 @@ impl Drive {
                 }
             }
             Statement::Return => {
-                self.needs_program(program)?;
+                needs_line(program)?;
                 self.mcode.vm.come_back(at)?;
             }
             Statement::End => self.end_program(),
@@ -102,8 +94,7 @@ impl Drive {
             Statement::Pause => self.pause_program(at, out),
             Statement::Resume => self.resume_program(at, out),
             // In a program it is but a place.
-            Statement::Label(_) if program => {}
-            Statement::Label(_) => return Err(Error::NotInProgramMode),
+            Statement::Label(_) => needs_line(program)?,
             Statement::OnError(Place::Address(0)) => self.mcode.vm.set_handler(None),
             Statement::OnError(place) => {
                 self.find_line(*place)?;
@@ -120,15 +111,22 @@ impl Drive {
                 if self.mcode.vm.awaits_input() {
                     return Err(Error::InputPending);
                 }
-                self.operand(at, *variable)?;
-                self.mcode.vm.awaited = Some(*variable);
+                self.judge_input(*variable)?;
+                self.mcode.vm.await_input(*variable);
             }
             Statement::Increment(variable) => self.count_variable(at, *variable, 1, out)?,
             Statement::Decrement(variable) => self.count_variable(at, *variable, -1, out)?,
             Statement::Save => self.save(at, out)?,
             Statement::Defaults => self.restore(at, out)?,
             Statement::Initialize => self.initialize(at, out)?,
-            Statement::Calibrate => self.calibrate(at, false, out)?,
+            Statement::Calibrate(mode) => {
+                match mode.as_ref().map_or(Ok(0), |mode| self.evaluate(at, mode))? {
+                    0 => self.calibrate(at, false, out)?,
+                    // The configuration test (MC 4-8).
+                    1 => return Err(Error::NotAvailable),
+                    _ => return Err(Error::IllegalValue),
+                }
+            }
             Statement::ClearLocked => self.calibrate(at, true, out)?,
             Statement::Clear(place) => {
                 self.clear_program(at, *place, out)?;
@@ -136,39 +134,55 @@ impl Drive {
                 self.end_program();
                 self.mcode.vm.set_handler(None);
             }
-            // Who hears it knows what to do.
+            // Who said it knows who hears it.
             Statement::Print(_) | Statement::ListProgram(_) | Statement::Program(_) => {}
         }
         Ok(())
     }
 
-    /// What an expression comes to, in 32 bits that wrap.
+    /// What an expression comes to, in 32 bits that wrap, without a fraction.
     ///
     /// # Errors
     /// 21 for a division by 0, 30 for a name that is no variable.
     pub(super) fn evaluate(&mut self, at: Instant, expression: &Expression) -> Result<i32, Error> {
-        let first = self.operand(at, expression.first)?;
+        let ratio = expression.is_ratio();
+        let value = self.compute(at, expression, ratio)?;
+        Ok(if ratio { value / i64::from(RATIO_ONE) } else { value } as i32)
+    }
+
+    /// What an expression comes to, in thousandths for a `ratio`.
+    fn compute(&mut self, at: Instant, expression: &Expression, ratio: bool) -> Result<i64, Error> {
+        let first = self.term(at, expression.first, ratio)?;
         let first = if expression.not { !first } else { first };
         let Some((operator, second)) = expression.then else { return Ok(first) };
-        let second = self.operand(at, second)?;
+        let second = self.term(at, second, ratio)?;
         Ok(match operator {
-            Operator::Plus => first.wrapping_add(second),
-            Operator::Minus => first.wrapping_sub(second),
-            Operator::Times => first.wrapping_mul(second),
-            Operator::Over if second == -1 => first.wrapping_neg(),
-            Operator::Over => first.checked_div(second).ok_or(Error::IllegalValue)?,
+            Operator::Plus => first + second,
+            Operator::Minus => first - second,
+            Operator::Times if ratio => first.saturating_mul(second) / i64::from(RATIO_ONE),
+            Operator::Times => first * second,
+            Operator::Over => {
+                let first = if ratio { first * i64::from(RATIO_ONE) } else { first };
+                first.checked_div(second).ok_or(Error::IllegalValue)?
+            }
             Operator::And => first & second,
             Operator::Or => first | second,
             Operator::Xor => first ^ second,
         })
     }
 
+    /// An operand, in thousandths for a `ratio`.
+    fn term(&mut self, at: Instant, operand: Operand, ratio: bool) -> Result<i64, Error> {
+        if ratio { self.thousandths(at, operand) } else { self.operand(at, operand).map(i64::from) }
+    }
+
     /// Whether a condition holds; none always does.
     fn holds(&mut self, at: Instant, condition: Option<&Condition>) -> Result<bool, Error> {
         let Some(condition) = condition else { return Ok(true) };
-        let left = self.operand(at, condition.left)?;
+        let ratio = condition.left.is_ratio() || condition.right.is_some_and(|(_, right)| right.is_ratio());
+        let left = self.term(at, condition.left, ratio)?;
         let Some((relation, right)) = condition.right else { return Ok(left != 0) };
-        let right = self.operand(at, right)?;
+        let right = self.term(at, right, ratio)?;
         Ok(match relation {
             Relation::Equal => left == right,
             Relation::Unequal => left != right,
@@ -179,18 +193,48 @@ impl Drive {
         })
     }
 
-    /// Gives a variable a value.
-    fn set_operand(
+    /// Sets a variable to what an expression comes to.
+    fn set_variable(
         &mut self,
         at: Instant,
-        variable: Operand,
-        value: i32,
+        reg: Reg,
+        value: &Expression,
         out: &mut dyn Sink,
     ) -> Result<(), Error> {
+        let value = match reg {
+            // What does not fit is out of its range.
+            Reg::CR => i32::try_from(self.compute(at, value, true)?).unwrap_or(i32::MAX),
+            _ => self.evaluate(at, value)?,
+        };
+        self.write_mcode(at, reg, value, out)
+    }
+
+    /// Sets a user variable to what an expression comes to.
+    fn set_user(&mut self, at: Instant, name: Name, value: &Expression) -> Result<(), Error> {
+        let value = self.evaluate(at, value)?;
+        self.mcode.names.set(name, value)
+    }
+
+    /// What IV waits for has come. A fraction is for CR.
+    fn take_input(&mut self, at: Instant, number: &Expression, out: &mut dyn Sink) -> Result<(), Error> {
+        match self.mcode.vm.take_input() {
+            Some(Operand::Variable(reg)) if reg == Reg::CR || !number.is_ratio() => {
+                self.set_variable(at, reg, number, out)
+            }
+            Some(Operand::User(name)) if !number.is_ratio() => self.set_user(at, name, number),
+            _ => Err(Error::IllegalData),
+        }
+    }
+
+    /// Whether IV may wait for a variable.
+    ///
+    /// # Errors
+    /// 25 for what is read only, 30 for a name that is no variable.
+    fn judge_input(&mut self, variable: Operand) -> Result<(), Error> {
         match variable {
-            Operand::Variable(reg) => self.write_mcode(at, reg, value, out),
-            Operand::User(name) => self.mcode.names.set(name, value),
-            Operand::Number(_) => Err(Error::IllegalData),
+            Operand::Variable(reg) if !entry(reg).access.writes() => Err(Error::ReadOnly),
+            Operand::User(name) if !self.has_user_variable(name) => Err(Error::UnknownLabel),
+            _ => Ok(()),
         }
     }
 
@@ -204,17 +248,18 @@ impl Drive {
     ) -> Result<(), Error> {
         match variable {
             Operand::Variable(reg) => self.count(at, reg, by, out),
-            user => {
-                let value = self.operand(at, user)?;
-                self.set_operand(at, user, value.wrapping_add(by), out)
+            Operand::User(name) => {
+                let value = self.operand(at, variable)?;
+                self.mcode.names.set(name, value.wrapping_add(by))
             }
+            Operand::Number(_) | Operand::Ratio(_) => Err(Error::IllegalData),
         }
     }
 
-    /// 40 unless it is a line of the program: what is typed has no part in where that is.
-    fn needs_program(&self, program: bool) -> Result<(), Error> {
+    /// 40 unless a program runs, which PS does not hold.
+    fn needs_running(&self) -> Result<(), Error> {
         self.needs_no_pause()?;
-        if program { Ok(()) } else { Err(Error::NotRunning) }
+        if self.mcode.vm.is_running() { Ok(()) } else { Err(Error::NotRunning) }
     }
 
     /// 40 while PS holds the program: it stays where it is.
@@ -223,7 +268,11 @@ impl Drive {
     }
 
     /// A number alone: the last motion command with it (MC 5-45), unless NE is 0.
-    fn repeat_motion(&mut self, at: Instant, number: i32, out: &mut dyn Sink) -> Result<(), Error> {
+    fn repeat_motion(&mut self, at: Instant, number: &Expression, out: &mut dyn Sink) -> Result<(), Error> {
+        if number.is_ratio() {
+            return Err(Error::IllegalData);
+        }
+        let number = self.evaluate(at, number)?;
         let last = self.mcode.vm.last_motion().filter(|_| self.bank.word(Reg::NE) != 0);
         let reg = match last.as_ref() {
             Some(b"MA") => Reg::MA,
@@ -233,4 +282,9 @@ impl Drive {
         };
         self.write(at, reg, number, out)
     }
+}
+
+/// 46 unless it is a line of the program: what is typed has no part in where that is.
+fn needs_line(program: bool) -> Result<(), Error> {
+    if program { Ok(()) } else { Err(Error::NotInProgramMode) }
 }

@@ -65,10 +65,10 @@ impl Names {
     /// Sets a user variable.
     ///
     /// # Errors
-    /// 20 if there is no such name, 32 if it is a label.
+    /// As [`unknown`] if there is no such name, 32 if it is a label.
     pub(in crate::mdrive) fn set(&mut self, name: Name, value: i32) -> Result<(), Error> {
         match self.list.iter_mut().find(|(known, _)| *known == name) {
-            None => Err(Error::Unknown),
+            None => Err(unknown(&name)),
             Some((_, Meaning::Label(_))) => Err(Error::IsLabel),
             Some((_, Meaning::Global(held) | Meaning::Local(held))) => {
                 *held = value;
@@ -81,4 +81,16 @@ impl Names {
     pub(in crate::mdrive) fn retain(&mut self, mut keeps: impl FnMut(Name, Meaning) -> bool) {
         self.list.retain(|(name, meaning)| keeps(*name, *meaning));
     }
+}
+
+/// What it is to set a name that is not there: 10 if it is one that an I/O might have, else 20 (MC 9.1, 9.2).
+pub(in crate::mdrive) fn unknown(name: &[u8]) -> Error {
+    match name.trim_ascii_end() {
+        [letter, number @ ..] if b"DIOSdios".contains(letter) && is_number(number) => Error::IllegalIo,
+        _ => Error::Unknown,
+    }
+}
+
+fn is_number(text: &[u8]) -> bool {
+    !text.is_empty() && text.iter().all(u8::is_ascii_digit)
 }

@@ -5,18 +5,18 @@ mod scanner;
 
 use heapless::Vec;
 
-use self::scanner::{Scale, Scanner};
+use self::scanner::{Kind, Scanner};
 use super::super::drive::Drive;
 use super::super::error::Error;
 use super::super::registers::Reg;
 use super::mnemonic::{self, Mnemonic, SERIAL, Word};
-use super::names::Names;
+use super::names::{Names, unknown};
 use super::statement::{Expression, List, Name, Operand, Parameter, Place, Statement};
 
 /// What a line says to a drive of these variants, whose user has these names.
 ///
 /// # Errors
-/// 20, 24, 29, 30, 33, 34, 37, 38, 81: it says nothing that the drive could do. 21: a number that no variable holds.
+/// 10, 20, 24 to 26, 29, 30, 33, 34, 37, 38, 81: it says nothing that the drive could do. 21: a number that no variable holds.
 pub(in crate::mdrive) fn parse<'a>(
     line: &'a [u8],
     variants: u8,
@@ -25,13 +25,20 @@ pub(in crate::mdrive) fn parse<'a>(
     let mut scanner = Scanner { rest: without_comment(line), variants };
     match scanner.peek() {
         None => Ok(Statement::Empty),
-        Some(b'0'..=b'9' | b'+' | b'-') => {
-            let value = scanner.expression(Scale::One)?;
+        Some(_) if begins_number(scanner.rest) => {
+            // A fraction is for IV and CR.
+            let kind = if scanner.rest.contains(&b'.') { Kind::Ratio } else { Kind::Whole };
+            let value = scanner.expression(kind)?;
             scanner.end().map(|()| Statement::Number(value))
         }
         Some(letter) if letter.is_ascii_alphabetic() => scanner.statement(names),
         Some(_) => Err(Error::Unknown),
     }
+}
+
+/// Whether a line says nothing but a number.
+pub(super) fn begins_number(line: &[u8]) -> bool {
+    matches!(line.trim_ascii_start().first(), Some(b'0'..=b'9' | b'+' | b'-' | b'.'))
 }
 
 /// A line up to its comment (MC 3.3.1), without the blanks at its ends.
@@ -79,6 +86,9 @@ pub(super) fn find(word: &[u8], variants: u8) -> Option<Mnemonic> {
     mnemonic::find(target, variants)
 }
 
+/// S, behind which a number is that of an I/O.
+const SAVE: Mnemonic = Mnemonic::Instruction(*b"S ");
+
 /// The word that a statement begins with.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum Head {
@@ -101,16 +111,18 @@ impl<'a> Scanner<'a> {
 
         let (count, head) = if let Some(mnemonic) = known(self, word.len()) {
             (word.len(), Head::Known(mnemonic))
+        } else if word.len() > 2 && set && unknown(word) == Error::IllegalIo {
+            return Err(Error::IllegalIo);
         } else if let Some(mnemonic @ Mnemonic::Instruction(_)) = known(self, 2) {
             (2, Head::Known(mnemonic))
         } else if let (Some(mnemonic), true) = (known(self, 2), digits(2)) {
             (2, Head::Known(mnemonic))
         } else if let (Some(user), true) = (user, digits(2)) {
             (2, Head::User(user))
-        } else if let (Some(mnemonic), true) = (known(self, 1), digits(1)) {
+        } else if let (Some(mnemonic), true) = (known(self, 1).filter(|it| *it != SAVE), digits(1)) {
             (1, Head::Known(mnemonic))
         } else {
-            (word.len(), Head::User(name(word).ok_or(Error::Unknown)?))
+            (word.len(), Head::User(name(word).ok_or_else(|| unknown(word))?))
         };
         self.skip(count);
         Ok(head)
@@ -122,7 +134,7 @@ impl<'a> Scanner<'a> {
             Head::Known(Mnemonic::NotAvailable) => Err(Error::NotAvailable),
             Head::Known(Mnemonic::Instruction(name)) => self.instruction(name),
             Head::Known(Mnemonic::Variable(reg)) => {
-                let value = if reg == Reg::DN { self.device_name() } else { self.value(Scale::of(reg)) };
+                let value = if reg == Reg::DN { self.device_name() } else { self.value(Kind::of(reg)) };
                 value.map(|value| Statement::Set(reg, value))
             }
             Head::Known(Mnemonic::List(list)) => {
@@ -131,8 +143,9 @@ impl<'a> Scanner<'a> {
             Head::Known(Mnemonic::Keyword(_)) => {
                 Err(if self.peek().is_none() { Error::IsVariable } else { Error::ReadOnly })
             }
-            Head::User(name) => match self.value(Scale::One) {
-                Err(Error::IsVariable) if names.find(name).is_none() => Err(Error::Unknown),
+            Head::User(name) => match self.value(Kind::Whole) {
+                // Whatever else is wrong.
+                Err(_) if names.find(name).is_none() => Err(unknown(&name)),
                 value => value.map(|value| Statement::SetUser(name, value)),
             },
         }
@@ -149,7 +162,6 @@ impl<'a> Scanner<'a> {
             b"S " => Some(Statement::Save),
             b"FD" => Some(Statement::Defaults),
             b"IP" => Some(Statement::Initialize),
-            b"SC" => Some(Statement::Calibrate),
             b"CF" => Some(Statement::ClearLocked),
             _ => None,
         };
@@ -166,20 +178,21 @@ impl<'a> Scanner<'a> {
         self.take(b'=');
         let statement = match &name {
             b"MA" | b"MR" => return self.movement(name == *b"MR"),
-            b"SL" => Statement::Slew(self.expression(Scale::One)?),
+            b"SL" => Statement::Slew(self.expression(Kind::Whole)?),
             b"HM" | b"HI" if nothing => return Err(Error::HomeType),
-            b"HM" => Statement::Set(Reg::HM, self.expression(Scale::One)?),
-            b"HI" => Statement::HomeToIndex(self.expression(Scale::One)?),
+            b"HM" => Statement::Set(Reg::HM, self.expression(Kind::Whole)?),
+            b"HI" => Statement::HomeToIndex(self.expression(Kind::Whole)?),
             b"H " if nothing => Statement::Hold(None),
-            b"H " => Statement::Hold(Some(self.expression(Scale::One)?)),
+            b"H " => Statement::Hold(Some(self.expression(Kind::Whole)?)),
             b"BR" => Statement::Branch(self.place()?, self.optional(Self::condition)?),
             b"CL" => Statement::Call(self.place()?, self.optional(Self::condition)?),
             b"EX" => {
-                Statement::Execute(self.place()?, self.optional(|scanner| scanner.expression(Scale::One))?)
+                Statement::Execute(self.place()?, self.optional(|scanner| scanner.expression(Kind::Whole))?)
             }
-            b"BP" => {
-                Statement::BreakPoint(self.place()?, self.optional(|scanner| scanner.expression(Scale::One))?)
-            }
+            b"BP" => Statement::BreakPoint(
+                self.place()?,
+                self.optional(|scanner| scanner.expression(Kind::Whole))?,
+            ),
             b"OE" => Statement::OnError(self.place()?),
             b"PG" | b"L " | b"CP" => {
                 let place = if nothing { None } else { Some(self.place()?) };
@@ -192,12 +205,14 @@ impl<'a> Scanner<'a> {
             b"LB" => Statement::Label(self.new_name(true)?),
             b"VA" => {
                 let name = self.new_name(false)?;
-                let value = if self.peek().is_none() { None } else { Some(self.value(Scale::One)?) };
+                let value = if self.peek().is_none() { None } else { Some(self.value(Kind::Whole)?) };
                 Statement::Declare(name, value)
             }
-            b"IV" => Statement::Input(self.variable()?),
-            b"IC" => Statement::Increment(self.variable()?),
-            b"DC" => Statement::Decrement(self.variable()?),
+            b"IV" => Statement::Input(self.input()?),
+            b"IC" => Statement::Increment(self.counted()?),
+            b"DC" => Statement::Decrement(self.counted()?),
+            b"SC" if nothing => Statement::Calibrate(None),
+            b"SC" => Statement::Calibrate(Some(self.expression(Kind::Whole)?)),
             _ => return Err(Error::NotAvailable),
         };
         self.end().map(|()| statement)
@@ -205,7 +220,7 @@ impl<'a> Scanner<'a> {
 
     /// Behind MA and MR.
     fn movement(mut self, relative: bool) -> Result<Statement<'a>, Error> {
-        let way = self.expression(Scale::One)?;
+        let way = self.expression(Kind::Whole)?;
         let announces = self.optional(Self::switch)?.unwrap_or(false);
         let goes_on = self.optional(Self::switch)?.unwrap_or(false);
         self.end()?;
@@ -216,7 +231,7 @@ impl<'a> Scanner<'a> {
     fn switch(&mut self) -> Result<bool, Error> {
         match self.peek() {
             None | Some(b',') => Ok(false),
-            Some(_) => match self.number(Scale::One)? {
+            Some(_) => match self.number()? {
                 0 => Ok(false),
                 1 => Ok(true),
                 _ => Err(Error::IllegalValue),
@@ -225,12 +240,12 @@ impl<'a> Scanner<'a> {
     }
 
     /// All that is left: what a variable is set to. Nothing is left of a variable that stands alone (34).
-    fn value(&mut self, scale: Scale) -> Result<Expression, Error> {
+    fn value(&mut self, kind: Kind) -> Result<Expression, Error> {
         if self.peek().is_none() {
             return Err(Error::IsVariable);
         }
         self.take(b'=');
-        let value = self.expression(scale)?;
+        let value = self.expression(kind)?;
         self.end().map(|()| value)
     }
 
@@ -242,7 +257,7 @@ impl<'a> Scanner<'a> {
         self.take(b'=');
         let code = match self.rest.trim_ascii() {
             [b'"', name, b'"'] => i32::from(*name),
-            [b'"', digits @ .., b'"'] => Self { rest: digits, ..*self }.number(Scale::One)?,
+            [b'"', digits @ .., b'"'] => Self { rest: digits, ..*self }.number()?,
             _ => return Err(Error::IllegalData),
         };
         Ok(Expression { not: false, first: Operand::Number(code), then: None })
@@ -262,7 +277,7 @@ impl<'a> Scanner<'a> {
                     Place::Address(address) => Parameter::Value(Operand::Number(address)),
                     Place::Label(name) => Parameter::Label(name),
                 },
-                Some(_) => Parameter::Value(self.operand(Scale::One)?),
+                Some(_) => Parameter::Value(self.operand(Kind::Whole)?),
             };
             // There is room for the longest list.
             let _ = values.push(value);

@@ -5,6 +5,7 @@ use heapless::Vec;
 use super::super::drive::{Drive, Model, SERIAL_NUMBER};
 use super::super::error::Error;
 use super::super::registers::Reg;
+use super::super::variables::RATIO_ONE;
 use super::mnemonic::{self, Mnemonic};
 use super::names::Meaning;
 use super::parse;
@@ -115,7 +116,7 @@ impl Drive {
         let value = self.read_mcode(at, reg);
         match reg {
             Reg::CR => {
-                say_number(value / 1_000, to);
+                say_number(value / RATIO_ONE, to);
                 let digits = [value / 100, value / 10, value].map(|rest| b'0' + (rest % 10) as u8);
                 to.say(b".");
                 to.say(&digits);
@@ -198,7 +199,7 @@ fn say_values(values: &[Parameter], to: &mut dyn Text) {
             Parameter::Value(Operand::Number(value)) => say_number(*value, to),
             Parameter::Value(Operand::User(name)) | Parameter::Label(name) => to.say(name.trim_ascii_end()),
             // What is kept is a number or a label.
-            Parameter::Value(Operand::Variable(_)) | Parameter::Absent => {}
+            Parameter::Value(Operand::Ratio(_) | Operand::Variable(_)) | Parameter::Absent => {}
         }
     }
 }

@@ -10,7 +10,8 @@
 //! | … | the line |
 //! | 2 | CRC-16 of all that, as it was stored |
 //!
-//! The first byte is stored last, on its own: power lost before leaves the log as it was.
+//! The first byte is stored last, on its own: power lost before leaves the log as it was. Only where there is no room
+//! any more lines that have been replaced make some, and the log does not pass until that is done.
 
 use heapless::Vec;
 use standin_protocol::modbus::rtu::crc;
@@ -35,6 +36,8 @@ pub(in crate::mdrive) const LINE_BYTES: usize = 64;
 const VOID: u8 = 0x80;
 /// The first byte behind the last line.
 const END: u8 = 0xFF;
+/// The first byte of a log in which lines are being moved: of no address.
+const MOVING: u8 = VOID - 1;
 /// Bytes before the characters.
 const HEAD: usize = 3;
 /// Bytes beside the characters.
@@ -86,8 +89,11 @@ impl<'a> Record<'a> {
     }
 }
 
+/// A line in the log as it is stored.
+type Stored = Vec<u8, { FRAME + LINE_BYTES }>;
+
 /// As it is stored: what only the last line of an address has.
-fn record(address: u16, line: &[u8]) -> Vec<u8, { FRAME + LINE_BYTES }> {
+fn record(address: u16, line: &[u8]) -> Stored {
     let [high, low] = address.to_be_bytes();
     let mut record = Vec::new();
     // There is room for the longest line.
@@ -167,18 +173,68 @@ impl Program {
     /// 45: there is no such address, or no room.
     fn store(&mut self, at: Instant, address: u16, line: &[u8], out: &mut dyn Sink) -> Result<(), Error> {
         let record = record(address, line);
-        let length = record.len() as u16;
-        let room = usize::from(self.end) + record.len() < BYTES;
-        let Some((first, rest)) = record.split_first() else { return Ok(()) };
-        if !is_address(address) || !room {
+        let has_room = |taken: usize| taken + record.len() < BYTES;
+        if !is_address(address) || !has_room(self.bytes_beside(address, out.memory())) {
             return Err(Error::ProgramFull);
         }
-        self.store_bytes(at, self.end + length, &[END], out);
-        self.store_bytes(at, self.end + 1, rest, out);
-        self.store_bytes(at, self.end, &[*first], out);
-        self.put(address, self.end);
-        self.end += length;
+        if has_room(self.end.into()) {
+            self.append(at, address, &record, out);
+        } else {
+            self.put(address, NOWHERE);
+            let first = self.compact(at, out);
+            self.append(at, address, &record, out);
+            if let Some(first) = first {
+                self.store_record(at, 0, &first, out);
+            }
+        }
         Ok(())
+    }
+
+    /// Puts a line behind the last one.
+    fn append(&mut self, at: Instant, address: u16, record: &[u8], out: &mut dyn Sink) {
+        let end = self.end + record.len() as u16;
+        self.store_bytes(at, end, &[END], out);
+        self.store_record(at, self.end, record, out);
+        self.put(address, self.end);
+        self.end = end;
+    }
+
+    /// What the lines take that hold, but for that of an address.
+    fn bytes_beside(&self, address: u16, memory: &[u8]) -> usize {
+        let others = (1..ADDRESSES as u16).filter(|&other| other != address);
+        others.filter_map(|other| self.line(memory, other)).map(|line| FRAME + line.len()).sum()
+    }
+
+    /// Puts the lines together that hold. The log does not pass until the first of them, if there is one, is stored.
+    fn compact(&mut self, at: Instant, out: &mut dyn Sink) -> Option<Stored> {
+        let (mut place, mut end, mut first) = (0, 0, None);
+        while let Ok(Some((found, _))) = Record::at(out.memory(), place.into()) {
+            let (address, length) = (found.address, found.len() as u16);
+            let moved = record(address, found.line);
+            if place == 0 {
+                self.store_bytes(at, 0, &[MOVING], out);
+            }
+            if self.index.get(usize::from(address)) == Some(&place) {
+                if first.is_some() {
+                    self.store_bytes(at, end, &moved, out);
+                } else {
+                    first = Some(moved);
+                }
+                self.put(address, end);
+                end += length;
+            }
+            place += length;
+        }
+        self.end = end;
+        first
+    }
+
+    /// Stores a line so that it is there as a whole or not at all.
+    fn store_record(&self, at: Instant, place: u16, record: &[u8], out: &mut dyn Sink) {
+        if let Some((first, rest)) = record.split_first() {
+            self.store_bytes(at, place + 1, rest, out);
+            self.store_bytes(at, place, &[*first], out);
+        }
     }
 
     /// Clears all lines from `from` on.
@@ -251,8 +307,8 @@ impl Drive {
     /// A line is typed into the program: what it says is stored, if it says anything.
     ///
     /// # Errors
-    /// What is wrong with the line; 28 for a label that is anywhere else, 31 and 45 if there is no room. Nothing is stored
-    /// then, and the address stays.
+    /// What is wrong with the line; 28 for a label that is there already, 31 and 45 if there is no room. Nothing is
+    /// stored then, and the address stays.
     pub(super) fn store_line(
         &mut self,
         at: Instant,
@@ -262,9 +318,7 @@ impl Drive {
         out: &mut dyn Sink,
     ) -> Result<(), Error> {
         let here = Meaning::Label(address);
-        if let Statement::Label(name) = *statement
-            && self.mcode.names.find(name) != Some(here)
-        {
+        if let Statement::Label(name) = *statement {
             self.mcode.names.has_room_for(name)?;
         }
         self.mcode.program.store(at, address, &compact(line), out)?;

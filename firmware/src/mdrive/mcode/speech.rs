@@ -14,19 +14,6 @@ use super::statement::Place;
 use crate::device::{Instant, Link, Sink};
 
 impl Drive {
-    /// PR of a program: everybody hears it.
-    ///
-    /// # Errors
-    /// Those of [`print`](Self::print).
-    pub(super) fn print_to_all(
-        &mut self,
-        at: Instant,
-        items: &[u8],
-        out: &mut dyn Sink,
-    ) -> Result<(), Error> {
-        self.print_on(at, self.mcode.consoles.links(), items, out)
-    }
-
     /// PR on these connections.
     ///
     /// # Errors
@@ -40,18 +27,18 @@ impl Drive {
     ) -> Result<(), Error> {
         let mut speech = Speech::new(at, links, self.check_sums() != 0, out);
         self.print(at, items, &mut speech)?;
-        speech.flush();
+        speech.end();
         Ok(())
     }
 
-    /// L: lists the lines that are stored from a place on, as they are kept (MC 5-40).
+    /// L on these connections: lists the lines that are stored from a place on, as they are kept (MC 5-40).
     ///
     /// # Errors
     /// 30, 42, 44.
     pub(super) fn list_program(
         &mut self,
         at: Instant,
-        link: Link,
+        links: Vec<Link, MOST>,
         place: Option<Place>,
         out: &mut dyn Sink,
     ) -> Result<(), Error> {
@@ -59,10 +46,10 @@ impl Drive {
         let mut address = place.map_or(Ok(1), |place| self.address(place))?;
         while let Some(next) = self.mcode.program.next(address) {
             let line = self.mcode.program.copy(out.memory(), next).unwrap_or_default();
-            let mut speech = Speech::new(at, self.hearers(link), self.check_sums() != 0, out);
+            let mut speech = Speech::new(at, links.clone(), self.check_sums() != 0, out);
             speech.say(&line);
             speech.say(CR_LF);
-            speech.flush();
+            speech.end();
             address = next + 1;
         }
         Ok(())
@@ -75,14 +62,15 @@ struct Speech<'o> {
     links: Vec<Link, MOST>,
     /// A line of the program has room, with its check sum and its end.
     text: Vec<u8, { LINE_BYTES + 3 }>,
-    /// What the check sum of a line is made of, where lines have one.
+    /// Where lines have check sums: what that of this one is made of.
+    sums: bool,
     sum: Option<u8>,
     out: &'o mut dyn Sink,
 }
 
 impl<'o> Speech<'o> {
     fn new(at: Instant, links: Vec<Link, MOST>, sums: bool, out: &'o mut dyn Sink) -> Self {
-        Self { at, links, text: Vec::new(), sum: sums.then_some(0), out }
+        Self { at, links, text: Vec::new(), sums, sum: None, out }
     }
 
     fn put(&mut self, character: u8) {
@@ -91,6 +79,18 @@ impl<'o> Speech<'o> {
         }
         // There is room now.
         let _ = self.text.push(character);
+    }
+
+    /// No more comes: the check sum of a line that does not end (MC 7.1.2).
+    fn end(mut self) {
+        self.put_sum();
+        self.flush();
+    }
+
+    fn put_sum(&mut self) {
+        if let Some(sum) = self.sum.take() {
+            self.put(check_sum(&[sum]));
+        }
     }
 
     fn flush(&mut self) {
@@ -103,16 +103,14 @@ impl<'o> Speech<'o> {
 
 impl Text for Speech<'_> {
     fn say(&mut self, text: &[u8]) {
-        if text == CR_LF
-            && let Some(sum) = self.sum
-        {
-            self.sum = Some(0);
-            self.put(check_sum(&[sum]));
+        if self.sums && text == CR_LF {
+            self.sum.get_or_insert(0);
+            self.put_sum();
         }
         for character in text {
             self.put(*character);
-            if text != CR_LF {
-                self.sum = self.sum.map(|sum| sum.wrapping_add(*character));
+            if self.sums && text != CR_LF {
+                self.sum = Some(self.sum.unwrap_or(0).wrapping_add(*character));
             }
         }
     }

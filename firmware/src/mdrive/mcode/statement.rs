@@ -12,10 +12,18 @@ pub(in crate::mdrive) type Name = [u8; 2];
 /// A number, or what has one.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(in crate::mdrive) enum Operand {
-    /// In thousandths for CR, which alone has a fraction.
     Number(i32),
+    /// A number that CR is set to or compared with, in thousandths.
+    Ratio(i32),
     Variable(Reg),
     User(Name),
+}
+
+impl Operand {
+    /// Whether it may have a fraction.
+    pub(super) fn is_ratio(self) -> bool {
+        matches!(self, Self::Ratio(_) | Self::Variable(Reg::CR))
+    }
 }
 
 /// What an expression does with its two operands (MC 4.9).
@@ -38,6 +46,13 @@ pub(in crate::mdrive) struct Expression {
     pub(in crate::mdrive) not: bool,
     pub(in crate::mdrive) first: Operand,
     pub(in crate::mdrive) then: Option<(Operator, Operand)>,
+}
+
+impl Expression {
+    /// Whether it may have a fraction.
+    pub(super) fn is_ratio(&self) -> bool {
+        self.first.is_ratio() || self.then.is_some_and(|(_, second)| second.is_ratio())
+    }
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -183,8 +198,8 @@ pub(in crate::mdrive) enum Statement<'a> {
     Defaults,
     /// IP.
     Initialize,
-    /// SC.
-    Calibrate,
+    /// SC, with its mode.
+    Calibrate(Option<Expression>),
     /// CF.
     ClearLocked,
 }

@@ -1,5 +1,7 @@
 //! Trips: subroutines that inputs, positions, times and the Hybrid's state call (MC 5-71 to 5-76).
 
+use core::ops::RangeInclusive;
+
 use heapless::Vec;
 
 use super::super::drive::Drive;
@@ -14,6 +16,10 @@ const FASTEST: Duration = Duration::micros(50);
 
 /// How often TR may be told to repeat (MC 5-75).
 const MOST_REPEATS: u16 = 65_000;
+
+/// Types of I/O 1 to 4 that are outputs (MC 5-64), and of I/O 13 (MC 5-67).
+const OUTPUTS: RangeInclusive<u16> = 16..=25;
+const TRIP_OUTPUT: u16 = 61;
 
 /// Every trip, in the order of its bit in TE.
 const ALL: [Trip; 6] = [Trip::Input, Trip::Position, Trip::Capture, Trip::Time, Trip::Relative, Trip::Hybrid];
@@ -124,7 +130,7 @@ impl Drive {
     /// Defines a trip, or with 0 makes it undefined. One that is on begins anew.
     ///
     /// # Errors
-    /// 12 for an input that is not there, 21 for another value, 30 and 42 for a subroutine, 38 without one; nothing
+    /// 12 for an input that is none, 21 for another value, 30 and 42 for a subroutine, 38 without one; nothing
     /// has changed then.
     pub(in crate::mdrive) fn define_trip(
         &mut self,
@@ -160,7 +166,7 @@ impl Drive {
 
         let value = self.trip_number(at, value)?;
         let value = match (trip, value) {
-            (Trip::Input | Trip::Relative | Trip::Hybrid, Some(0)) => return Ok(None),
+            (Trip::Input | Trip::Time | Trip::Relative | Trip::Hybrid, Some(0)) => return Ok(None),
             (Trip::Capture, _) => 0,
             (Trip::Position | Trip::Relative, Some(value))
             | (Trip::Input, Some(value @ 1..=4))
@@ -184,7 +190,26 @@ impl Drive {
         };
         let repeats = self.trip_number(at, repeats)?.unwrap_or(0);
         let repeats = u16::try_from(repeats).ok().filter(|&repeats| repeats <= MOST_REPEATS);
-        Ok(Some(Definition { value, subroutine, repeats: repeats.ok_or(Error::IllegalValue)? }))
+        let repeats = repeats.ok_or(Error::IllegalValue)?;
+        self.judge_source(trip, value)?;
+        Ok(Some(Definition { value, subroutine, repeats }))
+    }
+
+    /// Whether what a trip waits for is an input.
+    ///
+    /// # Errors
+    /// 12: it is an output.
+    fn judge_source(&self, trip: Trip, value: i32) -> Result<(), Error> {
+        let set_up = match (trip, value) {
+            (Trip::Input, 1) => Reg::S1,
+            (Trip::Input, 2) => Reg::S2,
+            (Trip::Input, 3) => Reg::S3,
+            (Trip::Input, 4) => Reg::S4,
+            (Trip::Capture, _) => Reg::S13,
+            _ => return Ok(()),
+        };
+        let [kind, ..] = self.set_up_of(set_up);
+        if OUTPUTS.contains(&kind) || kind == TRIP_OUTPUT { Err(Error::IllegalTrip) } else { Ok(()) }
     }
 
     fn trip_number(&mut self, at: Instant, parameter: Parameter) -> Result<Option<i32>, Error> {
@@ -195,20 +220,21 @@ impl Drive {
         }
     }
 
-    /// Writes TE. What is on already goes on.
+    /// Writes TE: switches trips on, or all of them off with 0. What is on already goes on: "only the activated trip
+    /// function needs to be re-enabled, the other trips will still be enabled" (MC 5-73).
     ///
     /// # Errors
-    /// 21 above 63, 27 for one that is not defined, 39 for 2 and 16 together; nothing has changed then.
+    /// 12 for an input that is none, 21 above 63, 27 for one that is not defined, 39 for 2 and 16 together; nothing has
+    /// changed then.
     pub(in crate::mdrive) fn enable_trips(&mut self, at: Instant, mask: u8) -> Result<(), Error> {
         self.judge_trips(mask.into())?;
         let trips = &mut self.mcode.trips;
-        let wanted = || ALL.into_iter().filter(|trip| mask & trip.bit() != 0);
-        let before = trips.enabled;
-        for trip in ALL.into_iter().filter(|trip| mask & trip.bit() == 0) {
-            trips.switch_off(trip);
+        if mask == 0 {
+            ALL.into_iter().for_each(|trip| trips.switch_off(trip));
         }
-        trips.enabled = mask;
-        for trip in wanted().filter(|trip| before & trip.bit() == 0) {
+        let before = trips.enabled;
+        trips.enabled |= mask;
+        for trip in ALL.into_iter().filter(|trip| mask & !before & trip.bit() != 0) {
             self.arm(at, trip);
         }
         Ok(())
@@ -220,15 +246,15 @@ impl Drive {
     /// As [`Self::enable_trips`].
     pub(in crate::mdrive) fn judge_trips(&self, mask: i32) -> Result<(), Error> {
         let both = i32::from(Trip::Position.bit() | Trip::Relative.bit());
-        let is_wanted = |trip: &Trip| mask & i32::from(trip.bit()) != 0;
         if !(0..1 << ALL.len()).contains(&mask) {
             return Err(Error::IllegalValue);
         }
-        if ALL.iter().filter(|trip| is_wanted(trip)).any(|trip| self.mcode.trips.definition(*trip).is_none())
-        {
-            return Err(Error::TripNotDefined);
+        for trip in ALL.into_iter().filter(|trip| mask & i32::from(trip.bit()) != 0) {
+            let definition = self.mcode.trips.definition(trip).ok_or(Error::TripNotDefined)?;
+            self.judge_source(trip, definition.value)?;
         }
-        if mask & both == both { Err(Error::TripsTogether) } else { Ok(()) }
+        let on = mask | i32::from(self.mcode.trips.enabled);
+        if mask != 0 && on & both == both { Err(Error::TripsTogether) } else { Ok(()) }
     }
 
     /// The I/O has told something that may trip.

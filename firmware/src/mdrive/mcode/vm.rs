@@ -78,8 +78,10 @@ pub(in crate::mdrive) struct Vm {
     trips_due: u8,
     /// Since when PS holds it.
     paused: Option<Instant>,
-    /// The variable that IV waits for.
-    pub(super) awaited: Option<Operand>,
+    /// The variable that IV named last.
+    awaited: Option<Operand>,
+    /// Whether a number that is typed goes there (IF).
+    input_pending: bool,
     /// MA, MR or SL, whichever was the last (MD).
     last_motion: Option<Name>,
 }
@@ -97,6 +99,7 @@ impl Vm {
             trips_due: 0,
             paused: None,
             awaited: None,
+            input_pending: false,
             last_motion: None,
         }
     }
@@ -118,12 +121,32 @@ impl Vm {
 
     /// Whether a number that is typed goes to IV's variable (IF).
     pub(in crate::mdrive) fn awaits_input(&self) -> bool {
-        self.awaited.is_some()
+        self.input_pending
     }
 
-    /// A number that is typed goes nowhere else any more (IF = 0).
-    pub(in crate::mdrive) fn forget_input(&mut self) {
-        self.awaited = None;
+    /// IF.
+    pub(in crate::mdrive) fn set_input_pending(&mut self, pending: bool) {
+        self.input_pending = pending;
+    }
+
+    /// IV.
+    pub(super) fn await_input(&mut self, variable: Operand) {
+        (self.awaited, self.input_pending) = (Some(variable), true);
+    }
+
+    /// The variable of IV, if there was one, now that a number has come for it.
+    pub(super) fn take_input(&mut self) -> Option<Operand> {
+        self.input_pending = false;
+        self.awaited
+    }
+
+    /// The variables that `is_gone` says are no more: nothing is waited for on their behalf.
+    fn forget_input_for(&mut self, is_gone: impl Fn(Name) -> bool) {
+        if let Some(Operand::User(name)) = self.awaited
+            && is_gone(name)
+        {
+            (self.awaited, self.input_pending) = (None, false);
+        }
     }
 
     /// MD: what a number alone repeats.

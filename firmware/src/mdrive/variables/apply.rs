@@ -131,8 +131,7 @@ impl Drive {
                 self.write_outputs(at, bit, if value == 0 { 0 } else { bit }, out);
             }
             Reg::OL | Reg::OT => self.write_outputs(at, 0xF, value, out),
-            // Only IV sets it.
-            Reg::IF => self.mcode.vm.forget_input(),
+            Reg::IF => self.mcode.vm.set_input_pending(value != 0),
             Reg::ST => self.motion.set_stalled(value != 0),
             Reg::TE => return self.enable_trips(at, (value & 0xFF) as u8),
             Reg::MA => return self.order(at, Order::To { position: value, announces, goes_on }, out),

@@ -3,7 +3,7 @@
 use standin_protocol::registers::{Register, Space};
 
 use super::units::{CLOSED_MICROSTEPS, fits};
-use super::{entry, is_number, output_bit, step};
+use super::{RATIO_ONE, entry, is_number, output_bit, step};
 use crate::device::Instant;
 use crate::mdrive::drive::{Drive, Model};
 use crate::mdrive::error::Error;
@@ -26,11 +26,12 @@ impl Drive {
         value: i32,
         as_is: &dyn Fn(Reg) -> i32,
     ) -> Result<(), Error> {
-        if !self.is_there(reg) {
-            return Err(Error::Unknown);
-        }
+        // I6 is no register of a Hybrid, and one of its variables.
         if !entry(reg).access.writes() {
             return Err(Error::ReadOnly);
+        }
+        if !self.is_there(reg) {
+            return Err(Error::Unknown);
         }
         self.judge_together(reg, value, as_is)?;
         match reg {
@@ -47,6 +48,9 @@ impl Drive {
                 self.judge(at, counted, value, as_is)
             }
             Reg::TE => self.judge_trips(value),
+            // "Once the default character has been changed it can not be reset" (MC 5-20).
+            Reg::DN if value != self.held(Reg::DN) && !is_name(value) => Err(Error::IllegalValue),
+            Reg::IF if value == 1 && self.mcode.vm.awaits_input() => Err(Error::InputPending),
             Reg::S if self.motion.is_moving() => Err(Error::SaveInMotion),
             Reg::CF if self.motion.is_moving() => Err(Error::ClearLockedInMotion),
             Reg::AS if self.hybrid.is_calibrating() => Err(Error::JogInClockMode),
@@ -77,8 +81,6 @@ impl Drive {
             Reg::EL if self.is_closed() && !fits(value) => Err(Error::IllegalRatio),
             Reg::JE if value == 1 && as_is(Reg::CM) == 1 => Err(Error::JogInClockMode),
             Reg::CM if value == 1 && as_is(Reg::JE) == 1 => Err(Error::JogInClockMode),
-            // Only IV sets it.
-            Reg::IF if value == 1 => Err(Error::IllegalValue),
             _ => Ok(()),
         }
     }
@@ -122,8 +124,13 @@ impl Drive {
             return Err(Error::NotCountable);
         }
         let value = if entry(reg).live { self.read(at, reg) } else { held };
-        Ok(value.wrapping_add(by))
+        Ok(value.wrapping_add(if reg == Reg::CR { by * RATIO_ONE } else { by }))
     }
+}
+
+/// Whether DN may be this character: a to z, A to Z, 0 to 9 (MC 5-20).
+fn is_name(character: i32) -> bool {
+    u8::try_from(character).is_ok_and(|character| character.is_ascii_alphanumeric())
 }
 
 /// What a value outside of its range is.

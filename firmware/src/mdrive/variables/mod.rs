@@ -18,6 +18,8 @@ use super::mcode::statement::{Name, Operand};
 use super::registers::Reg;
 use crate::device::{Instant, Sink};
 
+/// What a ratio of 1 is kept as (CR).
+pub(super) const RATIO_ONE: i32 = 1_000;
 /// AS: torque mode.
 const TORQUE: i64 = 3;
 /// What SS and TS divide (FB 5.1), in Hz.
@@ -81,19 +83,33 @@ impl Drive {
         }
     }
 
-    /// What an operand of MCode is now; what reading it does is done.
+    /// What an operand of MCode is now, without a fraction; what reading it does is done.
     ///
     /// # Errors
     /// 30: there is no such user variable.
     pub(super) fn operand(&mut self, at: Instant, operand: Operand) -> Result<i32, Error> {
         match operand {
             Operand::Number(number) => Ok(number),
+            Operand::Ratio(thousandths) => Ok(thousandths / RATIO_ONE),
+            Operand::Variable(Reg::CR) => Ok(self.held(Reg::CR) / RATIO_ONE),
             Operand::Variable(reg) => {
                 let value = self.read_mcode(at, reg);
                 self.has_read(reg);
                 Ok(value)
             }
             Operand::User(name) => self.user_variable(name).ok_or(Error::UnknownLabel),
+        }
+    }
+
+    /// What an operand is now in thousandths, which CR is kept in.
+    ///
+    /// # Errors
+    /// As [`Self::operand`].
+    pub(super) fn thousandths(&mut self, at: Instant, operand: Operand) -> Result<i64, Error> {
+        match operand {
+            Operand::Ratio(thousandths) => Ok(thousandths.into()),
+            Operand::Variable(Reg::CR) => Ok(self.held(Reg::CR).into()),
+            whole => self.operand(at, whole).map(|value| i64::from(value) * i64::from(RATIO_ONE)),
         }
     }
 
@@ -138,7 +154,7 @@ impl Drive {
         self.write(at, reg, over(OSCILLATOR, value) - 2, out)
     }
 
-    /// Adds 1, or -1, to a variable: IC, DC.
+    /// Adds 1, or -1, to a variable: IC, DC. CR's is 1.000.
     ///
     /// # Errors
     /// 26 for what cannot be counted, and those of [`Self::write`].
@@ -160,6 +176,11 @@ impl Drive {
     /// Whether its model has a row.
     pub(super) fn has(&self, reg: Reg) -> bool {
         entry(reg).variants & self.model.variant() != 0
+    }
+
+    /// Whether there is a user variable of that name.
+    pub(super) fn has_user_variable(&self, name: Name) -> bool {
+        self.user_variable(name).is_some()
     }
 
     fn user_variable(&self, name: Name) -> Option<i32> {

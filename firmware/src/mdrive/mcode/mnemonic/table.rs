@@ -72,7 +72,12 @@ const LIST: ([Item; 256], usize) = {
         if name.len() <= 3 && !matches!(name, [b'V', b'1'..=b'8']) {
             let word = word(name);
             let class = if has(INSTRUCTIONS, word) { Class::Instruction } else { Class::Row(i as u8) };
-            let variants = if has(SERIAL_COMMANDS, word) { SERIAL } else { ROWS[i].entry.variants };
+            let variants = match &word {
+                // The Hybrid has no register of it, and has it in MCode (MC 5-34).
+                b"I6 " => u8::MAX,
+                _ if has(SERIAL_COMMANDS, word) => SERIAL,
+                _ => ROWS[i].entry.variants,
+            };
             list = with(list, Item { word, class, variants });
         }
         i += 1;

@@ -1,22 +1,24 @@
 //! What lines are made of: words, numbers, operands, places.
 
+use core::iter::repeat;
+
 use super::{find, name};
 use crate::mdrive::error::Error;
 use crate::mdrive::mcode::mnemonic::Mnemonic;
 use crate::mdrive::mcode::statement::{Condition, Expression, Name, Operand, Operator, Place, Relation};
 use crate::mdrive::registers::Reg;
 
-/// What the number 1 is to the drive.
+/// What a number may be.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(super) enum Scale {
-    One,
-    /// Of CR, which is kept in thousandths.
-    Thousand,
+pub(super) enum Kind {
+    Whole,
+    /// With a fraction, as CR has one.
+    Ratio,
 }
 
-impl Scale {
+impl Kind {
     pub(super) fn of(reg: Reg) -> Self {
-        if reg == Reg::CR { Self::Thousand } else { Self::One }
+        if reg == Reg::CR { Self::Ratio } else { Self::Whole }
     }
 }
 
@@ -75,16 +77,16 @@ impl<'a> Scanner<'a> {
 
     /// An operand, or two with an operator between them (MC 4.9). A minus before a variable is that
     /// operator.
-    pub(super) fn expression(&mut self, scale: Scale) -> Result<Expression, Error> {
+    pub(super) fn expression(&mut self, kind: Kind) -> Result<Expression, Error> {
         if let [b'-', rest @ ..] = self.rest.trim_ascii_start()
             && rest.trim_ascii_start().first().is_some_and(u8::is_ascii_alphabetic)
         {
             self.take(b'-');
-            let less = Some((Operator::Minus, self.operand(scale)?));
+            let less = Some((Operator::Minus, self.operand(kind)?));
             return Ok(Expression { not: false, first: Operand::Number(0), then: less });
         }
         let not = self.take(b'!');
-        let first = self.operand(scale)?;
+        let first = self.operand(kind)?;
         let operator = match self.peek() {
             Some(b'+') => Operator::Plus,
             Some(b'-') => Operator::Minus,
@@ -96,13 +98,13 @@ impl<'a> Scanner<'a> {
             _ => return Ok(Expression { not, first, then: None }),
         };
         self.skip(1);
-        let second = self.operand(scale)?;
+        let second = self.operand(kind)?;
         Ok(Expression { not, first, then: Some((operator, second)) })
     }
 
     /// Of BR and CL.
     pub(super) fn condition(&mut self) -> Result<Condition, Error> {
-        let left = self.operand(Scale::One)?;
+        let left = self.operand(Kind::Whole)?;
         if self.peek().is_none() {
             return Ok(Condition { left, right: None });
         }
@@ -116,14 +118,15 @@ impl<'a> Scanner<'a> {
             _ => return Err(Error::IllegalData),
         };
         self.skip(count);
-        let scale = if let Operand::Variable(reg) = left { Scale::of(reg) } else { Scale::One };
-        Ok(Condition { left, right: Some((relation, self.operand(scale)?)) })
+        let kind = if let Operand::Variable(reg) = left { Kind::of(reg) } else { Kind::Whole };
+        Ok(Condition { left, right: Some((relation, self.operand(kind)?)) })
     }
 
-    pub(super) fn operand(&mut self, scale: Scale) -> Result<Operand, Error> {
-        match self.peek() {
-            Some(b'0'..=b'9' | b'+' | b'-') => self.number(scale).map(Operand::Number),
-            Some(letter) if letter.is_ascii_alphabetic() => {
+    pub(super) fn operand(&mut self, kind: Kind) -> Result<Operand, Error> {
+        match (kind, self.peek()) {
+            (Kind::Whole, Some(b'0'..=b'9' | b'+' | b'-')) => self.number().map(Operand::Number),
+            (Kind::Ratio, Some(b'0'..=b'9' | b'+' | b'-' | b'.')) => self.ratio().map(Operand::Ratio),
+            (_, Some(letter)) if letter.is_ascii_alphabetic() => {
                 let word = self.word();
                 self.skip(word.len());
                 match self.find(word) {
@@ -137,17 +140,37 @@ impl<'a> Scanner<'a> {
         }
     }
 
-    /// What IV, IC and DC are about.
-    pub(super) fn variable(&mut self) -> Result<Operand, Error> {
-        let word = self.word();
-        match self.find(word) {
+    /// What IC and DC are about.
+    pub(super) fn counted(&mut self) -> Result<Operand, Error> {
+        match self.next() {
             Some(Mnemonic::List(_) | Mnemonic::Keyword(_) | Mnemonic::Instruction(_)) => {
                 Err(Error::NotCountable)
             }
-            _ => match self.operand(Scale::One)? {
-                Operand::Number(_) => Err(Error::IllegalData),
-                variable => Ok(variable),
-            },
+            _ => self.variable(),
+        }
+    }
+
+    /// What IV is about.
+    pub(super) fn input(&mut self) -> Result<Operand, Error> {
+        match self.next() {
+            // A number is not all that it has.
+            Some(Mnemonic::List(_)) => Err(Error::IllegalData),
+            Some(Mnemonic::Keyword(_)) => Err(Error::ReadOnly),
+            Some(Mnemonic::Instruction(_)) => Err(Error::IsInstruction),
+            _ => self.variable(),
+        }
+    }
+
+    /// What the next word is in the language.
+    fn next(&mut self) -> Option<Mnemonic> {
+        let word = self.word();
+        self.find(word)
+    }
+
+    fn variable(&mut self) -> Result<Operand, Error> {
+        match self.operand(Kind::Whole)? {
+            Operand::Number(_) => Err(Error::IllegalData),
+            variable => Ok(variable),
         }
     }
 
@@ -162,7 +185,7 @@ impl<'a> Scanner<'a> {
                     Some(_) => Err(Error::UnknownLabel),
                 }
             }
-            _ => self.number(Scale::One).map(Place::Address),
+            _ => self.number().map(Place::Address),
         }
     }
 
@@ -175,18 +198,33 @@ impl<'a> Scanner<'a> {
         if free { Ok(name) } else { Err(Error::BuiltIn) }
     }
 
-    /// A number with or without a sign; three decimals at most of what is kept in thousandths.
-    pub(super) fn number(&mut self, scale: Scale) -> Result<i32, Error> {
+    /// A number with or without a sign.
+    pub(super) fn number(&mut self) -> Result<i32, Error> {
+        let minus = self.minus();
+        signed(minus, self.digits().ok_or(Error::IllegalData)?)
+    }
+
+    /// A number that may have a fraction, in thousandths.
+    fn ratio(&mut self) -> Result<i32, Error> {
+        let minus = self.minus();
+        let whole = match self.peek() {
+            Some(b'.') => None,
+            _ => Some(self.digits().ok_or(Error::IllegalData)?),
+        };
+        let decimals = if self.take(b'.') { self.decimals()? } else { None };
+        if whole.or(decimals).is_none() {
+            return Err(Error::IllegalData);
+        }
+        signed(minus, whole.unwrap_or(0).saturating_mul(1_000) + decimals.unwrap_or(0))
+    }
+
+    /// Takes a sign. Whether it is a minus.
+    fn minus(&mut self) -> bool {
         let minus = self.take(b'-');
         if !minus {
             self.take(b'+');
         }
-        let mut value = self.digits().ok_or(Error::IllegalData)?;
-        if scale == Scale::Thousand {
-            let decimals = self.decimals()?;
-            value = value.saturating_mul(1_000).saturating_add(decimals);
-        }
-        i32::try_from(if minus { -value } else { value }).map_err(|_| Error::IllegalValue)
+        minus
     }
 
     /// A run of digits, which no letter follows; more than 32 bits are too many, whatever they are.
@@ -202,18 +240,25 @@ impl<'a> Scanner<'a> {
         })
     }
 
-    /// Behind a point, in thousandths; 0 without one.
-    fn decimals(&mut self) -> Result<i64, Error> {
-        if !self.take(b'.') {
-            return Ok(0);
-        }
+    /// The digits behind a point, if there are some, in thousandths.
+    ///
+    /// # Errors
+    /// 21: they are less than one, 24: they are none.
+    fn decimals(&mut self) -> Result<Option<i64>, Error> {
         let word = self.word();
-        let value = self.digits().ok_or(Error::IllegalData)?;
-        match word.len() {
-            1 => Ok(value * 100),
-            2 => Ok(value * 10),
-            3 => Ok(value),
-            _ => Err(Error::IllegalData),
+        self.skip(word.len());
+        let mut value = 0;
+        for (character, weight) in word.iter().zip([100, 10, 1].into_iter().chain(repeat(0))) {
+            match char::from(*character).to_digit(10) {
+                None => return Err(Error::IllegalData),
+                Some(digit) if digit != 0 && weight == 0 => return Err(Error::IllegalValue),
+                Some(digit) => value += i64::from(digit) * weight,
+            }
         }
+        Ok((!word.is_empty()).then_some(value))
     }
+}
+
+fn signed(minus: bool, value: i64) -> Result<i32, Error> {
+    i32::try_from(if minus { -value } else { value }).map_err(|_| Error::IllegalValue)
 }

@@ -211,6 +211,36 @@ fn ctrl_c_starts_the_drive_again_and_connections_stay() {
     assert_eq!(bed.types("PR R1\r"), "PR R1\r\n5\r\n>");
 }
 
+/// The sign-on does not go on with what was being typed.
+#[test]
+fn ctrl_c_ends_the_line_that_is_typed() {
+    let mut bed = Bed::plus();
+    let sign_on = "Copyright 2001-2010 by Schneider Electric Motion USA.\r\n";
+    assert_eq!(bed.types("PR P\x03"), std::format!("PR P\r\n{sign_on}>"));
+    assert_eq!(bed.types("PR R1\r"), "PR R1\r\n0\r\n>");
+    assert_eq!(bed.types("EM=1\rS\r"), "EM=1\r\n\r\n");
+    bed.run_until(bed.now + crate::device::Duration::secs(1));
+    assert_eq!(bed.types("PR P\x03"), sign_on);
+}
+
+/// What comes while IV waits, and is no number, ends that with its carriage return (MC 5-36).
+#[test]
+fn a_bad_number_ends_an_input() {
+    let mut bed = Bed::quiet();
+    for (line, error) in [("12a", 24), ("99999999999", 21), ("5,", 24)] {
+        bed.types_lines("IV R1");
+        assert_eq!(bed.error_of(line), error, "{line}");
+        assert_eq!(bed.peek(Reg::IF), 0, "{line}");
+    }
+    // Who types a program says nothing to it, nor does a command.
+    bed.types_lines("IV R1\nPG 1");
+    assert_eq!(bed.error_of("12a"), 24);
+    bed.types_lines("PG\nPR R1");
+    assert_eq!(bed.peek(Reg::IF), 1);
+    bed.types_lines("7");
+    assert_eq!((bed.peek(Reg::R1), bed.peek(Reg::IF)), (7, 0));
+}
+
 #[test]
 fn ctrl_c_is_nothing_with_ce_0() {
     let mut bed = Bed::plus();

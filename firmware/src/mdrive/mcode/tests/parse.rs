@@ -104,20 +104,25 @@ fn a_ratio_is_in_thousandths() {
     for (line, value) in [
         ("CR=1.500", 1_500),
         ("CR 1", 1_000),
-        ("CR=.5", 0),
+        ("CR=.5", 500),
+        ("CR=2.", 2_000),
         ("CR=0.05", 50),
         ("CR=2.000", 2_000),
+        ("CR=1.5000", 1_500),
         ("CR=0.001", 1),
+        ("CR=-.25", -250),
     ] {
-        let expected =
-            if value == 0 { Err(Error::IllegalData) } else { Ok(Statement::Set(Reg::CR, number(value))) };
-        assert_eq!(parsed(line), expected, "{line}");
+        let set = Statement::Set(Reg::CR, just(Operand::Ratio(value)));
+        assert_eq!(parsed(line), Ok(set), "{line}");
     }
-    assert_eq!(parsed("CR=1.0000"), Err(Error::IllegalData));
-    let whole = Condition {
-        left: Operand::Variable(Reg::CR),
-        right: Some((Relation::Equal, Operand::Number(1_000))),
-    };
+    // Less than it is kept in.
+    assert_eq!(parsed("CR=1.0005"), Err(Error::IllegalValue));
+    for line in ["CR=.", "CR=", "CR=1.5.0", "CR=1.5X", "CR=X.5", "CR=1X.5", "R1=.5", "MR 1.5"] {
+        assert!(matches!(parsed(line), Err(Error::IllegalData | Error::UnknownLabel)), "{line}");
+    }
+    assert_eq!(parsed("1.5"), Ok(Statement::Number(just(Operand::Ratio(1_500)))), "for IV");
+    let whole =
+        Condition { left: Operand::Variable(Reg::CR), right: Some((Relation::Equal, Operand::Ratio(1_000))) };
     assert_eq!(parsed("BR K1,CR=1.0"), Ok(Statement::Branch(Place::Label(*b"K1"), Some(whole))));
 }
 
@@ -362,15 +367,52 @@ fn the_names_of_a_hybrid_are_free_on_an_mdriveplus() {
         assert!(matches!(parsed(&line), Ok(Statement::Declare(..))), "{name}");
         assert_eq!(on_hybrid(&line), Err(Error::BuiltIn), "{name}");
     }
-    assert_eq!(on_hybrid("SC"), Ok(Statement::Calibrate));
+    assert_eq!(on_hybrid("SC"), Ok(Statement::Calibrate(None)));
+    for line in ["SC 0", "SC=0"] {
+        assert_eq!(on_hybrid(line), Ok(Statement::Calibrate(Some(number(0)))), "{line}");
+    }
     assert_eq!(on_hybrid("CF"), Ok(Statement::ClearLocked));
     assert_eq!(on_hybrid("MU=2,1"), Ok(Statement::SetList(List::With(Reg::MU), values(&[2, 1]))));
-    for name in ["CM", "CR", "DB", "FM", "I6", "PM", "S7", "S8", "SF", "SM", "ST"] {
+    // (MC 5-34)
+    assert_eq!(find(b"I6", HYBRID), Some(Mnemonic::Variable(Reg::I6)));
+    for name in ["CM", "CR", "DB", "FM", "PM", "S7", "S8", "SF", "SM", "ST"] {
         assert!(find(name.as_bytes(), PLUS).is_some(), "{name}");
         assert_eq!(find(name.as_bytes(), HYBRID), Some(Mnemonic::NotAvailable), "{name}");
     }
     // MC 5-58: not a reserved word of the MDrive.
     assert_eq!((find(b"PW", PLUS), find(b"PW", HYBRID)), (None, None));
+}
+
+/// "Illegal I/O number" (MC 9.1), and "unknown variable or flag" whatever it is set to (MC 9.2).
+#[test]
+fn what_is_no_name_is_unknown_whatever_comes_behind() {
+    for line in ["S6=0,0", "S0=0,0", "s14=1", "S6 0,0", "O13=1", "O5=1,2", "D13=1", "I14=1"] {
+        assert_eq!(parsed(line), Err(Error::IllegalIo), "{line}");
+    }
+    for line in ["XX=4,K1", "XX=1,2", "TA=4,K1", "XX 1 2", "XX", "XX=", "XYZZY=1"] {
+        assert_eq!(parsed(line), Err(Error::Unknown), "{line}");
+    }
+    // A name that a program may declare (MC 5-78).
+    assert_eq!(parsed("O5=1"), Ok(Statement::SetUser(*b"O5", number(1))));
+    // D and the number behind it.
+    assert_eq!(parsed("D60000"), Ok(Statement::Set(Reg::D, number(60_000))));
+}
+
+/// What IV cannot wait for (MC 5-39): an instruction is not set, a keyword read only.
+#[test]
+fn input_is_for_what_a_number_is_all_of() {
+    for (line, error) in [
+        ("IV H", 33),
+        ("IV PR", 33),
+        ("IV AL", 25),
+        ("IV S1", 24),
+        ("IV TT", 24),
+        ("IV 5", 24),
+        ("IV I9", 37),
+    ] {
+        assert_eq!(parsed(line).map_err(|error| error as u8), Err(error), "{line}");
+    }
+    assert_eq!(parsed("IC S1"), Err(Error::NotCountable));
 }
 
 #[test]

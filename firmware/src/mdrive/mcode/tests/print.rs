@@ -125,6 +125,13 @@ fn all_variables() {
         assert!(!lines.iter().any(|line| line.starts_with(&std::format!("{name} ="))), "{name}");
     }
     assert!(lines.is_sorted());
+    // Trips are among them, and each is taken as it is printed.
+    for line in ["TI = 0, 0", "TP = 0, 0", "TC = 0", "TT = 0, 0", "TR = 0, 0, 0"] {
+        assert!(lines.contains(&line), "{line}");
+        bed.types("ER=0\r");
+        bed.types_lines(line);
+    }
+    bed.types("HELLO\r");
     assert_eq!(bed.peek(Reg::ER), 20, "only PR ER reads it");
     let mut bed = Bed::ready(Mdrive::hybrid(), 2);
     let all = bed.types("PR AL\r");

@@ -75,22 +75,31 @@ fn a_line_replaces_the_one_at_its_address() {
     assert_eq!(bed.types("PR UV\r"), "K2 = 10\r\n\r\n");
 }
 
-/// The warning that a label is there already (MC 9.2, 28) is for one that is at another line.
+/// "This can be caused when you download a program over a program already saved" (MC 9.2, 28).
 #[test]
-fn a_program_may_be_typed_over_itself() {
+fn a_program_is_not_typed_over_itself() {
     let mut bed = Bed::quiet();
-    for _ in 0..2 {
-        bed.types_lines("PG 1\nLB K1\nR1=R1+1\nE\nPG");
-        assert_eq!(listed(&mut bed, ""), ["LB K1", "R1=R1+1", "E"]);
-    }
-    bed.types_lines("EX K1");
-    bed.run_until(bed.now + crate::device::Duration::millis(1));
-    assert_eq!(bed.peek(Reg::R1), 1);
-    // What is refused leaves its address to the next line.
-    bed.types_lines("PG 2");
+    bed.types_lines("PG 1\nLB K1\nR1=R1+1\nE\nPG\nPG 1");
     assert_eq!(bed.error_of("LB K1"), 28);
+    // What is refused leaves its address to the next line.
     bed.types_lines("LB K2\nPG");
-    assert_eq!(listed(&mut bed, ""), ["LB K1", "LB K2", "E"]);
+    assert_eq!(listed(&mut bed, ""), ["LB K2", "R1=R1+1", "E"]);
+    // K1 has gone with its line, and may be anywhere now.
+    bed.types_lines("PG 1\nLB K1\nPG");
+    assert_eq!(bed.types("PR UV\r"), "K1 = 1\r\n\r\n");
+    bed.types_lines("CP\nPG 1\nLB K1\nPG");
+}
+
+/// "LB G1 ... PG 1 ... LB SU" (MC 5-40): with an address program mode goes on there, without one it ends.
+#[test]
+fn program_mode_goes_on_at_an_address() {
+    let mut bed = Bed::quiet();
+    bed.types_lines("PG 100\nLB G1\nPG 1\nLB SU\nPG G1\nR1=5\nPG");
+    assert_eq!((listed(&mut bed, ""), bed.peek(Reg::R1)), (vec!["LB SU".into(), "R1=5".into()], 0));
+    bed.types_lines("PG 1");
+    assert_eq!(bed.error_of("PG 768"), 42);
+    bed.types_lines("E\nPG");
+    assert_eq!(listed(&mut bed, ""), ["E", "R1=5"]);
 }
 
 /// Nobody else's lines are stored, and a connection that is lost leaves nothing behind.
@@ -212,6 +221,68 @@ fn the_log_fills_up_and_is_emptied() {
     bed.cycle();
     bed.types_lines("EM=2");
     assert_eq!(listed(&mut bed, ""), ["E"]);
+}
+
+/// The log is full only of what holds.
+#[test]
+fn lines_that_are_replaced_make_room() {
+    let mut bed = Bed::quiet();
+    let line = |n: usize, text: &str| std::format!("PR \"{n:05}{}\"", text.repeat(54));
+    bed.types_lines("PG 1\nLB K1\nE\nPG");
+    // As many as there is room for; each is replaced many times over.
+    for n in 0..1_000 {
+        bed.types_lines(&std::format!("PG {}\n{}\nPG", 3 + n % 177, line(n, "x")));
+    }
+    let lines = |from: usize| {
+        let kept = (0..177).map(move |n| from + (n + 177 - from % 177) % 177);
+        ["LB K1".into(), "E".into()].into_iter().chain(kept.map(|n| line(n, "x"))).collect::<Vec<String>>()
+    };
+    assert_eq!(listed(&mut bed, ""), lines(823));
+    bed.types_lines("PG 700");
+    assert_eq!(bed.error_of(&line(0, "y")), 45);
+    bed.types_lines("PG");
+    assert_eq!(listed(&mut bed, ""), lines(823));
+    bed.cycle();
+    bed.types_lines("EM=2");
+    assert_eq!(listed(&mut bed, ""), lines(823));
+    assert_eq!(bed.types("PR UV\r"), "K1 = 1\r\n\r\n");
+    bed.types_lines("CP K1");
+    assert_eq!(listed(&mut bed, ""), [""; 0]);
+}
+
+/// Power lost while lines are moved leaves the program, or none and error 70, and what is stored then is kept.
+#[test]
+fn power_lost_while_lines_make_room() {
+    let mut outcomes = Vec::new();
+    for bytes in (0..).step_by(7) {
+        let mut bed = Bed::quiet();
+        let long = std::format!("PR \"{}\"", "x".repeat(50));
+        bed.types_lines("PG 1\nR1=1\nR1=2\nR1=3\nE\nPG");
+        // Until one more of these has no room.
+        for _ in 0..12 * 1024 / 60 {
+            bed.types_lines(&std::format!("PG 2\n{long}\nPG"));
+        }
+        bed.world.bytes_left = Some(bytes);
+        bed.types_lines(&std::format!("PG 2\n{long}\nPG"));
+        let done = bed.world.bytes_left != Some(0);
+        bed.cycle();
+        let error = bed.peek(Reg::ER);
+        bed.types("ER=0\rEM=2\r");
+        let lines = listed(&mut bed, "");
+        match error {
+            0 => assert_eq!(lines, ["R1=1", &*long, "R1=3", "E"], "{bytes}"),
+            error => assert_eq!((error, lines), (70, Vec::new()), "{bytes}"),
+        }
+        outcomes.push(error);
+        bed.types_lines("CP\nPG 5\nE\nPG");
+        bed.cycle();
+        bed.types_lines("EM=2");
+        assert_eq!(listed(&mut bed, ""), ["E"]);
+        if done {
+            break;
+        }
+    }
+    assert!(outcomes.contains(&70) && outcomes.last() == Some(&0), "{outcomes:?}");
 }
 
 /// A drive with five lines, two of them replaced.

@@ -46,6 +46,12 @@ fn without_the_setting_there_is_none_of_it() {
 #[test]
 fn the_six_commands() {
     let mut bed = Bed::sister(2);
+    // (MC 5-20)
+    for line in ["DN=\"*\"", "DN=\"42\"", "DN=\"^\"", "DN=\" \"", "DN=\"{\""] {
+        assert_eq!(bed.error_of(line), 21, "{line}");
+    }
+    bed.types_lines("DN=\"!\"\nDN=\"z\"\nDN=\"0\"");
+    assert_eq!(bed.error_of("DN=\"!\""), 21, "once it has been changed");
     bed.types_lines("DN=\"A\"\nQD=1\nDG=0\nBD=38");
     assert_eq!(bed.types("PR DN \" \" QD DG \" \" BD PY CK\r"), "\"A\" 10 3800\r\n");
     assert_eq!(bed.error_of("BD=57"), 61);
@@ -145,9 +151,21 @@ fn check_sums_acknowledge_and_mark_what_is_printed() {
     assert_eq!(bed.types_bytes(b"PR R1\r"), b"");
     bed.types_bytes(&line("EM=3"));
     assert_eq!(bed.types_bytes(&line("PR R1")), joined(&[&checked("PR R1"), &printed, b"\x06"]));
-    assert_eq!(bed.types_bytes(&line("PR \"a\" R1;")), joined(&[&checked("PR \"a\" R1;"), b"a5\x06"]));
+    assert_eq!(
+        bed.types_bytes(&line("PR \"a\" R1;")),
+        joined(&[&checked("PR \"a\" R1;"), &checked("a5"), b"\x06"])
+    );
     assert_eq!(bed.types_bytes(&line("CK=0")), joined(&[&checked("CK=0"), b"\x06"]));
     assert_eq!(bed.types("PR R1\r"), "PR R1\r\n5\r\n");
+}
+
+/// "The response will be the sign on message" (MC 5-26), and nothing else.
+#[test]
+fn fd_ends_check_sums_without_an_acknowledgement() {
+    let mut bed = Bed::sister(0);
+    bed.types_lines("CK=1");
+    let said = bed.types_bytes(&joined(&[&checked("FD"), b"\r"]));
+    assert_eq!(said, joined(&[&checked("FD"), crate::mdrive::startup::SIGN_ON, b">"]));
 }
 
 #[test]

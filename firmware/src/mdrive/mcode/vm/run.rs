@@ -8,7 +8,7 @@ use crate::mdrive::drive::Drive;
 use crate::mdrive::error::Error;
 use crate::mdrive::mcode::names::Meaning;
 use crate::mdrive::mcode::program::LINE_BYTES;
-use crate::mdrive::mcode::statement::{Operand, Place, Statement, Trip};
+use crate::mdrive::mcode::statement::{Place, Statement, Trip};
 
 impl Drive {
     /// The address of a line.
@@ -55,11 +55,7 @@ impl Drive {
         // again each time" (MC 5-21, 3.2.2).
         self.errors.clear();
         self.mcode.names.retain(|_, meaning| !matches!(meaning, Meaning::Local(_)));
-        if let Some(Operand::User(name)) = self.mcode.vm.awaited
-            && self.mcode.names.find(name).is_none()
-        {
-            self.mcode.vm.forget_input();
-        }
+        self.mcode.vm.forget_input_for(|name| self.mcode.names.find(name).is_none());
         Ok(())
     }
 
@@ -141,14 +137,12 @@ impl Drive {
             self.say_to_all(at, b"\r\n", out);
         }
         let done = self.parse(&line).and_then(|statement| match statement {
-            Statement::Print(items) => self.print_to_all(at, items, out),
+            Statement::Print(items) => self.print_on(at, self.mcode.consoles.links(), items, out),
+            Statement::ListProgram(place) => self.list_program(at, self.mcode.consoles.links(), place, out),
             _ => self.execute(at, &statement, true, out),
         });
         if let Err(error) = done {
-            if error.ends_program() {
-                self.end_program();
-            }
-            self.fail(at, error, out);
+            self.fail_program(at, error, out);
         }
         let vm = &mut self.mcode.vm;
         if vm.is_interrupted() {
@@ -178,13 +172,27 @@ impl Drive {
             self.mcode.trips.subroutine(first)
         };
         let Some(place) = place else { return };
-        let called = self.find_line(place).and_then(|address| self.mcode.vm.call(at, address, handles));
+        let found = self.find_line(place);
+        if handles && found.is_err() {
+            // It is not there any more, and would be called by its own failure.
+            self.mcode.vm.handler = None;
+        }
+        let called = found.and_then(|address| self.mcode.vm.call(at, address, handles));
         if let Err(error) = called {
-            if handles {
-                // It is not there any more, and would be called by its own failure.
-                self.mcode.vm.handler = None;
-            }
+            self.fail_program(at, error, out);
+        }
+    }
+
+    /// A line, or a call, of the program has gone wrong, which may end it.
+    fn fail_program(&mut self, at: Instant, error: Error, out: &mut dyn Sink) {
+        let handles = self.mcode.vm.handles();
+        if error.ends_program() {
             self.end_program();
+        }
+        // The handler is not called by errors of its own, even if it has ended with them.
+        if handles {
+            self.errors.set(error);
+        } else {
             self.fail(at, error, out);
         }
     }

@@ -113,6 +113,45 @@ fn a_handler_that_fails_goes_on() {
     assert_eq!(bed.r(), [21, 7, 0, 0]);
 }
 
+/// Nor is one that ends with its error: 30, 41, 42 or 43.
+#[test]
+fn a_handler_that_fails_for_good_is_called_once() {
+    for (line, error) in [("BR ZZ", 30), ("RT; RT", 41), ("BR 500", 42), ("CL K1", 43)] {
+        let mut bed = Bed::with(&std::format!("LB K1; IC R2; {line}; RT"));
+        bed.commands("OE K1");
+        let _ = bed.command("XX");
+        bed.wait(1.secs());
+        // CL K1 goes as deep as it can, once.
+        let (calls, error) = if line == "CL K1" {
+            (16, error)
+        } else if error == 41 {
+            (1, 20)
+        } else {
+            (1, error)
+        };
+        assert_eq!((bed.get(Reg::R2), bed.get(Reg::ER), bed.get(Reg::BY)), (calls, error, 0), "{line}");
+        // It is there for the next error.
+        let _ = bed.command("XX");
+        bed.wait(1.secs());
+        assert_eq!(bed.get(Reg::R2), 2 * calls, "{line}");
+    }
+}
+
+/// A handler for which there is no room is called once there is some, and stays.
+#[test]
+fn a_full_stack_does_not_disable_the_handler() {
+    let mut bed = Bed::with(
+        "LB G1; OE K2; R1=0; CL K1; E; LB K1; IC R1; CL K1,R1<16; RC=200; RT; LB K2; IC R2; R3=ER; RT",
+    );
+    bed.commands("EX 1");
+    bed.run_to_end();
+    bed.wait(1.millis());
+    assert_eq!(bed.r(), [16, 1, 43, 0]);
+    let _ = bed.command("XX");
+    bed.wait(1.millis());
+    assert_eq!(bed.r(), [16, 2, 20, 0]);
+}
+
 /// 30, 41, 42 and 43 end a program; the handler of OE is called all the same.
 #[test]
 fn what_cannot_go_on_ends() {
@@ -198,18 +237,38 @@ fn a_hold_takes_its_time() {
     assert_eq!(bed.get(Reg::R1), 0);
     bed.wait(Duration::TICK);
     assert_eq!(bed.get(Reg::R1), 1);
-    // What is typed has no part in where a program is (MC 9.3, 40).
-    for line in ["H", "H 5", "BR 1", "RT"] {
-        assert_eq!(bed.command(line), Err(Error::NotRunning), "{line}");
-    }
     bed.commands("E");
-    for (line, error) in [("H", 40), ("H 5", 40), ("BR 1", 40), ("RT", 40), ("LB K1", 46)] {
+    // 40: "If HOLD (H) is entered in immediate mode and a program is not running" (MC 9.3).
+    for (line, error) in [("H", 40), ("H 5", 40), ("BR 1", 46), ("RT", 46), ("LB K1", 46)] {
         assert_eq!(bed.command(line).map_err(|it| it as u8), Err(error), "{line}");
     }
     bed.store(1, "H 65001; R1=2; E");
     bed.commands("ER=0; EX 1");
     bed.run_to_end();
     assert_eq!((bed.get(Reg::ER), bed.get(Reg::R1)), (21, 2));
+}
+
+/// H is for immediate mode, too (MC 5-27); what else a program is led by is not (MC 5-6, 5-62).
+#[test]
+fn a_hold_is_typed() {
+    let mut bed = Bed::with("LB G1; IC R1; BR G1");
+    bed.commands("EX 1");
+    bed.lines(5);
+    for line in ["BR 1", "RT", "LB G1"] {
+        assert_eq!(bed.command(line), Err(Error::NotInProgramMode), "{line}");
+    }
+    bed.commands("ER=0; H 100");
+    let counted = bed.get(Reg::R1);
+    bed.wait(100.millis());
+    assert_eq!((bed.get(Reg::R1), bed.get(Reg::BY)), (counted, 1));
+    bed.lines(3);
+    assert_eq!(bed.get(Reg::R1), counted + 1);
+    bed.commands("MR 100000; H");
+    let counted = bed.get(Reg::R1);
+    bed.wait(100.millis());
+    assert_eq!((bed.get(Reg::R1), bed.get(Reg::MV)), (counted, 1));
+    bed.wait(10.secs());
+    assert!(bed.get(Reg::R1) > counted + 1_000);
 }
 
 /// PS holds lines and times, RS goes on with what was left.
@@ -222,8 +281,8 @@ fn a_pause_holds_everything() {
     assert_eq!((bed.get(Reg::BY), bed.drive().mcode.vm.is_paused()), (1, true));
     bed.wait(10.secs());
     bed.commands("R2=5");
-    for line in ["BR 2", "CL 2", "H 5", "RT"] {
-        assert_eq!(bed.command(line), Err(Error::NotRunning), "{line}");
+    for (line, error) in [("CL 2", 40), ("H 5", 40), ("BR 2", 46), ("RT", 46)] {
+        assert_eq!(bed.command(line).map_err(|it| it as u8), Err(error), "{line}");
     }
     bed.commands("RS");
     bed.wait(50.millis() + 420.micros() - Duration::TICK);
@@ -308,7 +367,10 @@ fn input_into_a_variable() {
     bed.run_to_end();
     assert_eq!(bed.r(), [-21, -42, 5, 0]);
 
-    assert_eq!(bed.command("IV Q1"), Err(Error::UnknownLabel));
+    for (line, error) in [("IV Q1", 30), ("IV V", 25), ("IV I1", 25), ("IV PC", 25)] {
+        assert_eq!(bed.command(line).map_err(|it| it as u8), Err(error), "{line}");
+        assert_eq!(bed.get(Reg::IF), 0);
+    }
     bed.commands("VA Q1; IV Q1; 7");
     assert_eq!(bed.user(b"Q1"), Some(7));
     bed.commands("IV Q1; IF=0");
@@ -316,9 +378,19 @@ fn input_into_a_variable() {
     bed.commands("IV Q1");
     bed.command("").unwrap();
     assert_eq!(bed.get(Reg::IF), 0);
-    // Only IV sets it.
-    assert_eq!(bed.command("IF=1"), Err(Error::IllegalValue));
-    assert_eq!(bed.get(Reg::IF), 0);
+    // "IF=<0/1>" (MC 5-36): what IV named last is waited for again. "IF Flag already TRUE" (MC 9.4, 62).
+    bed.commands("IF=1; 9");
+    assert_eq!((bed.get(Reg::IF), bed.user(b"Q1")), (0, Some(9)));
+    bed.commands("IF=1");
+    assert_eq!(bed.command("IF=1"), Err(Error::InputPending));
+    assert_eq!(bed.command("IV R1"), Err(Error::InputPending));
+    bed.commands("IF=0");
+    // CR alone has a fraction.
+    bed.commands("IV CR; 1.5");
+    assert_eq!(bed.get(Reg::CR), 1_500);
+    bed.commands("IV R1");
+    assert_eq!(bed.command("1.5"), Err(Error::IllegalData));
+    assert_eq!((bed.get(Reg::IF), bed.get(Reg::R1)), (0, -21));
     // Nothing has moved: there is nothing that a number would repeat.
     assert_eq!(bed.command("7"), Err(Error::IllegalData));
 }
@@ -398,4 +470,75 @@ fn a_break_point_stops_a_trace() {
     bed.commands("R1=0; BP 0; EX 1,1");
     bed.run_to_end();
     assert_eq!(bed.get(Reg::R1), 9);
+}
+
+/// A ratio of 1 is 1 whoever says it, and keeps its fraction among ratios only.
+#[test]
+fn a_ratio_is_a_number_like_others() {
+    let mut bed = Bed::with("LB G1; E");
+    bed.commands("VA Q1=2; R1=1");
+    for (line, ratio) in [
+        ("CR=R1", 1_000),
+        ("CR=Q1", 2_000),
+        ("CR=CR/4", 500),
+        ("CR=CR*3", 1_500),
+        ("CR=CR-R1", 500),
+        ("CR=R1+.25", 1_250),
+        ("IC CR", 0),
+        ("CR=.5; IC CR", 1_500),
+        ("DC CR", 500),
+        ("DC CR", 0),
+        ("CR=1/2", 500),
+        ("CR=R1*R1", 1_000),
+        ("CR=2147483647*2147483647", 0),
+        ("CR=3-R1", 2_000),
+        ("CR=1.002", 1_002),
+        ("R1=CR", 1_002),
+        ("R2=CR*500", 1_002),
+        ("CR=1.5; R3=CR", 1_500),
+        ("R4=-CR", 1_500),
+        ("MR CR", 1_500),
+    ] {
+        let done = line.split(';').map(|line| bed.command(line)).find(Result::is_err);
+        // What is out of its range changes nothing.
+        let expected = (ratio == 0).then_some(Err(Error::IllegalValue));
+        assert_eq!(done, expected, "{line}");
+        if ratio != 0 {
+            assert_eq!(bed.get(Reg::CR), ratio, "{line}");
+        }
+    }
+    assert_eq!(bed.r(), [1, 501, 1, -1]);
+    assert_eq!(bed.get(Reg::MR), 1);
+    bed.wait(1.secs());
+    for (condition, holds) in [
+        ("CR=1.5", true),
+        ("CR=1", false),
+        ("CR>R1", true),
+        ("R1=CR", false),
+        ("1<CR", true),
+        ("Q1>CR", true),
+        ("CR<=Q1", true),
+    ] {
+        bed.commands("CP");
+        bed.store(1, &std::format!("LB G1; R2=0; BR 5,{condition}; E; R2=1; E"));
+        bed.run();
+        assert_eq!(bed.get(Reg::R2) == 1, holds, "{condition}");
+    }
+}
+
+/// MC 9 has no number for what its chapter 5 calls immediate: a program may do it, and L prints to all.
+#[test]
+fn a_program_may_list_itself() {
+    let mut bed = Bed::with("LB G1; L 2; R1=1; E");
+    bed.world.said.clear();
+    bed.run();
+    assert_eq!((&*bed.world.said, bed.r()), ("L 2\r\nR1=1\r\nE\r\n", [1, 0, 0, 0]));
+    bed.store(10, "EX 20");
+    bed.store(20, "R2=7; PS; R3=9; E");
+    bed.commands("EX 10");
+    bed.wait(1.secs());
+    assert_eq!((bed.r(), bed.get(Reg::BY)), ([1, 7, 0, 0], 1));
+    bed.commands("RS");
+    bed.run_to_end();
+    assert_eq!(bed.r(), [1, 7, 9, 0]);
 }

@@ -86,7 +86,6 @@ fn trips_are_defined_before_they_are_enabled() {
         ("TI=1", 38),
         ("TI=1,0", 42),
         ("TT=5", 38),
-        ("TT=0,K1", 21),
         ("TT=65536,K1", 21),
         ("TP=5,K9", 30),
         ("TP=5,7", 42),
@@ -98,12 +97,48 @@ fn trips_are_defined_before_they_are_enabled() {
         assert_eq!(bed.get(Reg::TE), 0);
     }
     bed.commands("TI=1,K1; TP=5,K1; TC=K1; TT=1000,1; TR=100,K1,3; TE=15");
-    assert_eq!(bed.command("TE=18"), Err(Error::TripsTogether));
+    for line in ["TE=18", "TE=16"] {
+        assert_eq!(bed.command(line), Err(Error::TripsTogether), "{line}");
+    }
     assert_eq!(bed.get(Reg::TE), 15);
-    bed.commands("TE=16; TI=0");
+    bed.commands("TE=0; TE=16; TI=0");
     assert_eq!(bed.command("TE=17"), Err(Error::TripNotDefined));
     bed.commands("TE=0; TR=0,0,0");
     assert_eq!(bed.command("TE=16"), Err(Error::TripNotDefined));
+    // As PR AL prints it.
+    bed.commands("TE=8; TT = 0, 0");
+    assert_eq!(bed.get(Reg::TE), 0);
+    assert_eq!(bed.command("TE=8"), Err(Error::TripNotDefined));
+}
+
+/// "Only the activated trip function needs to be re-enabled, the other trips will still be enabled" (MC 5-73).
+#[test]
+fn a_trip_is_enabled_beside_others() {
+    let mut bed = Bed::with("LB K1; IC R1; TE=8; RT; LB K2; IC R2; RT");
+    bed.commands("TI=1,K2; TT=10,K1; TE=9");
+    bed.wait(35.millis());
+    assert_eq!((bed.r(), bed.get(Reg::TE)), ([3, 0, 0, 0], 9));
+    bed.level(IO1, false);
+    bed.wait(1.millis());
+    assert_eq!((bed.r(), bed.get(Reg::TE)), ([3, 1, 0, 0], 8));
+    bed.commands("TE=0");
+    assert_eq!(bed.get(Reg::TE), 0);
+}
+
+/// "Illegal Trip / Capture" (MC 9.1).
+#[test]
+fn an_output_does_not_trip() {
+    let mut bed = Bed::with("LB K1; RT");
+    bed.commands("S1=16,0,0; S2=17,0,0; S13=61,0");
+    for line in ["TI=1,K1", "TI=2,K1", "TC=K1"] {
+        assert_eq!(bed.command(line), Err(Error::IllegalTrip), "{line}");
+    }
+    bed.commands("S1=0,0,0; S2=5,0,0; S13=60,0; TI=1,K1; TI=2,K1; TC=K1; S2=16,0,0; S13=61,0");
+    for line in ["TE=1", "TE=4"] {
+        assert_eq!(bed.command(line), Err(Error::IllegalTrip), "{line}");
+        assert_eq!(bed.get(Reg::TE), 0);
+    }
+    bed.commands("S2=0,0,0; S13=60,0; TE=5");
 }
 
 /// "TR=512000,K2,27: Run Sub K2 when at 512000 rel, repeat 27 times" (MC 5-75).
