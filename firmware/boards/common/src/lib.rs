@@ -7,6 +7,7 @@
 
 mod axis;
 mod hands;
+mod long;
 pub mod network;
 mod pl011;
 mod queue;
