@@ -85,12 +85,12 @@ pub enum Came {
 /// The network of a board: TCP connections at the drive's ports. Each has a number that no other open one of its
 /// port has.
 pub trait Links {
-    /// Does what is due on the network at `now` and returns what came on one of the connections, with the bytes
-    /// of a [`Came::Message`] in `message`.
+    /// Does what is due on the network at `now` and returns what came on one of the connections, and when, with the
+    /// bytes of a [`Came::Message`] in `message`. Where an interrupt stamps frames, that is before `now`.
     ///
     /// # Errors
     /// Nothing came. Then this wants to be called again as soon as there is a frame, and then at the latest.
-    fn next(&mut self, now: Instant, message: &mut Adu) -> Result<(Port, Link, Came), Instant>;
+    fn next(&mut self, now: Instant, message: &mut Adu) -> Result<(Instant, Port, Link, Came), Instant>;
 
     /// Sends all of `bytes`, or loses all of them and returns `false`: where there is no room for them the
     /// connection is closed, since behind a gap nobody knows what he reads. What was just closed by the other side
@@ -103,7 +103,7 @@ pub trait Links {
 
 /// One that lies elsewhere.
 impl<L: Links> Links for &mut L {
-    fn next(&mut self, now: Instant, message: &mut Adu) -> Result<(Port, Link, Came), Instant> {
+    fn next(&mut self, now: Instant, message: &mut Adu) -> Result<(Instant, Port, Link, Came), Instant> {
         (**self).next(now, message)
     }
 
@@ -121,7 +121,7 @@ impl<L: Links> Links for &mut L {
 pub enum NoLinks {}
 
 impl Links for NoLinks {
-    fn next(&mut self, _now: Instant, _message: &mut Adu) -> Result<(Port, Link, Came), Instant> {
+    fn next(&mut self, _now: Instant, _message: &mut Adu) -> Result<(Instant, Port, Link, Came), Instant> {
         match *self {}
     }
 
@@ -323,12 +323,12 @@ impl<D: Device, I: Inputs, O: Outputs, const CHARACTERS: usize> Shell<D, I, O, C
         if idle { Err(nb::Error::WouldBlock) } else { Ok(()) }
     }
 
-    /// Tells the drive what came first on the network; whether anything did. It is stamped as it is taken, at
-    /// `now`, or at the deadline that comes first.
+    /// Tells the drive what came first on the network; whether anything did. It is told at its instant, or at the
+    /// deadline that comes first.
     fn hear(&mut self, now: Instant) -> bool {
         let Some(links) = self.hands.outputs.links() else { return false };
         let mut message = Adu::new();
-        let (port, link, came) = match links.next(now, &mut message) {
+        let (at, port, link, came) = match links.next(now, &mut message) {
             Ok(came) => came,
             Err(again) => {
                 self.hands.network = again;
@@ -340,7 +340,7 @@ impl<D: Device, I: Inputs, O: Outputs, const CHARACTERS: usize> Shell<D, I, O, C
             Came::Message => Input::Message { port, link, bytes: &message },
             Came::Closed => Input::Closed { port, link },
         };
-        self.tell(now.min(self.due()), input);
+        self.tell(at.min(self.due()), input);
         true
     }
 

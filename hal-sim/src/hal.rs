@@ -299,13 +299,13 @@ impl embedded_io::WriteReady for Uart {
 pub struct Network(Board);
 
 impl Links for Network {
-    fn next(&mut self, now: Instant, message: &mut Adu) -> Result<(Port, Link, Came), Instant> {
+    fn next(&mut self, now: Instant, message: &mut Adu) -> Result<(Instant, Port, Link, Came), Instant> {
         let mut state = self.0.0.borrow_mut();
         let due = state.came.front().map_or(Instant::NEVER, |(at, ..)| *at);
         let first = if due <= now { state.came.pop_front() } else { None };
-        let (_, port, link, came, bytes) = first.ok_or(due)?;
+        let (at, port, link, came, bytes) = first.ok_or(due)?;
         *message = bytes;
-        Ok((port, link, came))
+        Ok((at, port, link, came))
     }
 
     fn send(&mut self, port: Port, link: Link, bytes: &[u8]) -> bool {

@@ -1,7 +1,8 @@
 //! The longest interrupts of images, and their deepest stacks: counted in emulation while the drive is asked,
 //! saves, moves, and hears edges.
 
-use std::io::{BufRead, BufReader, Read, Write};
+use std::io::{BufReader, Read, Write};
+use std::net::{Ipv4Addr, TcpStream};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::sync::mpsc::{self, RecvTimeoutError};
@@ -12,21 +13,23 @@ use anyhow::{Context, Result, bail, ensure};
 use standin_protocol::modbus::{Burst, rtu};
 use xshell::{Shell, cmd};
 
-use crate::board::{LM3S6965, RP2040};
-use crate::counted;
+use crate::board::{LM3S6965, RP2040, is_on_network, spec};
 use crate::image::Image;
+use crate::{counted, qemu};
 
 /// How long an answer is waited for before the board is asked again.
 const PATIENCE: Duration = Duration::from_secs(1);
 
 const BUS: &str = "bus's interrupt";
+const NETWORK: &str = "network's interrupt";
 const CLOCK: &str = "clock's interrupt";
 const STEPS: &str = "step's interrupt, with the wait for its pulse";
 const PINS: &str = "pins' interrupt";
 
-/// Interrupts of the lm3s6965, and what they are for. The step timer's is not among them: QEMU brings it
-/// late, and then one call makes several steps.
+/// Interrupts of the lm3s6965, and what they are for, of a drive with a serial port and of one on a network. The step
+/// timer's is not among them: QEMU brings it late, and then one call makes several steps.
 const HANDLERS: [(&str, &str); 2] = [("UART0", BUS), ("SysTick", CLOCK)];
+const ON_NETWORK: [(&str, &str); 2] = [("ETHERNET", NETWORK), ("SysTick", CLOCK)];
 
 /// Exceptions of the rp2040, and what they are for: 16 and the number of the interrupt (RP2040 Datasheet,
 /// 2.3.2).
@@ -66,8 +69,8 @@ fn line(place: u16, command: u16, data: u16) -> Vec<u8> {
     rtu::frame(1, &pdu).to_vec()
 }
 
-/// The work of an MD3, of the drive with the most of a QSB, of an RS 434544, and of an MDROBOT.
-pub(crate) const WORKS: [Work; 4] = [
+/// The work of an MD3, of the drive with the most of a QSB, of an RS 434544, of an MDROBOT, and of an MDrive.
+pub(crate) const WORKS: [Work; 5] = [
     Work {
         kind: "md3",
         // 40,000 steps/s (7.17), 500,000 steps/s² (7.19), 4,000 steps (7.16), a save (7.20), a move (7.15).
@@ -152,6 +155,36 @@ pub(crate) const WORKS: [Work; 4] = [
         // INT_SPEED and ENC_A.
         edges: &[(5, "low"), (10, "low"), (5, "high"), (10, "high")],
     },
+    Work {
+        kind: "mdrive",
+        // A program, which is listed; a save; a move of a turn (MC 5-55, 5-43, 5-62, 5-48).
+        orders: || {
+            let lines = [
+                "PG 1\r",
+                "LB AA\r",
+                "PR \"A\",P\r",
+                "H 10\r",
+                "BR AA\r",
+                "E\r",
+                "PG\r",
+                "L\r",
+                "S\r",
+                "EX AA\r",
+            ];
+            let lines = lines.into_iter().chain(["MR 51200\r"]);
+            lines.map(|line| line.as_bytes().to_vec()).collect()
+        },
+        question: || b"PR MV\r".to_vec(),
+        // All of it up to a prompt; a program prints between.
+        answer: |heard| {
+            let end = heard.iter().position(|byte| b">?".contains(byte))? + 1;
+            Some(heard.drain(..end).collect())
+        },
+        is_over: |answer| answer.windows(5).any(|line| line == b"\r\n0\r\n"),
+        steps: false,
+        // No image of the Pico has it.
+        edges: &[],
+    },
 ];
 
 /// What was counted: each interrupt's purpose with its most instructions, and bytes of the stack.
@@ -160,9 +193,13 @@ pub(crate) struct Worst {
     pub(crate) stack: u64,
 }
 
-/// On each board that is emulated, the first two of [`BOARDS`](crate::board::BOARDS).
-pub(crate) fn worst(sh: &Shell, work: &Work) -> Result<[Worst; 2]> {
-    Ok([lm3s6965(sh, work)?, rp2040(sh, work)?])
+/// On each board that is emulated and carries it, of the first two of [`BOARDS`](crate::board::BOARDS).
+pub(crate) fn worst(sh: &Shell, work: &Work) -> Result<Vec<Worst>> {
+    let mut worst = vec![lm3s6965(sh, work)?];
+    if RP2040.carries(work.kind) {
+        worst.push(rp2040(sh, work)?);
+    }
+    Ok(worst)
 }
 
 /// Lowest address of the stack, and the one above its highest.
@@ -209,16 +246,19 @@ fn rp2040(sh: &Shell, work: &Work) -> Result<Worst> {
 fn lm3s6965(sh: &Shell, work: &Work) -> Result<Worst> {
     let image = LM3S6965.image(sh, work.kind)?;
     let path = LM3S6965.images(sh).join(work.kind);
+    let on_network = spec(work.kind).is_some_and(is_on_network);
+    let handlers = if on_network { ON_NETWORK } else { HANDLERS };
     let mut plugin = counted::plugin(sh)?.display().to_string();
-    for (handler, _) in HANDLERS {
+    for (handler, _) in handlers {
         plugin += &format!(",handler={handler}:{:#x}", image.symbol(handler)?);
     }
     let [bottom, top] = stack(&image)?;
     plugin += &format!(",stack={bottom:#x}:{top:#x}");
     let folder = sh.create_temp_dir()?;
     let log = folder.path().join("log");
-    let mut qemu = start(&path, &plugin, &log)?;
-    let asked = ask(&mut qemu, work);
+    let ports = if on_network { qemu::on_network() } else { on_line() };
+    let mut qemu = start(&path, &plugin, &log, &ports)?;
+    let asked = connect(&mut qemu, on_network).and_then(|line| ask(line, work));
     // The plugin speaks when QEMU ends in good order.
     let pid = qemu.id().to_string();
     cmd!(sh, "kill -TERM {pid}").quiet().run()?;
@@ -226,7 +266,7 @@ fn lm3s6965(sh: &Shell, work: &Work) -> Result<Worst> {
     asked?;
     let log = sh.read_file(log)?;
     let mut interrupts = Vec::new();
-    for (handler, purpose) in HANDLERS {
+    for (handler, purpose) in handlers {
         let begin = format!("handler {handler} ");
         ensure!(number(&log, &begin, "calls")? > 0, "{handler} never came");
         interrupts.push((purpose, number(&log, &begin, "most")?));
@@ -234,24 +274,18 @@ fn lm3s6965(sh: &Shell, work: &Work) -> Result<Worst> {
     Ok(Worst { interrupts, stack: number(&log, "stack ", "stack")? })
 }
 
-/// Starts the image. It ends after a minute, whatever becomes of this.
-fn start(image: &Path, plugin: &str, log: &Path) -> Result<Child> {
+/// How QEMU is told that its standard input and output are the serial port of the drive.
+fn on_line() -> Vec<String> {
+    ["-monitor", "none", "-serial", "stdio", "-serial", "file:/dev/stderr"].map(str::to_owned).to_vec()
+}
+
+/// Starts the image, with its ports like that. It ends after a minute, whatever becomes of this.
+fn start(image: &Path, plugin: &str, log: &Path, ports: &[String]) -> Result<Child> {
     Command::new("timeout")
         // An instruction takes 16 ns of its time, so that no step is late because the host is.
         .args(["60", "qemu-system-arm", "-M", "lm3s6965evb", "-icount", "shift=4", "-display", "none"])
-        .args([
-            "-monitor",
-            "none",
-            "-serial",
-            "stdio",
-            "-serial",
-            "file:/dev/stderr",
-            "-plugin",
-            plugin,
-            "-d",
-            "plugin",
-            "-D",
-        ])
+        .args(ports)
+        .args(["-plugin", plugin, "-d", "plugin", "-D"])
         .arg(log)
         .arg("-kernel")
         .arg(image)
@@ -262,22 +296,34 @@ fn start(image: &Path, plugin: &str, log: &Path) -> Result<Child> {
         .context("qemu-system-arm does not start")
 }
 
-/// Waits until the drive has power, gives the orders, and asks until the move is over.
-fn ask(qemu: &mut Child, work: &Work) -> Result<()> {
+/// What is said to a drive, and what it says.
+type Line = (Box<dyn Write>, Box<dyn Read + Send>);
+
+/// The line to the drive, once that has power.
+fn connect(qemu: &mut Child, on_network: bool) -> Result<Line> {
     let stderr = qemu.stderr.take().context("it is piped")?;
-    let says = BufReader::new(stderr).lines().map_while(Result::ok).any(|line| line.contains("has power"));
-    ensure!(says, "the board does not boot");
-    let mut stdin = qemu.stdin.take().context("it is piped")?;
+    qemu::wait_for_power(&mut BufReader::new(stderr))?;
+    if on_network {
+        let [_, mcode] = qemu::ports(qemu)?;
+        let stream = TcpStream::connect((Ipv4Addr::LOCALHOST, mcode))?;
+        return Ok((Box::new(stream.try_clone()?), Box::new(stream)));
+    }
+    let stdin = qemu.stdin.take().context("it is piped")?;
     let stdout = qemu.stdout.take().context("it is piped")?;
+    Ok((Box::new(stdin), Box::new(stdout)))
+}
+
+/// Gives the orders, and asks until the move is over.
+fn ask((mut tells, says): Line, work: &Work) -> Result<()> {
     let (said, hears) = mpsc::channel();
     // It ends with QEMU.
     thread::spawn(move || {
-        BufReader::new(stdout).bytes().map_while(Result::ok).try_for_each(|byte| said.send(byte))
+        BufReader::new(says).bytes().map_while(Result::ok).try_for_each(|byte| said.send(byte))
     });
     let mut heard = Vec::new();
     let mut exchange = |request: &[u8]| loop {
-        stdin.write_all(request)?;
-        stdin.flush()?;
+        tells.write_all(request)?;
+        tells.flush()?;
         loop {
             if let Some(answer) = (work.answer)(&mut heard) {
                 return anyhow::Ok(answer);

@@ -4,7 +4,7 @@ use std::io::{BufRead, BufReader, Write};
 use std::net::TcpListener;
 use std::os::fd::OwnedFd;
 use std::path::Path;
-use std::process::{Command, ExitStatus, Stdio};
+use std::process::{Child, Command, ExitStatus, Stdio};
 use std::{io, thread};
 
 use anyhow::{Context, Result, bail, ensure};
@@ -64,24 +64,20 @@ fn run_on_line(kind: &str, image: &Path) -> Result<ExitStatus> {
 
 /// A drive with TCP ports.
 fn run_on_network(kind: &str, image: &Path) -> Result<ExitStatus> {
-    // QEMU chooses free ports itself, and its monitor tells which.
-    let forward = PORTS.map(|port| format!("hostfwd=tcp:127.0.0.1:0-{DRIVE}:{port}"));
     let mut qemu = qemu(image)
-        .args(["-monitor", "stdio", "-serial", "null", "-serial", "file:/dev/stderr", "-nic"])
-        .arg(format!("{NETWORK},{}", forward.join(",")))
+        .args(on_network())
         .stdin(Stdio::piped())
         .stdout(Stdio::piped())
         .stderr(Stdio::piped())
         .spawn()
         .context(CANNOT_START)?;
-    let mut monitor = qemu.stdin.take().context("its standard input is a pipe")?;
-    let told = qemu.stdout.take().context("its standard output is a pipe")?;
     let mut said = BufReader::new(qemu.stderr.take().context("its standard error is a pipe")?);
     // Whoever connects before the drive hears waits for seconds.
     wait_for_power(&mut said)?;
     thread::spawn(move || io::copy(&mut said, &mut io::stderr()));
-    writeln!(monitor, "info usernet")?;
-    let ports = forwarded(BufReader::new(told))?;
+    let ports = ports(&mut qemu)?;
+    // Waiting would close it.
+    let _monitor = qemu.stdin.take();
     let [modbus, mcode] = ports;
     println!(
         "{kind} is at 127.0.0.1:{modbus} (Modbus/TCP) and 127.0.0.1:{mcode} (MCode); Ctrl-C ends the board; {}",
@@ -90,8 +86,26 @@ fn run_on_network(kind: &str, image: &Path) -> Result<ExitStatus> {
     Ok(qemu.wait()?)
 }
 
+/// How QEMU forwards the TCP ports of the drive: to free ports of this machine, which its monitor tells.
+pub(crate) fn on_network() -> Vec<String> {
+    let forward = PORTS.map(|port| format!("hostfwd=tcp:127.0.0.1:0-{DRIVE}:{port}"));
+    let mut arguments = ["-monitor", "stdio", "-serial", "null", "-serial", "file:/dev/stderr", "-nic"]
+        .map(str::to_owned)
+        .to_vec();
+    arguments.push(format!("{NETWORK},{}", forward.join(",")));
+    arguments
+}
+
+/// Asks the monitor of a QEMU that was started so, whose standard input and output are pipes, where they are.
+pub(crate) fn ports(qemu: &mut Child) -> Result<[u16; 2]> {
+    let monitor = qemu.stdin.as_mut().context("its standard input is a pipe")?;
+    let told = qemu.stdout.take().context("its standard output is a pipe")?;
+    writeln!(monitor, "info usernet")?;
+    forwarded(BufReader::new(told))
+}
+
 /// Waits until the board says that the drive has power.
-fn wait_for_power(said: &mut impl BufRead) -> Result<()> {
+pub(crate) fn wait_for_power(said: &mut impl BufRead) -> Result<()> {
     let mut all = String::new();
     while !all.trim_end().ends_with(BOOTED) {
         ensure!(said.read_line(&mut all)? > 0, "the board did not start: {all}");

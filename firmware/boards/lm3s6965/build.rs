@@ -2,8 +2,8 @@
 //! linker runs; this board's map is the default one there.
 
 /// Bytes of each image's stack, where the drive and what it has said lie. An MD3 says one thing at a time, and
-/// its board takes 8 KiB of RAM; a QSB may say many things at once; an RS 434544 has a program; beside an MDrive's are all
-/// its connections, and this is what they leave.
+/// its board takes 8 KiB of RAM; a QSB may say many things at once; an RS 434544 has a program, an MDrive the index of
+/// one.
 const STACKS: [(&str, u32); 10] = [
     ("md3", 5_632),
     ("md3-low", 5_632),
@@ -13,8 +13,8 @@ const STACKS: [(&str, u32); 10] = [
     ("rs434544", 14_848),
     ("rs434546", 14_848),
     ("mdrobot", 6_656),
-    ("mdrive", 23_040),
-    ("mdrive-hybrid", 23_040),
+    ("mdrive", 15_360),
+    ("mdrive-hybrid", 15_360),
 ];
 
 /// Images with a network. The TCP/IP stack can panic, as far as the linker knows: there that is a fault.

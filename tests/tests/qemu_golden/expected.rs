@@ -1,14 +1,19 @@
 //! What a trace says that the board shows, as it can be asked at any instant.
 
-use standin_firmware::device::{Duration, Instant, Line, Pin};
+use standin_firmware::device::{Duration, Instant, Line, Pin, Role};
 use standin_firmware::motion::Walker;
 use standin_sim::hal::Done;
 use standin_sim::trace::{Did, Event, Trace};
 use standin_tests::on_shell::{self, Seen};
 
-/// What leaves the bus.
+use crate::host::Connection;
+use crate::patience::PLANNING;
+
+/// What the drive says.
 #[derive(Clone)]
 pub(crate) struct Reply {
+    /// On which connection; on a serial port, none.
+    pub(crate) to: Option<Connection>,
     /// From when on.
     pub(crate) at: Instant,
     /// When what it follows without a pause begins. QEMU's UART paces nothing, so it may leave with that.
@@ -19,17 +24,21 @@ pub(crate) struct Reply {
 
 /// What a trace expects.
 pub(crate) struct Expected {
-    /// What leaves the bus.
+    /// What the drive says.
     pub(crate) replies: Vec<Reply>,
     /// The settings of the line, and from when on.
     lines: Vec<(Instant, Line)>,
-    /// The changes of each pin, which is low at first.
+    /// The changes of each pin, which is low when it is given a level for the first time.
     pins: Vec<Vec<(Instant, bool)>>,
+    /// Whether it is an input before, and so is let go.
+    let_go: Vec<bool>,
     /// When each pin was given a level, whether it changed or not.
     given: Vec<Vec<Instant>>,
     /// STEP and DIR, if they serve other purposes, too.
     shared: Option<(Pin, Pin)>,
     motion: Vec<(Instant, Done)>,
+    /// Whether the board makes steps.
+    pub(crate) has_steps: bool,
     /// Each step, and whether it is forward.
     steps: Vec<(Instant, bool)>,
     /// What its memory holds at the end.
@@ -40,13 +49,17 @@ impl Expected {
     /// Of a trace with one drive, and what it asks of the motor. STEP and DIR may be `shared` pins.
     pub(crate) fn of(trace: &Trace, motion: Vec<(Instant, Done)>, shared: Option<(Pin, Pin)>) -> Self {
         let [drive] = trace.drives.as_slice() else { panic!("a board has one drive") };
+        // The motor of an MDrive is inside, and so are its millions of steps.
+        let has_steps = drive.spec.axes.iter().any(|axis| axis.step_dir.is_some());
         let mut expected = Self {
             replies: Vec::new(),
             lines: Vec::new(),
             pins: vec![Vec::new(); drive.spec.pins.len()],
+            let_go: drive.spec.pins.iter().map(|pin| pin.role == Role::Both).collect(),
             given: vec![Vec::new(); drive.spec.pins.len()],
             shared,
-            steps: steps(&motion),
+            steps: if has_steps { steps(&motion, trace.end + PLANNING) } else { Vec::new() },
+            has_steps,
             motion,
             memory: drive.memory.clone(),
         };
@@ -77,7 +90,13 @@ impl Expected {
                     // The line that it says when it gets power holds at once.
                     let line = expected.line(entry.at + Duration::TICK);
                     free = entry.at + line.character() * bytes.len() as u64;
-                    expected.replies.push(Reply { at: entry.at, earliest, bytes: bytes.clone() });
+                    let bytes = bytes.clone();
+                    expected.replies.push(Reply { to: None, at: entry.at, earliest, bytes });
+                }
+                Event::Did(Did::Message { port, link, bytes }) => {
+                    let to = Some((*port, *link));
+                    let (at, bytes) = (entry.at, bytes.clone());
+                    expected.replies.push(Reply { to, at, earliest: at, bytes });
                 }
                 Event::Did(Did::Level { pin, .. }) => expected.given[usize::from(pin.0)].push(entry.at),
                 _ => {}
@@ -109,18 +128,22 @@ impl Expected {
         line.expect("a drive says which line it has when it gets power").1
     }
 
-    /// The level of a pin at `at`.
+    /// The level of a pin at `at`: high if it is let go.
     pub(crate) fn level(&self, pin: Pin, at: Instant) -> bool {
-        let change = self.pins[usize::from(pin.0)].iter().rev().find(|(from, _)| *from <= at);
+        let place = usize::from(pin.0);
+        if self.let_go[place] && !self.given[place].iter().any(|given| *given <= at) {
+            return true;
+        }
+        let change = self.pins[place].iter().rev().find(|(from, _)| *from <= at);
         change.is_some_and(|(_, high)| *high)
     }
 
     /// Whether a pin has that level at any time after `after` and before `before`.
     pub(crate) fn has_level(&self, pin: Pin, high: bool, after: Instant, before: Instant) -> bool {
-        self.level(pin, after) == high
-            || self.pins[usize::from(pin.0)]
-                .iter()
-                .any(|(at, level)| *level == high && (after..before).contains(at))
+        let place = usize::from(pin.0);
+        let changes = self.pins[place].iter().map(|(at, _)| at).chain(&self.given[place]);
+        let mut instants = changes.filter(|at| (after..before).contains(at)).chain([&after]);
+        instants.any(|at| self.level(pin, *at) == high)
     }
 
     /// Steps made at `at` since the beginning: each plan until the next one.
@@ -201,9 +224,9 @@ impl Expected {
     }
 }
 
-/// Each step, and whether it is forward: of each plan until the next one.
-fn steps(motion: &[(Instant, Done)]) -> Vec<(Instant, bool)> {
-    let ends = motion.iter().skip(1).map(|(next, _)| *next).chain([Instant::NEVER]);
+/// Each step up to `end`, and whether it is forward: of each plan until the next one.
+fn steps(motion: &[(Instant, Done)], end: Instant) -> Vec<(Instant, bool)> {
+    let ends = motion.iter().skip(1).map(|(next, _)| *next).chain([end]);
     let mut steps = Vec::new();
     for ((from, done), end) in motion.iter().zip(ends) {
         match done {

@@ -6,13 +6,20 @@ use standin_firmware::device::{Fault, Instant, Spec};
 use standin_sim::trace::{Event, Fed, Power, Trace};
 
 use crate::expected::Expected;
+use crate::host::Connection;
 use crate::machine::Gpio;
 
 /// What is done to the board.
-#[derive(Clone, Copy)]
+#[derive(Clone)]
 pub(crate) enum Act {
     /// The bus hears one.
     Character(u8),
+    /// Somebody connects.
+    Open(Connection),
+    /// He says something.
+    Say(Connection, Vec<u8>),
+    /// He has no more to say.
+    Close(Connection),
     /// An input goes low or high.
     Drive(&'static str, Gpio, bool),
     /// Power comes or goes.
@@ -23,6 +30,9 @@ impl fmt::Display for Act {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Character(byte) => write!(f, "the character {byte:02X}"),
+            Self::Open(connection) => write!(f, "{connection:?}"),
+            Self::Say(connection, bytes) => write!(f, "on {connection:?}: {}", bytes.escape_ascii()),
+            Self::Close(connection) => write!(f, "the end of {connection:?}"),
             Self::Drive(name, gpio, high) => {
                 write!(f, "{name} ({gpio}) {}", if *high { "high" } else { "low" })
             }
@@ -49,6 +59,11 @@ pub(crate) fn acts(
                     (0..).zip(bytes).map(|(n, byte)| (entry.at + character * n, Act::Character(*byte))),
                 );
             }
+            Fed::Opened { port, link } => acts.push((entry.at, Act::Open((*port, *link)))),
+            Fed::Message { port, link, bytes } => {
+                acts.push((entry.at, Act::Say((*port, *link), bytes.clone())));
+            }
+            Fed::Closed { port, link } => acts.push((entry.at, Act::Close((*port, *link)))),
             Fed::Edge { pin, high } => {
                 let name = spec.pins[usize::from(pin.0)].name;
                 acts.push((entry.at, Act::Drive(name, wired(name), *high)));

@@ -3,7 +3,7 @@
 use standin_firmware::device::{Duration, Instant};
 
 use crate::expected::Expected;
-use crate::replay::{PLANNING, earlier};
+use crate::patience::{PLANNING, earlier};
 
 /// How far behind its instants the board makes a plan that it began late: one from standstill as a whole,
 /// so that each step is late by the same span. One that replaces another joins in where it is; there an

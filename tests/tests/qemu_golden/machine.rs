@@ -77,6 +77,24 @@ impl fmt::Display for Gpio {
     }
 }
 
+/// What of the board there is a line to.
+#[derive(Clone, Copy)]
+pub(crate) enum Jack {
+    Uart0,
+    /// Each frame has its length before it, in four bytes.
+    Ethernet,
+}
+
+impl Jack {
+    /// How QEMU is told that its standard output is this line.
+    fn arguments(self) -> &'static [&'static str] {
+        match self {
+            Self::Uart0 => &["-chardev", "socket,id=bus,fd=1", "-serial", "chardev:bus"],
+            Self::Ethernet => &["-nic", "socket,model=stellaris,fd=1"],
+        }
+    }
+}
+
 /// Where the ports A to G have their registers (8.4 of the datasheet).
 const PORTS: [u32; 7] =
     [0x4000_4000, 0x4000_5000, 0x4000_6000, 0x4000_7000, 0x4002_4000, 0x4002_5000, 0x4002_6000];
@@ -96,8 +114,8 @@ pub(crate) struct Machine {
     qemu: Child,
     gdb: Gdb,
     test: Qtest,
-    /// The bus: what UART0 hears and says.
-    bus: UnixStream,
+    /// What UART0 hears and says, or frames.
+    line: UnixStream,
     /// What QEMU calls the ports A to G.
     ports: Vec<String>,
     /// Where the image counts periods of SysTick.
@@ -125,23 +143,23 @@ pub(crate) struct Overslept;
 
 impl Machine {
     /// A board with that image, which stands before its first instruction. An instruction takes 2^`shift` ns.
-    pub(crate) fn new(image: &Image, shift: u32) -> Self {
+    pub(crate) fn new(image: &Image, jack: Jack, shift: u32) -> Self {
         let (gdb, its_gdb) = UnixStream::pair().expect("a pair of sockets");
-        let (bus, its_bus) = UnixStream::pair().expect("a pair of sockets");
-        for line in [&gdb, &bus] {
-            line.set_read_timeout(Some(PATIENCE)).expect("a time-out");
+        let (line, its_line) = UnixStream::pair().expect("a pair of sockets");
+        for socket in [&gdb, &line] {
+            socket.set_read_timeout(Some(PATIENCE)).expect("a time-out");
         }
         let qtest = Address::new();
         let qemu = Command::new("setpriv")
             .args(["--pdeathsig", "KILL", "qemu-system-arm", "-M", "lm3s6965evb", "-nodefaults"])
             .args(["-display", "none", "-icount", &format!("shift={shift},sleep=off"), "-S"])
             .args(["-chardev", "socket,id=gdb,fd=0", "-gdb", "chardev:gdb"])
-            .args(["-chardev", "socket,id=bus,fd=1", "-serial", "chardev:bus"])
+            .args(jack.arguments())
             .args(["-qtest", &format!("unix:{},server=on,wait=off", qtest.0), "-qtest-log", "none"])
             .arg("-kernel")
             .arg(&image.path)
             .stdin(Stdio::from(OwnedFd::from(its_gdb)))
-            .stdout(Stdio::from(OwnedFd::from(its_bus)))
+            .stdout(Stdio::from(OwnedFd::from(its_line)))
             .stderr(Stdio::null())
             .spawn()
             .expect("qemu-system-arm starts");
@@ -164,7 +182,7 @@ impl Machine {
             qemu,
             gdb,
             test: Qtest::new(test),
-            bus,
+            line,
             ports,
             periods: image.symbol("PERIODS"),
             sleeps_at: image.sleeps_at,
@@ -243,9 +261,22 @@ impl Machine {
 
     /// A character reaches UART0.
     pub(crate) fn hear(&mut self, byte: u8) {
-        self.bus.write_all(&[byte]).expect("QEMU listens");
+        self.line.write_all(&[byte]).expect("QEMU listens");
         let heard = (0..LOOKS).any(|_| self.test.word(UART_FLAGS) & RX_EMPTY == 0);
         assert!(heard, "UART0 receives what is sent to it");
+    }
+
+    /// Frames reach the Ethernet controller, as soon as the board goes on.
+    pub(crate) fn take(&mut self, frames: &[Vec<u8>]) {
+        for frame in frames {
+            let length = u32::try_from(frame.len()).expect("no frame is that long").to_be_bytes();
+            self.line.write_all(&[&length[..], frame].concat()).expect("QEMU listens");
+        }
+        // QEMU keeps them while the machine stands, if it has heard of them before that goes on: it looks at all its
+        // lines before it answers the second question.
+        for _ in 0..2 {
+            self.test.word(UART_FLAGS);
+        }
     }
 
     /// How often it stood.
@@ -253,17 +284,16 @@ impl Machine {
         self.stops
     }
 
-    /// What UART0 has sent since the last time.
+    /// What the board has sent since the last time.
     pub(crate) fn said(&mut self) -> Vec<u8> {
-        let mut said = vec![0; 4096];
-        self.bus.set_nonblocking(true).expect("a socket");
-        let n = match self.bus.read(&mut said) {
-            Ok(n) => n,
-            Err(error) if error.kind() == ErrorKind::WouldBlock => 0,
+        let mut said = Vec::new();
+        self.line.set_nonblocking(true).expect("a socket");
+        match self.line.read_to_end(&mut said) {
+            Err(error) if error.kind() == ErrorKind::WouldBlock => {}
             Err(error) => panic!("QEMU is gone: {error}"),
-        };
-        self.bus.set_nonblocking(false).expect("a socket");
-        said.truncate(n);
+            Ok(_) => panic!("QEMU is gone"),
+        }
+        self.line.set_nonblocking(false).expect("a socket");
         said
     }
 

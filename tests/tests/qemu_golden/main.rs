@@ -8,9 +8,12 @@ mod expected;
 mod feed;
 mod figures;
 mod gdb;
+mod host;
 mod image;
 mod lag;
 mod machine;
+mod noise;
+mod patience;
 mod pins;
 mod place;
 mod qtest;
@@ -22,7 +25,7 @@ use std::process::Command;
 use std::sync::Mutex;
 use std::{env, fs, thread};
 
-use standin_firmware::device::{Device, Duration, Instant, Spec};
+use standin_firmware::device::{Device, Duration, Instant};
 use standin_sim::hal::Done;
 use standin_sim::trace::{Event, Fed, Trace};
 use standin_tests::on_shell;
@@ -111,12 +114,7 @@ fn has_close_edges(trace: &Trace) -> bool {
     edges.windows(2).any(|pair| matches!(pair, [one, next] if one < next && next.since(*one) < CLOSE))
 }
 
-/// Whether a drive has TCP ports alone: QEMU's network goes by the time of the host.
-fn is_on_network(spec: &Spec) -> bool {
-    spec.ports.iter().all(|port| port.line.is_none())
-}
-
-/// Every trace of every kind with a serial port.
+/// Every trace of every kind.
 fn jobs() -> Vec<Job> {
     let files = |path: &Path| {
         let files = fs::read_dir(path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
@@ -127,18 +125,13 @@ fn jobs() -> Vec<Job> {
     let stem = |path: &Path| path.file_stem().and_then(|stem| stem.to_str()).expect("UTF-8").to_owned();
     let mut jobs = Vec::new();
     for folder in files(&Path::new(env!("CARGO_MANIFEST_DIR")).join("traces")) {
-        let spec = (kind(&stem(&folder)).make)().spec();
-        if is_on_network(spec) {
-            continue;
-        }
-        let kind = spec.kind;
+        let kind = (kind(&stem(&folder)).make)().spec().kind;
         jobs.extend(files(&folder).into_iter().map(|path| {
             let name = format!("{kind}/{}", stem(&path));
             Job { kind, name, path }
         }));
     }
-    let specs = KINDS.iter().map(|kind| (kind.make)().spec());
-    for kind in specs.filter(|spec| !is_on_network(spec)).map(|spec| spec.kind) {
+    for kind in KINDS.iter().map(|kind| (kind.make)().spec().kind) {
         assert!(jobs.iter().any(|job| job.kind == kind), "a {kind} has traces");
     }
     jobs

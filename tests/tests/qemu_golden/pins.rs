@@ -24,6 +24,7 @@ pub(crate) fn wires(kind: &str) -> Wires {
         "qsb-d" | "qsb-m" | "qsb-s" => QSB.to_vec(),
         "rs434544" | "rs434546" => RS434.to_vec(),
         "mdrobot" => MDROBOT.to_vec(),
+        "mdrive" | "mdrive-hybrid" => MDRIVE.to_vec(),
         _ => panic!("the pin-out of a {kind} is missing here"),
     }
 }
@@ -108,4 +109,23 @@ static MDROBOT: [(&str, Gpio); 24] = [
     ("stall", Gpio('G', 0)),
     ("ctrl_fail", Gpio('G', 1)),
     ("regen_over_temperature", Gpio('C', 7)),
+];
+
+static MDRIVE: [(&str, Gpio); 16] = [
+    ("IO1", Gpio('D', 4)),
+    ("IO2", Gpio('D', 5)),
+    ("IO3", Gpio('D', 6)),
+    ("IO4", Gpio('D', 7)),
+    ("IO7", Gpio('C', 4)),
+    ("IO8", Gpio('C', 5)),
+    ("CAPTURE", Gpio('C', 6)),
+    ("A", Gpio('E', 0)),
+    ("B", Gpio('E', 1)),
+    ("I", Gpio('E', 2)),
+    ("stall", Gpio('A', 2)),
+    ("locked_rotor", Gpio('A', 3)),
+    ("lead_limit", Gpio('A', 4)),
+    ("lag_limit", Gpio('A', 5)),
+    ("over_temperature", Gpio('A', 6)),
+    ("calibration", Gpio('A', 7)),
 ];

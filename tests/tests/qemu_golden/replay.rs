@@ -2,42 +2,31 @@
 //!
 //! The harness owns time. It makes the board stand at the instant of everything that is fed to it, does
 //! it right there, and looks at what the board shows whenever that has done what it has to. What the
-//! drive does is seen not before its instant and at most [`LATENCY`] after it.
+//! drive does is seen not before its instant and at most [`Patience`] after it.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
 use standin_firmware::device::{Duration, Instant, Level, Pin, Role};
 use standin_protocol::line::{Line, Parity};
-use standin_sim::trace::{Did, Event, Trace};
+use standin_sim::trace::Trace;
 
 use crate::expected::{Expected, Reply};
 use crate::feed::{self, Act};
 use crate::figures::Figures;
+use crate::host::{Connection, Host, frames};
 use crate::image::Image;
 use crate::lag::Lag;
-use crate::machine::{CYCLES_PER_US, Gpio, Machine, Overslept};
+use crate::machine::{CYCLES_PER_US, Gpio, Jack, Machine, Overslept};
+use crate::patience::{PLANNING, Patience, earlier};
 use crate::pins::{DE, DIR, FAST, STEP, Wires};
 use crate::place::Places;
 use crate::stack::Stack;
 
-/// How long after its instant the board may do a thing, or hear one: interrupts and the loop. This bound
-/// and the next ones are for the speed of its code: the instructions that take so long at 16 ns each. Longest is an
-/// alarm of an MDROBOT, which lets go of what its servo does: 376 µs.
-const LATENCY: Duration = Duration::micros(400);
-/// How long if the motor is given a new plan then, which the loop computes before it does anything else.
-pub(crate) const PLANNING: Duration = Duration::micros(700);
-/// How long it may take from its first instruction until it has done all that it does at power-on. Longest is an
-/// MDROBOT, which judges each of its 92 rows: 600 µs.
-const BOOT: Duration = Duration::micros(700);
-/// How much longer for each byte of its memory, which is read and judged then; as much where the drive judges and
-/// stores [many](MANY) bytes.
-const BYTE: Duration = Duration::from_ticks(4);
-/// Bytes that are stored in no time.
-const MANY: usize = 256;
-
 /// A replay under way.
 struct Replay {
     machine: Machine,
+    /// Who is connected to a drive with TCP ports.
+    host: Option<Host>,
     expected: Expected,
     places: Places,
     /// The pins that the drive shows, by their place and their name, and where they are.
@@ -48,19 +37,17 @@ struct Replay {
     has_axis_pins: bool,
     /// What each input is driven to, for the next reset.
     inputs: Vec<(Gpio, bool)>,
-    /// When it stores many bytes, and how long that may take.
-    stores: Vec<Instant>,
-    storing: Duration,
-    /// How long it may take to start.
-    boot: Duration,
+    /// How late it may be.
+    patience: Patience,
     /// When the board's clock was 0.
     origin: Instant,
     powered: bool,
     /// Where the board stands.
     now: Instant,
-    /// What has left the bus and was not compared yet.
-    sent: Vec<u8>,
-    replies: usize,
+    /// What was said, on each connection or on the bus, and was not compared yet.
+    said: BTreeMap<Option<Connection>, Vec<u8>>,
+    /// What is still to be said.
+    replies: VecDeque<Reply>,
     /// The level of DIR.
     forward: bool,
     made: i32,
@@ -88,7 +75,9 @@ pub(crate) fn play(
     let shown: Vec<_> = shown.filter_map(|(pin, of)| Some((pin, of.name, gpio(of.name)?))).collect();
     let acts = feed::acts(trace, &expected, spec, &gpio);
 
-    let mut machine = Machine::new(image, shift);
+    let is_on_network = spec.ports.iter().all(|port| port.line.is_none());
+    let jack = if is_on_network { Jack::Ethernet } else { Jack::Uart0 };
+    let mut machine = Machine::new(image, jack, shift);
     let stack = Stack::paint(&mut machine, image);
     let saved = image.symbol("SAVED");
     machine.memory().write([(saved, 0x7374_616E), (saved + 4, 0x6469_6E21)]);
@@ -99,24 +88,22 @@ pub(crate) fn play(
     inputs.extend(heard.filter_map(|pin| Some((gpio(pin.name)?, pin.rest != Level::Low))));
     inputs.extend(spec.faults.iter().chain(&["DTR"]).filter_map(|name| Some((gpio(name)?, true))));
 
-    let has_steps = spec.axes.iter().any(|axis| axis.step_dir.is_some());
-    let has_axis_pins = has_steps && expected.shared_step().is_none();
+    let has_axis_pins = expected.has_steps && expected.shared_step().is_none();
     let mut replay = Replay {
         machine,
+        host: is_on_network.then(|| Host::new(spec)),
+        replies: expected.replies.iter().cloned().collect(),
         expected,
         places: Places::of(name, trace),
         floats: vec![true; shown.len()],
         wires: shown,
         has_axis_pins,
         inputs,
-        boot: BOOT + BYTE * u64::from(spec.memory),
-        stores: stores(trace),
-        storing: LATENCY + BYTE * u64::from(spec.memory),
+        patience: Patience::of(trace, spec, is_on_network),
         origin: drive.from,
         powered: true,
         now: drive.from,
-        sent: Vec::new(),
-        replies: 0,
+        said: BTreeMap::new(),
         forward: false,
         made: 0,
         lag: Lag::default(),
@@ -132,16 +119,6 @@ pub(crate) fn play(
     Ok(replay.figures)
 }
 
-/// When many bytes are stored, or a user program of an RS 434544 is brought back (FLAG_SAVE_USER_PROGRAM).
-fn stores(trace: &Trace) -> Vec<Instant> {
-    let many = |event: &Event| match event {
-        Event::Did(Did::Store { bytes, .. }) => bytes.len() > MANY,
-        Event::Did(Did::Bytes { bytes, .. }) => bytes.get(1..4) == Some(&[6, 0x50, 0x25]),
-        _ => false,
-    };
-    trace.events().filter(|entry| many(&entry.event)).map(|entry| entry.at).collect()
-}
-
 impl Replay {
     /// Lets the board run from its first instruction until it has done what it does at power-on.
     fn boot(&mut self) {
@@ -151,7 +128,7 @@ impl Replay {
         self.forward = false;
         self.run();
         let boot = self.now.since(self.origin);
-        assert!(boot < self.boot, "{}: the board starts in {boot:?}", self.here());
+        assert!(boot < self.patience.boot, "{}: the board starts in {boot:?}", self.here());
         self.figures.boot = self.figures.boot.max(boot);
         let axis = [("STEP", STEP), ("DIR", DIR)].into_iter().filter(|_| self.has_axis_pins);
         for (name, gpio) in axis.chain([("DE", DE)]) {
@@ -181,7 +158,7 @@ impl Replay {
             let from = self.now;
             while let Some((at, act)) = acts.next_if(|(at, _)| *at <= from) {
                 self.late(*at, &act.to_string());
-                self.act(*at, *act);
+                self.act(*at, act);
             }
             while stands.first().is_some_and(|at| *at <= from) {
                 stands.pop_first();
@@ -197,8 +174,11 @@ impl Replay {
         Ok(())
     }
 
-    fn act(&mut self, at: Instant, act: Act) {
-        match act {
+    fn act(&mut self, at: Instant, act: &Act) {
+        match *act {
+            Act::Open(connection) => self.on_network(|host| host.open(connection)),
+            Act::Say(connection, ref bytes) => self.on_network(|host| host.say(connection, bytes)),
+            Act::Close(connection) => self.on_network(|host| host.close(connection)),
             Act::Character(byte) => {
                 let sends = self.machine.levels(&[DE]) == [Level::High];
                 assert!(!sends, "{}: the transceiver does not listen", self.here());
@@ -218,9 +198,18 @@ impl Replay {
                 self.powered = true;
                 self.origin = at;
                 self.machine.reset();
+                if let Some(host) = &mut self.host {
+                    host.forget();
+                }
                 self.boot();
             }
         }
+    }
+
+    /// Somebody who is connected does something.
+    fn on_network(&mut self, act: impl FnOnce(&mut Host)) {
+        act(self.host.as_mut().expect("the drive is on a network"));
+        self.pass();
     }
 
     /// A pin of QEMU that becomes an input keeps the level that it had as an output, and knows nothing of what
@@ -241,12 +230,36 @@ impl Replay {
         !again.is_empty()
     }
 
-    /// Lets the board do what it has to.
+    /// Lets the board do what it has to, and who is connected answer it.
     fn run(&mut self) {
-        let before = self.now;
-        let cycles = self.machine.run();
-        self.set_now(cycles);
-        assert!(before <= self.now, "{}: {before:?} was before", self.here());
+        loop {
+            let before = self.now;
+            let cycles = self.machine.run();
+            self.set_now(cycles);
+            assert!(before <= self.now, "{}: {before:?} was before", self.here());
+            let passed = self.pass();
+            self.hear();
+            if !passed {
+                break;
+            }
+        }
+    }
+
+    /// Takes what the board has sent. Whether frames come back.
+    fn pass(&mut self) -> bool {
+        let said = self.machine.said();
+        let Some(host) = &mut self.host else {
+            self.said.entry(None).or_default().extend(said);
+            return false;
+        };
+        let back = host.poll(self.now, frames(&said));
+        for (connection, bytes) in host.heard() {
+            self.said.entry(Some(connection)).or_default().extend(bytes);
+        }
+        if !back.is_empty() {
+            self.machine.take(&back);
+        }
+        !back.is_empty()
     }
 
     /// The board stands, so long after its clock began.
@@ -261,15 +274,8 @@ impl Replay {
 
     /// How late the board may be at `at`.
     fn patience(&self, at: Instant) -> Duration {
-        match at {
-            _ if self.expected.plans(earlier(at, PLANNING), at) => PLANNING,
-            _ if self.stores.iter().any(|store| (earlier(at, self.storing)..=at).contains(store)) => {
-                self.storing
-            }
-            // What it does at power-on.
-            _ if at == self.origin => self.boot,
-            _ => LATENCY,
-        }
+        // What it does at power-on.
+        if at == self.origin { self.patience.boot } else { self.patience.at(&self.expected, at) }
     }
 
     /// What was due at `at` happens now.
@@ -284,9 +290,10 @@ impl Replay {
     /// Looks at everything that the board shows and compares it with what it should show. The board has
     /// run since `from`.
     fn look(&mut self, from: Instant) {
-        self.hear();
         self.check_levels();
-        self.count(from);
+        if self.expected.has_steps {
+            self.count(from);
+        }
     }
 
     /// Compares pins.
@@ -301,23 +308,22 @@ impl Replay {
         }
     }
 
-    /// Takes what has left the bus.
+    /// Compares what was said.
     fn hear(&mut self) {
-        let said = self.machine.said();
-        if said.is_empty() {
-            return;
-        }
-        self.sent.extend(said);
-        while !self.sent.is_empty() {
-            let Some(Reply { at, earliest, bytes }) = self.expected.replies.get(self.replies).cloned() else {
-                panic!("{}: nobody asked for {:02X?}", self.here(), self.sent);
-            };
-            assert!(earliest < self.now, "{}: {:02X?} leaves now, before it is due", self.here(), self.sent);
-            self.late(at, "a reply");
-            // The UART of QEMU paces nothing: all of it leaves at once.
-            let reply: Vec<u8> = self.sent.drain(..bytes.len().min(self.sent.len())).collect();
-            assert_eq!(reply, bytes, "{}: the reply", self.places.at(at));
-            self.replies += 1;
+        for (to, mut said) in std::mem::take(&mut self.said) {
+            while !said.is_empty() {
+                let Some(next) = self.replies.iter().position(|reply| reply.to == to) else {
+                    panic!("{}: nobody asked for {}", self.here(), said.escape_ascii());
+                };
+                let Reply { at, earliest, bytes, .. } = self.replies[next].clone();
+                assert!(earliest < self.now, "{}: it is early: {}", self.here(), said.escape_ascii());
+                self.late(at, "a reply");
+                // The UART of QEMU paces nothing: all of it leaves at once.
+                let reply: Vec<u8> = said.drain(..bytes.len().min(said.len())).collect();
+                let [reply, bytes] = [reply, bytes].map(|bytes| bytes.escape_ascii().to_string());
+                assert_eq!(reply, bytes, "{}: the reply", self.places.at(at));
+                self.replies.remove(next);
+            }
         }
     }
 
@@ -367,7 +373,7 @@ impl Replay {
 
     /// What must be true in the end.
     fn finish(&mut self, end: Instant) {
-        assert_eq!(self.replies, self.expected.replies.len(), "{}: replies", self.here());
+        assert!(self.replies.is_empty(), "{}: {} replies are missing", self.here(), self.replies.len());
         let memory = self.machine.memory().bytes(self.saved + 8, self.expected.memory.len());
         assert_eq!(memory, self.expected.memory, "{}: the saved registers", self.here());
         self.figures.time = end.since(Instant::ZERO);
@@ -376,8 +382,3 @@ impl Replay {
 
 /// Ticks of standin's time in a microsecond.
 const TICKS_PER_US: u64 = Duration::micros(1).ticks();
-
-/// So long before `at`.
-pub(crate) fn earlier(at: Instant, by: Duration) -> Instant {
-    Instant::from_ticks(at.ticks().saturating_sub(by.ticks()))
-}

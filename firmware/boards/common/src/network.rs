@@ -9,6 +9,9 @@ use standin_firmware::device::{Duration, Ends, Instant, Link, Port, Spec};
 use standin_firmware::shell::{Came, Links};
 use standin_protocol::modbus::tcp::{ADU_BYTES, Adu, Broken, Splitter};
 
+use crate::long::{Chain, Long};
+pub use crate::long::{PIECES, Piece};
+
 /// Bytes of the longest frame that a network carries, without its check sequence: that of the longest packet that
 /// every host must take (RFC 791). Nobody sends longer ones who knows how long ours are.
 pub const FRAME_BYTES: usize = 14 + 576;
@@ -19,12 +22,10 @@ pub const LINKS: usize = 4;
 pub const PLACES: usize = 2 * LINKS;
 /// Bytes for all connections.
 pub const BYTES: usize = PLACES * (UNHEARD + UNSENT);
-/// Bytes of a long answer: the listing of the longest program of an MDrive.
-pub const LONG: usize = 13 * 1_024;
 
 /// Bytes of a connection that have come and were not taken.
 const UNHEARD: usize = 256;
-/// Bytes of answers that have not left. What has no room there is a long answer, for which there is room once.
+/// Bytes of answers that have not left. What has no room there is a long answer, and all of them share one room.
 const UNSENT: usize = 640;
 /// Nothing is taken from a connection while more bytes of its answers than that have not left.
 const ENOUGH: usize = UNSENT / 2;
@@ -36,6 +37,8 @@ const BURST: usize = 8;
 const LOOK: time::Duration = time::Duration::from_secs(10);
 /// Without a sign of a client for so long it is gone.
 const GONE: time::Duration = time::Duration::from_secs(30);
+/// Who only knocks has his place no longer than that: time for its answer to be lost and sent again.
+const KNOCK: time::Duration = time::Duration::from_secs(3);
 /// What a client that is to leave may still take of that time; it is thrown out then.
 const FAREWELL: Duration = Duration::secs(10);
 
@@ -46,6 +49,9 @@ const ADDRESS: IpCidr = IpCidr::new(IpAddress::v4(192, 168, 33, 1), 16);
 pub trait Frames: phy::Device {
     /// Whether a frame has come.
     fn has_frame(&self) -> bool;
+
+    /// When the last one came.
+    fn came(&self) -> Instant;
 }
 
 /// Where connections live: with a network it is a board's largest thing.
@@ -56,8 +62,8 @@ pub struct Places<'a> {
     pub splitters: &'a mut [Splitter; LINKS],
     /// What has come, and what waits to leave.
     pub bytes: &'a mut [u8; BYTES],
-    /// A long answer.
-    pub long: &'a mut [u8; LONG],
+    /// Long answers.
+    pub long: &'a mut [Piece; PIECES],
 }
 
 /// The network of a board.
@@ -71,6 +77,8 @@ pub struct Network<'a, F> {
     turn: usize,
     /// When the network wants to be looked at.
     due: Instant,
+    /// When that came which was looked at last.
+    at: Instant,
 }
 
 impl<'a, F: Frames> Network<'a, F> {
@@ -98,27 +106,28 @@ impl<'a, F: Frames> Network<'a, F> {
             // An answer leaves at once.
             socket.set_nagle_enabled(false);
             socket.set_keep_alive(Some(LOOK));
-            socket.set_timeout(Some(GONE));
             let socket = sockets.add(socket);
-            let _ = connections.push(Connection { port, link, socket, framing, stage: Stage::Free });
+            let (long, stage) = (Chain::default(), Stage::Free);
+            let _ = connections.push(Connection { port, link, socket, framing, long, stage });
         }
-        let long = Long { bytes: places.long, gone: 0, put: 0, of: None };
-        Self { frames, interface, sockets, connections, long, turn: 0, due: Instant::ZERO }
+        let long = Long::new(places.long);
+        Self { frames, interface, sockets, connections, long, turn: 0, due: Instant::ZERO, at: Instant::ZERO }
     }
 
     /// Asks those whose turn it is what came.
-    fn ask(&mut self, now: Instant, message: &mut Adu) -> Option<(Port, Link, Came)> {
-        for (place, connection) in self.connections.iter_mut().enumerate().skip(self.turn) {
+    fn ask(&mut self, now: Instant, message: &mut Adu) -> Option<(Instant, Port, Link, Came)> {
+        for connection in self.connections.iter_mut().skip(self.turn) {
             self.turn += 1;
-            let socket = self.sockets.get_mut(connection.socket);
-            let waits = self.long.of == Some(place);
-            if waits && self.long.leave(socket) {
+            let socket = self.sockets.get_mut::<Socket<'_>>(connection.socket);
+            // Nobody waits for the rest if the connection is over.
+            let send = |rest: &[u8]| socket.send_slice(rest).unwrap_or(rest.len());
+            if self.long.leave(&mut connection.long, send) {
                 self.due = now;
             }
-            if let Some(came) = connection.next(socket, waits, now, message) {
+            if let Some(came) = connection.next(socket, now, message) {
                 // The window is wider now, or somebody has to be told that it is over.
                 self.due = now;
-                return Some((connection.port, connection.link, came));
+                return Some((self.at, connection.port, connection.link, came));
             }
         }
         self.turn = 0;
@@ -127,6 +136,7 @@ impl<'a, F: Frames> Network<'a, F> {
 
     /// Takes frames and sends some.
     fn poll(&mut self, now: Instant) {
+        self.at = if self.frames.has_frame() { self.frames.came().min(now) } else { now };
         let at = time::Instant::from_micros((now.ticks() >> 4) as i64);
         let Self { frames, interface, sockets, .. } = self;
         for _ in 0..BURST {
@@ -143,16 +153,10 @@ impl<'a, F: Frames> Network<'a, F> {
         });
         self.due = leaves.chain(due).min().unwrap_or(Instant::NEVER);
     }
-
-    /// The place of an open connection.
-    fn place(&self, port: Port, link: Link) -> Option<usize> {
-        let is = |of: &Connection<'_>| of.port == port && of.link == link && of.stage == Stage::Open;
-        self.connections.iter().position(is)
-    }
 }
 
 impl<F: Frames> Links for Network<'_, F> {
-    fn next(&mut self, now: Instant, message: &mut Adu) -> Result<(Port, Link, Came), Instant> {
+    fn next(&mut self, now: Instant, message: &mut Adu) -> Result<(Instant, Port, Link, Came), Instant> {
         if let Some(came) = self.ask(now, message) {
             return Ok(came);
         }
@@ -167,17 +171,17 @@ impl<F: Frames> Links for Network<'_, F> {
 
     fn send(&mut self, port: Port, link: Link, bytes: &[u8]) -> bool {
         self.due = Instant::ZERO;
-        let Some(place) = self.place(port, link) else { return true };
-        let Some(connection) = self.connections.get(place) else { return true };
+        let is = |of: &&mut Connection<'_>| of.is_open(port, link);
+        let Some(connection) = self.connections.iter_mut().find(is) else { return true };
         let socket = self.sockets.get_mut::<Socket<'_>>(connection.socket);
         if !socket.may_send() {
             return true;
         }
         let room = socket.send_capacity().saturating_sub(socket.send_queue());
-        let fits = if self.long.of != Some(place) && bytes.len() <= room {
+        let fits = if connection.long.is_empty() && bytes.len() <= room {
             socket.send_slice(bytes).is_ok()
         } else {
-            self.long.put(place, bytes)
+            self.long.put(&mut connection.long, bytes)
         };
         if !fits {
             socket.abort();
@@ -187,47 +191,9 @@ impl<F: Frames> Links for Network<'_, F> {
 
     fn close(&mut self, port: Port, link: Link) {
         self.due = Instant::ZERO;
-        if let Some(connection) = self.place(port, link).and_then(|place| self.connections.get_mut(place)) {
+        if let Some(connection) = self.connections.iter_mut().find(|of| of.is_open(port, link)) {
             connection.stage = Stage::Leaves(None);
         }
-    }
-}
-
-/// A long answer that leaves.
-struct Long<'a> {
-    bytes: &'a mut [u8; LONG],
-    /// How many of them have left.
-    gone: usize,
-    /// How many there are.
-    put: usize,
-    /// The place of the connection that it is for.
-    of: Option<usize>,
-}
-
-impl Long<'_> {
-    /// Adds to it, or begins one; `false` if there is no room, or another one has not left.
-    fn put(&mut self, place: usize, bytes: &[u8]) -> bool {
-        if self.of.is_some_and(|of| of != place) {
-            return false;
-        }
-        let room = self.bytes.get_mut(self.put..).and_then(|room| room.get_mut(..bytes.len()));
-        let Some(room) = room else { return false };
-        room.copy_from_slice(bytes);
-        self.put += bytes.len();
-        self.of = Some(place);
-        true
-    }
-
-    /// Lets go as much as there is room for; whether anything went.
-    fn leave(&mut self, socket: &mut Socket<'_>) -> bool {
-        let rest = self.bytes.get(self.gone..self.put).unwrap_or_default();
-        // Nobody waits for the rest if the connection is over.
-        let went = socket.send_slice(rest).unwrap_or(rest.len());
-        self.gone += went;
-        if self.gone == self.put {
-            (self.gone, self.put, self.of) = (0, 0, None);
-        }
-        went > 0
     }
 }
 
@@ -237,6 +203,8 @@ struct Connection<'a> {
     link: Link,
     socket: SocketHandle,
     framing: Framing<'a>,
+    /// What waits of a long answer.
+    long: Chain,
     stage: Stage,
 }
 
@@ -251,14 +219,14 @@ enum Stage {
 }
 
 impl Connection<'_> {
-    /// What came first. Some of a long answer may still wait for room.
-    fn next(
-        &mut self,
-        socket: &mut Socket<'_>,
-        waits: bool,
-        now: Instant,
-        message: &mut Adu,
-    ) -> Option<Came> {
+    /// Whether the drive knows of it by that number.
+    fn is_open(&self, port: Port, link: Link) -> bool {
+        self.port == port && self.link == link && self.stage == Stage::Open
+    }
+
+    /// What came first.
+    fn next(&mut self, socket: &mut Socket<'_>, now: Instant, message: &mut Adu) -> Option<Came> {
+        let waits = !self.long.is_empty();
         match self.stage {
             Stage::Open if !socket.is_active() => {
                 self.stage = Stage::Free;
@@ -285,6 +253,7 @@ impl Connection<'_> {
             }
             Stage::Free if socket.may_send() => {
                 self.stage = Stage::Open;
+                socket.set_timeout(Some(GONE));
                 self.framing.begin();
                 Some(Came::Opened)
             }
@@ -313,6 +282,7 @@ impl Connection<'_> {
     /// Makes room for somebody else, unless a reset is still to be sent.
     fn listen(&self, socket: &mut Socket<'_>) {
         if socket.state() == State::TimeWait || socket.remote_endpoint().is_none() {
+            socket.set_timeout(Some(KNOCK));
             let _ = socket.listen(self.framing.port());
         }
     }

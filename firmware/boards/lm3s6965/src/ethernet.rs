@@ -1,14 +1,16 @@
 //! The Ethernet controller (16.6), and the network behind it.
 
+use core::cell::Cell;
 use core::sync::atomic::{AtomicBool, Ordering};
 
 use cortex_m::singleton;
+use critical_section::Mutex;
 use lm3s6965::interrupt;
 use smoltcp::iface::SocketStorage;
 use smoltcp::phy::{Device, DeviceCapabilities, RxToken, TxToken};
-use smoltcp::time::Instant;
-use standin_board::network::{BYTES, FRAME_BYTES, Frames, LINKS, LONG, Network, PLACES, Places};
-use standin_firmware::device::Spec;
+use smoltcp::time;
+use standin_board::network::{BYTES, FRAME_BYTES, Frames, LINKS, Network, PIECES, PLACES, Piece, Places};
+use standin_firmware::device::{Instant, Spec};
 use standin_protocol::modbus::tcp::Splitter;
 
 use crate::registers::Register;
@@ -28,19 +30,25 @@ const MDV: Register = Register::at(ETHERNET, 0x024);
 const NP: Register = Register::at(ETHERNET, 0x034);
 const TR: Register = Register::at(ETHERNET, 0x038);
 
+/// Bytes that the controller has for frames that have come (16.1).
+const FIFO: usize = 2_048;
 /// What is in a FIFO beside a frame that came: its length before it and its check sequence behind it.
 const AROUND: usize = 2 + 4;
 /// Bytes of a frame that its length does not count as it is sent: two addresses and a type.
 const HEADER: usize = 14;
 /// A frame has come.
 const RECEIVED: u32 = 1 << 0;
-/// Flushes the FIFO of what has come.
+/// Of RCTL: frames come, those with a wrong check sequence do not, the FIFO of what has come is flushed.
+const ENABLE: u32 = 1 << 0;
+const REFUSE_SPOILED: u32 = 1 << 3;
 const FLUSH: u32 = 1 << 4;
 /// A frame leaves, or shall leave.
 const NEW_TX: u32 = 1 << 0;
 
 /// A frame has come since the last time.
 static FRAMES: AtomicBool = AtomicBool::new(false);
+/// When the last frame came.
+static CAME: Mutex<Cell<Instant>> = Mutex::new(Cell::new(Instant::ZERO));
 
 /// The TCP ports of a drive, on the network. `None` if they are there already. What this needs of the stack is free again
 /// when it returns.
@@ -58,7 +66,7 @@ pub(crate) fn start(spec: &Spec) -> Option<&'static mut Network<'static, Etherne
         sockets: singleton!(: [SocketStorage<'static>; PLACES] = [SocketStorage::EMPTY; PLACES])?,
         splitters: singleton!(: [Splitter; LINKS] = [const { Splitter::new() }; LINKS])?,
         bytes: singleton!(: [u8; BYTES] = [0; BYTES])?,
-        long: singleton!(: [u8; LONG] = [0; LONG])?,
+        long: singleton!(: [Piece; PIECES] = [const { Piece::EMPTY }; PIECES])?,
     };
     // Nobody else's address and the time that starting took: that must do, where nothing is random.
     let [a, b, c, d, e, f] = address;
@@ -68,20 +76,23 @@ pub(crate) fn start(spec: &Spec) -> Option<&'static mut Network<'static, Etherne
 
 /// Lets frames to that address come and go (16.4.1).
 fn begin([a, b, c, d, e, f]: [u8; 6]) {
-    const ENABLE: u32 = 1 << 0;
     const PAD: u32 = 1 << 1;
     const CHECK_SEQUENCE: u32 = 1 << 2;
     const FULL_DUPLEX: u32 = 1 << 4;
-    const REFUSE_SPOILED: u32 = 1 << 3;
     /// What makes 2.5 MHz of the clock.
     const DIVISOR: u32 = clock::HZ / 2 / 2_500_000 - 1;
     MDV.write(DIVISOR);
     IA0.write(u32::from_le_bytes([a, b, c, d]));
     IA1.write(u32::from_le_bytes([e, f, 0, 0]));
-    RCTL.write(REFUSE_SPOILED | FLUSH);
     TCTL.write(FULL_DUPLEX | CHECK_SEQUENCE | PAD | ENABLE);
-    RCTL.write(REFUSE_SPOILED | ENABLE);
+    flush();
     IM.write(RECEIVED);
+}
+
+/// Lets frames come, and none that has come before: the controller flushes while it is off.
+fn flush() {
+    RCTL.write(REFUSE_SPOILED | FLUSH);
+    RCTL.write(REFUSE_SPOILED | ENABLE);
 }
 
 /// Whether a frame has come since the last time.
@@ -91,7 +102,9 @@ pub(crate) fn take_frames() -> bool {
 
 #[interrupt]
 fn ETHERNET() {
+    let at = clock::now();
     RIS.write(RIS.read());
+    critical_section::with(|cs| CAME.borrow(cs).set(at));
     FRAMES.store(true, Ordering::Relaxed);
 }
 
@@ -101,33 +114,35 @@ pub(crate) struct Ethernet {
     leaving: &'static mut [u8; FRAME_BYTES],
 }
 
-/// Takes the first frame that fits; what is longer is for nobody here.
+/// Takes the next frame, if it fits; what is longer is taken off the FIFO, and for nobody here.
 fn take(into: &mut [u8; FRAME_BYTES]) -> Option<&[u8]> {
-    while NP.read() & 0x3F != 0 {
-        // The length and the first two bytes.
-        let [low, high, a, b] = DATA.read().to_le_bytes();
-        let inside = usize::from(u16::from_le_bytes([low, high]));
-        let Some(length) = inside.checked_sub(AROUND).filter(|length| *length >= HEADER) else {
-            // It is no length: where the next frame begins is unknown.
-            RCTL.set(FLUSH);
-            return None;
-        };
-        let mut places = into.iter_mut();
-        let mut put = |bytes: &[u8]| {
-            // Bytes first: where they end, no place is passed over.
-            for (byte, place) in bytes.iter().zip(places.by_ref()) {
-                *place = *byte;
-            }
-        };
-        put(&[a, b]);
-        for _ in 1..inside.div_ceil(4) {
-            put(&DATA.read().to_le_bytes());
-        }
-        if length <= FRAME_BYTES {
-            return into.get(..length);
-        }
+    if !has_frame() {
+        return None;
     }
-    None
+    // The length and the first two bytes.
+    let [low, high, a, b] = DATA.read().to_le_bytes();
+    let inside = usize::from(u16::from_le_bytes([low, high]));
+    if !(AROUND..=FIFO).contains(&inside) {
+        // It is no length: where the next frame begins is unknown.
+        flush();
+        return None;
+    }
+    let mut places = into.iter_mut();
+    let mut put = |bytes: &[u8]| {
+        // Bytes first: where they end, no place is passed over.
+        for (byte, place) in bytes.iter().zip(places.by_ref()) {
+            *place = *byte;
+        }
+    };
+    put(&[a, b]);
+    for _ in 1..inside.div_ceil(4) {
+        put(&DATA.read().to_le_bytes());
+    }
+    into.get(..inside - AROUND)
+}
+
+fn has_frame() -> bool {
+    NP.read() & 0x3F != 0
 }
 
 /// Whether the last frame has left.
@@ -137,7 +152,11 @@ fn has_sent() -> bool {
 
 impl Frames for Ethernet {
     fn has_frame(&self) -> bool {
-        NP.read() & 0x3F != 0
+        has_frame()
+    }
+
+    fn came(&self) -> Instant {
+        critical_section::with(|cs| CAME.borrow(cs).get())
     }
 }
 
@@ -145,14 +164,14 @@ impl Device for Ethernet {
     type RxToken<'a> = Received<'a>;
     type TxToken<'a> = Leaving<'a>;
 
-    fn receive(&mut self, _now: Instant) -> Option<(Received<'_>, Leaving<'_>)> {
+    fn receive(&mut self, _now: time::Instant) -> Option<(Received<'_>, Leaving<'_>)> {
         if !has_sent() {
             return None;
         }
         Some((Received(take(self.received)?), Leaving(self.leaving)))
     }
 
-    fn transmit(&mut self, _now: Instant) -> Option<Leaving<'_>> {
+    fn transmit(&mut self, _now: time::Instant) -> Option<Leaving<'_>> {
         has_sent().then_some(Leaving(self.leaving))
     }
 

@@ -1,7 +1,7 @@
 //! Drives on the Stellaris LM3S6965 evaluation board (`lm3s6965evb` in QEMU).
 //!
-//! Each binary is one kind of drive: it says which pin of the board is which of the drive, and calls
-//! [`run`], or [`run_on_network`] where the drive has TCP ports. What all have in common is here: UART0 is the bus,
+//! Each binary is one kind of drive: it says which pin of the board is which of the drive, and has
+//! [`run`] make it, or [`run_on_network`] where the drive has TCP ports. What all have in common is here: UART0 is the bus,
 //! UART1 says one line when the drive has power, a timer makes STEP and DIR. `README.md` has the pins.
 //!
 //! Interrupts have two priorities: that of the step timer and of SysTick, and below it all the others.
@@ -31,7 +31,7 @@ use cortex_m::peripheral::{NVIC, SCB};
 use cortex_m::{Peripherals, asm};
 use cortex_m_rt::{ExceptionFrame, exception};
 use lm3s6965::Interrupt;
-use standin_board::{AxisPins, End, Hands, is_full_duplex};
+use standin_board::{AxisPins, End, Hands, is_full_duplex, made};
 use standin_firmware::device::{Boot, Device, Instant, Spec};
 use standin_firmware::motion::Follower;
 use standin_firmware::shell::{Links, NoLinks, Shell};
@@ -66,27 +66,27 @@ const LESS_URGENT: [Interrupt; 11] = [
 type Board<'a, D, const MEMORY: usize, const CHARACTERS: usize, const WIRES: usize, L> =
     Shell<&'a mut D, Ears, Hands<Sender, Output, Memory<MEMORY>, Steps, WIRES, L>, CHARACTERS>;
 
-/// Runs a drive with these saved registers, whose pins and faults, by their names, are wired to these pins of the
-/// board. `CHARACTERS` is how many characters may wait to be sent.
-///
-/// The drive is lent: it may be large, and whoever made it did so where it stays.
+/// Makes a drive and runs it with these saved registers; its pins and faults, by their names, are wired to these pins of
+/// the board. `CHARACTERS` is how many characters may wait to be sent.
 pub fn run<D: Device, const MEMORY: usize, const CHARACTERS: usize, const WIRES: usize>(
-    drive: &mut D,
+    make: fn() -> D,
     saved: &'static Saved<MEMORY>,
     wires: &[Wire; WIRES],
 ) -> ! {
-    start::<_, _, CHARACTERS, _, _>(drive, saved, wires, |_| None::<NoLinks>)
+    start::<_, _, CHARACTERS, _, _>(&mut made(make), saved, wires, |_| None::<NoLinks>)
 }
 
 /// Runs a drive as [`run`] does, one whose ports are TCP ports: 502 is Modbus, 503 is MCode, at 192.168.33.1.
 pub fn run_on_network<D: Device, const MEMORY: usize, const WIRES: usize>(
-    drive: &mut D,
+    make: fn() -> D,
     saved: &'static Saved<MEMORY>,
     wires: &[Wire; WIRES],
 ) -> ! {
-    start::<_, _, 0, _, _>(drive, saved, wires, ethernet::start)
+    start::<_, _, 0, _, _>(&mut made(make), saved, wires, ethernet::start)
 }
 
+/// Runs the drive, which was made before there is all that this needs of the stack.
+#[inline(never)]
 fn start<D: Device, const MEMORY: usize, const CHARACTERS: usize, const WIRES: usize, L: Links>(
     drive: &mut D,
     saved: &'static Saved<MEMORY>,

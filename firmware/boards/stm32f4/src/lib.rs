@@ -1,7 +1,7 @@
 //! Drives on an STM32F411, as on the Black Pill.
 //!
-//! Each binary is one kind of drive: it says which pin of the board is which of the drive, and calls
-//! [`run`]. What all have in common is here.
+//! Each binary is one kind of drive: it says which pin of the board is which of the drive, and has
+//! [`run`] make it. What all have in common is here.
 //!
 //! README.md shows how it is wired. Sections beside the code are those of the reference manual, RM0383; the
 //! datasheet is DS10314.
@@ -44,7 +44,7 @@ use core::panic::PanicInfo;
 use cortex_m::Peripherals;
 use cortex_m::peripheral::{NVIC, SCB};
 use cortex_m_rt::exception;
-use standin_board::{AxisPins, Hands, Saved, is_full_duplex};
+use standin_board::{AxisPins, Hands, Saved, is_full_duplex, made};
 use standin_firmware::device::{Boot, Device, Instant};
 use standin_firmware::motion::Follower;
 use standin_firmware::shell::Shell;
@@ -64,11 +64,18 @@ type Memory<'a> = Saved<'a, Flash, SECTORS>;
 type Board<'a, D, const CHARACTERS: usize, const WIRES: usize> =
     Shell<&'a mut D, Ears, Hands<Sender, Output, Memory<'a>, Steps, WIRES>, CHARACTERS>;
 
-/// Runs a drive whose pins and faults are wired like that. `memory` has as many bytes as its spec says;
-/// `CHARACTERS` is how many characters may wait to be sent.
-///
-/// Drive and memory are lent: they may be large, and whoever made them did so where they stay.
-pub fn run<D: Device, const CHARACTERS: usize, const WIRES: usize>(
+/// Makes a drive and runs it; its pins and faults are wired like that. `MEMORY` is how many bytes its spec says that it
+/// saves, `CHARACTERS` how many characters may wait to be sent.
+pub fn run<D: Device, const MEMORY: usize, const CHARACTERS: usize, const WIRES: usize>(
+    make: fn() -> D,
+    wires: &[Wire; WIRES],
+) -> ! {
+    start::<_, CHARACTERS, _>(&mut made(make), &mut [0xFF; MEMORY], wires)
+}
+
+/// Runs the drive, which was made before there is all that this needs of the stack.
+#[inline(never)]
+fn start<D: Device, const CHARACTERS: usize, const WIRES: usize>(
     drive: &mut D,
     memory: &mut [u8],
     wires: &[Wire; WIRES],

@@ -115,7 +115,7 @@ impl Outputs for Anything {
 }
 
 impl Links for Anything {
-    fn next(&mut self, now: Instant, message: &mut Adu) -> Result<(Port, Link, Came), Instant> {
+    fn next(&mut self, now: Instant, message: &mut Adu) -> Result<(Instant, Port, Link, Came), Instant> {
         opaque(message);
         opaque(Err(now))
     }

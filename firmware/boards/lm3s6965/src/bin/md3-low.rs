@@ -13,6 +13,5 @@ static SAVED: Saved<MEMORY> = Saved::new();
 
 #[entry]
 fn main() -> ! {
-    let mut drive = Md3::low();
-    run::<_, _, ONE_ANSWER, _>(&mut drive, &SAVED, &wires::MD3)
+    run::<_, _, ONE_ANSWER, _>(Md3::low, &SAVED, &wires::MD3)
 }

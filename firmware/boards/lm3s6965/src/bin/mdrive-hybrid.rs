@@ -12,6 +12,5 @@ static SAVED: Saved<MEMORY> = Saved::new();
 
 #[entry]
 fn main() -> ! {
-    let mut drive = Mdrive::hybrid();
-    run_on_network(&mut drive, &SAVED, &wires::MDRIVE)
+    run_on_network(Mdrive::hybrid, &SAVED, &wires::MDRIVE)
 }

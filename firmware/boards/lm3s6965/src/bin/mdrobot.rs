@@ -13,6 +13,5 @@ static SAVED: Saved<MEMORY> = Saved::new();
 
 #[entry]
 fn main() -> ! {
-    let mut drive = mdrobot();
-    run::<_, _, ONE_ANSWER, _>(&mut drive, &SAVED, &wires::MDROBOT)
+    run::<_, _, ONE_ANSWER, _>(mdrobot, &SAVED, &wires::MDROBOT)
 }

@@ -13,6 +13,5 @@ static SAVED: Saved<MEMORY> = Saved::new();
 
 #[entry]
 fn main() -> ! {
-    let mut drive = Qsb::d();
-    run::<_, _, ANSWERS, _>(&mut drive, &SAVED, &wires::QSB)
+    run::<_, _, ANSWERS, _>(Qsb::d, &SAVED, &wires::QSB)
 }

@@ -13,6 +13,5 @@ static SAVED: Saved<MEMORY> = Saved::new();
 
 #[entry]
 fn main() -> ! {
-    let mut drive = rs434546();
-    run::<_, _, ONE_ANSWER, _>(&mut drive, &SAVED, &wires::RS434)
+    run::<_, _, ONE_ANSWER, _>(rs434546, &SAVED, &wires::RS434)
 }

@@ -9,6 +9,5 @@ use standin_rp2040::{run, wires};
 
 #[entry]
 fn main() -> ! {
-    let mut drive = Qsb::d();
-    run::<_, ANSWERS, _>(&mut drive, &mut [0xFF; MEMORY], &wires::QSB)
+    run::<_, MEMORY, ANSWERS, _>(Qsb::d, &wires::QSB)
 }

@@ -9,6 +9,5 @@ use standin_rp2040::{run, wires};
 
 #[entry]
 fn main() -> ! {
-    let mut drive = Qsb::m();
-    run::<_, ANSWERS, _>(&mut drive, &mut [0xFF; MEMORY], &wires::QSB)
+    run::<_, MEMORY, ANSWERS, _>(Qsb::m, &wires::QSB)
 }

@@ -9,6 +9,5 @@ use standin_stm32f4::{run, wires};
 
 #[entry]
 fn main() -> ! {
-    let mut drive = Md3::low();
-    run::<_, ONE_ANSWER, _>(&mut drive, &mut [0xFF; MEMORY], &wires::MD3)
+    run::<_, MEMORY, ONE_ANSWER, _>(Md3::low, &wires::MD3)
 }

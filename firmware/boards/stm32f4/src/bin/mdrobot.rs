@@ -9,6 +9,5 @@ use standin_stm32f4::{run, wires};
 
 #[entry]
 fn main() -> ! {
-    let mut drive = mdrobot();
-    run::<_, ONE_ANSWER, _>(&mut drive, &mut [0xFF; MEMORY], &wires::MDROBOT)
+    run::<_, MEMORY, ONE_ANSWER, _>(mdrobot, &wires::MDROBOT)
 }

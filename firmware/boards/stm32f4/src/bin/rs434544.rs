@@ -9,6 +9,5 @@ use standin_stm32f4::{run, wires};
 
 #[entry]
 fn main() -> ! {
-    let mut drive = rs434544();
-    run::<_, ONE_ANSWER, _>(&mut drive, &mut [0xFF; MEMORY], &wires::RS434)
+    run::<_, MEMORY, ONE_ANSWER, _>(rs434544, &wires::RS434)
 }

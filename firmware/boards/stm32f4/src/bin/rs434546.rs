@@ -9,6 +9,5 @@ use standin_stm32f4::{run, wires};
 
 #[entry]
 fn main() -> ! {
-    let mut drive = rs434546();
-    run::<_, ONE_ANSWER, _>(&mut drive, &mut [0xFF; MEMORY], &wires::RS434)
+    run::<_, MEMORY, ONE_ANSWER, _>(rs434546, &wires::RS434)
 }

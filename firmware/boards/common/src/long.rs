@@ -1,0 +1,99 @@
+//! Room for answers that are longer than a connection has room for: pieces that all connections share.
+
+use heapless::Vec;
+
+/// Bytes that a piece holds; with what else it needs it takes 128.
+const PIECE: usize = 120;
+/// How many there are: for the listing of the longest program of an MDrive, which has up to 13 KiB.
+pub const PIECES: usize = 112;
+const _: () = assert!(PIECES * PIECE >= 13 * 1_024);
+
+/// A part of what waits.
+#[derive(Clone, Debug)]
+pub struct Piece {
+    bytes: Vec<u8, PIECE>,
+    next: Option<u8>,
+}
+
+impl Piece {
+    /// An empty one.
+    pub const EMPTY: Self = Self { bytes: Vec::new(), next: None };
+}
+
+/// What waits on one connection, from its first piece to its last.
+#[derive(Debug, Default)]
+pub(crate) struct Chain {
+    ends: Option<[u8; 2]>,
+    /// How many bytes of the first one have left.
+    gone: usize,
+}
+
+impl Chain {
+    pub(crate) fn is_empty(&self) -> bool {
+        self.ends.is_none()
+    }
+}
+
+/// The pieces.
+pub(crate) struct Long<'a> {
+    pieces: &'a mut [Piece; PIECES],
+    free: Vec<u8, PIECES>,
+}
+
+impl<'a> Long<'a> {
+    pub(crate) fn new(pieces: &'a mut [Piece; PIECES]) -> Self {
+        let mut free = Vec::new();
+        for place in 0..PIECES as u8 {
+            let _ = free.push(place);
+        }
+        Self { pieces, free }
+    }
+
+    /// Puts bytes behind what waits there; `false`, and it stays as it is, if there is no room for all.
+    pub(crate) fn put(&mut self, chain: &mut Chain, bytes: &[u8]) -> bool {
+        let room = self.last(chain).map_or(0, |last| PIECE.saturating_sub(last.bytes.len()));
+        let (front, rest) = bytes.split_at_checked(room).unwrap_or((bytes, &[]));
+        if rest.len() > self.free.len() * PIECE {
+            return false;
+        }
+        if let Some(last) = self.last(chain) {
+            let _ = last.bytes.extend_from_slice(front);
+        }
+        for part in rest.chunks(PIECE) {
+            let Some(place) = self.free.pop() else { return false };
+            if let Some(last) = self.last(chain) {
+                last.next = Some(place);
+            }
+            chain.ends = Some([chain.ends.map_or(place, |[first, _]| first), place]);
+            if let Some(piece) = self.last(chain) {
+                piece.bytes.clear();
+                let _ = piece.bytes.extend_from_slice(part);
+                piece.next = None;
+            }
+        }
+        true
+    }
+
+    /// Gives what waits to `send`, which says how many bytes it took, until it does not take all; whether any went.
+    pub(crate) fn leave(&mut self, chain: &mut Chain, mut send: impl FnMut(&[u8]) -> usize) -> bool {
+        let mut went = false;
+        while let Some([first, last]) = chain.ends
+            && let Some(piece) = self.pieces.get(usize::from(first))
+        {
+            let rest = piece.bytes.get(chain.gone..).unwrap_or_default();
+            let sent = send(rest);
+            went |= sent > 0;
+            if sent < rest.len() {
+                chain.gone += sent;
+                break;
+            }
+            *chain = Chain { ends: piece.next.map(|next| [next, last]), gone: 0 };
+            let _ = self.free.push(first);
+        }
+        went
+    }
+
+    fn last(&mut self, chain: &Chain) -> Option<&mut Piece> {
+        chain.ends.and_then(|[_, last]| self.pieces.get_mut(usize::from(last)))
+    }
+}

@@ -1,0 +1,230 @@
+//! The TCP ports of a board, with clients on the other end of a cable. Nothing here takes the time of the machine.
+
+mod cable;
+mod noise;
+
+use std::collections::VecDeque;
+
+use smoltcp::iface::SocketHandle;
+use smoltcp::socket::tcp::State;
+use standin_board::network::{LINKS, Network};
+use standin_firmware::device::{Duration, Link};
+use standin_firmware::shell::{Came, Links};
+use standin_protocol::modbus::tcp::Adu;
+
+use cable::{Cable, End, MCODE, MODBUS, Way, echo, request};
+
+#[test]
+fn whole_requests_however_they_are_cut() {
+    let mut cable = Cable::new();
+    let client = cable.connected(MODBUS, 0);
+    let (one, two) = (request(1), request(2));
+    cable.say(client, &one[..3]);
+    assert_eq!(cable.pass(20), []);
+    cable.say(client, &[&one[3..], &two[..], &one[..1]].concat());
+    let message = |bytes: &[u8]| (MODBUS, Link(0), Came::Message, bytes.to_vec());
+    assert_eq!(cable.pass_with(20, echo), [message(&one), message(&two)]);
+    assert_eq!(cable.hear(client), [&one[..], &two[..]].concat());
+    cable.say(client, &one[1..]);
+    assert_eq!(cable.pass(20), [message(&one)]);
+}
+
+#[test]
+fn mcode_comes_at_once_and_never_past_a_return() {
+    let mut cable = Cable::new();
+    let client = cable.connected(MCODE, 0);
+    cable.say(client, b"PR V\rPR P\r\nVM");
+    let message = |bytes: &[u8]| (MCODE, Link(0), Came::Message, bytes.to_vec());
+    assert_eq!(cable.pass(20), [message(b"PR V\r"), message(b"PR P\r"), message(b"\nVM")]);
+}
+
+#[test]
+fn a_connection_has_the_lowest_free_number_and_the_fifth_is_refused() {
+    let mut cable = Cable::new();
+    let clients: Vec<_> = (0..LINKS as u8).map(|link| cable.connected(MCODE, link)).collect();
+    let fifth = cable.call(MCODE);
+    assert_eq!(cable.pass(20), []);
+    assert_eq!(cable.client(fifth).state(), State::Closed);
+    // The other port has its own.
+    cable.connected(MODBUS, 0);
+    for link in [2, 1] {
+        cable.client(clients[link]).close();
+        assert_eq!(cable.pass(20), [(MCODE, Link(link as u8), Came::Closed, Vec::new())]);
+    }
+    cable.connected(MCODE, 1);
+    cable.connected(MCODE, 2);
+}
+
+#[test]
+fn a_wrong_header_closes_its_connection_behind_what_was_answered() {
+    let mut cable = Cable::new();
+    let [wrong, right] = [0, 1].map(|link| cable.connected(MODBUS, link));
+    cable.say(wrong, &[&request(1)[..], &[0, 2, 0, 7]].concat());
+    let told = cable.pass_with(20, echo);
+    let told: Vec<_> = told.iter().map(|(_, link, came, _)| (*link, *came)).collect();
+    assert_eq!(told, [(Link(0), Came::Message), (Link(0), Came::Closed)]);
+    assert_eq!(cable.hear(wrong), request(1)[..]);
+    assert!(!cable.client(wrong).may_recv(), "there comes no more");
+    cable.say(right, &request(3));
+    cable.pass_with(20, echo);
+    assert_eq!(cable.hear(right), request(3)[..]);
+}
+
+#[test]
+fn who_has_said_all_hears_what_is_due_before_he_is_closed() {
+    let mut cable = Cable::new();
+    let client = cable.connected(MODBUS, 0);
+    cable.say(client, &request(1));
+    cable.client(client).close();
+    let told = cable.pass_with(20, echo);
+    assert_eq!(told.last(), Some(&(MODBUS, Link(0), Came::Closed, Vec::new())));
+    assert_eq!(cable.hear(client), request(1)[..]);
+    cable.connected(MODBUS, 0);
+}
+
+#[test]
+fn nothing_is_taken_from_who_does_not_take_his_answers() {
+    const REQUESTS: u16 = 2_000;
+    let mut cable = Cable::new();
+    let [deaf, other] = [0, 1].map(|link| cable.connected(MODBUS, link));
+    let mut all: VecDeque<u8> = (0..REQUESTS).flat_map(|n| request(n).to_vec()).collect();
+    let say_more = |cable: &mut Cable, all: &mut VecDeque<u8>| {
+        let said = cable.client(deaf).send_slice(all.make_contiguous()).expect("it is open");
+        all.drain(..said);
+    };
+    for _ in 0..100 {
+        say_more(&mut cable, &mut all);
+        cable.pass_with(20, echo);
+    }
+    assert!(!all.is_empty(), "nobody takes more");
+    cable.say(other, &request(7));
+    cable.pass_with(20, echo);
+    assert_eq!(cable.hear(other), request(7)[..], "others are served");
+    // In the end not one answer is missing.
+    let mut heard = Vec::new();
+    for _ in 0..2_000 {
+        heard.extend(cable.hear(deaf));
+        say_more(&mut cable, &mut all);
+        cable.pass_with(20, echo);
+    }
+    let expected: Vec<u8> = (0..REQUESTS).flat_map(|n| request(n).to_vec()).collect();
+    assert_eq!(heard, expected);
+}
+
+/// Bytes of the listing of the longest program: as many as are stored of it, and a little more.
+const LISTING: usize = 13 * 1_024;
+
+/// Lines of a listing.
+fn line(n: usize) -> [u8; 64] {
+    [b'a' + (n % 26) as u8; 64]
+}
+
+/// Says as many bytes of a listing; whether all had room.
+fn list(board: &mut Network<'static, End>, link: u8, bytes: usize) -> bool {
+    (0..bytes / 64).all(|n| board.send(MCODE, Link(link), &line(n)))
+}
+
+/// Whoever reads, 10 ms apart, hears that many bytes of a listing and no more.
+fn reads(cable: &mut Cable, client: SocketHandle, bytes: usize) {
+    let mut heard = Vec::new();
+    for _ in 0..1_000 {
+        heard.extend(cable.hear(client));
+        cable.pass(10);
+    }
+    assert_eq!(heard, (0..bytes / 64).flat_map(line).collect::<Vec<u8>>());
+}
+
+#[test]
+fn the_longest_answer_has_room_again_and_again() {
+    let mut cable = Cable::new();
+    let client = cable.connected(MCODE, 0);
+    for _ in 0..3 {
+        assert!(list(&mut cable.board, 0, LISTING), "it has room");
+        reads(&mut cable, client, LISTING);
+    }
+}
+
+#[test]
+fn long_answers_share_their_room() {
+    let mut cable = Cable::new();
+    let clients: Vec<_> = (0..LINKS as u8).map(|link| cable.connected(MCODE, link)).collect();
+    for link in 0..LINKS as u8 {
+        assert!(list(&mut cable.board, link, LISTING / 4), "it has room");
+    }
+    for client in &clients {
+        reads(&mut cable, *client, LISTING / 4);
+    }
+    // There is not room for two of the longest: who asks later loses his connection, and nobody else.
+    assert!(list(&mut cable.board, 0, LISTING), "it has room");
+    assert!(!list(&mut cable.board, 1, LISTING), "there is no room");
+    assert_eq!(cable.pass(20), [(MCODE, Link(1), Came::Closed, Vec::new())]);
+    assert_eq!(cable.client(clients[1]).state(), State::Closed);
+    reads(&mut cable, clients[0], LISTING);
+    // What was his is free.
+    assert!(list(&mut cable.board, 2, LISTING), "it has room");
+    reads(&mut cable, clients[2], LISTING);
+}
+
+#[test]
+fn the_drive_closes_behind_what_it_has_said() {
+    let mut cable = Cable::new();
+    let client = cable.connected(MCODE, 0);
+    for _ in 0..100 {
+        assert!(cable.board.send(MCODE, Link(0), &[b'.'; 64]));
+    }
+    cable.board.close(MCODE, Link(0));
+    assert!(cable.board.send(MCODE, Link(0), b"into the void"));
+    let mut heard = 0;
+    for _ in 0..1_000 {
+        heard += cable.hear(client).len();
+        assert_eq!(cable.pass(1), [], "the drive knows that it closed");
+    }
+    assert_eq!(heard, 6_400);
+    assert_eq!(cable.client(client).state(), State::CloseWait);
+    // Whoever does not leave is thrown out after 10 s.
+    cable.pass(10_000);
+    cable.connected(MCODE, 0);
+    assert_eq!(cable.client(client).state(), State::Closed);
+}
+
+#[test]
+fn who_is_there_stays_and_who_is_gone_is_forgotten() {
+    let mut cable = Cable::new();
+    cable.connected(MODBUS, 0);
+    assert_eq!(cable.pass(100_000), [], "he is there");
+    // The cable is cut.
+    cable.here = End { from: Way::default(), to: Way::default(), came: cable.came.clone() };
+    assert_eq!(cable.pass(60_000), [(MODBUS, Link(0), Came::Closed, Vec::new())]);
+}
+
+#[test]
+fn a_reset_closes() {
+    let mut cable = Cable::new();
+    let client = cable.connected(MODBUS, 0);
+    cable.client(client).abort();
+    assert_eq!(cable.pass(20), [(MODBUS, Link(0), Came::Closed, Vec::new())]);
+    cable.connected(MODBUS, 0);
+}
+
+#[test]
+fn a_network_on_which_nothing_is_due_lets_the_board_sleep() {
+    let mut cable = Cable::new();
+    cable.connected(MODBUS, 0);
+    cable.pass(1_000);
+    let again = cable.board.next(cable.now, &mut Adu::new()).expect_err("nothing comes");
+    assert!(again > cable.now + Duration::secs(1), "{again:?}");
+}
+
+#[test]
+fn what_comes_is_stamped_with_its_frame() {
+    let mut cable = Cable::new();
+    let client = cable.connected(MODBUS, 0);
+    cable.say(client, &request(1));
+    cable.machine_speaks();
+    let came = cable.now;
+    cable.came.set(came);
+    // The loop is late.
+    cable.now += Duration::millis(5);
+    let next = cable.board.next(cable.now, &mut Adu::new());
+    assert_eq!(next, Ok((came, MODBUS, Link(0), Came::Message)));
+}

@@ -1,0 +1,161 @@
+//! A machine at the other end of the board's Ethernet cable: it connects to the ports of a drive. Its time is the board's.
+
+use std::collections::{BTreeMap, VecDeque};
+
+use smoltcp::iface::{Config, Interface, SocketHandle, SocketSet};
+use smoltcp::phy::{Device, DeviceCapabilities, Medium, RxToken, TxToken};
+use smoltcp::socket::tcp::{Socket, SocketBuffer};
+use smoltcp::time;
+use smoltcp::wire::{EthernetAddress, HardwareAddress, IpAddress, IpCidr};
+use standin_firmware::device::{Duration, Ends, Instant, Link, Port, Spec};
+
+/// A connection, as traces name it.
+pub(crate) type Connection = (Port, Link);
+
+/// The drive's address from the factory, and one beside it (FB 6.3).
+const DRIVE: IpAddress = IpAddress::v4(192, 168, 33, 1);
+const HERE: IpCidr = IpCidr::new(IpAddress::v4(192, 168, 33, 2), 16);
+/// An Ethernet address of nobody in particular.
+const ADDRESS: EthernetAddress = EthernetAddress([2, 0, 0, 0, 0, 2]);
+/// Bytes of the longest frame that hosts send, whatever the board takes.
+const FRAME: usize = 1_514;
+/// The first port of its own.
+const OWN: u16 = 49_152;
+/// Bytes of a connection that wait, each way.
+const ROOM: usize = 65_535;
+
+/// The machine, with its connections.
+pub(crate) struct Host {
+    spec: &'static Spec,
+    cable: Cable,
+    interface: Interface,
+    sockets: SocketSet<'static>,
+    connections: BTreeMap<Connection, SocketHandle>,
+    /// The next port of its own.
+    port: u16,
+}
+
+impl Host {
+    /// One that is connected to nothing.
+    pub(crate) fn new(spec: &'static Spec) -> Self {
+        let mut cable = Cable::default();
+        let config = Config::new(HardwareAddress::Ethernet(ADDRESS));
+        let mut interface = Interface::new(config, &mut cable, time::Instant::ZERO);
+        interface.update_ip_addrs(|addresses| addresses.push(HERE).expect("there is room for one"));
+        let sockets = SocketSet::new(Vec::new());
+        Self { spec, cable, interface, sockets, connections: BTreeMap::new(), port: OWN }
+    }
+
+    /// The board has lost power: nothing is left of its connections.
+    pub(crate) fn forget(&mut self) {
+        *self = Self { port: self.port, ..Self::new(self.spec) };
+    }
+
+    /// Connects to a port of the drive.
+    pub(crate) fn open(&mut self, connection: Connection) {
+        let number = match self.spec.ports[usize::from(connection.0.0)].ends {
+            // FB 6.3.
+            Ends::Mbap => 502,
+            Ends::Return => 503,
+            ends => panic!("nobody connects to a port whose messages end with {ends:?}"),
+        };
+        let buffer = || SocketBuffer::new(vec![0; ROOM]);
+        let mut socket = Socket::new(buffer(), buffer());
+        // What it has to say it says at once, and that it has heard, too.
+        socket.set_nagle_enabled(false);
+        socket.set_ack_delay(None);
+        socket.connect(self.interface.context(), (DRIVE, number), self.port).expect("it is closed");
+        self.port += 1;
+        self.connections.insert(connection, self.sockets.add(socket));
+    }
+
+    pub(crate) fn say(&mut self, connection: Connection, bytes: &[u8]) {
+        assert_eq!(self.socket(connection).send_slice(bytes), Ok(bytes.len()), "{connection:?} is open");
+    }
+
+    /// Has no more to say.
+    pub(crate) fn close(&mut self, connection: Connection) {
+        self.socket(connection).close();
+    }
+
+    /// Takes frames off the cable and does what is due. Returns the frames that leave for the board.
+    pub(crate) fn poll(&mut self, now: Instant, came: impl Iterator<Item = Vec<u8>>) -> Vec<Vec<u8>> {
+        self.cable.came.extend(came);
+        let at = time::Instant::from_micros((now.ticks() / Duration::micros(1).ticks()) as i64);
+        self.interface.poll(at, &mut self.cable, &mut self.sockets);
+        std::mem::take(&mut self.cable.leaves)
+    }
+
+    /// What was heard on each connection since the last time.
+    pub(crate) fn heard(&mut self) -> Vec<(Connection, Vec<u8>)> {
+        let connections: Vec<Connection> = self.connections.keys().copied().collect();
+        let heard = connections.into_iter().map(|connection| {
+            let mut bytes = vec![0; ROOM];
+            let count = self.socket(connection).recv_slice(&mut bytes).unwrap_or(0);
+            bytes.truncate(count);
+            (connection, bytes)
+        });
+        heard.filter(|(_, bytes)| !bytes.is_empty()).collect()
+    }
+
+    fn socket(&mut self, connection: Connection) -> &mut Socket<'static> {
+        let socket = self.connections.get(&connection);
+        self.sockets.get_mut(*socket.unwrap_or_else(|| panic!("{connection:?} was never opened")))
+    }
+}
+
+/// The frames of a [`Jack`](crate::machine::Jack), each behind its length.
+pub(crate) fn frames(mut said: &[u8]) -> impl Iterator<Item = Vec<u8>> {
+    std::iter::from_fn(move || {
+        let (length, rest) = said.split_first_chunk()?;
+        let (frame, rest) = rest.split_at(u32::from_be_bytes(*length) as usize);
+        said = rest;
+        Some(frame.to_vec())
+    })
+}
+
+/// The near end of the cable.
+#[derive(Default)]
+struct Cable {
+    came: VecDeque<Vec<u8>>,
+    leaves: Vec<Vec<u8>>,
+}
+
+impl Device for Cable {
+    type RxToken<'a> = Frame;
+    type TxToken<'a> = Room<'a>;
+
+    fn receive(&mut self, _now: time::Instant) -> Option<(Frame, Room<'_>)> {
+        Some((Frame(self.came.pop_front()?), Room(&mut self.leaves)))
+    }
+
+    fn transmit(&mut self, _now: time::Instant) -> Option<Room<'_>> {
+        Some(Room(&mut self.leaves))
+    }
+
+    fn capabilities(&self) -> DeviceCapabilities {
+        let mut capabilities = DeviceCapabilities::default();
+        capabilities.medium = Medium::Ethernet;
+        capabilities.max_transmission_unit = FRAME;
+        capabilities
+    }
+}
+
+struct Frame(Vec<u8>);
+
+impl RxToken for Frame {
+    fn consume<R, F: FnOnce(&[u8]) -> R>(self, take: F) -> R {
+        take(&self.0)
+    }
+}
+
+struct Room<'a>(&'a mut Vec<Vec<u8>>);
+
+impl TxToken for Room<'_> {
+    fn consume<R, F: FnOnce(&mut [u8]) -> R>(self, length: usize, write: F) -> R {
+        let mut frame = vec![0; length];
+        let result = write(&mut frame);
+        self.0.push(frame);
+        result
+    }
+}

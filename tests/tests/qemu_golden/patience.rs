@@ -1,0 +1,76 @@
+//! How late the board may be.
+
+use standin_firmware::device::{Duration, Instant, Spec};
+use standin_sim::trace::{Did, Event, Trace};
+
+use crate::expected::Expected;
+
+/// How long after its instant the board may do a thing, or hear one: interrupts and the loop. This bound
+/// and the next ones are for the speed of its code: the instructions that take so long at 16 ns each. Longest is an
+/// alarm of an MDROBOT, which lets go of what its servo does: 376 µs.
+const LATENCY: Duration = Duration::micros(400);
+/// How long where it is told by the network: frames, each answered by others, and all of their check sums. Longest is a
+/// write of four registers to an MDrive, which makes its move anew: 460 µs.
+const ON_NETWORK: Duration = Duration::micros(600);
+/// How long if the motor is given a new plan then, which the loop computes before it does anything else.
+pub(crate) const PLANNING: Duration = Duration::micros(700);
+/// How long it may take from its first instruction until it has done all that it does at power-on. Longest is an
+/// MDROBOT, which judges each of its 92 rows: 600 µs.
+const BOOT: Duration = Duration::micros(700);
+/// How much longer for each byte of its memory, which is read and judged then; as much where the drive judges and
+/// stores [many](MANY) bytes.
+const BYTE: Duration = Duration::from_ticks(4);
+/// Bytes that are stored in no time.
+const MANY: usize = 256;
+
+/// How late it may be in a trace.
+pub(crate) struct Patience {
+    /// With anything else.
+    latency: Duration,
+    /// When it stores many bytes, and how long that may take.
+    stores: Vec<Instant>,
+    storing: Duration,
+    /// How long it may take to start.
+    pub(crate) boot: Duration,
+}
+
+impl Patience {
+    /// With the only drive of a trace.
+    pub(crate) fn of(trace: &Trace, spec: &Spec, is_on_network: bool) -> Self {
+        let memory = BYTE * u64::from(spec.memory);
+        Self {
+            latency: if is_on_network { ON_NETWORK } else { LATENCY },
+            stores: stores(trace),
+            storing: LATENCY + memory,
+            boot: BOOT + memory,
+        }
+    }
+
+    /// With what is due at `at`, but for a start.
+    pub(crate) fn at(&self, expected: &Expected, at: Instant) -> Duration {
+        match at {
+            _ if self.stores.iter().any(|store| (earlier(at, self.storing)..=at).contains(store)) => {
+                self.storing
+            }
+            _ if expected.plans(earlier(at, PLANNING), at) => PLANNING,
+            _ => self.latency,
+        }
+    }
+}
+
+/// When many bytes are stored, a user program of an RS 434544 is brought back (FLAG_SAVE_USER_PROGRAM), or an MDrive
+/// starts again, which says who it is.
+fn stores(trace: &Trace) -> Vec<Instant> {
+    let many = |event: &Event| match event {
+        Event::Did(Did::Store { bytes, .. }) => bytes.len() > MANY,
+        Event::Did(Did::Bytes { bytes, .. }) => bytes.get(1..4) == Some(&[6, 0x50, 0x25]),
+        Event::Did(Did::Message { bytes, .. }) => bytes.starts_with(b"Copyright"),
+        _ => false,
+    };
+    trace.events().filter(|entry| many(&entry.event)).map(|entry| entry.at).collect()
+}
+
+/// So long before `at`.
+pub(crate) fn earlier(at: Instant, by: Duration) -> Instant {
+    Instant::from_ticks(at.ticks().saturating_sub(by.ticks()))
+}
