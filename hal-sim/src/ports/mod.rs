@@ -137,7 +137,7 @@ impl Ports {
     /// No port yet.
     ///
     /// # Errors
-    /// The system gives no epoll or inotify instance.
+    /// The system gives no epoll or inotify instance, or no timer.
     pub(crate) fn new() -> io::Result<Self> {
         let openings = inotify::init(inotify::CreateFlags::NONBLOCK | inotify::CreateFlags::CLOEXEC)?;
         let mut ports = Self {
@@ -215,12 +215,18 @@ impl Ports {
         Ok(number)
     }
 
-    /// Sleeps until something comes, or for `timeout`.
+    /// [`wait`](Self::wait) ends when `left`, which is not zero, has passed, and not when it was to before; `None`: not
+    /// before something comes.
+    pub(crate) fn set_alarm(&self, left: Option<Duration>) {
+        self.watch.set_alarm(left);
+    }
+
+    /// Sleeps until something comes, or the alarm rings; if it `looks` only, it does not sleep.
     ///
     /// # Errors
     /// The system does not let it wait.
-    pub(crate) fn wait(&mut self, timeout: Option<Duration>) -> io::Result<()> {
-        self.watch.wait(timeout)?;
+    pub(crate) fn wait(&mut self, looks: bool) -> io::Result<()> {
+        self.watch.wait(looks)?;
         // Who is ready after those that are left over is so next time, too.
         if self.ready.is_empty() {
             self.ready.extend(self.watch.ready());
