@@ -205,7 +205,7 @@ impl Host {
         }
     }
 
-    /// Whether something is still on its way to its end, and all else waits.
+    /// Whether something is still on its way to its end, and jobs wait.
     fn is_busy(&self) -> bool {
         self.advance.is_some() || self.settling.is_some()
     }
@@ -233,7 +233,7 @@ impl Host {
             }
             self.catch_up();
             let heard = self.ports.deliver(&mut self.bench);
-            if heard && !self.is_busy() {
+            if heard && self.settling.is_none() {
                 self.settle();
             }
             self.follow();
@@ -263,9 +263,9 @@ impl Host {
         }
     }
 
-    /// Takes what has come to the ports.
+    /// Takes what has come to the ports, also while the clock is advanced.
     fn take(&mut self) {
-        while !self.is_busy() && self.ports.take(&mut self.bench, self.clock.is_none()) {
+        while self.settling.is_none() && self.ports.take(&mut self.bench, self.clock.is_none()) {
             self.settle();
             self.catch_up();
         }
@@ -295,7 +295,9 @@ impl Host {
 
     /// Brings the bench to where it should be now, or as near as a slice of time gets it.
     fn catch_up(&mut self) {
-        if let Some(advance) = self.advance.take() {
+        if self.settling.is_none()
+            && let Some(advance) = self.advance.take()
+        {
             self.run_towards(advance.until, wall());
             if self.bench.now() < advance.until && !advance.done.is_closed() {
                 self.advance = Some(advance);
