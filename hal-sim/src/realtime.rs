@@ -232,10 +232,7 @@ impl Host {
                 self.work();
             }
             self.catch_up();
-            let heard = self.ports.deliver(&mut self.bench);
-            if heard && self.settling.is_none() {
-                self.settle();
-            }
+            self.hand_out();
             self.follow();
         }
         Ok(())
@@ -263,11 +260,25 @@ impl Host {
         }
     }
 
-    /// Takes what has come to the ports, also while the clock is advanced.
+    /// Takes what has come to the ports, also while the clock is advanced. Each is answered before the next is looked at,
+    /// if a drive answers at once: who waits for the first of many answers is woken once, and not again by each.
     fn take(&mut self) {
         while self.settling.is_none() && self.ports.take(&mut self.bench, self.clock.is_none()) {
+            if self.clock.is_none() {
+                self.settle();
+                self.catch_up();
+            } else {
+                self.bench.run_until(self.bench.now());
+            }
+            self.hand_out();
+        }
+    }
+
+    /// Hands out what the drives have sent.
+    fn hand_out(&mut self) {
+        let heard = self.ports.deliver(&mut self.bench);
+        if heard && self.settling.is_none() {
             self.settle();
-            self.catch_up();
         }
     }
 
