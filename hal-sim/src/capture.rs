@@ -6,7 +6,7 @@ use std::collections::VecDeque;
 use standin_firmware::device::{Duration, Instant, Line, Link, Port};
 
 use crate::bench::{Bus, Seat};
-use crate::trace::TraceKeep;
+use crate::trace::{TraceKeep, allocated, make_room};
 
 /// Frames that were on the lines and connections.
 #[derive(Clone, Debug)]
@@ -133,7 +133,6 @@ impl Capture {
         }
         let frame = frame();
         self.bytes += frame.size();
-        self.frames.push_back(frame);
         if let TraceKeep::Ring(most) = self.keep {
             while self.bytes > most
                 && let Some(oldest) = self.frames.pop_front()
@@ -141,7 +140,9 @@ impl Capture {
                 self.bytes -= oldest.size();
                 self.lost += 1;
             }
+            make_room(&mut self.frames);
         }
+        self.frames.push_back(frame);
     }
 }
 
@@ -152,8 +153,8 @@ impl Frame {
         self.at + self.lasts
     }
 
-    /// Bytes that it holds on to.
+    /// Bytes of memory that it takes.
     fn size(&self) -> usize {
-        size_of::<Self>() + self.bytes.len()
+        size_of::<Self>() + allocated(self.bytes.len())
     }
 }

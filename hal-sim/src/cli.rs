@@ -76,9 +76,9 @@ pub(crate) struct Run {
     /// Which kind (see `standin list`), or a bench file of several drives, whose name ends in .toml
     #[arg(value_name = "KIND|BENCH.toml")]
     pub(crate) what: String,
-    /// Where a port of the drive is reached, [PORT=]URI: pty:, pty:LINK, tcp:HOST:PORT, serial:DEVICE or
-    /// stdio:; a TCP port by tcp: alone; may repeat [default: each port by a free loopback TCP port, a serial one by a
-    /// pty, too]
+    /// Where a port of the drive, the first if none is named, is reached, [PORT=]URI: pty:, pty:LINK,
+    /// tcp:HOST:PORT, serial:DEVICE or stdio:; a TCP port by tcp: alone; may repeat [default, of each port for
+    /// itself: a free loopback TCP port, of a serial one a pty, too]
     #[arg(long, value_name = "[PORT=]URI", help_heading = ONE_DRIVE)]
     pub(crate) listen: Vec<Listen>,
     /// Where the control API listens: HOST:PORT or off

@@ -89,8 +89,8 @@ struct Reader {
     names: BTreeMap<String, &'static str>,
     /// What each drive is.
     specs: Vec<&'static Spec>,
-    /// Of which drives the file says where they are reached.
-    told: Vec<bool>,
+    /// Which drives the file has reached nowhere.
+    nowhere: Vec<bool>,
     /// Every place to be reached.
     places: Vec<Uri>,
     /// Every file of a memory.

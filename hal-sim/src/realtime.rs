@@ -5,7 +5,6 @@
 //! are served one at a time.
 
 use std::io;
-use std::num::NonZeroU64;
 use std::os::fd::OwnedFd;
 use std::os::unix::net::UnixStream;
 use std::sync::{Arc, mpsc};
@@ -54,14 +53,14 @@ impl Clock {
         self.bench + Duration::from_ticks(u64::try_from(ticks).unwrap_or(u64::MAX))
     }
 
-    /// How long after its beginning it shows `bench`, rounded up; `None` if that is never.
-    fn until(&self, bench: Instant) -> Option<WallSpan> {
+    /// When it shows `bench`, rounded up; `None` if that is never.
+    fn when(&self, bench: Instant) -> Option<WallInstant> {
         if bench == Instant::NEVER {
             return None;
         }
         let ticks = u128::from(bench.since(self.bench).ticks()) * 1_000_000_000;
         let nanos = ticks.div_ceil(u128::from(TICKS_PER_SECOND) * u128::from(self.factor));
-        u64::try_from(nanos).ok().map(WallSpan::from_nanos)
+        self.wall.checked_add(WallSpan::from_nanos(u64::try_from(nanos).ok()?))
     }
 }
 
@@ -153,6 +152,8 @@ pub(crate) struct Host {
     answer: Option<Answer>,
     /// In manual time, until when half a message may wait for its rest.
     patient_until: Option<WallInstant>,
+    /// When the thread wakes though nothing comes.
+    alarm: Option<WallInstant>,
     inbox: Inbox,
 }
 
@@ -169,6 +170,7 @@ impl Host {
             settling: None,
             answer: None,
             patient_until: None,
+            alarm: None,
             inbox,
         };
         host.set_pace(pace);
@@ -203,7 +205,7 @@ impl Host {
         }
     }
 
-    /// Whether something is still on its way to its end, and all else waits.
+    /// Whether something is still on its way to its end, and jobs wait.
     fn is_busy(&self) -> bool {
         self.advance.is_some() || self.settling.is_some()
     }
@@ -213,12 +215,10 @@ impl Host {
     /// # Errors
     /// The system does not let it wait.
     pub(crate) fn run(&mut self, stop: &UnixStream) -> io::Result<()> {
-        // Else the kernel wakes us up to 50 µs late, half a character at 115,200 baud.
-        let _ = rustix::thread::set_current_timer_slack(NonZeroU64::new(1));
         let stop = self.ports.wake_for(stop)?;
         let bell = self.ports.wake_for(&self.inbox.bell)?;
         while !self.ports.are_over() {
-            self.ports.wait(self.time_left())?;
+            self.sleep()?;
             if self.ports.is_ready(stop) {
                 break;
             }
@@ -232,10 +232,7 @@ impl Host {
                 self.work();
             }
             self.catch_up();
-            let heard = self.ports.deliver(&mut self.bench);
-            if heard && !self.is_busy() {
-                self.settle();
-            }
+            self.hand_out();
             self.follow();
         }
         Ok(())
@@ -263,30 +260,56 @@ impl Host {
         }
     }
 
-    /// Takes what has come to the ports.
+    /// Takes what has come to the ports, also while the clock is advanced. Each is answered before the next is looked at,
+    /// if a drive answers at once: who waits for the first of many answers is woken once, and not again by each.
     fn take(&mut self) {
-        while !self.is_busy() && self.ports.take(&mut self.bench, self.clock.is_none()) {
-            self.settle();
-            self.catch_up();
+        while self.settling.is_none() && self.ports.take(&mut self.bench, self.clock.is_none()) {
+            if self.clock.is_none() {
+                self.settle();
+                self.catch_up();
+            } else {
+                self.bench.run_until(self.bench.now());
+            }
+            self.hand_out();
         }
     }
 
-    /// How long the thread may sleep; `None` for as long as nothing comes.
-    fn time_left(&self) -> Option<WallSpan> {
-        if self.is_busy() {
-            return Some(WallSpan::ZERO);
+    /// Hands out what the drives have sent.
+    fn hand_out(&mut self) {
+        let heard = self.ports.deliver(&mut self.bench);
+        if heard && self.settling.is_none() {
+            self.settle();
         }
-        let Some(clock) = &self.clock else {
-            return self.patient_until.map(|until| until.saturating_duration_since(wall()));
-        };
-        let due = clock.until(self.next().min(self.ports.deadline()))?;
-        Some(due.saturating_sub(wall().saturating_duration_since(clock.wall)))
+    }
+
+    /// Sleeps until something comes or is due; not at all if it is already.
+    fn sleep(&mut self) -> io::Result<()> {
+        let (due, now) = (self.due(), wall());
+        if self.is_busy() || due.is_some_and(|due| due <= now) {
+            return self.ports.wait(true);
+        }
+        // Mostly what came has changed nothing of that.
+        if due != self.alarm {
+            self.alarm = due;
+            self.ports.set_alarm(due.map(|due| due.saturating_duration_since(now)));
+        }
+        self.ports.wait(false)
+    }
+
+    /// When something is to be done though nothing comes; `None`: never.
+    fn due(&self) -> Option<WallInstant> {
+        match &self.clock {
+            Some(clock) => clock.when(self.next().min(self.ports.deadline())),
+            None => self.patient_until,
+        }
     }
 
     /// Brings the bench to where it should be now, or as near as a slice of time gets it.
     fn catch_up(&mut self) {
-        if let Some(advance) = self.advance.take() {
-            self.run_towards(advance.until);
+        if self.settling.is_none()
+            && let Some(advance) = self.advance.take()
+        {
+            self.run_towards(advance.until, wall());
             if self.bench.now() < advance.until && !advance.done.is_closed() {
                 self.advance = Some(advance);
                 return;
@@ -325,16 +348,18 @@ impl Host {
             }
         }
         let target = clock.at(wall);
-        self.run_towards(target);
+        self.run_towards(target, wall);
     }
 
-    /// Runs the bench to `target`, but no longer than is good for who waits.
-    fn run_towards(&mut self, target: Instant) {
-        let began = wall();
-        while self.bench.now() < target && began.elapsed() < BUDGET {
+    /// Runs the bench to `target`, but from `began` on no longer than is good for who waits.
+    fn run_towards(&mut self, target: Instant, began: WallInstant) {
+        loop {
             let slice = self.next().max(self.bench.now()) + SLICE;
             self.bench.run_until(slice.min(target));
             self.follow();
+            if self.bench.now() >= target || began.elapsed() >= BUDGET {
+                break;
+            }
         }
     }
 
@@ -398,12 +423,12 @@ mod tests {
         let clock = Clock::new(10, start, Instant::from_ticks(7));
         assert_eq!(clock.at(start), Instant::from_ticks(7));
         assert_eq!(clock.at(start + WallSpan::from_millis(1)), Instant::from_ticks(7 + 160_000));
-        assert_eq!(clock.until(Instant::NEVER), None);
+        assert_eq!(clock.when(Instant::NEVER), None);
         for ticks in [1, 2, 15, 16, 17, 12_345_678] {
             let due = Instant::from_ticks(7 + ticks);
-            let span = clock.until(due).unwrap();
-            assert!(clock.at(start + span) >= due);
-            assert!(clock.at(start + span - WallSpan::from_nanos(1)) < due);
+            let when = clock.when(due).unwrap();
+            assert!(clock.at(when) >= due);
+            assert!(clock.at(when - WallSpan::from_nanos(1)) < due);
         }
     }
 }

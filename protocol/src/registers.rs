@@ -742,13 +742,13 @@ impl Entries {
         which: F,
     ) -> impl Iterator<Item = usize> + use<'_, F> {
         let (start, end) = (places.start, places.end);
-        self.list.iter().enumerate().filter_map(move |(index, row)| {
-            if !which(row) {
-                return None;
-            }
-            let place = self.place(index);
-            let touched = place < end && start < place + usize::from(row.shape.words());
-            touched.then_some(index)
+        // Places ascend, so the first of these rows is the last one that begins at `start` or before.
+        let first = self.places.partition_point(|&place| usize::from(place) <= start).saturating_sub(1);
+        let rows = self.list.iter().enumerate().skip(first);
+        let rows = rows.take_while(move |&(index, _)| self.place(index) < end);
+        rows.filter_map(move |(index, row)| {
+            let touched = start < self.place(index) + usize::from(row.shape.words());
+            (which(row) && touched).then_some(index)
         })
     }
 }

@@ -439,3 +439,21 @@ proptest! {
         prop_assert!(answers, "{:?} to {:?}", reply, pdu);
     }
 }
+
+#[test]
+fn of_any_words_those_rows_are_live_or_optional_that_a_search_of_all_finds() {
+    let entries = Reg::ENTRIES;
+    for start in 0..=Reg::WORDS {
+        for end in start..=Reg::WORDS {
+            let touched = |row: &usize| {
+                let (place, words) = (entries.place(*row), usize::from(entries.list[*row].shape.words()));
+                place < end && start < place + words
+            };
+            let all = || (0..entries.list.len()).filter(touched);
+            let live = all().filter(|&row| entries.list[row].live);
+            assert!(entries.live_rows_at(&(start..end)).eq(live), "{start}..{end}");
+            let conditional = all().filter(|&row| entries.list[row].is_conditional());
+            assert!(entries.conditional_rows_at(&(start..end)).eq(conditional), "{start}..{end}");
+        }
+    }
+}

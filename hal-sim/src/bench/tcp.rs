@@ -271,8 +271,9 @@ impl Bench {
     /// What a client [receives](Self::receive) is not read further on, or is again: meanwhile a drive hears no more of
     /// it on a TCP connection. Nothing else comes of it on a line.
     pub fn hold_back(&mut self, client: Client, held_back: bool) {
-        if let Some(connection) = self.connections.all.get_mut(&client.0) {
-            connection.held_back = held_back;
+        if let Some(connection) = self.connections.all.get_mut(&client.0)
+            && std::mem::replace(&mut connection.held_back, held_back) != held_back
+        {
             self.go_on(client.0);
         }
     }

@@ -55,7 +55,7 @@ impl Reader {
             faults: Vec::new(),
         };
         let listen = table.texts("listen")?;
-        self.told.push(listen.is_some());
+        self.nowhere.push(listen.as_ref().is_some_and(|listen| listen.is.is_empty()));
         for text in listen.map_or(Vec::new(), |listen| listen.is) {
             let place = layout::reached(spec, &self.listen(&text)?).map_err(Wrong::at(text.at))?;
             self.place(&text, &place.1)?;
@@ -133,7 +133,10 @@ impl Reader {
     pub(super) fn reach_the_others(&mut self) {
         for drive in 0..self.layout.drives.len() {
             let ports = (0..self.spec(drive).ports.len()).map(|port| Port(port as u8));
-            let own = ports.filter(|&port| !self.told[drive] && self.bus_of(drive, port).is_none());
+            let told = |port| self.layout.drives[drive].listen.iter().any(|&(told, _)| told == port);
+            let left =
+                |&port: &Port| !self.nowhere[drive] && !told(port) && self.bus_of(drive, port).is_none();
+            let own = ports.filter(left);
             let places: Vec<_> = own.map(|port| (port, Uri::Tcp("127.0.0.1:0".into()))).collect();
             self.layout.drives[drive].listen.extend(places);
         }

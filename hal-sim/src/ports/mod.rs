@@ -21,6 +21,7 @@ mod watch;
 use std::collections::btree_map::Entry;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::io;
+use std::mem::MaybeUninit;
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 use std::path::PathBuf;
 use std::time::Duration;
@@ -137,7 +138,7 @@ impl Ports {
     /// No port yet.
     ///
     /// # Errors
-    /// The system gives no epoll or inotify instance.
+    /// The system gives no epoll or inotify instance, or no timer.
     pub(crate) fn new() -> io::Result<Self> {
         let openings = inotify::init(inotify::CreateFlags::NONBLOCK | inotify::CreateFlags::CLOEXEC)?;
         let mut ports = Self {
@@ -215,12 +216,18 @@ impl Ports {
         Ok(number)
     }
 
-    /// Sleeps until something comes, or for `timeout`.
+    /// [`wait`](Self::wait) ends when `left`, which is not zero, has passed, and not when it was to before; `None`: not
+    /// before something comes.
+    pub(crate) fn set_alarm(&self, left: Option<Duration>) {
+        self.watch.set_alarm(left);
+    }
+
+    /// Sleeps until something comes, or the alarm rings; if it `looks` only, it does not sleep.
     ///
     /// # Errors
     /// The system does not let it wait.
-    pub(crate) fn wait(&mut self, timeout: Option<Duration>) -> io::Result<()> {
-        self.watch.wait(timeout)?;
+    pub(crate) fn wait(&mut self, looks: bool) -> io::Result<()> {
+        self.watch.wait(looks)?;
         // Who is ready after those that are left over is so next time, too.
         if self.ready.is_empty() {
             self.ready.extend(self.watch.ready());
@@ -246,7 +253,7 @@ impl Ports {
         self.stdio.is_some_and(|stdio| !self.places.contains_key(&stdio))
     }
 
-    /// Takes what has come; in manual time only up to what is to have its whole effect before more is taken.
+    /// Takes what has come, up to what is to have its effect before more is taken: in manual time its whole effect.
     /// Whether there is such.
     pub(crate) fn take(&mut self, bench: &mut Bench, manual: bool) -> bool {
         // What somebody sent who came a moment ago is his, not his predecessor's.
@@ -258,12 +265,12 @@ impl Ports {
                 let said = place.end.take(bench, flags, manual);
                 let goes_on = flags.contains(EventFlags::OUT) && place.end.deliver(bench);
                 self.note(bench, number);
-                if (said || goes_on) && manual {
+                if said || goes_on {
                     return true;
                 }
             } else if self.listeners.contains_key(&number) {
                 let goes_on = self.deliver(bench);
-                if (self.accept(bench, number) || goes_on) && manual {
+                if self.accept(bench, number) || goes_on {
                     return true;
                 }
             } else {
@@ -277,7 +284,9 @@ impl Ports {
     /// has said more than he read, or that somebody has left.
     pub(crate) fn deliver(&mut self, bench: &mut Bench) -> bool {
         let audible = bench.audible().filter_map(|client| self.clients.get(&client).copied());
-        let numbers: Vec<u64> = audible.chain(self.going.iter().copied()).collect();
+        let mut numbers: Vec<u64> = audible.chain(self.going.iter().copied()).collect();
+        numbers.sort_unstable();
+        numbers.dedup();
         let mut heard = false;
         for number in numbers {
             if let Some(place) = self.places.get_mut(&number) {
@@ -441,7 +450,7 @@ impl Ports {
     /// Tells each pty who opened or left it.
     fn note_openings(&mut self, bench: &mut Bench) {
         let mut told = Vec::new();
-        let mut buffer = [std::mem::MaybeUninit::uninit(); 1024];
+        let mut buffer = [MaybeUninit::uninit(); 1024];
         let mut events = inotify::Reader::new(&self.openings, &mut buffer);
         while let Ok(event) = events.next() {
             told.push((event.wd(), event.events()));
@@ -469,10 +478,13 @@ fn may_read(bench: &Bench, client: Client, unread: &Unread) -> bool {
     bench.backlog(client) < BACKLOG_BYTES && unread.len() < BACKLOG_BYTES
 }
 
+/// Room for what is read from a client at once.
+const ROOM: [MaybeUninit<u8>; READ_BYTES] = [MaybeUninit::uninit(); READ_BYTES];
+
 /// What a read from a client brought.
-enum Came {
-    /// So many bytes.
-    Bytes(usize),
+enum Came<'a> {
+    /// These bytes.
+    Bytes(&'a [u8]),
     /// Nothing for now.
     Nothing,
     /// The other end is gone.
@@ -480,10 +492,10 @@ enum Came {
 }
 
 /// Reads what is there.
-fn read_some(from: impl AsFd, buffer: &mut [u8]) -> Came {
-    match rustix::io::read(from, buffer) {
-        Ok(0) => Came::End,
-        Ok(count) => Came::Bytes(count),
+fn read_some(from: impl AsFd, room: &mut [MaybeUninit<u8>]) -> Came<'_> {
+    match rustix::io::read(from, room) {
+        Ok(([], _)) => Came::End,
+        Ok((bytes, _)) => Came::Bytes(bytes),
         Err(rustix::io::Errno::AGAIN | rustix::io::Errno::INTR) => Came::Nothing,
         // Of a pty that nobody has open, or of a broken connection.
         Err(_) => Came::End,

@@ -28,7 +28,7 @@ use tracing::{info, warn};
 
 use super::link::Link;
 use super::unread::{MOST_MIB, Unread};
-use super::{Came, End, READ_BYTES, interest, may_read, read_some};
+use super::{Came, End, ROOM, interest, may_read, read_some};
 
 /// A pty of a line.
 pub(super) struct Pty {
@@ -219,11 +219,11 @@ impl End for Pty {
                 self.clear(bench);
                 return said;
             }
-            let mut buffer = [0; READ_BYTES];
-            match read_some(&self.master, &mut buffer) {
-                Came::Bytes(count) => {
+            let mut room = ROOM;
+            match read_some(&self.master, &mut room) {
+                Came::Bytes(bytes) => {
                     let sender = self.sender(bench);
-                    bench.send_from(client, &buffer[..count], sender);
+                    bench.send_from(client, bytes, sender);
                     said = true;
                     if !gone {
                         return said;

@@ -26,7 +26,7 @@ use standin_sim::listen::Uri;
 use tracing::{info, warn};
 
 use super::unread::{MOST_MIB, Unread};
-use super::{Came, End, READ_BYTES, interest, may_read, read_some};
+use super::{Came, End, ROOM, interest, may_read, read_some};
 
 /// Time between two attempts to find a port that is gone.
 const RETRY: Duration = Duration::from_secs(1);
@@ -142,10 +142,10 @@ impl End for Serial {
         if !ready.intersects(EventFlags::IN | EventFlags::HUP | EventFlags::ERR) {
             return false;
         }
-        let mut buffer = [0; READ_BYTES];
-        match read_some(fd, &mut buffer) {
-            Came::Bytes(count) => {
-                bench.send(client, &buffer[..count]);
+        let mut room = ROOM;
+        match read_some(fd, &mut room) {
+            Came::Bytes(bytes) => {
+                bench.send(client, bytes);
                 return true;
             }
             Came::End => {

@@ -17,7 +17,7 @@ use standin_sim::bench::{Bench, Bus, Client};
 use tracing::{debug, warn};
 
 use super::unread::{MOST_MIB, Unread};
-use super::{Came, End, READ_BYTES, interest, may_read, read_some};
+use super::{Came, End, READ_BYTES, ROOM, interest, may_read, read_some};
 
 /// Time between two looks whether all is written.
 const LOOK: Duration = Duration::from_millis(1);
@@ -81,10 +81,10 @@ impl End for Stdio {
         if self.stage != Stage::Open {
             return false;
         }
-        let mut buffer = [0; READ_BYTES];
-        match read_some(&self.near, &mut buffer) {
-            Came::Bytes(count) => {
-                bench.send(self.client, &buffer[..count]);
+        let mut room = ROOM;
+        match read_some(&self.near, &mut room) {
+            Came::Bytes(bytes) => {
+                bench.send(self.client, bytes);
                 return true;
             }
             Came::End => self.stage = Stage::Asked,

@@ -13,7 +13,7 @@ use standin_sim::bench::{Bench, Client, Ended, MOST_CONNECTIONS, Outlet, TurnedA
 use tracing::{info, warn};
 
 use super::unread::{MOST_MIB, Unread};
-use super::{BACKLOG_BYTES, Came, End, READ_BYTES, interest, may_read, read_some};
+use super::{BACKLOG_BYTES, Came, End, ROOM, interest, may_read, read_some};
 
 /// Time between two looks at somebody who has said all that he has to say.
 const LOOK: Duration = Duration::from_secs(1);
@@ -235,11 +235,11 @@ impl End for Connection {
         if ready.contains(EventFlags::ERR) || (ready.contains(EventFlags::HUP) && self.is_leaving()) {
             self.over = true;
         } else if !self.is_leaving() && ready.intersects(EventFlags::IN | EventFlags::HUP) {
-            let mut buffer = [0; READ_BYTES];
-            match read_some(&self.stream, &mut buffer) {
-                Came::Bytes(count) => {
+            let mut room = ROOM;
+            match read_some(&self.stream, &mut room) {
+                Came::Bytes(bytes) => {
                     self.unacknowledged = true;
-                    bench.send(self.client, &buffer[..count]);
+                    bench.send(self.client, bytes);
                     return true;
                 }
                 // It may have closed one direction only, and wait for a reply.
@@ -298,9 +298,9 @@ impl End for Connection {
     }
 
     fn leave(&mut self, bench: &mut Bench) {
-        let mut buffer = [0; READ_BYTES];
+        let mut room = ROOM;
         for _ in 0..LAST_READS {
-            let Came::Bytes(_) = read_some(&self.stream, &mut buffer) else { break };
+            let Came::Bytes(_) = read_some(&self.stream, &mut room) else { break };
         }
         info!("{} leaves tcp:{}", self.peer, self.address);
         bench.disconnect(self.client);

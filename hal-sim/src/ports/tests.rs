@@ -308,3 +308,23 @@ fn in_manual_time_the_clock_stands_while_all_is_answered() {
     });
     assert_eq!(last.as_deref(), Some("closed 0"));
 }
+
+#[test]
+fn while_the_clock_is_advanced_all_is_answered() {
+    let running = Running::start(Pace::Manual);
+    let (mut text, mut stream) = (running.greeted(), running.connect(MODBUS));
+    text.write_all(b"t").unwrap();
+    expect(&mut text, b"T");
+    // So far that it never comes there, with a `T` each second.
+    let (done, mut there) = tokio::sync::oneshot::channel();
+    running.door.hand_in(move |host| {
+        host.advance(standin_firmware::device::Duration::secs(1 << 36), done);
+        || ()
+    });
+    expect(&mut text, b"T");
+    (0..20).for_each(|transaction| exchange(&mut stream, transaction));
+    exchange(&mut running.connect(MODBUS), 20);
+    assert!(there.try_recv().is_err(), "it goes on");
+    drop(there);
+    assert!(running.call(|bench, _| bench.now()) > Instant::ZERO);
+}

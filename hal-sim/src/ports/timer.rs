@@ -1,4 +1,4 @@
-//! Timers that wake whoever waits, again and again.
+//! Timers that wake whoever waits: once, or again and again.
 
 use std::io;
 use std::os::fd::OwnedFd;
@@ -18,12 +18,17 @@ pub(super) fn new() -> io::Result<OwnedFd> {
 
 /// Tells from now on whenever `pause` has passed.
 pub(super) fn start(timer: &OwnedFd, pause: Duration) {
-    set(timer, pause);
+    set(timer, pause, pause);
+}
+
+/// Tells once that `left` has passed; never if it is zero.
+pub(super) fn ring_after(timer: &OwnedFd, left: Duration) {
+    set(timer, left, Duration::ZERO);
 }
 
 /// Tells nothing more.
 pub(super) fn stop(timer: &OwnedFd) {
-    set(timer, Duration::ZERO);
+    set(timer, Duration::ZERO, Duration::ZERO);
 }
 
 /// What it has told is heard.
@@ -32,12 +37,12 @@ pub(super) fn hear(timer: &OwnedFd) {
     let _ = rustix::io::read(timer, &mut [0; 8]);
 }
 
-fn set(timer: &OwnedFd, pause: Duration) {
-    let pause = Timespec {
-        tv_sec: pause.as_secs().try_into().unwrap_or(i64::MAX),
-        tv_nsec: pause.subsec_nanos().into(),
-    };
-    let every = Itimerspec { it_interval: pause, it_value: pause };
+fn set(timer: &OwnedFd, first: Duration, pause: Duration) {
+    let times = Itimerspec { it_interval: timespec(pause), it_value: timespec(first) };
     // It fails for times that are none.
-    let _ = rustix::time::timerfd_settime(timer, TimerfdTimerFlags::empty(), &every);
+    let _ = rustix::time::timerfd_settime(timer, TimerfdTimerFlags::empty(), &times);
+}
+
+fn timespec(span: Duration) -> Timespec {
+    Timespec { tv_sec: span.as_secs().try_into().unwrap_or(i64::MAX), tv_nsec: span.subsec_nanos().into() }
 }

@@ -1,22 +1,29 @@
-//! Waiting for many descriptors at once.
+//! Waiting for many descriptors at once, and for an alarm.
 //!
 //! The system keeps the list of what is waited for, so a wake-up costs what is ready and not what is
-//! there. `ppoll` sleeps, because it counts in nanoseconds everywhere; `epoll_wait` then tells who is ready.
+//! there. The alarm is one of them, because a timer counts in nanoseconds, which `epoll_wait` does not
+//! everywhere, and needs no word while it stays.
 
 use std::io;
 use std::os::fd::{AsFd, OwnedFd};
 use std::time::Duration;
 
+use rustix::event::Timespec;
 use rustix::event::epoll::{self, CreateFlags, Event, EventData, EventFlags};
-use rustix::event::{PollFd, PollFlags, Timespec};
 use rustix::io::Errno;
+
+use super::timer;
 
 /// How many may be ready at once; the others are next time.
 const READY: usize = 256;
 
+/// The number of the alarm, which nobody else has.
+const ALARM: u64 = 0;
+
 /// Descriptors that are waited for, each by a number.
 pub(super) struct Watch {
     epoll: OwnedFd,
+    alarm: OwnedFd,
     ready: Vec<Event>,
 }
 
@@ -24,9 +31,16 @@ impl Watch {
     /// Nothing to wait for yet.
     ///
     /// # Errors
-    /// The system gives no epoll instance.
+    /// The system gives no epoll instance or timer.
     pub(super) fn new() -> io::Result<Self> {
-        Ok(Self { epoll: epoll::create(CreateFlags::CLOEXEC)?, ready: Vec::with_capacity(READY) })
+        let watch = Self {
+            epoll: epoll::create(CreateFlags::CLOEXEC)?,
+            alarm: timer::new()?,
+            ready: Vec::with_capacity(READY),
+        };
+        // It tells once that it rings, so nobody has to hear it out.
+        watch.add(ALARM, &watch.alarm, EventFlags::IN | EventFlags::ET)?;
+        Ok(watch)
     }
 
     /// Waits for `interest` of `fd`, too; errors and the end of the other side are told unasked.
@@ -53,24 +67,20 @@ impl Watch {
         Ok(epoll::delete(&self.epoll, fd)?)
     }
 
-    /// Sleeps until something is ready, or for `timeout`.
+    /// The alarm rings when `left`, which is not zero, has passed, and not when it was to before; never if `None`.
+    pub(super) fn set_alarm(&self, left: Option<Duration>) {
+        timer::ring_after(&self.alarm, left.unwrap_or_default());
+    }
+
+    /// Sleeps until something is ready, or the alarm rings; not at all if it `looks` only.
     ///
     /// # Errors
     /// The system does not let it wait.
-    pub(super) fn wait(&mut self, timeout: Option<Duration>) -> io::Result<()> {
+    pub(super) fn wait(&mut self, looks: bool) -> io::Result<()> {
+        const AT_ONCE: Timespec = Timespec { tv_sec: 0, tv_nsec: 0 };
         self.ready.clear();
-        let timeout = timeout.map(|left| Timespec {
-            tv_sec: left.as_secs().try_into().unwrap_or(i64::MAX),
-            tv_nsec: left.subsec_nanos().into(),
-        });
-        let mut fds = [PollFd::new(&self.epoll, PollFlags::IN)];
-        match rustix::event::poll(&mut fds, timeout.as_ref()) {
-            Ok(0) | Err(Errno::INTR) => return Ok(()),
-            Ok(_) => {}
-            Err(error) => return Err(error.into()),
-        }
-        let at_once = Timespec { tv_sec: 0, tv_nsec: 0 };
-        match epoll::wait(&self.epoll, rustix::buffer::spare_capacity(&mut self.ready), Some(&at_once)) {
+        let room = rustix::buffer::spare_capacity(&mut self.ready);
+        match epoll::wait(&self.epoll, room, looks.then_some(&AT_ONCE)) {
             Ok(_) | Err(Errno::INTR) => Ok(()),
             Err(error) => Err(error.into()),
         }
@@ -78,9 +88,10 @@ impl Watch {
 
     /// Who is ready since the last time, and what for.
     pub(super) fn ready(&self) -> impl Iterator<Item = (u64, EventFlags)> {
-        self.ready.iter().map(|event| {
+        let ready = self.ready.iter().map(|event| {
             let (data, flags) = (event.data, event.flags);
             (data.u64(), flags)
-        })
+        });
+        ready.filter(|&(number, _)| number != ALARM)
     }
 }

@@ -124,7 +124,7 @@ fn drive(options: &cli::Run) -> Result<Drive, String> {
     })
 }
 
-/// Which ports are reached where; without a wish, a serial port gets a pty and a loopback TCP port.
+/// Which ports are reached where; one without a wish gets a loopback TCP port, and a serial one a pty, too.
 fn places(spec: &Spec, listen: &[Listen]) -> Result<Vec<(Port, Uri)>, String> {
     let mut places: Vec<(Port, Uri)> = Vec::new();
     for listen in listen {
@@ -134,8 +134,8 @@ fn places(spec: &Spec, listen: &[Listen]) -> Result<Vec<(Port, Uri)>, String> {
         }
         places.push(place);
     }
-    if listen.is_empty() {
-        for (port, of) in (0..).map(Port).zip(spec.ports) {
+    for (port, of) in (0..).map(Port).zip(spec.ports) {
+        if places.iter().all(|(told, _)| *told != port) {
             places.push((port, Uri::Tcp("127.0.0.1:0".into())));
             places.extend(of.line.map(|_| (port, Uri::Pty(None))));
         }
@@ -176,13 +176,18 @@ mod tests {
     }
 
     #[test]
-    fn a_port_is_reached_by_loopback_and_a_serial_one_by_a_pty_unless_told_otherwise() {
+    fn a_port_is_reached_by_loopback_and_a_serial_one_by_a_pty_unless_told_otherwise_of_it() {
         let spec = spec(PORTS);
         let default = places(&spec, &[]).unwrap();
         let tcp = || Uri::Tcp("127.0.0.1:0".into());
         assert_eq!(default, [(Port(0), tcp()), (Port(0), Uri::Pty(None)), (Port(1), tcp())]);
-        let told = places(&spec, &["rs485=pty:".parse().unwrap()]).unwrap();
-        assert_eq!(told, [(Port(0), Uri::Pty(None))]);
+        for listen in ["pty:", "rs485=pty:"] {
+            let told = places(&spec, &[listen.parse().unwrap()]).unwrap();
+            assert_eq!(told, [(Port(0), Uri::Pty(None)), (Port(1), tcp())]);
+        }
+        let uri = || Uri::Tcp("127.0.0.1:5020".into());
+        let told = places(&spec, &["modbus=tcp:127.0.0.1:5020".parse().unwrap()]).unwrap();
+        assert_eq!(told, [(Port(1), uri()), (Port(0), tcp()), (Port(0), Uri::Pty(None))]);
     }
 
     #[test]

@@ -49,6 +49,7 @@
 //! | `power off` | the cut has come, in the store before |
 
 mod copy;
+mod ring;
 mod text;
 
 use std::borrow::Cow;
@@ -59,6 +60,7 @@ use standin_firmware::device::{
 };
 use standin_protocol::time::Duration;
 
+pub(crate) use ring::{allocated, make_room};
 pub use text::ParseError;
 pub(crate) use text::{is_name, without_comment};
 
@@ -386,16 +388,16 @@ impl Course {
 }
 
 impl Entry {
-    /// Bytes that it holds on to.
+    /// Bytes of memory that it takes.
     fn size(&self) -> usize {
         let owned = match &self.event {
-            Event::Fed(Fed::Bytes { bytes, .. } | Fed::Message { bytes, .. }) => bytes.len(),
+            Event::Fed(Fed::Bytes { bytes, .. } | Fed::Message { bytes, .. }) => allocated(bytes.len()),
             Event::Did(Did::Bytes { bytes, .. } | Did::Message { bytes, .. } | Did::Store { bytes, .. }) => {
-                bytes.len()
+                allocated(bytes.len())
             }
-            Event::Did(Did::Plan { .. }) => size_of::<Plan>(),
+            Event::Did(Did::Plan { .. }) => allocated(size_of::<Plan>()),
             Event::Did(Did::Course { course, .. }) => {
-                size_of::<Course>() + course.legs.len() * size_of::<Leg>()
+                allocated(size_of::<Course>()) + allocated(course.legs.len() * size_of::<Leg>())
             }
             Event::Fed(_) | Event::Did(_) => 0,
         };
@@ -457,7 +459,6 @@ impl Trace {
     fn record(&mut self, at: Instant, drive: u32, event: Event) {
         let entry = Entry { at, drive: drive as usize, event, line: 0 };
         self.bytes += entry.size();
-        self.events.push_back(entry);
         if let TraceKeep::Ring(most) = self.keep {
             while self.bytes > most
                 && let Some(oldest) = self.events.pop_front()
@@ -465,7 +466,9 @@ impl Trace {
                 self.bytes -= oldest.size();
                 self.lost += 1;
             }
+            make_room(&mut self.events);
         }
+        self.events.push_back(entry);
     }
 
     /// How far it has come: events so far, with those that a ring has dropped.

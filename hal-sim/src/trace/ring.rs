@@ -1,0 +1,42 @@
+//! What a ring in memory costs.
+
+use std::collections::VecDeque;
+
+/// Bytes of memory that a vector of so many bytes takes: a word of the allocator's own before them, and all of it a
+/// multiple of two words, four at least.
+pub(crate) fn allocated(bytes: usize) -> usize {
+    const WORD: usize = size_of::<usize>();
+    if bytes == 0 { 0 } else { (bytes + WORD).next_multiple_of(2 * WORD).max(4 * WORD) }
+}
+
+/// Makes room for one more in the queue of a ring, with little to spare. By itself a queue grows to twice its size, and
+/// a ring goes through all of it in turn, so that half of its memory would be for nothing.
+pub(crate) fn make_room<T>(queue: &mut VecDeque<T>) {
+    if queue.len() == queue.capacity() {
+        queue.reserve_exact(queue.len() / 16 + 16);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn small_vectors_cost_what_the_allocator_takes() {
+        let costs = [0, 1, 12, 24, 25, 40, 41, 100].map(allocated);
+        // Of 64 bits; others have half of it.
+        if size_of::<usize>() == 8 {
+            assert_eq!(costs, [0, 32, 32, 32, 48, 48, 64, 112]);
+        }
+    }
+
+    #[test]
+    fn a_queue_has_little_to_spare() {
+        let mut queue = VecDeque::new();
+        for n in 0..100_000_u64 {
+            make_room(&mut queue);
+            queue.push_back(n);
+            assert!(queue.capacity() <= queue.len() + queue.len() / 16 + 16);
+        }
+    }
+}
