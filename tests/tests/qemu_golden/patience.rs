@@ -10,8 +10,8 @@ use crate::expected::Expected;
 /// alarm of an MDROBOT, which lets go of what its servo does: 376 µs.
 const LATENCY: Duration = Duration::micros(400);
 /// How long where it is told by the network: frames, each answered by others, and all of their check sums. Longest is a
-/// write of four registers to an MDrive, which makes its move anew: 460 µs.
-const ON_NETWORK: Duration = Duration::micros(600);
+/// write of four registers to an MDrive, which makes its move anew: 553 µs.
+const ON_NETWORK: Duration = Duration::micros(650);
 /// How long if the motor is given a new plan then, which the loop computes before it does anything else.
 pub(crate) const PLANNING: Duration = Duration::micros(700);
 /// How long it may take from its first instruction until it has done all that it does at power-on. Longest is an
