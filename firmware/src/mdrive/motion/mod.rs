@@ -6,6 +6,7 @@
 //! | file | what of it |
 //! |---|---|
 //! | `motor` | the plan that turns it, its shaft, its current |
+//! | `response` | SS: how fast a Hybrid's rotor may be |
 //! | `encoder` | the encoder on its shaft, or a remote one |
 //! | `scale` | steps and counts |
 //! | `orders` | moves, slews, jogs, and how one follows another |
@@ -22,6 +23,7 @@ mod home;
 mod limits;
 mod motor;
 mod orders;
+mod response;
 mod scale;
 #[cfg(test)]
 mod tests;
@@ -59,6 +61,8 @@ pub(super) struct Settings {
     pub(super) hold_percent: u8,
     /// DE.
     pub(super) enabled: bool,
+    /// The fastest that the rotor follows, in steps/s: SS of a Hybrid in AS 1 and 2.
+    pub(super) response: u32,
     /// LM.
     pub(super) limit_mode: u8,
     /// JE.
@@ -182,6 +186,7 @@ impl Motion {
         self.settings = settings;
         self.motor.set_microsteps(at, settings.microsteps);
         self.motor.load(at, settings.machine);
+        self.motor.limit(at, settings.response, out);
         self.motor.power_on(at, out);
         (self.c1, self.c2) = (0, self.encoder.count(at, &self.motor).wrapping_neg());
         self.rest(at);
@@ -211,6 +216,7 @@ impl Motion {
         }
         self.motor.set_microsteps(at, settings.microsteps);
         self.motor.load(at, settings.machine);
+        self.motor.limit(at, settings.response, out);
         if (settings.closed, settings.lines) != (before.closed, before.lines) {
             self.watch_from(at);
         }
@@ -222,7 +228,7 @@ impl Motion {
         {
             self.end_following(at, out);
         }
-        self.jogs_changed(at, before.jogs, out);
+        self.forbid_jog(at, out);
         self.refresh(at, out);
     }
 
@@ -353,7 +359,11 @@ impl Motion {
 
     /// Whether anything moves it that C1 counts, or is about to (MV).
     pub(super) fn is_moving(&self) -> bool {
-        !matches!(self.activity, Activity::Rest | Activity::Uncounted { .. })
+        match self.activity {
+            Activity::Rest => false,
+            Activity::Uncounted { .. } => self.waiting.is_some(),
+            _ => true,
+        }
     }
 
     /// Whether it is on its way to a position, or will be (MP).
@@ -456,7 +466,7 @@ impl Motion {
         if self.hold_due() <= at {
             self.holds = true;
         }
-        self.motor.energize(at, self.percent(), out);
+        self.motor.energize(at, self.percent(), self.spins(), out);
         self.watch(at);
     }
 

@@ -37,9 +37,19 @@ pub(super) enum Activity {
     Uncounted {
         steps: i32,
         percent: u8,
-        /// An order ends that; otherwise nothing comes of it.
-        yields: bool,
+        yields: Yields,
     },
+}
+
+/// What becomes of an order while a Hybrid's circuitry turns it.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) enum Yields {
+    /// It is carried out at once.
+    AtOnce,
+    /// It waits until the rotor stands.
+    AtStandstill,
+    /// Nothing.
+    Never,
 }
 
 /// A way to a position.
@@ -85,14 +95,24 @@ pub(super) enum Task {
     Move(Move),
     Slew(i32),
     Home(Order),
+    /// The jog that contacts ask for then.
+    Jog,
 }
 
 impl Motion {
     /// Carries out an order, or lets it wait.
     pub(super) fn begin_order(&mut self, at: Instant, order: Order, out: &mut dyn Sink) -> Result<(), Error> {
         match self.activity {
-            Activity::Uncounted { yields: true, .. } => self.end_uncounted(at, out),
-            Activity::Uncounted { .. } => return Ok(()),
+            Activity::Uncounted { yields: Yields::AtOnce, .. } => self.end_uncounted(at, out),
+            Activity::Uncounted { yields: Yields::AtStandstill, .. } => {
+                self.waiting = Some(match order {
+                    Order::To { .. } | Order::By { .. } => Task::Order(order, at + RECKONING),
+                    Order::Slew(speed) => Task::Slew(speed),
+                    Order::Home(_) | Order::HomeToIndex(_) => return Err(Error::Homing),
+                });
+                return Ok(());
+            }
+            Activity::Uncounted { yields: Yields::Never, .. } => return Ok(()),
             _ => {}
         }
         match order {
@@ -194,7 +214,7 @@ impl Motion {
         if self.stands() {
             self.watch_from(at);
             self.holds = false;
-            self.motor.energize(at, self.percent(), out);
+            self.motor.energize(at, self.percent(), self.spins(), out);
         }
         self.motor.go(at, plan, out);
         self.changed = true;
@@ -352,6 +372,7 @@ impl Motion {
             Task::Move(way) => self.begin_move(at, way, out),
             Task::Slew(speed) => self.slew(at, speed, out),
             Task::Home(order) => self.home(at, order, out),
+            Task::Jog => self.begin_jog(at, out),
         }
     }
 
@@ -404,36 +425,40 @@ impl Motion {
         }
     }
 
-    /// A jog contact has changed: from standstill it begins a jog, and one that has begun ends with its contact.
-    pub(super) fn jog(&mut self, at: Instant, began: bool, out: &mut dyn Sink) {
-        let own = if matches!(self.activity, Activity::Jogs { back: true }) {
-            Contact::JogMinus
-        } else {
-            Contact::JogPlus
-        };
-        match (self.activity, self.jog_wanted()) {
-            (Activity::Jogs { .. }, _) if !self.settings.jogs || !self.is_active(own) => {
+    /// A jog contact has changed: one that becomes active begins a jog from standstill, and a jog ends with its own.
+    /// What contacts ask for when it stands begins then.
+    pub(super) fn jog(&mut self, at: Instant, active: bool, out: &mut dyn Sink) {
+        match self.activity {
+            Activity::Jogs { back } if self.jog_ends(back) => {
+                self.waiting = Some(Task::Jog);
                 self.slow(at, false, out);
             }
-            (Activity::Rest, Some(back)) if began && self.settings.jogs => {
-                if self.settings.follows_clock {
-                    self.fail(Error::JogInClockMode);
-                } else if self.is_barred(back) {
-                    self.fail_at_limit(back);
-                } else {
-                    let rates = self.settings.rates();
-                    let speed = I24F8::saturating_from_num(rates.speed);
-                    self.turn(at, Activity::Jogs { back }, if back { -speed } else { speed }, rates, out);
-                }
-            }
+            Activity::Rest if active => self.begin_jog(at, out),
             _ => {}
         }
     }
 
-    /// JE may have changed.
-    pub(super) fn jogs_changed(&mut self, at: Instant, before: bool, out: &mut dyn Sink) {
-        if self.settings.jogs != before {
-            self.jog(at, self.settings.jogs, out);
+    fn jog_ends(&self, back: bool) -> bool {
+        !self.is_active(if back { Contact::JogMinus } else { Contact::JogPlus })
+    }
+
+    fn begin_jog(&mut self, at: Instant, out: &mut dyn Sink) {
+        let Some(back) = self.jog_wanted().filter(|_| self.settings.jogs) else { return };
+        if self.settings.follows_clock {
+            self.fail(Error::JogInClockMode);
+        } else if self.is_barred(back) {
+            self.fail_at_limit(back);
+        } else {
+            let rates = self.settings.rates();
+            let speed = I24F8::saturating_from_num(rates.speed);
+            self.turn(at, Activity::Jogs { back }, if back { -speed } else { speed }, rates, out);
+        }
+    }
+
+    /// JE may be 0: no jog goes on then, and none begins.
+    pub(super) fn forbid_jog(&mut self, at: Instant, out: &mut dyn Sink) {
+        if !self.settings.jogs && matches!(self.activity, Activity::Jogs { .. }) {
+            self.slow(at, false, out);
         }
     }
 }
