@@ -4,7 +4,7 @@ use fixed::types::I24F8;
 
 use super::closed::Verdict;
 use super::home::Home;
-use super::{Contact, Event, Motion, Order};
+use super::{Event, Motion, Order};
 use crate::device::{Duration, Instant, Plan, Sink};
 use crate::mdrive::error::Error;
 use crate::motion::Rates;
@@ -362,7 +362,7 @@ impl Motion {
     }
 
     /// Begins what waited, from standstill.
-    fn begin(&mut self, at: Instant, task: Task, out: &mut dyn Sink) {
+    pub(super) fn begin(&mut self, at: Instant, task: Task, out: &mut dyn Sink) {
         match task {
             Task::Order(order, ready) => match self.way(at, order) {
                 Ok(way) if ready <= at => self.begin_move(at, way, out),
@@ -373,92 +373,6 @@ impl Motion {
             Task::Slew(speed) => self.slew(at, speed, out),
             Task::Home(order) => self.home(at, order, out),
             Task::Jog => self.begin_jog(at, out),
-        }
-    }
-
-    /// PS. What jogs or follows a clock is not the program's.
-    pub(super) fn interrupt(&mut self, at: Instant, out: &mut dyn Sink) {
-        let left = match self.activity {
-            Activity::Reckons(way) | Activity::Moves(way) if way.ordered => Some(Task::Move(way)),
-            Activity::Slews(speed) => Some(Task::Slew(speed)),
-            Activity::Homes(home) => Some(Task::Home(home.order())),
-            _ => self.left,
-        };
-        (self.paused, self.left) = (true, left);
-        if !matches!(self.activity, Activity::Settles(_)) {
-            self.slow(at, false, out);
-        }
-    }
-
-    /// RS.
-    pub(super) fn go_on_with_it(&mut self, at: Instant, out: &mut dyn Sink) {
-        if !core::mem::take(&mut self.paused) {
-            return;
-        }
-        match (self.left.take(), self.activity) {
-            (Some(task), Activity::Rest) => {
-                self.begin(at, task, out);
-                // A limit may not let it begin.
-                if self.activity == Activity::Rest {
-                    self.over(at, out);
-                }
-            }
-            // Something was ordered meanwhile.
-            (Some(task), activity) => {
-                self.waiting = Some(task);
-                if matches!(activity, Activity::Slews(_) | Activity::Jogs { .. } | Activity::Follows) {
-                    self.slow(at, true, out);
-                }
-            }
-            (None, Activity::Rest) => self.over(at, out),
-            (None, _) => {}
-        }
-    }
-
-    /// Whether contacts ask for a jog, and in which direction (MC 5-39).
-    fn jog_wanted(&self) -> Option<bool> {
-        let is_active = |contact| self.is_active(contact);
-        match (is_active(Contact::JogPlus), is_active(Contact::JogMinus)) {
-            (true, false) => Some(false),
-            (false, true) => Some(true),
-            _ => None,
-        }
-    }
-
-    /// A jog contact has changed: one that becomes active begins a jog from standstill, and a jog ends with its own.
-    /// What contacts ask for when it stands begins then.
-    pub(super) fn jog(&mut self, at: Instant, active: bool, out: &mut dyn Sink) {
-        match self.activity {
-            Activity::Jogs { back } if self.jog_ends(back) => {
-                self.waiting = Some(Task::Jog);
-                self.slow(at, false, out);
-            }
-            Activity::Rest if active => self.begin_jog(at, out),
-            _ => {}
-        }
-    }
-
-    fn jog_ends(&self, back: bool) -> bool {
-        !self.is_active(if back { Contact::JogMinus } else { Contact::JogPlus })
-    }
-
-    fn begin_jog(&mut self, at: Instant, out: &mut dyn Sink) {
-        let Some(back) = self.jog_wanted().filter(|_| self.settings.jogs) else { return };
-        if self.settings.follows_clock {
-            self.fail(Error::JogInClockMode);
-        } else if self.is_barred(back) {
-            self.fail_at_limit(back);
-        } else {
-            let rates = self.settings.rates();
-            let speed = I24F8::saturating_from_num(rates.speed);
-            self.turn(at, Activity::Jogs { back }, if back { -speed } else { speed }, rates, out);
-        }
-    }
-
-    /// JE may be 0: no jog goes on then, and none begins.
-    pub(super) fn forbid_jog(&mut self, at: Instant, out: &mut dyn Sink) {
-        if !self.settings.jogs && matches!(self.activity, Activity::Jogs { .. }) {
-            self.slow(at, false, out);
         }
     }
 }
