@@ -2,6 +2,7 @@
 
 use standin_protocol::time::Span;
 use standin_sim::bench::Setup;
+use standin_sim::file;
 
 use crate::rig::{CALIBRATION, Kind, Rig, START};
 
@@ -213,6 +214,46 @@ fn a_rotor_that_turns_is_in_motion() {
     rig.after(2.secs());
     assert_eq!(rig.speed() as i64, 0);
     rig.set(&["DE=1"]);
+}
+
+/// A motor of a bench file is the drive's own: at RC = 25 its 1,000 mN·m are 250, and the encoder, LL and LR are of the
+/// shaft that the bench shows.
+#[test]
+fn a_motor_of_the_bench_is_the_rotor() {
+    for (load, set, is_locked) in [
+        ("load_mnm = 200", "", false),
+        ("load_mnm = 300", "", true),
+        ("load_mnm = 300", "RC = 50", false),
+        ("load_mnm = 0", "SS = 255", false),
+    ] {
+        let text = format!(
+            "[[drive]]\nname = \"x\"\nkind = \"mdrive-hybrid\"\nfast_boot = true\nlisten = []\nset = {{ {set} }}\n\
+             [[motor]]\nname = \"m\"\ndrive = \"x\"\nholding_mnm = 1000\n{load}\n"
+        );
+        let layout = file::parse(&text).unwrap_or_else(|error| panic!("{error}"));
+        let built = layout.build(layout.settings(), Vec::new()).unwrap_or_else(|error| panic!("{error}"));
+        let mut rig = Rig::of(Kind::Hybrid, built.bench, built.seats[0]);
+        rig.say("EM=2");
+        rig.set(&["VM=51200", "MR 204800"]);
+        rig.wait_still(10.secs());
+        rig.assert_values(&[("LR", is_locked.into()), ("ER", if is_locked { 104 } else { 0 })]);
+        let (counts, lag) = (rig.value("C2"), rig.value("LL"));
+        if set == "SS = 255" {
+            assert!(lag > 12_000, "{lag}");
+        } else {
+            assert_eq!(lag, 0, "{load}, {set}");
+        }
+        if !is_locked {
+            // 51,200 steps and 4,000 counts are a turn.
+            assert!(((204_800 - lag) * 10 / 128 - counts).abs() <= 1, "{counts} counts, {lag} behind");
+        }
+        let motor = rig.bench.motors().next().expect("a motor");
+        let turned = (rig.bench.turn(motor).revolutions * 4_000.0).round() as i64;
+        assert!(
+            (turned - counts).abs() <= 1,
+            "{load}, {set}: the shaft has turned {turned} counts of {counts}"
+        );
+    }
 }
 
 /// MC 5-71: trips on its status.

@@ -64,7 +64,6 @@ impl Motor {
         self.plan = plan;
         self.response.look(at, &self.plan);
         self.lead_shaft(at, out);
-        out.put(at, Output::Plan { axis: AXIS, plan: &self.plan });
     }
 
     /// Steps without a ramp, from standstill.
@@ -109,6 +108,7 @@ impl Motor {
     fn lead_shaft(&mut self, at: Instant, out: &mut dyn Sink) {
         let plan = self.response.of(at, &self.plan);
         self.shaft.input(at, Input::Plan { axis: AXIS, plan: &plan }, out);
+        out.put(at, Output::Plan { axis: AXIS, plan: &plan });
     }
 
     /// Its shaft is held, or let go.

@@ -3,8 +3,11 @@
 use fixed::types::I24F8;
 
 use crate::device::{Duration, Instant, Plan};
-use crate::motion::{MAX_ACCELERATION, Segment};
+use crate::motion::Segment;
 use standin_protocol::time::TICKS_PER_SECOND;
+
+/// What brings a shaft down to that, in steps/s²: the A and D of the factory.
+const DECELERATION: u32 = 1_000_000;
 
 /// How fast the shaft may be.
 #[derive(Clone, Copy, Debug)]
@@ -35,7 +38,7 @@ impl Response {
             return *plan;
         }
         let most = I24F8::saturating_from_num(self.most);
-        plan.towards(at, if plan.speed_at(at) < 0 { -most } else { most }, MAX_ACCELERATION)
+        plan.towards(at, if plan.speed_at(at) < 0 { -most } else { most }, DECELERATION)
     }
 
     /// When a plan comes to be too fast next, or no longer.
