@@ -20,7 +20,7 @@ use standin_protocol::registers::{Bank, Entries, Register, Space};
 
 use super::STALL;
 use super::error::{Error, Errors};
-use super::hybrid::Hybrid;
+use super::hybrid::{Hybrid, frequency};
 use super::io::{self, Io};
 use super::mcode::Mcode;
 use super::mcode::statement::Place;
@@ -261,7 +261,7 @@ impl Drive {
             changing: self.motion.is_changing(at),
             locked_rotor: self.hybrid.is_locked(),
             positioning: self.motion.is_positioning(),
-            hybrid: self.hybrid.is_active(),
+            hybrid: self.corrects_rotor(),
             makes_up: self.hybrid.makes_up(),
         };
         self.io.show(at, shown, out);
@@ -333,6 +333,7 @@ pub(super) fn motion_settings(bank: &Bank<Reg, { Reg::WORDS }>, follows_clock: b
         run_percent: byte(Reg::RC),
         hold_percent: byte(Reg::HC),
         enabled: flag(Reg::DE),
+        response: response(bank),
         limit_mode: byte(Reg::LM),
         jogs: flag(Reg::JE),
         follows_clock,
@@ -344,6 +345,14 @@ pub(super) fn motion_settings(bank: &Bank<Reg, { Reg::WORDS }>, follows_clock: b
         goes_on_stalled: flag(Reg::SM),
         maintains: flag(Reg::PM),
         machine: machine(bank),
+    }
+}
+
+/// The fastest that the rotor follows, in steps/s: SS counts with AS 1 and 2 (FB 5.1), which an MDrivePlus has not.
+fn response(bank: &Bank<Reg, { Reg::WORDS }>) -> u32 {
+    match bank.word(Reg::AS) {
+        1 | 2 => frequency(bank.word(Reg::SS).into()).unsigned_abs(),
+        _ => u32::MAX,
     }
 }
 

@@ -90,7 +90,7 @@ static MDRIVE_HYBRID: Spec = spec(
 );
 
 /// What of MCode there is not, and why.
-static NOT_MODELLED: [&str; 10] = [
+static NOT_MODELLED: [&str; 11] = [
     "MCode over UDP (FB 6.3, MC 1.2.2)",
     "BD, CK, DG, DN, PY, QD and Ctrl-J (MC 1.2.2): of drives with a serial port; error 37 unless SerialCommands is 1",
     "D9 to D12, I9 to I12, O9 to O12, S9 to S12, IH, OH (FB 1.2.1): drives with Ethernet have no such I/O; error 37",
@@ -98,6 +98,7 @@ static NOT_MODELLED: [&str; 10] = [
     "PW (MC 5-58): of another product; a free name",
     "UG (MC 5-77) and the upgrade of the Ethernet controller (FB 6.6): there is no other firmware; error 37",
     "the configuration test (SC = 1, MC 4-8) and its errors 100 to 103: this encoder is always right; error 37",
+    "a current that varies with the load (AS 2, MC 5-3): it is that of RC, as with AS 1",
     "torque compensation (CA = 0,1, MC 5-9): this motor has nothing to compensate",
     "make-up steps between those of a move (MC 5-50): they are made behind it",
     "setting IP address, netmask and MAC address (FB 6.3): the protocol is not published",

@@ -104,7 +104,7 @@ impl Drive {
             // DC is next to DE: where it takes DE to 0, DE 1 calibrates.
             let counted = brought(Reg::DC).and_then(|address| self.counted_by_address(address).ok());
             let switches_on = reg == Reg::DE && value == 1 && counted == Some(Reg::DE);
-            if switches_on && self.model == Model::Hybrid && self.motion.is_moving() {
+            if switches_on && self.model == Model::Hybrid && self.is_in_motion() {
                 return Err(Error::CalibrationInMotion);
             }
             self.judge(at, reg, narrow(value), &|other| brought(other).unwrap_or_else(|| self.held(other)))?;
@@ -151,7 +151,9 @@ impl Drive {
         if !fits {
             return Err(Exception::IllegalDataValue);
         }
+        let is_text = string.iter().all(|byte| matches!(byte, b' '..=b'~'));
         let done = match specific {
+            _ if !is_text => Err(Error::IllegalData),
             Specific::Values => self.write_values(at, name, string, out),
             Specific::Command => self.command(at, name, out),
             Specific::Execute => self.execute_at(at, string),

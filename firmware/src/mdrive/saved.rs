@@ -120,7 +120,7 @@ impl Drive {
     /// # Errors
     /// 73 in motion.
     pub(super) fn save(&mut self, at: Instant, out: &mut dyn Sink) -> Result<(), Error> {
-        if self.motion.is_moving() {
+        if self.is_in_motion() {
             return Err(Error::SaveInMotion);
         }
         self.begin_save(at, out);
@@ -162,7 +162,7 @@ impl Drive {
     /// # Errors
     /// 70 if what is saved is bad, 74 in motion.
     pub(super) fn initialize(&mut self, at: Instant, out: &mut dyn Sink) -> Result<(), Error> {
-        if self.motion.is_moving() {
+        if self.is_in_motion() {
             return Err(Error::ClearInMotion);
         }
         // What is said comes in order.
@@ -178,7 +178,7 @@ impl Drive {
     /// # Errors
     /// 73 in motion.
     pub(super) fn restore(&mut self, at: Instant, out: &mut dyn Sink) -> Result<(), Error> {
-        if self.motion.is_moving() {
+        if self.is_in_motion() {
             return Err(Error::SaveInMotion);
         }
         self.forget();

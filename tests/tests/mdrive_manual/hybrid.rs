@@ -2,6 +2,7 @@
 
 use standin_protocol::time::Span;
 use standin_sim::bench::Setup;
+use standin_sim::file;
 
 use crate::rig::{CALIBRATION, Kind, Rig, START};
 
@@ -87,9 +88,7 @@ fn a_locked_rotor_disables_the_bridge() {
     assert_ne!(rig.value("AF") & LOCKED, 0);
     assert_eq!(rig.value("ER"), 104);
     assert_eq!(rig.word(0x009B), 1);
-    rig.say("SL 0");
-    rig.after(2.secs());
-    rig.say("ER=0");
+    rig.assert_values(&[("V", 0), ("MV", 0)]);
     rig.fault("locked_rotor", false);
     rig.set(&["CF"]);
     rig.after(CALIBRATION);
@@ -158,6 +157,102 @@ fn torque_mode_turns_the_shaft() {
         let before = rig.value("C2");
         rig.after(1.secs());
         assert!((rig.value("C2") - before).abs() <= 4, "it stands");
+    }
+}
+
+/// FB 5.1, MC 5-70: the fastest response is 10 MHz/(SS + 2), 38,910 steps/s with 255; the rotor lags behind what is faster.
+#[test]
+fn system_speed_limits_the_rotor() {
+    for mode in [1, 2] {
+        let mut rig = Rig::hybrid();
+        rig.set(&[&format!("AS={mode}"), "VM=100000"]);
+        rig.write(0x00A2, 255);
+        assert_eq!(rig.value("SS"), 38_910);
+        rig.set(&["SL 100000"]);
+        rig.after(500.millis());
+        let (counts, lag) = (rig.value("C2"), rig.value("LL"));
+        rig.after(1.secs());
+        rig.assert_values(&[("V", 100_000)]);
+        // 4,000 counts and 51,200 steps are a turn.
+        let turned = (rig.value("C2") - counts) as f64 * 12.8;
+        assert!((turned - 38_910.0).abs() < 20.0, "{turned} steps");
+        let lags = (rig.value("LL") - lag) as f64;
+        assert!((lags - 61_090.0).abs() < 20.0, "{lags} steps");
+    }
+}
+
+/// MC 5-3, 9.5, 9.6: in torque mode the rotor is in motion, as the axis shows, until it stands.
+#[test]
+fn a_rotor_that_turns_is_in_motion() {
+    let mut rig = Rig::hybrid();
+    rig.set(&["TQ=25", "AS=3"]);
+    rig.after(2.secs());
+    rig.refused("SC", 89);
+    rig.refused("CF", 94);
+    rig.refused("S", 73);
+    rig.refused("MS=128", 89);
+    let full = rig.speed();
+    assert!((full - 2_560_000.0).abs() < 1.0, "3,000 rpm: {full} steps/s");
+    // A hand stops it: there it is locked after LT, with its bridge on (MC 5-44).
+    rig.fault("stall", true);
+    let counts = rig.value("C2");
+    rig.after(3.secs());
+    assert_eq!((rig.speed() as i64, rig.value("C2") - counts), (0, 0));
+    rig.assert_values(&[("LR", 1), ("ER", 0)]);
+    rig.fault("stall", false);
+    rig.after(100.millis());
+    let speed = rig.speed();
+    assert!(speed > 0.0 && speed < full / 5.0, "it has to accelerate: {speed} steps/s");
+    rig.after(2.secs());
+    // Without the bridge nothing brakes it but its friction.
+    rig.set(&["DE=0"]);
+    rig.after(100.millis());
+    assert_eq!(rig.motion().current_ma, 0);
+    let speed = rig.speed();
+    assert!(speed > full / 2.0 && speed < full, "{speed} steps/s");
+    rig.refused("DE=1", 89);
+    rig.after(2.secs());
+    assert_eq!(rig.speed() as i64, 0);
+    rig.set(&["DE=1"]);
+}
+
+/// A motor of a bench file is the drive's own: at RC = 25 its 1,000 mN·m are 250, and the encoder, LL and LR are of the
+/// shaft that the bench shows.
+#[test]
+fn a_motor_of_the_bench_is_the_rotor() {
+    for (load, set, is_locked) in [
+        ("load_mnm = 200", "", false),
+        ("load_mnm = 300", "", true),
+        ("load_mnm = 300", "RC = 50", false),
+        ("load_mnm = 0", "SS = 255", false),
+    ] {
+        let text = format!(
+            "[[drive]]\nname = \"x\"\nkind = \"mdrive-hybrid\"\nfast_boot = true\nlisten = []\nset = {{ {set} }}\n\
+             [[motor]]\nname = \"m\"\ndrive = \"x\"\nholding_mnm = 1000\n{load}\n"
+        );
+        let layout = file::parse(&text).unwrap_or_else(|error| panic!("{error}"));
+        let built = layout.build(layout.settings(), Vec::new()).unwrap_or_else(|error| panic!("{error}"));
+        let mut rig = Rig::of(Kind::Hybrid, built.bench, built.seats[0]);
+        rig.say("EM=2");
+        rig.set(&["VM=51200", "MR 204800"]);
+        rig.wait_still(10.secs());
+        rig.assert_values(&[("LR", is_locked.into()), ("ER", if is_locked { 104 } else { 0 })]);
+        let (counts, lag) = (rig.value("C2"), rig.value("LL"));
+        if set == "SS = 255" {
+            assert!(lag > 12_000, "{lag}");
+        } else {
+            assert_eq!(lag, 0, "{load}, {set}");
+        }
+        if !is_locked {
+            // 51,200 steps and 4,000 counts are a turn.
+            assert!(((204_800 - lag) * 10 / 128 - counts).abs() <= 1, "{counts} counts, {lag} behind");
+        }
+        let motor = rig.bench.motors().next().expect("a motor");
+        let turned = (rig.bench.turn(motor).revolutions * 4_000.0).round() as i64;
+        assert!(
+            (turned - counts).abs() <= 1,
+            "{load}, {set}: the shaft has turned {turned} counts of {counts}"
+        );
     }
 }
 

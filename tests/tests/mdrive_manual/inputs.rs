@@ -272,6 +272,32 @@ fn jog_inputs_jog() {
     }
 }
 
+/// MC 5-63: a contact jogs while it is held, also one that closes before the axis stands.
+#[test]
+fn a_jog_input_that_is_held_jogs() {
+    for kind in KINDS {
+        let mut rig = Rig::wired(kind, &["S1=7,0,0", "S2=8,0,0", "VM=50000", "JE=1"]);
+        rig.low("IO1");
+        rig.after(100.millis());
+        rig.high("IO1");
+        rig.after(10.millis());
+        rig.low("IO1");
+        rig.after(300.millis());
+        rig.assert_values(&[("V", 50_000), ("MV", 1)]);
+        // From one direction to the other.
+        rig.high("IO1");
+        rig.low("IO2");
+        rig.after(300.millis());
+        rig.assert_values(&[("V", -50_000), ("ER", 0)]);
+        // JE = 0 ends it, and JE = 1 alone does not begin it again.
+        rig.set(&["JE=0"]);
+        rig.wait_still(1.secs());
+        rig.set(&["JE=1"]);
+        rig.after(300.millis());
+        rig.assert_values(&[("V", 0), ("MV", 0)]);
+    }
+}
+
 /// MC 5-63: motion with a ramp, and the program. Errors 48, 91 (MC 9.3, 9.6).
 #[test]
 fn a_soft_stop_stops_motion_and_program() {

@@ -91,6 +91,11 @@ fn what_is_no_type_is_error_8_and_a_second_of_a_kind_error_6() {
         assert_eq!(rig.try_write_specific(S1, text), Err(3), "{text}");
         assert_eq!(rig.ef_er(), (1, 21), "{text}");
     }
+    // What the device does not understand (MC 9.2).
+    for text in ["=0,0,0\r", "=0,0,0\n", "=0,\t0,0", "=0,0,\u{7F}0"] {
+        assert_eq!(rig.try_write_specific(S1, text), Err(3), "{text:?}");
+        assert_eq!(rig.ef_er(), (1, 24), "{text:?}");
+    }
     for function in [1, 2, 3, 5, 7, 8] {
         assert_eq!(rig.try_write_specific(S1, &format!("={function},0,0")), Ok(()), "{function}");
         assert_eq!(rig.try_write_specific(S2, &format!("={function},0,0")), Err(3), "{function}");
@@ -118,6 +123,8 @@ fn the_clock_points_are_those_of_the_plus() {
             }
         }
     }
+    assert_eq!(rig.try_write_specific(S7, "=33,0"), Ok(()));
+    assert_eq!(rig.try_read_specific(S8).as_deref(), Ok("33, 1"), "the type is that of both");
     for function in [0, 32, 36, 48, 52, 60] {
         assert_eq!(rig.try_write_specific(S7, &format!("={function},0")), Err(3), "{function}");
         assert_eq!(rig.ef_er(), (1, 11), "{function}");

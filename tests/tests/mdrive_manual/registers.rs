@@ -335,11 +335,22 @@ fn microsteps_are_256_with_the_encoder() {
     rig.write(0x001E, 1);
     assert_eq!(rig.try_write(0x0048, &[128]), Err(VALUE));
     assert_eq!(rig.ef_er(), (1, 36));
-    // MS is at least EL * 8 / 200 (MC 5-22).
+    // MS is at least EL * 8 / 200 (MC 5-21).
     rig.refused("EL=6401", 36);
+    // "the MS value is defaulted to 256" (MC 7-16).
     rig.write(0x001E, 0);
     rig.write(0x0048, 128);
-    assert!(rig.try_write(0x001E, &[1]).is_err(), "MS must be 256");
+    rig.write(0x001E, 1);
+    assert_eq!(rig.word(0x0048), 256);
+}
+
+/// MC 5-21: a 1,000 line encoder needs MS 40, and the table has 50 next.
+#[test]
+fn microsteps_go_with_the_lines_of_the_encoder() {
+    let mut rig = Rig::plus();
+    rig.set(&["EL=1000", "MS=50", "EE=1", "EE=0", "MS=32"]);
+    rig.refused("EE=1", 36);
+    rig.assert_values(&[("EE", 0), ("MS", 32)]);
 }
 
 /// Values survive a look through the other port.

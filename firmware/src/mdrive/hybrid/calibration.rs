@@ -1,13 +1,16 @@
-//! How the circuitry learns where the rotor is (MC 5-8 to 5-15).
+//! A calibration brings rotor and stator together (MC 5-8, 5-9).
 
 use fixed::types::U24F8;
 
 use super::heat::SHUTDOWN;
-use super::{Rotor, condition, evenly, mode};
+use super::rotor::{Rotor, evenly};
+use super::status::condition;
+use super::{Hybrid, mode};
 use crate::device::{Duration, Instant, Sink};
 use crate::mdrive::drive::Drive;
 use crate::mdrive::error::Error;
 use crate::mdrive::registers::Reg;
+use crate::mdrive::{CALIBRATION, LOCKED_ROTOR};
 
 /// Full steps of the moves of a calibration, and what they take: with three times a CT of 250 ms 3.12 s (MC 5-9).
 const FORTH: i32 = 6;
@@ -17,7 +20,25 @@ const BACK_TAKES: Duration = Duration::millis(790);
 /// How long one takes in all whose rotor cannot move (MC 5-9).
 const BLOCKED: Duration = Duration::secs(10);
 
-/// What a calibration is at.
+/// How far it has come with it.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) enum Calibration {
+    Not,
+    Runs(Run),
+    Done,
+    /// The rotor could not move.
+    Failed,
+}
+
+/// One that runs.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) struct Run {
+    stage: Stage,
+    due: Instant,
+    since: Instant,
+}
+
+/// What it is at.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum Stage {
     Settles,
@@ -29,16 +50,34 @@ enum Stage {
     Tries,
 }
 
-/// A calibration.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Calibration {
-    stage: Stage,
-    pub(super) due: Instant,
-    since: Instant,
+impl Calibration {
+    /// Whether it is behind it, with whatever end.
+    pub(super) fn is_over(self) -> bool {
+        matches!(self, Self::Done | Self::Failed)
+    }
+
+    pub(super) fn due(self) -> Instant {
+        match self {
+            Self::Runs(run) => run.due,
+            Self::Not | Self::Done | Self::Failed => Instant::NEVER,
+        }
+    }
+}
+
+impl Hybrid {
+    /// It starts without a delay: calibrated.
+    pub(in crate::mdrive) fn set_calibrated(&mut self) {
+        self.calibration = Calibration::Done;
+    }
+
+    pub(in crate::mdrive) fn is_calibrating(&self) -> bool {
+        matches!(self.calibration, Calibration::Runs(_))
+    }
 }
 
 impl Drive {
-    /// Calibrates: SC, CF (`clears`), AS, DE, MS, power-on. Without the circuitry or the bridge there is nothing to do.
+    /// Calibrates: SC, CF (`clears`), AS, DE, MS, EE, power-on. Without the circuitry or the bridge there is nothing to
+    /// do.
     ///
     /// # Errors
     /// 89 or 94 in motion.
@@ -48,21 +87,21 @@ impl Drive {
         clears: bool,
         out: &mut dyn Sink,
     ) -> Result<(), Error> {
-        if self.motion.is_moving() {
+        if self.is_in_motion() {
             return Err(if clears { Error::ClearLockedInMotion } else { Error::CalibrationInMotion });
         }
         self.motion.end_uncounted(at, out);
         self.hybrid.rotor = Rotor::Free;
-        (self.hybrid.is_calibrated, self.hybrid.has_failed) = (false, false);
         (self.hybrid.is_locked, self.hybrid.at_bounds) = (false, None);
         // It has cooled down, or stays off.
         self.hybrid.is_overheated &= self.hybrid.heat.celsius(at) >= SHUTDOWN;
         self.hybrid.is_disabled = self.hybrid.is_overheated;
         let works = self.bank.word(Reg::AS) != mode::OFF && self.has_bridge();
         let due = at + self.calibration_time();
-        self.hybrid.calibration = works.then_some(Calibration { stage: Stage::Settles, due, since: at });
+        self.hybrid.calibration = Calibration::Not;
         self.set_motion(at, out);
         if works {
+            self.hybrid.calibration = Calibration::Runs(Run { stage: Stage::Settles, due, since: at });
             // Nothing else moves it meanwhile.
             self.turn_full_steps(at, 0, out);
         }
@@ -70,27 +109,19 @@ impl Drive {
         Ok(())
     }
 
-    /// CT.
-    fn calibration_time(&self) -> Duration {
-        Duration::millis(self.bank.word(Reg::CT).into())
-    }
-
     /// What comes behind a stage of a calibration (MC 5-9).
-    pub(super) fn calibrate_on(
-        &mut self,
-        at: Instant,
-        Calibration { stage, due, since }: Calibration,
-        out: &mut dyn Sink,
-    ) {
+    pub(super) fn calibrate_on(&mut self, at: Instant, out: &mut dyn Sink) {
+        let Calibration::Runs(Run { stage, due, since }) = self.hybrid.calibration else { return };
         let (stage, lasts) = match stage {
             Stage::Settles => (Stage::Forth, FORTH_TAKES),
             Stage::Forth => (Stage::Waits, self.calibration_time()),
             Stage::Waits => (Stage::Back, BACK_TAKES),
             Stage::Back => (Stage::Rests, self.calibration_time()),
             Stage::Rests if self.is_rotor_blocked() => (Stage::Tries, (since + BLOCKED).since(due)),
-            Stage::Rests | Stage::Tries => return self.end_calibration(at, stage == Stage::Tries, out),
+            Stage::Rests => return self.end_calibration(at, Calibration::Done, out),
+            Stage::Tries => return self.end_calibration(at, Calibration::Failed, out),
         };
-        self.hybrid.calibration = Some(Calibration { stage, due: due + lasts, since });
+        self.hybrid.calibration = Calibration::Runs(Run { stage, due: due + lasts, since });
         match stage {
             Stage::Forth => self.turn_full_steps(at, FORTH, out),
             Stage::Back => self.turn_full_steps(at, -BACK, out),
@@ -98,8 +129,27 @@ impl Drive {
         }
     }
 
+    fn end_calibration(&mut self, at: Instant, outcome: Calibration, out: &mut dyn Sink) {
+        self.motion.end_uncounted(at, out);
+        self.motion.clear_lag(at);
+        self.hybrid.calibration = outcome;
+        if outcome == Calibration::Failed {
+            // "A locked rotor response" (MC 5-9).
+            (self.hybrid.is_locked, self.hybrid.is_disabled) = (true, true);
+            self.set_motion(at, out);
+            self.fail(at, Error::CalibrationFailed, out);
+        }
+        self.trip_on_status(at, condition::CALIBRATED, out);
+    }
+
+    /// CT.
+    fn calibration_time(&self) -> Duration {
+        Duration::millis(self.bank.word(Reg::CT).into())
+    }
+
     fn is_rotor_blocked(&self) -> bool {
-        self.hybrid.cannot_calibrate || self.hybrid.is_blocked || !self.motion.follows()
+        let causes = self.hybrid.causes;
+        causes.has(CALIBRATION) || causes.has(LOCKED_ROTOR) || !self.motion.follows()
     }
 
     /// Turns the rotor for the calibration.
@@ -111,19 +161,5 @@ impl Drive {
         let speed = U24F8::from_bits(u32::try_from(bits).unwrap_or(u32::MAX));
         let percent = (self.bank.word(Reg::CC) & 0xFF) as u8;
         self.motion.turn_uncounted(at, full_steps * i32::from(microsteps), evenly(speed), percent, out);
-    }
-
-    fn end_calibration(&mut self, at: Instant, has_failed: bool, out: &mut dyn Sink) {
-        self.motion.end_uncounted(at, out);
-        self.motion.clear_lag(at);
-        self.hybrid.calibration = None;
-        (self.hybrid.is_calibrated, self.hybrid.has_failed) = (true, has_failed);
-        if has_failed {
-            // "A locked rotor response" (MC 5-9).
-            (self.hybrid.is_locked, self.hybrid.is_disabled) = (true, true);
-            self.set_motion(at, out);
-            self.fail(at, Error::CalibrationFailed, out);
-        }
-        self.trip_on_status(at, condition::CALIBRATED, out);
     }
 }

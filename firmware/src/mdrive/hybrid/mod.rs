@@ -1,44 +1,31 @@
 //! The Hybrid's circuitry: calibration, the rotor's lag and lead, make-up, torque mode, temperature (FB 5.1, MC 5-2 to
 //! 5-10, 5-38, 5-41 to 5-50, 5-70 to 5-81).
 //!
+//! | file | what of it |
+//! |---|---|
+//! | `calibration` | brings rotor and stator together |
+//! | `rotor` | what it does with the rotor: torque mode, make-up, bounds |
+//! | `status` | what it tells: AF, LL, LR, trips |
+//! | `heat` | its temperature |
+//!
 //! The rotor lags while its shaft is held (a fault) or its load is too heavy, or when it has fallen in elsewhere after
-//! that. It does not creep on at the bounds then, but stands until the motion does or the load changes. Make-up steps are not interleaved with those of a move, but made behind it.
+//! that. It does not creep on at the bounds then, but stands until the motion does or the load changes. Make-up steps
+//! are not interleaved with those of a move, but made behind it.
 
 mod calibration;
 mod heat;
 mod rotor;
-
-use fixed::types::U24F8;
+mod status;
 
 use self::calibration::Calibration;
 use self::heat::{Heat, SHUTDOWN};
+use self::rotor::Rotor;
+use self::status::{Limit, condition};
 use super::drive::{Drive, Model};
 use super::error::Error;
 use super::registers::Reg;
-use super::{CALIBRATION, LAG_LIMIT, LEAD_LIMIT, LOCKED_ROTOR, OVER_TEMPERATURE};
+use super::{LAG_LIMIT, LEAD_LIMIT, LOCKED_ROTOR, OVER_TEMPERATURE};
 use crate::device::{Fault, Instant, Sink};
-use crate::motion::{MAX_ACCELERATION, Rates};
-
-/// Bits of AF (MC 5-2).
-mod status {
-    pub(super) const LEAD: u16 = 1;
-    pub(super) const LAG: u16 = 2;
-    pub(super) const LOCKED: u16 = 8;
-    pub(super) const ACTIVE: u16 = 16;
-    pub(super) const HARDWARE: u16 = 32;
-    pub(super) const AT_ZERO: u16 = 64;
-    pub(super) const CALIBRATED: u16 = 128;
-    pub(super) const FAILED: u16 = 256;
-}
-
-/// Conditions of TA (MC 5-71).
-mod condition {
-    pub(super) const CALIBRATED: u8 = 1;
-    pub(super) const ACTIVE: u8 = 2;
-    pub(super) const LOCKED: u8 = 4;
-    pub(super) const LAG: u8 = 8;
-    pub(super) const LEAD: u8 = 16;
-}
 
 /// Values of AS.
 mod mode {
@@ -46,85 +33,80 @@ mod mode {
     pub(super) const TORQUE: u16 = 3;
 }
 
-/// How far the circuitry is with the rotor.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
-enum Rotor {
-    /// It is where it belongs, or nobody looks after it.
-    Free,
-    /// It makes up for what it lags.
-    MakesUp,
-    /// Torque turns it: TQ and TS as they are.
-    Spins { torque: u16, speed: u16, forward: bool },
+/// What SS and TS divide (FB 5.1), in Hz.
+const OSCILLATOR: i32 = 10_000_000;
+
+/// The speed of SS and TS, 0 to 255, in steps/s.
+pub(super) fn frequency(n: i32) -> i32 {
+    OSCILLATOR.checked_div(n.saturating_add(2)).unwrap_or(0)
+}
+
+/// What SS or TS is of a speed in steps/s, the fastest that is not slower.
+pub(super) fn divider(frequency: i32) -> i32 {
+    OSCILLATOR.checked_div(frequency).unwrap_or(0) - 2
+}
+
+/// Faults that are there, a bit each.
+#[derive(Clone, Copy, Debug)]
+struct Causes(u8);
+
+impl Causes {
+    const NONE: Self = Self(0);
+
+    fn has(self, Fault(n): Fault) -> bool {
+        self.0 & 1 << (n & 7) != 0
+    }
+
+    /// One comes or goes.
+    fn set(&mut self, Fault(n): Fault, on: bool) {
+        let bit = 1 << (n & 7);
+        self.0 = if on { self.0 | bit } else { self.0 & !bit };
+    }
 }
 
 /// What it is at. An MDrivePlus² has none of it.
 #[derive(Clone, Debug)]
 pub(super) struct Hybrid {
-    calibration: Option<Calibration>,
-    is_calibrated: bool,
-    has_failed: bool,
-    is_locked: bool,
-    /// The bridge is off, whatever DE says.
-    is_disabled: bool,
-    is_overheated: bool,
-    has_warned: bool,
+    calibration: Calibration,
     rotor: Rotor,
     /// Since when the rotor, which does not move, has been at its bounds.
     at_bounds: Option<Instant>,
-    /// The lag has come to LG, the lead to LD.
-    lags: bool,
-    leads: bool,
     /// When the rotor comes to something that counts, or has been locked for long enough.
     rotor_due: Instant,
+    /// LG or LD to which it has come.
+    limit: Option<Limit>,
+    /// LR.
+    is_locked: bool,
+    /// The bridge is off, whatever DE says.
+    is_disabled: bool,
     heat: Heat,
     heat_due: Instant,
-    /// Faults that are there: LEAD_LIMIT, LAG_LIMIT, LOCKED_ROTOR, CALIBRATION.
-    leads_anyway: bool,
-    lags_anyway: bool,
-    is_blocked: bool,
-    cannot_calibrate: bool,
+    has_warned: bool,
+    is_overheated: bool,
+    causes: Causes,
 }
 
 impl Hybrid {
     /// Without power.
     pub(super) const NONE: Self = Self {
-        calibration: None,
-        is_calibrated: false,
-        has_failed: false,
-        is_locked: false,
-        is_disabled: false,
-        is_overheated: false,
-        has_warned: false,
+        calibration: Calibration::Not,
         rotor: Rotor::Free,
         at_bounds: None,
-        lags: false,
-        leads: false,
         rotor_due: Instant::NEVER,
+        limit: None,
+        is_locked: false,
+        is_disabled: false,
         heat: Heat::COOL,
         heat_due: Instant::NEVER,
-        leads_anyway: false,
-        lags_anyway: false,
-        is_blocked: false,
-        cannot_calibrate: false,
+        has_warned: false,
+        is_overheated: false,
+        causes: Causes::NONE,
     };
 
     /// Power comes, or a restart: that leaves what causes faults, and its temperature. `whole`: that will be told anew.
     pub(super) fn restart(&mut self, whole: bool) {
-        let Self { heat, leads_anyway, lags_anyway, is_blocked, cannot_calibrate, .. } = *self;
-        *self = Self::NONE;
-        if !whole {
-            *self = Self { heat, leads_anyway, lags_anyway, is_blocked, cannot_calibrate, ..Self::NONE };
-        }
-    }
-
-    /// It starts without a delay: calibrated.
-    pub(super) fn set_calibrated(&mut self) {
-        self.is_calibrated = true;
-    }
-
-    /// LR.
-    pub(super) fn is_locked(&self) -> bool {
-        self.is_locked
+        let Self { heat, causes, .. } = *self;
+        *self = if whole { Self::NONE } else { Self { heat, causes, ..Self::NONE } };
     }
 
     /// Whether the bridge is off, whatever DE says.
@@ -132,106 +114,30 @@ impl Hybrid {
         self.is_disabled
     }
 
-    pub(super) fn is_calibrating(&self) -> bool {
-        self.calibration.is_some()
-    }
-
-    /// Whether the circuitry corrects what the rotor does.
-    pub(super) fn is_active(&self) -> bool {
-        self.at_bounds.is_some() || self.rotor != Rotor::Free
-    }
-
-    pub(super) fn makes_up(&self) -> bool {
-        self.rotor == Rotor::MakesUp
-    }
-
-    /// IT.
-    pub(super) fn temperature(&self, at: Instant) -> i32 {
-        i32::try_from(self.heat.celsius(at)).unwrap_or(0)
-    }
-
     pub(super) fn deadline(&self) -> Instant {
-        let calibration = self.calibration.map_or(Instant::NEVER, |calibration| calibration.due);
-        calibration.min(self.rotor_due).min(self.heat_due)
+        self.calibration.due().min(self.rotor_due).min(self.heat_due)
     }
 }
 
 impl Drive {
-    /// AF.
-    pub(super) fn hybrid_status(&self, at: Instant) -> u16 {
-        let Hybrid { leads, lags, leads_anyway, lags_anyway, .. } = self.hybrid;
-        let at_zero = self.watches_rotor() && self.hybrid.rotor == Rotor::Free && self.lag(at) == 0;
-        [
-            (leads || leads_anyway, status::LEAD),
-            (lags || lags_anyway, status::LAG),
-            (self.hybrid.is_locked, status::LOCKED),
-            (self.hybrid.is_active(), status::ACTIVE),
-            (self.hybrid.is_overheated, status::HARDWARE),
-            (at_zero, status::AT_ZERO),
-            (self.hybrid.is_calibrated, status::CALIBRATED),
-            (self.hybrid.has_failed, status::FAILED),
-        ]
-        .into_iter()
-        .filter(|&(is_so, _)| is_so)
-        .fold(0, |bits, (_, bit)| bits | bit)
-    }
-
-    /// LL, in steps. In torque mode, while it calibrates and while the circuitry is off there is none.
-    pub(super) fn lag(&self, at: Instant) -> i32 {
-        if self.watches_rotor() && !self.is_in_torque_mode() { self.motion.lag(at) } else { 0 }
-    }
-
-    /// The second value of MU.
-    pub(super) fn clear_lag(&mut self, at: Instant) {
-        self.motion.clear_lag(at);
-    }
-
     /// The cause of one of its faults comes or goes.
     pub(super) fn set_hybrid_cause(&mut self, at: Instant, fault: Fault, on: bool, out: &mut dyn Sink) {
+        let comes = on && !self.hybrid.causes.has(fault);
+        self.hybrid.causes.set(fault, on);
         match fault {
-            LEAD_LIMIT => {
-                let was_on = core::mem::replace(&mut self.hybrid.leads_anyway, on);
-                if on && !was_on {
-                    self.tell(at, Error::LeadLimit, condition::LEAD, out);
-                }
-            }
-            LAG_LIMIT => {
-                let was_on = core::mem::replace(&mut self.hybrid.lags_anyway, on);
-                if on && !was_on {
-                    self.tell(at, Error::LagLimit, condition::LAG, out);
-                }
-            }
-            LOCKED_ROTOR => {
-                self.hybrid.is_blocked = on;
-                if on && self.watches_rotor() {
-                    self.lock(at, out);
-                } else if self.is_in_torque_mode() {
-                    self.hybrid.is_locked = false;
-                }
-            }
+            LEAD_LIMIT if comes => self.tell(at, Error::LeadLimit, condition::LEAD, out),
+            LAG_LIMIT if comes => self.tell(at, Error::LagLimit, condition::LAG, out),
+            LOCKED_ROTOR if on && self.watches_rotor() => self.lock(at, out),
+            LOCKED_ROTOR if self.is_in_torque_mode() => self.hybrid.is_locked = false,
             OVER_TEMPERATURE => self.hybrid.heat.set(at, on),
-            CALIBRATION => self.hybrid.cannot_calibrate = on,
             _ => {}
         }
     }
 
-    /// The shaft is held, or let go.
-    pub(super) fn hold_shaft(&mut self, at: Instant, held: bool, out: &mut dyn Sink) {
-        self.motion.hold_shaft(at, held, out);
-        self.take_rotor_on(at, out);
-    }
-
-    /// Hands, or the load, have let go of the rotor, perhaps: the circuitry takes it on from where it is.
-    pub(super) fn take_rotor_on(&mut self, at: Instant, out: &mut dyn Sink) {
-        if self.watches_rotor() {
-            self.motion.catch_rotor(at, out);
-        }
-    }
-
-    /// A calibration goes on, or the rotor or the temperature has come to what was foreseen.
+    /// A calibration goes on. Rotor and temperature are looked at after everything that happens.
     pub(super) fn hybrid_timeout(&mut self, at: Instant, out: &mut dyn Sink) {
-        if let Some(calibration) = self.hybrid.calibration.filter(|calibration| calibration.due <= at) {
-            self.calibrate_on(at, calibration, out);
+        if self.hybrid.calibration.due() <= at {
+            self.calibrate_on(at, out);
         }
     }
 
@@ -251,7 +157,7 @@ impl Drive {
     /// Whether the circuitry looks after the rotor.
     fn watches_rotor(&self) -> bool {
         let is_on = self.bank.word(Reg::AS) != mode::OFF && self.has_bridge();
-        is_on && self.hybrid.is_calibrated && self.hybrid.calibration.is_none()
+        is_on && self.hybrid.calibration.is_over()
     }
 
     fn is_in_torque_mode(&self) -> bool {
@@ -275,18 +181,4 @@ impl Drive {
         let dues = [warning, SHUTDOWN].map(|celsius| self.hybrid.heat.passes(celsius));
         self.hybrid.heat_due = dues.into_iter().filter(|&due| due > at).min().unwrap_or(Instant::NEVER);
     }
-
-    /// Something is wrong with the rotor, and may trip.
-    fn tell(&mut self, at: Instant, error: Error, condition: u8, out: &mut dyn Sink) {
-        // "There is no error generation when enabling trip" on these (MC 5-71): the trip takes its place.
-        if !self.trips_on_status(condition) {
-            self.fail(at, error, out);
-        }
-        self.trip_on_status(at, condition, out);
-    }
-}
-
-/// At once at that speed.
-fn evenly(speed: U24F8) -> Rates {
-    Rates { start: speed, speed, up: MAX_ACCELERATION, down: MAX_ACCELERATION }
 }

@@ -1,23 +1,76 @@
-//! What the circuitry does about the rotor: torque mode, make-up, lag and lead, a rotor that is locked (MC 5-41 to 5-50,
-//! 5-70 to 5-76).
+//! What the circuitry does with the rotor: torque mode, make-up, its bounds (MC 5-10, 5-44 to 5-50, 5-72 to 5-76).
+//!
+//! In torque mode the rotor turns on its own, with its inertia: it is as fast as torque has made it, a hand that holds
+//! it stops it, and what ends torque mode slows it down.
 
 use fixed::types::{I24F8, U24F8};
 
-use super::{Rotor, condition, evenly};
+use super::status::condition;
+use super::{Hybrid, LOCKED_ROTOR, frequency};
 use crate::device::{Duration, Instant, Sink};
 use crate::mdrive::drive::Drive;
 use crate::mdrive::error::Error;
 use crate::mdrive::registers::Reg;
-use crate::motion::MAX_ACCELERATION;
+use crate::motion::{MAX_ACCELERATION, Rates};
 
 /// What full torque accelerates the rotor by, in full steps/s²: nothing is said of its load.
 const TORQUE_ACCELERATION: u32 = 39_062;
+/// The least that slows it down without a current, in full steps/s².
+const LEAST_DECELERATION: u64 = 390;
 /// Where no torque is left, in full steps/s: 3,000 rpm.
 const PULL_OUT: u32 = 10_000;
-/// Of SS and TS: 10 MHz/(n + 2).
-const OSCILLATOR: u32 = 10_000_000;
+
+/// What it does with the rotor.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) enum Rotor {
+    /// It is where it belongs, or nobody looks after it.
+    Free,
+    /// It makes up for what it lags.
+    MakesUp,
+    /// Torque turns it, unless it is stopped from outside.
+    Spins { spin: Spin, is_stopped: bool },
+    /// Torque mode is over: it slows down by so many full steps/s².
+    Slows(u32),
+}
+
+/// TQ, TS and TD as they are, or were when it began.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) struct Spin {
+    torque: u16,
+    speed: u16,
+    forward: bool,
+}
+
+impl Hybrid {
+    /// Whether the rotor turns though nothing has ordered a motion.
+    pub(super) fn turns(&self) -> bool {
+        matches!(self.rotor, Rotor::Spins { is_stopped: false, .. } | Rotor::Slows(_))
+    }
+}
 
 impl Drive {
+    /// Whether anything moves: what S, SC, CF, MS and the like do not go with.
+    pub(in crate::mdrive) fn is_in_motion(&self) -> bool {
+        self.motion.is_moving() || self.hybrid.turns()
+    }
+
+    /// The shaft is held, or let go.
+    pub(in crate::mdrive) fn hold_shaft(&mut self, at: Instant, held: bool, out: &mut dyn Sink) {
+        self.motion.hold_shaft(at, held, out);
+        self.take_rotor_on(at, out);
+    }
+
+    /// Hands, or the load, have let go of the rotor, perhaps: the circuitry takes it on from where it is.
+    pub(in crate::mdrive) fn take_rotor_on(&mut self, at: Instant, out: &mut dyn Sink) {
+        if !self.watches_rotor() {
+            return;
+        }
+        self.motion.catch_rotor(at, out);
+        if let Rotor::Spins { spin, .. } = self.hybrid.rotor {
+            self.spin(at, spin, out);
+        }
+    }
+
     /// The rotor is where it is not to be: the circuitry makes up for it, tells of it, gives it up.
     pub(super) fn watch_rotor(&mut self, at: Instant, out: &mut dyn Sink) {
         self.hybrid.rotor_due = Instant::NEVER;
@@ -25,49 +78,115 @@ impl Drive {
             // An order has ended it.
             self.hybrid.rotor = Rotor::Free;
         }
+        self.watch_torque(at, out);
         if !self.watches_rotor() {
             self.hybrid.at_bounds = None;
-            if self.hybrid.rotor != Rotor::Free {
-                self.motion.end_uncounted(at, out);
-                self.motion.clear_lag(at);
-                self.hybrid.rotor = Rotor::Free;
+            if self.hybrid.rotor == Rotor::MakesUp {
+                self.leave_rotor(at, out);
             }
             return;
         }
-        self.spin(at, out);
         self.make_up(at, out);
         self.watch_lag(at, out);
         self.watch_bounds(at, out);
     }
 
-    /// Torque mode: the rotor turns as fast as TS allows. TD counts when it begins (MC 5-72).
-    fn spin(&mut self, at: Instant, out: &mut dyn Sink) {
+    /// Torque mode begins when all motion is over, goes on with other values, or ends.
+    fn watch_torque(&mut self, at: Instant, out: &mut dyn Sink) {
+        let is_wanted = self.watches_rotor() && self.is_in_torque_mode();
         let (torque, speed) = (self.bank.word(Reg::TQ), self.bank.word(Reg::TS));
-        let direction = self.bank.word(Reg::TD) != 0;
-        let before = self.hybrid.rotor;
-        let forward = match before {
-            Rotor::Spins { forward, .. } if self.is_in_torque_mode() => forward,
-            Rotor::Spins { .. } => {
-                self.motion.end_uncounted(at, out);
-                self.motion.clear_lag(at);
-                self.hybrid.rotor = Rotor::Free;
-                return;
+        match self.hybrid.rotor {
+            Rotor::Spins { spin, is_stopped } if is_wanted => {
+                // TD counts when it begins (MC 5-72).
+                let now = Spin { torque, speed, ..spin };
+                if now != spin {
+                    self.spin(at, now, out);
+                } else if !is_stopped && !self.motion.follows() {
+                    self.spin_on(at, spin, out);
+                }
             }
-            _ if self.is_in_torque_mode() && (self.motion.is_at_rest() || self.motion.is_uncounted()) => {
-                direction
+            _ if is_wanted => {
+                if self.motion.is_at_rest() || self.motion.is_uncounted() {
+                    let forward = self.bank.word(Reg::TD) != 0;
+                    self.spin(at, Spin { torque, speed, forward }, out);
+                }
             }
-            _ => return,
-        };
-        let now = Rotor::Spins { torque, speed, forward };
-        if now == before {
-            return;
+            Rotor::Spins { is_stopped: true, .. } => self.leave_rotor(at, out),
+            Rotor::Spins { .. } | Rotor::Slows(_) => self.slow_down(at, out),
+            Rotor::Free | Rotor::MakesUp => {}
         }
-        self.hybrid.rotor = now;
-        let microsteps = u32::from(self.bank.word(Reg::MS));
-        let most = frequency(speed).min(PULL_OUT * microsteps).cast_signed();
-        let acceleration = (TORQUE_ACCELERATION * microsteps / 100 * u32::from(torque)).min(MAX_ACCELERATION);
-        let turns = I24F8::saturating_from_num(if forward { most } else { -most });
+    }
+
+    /// The rotor is accelerated, or slowed down, by TQ to what TS allows.
+    fn spin(&mut self, at: Instant, spin: Spin, out: &mut dyn Sink) {
+        let Spin { torque, speed, forward } = spin;
+        let fastest = i64::from(PULL_OUT * u32::from(self.bank.word(Reg::MS)));
+        let speed = i64::from(frequency(speed.into())).min(fastest);
+        let turns = I24F8::saturating_from_num(if forward { speed } else { -speed });
+        let acceleration = self.in_steps(by_torque(torque));
+        self.hybrid.rotor = Rotor::Spins { spin, is_stopped: false };
         self.motion.spin_uncounted(at, turns, acceleration, (torque & 0xFF) as u8, out);
+        if !self.motion.follows() {
+            self.spin_on(at, spin, out);
+        }
+    }
+
+    /// No torque is left to accelerate the rotor: it turns as fast as it does, or is stopped.
+    fn spin_on(&mut self, at: Instant, spin: Spin, out: &mut dyn Sink) {
+        let speed = self.motion.turns(at);
+        if speed != 0 {
+            let rounds_by = self.in_steps(self.coasts());
+            self.motion.spin_uncounted(at, speed, rounds_by, (spin.torque & 0xFF) as u8, out);
+            self.motion.catch_rotor(at, out);
+        }
+        let is_stopped = speed == 0 || !self.motion.follows();
+        if is_stopped {
+            self.motion.stop_uncounted(at, out);
+        }
+        self.hybrid.rotor = Rotor::Spins { spin, is_stopped };
+    }
+
+    /// The rotor comes to standstill: RC brakes it, or without a bridge its friction.
+    fn slow_down(&mut self, at: Instant, out: &mut dyn Sink) {
+        let (run, coasts) = (self.bank.word(Reg::RC), self.coasts());
+        let by = if self.has_bridge() { by_torque(run) } else { coasts };
+        let now = Rotor::Slows(by);
+        let percent = (run & 0xFF) as u8;
+        if core::mem::replace(&mut self.hybrid.rotor, now) != now {
+            self.motion.slow_uncounted(at, self.in_steps(by), percent, out);
+        }
+        if !self.motion.follows() {
+            // RC is not enough for that.
+            self.motion.slow_uncounted(at, self.in_steps(coasts), percent, out);
+            self.motion.catch_rotor(at, out);
+        }
+        let ends = self.motion.plan_ends();
+        if ends <= at || !self.motion.follows() {
+            self.leave_rotor(at, out);
+        } else {
+            self.hybrid.rotor_due = ends;
+        }
+    }
+
+    /// What friction slows the rotor down by, in full steps/s².
+    fn coasts(&self) -> u32 {
+        /// Full steps/s² of 1 µN·m at 1 g·cm²: 10 rad/s², 200 full steps a turn.
+        const EACH: u64 = 318;
+        let long = |reg| u64::try_from(self.bank.get(reg)).unwrap_or(0);
+        let by = (long(Reg::Friction) * 1_000 * EACH).checked_div(long(Reg::Inertia)).unwrap_or(0);
+        u32::try_from(by.max(LEAST_DECELERATION)).unwrap_or(u32::MAX)
+    }
+
+    /// An acceleration in steps/s², of one in full steps/s².
+    fn in_steps(&self, acceleration: u32) -> u32 {
+        acceleration.saturating_mul(self.bank.word(Reg::MS).into()).min(MAX_ACCELERATION)
+    }
+
+    /// The circuitry leaves the rotor where it is: there it neither lags nor leads.
+    fn leave_rotor(&mut self, at: Instant, out: &mut dyn Sink) {
+        self.motion.end_uncounted(at, out);
+        self.motion.clear_lag(at);
+        self.hybrid.rotor = Rotor::Free;
     }
 
     /// What the rotor lags when a motion is over is made up for with MU, at the speed of MF or SS.
@@ -81,9 +200,10 @@ impl Drive {
             self.motion.end_uncounted(at, out);
             self.hybrid.rotor = Rotor::Free;
         }
+        let system = frequency(self.bank.word(Reg::SS).into());
         let frequency = match self.bank.word(Reg::MU) {
-            1 => u32::try_from(self.bank.get(Reg::MF)).unwrap_or(0),
-            2 => frequency(self.bank.word(Reg::SS)),
+            1 => i32::try_from(self.bank.get(Reg::MF)).unwrap_or(i32::MAX).min(system),
+            2 => system,
             _ => return,
         };
         let lag = self.lag(at);
@@ -97,28 +217,6 @@ impl Drive {
         self.trip_on_status(at, condition::ACTIVE, out);
     }
 
-    /// LG and LD (MC 5-41).
-    fn watch_lag(&mut self, at: Instant, out: &mut dyn Sink) {
-        let limit = |reg| i32::try_from(self.bank.get(reg)).unwrap_or(i32::MAX);
-        let (most, least) = (limit(Reg::LG), -limit(Reg::LD));
-        let lag = self.lag(at);
-        let lags = lag > 0 && lag >= most;
-        let leads = lag < 0 && lag <= least;
-        if lags && !core::mem::replace(&mut self.hybrid.lags, lags) {
-            self.tell(at, Error::LagLimit, condition::LAG, out);
-        }
-        if leads && !core::mem::replace(&mut self.hybrid.leads, leads) {
-            self.tell(at, Error::LeadLimit, condition::LEAD, out);
-        }
-        (self.hybrid.lags, self.hybrid.leads) = (lags, leads);
-        if !lags {
-            self.foresee_lag(at, most);
-        }
-        if !leads {
-            self.foresee_lag(at, least);
-        }
-    }
-
     /// A rotor that does not move at the bounds of CB is locked after LT (MC 5-44). In torque mode that is one that
     /// does not turn.
     fn watch_bounds(&mut self, at: Instant, out: &mut dyn Sink) {
@@ -126,11 +224,13 @@ impl Drive {
         let tenths = 11 + 2 * i32::from(self.bank.word(Reg::CB));
         let bounds = i32::from(self.bank.word(Reg::MS)) * tenths / 10;
         let stands = !self.motion.follows();
-        let is_at_bounds =
-            stands && (self.is_in_torque_mode() || self.lag(at).unsigned_abs() >= bounds.unsigned_abs());
+        let is_at_bounds = match self.hybrid.rotor {
+            Rotor::Spins { is_stopped, .. } => is_stopped,
+            _ => stands && self.lag(at).unsigned_abs() >= bounds.unsigned_abs(),
+        };
         if !is_at_bounds {
             self.hybrid.at_bounds = None;
-            if self.is_in_torque_mode() && !self.hybrid.is_blocked {
+            if self.is_in_torque_mode() && !self.hybrid.causes.has(LOCKED_ROTOR) {
                 self.hybrid.is_locked = false;
             }
             if stands {
@@ -155,26 +255,32 @@ impl Drive {
         }
     }
 
-    /// A rotor that stands comes to that lag.
-    fn foresee_lag(&mut self, at: Instant, lag: i32) {
-        if !self.motion.follows() && !self.motion.is_uncounted() {
+    /// The rotor comes to that lag, or may.
+    pub(super) fn foresee_lag(&mut self, at: Instant, lag: i32) {
+        if !self.motion.is_uncounted() {
             self.hybrid.rotor_due = self.hybrid.rotor_due.min(self.motion.lags(at, lag));
         }
     }
 
-    /// The rotor is locked: but in torque mode the bridge is switched off.
+    /// The rotor is locked: but in torque mode the bridge is switched off, and the motion ends as with a stall.
     pub(super) fn lock(&mut self, at: Instant, out: &mut dyn Sink) {
         self.hybrid.is_locked = true;
         if self.is_in_torque_mode() {
             return self.trip_on_status(at, condition::LOCKED, out);
         }
         (self.hybrid.is_disabled, self.hybrid.at_bounds) = (true, None);
+        self.motion.halt(at, out);
         self.set_motion(at, out);
         self.tell(at, Error::LockedRotor, condition::LOCKED, out);
     }
 }
 
-/// The speed of SS and TS, in steps/s.
-fn frequency(n: u16) -> u32 {
-    OSCILLATOR / (u32::from(n) + 2)
+/// What a share of the torque accelerates by, in full steps/s².
+fn by_torque(percent: u16) -> u32 {
+    TORQUE_ACCELERATION * u32::from(percent) / 100
+}
+
+/// At once at that speed.
+pub(super) fn evenly(speed: U24F8) -> Rates {
+    Rates { start: speed, speed, up: MAX_ACCELERATION, down: MAX_ACCELERATION }
 }

@@ -42,19 +42,13 @@ impl Kind {
 /// A clock point.
 #[derive(Clone, Copy, Debug)]
 struct Point {
-    kind: Kind,
     active_high: bool,
     seen: Lasting,
     driven: Level,
 }
 
 impl Point {
-    const OPEN: Self = Self {
-        kind: Kind::Follows(Code::StepDirection),
-        active_high: false,
-        seen: Lasting::new(true),
-        driven: Level::Float,
-    };
+    const OPEN: Self = Self { active_high: false, seen: Lasting::new(true), driven: Level::Float };
 
     fn is_active(&self) -> bool {
         self.seen.level == self.active_high
@@ -76,6 +70,8 @@ impl Point {
 /// I/O 7 and 8.
 #[derive(Clone, Debug)]
 pub(super) struct Clock {
+    /// Of both: they are set up in pairs (MC 5-66).
+    kind: Kind,
     seven: Point,
     eight: Point,
     /// CM.
@@ -131,6 +127,7 @@ impl Train {
 impl Clock {
     /// Step and direction in, active low, nobody there.
     pub(super) const OPEN: Self = Self {
+        kind: Kind::Follows(Code::StepDirection),
         seven: Point::OPEN,
         eight: Point::OPEN,
         enabled: false,
@@ -150,7 +147,7 @@ impl Clock {
         *self = Self { seven: self.seven, eight: self.eight, ..Self::OPEN };
     }
 
-    /// S7 or S8: type, active state.
+    /// S7 or S8: the type of both, its own active state.
     ///
     /// # Errors
     /// 11 for the type, 21 for the state.
@@ -163,8 +160,9 @@ impl Clock {
     ) -> Result<(), Error> {
         let kind = Kind::of(kind).ok_or(Error::IllegalClockType)?;
         let active_high = flag(active_high)?;
+        self.kind = kind;
         if let Some(point) = self.point(pin) {
-            (point.kind, point.active_high) = (kind, active_high);
+            point.active_high = active_high;
         }
         self.begin(at, out);
         Ok(())
@@ -242,9 +240,9 @@ impl Clock {
         }
     }
 
-    /// What both points are set up for, and do while CM is 1: they are set up in pairs.
+    /// What both points are set up for, and do while CM is 1.
     fn kind(&self) -> Option<Kind> {
-        (self.enabled && self.seven.kind == self.eight.kind).then_some(self.seven.kind)
+        self.enabled.then_some(self.kind)
     }
 
     fn point(&mut self, pin: Pin) -> Option<&mut Point> {

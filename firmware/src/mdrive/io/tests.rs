@@ -636,22 +636,30 @@ fn the_clock_ratio_scales_what_comes_and_loses_nothing() {
 }
 
 #[test]
-fn clock_inputs_do_nothing_without_cm_or_as_an_unlike_pair() {
+fn clock_inputs_do_nothing_without_cm() {
     let pulses: Vec<(u8, u8)> = [(0, 1), (1, 1)].repeat(4);
     let mut bed = follower(33, [0, 0], 1_000);
     bed.filter(|filters| filters.clocked = false);
     assert!(!bed.io.follows_clock());
     assert_eq!(bed.clock(&pulses), [0; 8]);
     bed.filter(|filters| filters.clocked = true);
-    bed.io.set_up_clock(bed.now, 8, [34, 0], &mut bed.world).unwrap();
-    assert!(!bed.io.follows_clock());
-    assert_eq!(bed.clock(&pulses), [0; 8]);
+    assert!(bed.io.follows_clock());
     for kind in [0, 32, 36, 48, 52, 60] {
         let refused = bed.io.set_up_clock(bed.now, 7, [kind, 0], &mut bed.world);
         assert_eq!(refused, Err(Error::IllegalClockType));
     }
     let refused = bed.io.set_up_clock(bed.now, 7, [33, 2], &mut bed.world);
     assert_eq!(refused, Err(Error::IllegalValue));
+}
+
+/// MC 5-66: "I/O 7 and I/O 8 are setup in pairs"; each has its own active state.
+#[test]
+fn one_of_a_pair_sets_up_both() {
+    let mut bed = follower(33, [0, 1], 1_000);
+    bed.io.set_up_clock(bed.now, 8, [35, 0], &mut bed.world).unwrap();
+    assert_eq!(bed.clock(&[(0, 1), (1, 1), (1, 0)]), [1, 0, -1], "up and down");
+    bed.io.set_up_clock(bed.now, 7, [49, 0], &mut bed.world).unwrap();
+    assert!(!bed.io.follows_clock(), "outputs");
 }
 
 #[test]

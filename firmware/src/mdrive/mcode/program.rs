@@ -339,7 +339,7 @@ impl Drive {
         place: Option<Place>,
         out: &mut dyn Sink,
     ) -> Result<(), Error> {
-        if self.motion.is_moving() {
+        if self.is_in_motion() {
             return Err(Error::ClearInMotion);
         }
         let from = match place {

@@ -89,7 +89,8 @@ impl Motion {
     /// looked at again only then.
     pub(super) fn watch(&mut self, at: Instant) {
         self.closed.due = Instant::NEVER;
-        if !self.watches() || !self.encoder.is_remote() && self.motor.follows() {
+        let follows = self.motor.follows() && !self.motor.is_too_fast();
+        if !self.watches() || !self.encoder.is_remote() && follows {
             return;
         }
         let (apart, most) = (self.apart(at), self.stalls_at());

@@ -70,8 +70,8 @@ impl Settings {
 }
 
 impl Motion {
-    /// Steps are asked for: they are made, unless an order moves it.
-    pub(super) fn clocked(&mut self, at: Instant, steps: i32, out: &mut dyn Sink) {
+    /// Clock inputs ask for so many steps: they are made, unless an order moves it.
+    pub(in crate::mdrive) fn follow(&mut self, at: Instant, steps: i32, out: &mut dyn Sink) {
         let begins = self.activity == Activity::Rest;
         if !self.settings.follows_clock || !begins && self.activity != Activity::Follows {
             return;
@@ -86,6 +86,7 @@ impl Motion {
             self.motor.step(at, steps, out);
             self.changed = true;
         }
+        self.refresh(at, out);
     }
 
     /// Looks at the clock.

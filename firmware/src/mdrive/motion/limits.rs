@@ -12,7 +12,13 @@ impl Motion {
     }
 
     /// A contact becomes active, or not.
-    pub(super) fn touch(&mut self, at: Instant, contact: Contact, active: bool, out: &mut dyn Sink) {
+    pub(in crate::mdrive) fn contact(
+        &mut self,
+        at: Instant,
+        contact: Contact,
+        active: bool,
+        out: &mut dyn Sink,
+    ) {
         if self.is_active(contact) == active {
             return;
         }
@@ -24,6 +30,7 @@ impl Motion {
             Contact::Home => self.see_home(at, active, out),
             Contact::JogPlus | Contact::JogMinus => self.jog(at, active, out),
         }
+        self.refresh(at, out);
     }
 
     /// Whether a held limit forbids that direction. In clock mode limits do nothing (MC 5-13).

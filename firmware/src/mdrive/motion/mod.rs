@@ -6,23 +6,31 @@
 //! | file | what of it |
 //! |---|---|
 //! | `motor` | the plan that turns it, its shaft, its current |
+//! | `response` | SS: how fast a Hybrid's rotor may be |
 //! | `encoder` | the encoder on its shaft, or a remote one |
 //! | `scale` | steps and counts |
-//! | `orders` | moves, slews, jogs, and how one follows another |
+//! | `orders` | moves and slews, and how one follows another |
+//! | `pause` | PS and RS |
+//! | `jog` | what jog contacts ask for |
 //! | `limits` | the contacts, and what they stop |
 //! | `home` | homing to a switch or to the index |
 //! | `closed` | EE = 1: stalls, corrections, position maintenance |
 //! | `follow` | clock inputs |
+//! | `shown` | what variables show of all that |
 //! | `uncounted` | what a Hybrid's circuitry does on its own |
 
 mod closed;
 mod encoder;
 mod follow;
 mod home;
+mod jog;
 mod limits;
 mod motor;
 mod orders;
+mod pause;
+mod response;
 mod scale;
+mod shown;
 #[cfg(test)]
 mod tests;
 mod uncounted;
@@ -37,7 +45,7 @@ use self::motor::Motor;
 pub(super) use self::motor::STEPS_PER_REV;
 use self::orders::{Activity, Task};
 use super::error::Error;
-use crate::device::{Duration, Instant, Plan, Sink};
+use crate::device::{Duration, Instant, Sink};
 use crate::motor::stepper::Parameters;
 
 /// What the motion goes by, as the variables are now.
@@ -59,6 +67,8 @@ pub(super) struct Settings {
     pub(super) hold_percent: u8,
     /// DE.
     pub(super) enabled: bool,
+    /// The fastest that the rotor follows, in steps/s: SS of a Hybrid in AS 1 and 2.
+    pub(super) response: u32,
     /// LM.
     pub(super) limit_mode: u8,
     /// JE.
@@ -182,6 +192,7 @@ impl Motion {
         self.settings = settings;
         self.motor.set_microsteps(at, settings.microsteps);
         self.motor.load(at, settings.machine);
+        self.motor.limit(at, settings.response, out);
         self.motor.power_on(at, out);
         (self.c1, self.c2) = (0, self.encoder.count(at, &self.motor).wrapping_neg());
         self.rest(at);
@@ -211,6 +222,7 @@ impl Motion {
         }
         self.motor.set_microsteps(at, settings.microsteps);
         self.motor.load(at, settings.machine);
+        self.motor.limit(at, settings.response, out);
         if (settings.closed, settings.lines) != (before.closed, before.lines) {
             self.watch_from(at);
         }
@@ -222,7 +234,7 @@ impl Motion {
         {
             self.end_following(at, out);
         }
-        self.jogs_changed(at, before.jogs, out);
+        self.forbid_jog(at, out);
         self.refresh(at, out);
     }
 
@@ -251,35 +263,6 @@ impl Motion {
         self.refresh(at, out);
     }
 
-    /// PS: stops with D, and remembers what is left.
-    pub(super) fn pause(&mut self, at: Instant, out: &mut dyn Sink) {
-        self.interrupt(at, out);
-        self.refresh(at, out);
-    }
-
-    /// RS: goes on with that.
-    pub(super) fn resume(&mut self, at: Instant, out: &mut dyn Sink) {
-        self.go_on_with_it(at, out);
-        self.refresh(at, out);
-    }
-
-    /// The pause ends without RS: neither what PS has interrupted nor what waits behind it begins.
-    pub(super) fn forget_pause(&mut self) {
-        self.forget_what_waits();
-    }
-
-    /// A contact becomes active, or not.
-    pub(super) fn contact(&mut self, at: Instant, contact: Contact, active: bool, out: &mut dyn Sink) {
-        self.touch(at, contact, active, out);
-        self.refresh(at, out);
-    }
-
-    /// Clock inputs ask for so many steps.
-    pub(super) fn follow(&mut self, at: Instant, steps: i32, out: &mut dyn Sink) {
-        self.clocked(at, steps, out);
-        self.refresh(at, out);
-    }
-
     /// A pin of a remote encoder is driven to a level, or by nothing any more (`None`).
     pub(super) fn channel(&mut self, at: Instant, channel: Channel, level: Option<bool>, out: &mut dyn Sink) {
         self.encoder.channel(at, &self.motor, channel, level);
@@ -299,113 +282,6 @@ impl Motion {
         self.motor.hold(at, held, out);
         self.counted(at, out);
         self.refresh(at, out);
-    }
-
-    /// What it does: C1, but for what was preset.
-    pub(super) fn plan(&self) -> &Plan {
-        self.motor.plan()
-    }
-
-    /// Steps made, of the motor (C1).
-    pub(super) fn steps(&self, at: Instant) -> i32 {
-        match self.activity {
-            Activity::Uncounted { steps, .. } => steps,
-            _ => self.motor.position(at).wrapping_add(self.c1),
-        }
-    }
-
-    /// Presets C1.
-    pub(super) fn set_steps(&mut self, at: Instant, steps: i32) {
-        let more = steps.wrapping_sub(self.steps(at));
-        self.lag_origin = self.lag_origin.wrapping_add(more);
-        match &mut self.activity {
-            Activity::Uncounted { steps: held, .. } => *held = steps,
-            _ => self.c1 = self.c1.wrapping_add(more),
-        }
-        self.changed = true;
-    }
-
-    /// Counts of the encoder (C2).
-    pub(super) fn counts(&self, at: Instant) -> i32 {
-        self.encoder.count(at, &self.motor).wrapping_add(self.c2)
-    }
-
-    /// Presets C2.
-    pub(super) fn set_counts(&mut self, at: Instant, counts: i32) {
-        self.c2 = counts.wrapping_sub(self.encoder.count(at, &self.motor));
-        self.changed = true;
-    }
-
-    /// P: C1, or C2 with EE = 1.
-    fn shown_position(&self, at: Instant) -> i32 {
-        if self.settings.closed { self.counts(at) } else { self.steps(at) }
-    }
-
-    /// V, in steps/s, or counts/s with EE = 1, rounded.
-    pub(super) fn velocity(&self, at: Instant) -> i32 {
-        let speed = match self.activity {
-            Activity::Follows if self.settings.follows_at_once() => self.follow.speed().into(),
-            Activity::Uncounted { .. } => return 0,
-            _ => self.motor.plan().speed_at(at),
-        };
-        self.settings.scale().speed_in_counts(speed)
-    }
-
-    /// Whether anything moves it that C1 counts, or is about to (MV).
-    pub(super) fn is_moving(&self) -> bool {
-        !matches!(self.activity, Activity::Rest | Activity::Uncounted { .. })
-    }
-
-    /// Whether it is on its way to a position, or will be (MP).
-    pub(super) fn is_positioning(&self) -> bool {
-        match self.activity {
-            Activity::Reckons(way) | Activity::Moves(way) | Activity::Settles(Some(way)) => way.ordered,
-            _ => matches!(self.waiting, Some(Task::Order(..))) && !self.paused,
-        }
-    }
-
-    /// Whether its speed changes (VC).
-    pub(super) fn is_changing(&self, at: Instant) -> bool {
-        self.is_moving() && self.motor.plan().segment_at(at).0.a != 0
-    }
-
-    /// Whether the encoder is on its index (I6).
-    pub(super) fn is_on_index(&self, at: Instant) -> bool {
-        self.encoder.is_on_index(at, &self.motor)
-    }
-
-    /// Whether it stalled, and nobody has taken note since (ST).
-    pub(super) fn has_stalled(&self) -> bool {
-        self.closed.has_stalled
-    }
-
-    /// Writes ST.
-    pub(super) fn set_stalled(&mut self, stalled: bool) {
-        self.closed.has_stalled = stalled;
-    }
-
-    /// When P comes to be `position` next, after `at`; [`Instant::NEVER`] if it does not. With EE = 1 that holds no longer
-    /// than the shaft turns as it does.
-    pub(super) fn reaches(&self, at: Instant, position: i32) -> Instant {
-        if self.settings.closed {
-            self.encoder.reaches(at, &self.motor, position.wrapping_sub(self.c2))
-        } else {
-            self.reaches_steps(at, position)
-        }
-    }
-
-    /// When C1 comes to be `steps` next, after `at`, if it goes on as planned; [`Instant::NEVER`] if it does not.
-    pub(super) fn reaches_steps(&self, at: Instant, steps: i32) -> Instant {
-        if self.is_uncounted() {
-            return Instant::NEVER;
-        }
-        self.motor.plan().when(at, steps.wrapping_sub(self.c1))
-    }
-
-    /// Whether its plan or C1 or C2 has become another one since this was last asked: what [`Self::reaches_steps`] said
-    /// holds no more.
-    pub(super) fn has_changed(&mut self) -> bool {
-        core::mem::take(&mut self.changed)
     }
 
     /// The next thing that it has to tell.
@@ -456,7 +332,7 @@ impl Motion {
         if self.hold_due() <= at {
             self.holds = true;
         }
-        self.motor.energize(at, self.percent(), out);
+        self.motor.energize(at, self.percent(), self.spins(), out);
         self.watch(at);
     }
 

@@ -1,5 +1,6 @@
 //! The motor on the drive's own shaft: the plan that turns it, and its current.
 
+use super::response::Response;
 use crate::device::{Axis, Device, Duration, Input, Instant, Output, Plan, Sink};
 use crate::motor::stepper::{Parameters, Stepper};
 use crate::motor::{Pace, Rotor, STALL};
@@ -20,6 +21,9 @@ pub(super) struct Motor {
     plan: Plan,
     /// In mA; `None` if it has not been told since power came.
     ma: Option<u32>,
+    /// The current by which the shaft follows: that, or what it had last if its inertia turns it on.
+    pull_ma: Option<u32>,
+    pub(super) response: Response,
 }
 
 impl Motor {
@@ -27,13 +31,13 @@ impl Motor {
     pub(super) fn new(microsteps: u16) -> Self {
         let mut shaft = Stepper::new(Parameters::NOMINAL);
         shaft.set_microsteps(Instant::ZERO, microsteps);
-        Self { shaft, plan: Plan::rest(Instant::ZERO, 0), ma: None }
+        Self { shaft, plan: Plan::rest(Instant::ZERO, 0), ma: None, pull_ma: None, response: Response::FULL }
     }
 
     /// Power comes: it stands at position 0, wherever its shaft is.
     pub(super) fn power_on(&mut self, at: Instant, out: &mut dyn Sink) {
         self.go(at, Plan::rest(at, 0), out);
-        self.ma = None;
+        (self.ma, self.pull_ma) = (None, None);
     }
 
     /// What it does.
@@ -58,8 +62,8 @@ impl Motor {
     /// From `at` on it does this.
     pub(super) fn go(&mut self, at: Instant, plan: Plan, out: &mut dyn Sink) {
         self.plan = plan;
-        self.shaft.input(at, Input::Plan { axis: AXIS, plan: &self.plan }, out);
-        out.put(at, Output::Plan { axis: AXIS, plan: &self.plan });
+        self.response.look(at, &self.plan);
+        self.lead_shaft(at, out);
     }
 
     /// Steps without a ramp, from standstill.
@@ -69,13 +73,42 @@ impl Motor {
         out.put(at, Output::Step { axis: AXIS, steps });
     }
 
-    /// Gives it so many percent of its current; `None` opens the bridge.
-    pub(super) fn energize(&mut self, at: Instant, percent: Option<u8>, out: &mut dyn Sink) {
+    /// Gives it so many percent of its current; `None` opens the bridge. What `turns_on` by its inertia goes on along its
+    /// plan then.
+    pub(super) fn energize(&mut self, at: Instant, percent: Option<u8>, turns_on: bool, out: &mut dyn Sink) {
         let ma = u32::from(percent.unwrap_or(0)) * PEAK_MA / 100;
-        if self.ma.replace(ma) != Some(ma) {
+        let is_pulled = ma != 0 || !turns_on;
+        if is_pulled && self.pull_ma.replace(ma) != Some(ma) {
             self.shaft.input(at, Input::Current { axis: AXIS, ma }, out);
+        }
+        if self.ma.replace(ma) != Some(ma) {
             out.put(at, Output::Current { axis: AXIS, ma });
         }
+    }
+
+    /// From now on the shaft is not faster than so many steps/s.
+    pub(super) fn limit(&mut self, at: Instant, most: u32, out: &mut dyn Sink) {
+        if self.response.most != most {
+            self.response.most = most;
+            self.respond(at, out);
+        }
+    }
+
+    /// Whether the plan is faster than the shaft may be.
+    pub(super) fn is_too_fast(&self) -> bool {
+        self.response.is_too_fast
+    }
+
+    fn respond(&mut self, at: Instant, out: &mut dyn Sink) {
+        if self.response.look(at, &self.plan) {
+            self.lead_shaft(at, out);
+        }
+    }
+
+    fn lead_shaft(&mut self, at: Instant, out: &mut dyn Sink) {
+        let plan = self.response.of(at, &self.plan);
+        self.shaft.input(at, Input::Plan { axis: AXIS, plan: &plan }, out);
+        out.put(at, Output::Plan { axis: AXIS, plan: &plan });
     }
 
     /// Its shaft is held, or let go.
@@ -98,9 +131,9 @@ impl Motor {
         self.shaft.set_microsteps(at, microsteps);
     }
 
-    /// Whether the shaft is where the plan is.
+    /// Whether the shaft does what the plan says, as far as it may.
     pub(super) fn follows(&self) -> bool {
-        self.ma != Some(0) && !self.shaft.stalled()
+        self.pull_ma != Some(0) && !self.shaft.stalled()
     }
 
     /// Where the shaft is, in 2⁻³² turns. It holds until [`Self::deadline`].
@@ -113,12 +146,15 @@ impl Motor {
         self.shaft.pace()
     }
 
-    /// When the shaft turns otherwise, which is when the plan does.
+    /// When the shaft turns otherwise, which is when the plan does, or becomes too fast for it.
     pub(super) fn deadline(&self) -> Instant {
-        self.shaft.deadline()
+        self.shaft.deadline().min(self.response.due)
     }
 
     pub(super) fn timeout(&mut self, at: Instant, out: &mut dyn Sink) {
+        if self.response.due <= at {
+            self.respond(at, out);
+        }
         self.shaft.timeout(at, out);
     }
 }

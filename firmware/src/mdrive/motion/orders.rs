@@ -4,7 +4,7 @@ use fixed::types::I24F8;
 
 use super::closed::Verdict;
 use super::home::Home;
-use super::{Contact, Event, Motion, Order};
+use super::{Event, Motion, Order};
 use crate::device::{Duration, Instant, Plan, Sink};
 use crate::mdrive::error::Error;
 use crate::motion::Rates;
@@ -37,9 +37,19 @@ pub(super) enum Activity {
     Uncounted {
         steps: i32,
         percent: u8,
-        /// An order ends that; otherwise nothing comes of it.
-        yields: bool,
+        yields: Yields,
     },
+}
+
+/// What becomes of an order while a Hybrid's circuitry turns it.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) enum Yields {
+    /// It is carried out at once.
+    AtOnce,
+    /// It waits until the rotor stands.
+    AtStandstill,
+    /// Nothing.
+    Never,
 }
 
 /// A way to a position.
@@ -85,14 +95,24 @@ pub(super) enum Task {
     Move(Move),
     Slew(i32),
     Home(Order),
+    /// The jog that contacts ask for then.
+    Jog,
 }
 
 impl Motion {
     /// Carries out an order, or lets it wait.
     pub(super) fn begin_order(&mut self, at: Instant, order: Order, out: &mut dyn Sink) -> Result<(), Error> {
         match self.activity {
-            Activity::Uncounted { yields: true, .. } => self.end_uncounted(at, out),
-            Activity::Uncounted { .. } => return Ok(()),
+            Activity::Uncounted { yields: Yields::AtOnce, .. } => self.end_uncounted(at, out),
+            Activity::Uncounted { yields: Yields::AtStandstill, .. } => {
+                self.waiting = Some(match order {
+                    Order::To { .. } | Order::By { .. } => Task::Order(order, at + RECKONING),
+                    Order::Slew(speed) => Task::Slew(speed),
+                    Order::Home(_) | Order::HomeToIndex(_) => return Err(Error::Homing),
+                });
+                return Ok(());
+            }
+            Activity::Uncounted { yields: Yields::Never, .. } => return Ok(()),
             _ => {}
         }
         match order {
@@ -194,7 +214,7 @@ impl Motion {
         if self.stands() {
             self.watch_from(at);
             self.holds = false;
-            self.motor.energize(at, self.percent(), out);
+            self.motor.energize(at, self.percent(), self.spins(), out);
         }
         self.motor.go(at, plan, out);
         self.changed = true;
@@ -342,7 +362,7 @@ impl Motion {
     }
 
     /// Begins what waited, from standstill.
-    fn begin(&mut self, at: Instant, task: Task, out: &mut dyn Sink) {
+    pub(super) fn begin(&mut self, at: Instant, task: Task, out: &mut dyn Sink) {
         match task {
             Task::Order(order, ready) => match self.way(at, order) {
                 Ok(way) if ready <= at => self.begin_move(at, way, out),
@@ -352,88 +372,7 @@ impl Motion {
             Task::Move(way) => self.begin_move(at, way, out),
             Task::Slew(speed) => self.slew(at, speed, out),
             Task::Home(order) => self.home(at, order, out),
-        }
-    }
-
-    /// PS. What jogs or follows a clock is not the program's.
-    pub(super) fn interrupt(&mut self, at: Instant, out: &mut dyn Sink) {
-        let left = match self.activity {
-            Activity::Reckons(way) | Activity::Moves(way) if way.ordered => Some(Task::Move(way)),
-            Activity::Slews(speed) => Some(Task::Slew(speed)),
-            Activity::Homes(home) => Some(Task::Home(home.order())),
-            _ => self.left,
-        };
-        (self.paused, self.left) = (true, left);
-        if !matches!(self.activity, Activity::Settles(_)) {
-            self.slow(at, false, out);
-        }
-    }
-
-    /// RS.
-    pub(super) fn go_on_with_it(&mut self, at: Instant, out: &mut dyn Sink) {
-        if !core::mem::take(&mut self.paused) {
-            return;
-        }
-        match (self.left.take(), self.activity) {
-            (Some(task), Activity::Rest) => {
-                self.begin(at, task, out);
-                // A limit may not let it begin.
-                if self.activity == Activity::Rest {
-                    self.over(at, out);
-                }
-            }
-            // Something was ordered meanwhile.
-            (Some(task), activity) => {
-                self.waiting = Some(task);
-                if matches!(activity, Activity::Slews(_) | Activity::Jogs { .. } | Activity::Follows) {
-                    self.slow(at, true, out);
-                }
-            }
-            (None, Activity::Rest) => self.over(at, out),
-            (None, _) => {}
-        }
-    }
-
-    /// Whether contacts ask for a jog, and in which direction (MC 5-39).
-    fn jog_wanted(&self) -> Option<bool> {
-        let is_active = |contact| self.is_active(contact);
-        match (is_active(Contact::JogPlus), is_active(Contact::JogMinus)) {
-            (true, false) => Some(false),
-            (false, true) => Some(true),
-            _ => None,
-        }
-    }
-
-    /// A jog contact has changed: from standstill it begins a jog, and one that has begun ends with its contact.
-    pub(super) fn jog(&mut self, at: Instant, began: bool, out: &mut dyn Sink) {
-        let own = if matches!(self.activity, Activity::Jogs { back: true }) {
-            Contact::JogMinus
-        } else {
-            Contact::JogPlus
-        };
-        match (self.activity, self.jog_wanted()) {
-            (Activity::Jogs { .. }, _) if !self.settings.jogs || !self.is_active(own) => {
-                self.slow(at, false, out);
-            }
-            (Activity::Rest, Some(back)) if began && self.settings.jogs => {
-                if self.settings.follows_clock {
-                    self.fail(Error::JogInClockMode);
-                } else if self.is_barred(back) {
-                    self.fail_at_limit(back);
-                } else {
-                    let rates = self.settings.rates();
-                    let speed = I24F8::saturating_from_num(rates.speed);
-                    self.turn(at, Activity::Jogs { back }, if back { -speed } else { speed }, rates, out);
-                }
-            }
-            _ => {}
-        }
-    }
-
-    /// JE may have changed.
-    pub(super) fn jogs_changed(&mut self, at: Instant, before: bool, out: &mut dyn Sink) {
-        if self.settings.jogs != before {
-            self.jog(at, self.settings.jogs, out);
+            Task::Jog => self.begin_jog(at, out),
         }
     }
 }

@@ -4,12 +4,14 @@ use fixed::types::I24F8;
 
 use super::Motion;
 use super::motor::STEPS_PER_REV;
-use super::orders::Activity;
-use crate::device::{Instant, Plan, Sink};
+use super::orders::{Activity, Yields};
+use crate::device::{Duration, Instant, Plan, Sink};
 use crate::motion::Rates;
 
 /// Where position and shaft round differently, they are that much apart.
 const ROUNDING: u32 = 1;
+/// How often a rotor that is too slow is looked at.
+const LOOK: Duration = Duration::millis(1);
 
 impl Motion {
     /// Turns the shaft by so many steps, at this share of its current, until an order comes. What runs so already ends;
@@ -22,13 +24,12 @@ impl Motion {
         percent: u8,
         out: &mut dyn Sink,
     ) {
-        if self.begin_uncounted(at, percent, true, out) {
-            let plan = Plan::profile(at, self.motor.position(at), steps, rates);
-            self.go_uncounted(at, plan, out);
-        }
+        let plan = Plan::profile(at, self.motor.position(at), steps, rates);
+        self.begin_uncounted(at, plan, percent, Yields::AtOnce, out);
     }
 
-    /// As [`Self::turn_uncounted`], without end, and no order comes through; from what runs so already it goes on.
+    /// As [`Self::turn_uncounted`], without end, and no order comes through; from what runs so already it goes on. What
+    /// turns so has inertia: it does not stand because its bridge is off.
     pub(in crate::mdrive) fn spin_uncounted(
         &mut self,
         at: Instant,
@@ -38,21 +39,48 @@ impl Motion {
         out: &mut dyn Sink,
     ) {
         let plan = self.motor.plan().towards(at, speed, acceleration);
-        if self.begin_uncounted(at, percent, false, out) {
-            self.go_uncounted(at, plan, out);
-        }
+        self.begin_uncounted(at, plan, percent, Yields::Never, out);
     }
 
-    /// Ends that, where it is.
+    /// Slows down what spins; an order waits until it stands.
+    pub(in crate::mdrive) fn slow_uncounted(
+        &mut self,
+        at: Instant,
+        deceleration: u32,
+        percent: u8,
+        out: &mut dyn Sink,
+    ) {
+        let plan = self.motor.plan().towards(at, I24F8::ZERO, deceleration);
+        self.begin_uncounted(at, plan, percent, Yields::AtStandstill, out);
+    }
+
+    /// What spins is stopped from outside.
+    pub(in crate::mdrive) fn stop_uncounted(&mut self, at: Instant, out: &mut dyn Sink) {
+        self.go_uncounted(at, self.motor.plan().halt(at), out);
+    }
+
+    /// Ends that, where it is: what has waited for that begins.
     pub(in crate::mdrive) fn end_uncounted(&mut self, at: Instant, out: &mut dyn Sink) {
         if let Activity::Uncounted { steps, .. } = self.activity {
             let plan = self.motor.plan().halt(at);
             self.go_uncounted(at, plan, out);
             self.c1 = steps.wrapping_sub(self.motor.position(at));
             self.watch_from(at);
-            self.rest(at);
+            self.over(at, out);
             self.refresh(at, out);
         }
+    }
+
+    /// How fast the circuitry turns it, in steps/s, but for a fraction.
+    pub(in crate::mdrive) fn turns(&self, at: Instant) -> I24F8 {
+        let speed = self.motor.plan().speed_at(at);
+        let size = I24F8::saturating_from_num(speed.abs());
+        if speed < 0 { -size } else { size }
+    }
+
+    /// Whether what turns it has inertia.
+    pub(super) fn spins(&self) -> bool {
+        matches!(self.activity, Activity::Uncounted { yields: Yields::Never | Yields::AtStandstill, .. })
     }
 
     /// When the plan of it is done.
@@ -98,8 +126,17 @@ impl Motion {
         self.lag_origin = self.behind(at);
     }
 
-    /// When the rotor comes to lag by so many steps, as long as it stands; [`Instant::NEVER`] if it does not.
+    /// Whether it is too fast for the rotor, which lags more and more.
+    pub(in crate::mdrive) fn is_too_fast(&self) -> bool {
+        self.motor.is_too_fast()
+    }
+
+    /// When the rotor comes to lag by so many steps, if it stands, or is to be looked at again, if it is too slow;
+    /// [`Instant::NEVER`] if it lags no more than now.
     pub(in crate::mdrive) fn lags(&self, at: Instant, steps: i32) -> Instant {
+        if self.follows() {
+            return if self.is_too_fast() { at + LOOK } else { Instant::NEVER };
+        }
         let way = steps.wrapping_sub(self.lag(at));
         self.motor.plan().when(at, self.motor.position(at).wrapping_add(way))
     }
@@ -110,14 +147,14 @@ impl Motion {
         self.steps(at).wrapping_sub(shaft as i32)
     }
 
-    fn begin_uncounted(&mut self, at: Instant, percent: u8, yields: bool, out: &mut dyn Sink) -> bool {
-        let steps = self.steps(at);
-        let begins = matches!(self.activity, Activity::Rest | Activity::Uncounted { .. });
-        if begins {
+    fn begin_uncounted(&mut self, at: Instant, plan: Plan, percent: u8, yields: Yields, out: &mut dyn Sink) {
+        if matches!(self.activity, Activity::Rest | Activity::Uncounted { .. }) {
+            let steps = self.steps(at);
             self.enter(Activity::Uncounted { steps, percent, yields }, Instant::NEVER);
+            // Its current first, or it would not follow.
             self.refresh(at, out);
+            self.go_uncounted(at, plan, out);
         }
-        begins
     }
 
     fn go_uncounted(&mut self, at: Instant, plan: Plan, out: &mut dyn Sink) {

@@ -225,6 +225,7 @@ fn missed_steps_are_made_up_for_at_mf_or_ss() {
         let mut bed = bed();
         let counts = bed.get(Reg::C2);
         bed.set(reg, value);
+        bed.set(Reg::VM, 30_000);
         bed.fault("stall", true);
         bed.set(Reg::MR, 2_048);
         bed.wait(500.millis());
@@ -338,15 +339,189 @@ fn torque_mode_turns_the_rotor_without_steps() {
     bed.wait(100.millis());
     assert!(bed.get(Reg::C2) < before);
     assert_eq!(bed.get(Reg::LR), 0);
-    // Back to the position: it stands, and neither lags nor leads.
+    // Back to the position: it comes to standstill, and there neither lags nor leads.
     bed.set(Reg::AS, 2);
-    bed.wait(10.millis());
+    bed.wait(100.millis());
     let counts = bed.get(Reg::C2);
     bed.wait(1.secs());
     assert_eq!((bed.get(Reg::C2), bed.get(Reg::AF)), (counts, AT_ZERO | CALIBRATED));
     bed.set(Reg::MR, 51_200);
     bed.wait(5.secs());
     assert_eq!((bed.get(Reg::C1), bed.get(Reg::C2)), (51_200, counts + 4_000));
+}
+
+/// At 3,000 rpm, which 25 % of the torque take 1.024 s to reach: 9,765 full steps/s².
+fn at_full_speed() -> Bed {
+    let mut bed = bed();
+    bed.set(Reg::AS, 3);
+    bed.wait(2.secs());
+    assert_eq!(bed.turned(10.millis()), 2_000, "counts: 4,000 a turn, 50 turns/s");
+    bed
+}
+
+impl Bed {
+    /// Counts of C2 in that time.
+    fn turned(&mut self, time: Duration) -> i64 {
+        let before = self.get(Reg::C2);
+        self.wait(time);
+        self.get(Reg::C2) - before
+    }
+
+    /// The speed that the axis shows, in steps/s.
+    fn speed(&self) -> i64 {
+        self.drive.drive.motion.plan().speed_at(self.now).to_num()
+    }
+}
+
+#[test]
+fn a_rotor_that_was_held_begins_anew() {
+    let mut bed = at_full_speed();
+    bed.fault("stall", true);
+    let position = bed.drive.drive.motion.plan().position_at(bed.now);
+    assert_eq!((bed.turned(3.secs()), bed.speed(), bed.get(Reg::LR)), (0, 0, 1));
+    assert_eq!(bed.drive.drive.motion.plan().position_at(bed.now), position);
+    bed.fault("stall", false);
+    assert_eq!((bed.speed(), bed.get(Reg::LR)), (0, 0));
+    // 9,765 full steps/s²: 2.4 counts in 5 ms, 976 in 100 ms, full speed after 1.024 s.
+    assert!((1..=4).contains(&bed.turned(5.millis())));
+    let turned = bed.turned(95.millis());
+    assert!((970..=977).contains(&turned), "{turned}");
+    bed.wait(930.millis());
+    assert_eq!((bed.turned(10.millis()), bed.speed()), (2_000, 2_560_000));
+}
+
+#[test]
+fn what_ends_torque_mode_brakes_the_rotor() {
+    for mode in [2, 1, 0] {
+        let mut bed = at_full_speed();
+        bed.set(Reg::AS, mode);
+        assert_eq!(bed.get(Reg::AF), ACTIVE | CALIBRATED);
+        // RC is 25 %: 1.024 s to standstill, 102,400 counts.
+        assert!((1_955..=2_000).contains(&bed.turned(10.millis())));
+        bed.refused(&[16, 0, 0xA1, 0, 1, 2, 0, 1], 4, 89);
+        bed.refused(&[16, 0, 0x93, 0, 1, 2, 0, 1], 4, 94);
+        bed.refused(&[16, 0, 0x76, 0, 1, 2, 0, 1], 4, 73);
+        bed.refused(&[16, 0, 0x48, 0, 1, 2, 0, 128], 4, 89);
+        let turned = bed.turned(1_020.millis());
+        assert!((100_390..=100_450).contains(&turned), "{turned}");
+        let at_zero = if mode == 0 { 0 } else { AT_ZERO };
+        assert_eq!((bed.turned(1.secs()), bed.get(Reg::AF), bed.get(Reg::LL)), (0, at_zero | CALIBRATED, 0));
+        bed.set(Reg::S, 1);
+    }
+}
+
+#[test]
+fn a_move_waits_for_the_rotor() {
+    let mut bed = at_full_speed();
+    bed.set(Reg::MR, 51_200);
+    bed.wait(1.secs());
+    assert_eq!((bed.get(Reg::MV), bed.get(Reg::C1)), (0, 0), "torque mode makes no steps");
+    bed.set(Reg::AS, 2);
+    bed.set(Reg::MR, 51_200);
+    assert_eq!((bed.get(Reg::MV), bed.get(Reg::MP)), (1, 1));
+    bed.wait(1_030.millis());
+    let counts = bed.get(Reg::C2);
+    bed.wait(2.secs());
+    assert_eq!((bed.get(Reg::C1), bed.get(Reg::MV)), (51_200, 0));
+    assert!((3_990..=4_000).contains(&(bed.get(Reg::C2) - counts)));
+}
+
+#[test]
+fn without_a_bridge_the_rotor_coasts() {
+    let mut bed = at_full_speed();
+    bed.set(Reg::DE, 0);
+    // 10 mN·m at 400 g·cm²: 7,950 full steps/s², 1.258 s to standstill, 125,786 counts.
+    assert!((1_960..=2_000).contains(&bed.turned(10.millis())));
+    bed.refused(&[16, 0, 0x1C, 0, 1, 2, 0, 1], 4, 89);
+    let turned = bed.turned(1_260.millis());
+    assert!((123_780..=123_850).contains(&turned), "{turned}");
+    assert_eq!(bed.turned(1.secs()), 0);
+    bed.set(Reg::DE, 1);
+    assert_eq!(bed.get(Reg::AF), 0, "it calibrates");
+    // More friction, less time.
+    let mut bed = at_full_speed();
+    bed.set(Reg::Friction, 100);
+    bed.set(Reg::DE, 0);
+    bed.wait(130.millis());
+    assert_eq!(bed.turned(1.secs()), 0);
+}
+
+/// What torque there is for its speed: at TQ 25 of 400 mN·m, less 10 of friction, nine tenths of 3,000 rpm.
+#[test]
+fn a_motor_of_the_bench_turns_as_fast_as_its_torque_allows() {
+    let mut bed = bed();
+    bed.set(Reg::HoldingTorque, 400);
+    bed.set(Reg::AS, 3);
+    bed.wait(3.secs());
+    let turned = bed.turned(100.millis());
+    assert!((14_000..=18_000).contains(&turned), "{turned}");
+    // A load that is too heavy stops it, and locks it after LT; without that it begins anew.
+    bed.set(Reg::Load, 200);
+    assert_eq!((bed.turned(1_999.millis()), bed.get(Reg::LR)), (0, 0));
+    assert_eq!((bed.turned(2.millis()), bed.get(Reg::LR)), (0, 1));
+    bed.set(Reg::Load, 0);
+    assert!((1..=4).contains(&bed.turned(5.millis())));
+    assert_eq!(bed.get(Reg::LR), 0);
+    bed.wait(3.secs());
+    assert_eq!(bed.turned(100.millis()), turned);
+    bed.set(Reg::AS, 2);
+    bed.wait(5.secs());
+    assert_eq!((bed.turned(1.secs()), bed.get(Reg::AF)), (0, AT_ZERO | CALIBRATED));
+}
+
+/// FB 5.1: with AS 1 and 2 the rotor responds at 10 MHz/(SS + 2) at most, 38,910 steps/s with 255.
+#[test]
+fn a_rotor_that_is_slower_than_the_motion_lags() {
+    for mode in [1, 2] {
+        let mut bed = bed();
+        bed.set(Reg::AS, mode);
+        bed.set(Reg::SS, 255);
+        bed.set(Reg::VM, 100_000);
+        bed.set(Reg::LG, 20_000);
+        let counts = bed.get(Reg::C2);
+        bed.set(Reg::MR, 100_000);
+        assert_eq!(bed.get(Reg::AF), AT_ZERO | CALIBRATED);
+        bed.wait(200.millis());
+        let turned = bed.turned(100.millis());
+        assert!((turned - 3_891 * 4_000 / 51_200).abs() <= 1, "{turned}");
+        assert_eq!(bed.get(Reg::AF), ACTIVE | CALIBRATED);
+        bed.wait(2.secs());
+        // 61,090 steps/s for 0.90001 s, and twice the ramp of 61.09 ms to that.
+        let lag = bed.get(Reg::LL);
+        assert!((lag - 58_715).abs() <= 10, "{lag}");
+        assert_eq!((bed.get(Reg::AF), bed.get(Reg::LR), bed.error()), (LAG | CALIBRATED, 0, 107));
+        assert_eq!(bed.get(Reg::C2) - counts, (100_000 - lag) * 4_000 / 51_200);
+        // At 38,910 steps/s, too, whatever MF is.
+        bed.set(Reg::MU, 1);
+        let took = bed.lasts(|bed| bed.get(Reg::AF) & ACTIVE != 0);
+        assert!((1_500..=1_520).contains(&(took.ticks() / 16_000)), "{took:?}");
+        assert_eq!((bed.get(Reg::LL), bed.get(Reg::C2) - counts), (0, 100_000 * 4_000 / 51_200));
+    }
+    // Without the circuitry it does not count, and 0 is as fast as anything moves.
+    for (mode, system) in [(0, 255), (2, 0)] {
+        let mut bed = bed();
+        bed.set(Reg::AS, mode);
+        bed.set(Reg::SS, system);
+        bed.set(Reg::VM, 5_000_000);
+        bed.set(Reg::A, 50_000_000);
+        bed.set(Reg::SL, 5_000_000);
+        bed.wait(1.secs());
+        assert_eq!(bed.turned(100.millis()), 39_063);
+    }
+}
+
+/// A locked rotor ends the motion as a stall does, and what waits for it.
+#[test]
+fn a_locked_rotor_ends_the_motion() {
+    let mut bed = bed();
+    bed.set(Reg::MR, 512_000);
+    bed.wait(200.millis());
+    bed.set(Reg::MR, 1_000);
+    bed.fault("locked_rotor", true);
+    assert_eq!((bed.get(Reg::MV), bed.error()), (0, 104));
+    let steps = bed.get(Reg::C1);
+    bed.wait(5.secs());
+    assert_eq!((bed.get(Reg::C1), bed.get(Reg::MV), bed.get(Reg::V)), (steps, 0, 0));
 }
 
 #[test]

@@ -242,11 +242,40 @@ fn the_encoder_has_other_units() {
     assert_eq!(steps.map(|(address, _)| (address, bed.read(address, 2))), steps);
 }
 
+/// MC 7-16: MS is 256 then. The motor is to be as fast as it was.
+#[test]
+fn the_encoder_takes_ms_to_256() {
+    let mut bed = Bed::plus();
+    bed.write(0x48, 1, 128);
+    bed.write(0x1E, 1, 1);
+    assert_eq!(bed.read(0x48, 1), 256);
+    // 25,600 steps a turn and 2,048 counts.
+    assert_eq!([0x00, 0x18, 0x89, 0x8B].map(|address| bed.read(address, 2)), [80_000, 80_000, 80, 61_440]);
+    bed.write(0x1E, 1, 0);
+    assert_eq!((bed.read(0x48, 1), bed.read(0x8B, 2)), (256, 1_536_000));
+    // On a Hybrid another MS calibrates (FB 5.1, CA), which it does not in motion.
+    let mut bed = Bed::hybrid();
+    bed.write(0x48, 1, 128);
+    bed.wait(4.secs());
+    bed.write(0x78, 2, 5_000);
+    bed.refused(&[16, 0, 0x1E, 0, 1, 2, 0, 1], 4, 89);
+    bed.write(0x78, 2, 0);
+    bed.wait(1.secs());
+    bed.write(0x1E, 1, 1);
+    assert_eq!((bed.read(0x48, 1), bed.read(0x8F, 1)), (256, 0));
+    bed.wait(4.secs());
+    bed.write(0x46, 2, 4_000);
+    bed.wait(4.secs());
+    assert_eq!(bed.get(Reg::C1), 51_200);
+}
+
 #[test]
 fn what_does_not_go_with_the_encoder() {
     let mut bed = Bed::plus();
-    bed.write(0x48, 1, 128);
+    // MS is EL x 8 / 200 at least (MC 5-21): for 512 lines 20.48.
+    bed.write(0x48, 1, 16);
     assert_eq!((bed.try_write(0x1E, 1, 1), bed.error()), (vec![0x90, 3], 36));
+    assert_eq!((bed.read(0x1E, 1), bed.read(0x48, 1)), (0, 16));
     bed.write(0x48, 1, 256);
     // 24 steps are no whole count.
     bed.write(0x89, 2, 24);

@@ -110,6 +110,9 @@ fn types_of_inputs_and_outputs() {
         ("S1", "=0,2,0", 21),
         ("S1", "=0,0,2", 21),
         ("S1", "=-1,0,0", 21),
+        // No character of MCode.
+        ("S1", "=0,0,0\r", 24),
+        ("S1", "=0\0,0,0", 24),
         ("S5", "=8,0", 8),
         ("S5", "=0,0", 8),
         ("S5", "=9,2", 21),
@@ -121,6 +124,16 @@ fn types_of_inputs_and_outputs() {
     ] {
         Bed::plus().refused(&write(name, string), 3, error);
     }
+}
+
+/// MC 5-66: they are set up in pairs.
+#[test]
+fn a_clock_type_is_that_of_both() {
+    let mut bed = Bed::plus();
+    bed.set_specific("S8", "=49,1");
+    assert_eq!((bed.specific("S7").as_str(), bed.specific("S8").as_str()), ("49, 0", "49, 1"));
+    bed.set_specific("S7", "=34,1");
+    assert_eq!((bed.specific("S7").as_str(), bed.specific("S8").as_str()), ("34, 1", "34, 1"));
 }
 
 #[test]

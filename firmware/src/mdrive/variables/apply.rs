@@ -98,7 +98,11 @@ impl Drive {
         }?;
         let words = values.iter().take(usize::from(entry(reg).shape.words()));
         self.bank.set(reg, words.fold(0, |all, &word| all << 16 | i64::from(word)));
-        if matches!(reg, Reg::S7 | Reg::S8) {
+        if let Reg::S7 | Reg::S8 = reg {
+            // They are set up in pairs (MC 5-66).
+            let pair = if reg == Reg::S7 { Reg::S8 } else { Reg::S7 };
+            let [_, active, _] = self.set_up_of(pair);
+            self.bank.set(pair, i64::from(kind) << 16 | i64::from(active));
             self.set_motion(at, out);
         }
         Ok(())

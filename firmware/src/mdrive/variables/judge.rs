@@ -35,6 +35,7 @@ impl Drive {
         }
         self.judge_together(reg, value, as_is)?;
         match reg {
+            _ if self.calibrates(reg, value) && self.is_in_motion() => Err(Error::CalibrationInMotion),
             Reg::EE if value == 1 && !self.is_closed() => self.judge_closing(),
             Reg::LK if value == 0 && self.held(Reg::LK) == 1 => Err(Error::Locked),
             Reg::O1 | Reg::O2 | Reg::O3 | Reg::O4 => self.judge_outputs(output_bit(reg)),
@@ -51,11 +52,10 @@ impl Drive {
             // "Once the default character has been changed it can not be reset" (MC 5-20).
             Reg::DN if value != self.held(Reg::DN) && !is_name(value) => Err(Error::IllegalValue),
             Reg::IF if value == 1 && self.mcode.vm.awaits_input() => Err(Error::InputPending),
-            Reg::S if self.motion.is_moving() => Err(Error::SaveInMotion),
-            Reg::CF if self.motion.is_moving() => Err(Error::ClearLockedInMotion),
+            Reg::S if self.is_in_motion() => Err(Error::SaveInMotion),
+            Reg::CF if self.is_in_motion() => Err(Error::ClearLockedInMotion),
             Reg::AS if self.hybrid.is_calibrating() => Err(Error::JogInClockMode),
             Reg::MA | Reg::MR | Reg::SL | Reg::HM if self.hybrid.is_calibrating() => Err(Error::Calibrating),
-            _ if self.calibrates(reg, value) && self.motion.is_moving() => Err(Error::CalibrationInMotion),
             _ => Ok(()),
         }
     }
@@ -78,7 +78,7 @@ impl Drive {
             Reg::HT if value == 1 || value + as_is(Reg::MT) > MOST_DELAY_MS => Err(Error::IllegalValue),
             Reg::MT if value + as_is(Reg::HT) > MOST_DELAY_MS => Err(Error::IllegalValue),
             Reg::MS if self.is_closed() && value != CLOSED_MICROSTEPS => Err(Error::IllegalRatio),
-            Reg::EL if self.is_closed() && !fits(value) => Err(Error::IllegalRatio),
+            Reg::EL if self.is_closed() && !fits(value, CLOSED_MICROSTEPS) => Err(Error::IllegalRatio),
             Reg::JE if value == 1 && as_is(Reg::CM) == 1 => Err(Error::JogInClockMode),
             Reg::CM if value == 1 && as_is(Reg::JE) == 1 => Err(Error::JogInClockMode),
             _ => Ok(()),
@@ -90,6 +90,8 @@ impl Drive {
         let calibrates = match reg {
             Reg::AS | Reg::DE => self.held(reg) == 0 && value != 0,
             Reg::MS => value != self.held(reg),
+            // It takes MS to 256.
+            Reg::EE => value != 0 && self.held(Reg::MS) != CLOSED_MICROSTEPS,
             Reg::SC => true,
             _ => false,
         };

@@ -13,6 +13,7 @@ use standin_protocol::registers::{Entry, Register, Row, Shape};
 pub(super) use self::judge::illegal;
 use super::drive::{Drive, Model};
 use super::error::Error;
+use super::hybrid::{divider, frequency};
 use super::mcode::names::Meaning;
 use super::mcode::statement::{Name, Operand};
 use super::registers::Reg;
@@ -22,8 +23,6 @@ use crate::device::{Instant, Sink};
 pub(super) const RATIO_ONE: i32 = 1_000;
 /// AS: torque mode.
 const TORQUE: i64 = 3;
-/// What SS and TS divide (FB 5.1), in Hz.
-const OSCILLATOR: i32 = 10_000_000;
 /// What they may be in MCode (MC 5-70, 5-76), in Hz.
 const FREQUENCIES: RangeInclusive<i32> = 38_910..=5_000_000;
 
@@ -73,7 +72,7 @@ impl Drive {
     /// A variable as MCode reads it: SS and TS in Hz.
     pub(super) fn read_mcode(&self, at: Instant, reg: Reg) -> i32 {
         let value = self.read(at, reg);
-        if is_frequency(reg) { over(OSCILLATOR, value.saturating_add(2)) } else { value }
+        if is_frequency(reg) { frequency(value) } else { value }
     }
 
     /// A variable was read: ER is cleared by that.
@@ -151,7 +150,7 @@ impl Drive {
         if !FREQUENCIES.contains(&value) {
             return Err(Error::IllegalValue);
         }
-        self.write(at, reg, over(OSCILLATOR, value) - 2, out)
+        self.write(at, reg, divider(value), out)
     }
 
     /// Adds 1, or -1, to a variable: IC, DC. CR's is 1.000.
@@ -219,11 +218,6 @@ fn step(reg: Reg) -> i32 {
 /// Whether MCode has it in Hz.
 fn is_frequency(reg: Reg) -> bool {
     matches!(reg, Reg::SS | Reg::TS)
-}
-
-/// A quotient, of a divisor that is not 0.
-fn over(value: i32, by: i32) -> i32 {
-    value.checked_div(by).unwrap_or(0)
 }
 
 /// The bit of O1 to O4 in OL.

@@ -12,19 +12,20 @@ use crate::mdrive::registers::{Reg, mcode_accepts};
 const MOST_COUNTS_PER_S2: i32 = 61_035_160;
 /// The most of VM and SL in counts/s (MC 5-68, 5-80).
 const MOST_COUNTS_PER_S: i32 = 200_000;
-/// MS while EE is 1 (MC 7-22).
+/// MS while EE is 1 (MC 7-16).
 pub(super) const CLOSED_MICROSTEPS: i32 = 256;
-/// Steps of a revolution then.
-const CLOSED_STEPS: i32 = STEPS_PER_REV as i32 * CLOSED_MICROSTEPS;
 
 impl Drive {
-    /// Puts a value into the bank; with EE A, D, VI and VM change their units.
+    /// Puts a value into the bank; with EE A, D, VI and VM change their units, and with EE 1 MS is 256 (MC 7-16).
     pub(in crate::mdrive) fn hold(&mut self, reg: Reg, value: i32) {
         let closes = value != 0;
         if reg == Reg::EE && closes != self.is_closed() {
             for scaled in SCALED {
                 let value = self.scaled(scaled, closes);
                 self.bank.set(scaled, value);
+            }
+            if closes {
+                self.bank.set(Reg::MS, CLOSED_MICROSTEPS.into());
             }
         }
         self.bank.set(reg, value.into());
@@ -48,9 +49,9 @@ impl Drive {
     /// Whether EE may become 1.
     ///
     /// # Errors
-    /// 36 if steps and counts do not fit, 90 if something would become too low.
+    /// 36 if MS is too low for EL, 90 if something would become too low.
     pub(super) fn judge_closing(&self) -> Result<(), Error> {
-        if self.held(Reg::MS) != CLOSED_MICROSTEPS || !fits(self.held(Reg::EL)) {
+        if !fits(self.held(Reg::EL), self.held(Reg::MS)) {
             return Err(Error::IllegalRatio);
         }
         let too_low = SCALED.iter().any(|&reg| self.scaled(reg, true) < 1);
@@ -80,7 +81,7 @@ impl Drive {
 /// What EE has in other units.
 const SCALED: [Reg; 4] = [Reg::A, Reg::D, Reg::VI, Reg::VM];
 
-/// Whether an encoder of so many lines goes with the steps of EE 1: MS is at least EL x 8 / 200 (MC 5-22).
-pub(super) fn fits(lines: i32) -> bool {
-    lines * 8 <= CLOSED_STEPS
+/// Whether an encoder of so many lines goes with so many microsteps: MS is at least EL x 8 / 200 (MC 5-21).
+pub(super) fn fits(lines: i32, microsteps: i32) -> bool {
+    lines * 8 <= microsteps * i32::from(STEPS_PER_REV)
 }

@@ -80,3 +80,24 @@ fn an_order_is_not_disturbed_by_the_clock() {
     bench.run_out();
     assert_eq!(bench.c1(), 1_000);
 }
+
+/// Clock mode ends no slew, and forbids none: the clock is followed from standstill.
+#[test]
+fn a_slew_goes_on_into_clock_mode() {
+    let follows = Settings { follows_clock: true, ..SLOW };
+    let mut bench = Bench::new(SLOW);
+    bench.does(Order::Slew(2_000));
+    bench.run(1.secs());
+    bench.set(follows);
+    clock(&mut bench, 1_000, 1, MS);
+    assert_eq!((bench.v(), bench.steps.len()), (2_000, 0));
+    bench.does(Order::Slew(0));
+    bench.run_out();
+    let there = bench.c1();
+    clock(&mut bench, 10, -1, MS);
+    assert_eq!(bench.c1(), there - 10);
+    bench.run_out();
+    bench.does(Order::Slew(2_000));
+    bench.run(1.secs());
+    assert_eq!(bench.v(), 2_000);
+}

@@ -140,17 +140,74 @@ fn a_jog_lasts_as_long_as_its_contact() {
     assert_eq!((bench.c1(), bench.is_moving()), (-3_400, false));
 }
 
+/// A contact that is held does not jog for JE alone: a jog begins with an edge.
 #[test]
 fn je_permits_a_jog() {
+    let jogs = Settings { jogs: true, ..SLOW };
     let mut bench = Bench::new(SLOW);
     bench.contact(Contact::JogPlus, true);
+    bench.set(jogs);
     assert!(!bench.is_moving());
-    bench.set(Settings { jogs: true, ..SLOW });
+    bench.contact(Contact::JogPlus, false);
+    bench.contact(Contact::JogPlus, true);
     assert!(bench.is_moving());
     bench.run(1.secs());
     bench.set(SLOW);
     bench.run(400.millis());
     assert!(!bench.is_moving());
+    // The contact is held all the time.
+    bench.set(jogs);
+    bench.run(400.millis());
+    assert!(!bench.is_moving());
+}
+
+/// What is held when a jog has come to its end begins then.
+#[test]
+fn a_jog_follows_another() {
+    for (next, speed) in [(Contact::JogPlus, 5_000), (Contact::JogMinus, -5_000)] {
+        let mut bench = Bench::new(Settings { jogs: true, ..SLOW });
+        bench.contact(Contact::JogPlus, true);
+        bench.run(600.millis());
+        bench.contact(Contact::JogPlus, false);
+        bench.run(100.millis());
+        bench.contact(next, true);
+        // It slows down to standstill first.
+        bench.run(200.millis());
+        assert!((0..5_000).contains(&bench.v()), "{}", bench.v());
+        bench.run(1.secs());
+        assert_eq!(bench.v(), speed);
+    }
+    // Both were held: the other one, which still is, takes over.
+    let mut bench = Bench::new(Settings { jogs: true, ..SLOW });
+    bench.contact(Contact::JogPlus, true);
+    bench.run(600.millis());
+    bench.contact(Contact::JogMinus, true);
+    bench.contact(Contact::JogPlus, false);
+    bench.run(2.secs());
+    assert_eq!(bench.v(), -5_000);
+}
+
+/// Behind any other stop nothing jogs that is still held.
+#[test]
+fn a_jog_that_was_ended_does_not_begin_again() {
+    let jogs = |end: &dyn Fn(&mut Bench)| {
+        let mut bench = Bench::new(Settings { jogs: true, ..SLOW });
+        bench.contact(Contact::JogPlus, true);
+        bench.run(600.millis());
+        end(&mut bench);
+        bench.run(2.secs());
+        bench.is_moving()
+    };
+    assert!(jogs(&|_| {}));
+    assert!(!jogs(&|bench| bench.does(Order::Slew(0))));
+    assert!(!jogs(&|bench| bench.tell(|motion, at, out| motion.stop(at, out))));
+    assert!(!jogs(&|bench| bench.contact(Contact::PlusLimit, true)));
+    // Released, and held again while it stops for an order.
+    assert!(!jogs(&|bench| {
+        bench.contact(Contact::JogPlus, false);
+        bench.contact(Contact::JogPlus, true);
+        bench.does(Order::Slew(0));
+    }));
 }
 
 #[test]

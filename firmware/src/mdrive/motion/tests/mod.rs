@@ -32,6 +32,7 @@ const FACTORY: Settings = Settings {
     run_percent: 25,
     hold_percent: 5,
     enabled: true,
+    response: u32::MAX,
     limit_mode: 1,
     jogs: false,
     follows_clock: false,

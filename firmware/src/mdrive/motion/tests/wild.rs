@@ -60,6 +60,7 @@ fn settings() -> impl Strategy<Value = Settings> {
             hold_percent: modes.0 * 10 - 10,
             limit_mode: modes.0,
             enabled: modes.1[0],
+            response: u32::MAX,
             jogs: modes.1[1],
             follows_clock: modes.1[2],
             goes_on_stalled: modes.1[3],

@@ -1,0 +1,57 @@
+//! Jog: a contact turns it as long as it is held (MC 5-39, 5-63).
+
+use fixed::types::I24F8;
+
+use super::orders::{Activity, Task};
+use super::{Contact, Motion};
+use crate::device::{Instant, Sink};
+use crate::mdrive::error::Error;
+
+impl Motion {
+    /// Whether contacts ask for a jog, and in which direction (MC 5-39).
+    fn jog_wanted(&self) -> Option<bool> {
+        let is_active = |contact| self.is_active(contact);
+        match (is_active(Contact::JogPlus), is_active(Contact::JogMinus)) {
+            (true, false) => Some(false),
+            (false, true) => Some(true),
+            _ => None,
+        }
+    }
+
+    /// A jog contact has changed: one that becomes active begins a jog from standstill, and a jog ends with its own.
+    /// What contacts ask for when it stands begins then.
+    pub(super) fn jog(&mut self, at: Instant, active: bool, out: &mut dyn Sink) {
+        match self.activity {
+            Activity::Jogs { back } if self.jog_ends(back) => {
+                self.waiting = Some(Task::Jog);
+                self.slow(at, false, out);
+            }
+            Activity::Rest if active => self.begin_jog(at, out),
+            _ => {}
+        }
+    }
+
+    fn jog_ends(&self, back: bool) -> bool {
+        !self.is_active(if back { Contact::JogMinus } else { Contact::JogPlus })
+    }
+
+    pub(super) fn begin_jog(&mut self, at: Instant, out: &mut dyn Sink) {
+        let Some(back) = self.jog_wanted().filter(|_| self.settings.jogs) else { return };
+        if self.settings.follows_clock {
+            self.fail(Error::JogInClockMode);
+        } else if self.is_barred(back) {
+            self.fail_at_limit(back);
+        } else {
+            let rates = self.settings.rates();
+            let speed = I24F8::saturating_from_num(rates.speed);
+            self.turn(at, Activity::Jogs { back }, if back { -speed } else { speed }, rates, out);
+        }
+    }
+
+    /// JE may be 0: no jog goes on then, and none begins.
+    pub(super) fn forbid_jog(&mut self, at: Instant, out: &mut dyn Sink) {
+        if !self.settings.jogs && matches!(self.activity, Activity::Jogs { .. }) {
+            self.slow(at, false, out);
+        }
+    }
+}

@@ -1,0 +1,53 @@
+//! PS and RS: what moves stops, and goes on (MC 5-57, 5-61).
+
+use super::Motion;
+use super::orders::{Activity, Task};
+use crate::device::{Instant, Sink};
+
+impl Motion {
+    /// PS: stops with D, and remembers what is left. What jogs or follows a clock is not the program's.
+    pub(in crate::mdrive) fn pause(&mut self, at: Instant, out: &mut dyn Sink) {
+        let left = match self.activity {
+            Activity::Reckons(way) | Activity::Moves(way) if way.ordered => Some(Task::Move(way)),
+            Activity::Slews(speed) => Some(Task::Slew(speed)),
+            Activity::Homes(home) => Some(Task::Home(home.order())),
+            _ => self.left,
+        };
+        (self.paused, self.left) = (true, left);
+        if !matches!(self.activity, Activity::Settles(_)) {
+            self.slow(at, false, out);
+        }
+        self.refresh(at, out);
+    }
+
+    /// RS: goes on with that.
+    pub(in crate::mdrive) fn resume(&mut self, at: Instant, out: &mut dyn Sink) {
+        if !core::mem::take(&mut self.paused) {
+            return;
+        }
+        match (self.left.take(), self.activity) {
+            (Some(task), Activity::Rest) => {
+                self.begin(at, task, out);
+                // A limit may not let it begin.
+                if self.activity == Activity::Rest {
+                    self.over(at, out);
+                }
+            }
+            // Something was ordered meanwhile.
+            (Some(task), activity) => {
+                self.waiting = Some(task);
+                if matches!(activity, Activity::Slews(_) | Activity::Jogs { .. } | Activity::Follows) {
+                    self.slow(at, true, out);
+                }
+            }
+            (None, Activity::Rest) => self.over(at, out),
+            (None, _) => {}
+        }
+        self.refresh(at, out);
+    }
+
+    /// The pause ends without RS: neither what PS has interrupted nor what waits behind it begins.
+    pub(in crate::mdrive) fn forget_pause(&mut self) {
+        self.forget_what_waits();
+    }
+}

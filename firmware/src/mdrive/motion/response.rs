@@ -1,0 +1,79 @@
+//! SS: the fastest that a rotor responds (FB 5.1). What the plan has beyond that it does not make.
+
+use fixed::types::I24F8;
+
+use crate::device::{Duration, Instant, Plan};
+use crate::motion::Segment;
+use standin_protocol::time::TICKS_PER_SECOND;
+
+/// What brings a shaft down to that, in steps/s²: the A and D of the factory.
+const DECELERATION: u32 = 1_000_000;
+
+/// How fast the shaft may be.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Response {
+    /// In steps/s.
+    pub(super) most: u32,
+    /// The plan is faster.
+    pub(super) is_too_fast: bool,
+    /// When it comes to be so, or no more.
+    pub(super) due: Instant,
+}
+
+impl Response {
+    pub(super) const FULL: Self = Self { most: u32::MAX, is_too_fast: false, due: Instant::NEVER };
+
+    /// Looks how fast the plan is. Returns whether it has become too fast, or is no longer.
+    pub(super) fn look(&mut self, at: Instant, plan: &Plan) -> bool {
+        let before = self.is_too_fast;
+        let (segment, d) = plan.segment_at(at);
+        self.is_too_fast = segment.speed(d) > self.most();
+        self.due = self.changes(at, plan);
+        self.is_too_fast != before
+    }
+
+    /// What the shaft is to do of a plan.
+    pub(super) fn of(&self, at: Instant, plan: &Plan) -> Plan {
+        if !self.is_too_fast {
+            return *plan;
+        }
+        let most = I24F8::saturating_from_num(self.most);
+        plan.towards(at, if plan.speed_at(at) < 0 { -most } else { most }, DECELERATION)
+    }
+
+    /// When a plan comes to be too fast next, or no longer.
+    fn changes(&self, at: Instant, plan: &Plan) -> Instant {
+        let mut begin = plan.start();
+        for segment in plan.segments() {
+            let from = at.since(begin).ticks();
+            if let Some(d) = self.passes(segment, from) {
+                return begin + Duration::from_ticks(d);
+            }
+            begin += Duration::from_ticks(segment.ticks);
+        }
+        if self.is_too_fast { begin } else { Instant::NEVER }
+    }
+
+    /// When it does so within a segment of it, `from` ticks in or later.
+    fn passes(&self, segment: &Segment, from: u64) -> Option<u64> {
+        if from >= segment.ticks {
+            return None;
+        }
+        let is_too_fast = |d| segment.speed(d) > self.most();
+        if is_too_fast(from) != self.is_too_fast {
+            return Some(from);
+        }
+        let (more, a) = (self.most() - segment.h, i64::from(segment.a));
+        let ticks = match (self.is_too_fast, a) {
+            (false, 1..) => more / a + 1,
+            (true, ..0) => (more + a + 1) / a,
+            _ => return None,
+        };
+        u64::try_from(ticks).ok().filter(|&d| d > from && d < segment.ticks)
+    }
+
+    /// In the unit of a segment's speed.
+    fn most(&self) -> i64 {
+        i64::from(self.most) * TICKS_PER_SECOND.cast_signed()
+    }
+}

@@ -1,0 +1,118 @@
+//! What variables show of the motion: counters, velocity, flags.
+
+use super::Motion;
+use super::orders::{Activity, Task};
+use crate::device::{Instant, Plan};
+
+impl Motion {
+    /// What it does: C1, but for what was preset.
+    pub(in crate::mdrive) fn plan(&self) -> &Plan {
+        self.motor.plan()
+    }
+
+    /// Steps made, of the motor (C1).
+    pub(in crate::mdrive) fn steps(&self, at: Instant) -> i32 {
+        match self.activity {
+            Activity::Uncounted { steps, .. } => steps,
+            _ => self.motor.position(at).wrapping_add(self.c1),
+        }
+    }
+
+    /// Presets C1.
+    pub(in crate::mdrive) fn set_steps(&mut self, at: Instant, steps: i32) {
+        let more = steps.wrapping_sub(self.steps(at));
+        self.lag_origin = self.lag_origin.wrapping_add(more);
+        match &mut self.activity {
+            Activity::Uncounted { steps: held, .. } => *held = steps,
+            _ => self.c1 = self.c1.wrapping_add(more),
+        }
+        self.changed = true;
+    }
+
+    /// Counts of the encoder (C2).
+    pub(in crate::mdrive) fn counts(&self, at: Instant) -> i32 {
+        self.encoder.count(at, &self.motor).wrapping_add(self.c2)
+    }
+
+    /// Presets C2.
+    pub(in crate::mdrive) fn set_counts(&mut self, at: Instant, counts: i32) {
+        self.c2 = counts.wrapping_sub(self.encoder.count(at, &self.motor));
+        self.changed = true;
+    }
+
+    /// P: C1, or C2 with EE = 1.
+    pub(super) fn shown_position(&self, at: Instant) -> i32 {
+        if self.settings.closed { self.counts(at) } else { self.steps(at) }
+    }
+
+    /// V, in steps/s, or counts/s with EE = 1, rounded.
+    pub(in crate::mdrive) fn velocity(&self, at: Instant) -> i32 {
+        let speed = match self.activity {
+            Activity::Follows if self.settings.follows_at_once() => self.follow.speed().into(),
+            Activity::Uncounted { .. } => return 0,
+            _ => self.motor.plan().speed_at(at),
+        };
+        self.settings.scale().speed_in_counts(speed)
+    }
+
+    /// Whether anything moves it that C1 counts, or is about to (MV).
+    pub(in crate::mdrive) fn is_moving(&self) -> bool {
+        match self.activity {
+            Activity::Rest => false,
+            Activity::Uncounted { .. } => self.waiting.is_some(),
+            _ => true,
+        }
+    }
+
+    /// Whether it is on its way to a position, or will be (MP).
+    pub(in crate::mdrive) fn is_positioning(&self) -> bool {
+        match self.activity {
+            Activity::Reckons(way) | Activity::Moves(way) | Activity::Settles(Some(way)) => way.ordered,
+            _ => matches!(self.waiting, Some(Task::Order(..))) && !self.paused,
+        }
+    }
+
+    /// Whether its speed changes (VC).
+    pub(in crate::mdrive) fn is_changing(&self, at: Instant) -> bool {
+        self.is_moving() && self.motor.plan().segment_at(at).0.a != 0
+    }
+
+    /// Whether the encoder is on its index (I6).
+    pub(in crate::mdrive) fn is_on_index(&self, at: Instant) -> bool {
+        self.encoder.is_on_index(at, &self.motor)
+    }
+
+    /// Whether it stalled, and nobody has taken note since (ST).
+    pub(in crate::mdrive) fn has_stalled(&self) -> bool {
+        self.closed.has_stalled
+    }
+
+    /// Writes ST.
+    pub(in crate::mdrive) fn set_stalled(&mut self, stalled: bool) {
+        self.closed.has_stalled = stalled;
+    }
+
+    /// When P comes to be `position` next, after `at`; [`Instant::NEVER`] if it does not. With EE = 1 that holds no longer
+    /// than the shaft turns as it does.
+    pub(in crate::mdrive) fn reaches(&self, at: Instant, position: i32) -> Instant {
+        if self.settings.closed {
+            self.encoder.reaches(at, &self.motor, position.wrapping_sub(self.c2))
+        } else {
+            self.reaches_steps(at, position)
+        }
+    }
+
+    /// When C1 comes to be `steps` next, after `at`, if it goes on as planned; [`Instant::NEVER`] if it does not.
+    pub(in crate::mdrive) fn reaches_steps(&self, at: Instant, steps: i32) -> Instant {
+        if self.is_uncounted() {
+            return Instant::NEVER;
+        }
+        self.motor.plan().when(at, steps.wrapping_sub(self.c1))
+    }
+
+    /// Whether its plan or C1 or C2 has become another one since this was last asked: what [`Self::reaches_steps`] said
+    /// holds no more.
+    pub(in crate::mdrive) fn has_changed(&mut self) -> bool {
+        core::mem::take(&mut self.changed)
+    }
+}
