@@ -11,6 +11,8 @@ import re
 import select
 import subprocess
 import sys
+import time
+import urllib.request
 
 import pytest
 from serial import Serial
@@ -299,12 +301,26 @@ def test_analogue_and_digital_at_one_contact(opened):
         assert int(terminal.ask("R0E")[5:13], 16) & 0xFFF == value
 
 
+def spoil(standin, terminal, text):
+    """Writes at the wrong rate, and waits until the drive has met it: the system hands it over when it gets round to
+    it, and the rate of a pty is that of then."""
+
+    def spoiled():
+        with urllib.request.urlopen(standin.control + "/api/trace", timeout=PATIENCE) as trace:
+            return trace.read().count(b" > spoiled")
+
+    end = time.monotonic() + PATIENCE
+    terminal.write(text)
+    while spoiled() < len(text):
+        assert time.monotonic() < end, f"{text} is not heard"
+
+
 def test_another_rate_is_kept_and_needed(opened, run, tmp_path):
     nv = tmp_path / "qsb.nv"
     standin, terminal = opened("--nv", nv)
     # Answered at the old rate.
     assert terminal.ask("W1640A") == reply("w", 0x16, 0x40A)
-    terminal.write(b"R08\r")
+    spoil(standin, terminal, b"R08\r")
     standin.advance(0.1)
     assert terminal.silent(), "nobody reads 230,400 baud any more"
     terminal.baudrate = 115_200
