@@ -289,14 +289,14 @@ pub(super) struct Power {
     pub(super) action: Action,
 }
 
-/// An action on the power.
+/// What the power does: `off` and `on`, `cycle` for both at once, or `cut`: it runs on, and the power fails in the middle
+/// of its next save.
 #[derive(Clone, Copy, Deserialize, ToSchema)]
 #[serde(rename_all = "lowercase")]
 pub(super) enum Action {
     Off,
     On,
     Cycle,
-    /// In the middle of the next save.
     Cut,
 }
 
