@@ -1,5 +1,7 @@
 //! SS: the fastest that a rotor responds (FB 5.1). What the plan has beyond that it does not make.
 
+use core::num::NonZero;
+
 use fixed::types::I24F8;
 
 use crate::device::{Duration, Instant, Plan};
@@ -63,13 +65,14 @@ impl Response {
         if is_too_fast(from) != self.is_too_fast {
             return Some(from);
         }
-        let (more, a) = (self.most() - segment.h, i64::from(segment.a));
-        let ticks = match (self.is_too_fast, a) {
-            (false, 1..) => more / a + 1,
-            (true, ..0) => (more + a + 1) / a,
+        let a = NonZero::new(u64::from(segment.a.unsigned_abs()))?;
+        let way = (self.most() - segment.h).unsigned_abs();
+        let d = match (self.is_too_fast, segment.a > 0) {
+            (false, true) => way / a + 1,
+            (true, false) => way.saturating_add(a.get() - 1) / a,
             _ => return None,
         };
-        u64::try_from(ticks).ok().filter(|&d| d > from && d < segment.ticks)
+        (d > from && d < segment.ticks).then_some(d)
     }
 
     /// In the unit of a segment's speed.
