@@ -3,10 +3,10 @@
 //! What names an address that is not there, or has another structure, never reaches the drive; what the drive refuses
 //! is an error of MCode, too.
 
-use standin_protocol::modbus::pdu::{ENCAPSULATED_INTERFACE, EXCEPTION_BIT, Exception};
-use standin_protocol::modbus::server::{Map, Outcome, Rules, Values, serve_tcp};
-use standin_protocol::modbus::tcp::{self, Adu};
-use standin_protocol::modbus::{Reply, Why, identification};
+use standin_protocol::modbus::pdu::{ENCAPSULATED_INTERFACE, Exception};
+use standin_protocol::modbus::server::{Map, Rules, Values, refuse_tcp, serve_tcp};
+use standin_protocol::modbus::tcp::Adu;
+use standin_protocol::modbus::{Reply, identification};
 use standin_protocol::registers::Entries;
 
 use super::MODBUS;
@@ -37,7 +37,7 @@ static RULES: Rules = Rules {
 };
 
 /// Of the identification: regular objects, also one by one.
-const CONFORMITY: u8 = 0x82;
+const CONFORMITY: u8 = identification::REGULAR | identification::SINGLE_OBJECTS;
 
 /// The most of a parameter string (FB 4.3.3).
 const MOST_STRING: usize = 28;
@@ -76,7 +76,8 @@ impl Drive {
         let outcome = if self.hears() {
             serve_tcp(adu, &RULES, &mut Bus { drive: self, at, out }, &mut reply)
         } else {
-            refuse(adu, &mut reply)
+            // The Ethernet controller hears before the drive does.
+            refuse_tcp(adu, Exception::ServerDeviceFailure, &mut reply)
         };
         out.put(at, Output::Note(Note::of(MODBUS, outcome)));
         if !reply.is_empty() {
@@ -85,7 +86,7 @@ impl Drive {
     }
 
     /// Tells MCode of an error, and says what the bus is told.
-    fn refuse(&mut self, at: Instant, error: Error, out: &mut dyn Sink) -> Exception {
+    fn note_refusal(&mut self, at: Instant, error: Error, out: &mut dyn Sink) -> Exception {
         self.fail(at, error, out);
         error.exception()
     }
@@ -158,7 +159,7 @@ impl Drive {
             Specific::Command => self.command(at, name, out),
             Specific::Execute => self.execute_at(at, string),
         };
-        done.map_err(|error| self.refuse(at, error, out))?;
+        done.map_err(|error| self.note_refusal(at, error, out))?;
         let _ = match function {
             READ_SPECIFIC => reply.extend_from_slice(&[function, 0]),
             _ => reply
@@ -237,16 +238,6 @@ fn joined(first: &[u8], second: &[u8]) -> heapless::Vec<u8, { MNEMONIC + MOST_ST
     text
 }
 
-/// A drive that does not hear yet, behind an Ethernet controller that does.
-fn refuse(adu: &[u8], reply: &mut Adu) -> Outcome {
-    let exception = Exception::ServerDeviceFailure;
-    let Some((header, &[function, ..])) = tcp::parse(adu) else {
-        return Outcome::Dropped(Why::Length);
-    };
-    *reply = tcp::frame(header, &[function | EXCEPTION_BIT, exception.code()]);
-    Outcome::Served { unit: header.unit, function, refused: Some(exception) }
-}
-
 /// Text that goes into a reply.
 struct Answer<'a>(&'a mut Reply);
 
@@ -289,15 +280,13 @@ impl Map for Bus<'_> {
 
     fn carry_out(&mut self, values: &Values<'_, Reg>) -> Option<Result<(), Exception>> {
         let written = self.drive.write_all(self.at, values, self.out);
-        Some(written.map_err(|error| self.drive.refuse(self.at, error, self.out)))
+        Some(written.map_err(|error| self.drive.note_refusal(self.at, error, self.out)))
     }
 
     fn out_of_range(&mut self, register: Reg, value: i64) {
-        let error = match register {
-            Reg::VM if value <= self.drive.bank.get(Reg::VI) => Error::MaximumVelocity,
-            Reg::VI if value >= self.drive.bank.get(Reg::VM) => Error::InitialVelocity,
-            _ => illegal(register),
-        };
+        let judged = self.drive.judge_together(register, narrow(value), &|other| self.drive.held(other));
+        // The bus has narrower ranges of some than MCode has.
+        let error = judged.err().unwrap_or_else(|| illegal(register));
         self.drive.fail(self.at, error, self.out);
     }
 
