@@ -4,13 +4,14 @@ use heapless::Vec;
 
 use super::super::drive::{Drive, Model, SERIAL_NUMBER};
 use super::super::error::Error;
-use super::super::registers::Reg;
+use super::super::registers::{ROWS, Reg};
 use super::super::variables::RATIO_ONE;
 use super::mnemonic::{self, Mnemonic};
 use super::names::Meaning;
 use super::parse;
 use super::statement::{List, Name, Operand, Parameter};
 use crate::device::Instant;
+use standin_protocol::registers::Register;
 
 /// Behind VR of a Hybrid: the version of its hardware, of which "1.8+" calibrates as MC 5-8 says.
 const HARDWARE: &[u8] = b"1.8";
@@ -141,7 +142,7 @@ impl Drive {
         match &name {
             b"AL" => self.print_all(at, to),
             b"UV" => self.print_user_variables(to),
-            b"MD" => to.say(self.mcode.vm.last_motion().as_ref().map_or(b"", |name| name)),
+            b"MD" => to.say(self.mcode.vm.last_motion().map_or(b"", name_of)),
             b"PN" => to.say(self.model.part_number()),
             b"SN" => to.say(SERIAL_NUMBER),
             _ => {
@@ -183,6 +184,11 @@ impl Drive {
             to.say(CR_LF);
         }
     }
+}
+
+/// The mnemonic of a variable.
+fn name_of(reg: Reg) -> &'static [u8] {
+    ROWS.get(reg.row()).map_or(b"", |row| row.name.as_bytes())
 }
 
 fn number(value: i32) -> Parameter {
