@@ -49,10 +49,21 @@ const MNEMONIC: usize = 4;
 enum Specific {
     /// Values to read and to write.
     Values,
-    /// E, PS, RS.
-    Command,
+    /// Something to do.
+    Command(Command),
     /// EX, with an address or a label.
     Execute,
+}
+
+/// What takes nothing.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+enum Command {
+    /// E.
+    End,
+    /// PS.
+    Pause,
+    /// RS.
+    Resume,
 }
 
 impl Specific {
@@ -62,7 +73,9 @@ impl Specific {
             b"S1" | b"S2" | b"S3" | b"S4" | b"S5" | b"S13" | b"TR" => Some(Self::Values),
             b"S7" | b"S8" | b"CR" if model == Model::Plus => Some(Self::Values),
             b"MU" if model == Model::Hybrid => Some(Self::Values),
-            b"E" | b"PS" | b"RS" => Some(Self::Command),
+            b"E" => Some(Self::Command(Command::End)),
+            b"PS" => Some(Self::Command(Command::Pause)),
+            b"RS" => Some(Self::Command(Command::Resume)),
             b"EX" => Some(Self::Execute),
             _ => None,
         }
@@ -141,12 +154,12 @@ impl Drive {
             };
         }
         let string = match data.split_first() {
-            None if specific == Specific::Command => data,
+            None if matches!(specific, Specific::Command(_)) => data,
             Some((&count, string)) if usize::from(count) == string.len() => string,
             _ => return Err(Exception::IllegalDataValue),
         };
         let fits = match specific {
-            Specific::Command => string.is_empty(),
+            Specific::Command(_) => string.is_empty(),
             Specific::Values | Specific::Execute => (1..=MOST_STRING).contains(&string.len()),
         };
         if !fits {
@@ -156,7 +169,10 @@ impl Drive {
         let done = match specific {
             _ if !is_text => Err(Error::IllegalData),
             Specific::Values => self.write_values(at, name, string, out),
-            Specific::Command => self.command(at, name, out),
+            Specific::Command(command) => {
+                self.command(at, command, out);
+                Ok(())
+            }
             Specific::Execute => self.execute_at(at, string),
         };
         done.map_err(|error| self.note_refusal(at, error, out))?;
@@ -202,13 +218,12 @@ impl Drive {
         }
     }
 
-    fn command(&mut self, at: Instant, name: &[u8], out: &mut dyn Sink) -> Result<(), Error> {
-        match name {
-            b"PS" => self.pause_program(at, out),
-            b"RS" => self.resume_program(at, out),
-            _ => self.end_program(),
+    fn command(&mut self, at: Instant, command: Command, out: &mut dyn Sink) {
+        match command {
+            Command::End => self.end_program(),
+            Command::Pause => self.pause_program(at, out),
+            Command::Resume => self.resume_program(at, out),
         }
-        Ok(())
     }
 
     /// Runs the program at an address or a label, of which `=` may stand before it.
