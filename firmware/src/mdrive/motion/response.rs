@@ -66,7 +66,7 @@ impl Response {
         let (more, a) = (self.most() - segment.h, i64::from(segment.a));
         let ticks = match (self.is_too_fast, a) {
             (false, 1..) => more / a + 1,
-            (true, ..0) => (more + a + 1) / a,
+            (true, ..0) => (more + a + 1).checked_div(a)?,
             _ => return None,
         };
         u64::try_from(ticks).ok().filter(|&d| d > from && d < segment.ticks)
