@@ -6,7 +6,7 @@
 
 use proptest::prelude::*;
 use standin_protocol::modbus::pdu::Exception;
-use standin_protocol::modbus::server::{Map, Outcome, Rules, Values, serve_tcp};
+use standin_protocol::modbus::server::{Map, Outcome, Rules, Values, refuse_tcp, serve_tcp};
 use standin_protocol::modbus::tcp::{self, Adu, Header};
 use standin_protocol::modbus::{Reply, Why, identification};
 use standin_protocol::registers::{Bank, Legal, Register, Space};
@@ -233,6 +233,19 @@ fn an_adu_keeps_its_transaction_and_any_unit() {
         assert_eq!(serve_tcp(adu, &RULES, &mut mdrive, &mut reply), Outcome::Dropped(Why::Length));
         assert!(reply.is_empty());
     }
+}
+
+#[test]
+fn who_does_not_hear_yet_refuses_whatever_is_asked() {
+    let busy = Exception::ServerDeviceFailure;
+    let mut reply = Adu::new();
+    for function in [3, 7, 65] {
+        let outcome = refuse_tcp(&[0, 1, 0, 0, 0, 3, 9, function, 0], busy, &mut reply);
+        assert_eq!(outcome, Outcome::Served { unit: 9, function, refused: Some(busy) });
+        assert_eq!(reply[..], [0, 1, 0, 0, 0, 3, 9, function | 0x80, 4]);
+    }
+    assert_eq!(refuse_tcp(&[0, 1, 0, 0, 0, 3, 9, 7], busy, &mut reply), Outcome::Dropped(Why::Length));
+    assert!(reply.is_empty());
 }
 
 #[test]

@@ -28,7 +28,7 @@ use super::motion::{self, Contact, Motion};
 use super::registers::{HYBRID, PLUS, Reg, TABLE_HYBRID};
 use super::saved::Saving;
 use super::variables::{entry, is_number, words};
-use crate::device::{Boot, Fault, Instant, Pin, Refused, Sink};
+use crate::device::{Boot, Fault, Instant, Refused, Sink};
 use crate::motor::stepper::Parameters;
 
 /// SN.
@@ -154,26 +154,6 @@ impl Drive {
             self.program_timeout(at, out);
             self.settle(at, out);
         }
-    }
-
-    pub(super) fn edge(&mut self, at: Instant, pin: Pin, high: bool, out: &mut dyn Sink) {
-        self.io.edge(at, pin, high, out);
-        self.settle(at, out);
-    }
-
-    pub(super) fn opened(&mut self, at: Instant, pin: Pin, out: &mut dyn Sink) {
-        self.io.opened(at, pin, out);
-        self.settle(at, out);
-    }
-
-    /// A board's counter has seen edges of a remote encoder, whose channels are at these levels now.
-    pub(super) fn take_count(&mut self, at: Instant, steps: i32, channels: [bool; 2], out: &mut dyn Sink) {
-        self.motion.count(at, steps, channels, out);
-        self.settle(at, out);
-    }
-
-    pub(super) fn voltage(&mut self, at: Instant, mv: i32) {
-        self.io.voltage(at, mv);
     }
 
     pub(super) fn set_cause(&mut self, at: Instant, fault: Fault, on: bool, out: &mut dyn Sink) {

@@ -22,7 +22,7 @@ mod tests;
 use standin_protocol::registers::{Register, Table};
 
 use self::drive::{Drive, Model};
-pub use self::registers::Reg;
+use self::registers::Reg;
 use crate::device::{
     AxisSpec, Boot, Device, EncoderSpec, Ends, Fault, Input, Instant, Level, Pin, PinSpec, Port, PortSpec,
     Refused, Role, Sink, Spec,
@@ -174,10 +174,11 @@ impl Device for Mdrive {
             Input::Message { link, bytes, .. } if drive.hears() => drive.console_heard(at, link, bytes, out),
             Input::Opened { port: MCODE, link } => drive.console_opened(at, link, out),
             Input::Closed { port: MCODE, link } => drive.console_closed(link),
-            Input::Edge { pin, high } => drive.edge(at, pin, high, out),
-            Input::Open { pin } => drive.opened(at, pin, out),
-            Input::Millivolts { pin: ANALOG, mv } => drive.voltage(at, mv),
-            Input::Count { steps, a, b, .. } => drive.take_count(at, steps, [a, b], out),
+            Input::Edge { pin, high } => drive.io.edge(at, pin, high, out),
+            Input::Open { pin } => drive.io.opened(at, pin, out),
+            Input::Millivolts { pin: ANALOG, mv } => drive.io.voltage(at, mv),
+            // A board's counter has seen edges of a remote encoder, whose channels are at these levels now.
+            Input::Count { steps, a, b, .. } => drive.motion.count(at, steps, [a, b], out),
             Input::Fault { fault, on } => drive.set_cause(at, fault, on, out),
             // It does not hear yet; it has no serial port, and its motor is its own: without pins of steps no board makes
             // pulses for it that could slip.

@@ -3,10 +3,10 @@
 //! What names an address that is not there, or has another structure, never reaches the drive; what the drive refuses
 //! is an error of MCode, too.
 
-use standin_protocol::modbus::pdu::{ENCAPSULATED_INTERFACE, EXCEPTION_BIT, Exception};
-use standin_protocol::modbus::server::{Map, Outcome, Rules, Values, serve_tcp};
-use standin_protocol::modbus::tcp::{self, Adu};
-use standin_protocol::modbus::{Reply, Why, identification};
+use standin_protocol::modbus::pdu::{ENCAPSULATED_INTERFACE, Exception};
+use standin_protocol::modbus::server::{Map, Rules, Values, refuse_tcp, serve_tcp};
+use standin_protocol::modbus::tcp::Adu;
+use standin_protocol::modbus::{Reply, identification};
 use standin_protocol::registers::Entries;
 
 use super::MODBUS;
@@ -37,7 +37,7 @@ static RULES: Rules = Rules {
 };
 
 /// Of the identification: regular objects, also one by one.
-const CONFORMITY: u8 = 0x82;
+const CONFORMITY: u8 = identification::REGULAR | identification::SINGLE_OBJECTS;
 
 /// The most of a parameter string (FB 4.3.3).
 const MOST_STRING: usize = 28;
@@ -49,10 +49,21 @@ const MNEMONIC: usize = 4;
 enum Specific {
     /// Values to read and to write.
     Values,
-    /// E, PS, RS.
-    Command,
+    /// Something to do.
+    Command(Command),
     /// EX, with an address or a label.
     Execute,
+}
+
+/// What takes nothing.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+enum Command {
+    /// E.
+    End,
+    /// PS.
+    Pause,
+    /// RS.
+    Resume,
 }
 
 impl Specific {
@@ -62,7 +73,9 @@ impl Specific {
             b"S1" | b"S2" | b"S3" | b"S4" | b"S5" | b"S13" | b"TR" => Some(Self::Values),
             b"S7" | b"S8" | b"CR" if model == Model::Plus => Some(Self::Values),
             b"MU" if model == Model::Hybrid => Some(Self::Values),
-            b"E" | b"PS" | b"RS" => Some(Self::Command),
+            b"E" => Some(Self::Command(Command::End)),
+            b"PS" => Some(Self::Command(Command::Pause)),
+            b"RS" => Some(Self::Command(Command::Resume)),
             b"EX" => Some(Self::Execute),
             _ => None,
         }
@@ -76,7 +89,8 @@ impl Drive {
         let outcome = if self.hears() {
             serve_tcp(adu, &RULES, &mut Bus { drive: self, at, out }, &mut reply)
         } else {
-            refuse(adu, &mut reply)
+            // The Ethernet controller hears before the drive does.
+            refuse_tcp(adu, Exception::ServerDeviceFailure, &mut reply)
         };
         out.put(at, Output::Note(Note::of(MODBUS, outcome)));
         if !reply.is_empty() {
@@ -85,7 +99,7 @@ impl Drive {
     }
 
     /// Tells MCode of an error, and says what the bus is told.
-    fn refuse(&mut self, at: Instant, error: Error, out: &mut dyn Sink) -> Exception {
+    fn note_refusal(&mut self, at: Instant, error: Error, out: &mut dyn Sink) -> Exception {
         self.fail(at, error, out);
         error.exception()
     }
@@ -140,12 +154,12 @@ impl Drive {
             };
         }
         let string = match data.split_first() {
-            None if specific == Specific::Command => data,
+            None if matches!(specific, Specific::Command(_)) => data,
             Some((&count, string)) if usize::from(count) == string.len() => string,
             _ => return Err(Exception::IllegalDataValue),
         };
         let fits = match specific {
-            Specific::Command => string.is_empty(),
+            Specific::Command(_) => string.is_empty(),
             Specific::Values | Specific::Execute => (1..=MOST_STRING).contains(&string.len()),
         };
         if !fits {
@@ -155,10 +169,13 @@ impl Drive {
         let done = match specific {
             _ if !is_text => Err(Error::IllegalData),
             Specific::Values => self.write_values(at, name, string, out),
-            Specific::Command => self.command(at, name, out),
+            Specific::Command(command) => {
+                self.command(at, command, out);
+                Ok(())
+            }
             Specific::Execute => self.execute_at(at, string),
         };
-        done.map_err(|error| self.refuse(at, error, out))?;
+        done.map_err(|error| self.note_refusal(at, error, out))?;
         let _ = match function {
             READ_SPECIFIC => reply.extend_from_slice(&[function, 0]),
             _ => reply
@@ -201,13 +218,12 @@ impl Drive {
         }
     }
 
-    fn command(&mut self, at: Instant, name: &[u8], out: &mut dyn Sink) -> Result<(), Error> {
-        match name {
-            b"PS" => self.pause_program(at, out),
-            b"RS" => self.resume_program(at, out),
-            _ => self.end_program(),
+    fn command(&mut self, at: Instant, command: Command, out: &mut dyn Sink) {
+        match command {
+            Command::End => self.end_program(),
+            Command::Pause => self.pause_program(at, out),
+            Command::Resume => self.resume_program(at, out),
         }
-        Ok(())
     }
 
     /// Runs the program at an address or a label, of which `=` may stand before it.
@@ -235,16 +251,6 @@ fn joined(first: &[u8], second: &[u8]) -> heapless::Vec<u8, { MNEMONIC + MOST_ST
     let mut text = heapless::Vec::new();
     let _ = text.extend_from_slice(first).and_then(|()| text.extend_from_slice(second));
     text
-}
-
-/// A drive that does not hear yet, behind an Ethernet controller that does.
-fn refuse(adu: &[u8], reply: &mut Adu) -> Outcome {
-    let exception = Exception::ServerDeviceFailure;
-    let Some((header, &[function, ..])) = tcp::parse(adu) else {
-        return Outcome::Dropped(Why::Length);
-    };
-    *reply = tcp::frame(header, &[function | EXCEPTION_BIT, exception.code()]);
-    Outcome::Served { unit: header.unit, function, refused: Some(exception) }
 }
 
 /// Text that goes into a reply.
@@ -289,15 +295,13 @@ impl Map for Bus<'_> {
 
     fn carry_out(&mut self, values: &Values<'_, Reg>) -> Option<Result<(), Exception>> {
         let written = self.drive.write_all(self.at, values, self.out);
-        Some(written.map_err(|error| self.drive.refuse(self.at, error, self.out)))
+        Some(written.map_err(|error| self.drive.note_refusal(self.at, error, self.out)))
     }
 
     fn out_of_range(&mut self, register: Reg, value: i64) {
-        let error = match register {
-            Reg::VM if value <= self.drive.bank.get(Reg::VI) => Error::MaximumVelocity,
-            Reg::VI if value >= self.drive.bank.get(Reg::VM) => Error::InitialVelocity,
-            _ => illegal(register),
-        };
+        let judged = self.drive.judge_together(register, narrow(value), &|other| self.drive.held(other));
+        // The bus has narrower ranges of some than MCode has.
+        let error = judged.err().unwrap_or_else(|| illegal(register));
         self.drive.fail(self.at, error, self.out);
     }
 

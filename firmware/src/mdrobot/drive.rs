@@ -30,6 +30,16 @@ const MA_PER_UNIT: u32 = 100;
 /// Of VOLT_IN.
 const MV_PER_UNIT: u32 = 100;
 
+/// The motor of a drive's own: 0.06 V·s, which is 0.06 Nm for an ampere. How many poles it has HALL_TYPE says.
+pub(super) const MOTOR: Parameters = Parameters {
+    supply_mv: SUPPLY as u32 * MV_PER_UNIT,
+    no_load_rpm: 3_820,
+    resistance_mohm: 300,
+    inertia_gcm2: 5_000,
+    hall_sensors: 3,
+    ..Parameters::NOMINAL
+};
+
 /// Whether the drive listens and moves.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum State {
@@ -121,28 +131,19 @@ impl Drive {
         }
     }
 
-    pub(super) fn unit(&self) -> u8 {
-        self.unit
-    }
-
     /// The line that holds from the next power-on.
     pub(super) fn line(&self) -> Line {
         registers::line(self.bank.word(Pid::CONTROLLER_BAUD))
     }
 
-    /// The motor of its own, at the supply that there is.
+    /// [`MOTOR`], at the supply that there is.
     pub(super) fn motor(&self) -> Parameters {
-        /// At 24 V, which is 0.06 V·s: 0.06 Nm for an ampere.
-        const NO_LOAD_RPM: u32 = 3_820;
         let supply = u32::from(self.alarms.supply()).min(Parameters::MOST.supply_mv / MV_PER_UNIT);
         Parameters {
             supply_mv: supply * MV_PER_UNIT,
-            no_load_rpm: NO_LOAD_RPM * supply / u32::from(SUPPLY),
-            resistance_mohm: 300,
-            inertia_gcm2: 5_000,
+            no_load_rpm: MOTOR.no_load_rpm * supply / u32::from(SUPPLY),
             hall_pulses: self.poles / 2,
-            hall_sensors: 3,
-            ..Parameters::NOMINAL
+            ..MOTOR
         }
     }
 
@@ -170,7 +171,7 @@ impl Drive {
     pub(super) fn value(&self, at: Instant, pid: Pid) -> i64 {
         match pid {
             Pid::CTRL_STATUS => (self.alarms.status() & 0xFF).into(),
-            Pid::DI => self.inputs.digital().into(),
+            Pid::DI => self.digital_inputs().into(),
             Pid::IN_POSITION_OK => self.in_position().into(),
             Pid::RPM_DATA => self.rpm(at).into(),
             Pid::TQ_DATA => self.current().into(),

@@ -150,7 +150,7 @@ impl Mdrobot {
     /// The frame that has come is over.
     fn serve(&mut self, at: Instant, out: &mut dyn Sink) {
         let Some(frame) = self.receiver.take() else { return };
-        let unit = self.drive.unit();
+        let unit = self.drive.unit;
         let mut reply = Frame::new();
         let mut map = Bus { drive: &mut self.drive, at, out };
         let outcome = match frame {

@@ -9,11 +9,8 @@ use standin_protocol::registers::Bank;
 use self::functions::Function;
 use super::drive::{Drive, State};
 use super::registers::{Pid, function};
-use super::servo::Order;
+use super::servo::{OUTPUTS, Order};
 use crate::device::{Instant, Sink};
-
-/// Torque at full scale, as TQ_CMD has it (p. 12).
-const FULL_TORQUE: u16 = 1_023;
 
 /// A shaft that is slower stands, as far as limit switches go: at 3,000 rpm in 15 s it stops within a count of 12 a
 /// turn, and its last edge is no more than a sixth of a second old.
@@ -353,7 +350,7 @@ impl Drive {
         let input = self.speed_input();
         if self.flag(Pid::TQ_CTRL) {
             // No more than full scale, which a word holds.
-            Order::Torque(self.turned(input.of(FULL_TORQUE)) as i16)
+            Order::Torque(self.turned(input.of(OUTPUTS)) as i16)
         } else {
             self.velocity(input.of(self.full_speed()))
         }

@@ -4,7 +4,7 @@ use super::Reply;
 use super::pdu::{ENCAPSULATED_INTERFACE, Exception, PDU_BYTES};
 
 /// What stands behind the function code.
-pub const READ_DEVICE_IDENTIFICATION: u8 = 14;
+const READ_DEVICE_IDENTIFICATION: u8 = 14;
 
 /// The bit of a conformity level that says that single objects can be read.
 pub const SINGLE_OBJECTS: u8 = 0x80;
@@ -12,9 +12,11 @@ pub const SINGLE_OBJECTS: u8 = 0x80;
 /// An object: its identifier, and its value of at most 244 bytes; what is longer is cut.
 pub type Object<'a> = (u8, &'a [u8]);
 
-/// Codes of a request: a stream of a category or the ones below it, or a single object.
+/// A conformity level: basic and regular objects, streamed.
+pub const REGULAR: u8 = 2;
+
+/// Codes of a request beside it: a stream of a category or the ones below it, or a single object.
 const BASIC: u8 = 1;
-const REGULAR: u8 = 2;
 const SINGLE: u8 = 4;
 
 /// Says that objects are left.
@@ -32,8 +34,8 @@ const VALUE_BYTES: usize = PDU_BYTES - HEAD_BYTES - 2;
 /// Answers the request `pdu` with the PDU of a reply, behind what is in `reply`: as many of `objects`, in the
 /// order of their identifiers, as it has room for.
 ///
-/// `conformity` is 1 for a device with basic objects (0 to 2), 2 with regular (to 0x7F), 3 with extended ones, and
-/// [`SINGLE_OBJECTS`] where it gives single ones. A higher category than it has is answered with what it has; a
+/// `conformity` is 1 for a device with basic objects (0 to 2), [`REGULAR`] with regular (to 0x7F), 3 with extended
+/// ones, and [`SINGLE_OBJECTS`] where it gives single ones. A higher category than it has is answered with what it has; a
 /// stream from an object that it does not know starts from the first one.
 ///
 /// # Errors

@@ -222,6 +222,19 @@ pub fn serve_tcp<M: Map>(adu: &[u8], rules: &Rules, map: &mut M, reply: &mut Adu
     Outcome::Served { unit: header.unit, function, refused }
 }
 
+/// Refuses a whole ADU of a connection, whatever it asks for, and leaves that in `reply`, which stays empty only for
+/// what is no ADU.
+pub fn refuse_tcp(adu: &[u8], exception: Exception, reply: &mut Adu) -> Outcome {
+    reply.clear();
+    let Some((header, &[function, ..])) = tcp::parse(adu) else {
+        return Outcome::Dropped(Why::Length);
+    };
+    tcp::begin(reply, header);
+    refuse(function, exception, tcp::HEADER_BYTES, reply);
+    tcp::seal(reply);
+    Outcome::Served { unit: header.unit, function, refused: Some(exception) }
+}
+
 /// Puts an exception in place of all that is behind the first `head` bytes of `reply`.
 fn refuse(function: u8, exception: Exception, head: usize, reply: &mut Reply) {
     reply.truncate(head);

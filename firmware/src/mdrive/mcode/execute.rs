@@ -6,7 +6,7 @@ use super::super::motion::Order;
 use super::super::registers::Reg;
 use super::super::variables::{RATIO_ONE, entry};
 use super::names::Meaning;
-use super::statement::{Condition, Expression, List, Name, Operand, Operator, Place, Relation, Statement};
+use super::statement::{Condition, Expression, Name, Operand, Operator, Place, Relation, Statement};
 use crate::device::{Duration, Instant, Sink};
 
 impl Drive {
@@ -32,9 +32,6 @@ impl Drive {
             Statement::Number(number) => self.repeat_motion(at, number, out)?,
             Statement::Set(reg, value) => self.set_variable(at, *reg, value, out)?,
             Statement::SetUser(name, value) => self.set_user(at, *name, value)?,
-            Statement::SetList(List::Trip(trip), parameters) => {
-                self.define_trip(at, *trip, parameters)?;
-            }
             Statement::SetList(list, parameters) => self.write_list(at, *list, parameters, out)?,
             Statement::Declare(name, value) => {
                 let value = value.as_ref().map_or(Ok(0), |value| self.evaluate(at, value))?;
@@ -274,13 +271,7 @@ impl Drive {
         }
         let number = self.evaluate(at, number)?;
         let last = self.mcode.vm.last_motion().filter(|_| self.bank.word(Reg::NE) != 0);
-        let reg = match last.as_ref() {
-            Some(b"MA") => Reg::MA,
-            Some(b"MR") => Reg::MR,
-            Some(_) => Reg::SL,
-            None => return Err(Error::IllegalData),
-        };
-        self.write(at, reg, number, out)
+        self.write(at, last.ok_or(Error::IllegalData)?, number, out)
     }
 }
 

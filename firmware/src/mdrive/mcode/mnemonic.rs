@@ -6,7 +6,7 @@ use standin_protocol::registers::Register;
 
 use self::table::{Class, ITEMS, Item};
 use super::super::registers::{HYBRID, Reg};
-use super::statement::{List, Name};
+use super::statement::List;
 
 /// What a name of the language is.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -16,11 +16,69 @@ pub(in crate::mdrive) enum Mnemonic {
     /// One of several values.
     List(List),
     /// Something to do.
-    Instruction(Name),
-    /// Words for PR alone: AL, UV, PN, SN, VR, MD.
-    Keyword(Name),
+    Instruction(Instruction),
+    /// A word for PR alone.
+    Keyword(Keyword),
     /// There is no such thing in this drive (37), but its name is taken.
     NotAvailable,
+}
+
+/// What is done and not set, also where the bus has a register for it, by its name (MC 5).
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(in crate::mdrive) enum Instruction {
+    BP,
+    BR,
+    CF,
+    CL,
+    CP,
+    DC,
+    E,
+    EX,
+    FD,
+    H,
+    HI,
+    HM,
+    IC,
+    IP,
+    IV,
+    L,
+    LB,
+    MA,
+    MR,
+    OE,
+    PG,
+    PR,
+    PS,
+    RS,
+    RT,
+    S,
+    SC,
+    SL,
+    VA,
+}
+
+impl Instruction {
+    /// Whether nothing may stand behind it.
+    pub(super) fn stands_alone(self) -> bool {
+        matches!(self, Self::E | Self::RT | Self::PS | Self::RS | Self::S | Self::FD | Self::IP | Self::CF)
+    }
+}
+
+/// What PR alone knows, by its name (MC 5).
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(in crate::mdrive) enum Keyword {
+    /// All variables and flags.
+    AL,
+    /// The last motion command.
+    MD,
+    /// The part number.
+    PN,
+    /// The serial number.
+    SN,
+    /// The user's variables and labels.
+    UV,
+    /// The version.
+    VR,
 }
 
 /// A name in capitals, padded with blanks.
@@ -61,10 +119,10 @@ fn padded(text: &[u8]) -> Option<Word> {
 
 impl Item {
     fn mnemonic(self) -> Mnemonic {
-        let [a, b, _] = self.word;
         match self.class {
-            Class::Instruction => Mnemonic::Instruction([a, b]),
-            Class::Keyword => Mnemonic::Keyword([a, b]),
+            Class::Instruction(instruction) => Mnemonic::Instruction(instruction),
+            Class::Keyword(keyword) => Mnemonic::Keyword(keyword),
+            Class::NotAvailable => Mnemonic::NotAvailable,
             Class::Trip(trip) => Mnemonic::List(List::Trip(trip)),
             Class::Row(row) => match Reg::from_row(row.into()) {
                 Some(

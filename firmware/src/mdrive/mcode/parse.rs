@@ -9,7 +9,7 @@ use self::scanner::{Kind, Scanner};
 use super::super::drive::Drive;
 use super::super::error::Error;
 use super::super::registers::Reg;
-use super::mnemonic::{self, Mnemonic, SERIAL, Word};
+use super::mnemonic::{self, Instruction, Mnemonic, SERIAL, Word};
 use super::names::{Names, unknown};
 use super::statement::{Expression, List, Name, Operand, Parameter, Place, Statement};
 
@@ -87,7 +87,7 @@ pub(super) fn find(word: &[u8], variants: u8) -> Option<Mnemonic> {
 }
 
 /// S, behind which a number is that of an I/O.
-const SAVE: Mnemonic = Mnemonic::Instruction(*b"S ");
+const SAVE: Mnemonic = Mnemonic::Instruction(Instruction::S);
 
 /// The word that a statement begins with.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -152,68 +152,56 @@ impl<'a> Scanner<'a> {
     }
 
     /// The rest of a line that begins with an instruction.
-    fn instruction(mut self, name: Name) -> Result<Statement<'a>, Error> {
-        let nothing = self.rest.trim_ascii().is_empty();
-        let simple = match &name {
-            b"E " => Some(Statement::End),
-            b"RT" => Some(Statement::Return),
-            b"PS" => Some(Statement::Pause),
-            b"RS" => Some(Statement::Resume),
-            b"S " => Some(Statement::Save),
-            b"FD" => Some(Statement::Defaults),
-            b"IP" => Some(Statement::Initialize),
-            b"CF" => Some(Statement::ClearLocked),
-            _ => None,
-        };
-        if let Some(statement) = simple {
-            return match self.peek() {
-                None => Ok(statement),
-                Some(b'=') => Err(Error::IsInstruction),
-                Some(_) => Err(Error::IllegalData),
-            };
+    fn instruction(mut self, name: Instruction) -> Result<Statement<'a>, Error> {
+        let text = self.rest;
+        let nothing = text.trim_ascii().is_empty();
+        let equals = self.take(b'=');
+        if name.stands_alone() && !nothing {
+            return Err(if equals { Error::IsInstruction } else { Error::IllegalData });
         }
-        if name == *b"PR" {
-            return Ok(Statement::Print(self.rest));
-        }
-        self.take(b'=');
-        let statement = match &name {
-            b"MA" | b"MR" => return self.movement(name == *b"MR"),
-            b"SL" => Statement::Slew(self.expression(Kind::Whole)?),
-            b"HM" | b"HI" if nothing => return Err(Error::HomeType),
-            b"HM" => Statement::Set(Reg::HM, self.expression(Kind::Whole)?),
-            b"HI" => Statement::HomeToIndex(self.expression(Kind::Whole)?),
-            b"H " if nothing => Statement::Hold(None),
-            b"H " => Statement::Hold(Some(self.expression(Kind::Whole)?)),
-            b"BR" => Statement::Branch(self.place()?, self.optional(Self::condition)?),
-            b"CL" => Statement::Call(self.place()?, self.optional(Self::condition)?),
-            b"EX" => {
+        let place = |scanner: &mut Self| if nothing { Ok(None) } else { scanner.place().map(Some) };
+        let statement = match name {
+            Instruction::E => Statement::End,
+            Instruction::RT => Statement::Return,
+            Instruction::PS => Statement::Pause,
+            Instruction::RS => Statement::Resume,
+            Instruction::S => Statement::Save,
+            Instruction::FD => Statement::Defaults,
+            Instruction::IP => Statement::Initialize,
+            Instruction::CF => Statement::ClearLocked,
+            Instruction::PR => return Ok(Statement::Print(text)),
+            Instruction::MA => return self.movement(false),
+            Instruction::MR => return self.movement(true),
+            Instruction::SL => Statement::Slew(self.expression(Kind::Whole)?),
+            Instruction::HM | Instruction::HI if nothing => return Err(Error::HomeType),
+            Instruction::HM => Statement::Set(Reg::HM, self.expression(Kind::Whole)?),
+            Instruction::HI => Statement::HomeToIndex(self.expression(Kind::Whole)?),
+            Instruction::H if nothing => Statement::Hold(None),
+            Instruction::H => Statement::Hold(Some(self.expression(Kind::Whole)?)),
+            Instruction::BR => Statement::Branch(self.place()?, self.optional(Self::condition)?),
+            Instruction::CL => Statement::Call(self.place()?, self.optional(Self::condition)?),
+            Instruction::EX => {
                 Statement::Execute(self.place()?, self.optional(|scanner| scanner.expression(Kind::Whole))?)
             }
-            b"BP" => Statement::BreakPoint(
+            Instruction::BP => Statement::BreakPoint(
                 self.place()?,
                 self.optional(|scanner| scanner.expression(Kind::Whole))?,
             ),
-            b"OE" => Statement::OnError(self.place()?),
-            b"PG" | b"L " | b"CP" => {
-                let place = if nothing { None } else { Some(self.place()?) };
-                match &name {
-                    b"PG" => Statement::Program(place),
-                    b"CP" => Statement::Clear(place),
-                    _ => Statement::ListProgram(place),
-                }
-            }
-            b"LB" => Statement::Label(self.new_name(true)?),
-            b"VA" => {
+            Instruction::OE => Statement::OnError(self.place()?),
+            Instruction::PG => Statement::Program(place(&mut self)?),
+            Instruction::L => Statement::ListProgram(place(&mut self)?),
+            Instruction::CP => Statement::Clear(place(&mut self)?),
+            Instruction::LB => Statement::Label(self.new_name(true)?),
+            Instruction::VA => {
                 let name = self.new_name(false)?;
                 let value = if self.peek().is_none() { None } else { Some(self.value(Kind::Whole)?) };
                 Statement::Declare(name, value)
             }
-            b"IV" => Statement::Input(self.input()?),
-            b"IC" => Statement::Increment(self.counted()?),
-            b"DC" => Statement::Decrement(self.counted()?),
-            b"SC" if nothing => Statement::Calibrate(None),
-            b"SC" => Statement::Calibrate(Some(self.expression(Kind::Whole)?)),
-            _ => return Err(Error::NotAvailable),
+            Instruction::IV => Statement::Input(self.input()?),
+            Instruction::IC => Statement::Increment(self.counted()?),
+            Instruction::DC => Statement::Decrement(self.counted()?),
+            Instruction::SC if nothing => Statement::Calibrate(None),
+            Instruction::SC => Statement::Calibrate(Some(self.expression(Kind::Whole)?)),
         };
         self.end().map(|()| statement)
     }

@@ -1,15 +1,16 @@
 //! PR: texts and values.
 
 use heapless::Vec;
+use standin_protocol::registers::Register;
 
 use super::super::drive::{Drive, Model, SERIAL_NUMBER};
 use super::super::error::Error;
-use super::super::registers::Reg;
+use super::super::registers::{ROWS, Reg};
 use super::super::variables::RATIO_ONE;
-use super::mnemonic::{self, Mnemonic};
+use super::mnemonic::{self, Keyword, Mnemonic};
 use super::names::Meaning;
 use super::parse;
-use super::statement::{List, Name, Operand, Parameter};
+use super::statement::{List, Operand, Parameter};
 use crate::device::Instant;
 
 /// Behind VR of a Hybrid: the version of its hardware, of which "1.8+" calibrates as MC 5-8 says.
@@ -30,7 +31,7 @@ enum Item<'a> {
     Text(&'a [u8]),
     Variable(Reg),
     List(List),
-    Keyword(Name),
+    Keyword(Keyword),
     User(i32),
 }
 
@@ -73,7 +74,7 @@ impl Drive {
                 Item::Text(text) => to.say(text),
                 Item::User(value) => say_number(value, to),
                 Item::List(list) => self.print_list(list, to),
-                Item::Keyword(name) => self.print_keyword(at, name, to),
+                Item::Keyword(keyword) => self.print_keyword(at, keyword, to),
                 Item::Variable(reg) => {
                     self.print_variable(at, reg, to);
                     self.has_read(reg);
@@ -101,7 +102,7 @@ impl Drive {
             _ if !word.first().is_some_and(u8::is_ascii_alphabetic) => Err(Error::IllegalData),
             Some(Mnemonic::Variable(reg)) => Ok(Some(Item::Variable(reg))),
             Some(Mnemonic::List(list)) => Ok(Some(Item::List(list))),
-            Some(Mnemonic::Keyword(name)) => Ok(Some(Item::Keyword(name))),
+            Some(Mnemonic::Keyword(keyword)) => Ok(Some(Item::Keyword(keyword))),
             Some(Mnemonic::Instruction(_)) => Err(Error::NotPrintable),
             Some(Mnemonic::NotAvailable) => Err(Error::NotAvailable),
             None => match parse::name(word).and_then(|name| self.mcode.names.find(name)) {
@@ -137,14 +138,14 @@ impl Drive {
         }
     }
 
-    fn print_keyword(&self, at: Instant, name: Name, to: &mut dyn Text) {
-        match &name {
-            b"AL" => self.print_all(at, to),
-            b"UV" => self.print_user_variables(to),
-            b"MD" => to.say(self.mcode.vm.last_motion().as_ref().map_or(b"", |name| name)),
-            b"PN" => to.say(self.model.part_number()),
-            b"SN" => to.say(SERIAL_NUMBER),
-            _ => {
+    fn print_keyword(&self, at: Instant, keyword: Keyword, to: &mut dyn Text) {
+        match keyword {
+            Keyword::AL => self.print_all(at, to),
+            Keyword::UV => self.print_user_variables(to),
+            Keyword::MD => to.say(self.mcode.vm.last_motion().map_or(b"", name_of)),
+            Keyword::PN => to.say(self.model.part_number()),
+            Keyword::SN => to.say(SERIAL_NUMBER),
+            Keyword::VR => {
                 to.say(self.model.version());
                 if self.model == Model::Hybrid {
                     to.say(b", ");
@@ -183,6 +184,11 @@ impl Drive {
             to.say(CR_LF);
         }
     }
+}
+
+/// The mnemonic of a variable.
+fn name_of(reg: Reg) -> &'static [u8] {
+    ROWS.get(reg.row()).map_or(b"", |row| row.name.as_bytes())
 }
 
 fn number(value: i32) -> Parameter {

@@ -8,6 +8,7 @@ use heapless::Vec;
 
 use super::super::error::Error;
 use super::super::motion::Order;
+use super::super::registers::Reg;
 use super::statement::{Name, Operand, Place};
 use crate::device::{Duration, Instant};
 
@@ -83,7 +84,7 @@ pub(in crate::mdrive) struct Vm {
     /// Whether a number that is typed goes there (IF).
     input_pending: bool,
     /// MA, MR or SL, whichever was the last (MD).
-    last_motion: Option<Name>,
+    last_motion: Option<Reg>,
 }
 
 impl Vm {
@@ -150,16 +151,16 @@ impl Vm {
     }
 
     /// MD: what a number alone repeats.
-    pub(in crate::mdrive) fn last_motion(&self) -> Option<Name> {
+    pub(in crate::mdrive) fn last_motion(&self) -> Option<Reg> {
         self.last_motion
     }
 
     /// Something was commanded, by whomever.
     pub(in crate::mdrive) fn remember(&mut self, order: Order) {
         match order {
-            Order::To { .. } => self.last_motion = Some(*b"MA"),
-            Order::By { .. } => self.last_motion = Some(*b"MR"),
-            Order::Slew(_) => self.last_motion = Some(*b"SL"),
+            Order::To { .. } => self.last_motion = Some(Reg::MA),
+            Order::By { .. } => self.last_motion = Some(Reg::MR),
+            Order::Slew(_) => self.last_motion = Some(Reg::SL),
             Order::Home(_) | Order::HomeToIndex(_) => {}
         }
     }

@@ -298,8 +298,8 @@ impl Motion {
         }
     }
 
-    /// Neither what waits nor what was interrupted begins.
-    pub(super) fn forget_what_waits(&mut self) {
+    /// Neither what waits nor what PS has interrupted begins: a pause ends without RS.
+    pub(in crate::mdrive) fn forget_what_waits(&mut self) {
         self.waiting = None;
         (self.paused, self.left) = (false, None);
     }

@@ -45,9 +45,4 @@ impl Motion {
         }
         self.refresh(at, out);
     }
-
-    /// The pause ends without RS: neither what PS has interrupted nor what waits behind it begins.
-    pub(in crate::mdrive) fn forget_pause(&mut self) {
-        self.forget_what_waits();
-    }
 }

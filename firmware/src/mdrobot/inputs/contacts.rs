@@ -21,7 +21,7 @@ impl Contact {
     }
 }
 
-/// The contacts as they are, and the levels of the encoder.
+/// The contacts as they are.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Contacts {
     pub(super) int_speed: Contact,
@@ -29,10 +29,6 @@ pub(super) struct Contacts {
     pub(super) dir: Contact,
     pub(super) run_brake: Contact,
     pub(super) start_stop: Contact,
-    /// High, as it is while nobody drives it.
-    pub(super) enc_a: bool,
-    /// High, as it is while nobody drives it.
-    pub(super) enc_b: bool,
 }
 
 impl Contacts {
@@ -42,8 +38,6 @@ impl Contacts {
         dir: Contact::Unwired,
         run_brake: Contact::Unwired,
         start_stop: Contact::Unwired,
-        enc_a: true,
-        enc_b: true,
     };
 
     /// The contact at a pin.
@@ -59,10 +53,9 @@ impl Contacts {
     }
 
     /// DI (p. 11): 1 is closed to ground, of the encoder high (decisions, MDROBOT 22).
-    pub(super) fn bits(self) -> u8 {
+    pub(super) fn bits(self, enc_a: bool, enc_b: bool) -> u8 {
         let contacts = [self.int_speed, self.alarm_reset, self.dir, self.run_brake, self.start_stop];
-        let bits =
-            contacts.map(|contact| contact == Contact::Closed).into_iter().chain([self.enc_b, self.enc_a]);
+        let bits = contacts.map(|contact| contact == Contact::Closed).into_iter().chain([enc_b, enc_a]);
         bits.rev().fold(0, |bits, on| bits << 1 | u8::from(on))
     }
 }

@@ -39,11 +39,6 @@ impl Inputs {
     pub(super) const REST: Self =
         Self { contacts: Contacts::UNWIRED, speed_in: SpeedIn::GROUND, pulse_in: PulseIn::SILENT };
 
-    /// DI.
-    pub(super) fn digital(&self) -> u8 {
-        self.contacts.bits()
-    }
-
     /// When something that is measured has ended.
     pub(super) fn due(&self) -> Instant {
         self.speed_in.due.min(self.pulse_in.due)
@@ -77,14 +72,8 @@ impl Drive {
             HU => Sensor::Hall(0),
             HV => Sensor::Hall(1),
             HW => Sensor::Hall(2),
-            ENC_A => {
-                self.inputs.contacts.enc_a = high;
-                Sensor::EncoderA
-            }
-            ENC_B => {
-                self.inputs.contacts.enc_b = high;
-                Sensor::EncoderB
-            }
+            ENC_A => Sensor::EncoderA,
+            ENC_B => Sensor::EncoderB,
             _ => return self.contact(at, pin, if high { Contact::Open } else { Contact::Closed }, out),
         };
         self.servo.edge(at, sensor, high);
@@ -112,6 +101,12 @@ impl Drive {
         }
         self.signals_changed(at, out);
         self.follow(at, out);
+    }
+
+    /// DI.
+    pub(super) fn digital_inputs(&self) -> u8 {
+        let [enc_a, enc_b] = self.servo.encoder_levels();
+        self.inputs.contacts.bits(enc_a, enc_b)
     }
 
     /// START/STOP as START_INV_SIGN has it.

@@ -8,10 +8,12 @@ use fixed::types::I40F24;
 
 use super::pi::FULL;
 use crate::device::{Duration, Instant};
+use crate::mdrobot::drive::MOTOR;
 use crate::mdrobot::registers::SUPPLY;
 
-/// What a mA loses in the winding, as a duty at [`SUPPLY`]: 0.3 Ω of 24 V; or 10 mΩ.
-const LOST: I40F24 = I40F24::lit("0.8192");
+/// What a mA loses in the winding of [`MOTOR`], as a duty at [`SUPPLY`], 0.8; or in 10 mΩ.
+const LOST: I40F24 =
+    I40F24::from_bits(FULL.to_bits() * MOTOR.resistance_mohm as i64 / (MOTOR.supply_mv as i64 * 1_000));
 const LEAST_LOST: I40F24 = I40F24::lit("0.0273");
 /// What a current that measures it may be off by, in mA: rounding, and what its speed changes in that instant.
 const OFF_MA: i64 = 2;
@@ -21,8 +23,10 @@ const PROBE: i32 = 4_000;
 const PROBE_PART: u32 = 4;
 /// There and back on the wires.
 const SOON: Duration = Duration::from_ticks(8);
-/// The duty for a rpm at [`SUPPLY`]: 24 V for 3,820. It is learnt in these bounds.
+/// The duty for a rpm of [`MOTOR`] at [`SUPPLY`], to five places. It is learnt in these bounds.
 const PER_RPM: I40F24 = I40F24::lit("17.15602");
+const _: () =
+    assert!(PER_RPM.to_bits().abs_diff(FULL.to_bits() / MOTOR.no_load_rpm as i64) < (1 << 24) / 100_000);
 const LEAST_PER_RPM: I40F24 = I40F24::lit("0.268");
 const MOST_PER_RPM: I40F24 = I40F24::lit("1098");
 /// Less is rounding: a mA is 0.8 of it.

@@ -21,6 +21,11 @@ impl Encoder {
         (was != high && !self.cut).then_some((high == other) != a)
     }
 
+    /// The levels of channels A and B, on whole wires.
+    pub(super) fn levels(&self) -> [bool; 2] {
+        self.levels
+    }
+
     /// Its wires break, and read high, or are whole again.
     pub(super) fn cut(&mut self, cut: bool) {
         self.cut = cut;

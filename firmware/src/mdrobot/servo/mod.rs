@@ -36,7 +36,7 @@ const LOOK: Duration = Duration::millis(1);
 /// How long it is put to something to measure it: so short that its speed, and the current with it, stays the same.
 const PROBED: Duration = Duration::micros(1);
 /// The whole supply as an output, and MAX_LOAD as a torque, in registers (p. 12).
-const OUTPUTS: u16 = 1_023;
+pub(super) const OUTPUTS: u16 = 1_023;
 
 /// What the motor is to do.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]

@@ -2,8 +2,8 @@
 
 use super::{Order, Servo, Settings};
 
-/// By how much an ampere brakes for sure, in rpm a second: 0.06 Nm on 10⁻³ kg·m², of which a quarter is left to the
-/// loop. A motor of more inertia overshoots.
+/// By how much an ampere brakes for sure, in rpm a second: 0.06 Nm on 10⁻³ kg·m², twice what the drive's own motor
+/// has, of which a quarter is left to the loop. A motor of more inertia overshoots.
 const BRAKING_RPM_PER_S_A: u64 = 430;
 /// The loop of the speed is behind its reference by this part of a second.
 const LAG_PER_S: u64 = 40;

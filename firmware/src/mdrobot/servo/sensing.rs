@@ -70,6 +70,11 @@ impl Servo {
         self.counted(at, counts);
     }
 
+    /// Channels A and B of the encoder, whether its wires are broken or not.
+    pub(in crate::mdrobot) fn encoder_levels(&self) -> [bool; 2] {
+        self.encoder.levels()
+    }
+
     /// By the sensor that tells it.
     pub(super) fn speed(&self) -> &Speed {
         if self.settings.enc_ppr > 0 { &self.encoded } else { &self.turns }

@@ -4,35 +4,51 @@
 
 use super::super::super::registers::{HYBRID, ROWS};
 use super::super::statement::Trip;
-use super::{SERIAL, Word};
+use super::{Instruction, Keyword, SERIAL, Word};
 
-/// What is done and not set, also where the bus has a register for it.
-const INSTRUCTIONS: &[Word] = &[
-    *b"BP ", *b"BR ", *b"CF ", *b"CL ", *b"CP ", *b"DC ", *b"E  ", *b"EX ", *b"FD ", *b"H  ", *b"HI ",
-    *b"HM ", *b"IC ", *b"IP ", *b"IV ", *b"L  ", *b"LB ", *b"MA ", *b"MR ", *b"OE ", *b"PG ", *b"PR ",
-    *b"PS ", *b"RS ", *b"RT ", *b"S  ", *b"SC ", *b"SL ", *b"VA ",
+#[rustfmt::skip]
+const INSTRUCTIONS: &[Item] = &[
+    does(b"BP", Instruction::BP), does(b"BR", Instruction::BR), does(b"CF", Instruction::CF),
+    does(b"CL", Instruction::CL), does(b"CP", Instruction::CP), does(b"DC", Instruction::DC),
+    does(b"E", Instruction::E), does(b"EX", Instruction::EX), does(b"FD", Instruction::FD),
+    does(b"H", Instruction::H), does(b"HI", Instruction::HI), does(b"HM", Instruction::HM),
+    does(b"IC", Instruction::IC), does(b"IP", Instruction::IP), does(b"IV", Instruction::IV),
+    does(b"L", Instruction::L), does(b"LB", Instruction::LB), does(b"MA", Instruction::MA),
+    does(b"MR", Instruction::MR), does(b"OE", Instruction::OE), does(b"PG", Instruction::PG),
+    does(b"PR", Instruction::PR), does(b"PS", Instruction::PS), does(b"RS", Instruction::RS),
+    does(b"RT", Instruction::RT), does(b"S", Instruction::S), does(b"SC", Instruction::SC),
+    does(b"SL", Instruction::SL), does(b"VA", Instruction::VA),
 ];
 
-const TRIPS: &[(Word, Trip)] = &[
-    (*b"TA ", Trip::Hybrid),
-    (*b"TC ", Trip::Capture),
-    (*b"TI ", Trip::Input),
-    (*b"TP ", Trip::Position),
-    (*b"TR ", Trip::Relative),
-    (*b"TT ", Trip::Time),
+const TRIPS: &[Item] = &[
+    trips(b"TA", Trip::Hybrid),
+    trips(b"TC", Trip::Capture),
+    trips(b"TI", Trip::Input),
+    trips(b"TP", Trip::Position),
+    trips(b"TR", Trip::Relative),
+    trips(b"TT", Trip::Time),
 ];
 
-const KEYWORDS: &[Word] = &[*b"AL ", *b"MD ", *b"PN ", *b"SN ", *b"UV ", *b"VR "];
+const KEYWORDS: &[Item] = &[
+    prints(b"AL", Keyword::AL),
+    prints(b"MD", Keyword::MD),
+    prints(b"PN", Keyword::PN),
+    prints(b"SN", Keyword::SN),
+    prints(b"UV", Keyword::UV),
+    prints(b"VR", Keyword::VR),
+];
 
 /// Commands of the serial sisters (MC 5-4 to 5-60).
 const SERIAL_COMMANDS: &[Word] = &[*b"BD ", *b"CK ", *b"DG ", *b"DN ", *b"PY ", *b"QD "];
 
 /// Reserved names (MC 5-3, 5-27, 5-34, 5-35), I/O points that the models with Ethernet do not have (FB 1.2.1), and
 /// the upgrade of the firmware (MC 5-77).
-const UNAVAILABLE: &[Word] = &[
-    *b"AT ", *b"FT ", *b"I7 ", *b"I8 ", *b"I13", *b"D9 ", *b"D10", *b"D11", *b"D12", *b"I9 ", *b"I10",
-    *b"I11", *b"I12", *b"IH ", *b"O9 ", *b"O10", *b"O11", *b"O12", *b"OH ", *b"S9 ", *b"S10", *b"S11",
-    *b"S12", *b"UG ",
+#[rustfmt::skip]
+const UNAVAILABLE: &[Item] = &[
+    takes(b"AT"), takes(b"FT"), takes(b"I7"), takes(b"I8"), takes(b"I13"), takes(b"D9"), takes(b"D10"),
+    takes(b"D11"), takes(b"D12"), takes(b"I9"), takes(b"I10"), takes(b"I11"), takes(b"I12"), takes(b"IH"),
+    takes(b"O9"), takes(b"O10"), takes(b"O11"), takes(b"O12"), takes(b"OH"), takes(b"S9"), takes(b"S10"),
+    takes(b"S11"), takes(b"S12"), takes(b"UG"),
 ];
 
 #[derive(Clone, Copy)]
@@ -47,8 +63,30 @@ pub(super) struct Item {
 pub(super) enum Class {
     Row(u8),
     Trip(Trip),
-    Instruction,
-    Keyword,
+    Instruction(Instruction),
+    Keyword(Keyword),
+    NotAvailable,
+}
+
+/// Something to do.
+const fn does(name: &[u8], instruction: Instruction) -> Item {
+    Item { word: word(name), class: Class::Instruction(instruction), variants: u8::MAX }
+}
+
+/// A trip.
+const fn trips(name: &[u8], trip: Trip) -> Item {
+    let variants = if matches!(trip, Trip::Hybrid) { HYBRID } else { u8::MAX };
+    Item { word: word(name), class: Class::Trip(trip), variants }
+}
+
+/// A word of PR.
+const fn prints(name: &[u8], keyword: Keyword) -> Item {
+    Item { word: word(name), class: Class::Keyword(keyword), variants: u8::MAX }
+}
+
+/// A name that nobody can have.
+const fn takes(name: &[u8]) -> Item {
+    Item { word: word(name), class: Class::NotAvailable, variants: 0 }
 }
 
 /// All names, in alphabetical order.
@@ -71,42 +109,41 @@ const LIST: ([Item; 256], usize) = {
         // Not a setting, and not V1 to V8, which are the user's.
         if name.len() <= 3 && !matches!(name, [b'V', b'1'..=b'8']) {
             let word = word(name);
-            let class = if has(INSTRUCTIONS, word) { Class::Instruction } else { Class::Row(i as u8) };
             let variants = match &word {
                 // The Hybrid has no register of it, and has it in MCode (MC 5-34).
                 b"I6 " => u8::MAX,
                 _ if has(SERIAL_COMMANDS, word) => SERIAL,
                 _ => ROWS[i].entry.variants,
             };
-            list = with(list, Item { word, class, variants });
+            list = with(list, Item { word, class: class_of(word, i as u8), variants });
         }
         i += 1;
     }
-    list = with_all(list, INSTRUCTIONS, Class::Instruction, u8::MAX);
-    list = with_all(list, KEYWORDS, Class::Keyword, u8::MAX);
-    list = with_all(list, UNAVAILABLE, Class::Keyword, 0);
-    let mut i = 0;
-    while i < TRIPS.len() {
-        let (word, trip) = TRIPS[i];
-        let variants = if matches!(trip, Trip::Hybrid) { HYBRID } else { u8::MAX };
-        list = with(list, Item { word, class: Class::Trip(trip), variants });
-        i += 1;
-    }
-    list
+    list = with_all(list, INSTRUCTIONS);
+    list = with_all(list, KEYWORDS);
+    list = with_all(list, UNAVAILABLE);
+    with_all(list, TRIPS)
 };
 
-const NOTHING: Item = Item { word: *b"   ", class: Class::Keyword, variants: 0 };
+const NOTHING: Item = takes(b" ");
 
-/// The same list with these words.
-const fn with_all(
-    mut list: ([Item; 256], usize),
-    words: &[Word],
-    class: Class,
-    variants: u8,
-) -> ([Item; 256], usize) {
+/// What the name of a row is: something to do, or the row.
+const fn class_of(word: Word, row: u8) -> Class {
     let mut i = 0;
-    while i < words.len() {
-        list = with(list, Item { word: words[i], class, variants });
+    while i < INSTRUCTIONS.len() {
+        if number(INSTRUCTIONS[i].word) == number(word) {
+            return INSTRUCTIONS[i].class;
+        }
+        i += 1;
+    }
+    Class::Row(row)
+}
+
+/// The same list with these items.
+const fn with_all(mut list: ([Item; 256], usize), items: &[Item]) -> ([Item; 256], usize) {
+    let mut i = 0;
+    while i < items.len() {
+        list = with(list, items[i]);
         i += 1;
     }
     list

@@ -63,7 +63,7 @@ impl Drive {
     /// that RS could resume.
     pub(in crate::mdrive) fn end_program(&mut self) {
         if self.mcode.vm.is_paused() {
-            self.motion.forget_pause();
+            self.motion.forget_what_waits();
         }
         self.mcode.vm.end();
     }
