@@ -50,7 +50,7 @@ const NO_PANIC: &str =
 const NETWORK: &str = "what has been reached, with MCode and smoltcp; only this board has Ethernet";
 const CONNECTIONS: &str =
     "14 KiB of memory, 14 KiB for long answers, 13 KiB of connections; 6 KiB of the board are left";
-const SMOLTCP: &str = "smoltcp has them; they end in a reset";
+const SMOLTCP: &str = "smoltcp has them, and perhaps what calls it; they end in a reset";
 const MCODE: &str = "what has been reached, with a language, its programs' index and four terminals";
 
 /// Every budget.

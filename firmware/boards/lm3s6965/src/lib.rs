@@ -7,7 +7,7 @@
 //! Interrupts have two priorities: that of the step timer and of SysTick, and below it all the others.
 //!
 //! Datasheet: *Stellaris LM3S6965 Microcontroller*, DS-LM3S6965; its sections stand beside the code.
-//! Built optimised only: there the linker proves that nothing can panic.
+//! Built optimised only: there the linker proves that nothing can panic, but in images with a network.
 #![no_std]
 
 mod bus;

@@ -1,4 +1,4 @@
-//! The lines that are stored, in the non-volatile memory as they are typed, by address (MC 5-55).
+//! The lines that are stored, in the non-volatile memory, by address (MC 5-55).
 //!
 //! An address is a line. The memory is a log: a line is put behind the last one, and the last one of an address is the
 //! one that holds.
