@@ -93,7 +93,8 @@ pub enum Input<'a> {
         /// Which connection that is.
         link: Link,
     },
-    /// Of a TCP connection: a whole Modbus ADU; of MCode what came, never past a CR.
+    /// Of a TCP connection: a whole Modbus ADU; of MCode what came, cut behind the end of each
+    /// line, as [`next_line`](standin_protocol::text::next_line) does.
     Message {
         /// Where.
         port: Port,
@@ -345,6 +346,18 @@ pub trait Sink {
     fn memory(&self) -> &[u8];
 }
 
+/// Where nobody hears of anything, and nothing is kept.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Nowhere;
+
+impl Sink for Nowhere {
+    fn put(&mut self, _at: Instant, _output: Output<'_>) {}
+
+    fn memory(&self) -> &[u8] {
+        &[]
+    }
+}
+
 /// What a drive is told when power comes.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct Boot {
@@ -379,7 +392,7 @@ pub enum Ends {
     Character,
     /// By the length in its header (Modbus/TCP).
     Mbap,
-    /// By a carriage return, on a TCP connection (MCode).
+    /// By a carriage return or a line feed, on a TCP connection (MCode).
     Return,
 }
 
@@ -392,6 +405,14 @@ pub struct PortSpec {
     pub ends: Ends,
     /// The factory line of a serial port; `None` for TCP.
     pub line: Option<Line>,
+}
+
+impl PortSpec {
+    /// Whether it takes TCP connections, and is no serial port.
+    #[must_use]
+    pub fn is_tcp(&self) -> bool {
+        self.line.is_none()
+    }
 }
 
 /// What a pin is for.
@@ -545,6 +566,12 @@ impl Spec {
     pub fn pin_names(&self) -> impl Iterator<Item = (&'static str, Pin)> + Clone + use<> {
         let own = (0..).map(Pin).zip(self.pins).map(|(pin, spec)| (spec.name, pin));
         own.chain(self.aliases.iter().copied())
+    }
+
+    /// Whether it is reached by TCP alone.
+    #[must_use]
+    pub fn is_on_network(&self) -> bool {
+        !self.ports.is_empty() && self.ports.iter().all(PortSpec::is_tcp)
     }
 
     /// The rows that this variant of the product has, and their places in the table.

@@ -76,7 +76,8 @@ pub trait Inputs {
 pub enum Came {
     /// Somebody connected.
     Opened,
-    /// A message: of Modbus a whole ADU, of MCode what came, never past a CR nor more than an [`Adu`] holds.
+    /// A message: of Modbus a whole ADU, of MCode what came, never past the end of a line nor more than an
+    /// [`Adu`] holds.
     Message,
     /// It is closed, though the drive did not close it.
     Closed,

@@ -25,6 +25,16 @@ pub struct Line<const N: usize> {
     pub flaw: Option<Flaw>,
 }
 
+/// Takes the next line, with the CR or LF that ends it, off the front of `text`; if none ends there, all of it. `None` of
+/// an empty text. An LF at the front ends nothing: it belongs to the CR before it.
+pub fn next_line<'a>(text: &mut &'a [u8]) -> Option<&'a [u8]> {
+    let ends = |(n, &character): (usize, &u8)| character == CR || (character == LF && n > 0);
+    let last = text.iter().enumerate().position(ends);
+    let (line, rest) = last.and_then(|last| text.split_at_checked(last + 1)).unwrap_or((*text, &[]));
+    *text = rest;
+    (!line.is_empty()).then_some(line)
+}
+
 /// Gathers the characters of lines of up to `N` characters.
 ///
 /// CR or LF ends a line. Empty lines are ignored, so CR LF and LF CR end one line as well.
@@ -86,6 +96,14 @@ mod tests {
             let sent = std::format!("R0E{end}W1{end}{end}");
             assert_eq!(lines(sent.as_bytes()), [(b"R0E".to_vec(), None), (b"W1".to_vec(), None)]);
         }
+    }
+
+    #[test]
+    fn next_line_cuts_behind_the_end_of_a_line() {
+        let mut text = &b"PR V\r\nPR P\nPR T\n\rPS"[..];
+        let lines: Vec<&[u8]> = core::iter::from_fn(|| next_line(&mut text)).collect();
+        assert_eq!(lines, [&b"PR V\r"[..], b"\nPR P\n", b"PR T\n", b"\r", b"PS"]);
+        assert!(text.is_empty());
     }
 
     #[test]

@@ -143,7 +143,7 @@ impl Board {
 
     /// Whether it must have an image of a kind of drive: each has one wherever its ports are.
     pub(crate) fn carries(&self, kind: &str) -> bool {
-        self.has_ethernet || !spec(kind).is_some_and(is_on_network)
+        self.has_ethernet || !spec(kind).is_some_and(Spec::is_on_network)
     }
 
     /// Builds every image, at once.
@@ -163,11 +163,6 @@ pub(crate) fn spec(kind: &str) -> Option<&'static Spec> {
         ($($make:expr),* $(,)?) => { [$(($make)().spec()),*] };
     }
     standin_firmware::devices!(specs).into_iter().find(|spec| spec.kind == kind)
-}
-
-/// Whether a drive is reached by TCP, and has no serial port.
-pub(crate) fn is_on_network(spec: &Spec) -> bool {
-    spec.ports.iter().all(|port| port.line.is_none())
 }
 
 /// How a person talks to a kind of drive whose line is at `address` of this machine.

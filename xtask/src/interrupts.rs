@@ -10,10 +10,11 @@ use std::thread;
 use std::time::Duration;
 
 use anyhow::{Context, Result, bail, ensure};
+use standin_firmware::device::Spec;
 use standin_protocol::modbus::{Burst, rtu};
 use xshell::{Shell, cmd};
 
-use crate::board::{LM3S6965, RP2040, is_on_network, spec};
+use crate::board::{LM3S6965, RP2040, spec};
 use crate::image::Image;
 use crate::{counted, qemu};
 
@@ -246,7 +247,7 @@ fn rp2040(sh: &Shell, work: &Work) -> Result<Worst> {
 fn lm3s6965(sh: &Shell, work: &Work) -> Result<Worst> {
     let image = LM3S6965.image(sh, work.kind)?;
     let path = LM3S6965.images(sh).join(work.kind);
-    let on_network = spec(work.kind).is_some_and(is_on_network);
+    let on_network = spec(work.kind).is_some_and(Spec::is_on_network);
     let handlers = if on_network { ON_NETWORK } else { HANDLERS };
     let mut plugin = counted::plugin(sh)?.display().to_string();
     for (handler, _) in handlers {

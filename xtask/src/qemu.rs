@@ -8,9 +8,10 @@ use std::process::{Child, Command, ExitStatus, Stdio};
 use std::{io, thread};
 
 use anyhow::{Context, Result, bail, ensure};
+use standin_firmware::device::Spec;
 use xshell::Shell;
 
-use crate::board::{LM3S6965, hint, is_on_network, network_hint, spec};
+use crate::board::{LM3S6965, hint, network_hint, spec};
 use crate::tools::Tool;
 
 /// The TCP ports of a drive on the board: Modbus and MCode (FB 6.3).
@@ -30,7 +31,7 @@ const BOOTED: &str = " has power";
 /// If there is no image of that kind, if it does not build, or if something to build or emulate it with is missing.
 pub(crate) fn run(sh: &Shell, kind: &str) -> Result<()> {
     let image = LM3S6965.image_for(sh, kind, &[Tool::ThumbTargets, Tool::Qemu])?;
-    let run = if spec(kind).is_some_and(is_on_network) { run_on_network } else { run_on_line };
+    let run = if spec(kind).is_some_and(Spec::is_on_network) { run_on_network } else { run_on_line };
     let ended = run(kind, &image)?;
     ensure!(ended.success(), "QEMU ended: {ended}");
     Ok(())

@@ -1,9 +1,10 @@
 //! The table of what a drive costs, measured and compared with its [budgets](crate::budgets).
 
 use anyhow::{Result, bail, ensure};
+use standin_firmware::device::Spec;
 use xshell::Shell;
 
-use crate::board::{BOARDS, PROFILE, is_on_network, spec};
+use crate::board::{BOARDS, PROFILE, spec};
 use crate::budgets::{BUDGETS, Budget, NO_BUDGET, PLACES};
 use crate::checks;
 use crate::counted::{self, Group, PROCESSORS};
@@ -51,7 +52,7 @@ pub(crate) fn check(sh: &Shell) -> Result<()> {
             }
         }
         // What is counted is heard on a serial port.
-        for kind in kinds.iter().filter(|kind| !spec(kind).is_some_and(is_on_network)) {
+        for kind in kinds.iter().filter(|kind| !spec(kind).is_some_and(Spec::is_on_network)) {
             for group in counted::groups(sh, processor, "drive", Some(kind))? {
                 table.instructions(place, &format!("{kind}: {}", group.name), &group);
             }

@@ -9,6 +9,7 @@ use std::fmt;
 
 use standin_firmware::device::{Duration, Link, Port};
 use standin_protocol::modbus::tcp::{Broken, Splitter};
+use standin_protocol::text::next_line;
 
 use super::{Bench, Bus, Client, Seat};
 use crate::capture::{Frame, Medium, Source};
@@ -113,15 +114,6 @@ impl Connection {
     }
 }
 
-/// Takes the next line, or what there is of it, off the front of a text.
-fn next_line<'a>(text: &mut &'a [u8]) -> Option<&'a [u8]> {
-    // A line feed at the front belongs to the carriage return before it, and ends nothing.
-    let last = (0..).zip(*text).position(|(n, &byte)| byte == b'\r' || (byte == b'\n' && n > 0));
-    let (line, rest) = text.split_at(last.map_or(text.len(), |last| last + 1));
-    *text = rest;
-    (!line.is_empty()).then_some(line)
-}
-
 /// Everybody outside who is on a TCP connection.
 #[derive(Default)]
 pub(super) struct Connections {
@@ -171,7 +163,7 @@ impl Bench {
         seats.sort_by_key(|&seat| self.name(seat));
         let ports = seats.into_iter().flat_map(|seat| {
             let ports = (0..).map(Port).zip(self.spec(seat).ports);
-            ports.filter(|(_, port)| port.line.is_none()).map(move |(port, _)| Outlet::Tcp(seat, port))
+            ports.filter(|(_, port)| port.is_tcp()).map(move |(port, _)| Outlet::Tcp(seat, port))
         });
         self.buses().into_iter().map(Outlet::Line).chain(ports).collect()
     }
@@ -194,7 +186,7 @@ impl Bench {
     pub fn has_tcp_port(&self, name: &str) -> bool {
         let (drive, port) = name.split_once('.').map_or((None, name), |(drive, port)| (Some(drive), port));
         let drives = self.seats.iter().filter(|seat| drive.is_none_or(|drive| drive == seat.name));
-        drives.flat_map(|seat| seat.spec.ports).any(|of| of.line.is_none() && of.name == port)
+        drives.flat_map(|seat| seat.spec.ports).any(|of| of.is_tcp() && of.name == port)
     }
 
     /// Somebody connects to a port of a device: to its TCP port, or to the line that its serial port is on.

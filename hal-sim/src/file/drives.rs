@@ -176,7 +176,7 @@ impl Reader {
         let (drive, name) = text.split_once('.').map_or((text, None), |(drive, port)| (drive, Some(port)));
         let drive = self.drive_named(drive)?;
         let spec = self.spec(drive);
-        let fits = |port: &PortSpec| port.ends == Ends::Silence && port.line.is_some();
+        let fits = |port: &PortSpec| port.ends == Ends::Silence && !port.is_tcp();
         let mut ports = (0..).map(Port).zip(spec.ports);
         let Some(name) = name else {
             let fit = ports.find(|(_, port)| fits(port)).map(|(port, _)| (drive, port));
@@ -234,7 +234,7 @@ impl Reader {
         let drives = 0..self.layout.drives.len();
         let ports = drives.flat_map(|drive| {
             let ports = (0..).map(Port).zip(self.spec(drive).ports);
-            ports.filter(|(_, of)| of.line.is_some()).map(move |(port, _)| (drive, port))
+            ports.filter(|(_, of)| !of.is_tcp()).map(move |(port, _)| (drive, port))
         });
         ports
             .filter(|&(drive, port)| self.bus_of(drive, port).is_none())
@@ -281,7 +281,7 @@ impl Reader {
 
 /// Whether a TCP port of a drive is called so.
 fn is_tcp_port(spec: &Spec, name: &str) -> bool {
-    spec.ports.iter().any(|port| port.line.is_none() && port.name == name)
+    spec.ports.iter().any(|port| port.is_tcp() && port.name == name)
 }
 
 fn unknown_port(spec: &Spec, name: &str) -> String {

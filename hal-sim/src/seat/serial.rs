@@ -17,7 +17,7 @@ pub(crate) struct PortState {
 impl PortState {
     pub(super) fn new(spec: &PortSpec) -> Self {
         let serial = spec.line.map(|line| Serial::new(line, spec.ends == Ends::Silence));
-        let tcp = spec.line.is_none().then(|| Tcp::new(spec));
+        let tcp = spec.is_tcp().then(|| Tcp::new(spec));
         Self { serial, tcp, statistics: Statistics::default() }
     }
 }

@@ -75,7 +75,7 @@ pub(crate) fn play(
     let shown: Vec<_> = shown.filter_map(|(pin, of)| Some((pin, of.name, gpio(of.name)?))).collect();
     let acts = feed::acts(trace, &expected, spec, &gpio);
 
-    let is_on_network = spec.ports.iter().all(|port| port.line.is_none());
+    let is_on_network = spec.is_on_network();
     let jack = if is_on_network { Jack::Ethernet } else { Jack::Uart0 };
     let mut machine = Machine::new(image, jack, shift);
     let stack = Stack::paint(&mut machine, image);

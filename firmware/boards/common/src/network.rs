@@ -8,6 +8,7 @@ use smoltcp::wire::{EthernetAddress, HardwareAddress, IpAddress, IpCidr};
 use standin_firmware::device::{Duration, Ends, Instant, Link, Port, Spec};
 use standin_firmware::shell::{Came, Links};
 use standin_protocol::modbus::tcp::{ADU_BYTES, Adu, Broken, Splitter};
+use standin_protocol::text::next_line;
 
 use crate::long::{Chain, Long};
 pub use crate::long::{PIECES, Piece};
@@ -18,8 +19,10 @@ pub const FRAME_BYTES: usize = 14 + 576;
 
 /// Connections that each port takes; the next one is refused.
 pub const LINKS: usize = 4;
-/// Places for the connections of a drive with two ports.
-pub const PLACES: usize = 2 * LINKS;
+/// TCP ports that a drive may have here, one of them of Modbus; beyond those nobody is let in.
+pub const PORTS: usize = 2;
+/// Places for the connections of all ports.
+pub const PLACES: usize = PORTS * LINKS;
 /// Bytes for all connections.
 pub const BYTES: usize = PLACES * (UNHEARD + UNSENT);
 
@@ -292,7 +295,7 @@ impl Connection<'_> {
 enum Framing<'a> {
     /// By the length in their header: Modbus/TCP.
     Mbap(&'a mut Splitter),
-    /// By a carriage return: MCode.
+    /// By the end of a line: MCode.
     Return,
 }
 
@@ -337,13 +340,9 @@ impl<'a> Framing<'a> {
             }
             Self::Return => {
                 message.clear();
-                for byte in came.iter().take(message.capacity()) {
-                    let _ = message.push(*byte);
-                    if *byte == b'\r' {
-                        break;
-                    }
-                }
-                (message.len(), Ok(true))
+                let mut rest = came.get(..message.capacity()).unwrap_or(came);
+                let _ = message.extend_from_slice(next_line(&mut rest).unwrap_or_default());
+                (message.len(), Ok(!message.is_empty()))
             }
         });
         taken.unwrap_or(Ok(false))

@@ -7,8 +7,8 @@ use std::collections::VecDeque;
 
 use smoltcp::iface::SocketHandle;
 use smoltcp::socket::tcp::State;
-use standin_board::network::{LINKS, Network};
-use standin_firmware::device::{Duration, Link};
+use standin_board::network::{LINKS, Network, PORTS};
+use standin_firmware::device::{Device as _, Duration, Ends, Link};
 use standin_firmware::shell::{Came, Links};
 use standin_protocol::modbus::tcp::Adu;
 
@@ -30,12 +30,26 @@ fn whole_requests_however_they_are_cut() {
 }
 
 #[test]
-fn mcode_comes_at_once_and_never_past_a_return() {
+fn mcode_comes_at_once_and_never_past_the_end_of_a_line() {
     let mut cable = Cable::new();
     let client = cable.connected(MCODE, 0);
     cable.say(client, b"PR V\rPR P\r\nVM");
     let message = |bytes: &[u8]| (MCODE, Link(0), Came::Message, bytes.to_vec());
     assert_eq!(cable.pass(20), [message(b"PR V\r"), message(b"PR P\r"), message(b"\nVM")]);
+    cable.say(client, b"\nSL 0\nPS");
+    assert_eq!(cable.pass(20), [message(b"\nSL 0\n"), message(b"PS")]);
+}
+
+#[test]
+fn every_tcp_port_of_every_drive_has_places() {
+    macro_rules! specs {
+        ($($make:expr),* $(,)?) => { [$(($make)().spec()),*] };
+    }
+    for spec in standin_firmware::devices!(specs) {
+        let ports = || spec.ports.iter().filter(|port| port.is_tcp());
+        assert!(ports().count() <= PORTS, "{}", spec.kind);
+        assert!(ports().filter(|port| port.ends == Ends::Mbap).count() <= 1, "{}", spec.kind);
+    }
 }
 
 #[test]
