@@ -8,6 +8,7 @@ use standin_firmware::device::{
 };
 use standin_protocol::line::{Line, Parity};
 use standin_protocol::modbus::{ascii, rtu, tcp};
+use standin_protocol::text::next_line;
 use standin_tests::md3::at;
 use standin_tests::toy::Toy;
 
@@ -56,11 +57,10 @@ enum Event {
     Millivolts(u8, i32),
     Count(u8, i32, bool, bool),
     Fault(u8, bool),
-    /// On a TCP connection, of a drive that has such ports: its number, and what comes there.
-    Opened(u8),
-    Request(u8, Vec<u8>),
-    Typed(u8, Vec<u8>),
-    Closed(u8),
+    /// On a TCP connection: how messages end at its port, its number, and what comes there.
+    Opened(Ends, u8),
+    Message(Ends, u8, Vec<u8>),
+    Closed(Ends, u8),
 }
 
 /// Makes a drive without power.
@@ -339,16 +339,30 @@ fn typed() -> impl Strategy<Value = Vec<u8>> {
     ]
 }
 
-fn event() -> impl Strategy<Value = Event> {
+/// What happens at a serial port.
+fn on_line() -> impl Strategy<Value = Event> {
     prop_oneof![
-        1 => (0_u8..6).prop_map(Event::Opened),
-        8 => (0_u8..6, adu()).prop_map(|(link, adu)| Event::Request(link, adu)),
-        12 => (0_u8..6, typed()).prop_map(|(link, line)| Event::Typed(link, line)),
-        1 => (0_u8..6).prop_map(Event::Closed),
         24 => bytes().prop_map(Event::Bytes),
         2 => Just(Event::Spoiled),
         2 => Just(Event::Idle),
         1 => any::<bool>().prop_map(Event::Attached),
+    ]
+}
+
+/// What happens at TCP ports.
+fn on_network() -> impl Strategy<Value = Event> {
+    let ends = || proptest::sample::select(vec![Ends::Mbap, Ends::Return]);
+    prop_oneof![
+        1 => (ends(), 0_u8..6).prop_map(|(ends, link)| Event::Opened(ends, link)),
+        8 => (0_u8..6, adu()).prop_map(|(link, adu)| Event::Message(Ends::Mbap, link, adu)),
+        12 => (0_u8..6, typed()).prop_map(|(link, line)| Event::Message(Ends::Return, link, line)),
+        1 => (ends(), 0_u8..6).prop_map(|(ends, link)| Event::Closed(ends, link)),
+    ]
+}
+
+/// What happens at pins, and faults.
+fn elsewhere() -> impl Strategy<Value = Event> {
+    prop_oneof![
         12 => (0_u8..16, any::<bool>()).prop_map(|(pin, high)| Event::Edge(pin, high)),
         4 => (0_u8..16, prop_oneof![0..6_000, any::<i32>()]).prop_map(|(pin, mv)| Event::Millivolts(pin, mv)),
         2 => (0_u8..2, prop_oneof![-9..9, any::<i32>()], any::<bool>(), any::<bool>())
@@ -366,23 +380,32 @@ fn gap() -> impl Strategy<Value = u64> {
 #[derive(Clone, Debug)]
 struct Script {
     presets: Vec<(usize, i64)>,
-    events: Vec<(u64, Event)>,
+    /// Of a drive with a serial port.
+    on_line: Vec<(u64, Event)>,
+    /// Of one that is on a network.
+    on_network: Vec<(u64, Event)>,
     fast: bool,
 }
 
 fn script() -> impl Strategy<Value = Script> {
+    (presets(), events_on_line(), events_on_network(), any::<bool>())
+        .prop_map(|(presets, on_line, on_network, fast)| Script { presets, on_line, on_network, fast })
+}
+
+fn events_on_line() -> impl Strategy<Value = Vec<(u64, Event)>> {
     // Silence enough between the requests that load a program, in ticks.
     const SILENCE: u64 = 40_000;
     let loads = (any::<bool>(), program()).prop_map(|(ascii, requests)| {
         requests.iter().map(|pdu| (SILENCE, Event::Bytes(framed(ascii, 1, pdu)))).collect()
     });
-    let happens = prop_oneof![12 => (gap(), event()).prop_map(|event| vec![event]), 1 => loads];
-    let events = proptest::collection::vec(happens, 0..40);
-    (presets(), events, any::<bool>()).prop_map(|(presets, events, fast)| Script {
-        presets,
-        events: events.concat(),
-        fast,
-    })
+    let event = prop_oneof![3 => on_line(), 2 => elsewhere()];
+    let happens = prop_oneof![12 => (gap(), event).prop_map(|event| vec![event]), 1 => loads];
+    proptest::collection::vec(happens, 0..40).prop_map(|events| events.concat())
+}
+
+fn events_on_network() -> impl Strategy<Value = Vec<(u64, Event)>> {
+    let event = prop_oneof![1 => on_network(), 1 => elsewhere()];
+    proptest::collection::vec((gap(), event), 0..40)
 }
 
 /// More rows than any drive has.
@@ -408,7 +431,7 @@ fn longest(drive: &dyn Device) -> Duration {
 /// event if `eager` says so for it; bursts are cut into pieces of `piece` characters.
 fn run(
     subject: Subject,
-    Script { presets, events, fast }: &Script,
+    Script { presets, on_line, on_network, fast }: &Script,
     eager: &[bool],
     piece: usize,
 ) -> Vec<String> {
@@ -418,8 +441,10 @@ fn run(
     let port = spec.ports.first().expect("every drive here has a port");
     let silence = port.ends == Ends::Silence;
     let longest = longest(&*drive);
-    // What comes by TCP takes no time.
-    let serial = port.line.is_some();
+    let events = if spec.is_on_network() { on_network } else { on_line };
+    // One without such a port does not know where that is.
+    let tcp =
+        |ends| Port(spec.ports.iter().position(|port| port.ends == ends).unwrap_or(spec.ports.len()) as u8);
     // The line of one that judges silence is among what could be preset.
     let (piece, presets) = if silence { (piece, [].as_slice()) } else { (1, presets.as_slice()) };
     if let Some((name, value)) = subject.saved {
@@ -446,8 +471,6 @@ fn run(
     for (gap, event) in events {
         at += Duration::from_ticks(*gap % longest.ticks()) + line.character();
         match event {
-            Event::Bytes(_) | Event::Spoiled | Event::Idle | Event::Attached(_) if !serial => {}
-            Event::Opened(_) | Event::Request(..) | Event::Typed(..) | Event::Closed(_) if serial => {}
             Event::Bytes(bytes) => {
                 // In ASCII nothing follows a line feed in a burst.
                 let bursts = bytes.split_inclusive(|&byte| ascii::is_on(line) && byte == b'\n');
@@ -456,10 +479,10 @@ fn run(
                     at += line.character() * bytes.len() as u64;
                 }
             }
-            // Nothing follows a carriage return in a message.
-            Event::Typed(link, bytes) => {
-                for part in bytes.split_inclusive(|&byte| byte == b'\r') {
-                    inputs.push((at, Event::Typed(*link, part.to_vec())));
+            Event::Message(Ends::Return, link, bytes) => {
+                let mut rest = bytes.as_slice();
+                while let Some(line) = next_line(&mut rest) {
+                    inputs.push((at, Event::Message(Ends::Return, *link, line.to_vec())));
                 }
             }
             event => inputs.push((at, event.clone())),
@@ -481,10 +504,11 @@ fn run(
                 Input::Count { encoder: Encoder(*encoder), steps: *steps, a: *a, b: *b }
             }
             Event::Fault(fault, on) => Input::Fault { fault: Fault(*fault), on: *on },
-            Event::Opened(link) => Input::Opened { port: Port(1), link: Link(*link) },
-            Event::Request(link, bytes) => Input::Message { port: Port(0), link: Link(*link), bytes },
-            Event::Typed(link, bytes) => Input::Message { port: Port(1), link: Link(*link), bytes },
-            Event::Closed(link) => Input::Closed { port: Port(1), link: Link(*link) },
+            Event::Opened(ends, link) => Input::Opened { port: tcp(*ends), link: Link(*link) },
+            Event::Message(ends, link, bytes) => {
+                Input::Message { port: tcp(*ends), link: Link(*link), bytes }
+            }
+            Event::Closed(ends, link) => Input::Closed { port: tcp(*ends), link: Link(*link) },
         };
         let due = drive.deadline();
         standin_firmware::device::feed(&mut *drive, due, *at, input, &mut log);
@@ -536,7 +560,6 @@ proptest! {
         for make in DRIVES {
             let mut drive = make();
             let mut kept = memory.clone();
-            prop_assert!(usize::from(drive.spec().memory) < MEMORY);
             kept.resize(usize::from(drive.spec().memory), 0xFF);
             let mut log = Log::new(kept.clone());
             drive.power_on(Instant::ZERO, Boot { seed: 1, fast: false }, &mut log);
@@ -589,6 +612,9 @@ fn every_drive_names_what_its_spec_points_to() {
         let ends = spec.pins.iter().map(|pin| pin.name).chain(spec.faults.iter().copied());
         assert_eq!(twice(ends), None, "{}", spec.kind);
         assert_eq!(twice(spec.registers.rows.iter().map(|row| row.name)), None, "{}", spec.kind);
+        // As far as the tests above go.
+        assert!(spec.registers.rows.len() < ROWS, "{}", spec.kind);
+        assert!(usize::from(spec.memory) < MEMORY, "{}", spec.kind);
     }
 }
 
