@@ -12,7 +12,7 @@ use super::io::Io;
 use super::mcode::{names, program};
 use super::registers::{MACHINE, Reg, mcode_accepts};
 use super::variables::{entry, is_number, words};
-use crate::device::{Duration, Instant, Output, Refused, Sink};
+use crate::device::{Duration, Instant, Nowhere, Refused, Sink};
 use crate::memory::{self, Content, Save};
 
 /// Bytes of the variables, as they lie first.
@@ -35,17 +35,6 @@ pub(super) const SAVE: Duration = Duration::millis(10);
 pub(super) struct Saving {
     variables: Save,
     globals: Save,
-}
-
-/// Where nobody hears of anything.
-struct Nowhere;
-
-impl Sink for Nowhere {
-    fn put(&mut self, _at: Instant, _output: Output<'_>) {}
-
-    fn memory(&self) -> &[u8] {
-        &[]
-    }
 }
 
 impl Drive {

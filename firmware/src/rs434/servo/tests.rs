@@ -7,7 +7,7 @@ use std::{format, vec::Vec};
 use proptest::prelude::*;
 
 use super::*;
-use crate::device::{Axis, Boot, Device, Fault, Input, Pin, Refused, Shaft, Spec, advance, feed};
+use crate::device::{Axis, Boot, Device, Fault, Input, Nowhere, Pin, Refused, Shaft, Spec, advance, feed};
 use crate::motor::{Parameters, Rig, Turns};
 
 const HALLS: [Pin; 2] = [Pin(0), Pin(1)];
@@ -124,15 +124,6 @@ const FACTORY: Settings = Settings {
     limit_ma: 20_000,
     closed: false,
 };
-
-struct Nowhere;
-
-impl Sink for Nowhere {
-    fn put(&mut self, _at: Instant, _output: Output<'_>) {}
-    fn memory(&self) -> &[u8] {
-        &[]
-    }
-}
 
 /// What a rig put.
 #[derive(Default)]
