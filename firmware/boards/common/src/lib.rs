@@ -7,7 +7,9 @@
 
 mod axis;
 mod hands;
+#[cfg(feature = "network")]
 mod long;
+#[cfg(feature = "network")]
 pub mod network;
 mod pl011;
 mod queue;
