@@ -23,10 +23,12 @@ pub(crate) const MCODE: Port = Port(1);
 const MOST: u8 = 4;
 
 /// Where text is spoken it greets with `>`; `x` closes the connection, `f` sends a MiB, `t` sends `T` at the deadlines
-/// of this instant and a second later.
+/// of this instant and of each second after it, until the connection is closed.
 #[derive(Debug, Default)]
 pub(crate) struct Echo {
-    due: Option<(Instant, Link)>,
+    /// It sends `T` to its first connection, there or not, each time so much has passed since power came.
+    pub(crate) ring: Option<Duration>,
+    pub(crate) due: Option<(Instant, Link)>,
 }
 
 impl Echo {
@@ -49,8 +51,8 @@ impl Device for Echo {
         &SPEC
     }
 
-    fn power_on(&mut self, _at: Instant, _boot: Boot, _out: &mut dyn Sink) {
-        *self = Self::default();
+    fn power_on(&mut self, at: Instant, _boot: Boot, _out: &mut dyn Sink) {
+        self.due = self.ring.map(|ring| (at + ring, Link(0)));
     }
 
     fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Sink) {
@@ -67,6 +69,7 @@ impl Device for Echo {
                 out.put(at, Output::Note(Note::Request { port: MODBUS, unit, function }));
             }
             Input::Message { link, bytes, .. } => self.answer(at, link, bytes, out),
+            Input::Closed { port: MCODE, link } => self.due = self.due.filter(|(_, to)| *to != link),
             _ => {}
         }
     }
@@ -78,7 +81,7 @@ impl Device for Echo {
     fn timeout(&mut self, at: Instant, out: &mut dyn Sink) {
         let Some((due, link)) = self.due.filter(|(due, _)| *due <= at) else { return };
         out.put(at, Output::Message { port: MCODE, link, bytes: b"T" });
-        self.due = Some((due + Duration::secs(1), link));
+        self.due = Some((due + self.ring.unwrap_or(Duration::secs(1)), link));
     }
 
     fn peek(&self, _at: Instant, _row: usize) -> i64 {

@@ -410,8 +410,9 @@ impl Storage for Memory {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::echo::{Echo, MCODE};
     use embedded_io::{Write, WriteReady};
-    use standin_firmware::device::{Boot, Device, Ends, Input, Output, PortSpec, Refused, Sink};
+    use standin_firmware::device::{Boot, Device};
     use standin_firmware::md3::Md3;
     use standin_firmware::qsb::Qsb;
     use standin_firmware::shell::{ANSWERS, ONE_ANSWER, Shell};
@@ -536,84 +537,22 @@ mod tests {
         assert_eq!(all.len() / ANSWER.len() + failures as usize, FIT + 10);
     }
 
-    static PARROT: Spec =
-        Spec { ports: &[PortSpec { name: "mcode", ends: Ends::Return, line: None }], ..Spec::BARE };
-    const MCODE: Port = Port(0);
-    const HOUR: Duration = Duration::secs(3_600);
-
-    /// Greets, repeats what it hears, closes on `x`, and says good-bye to who is gone. Every so often it rings.
-    struct Parrot {
-        every: Duration,
-        due: Instant,
-        last: Link,
-    }
-
-    impl Device for Parrot {
-        fn spec(&self) -> &'static Spec {
-            &PARROT
-        }
-
-        fn power_on(&mut self, at: Instant, _boot: Boot, _out: &mut dyn Sink) {
-            self.due = at + self.every;
-        }
-
-        fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Sink) {
-            let said = |link, bytes| Output::Message { port: MCODE, link, bytes };
-            match input {
-                Input::Opened { port: MCODE, link } => {
-                    self.last = link;
-                    out.put(at, said(link, b"hello"));
-                }
-                Input::Message { port: MCODE, link, bytes: b"x" } => {
-                    out.put(at, Output::Close { port: MCODE, link });
-                }
-                Input::Message { port: MCODE, link, bytes } => out.put(at, said(link, bytes)),
-                Input::Closed { port: MCODE, link } => out.put(at, said(link, b"good-bye")),
-                other => panic!("{other:?}"),
-            }
-        }
-
-        fn deadline(&self) -> Instant {
-            self.due
-        }
-
-        fn timeout(&mut self, at: Instant, out: &mut dyn Sink) {
-            out.put(at, Output::Message { port: MCODE, link: self.last, bytes: b"ring" });
-            self.due += self.every;
-        }
-
-        fn peek(&self, _at: Instant, _row: usize) -> i64 {
-            0
-        }
-
-        fn poke(
-            &mut self,
-            _at: Instant,
-            _row: usize,
-            _value: i64,
-            _out: &mut dyn Sink,
-        ) -> Result<(), Refused> {
-            Err(Refused::NoSuchRegister)
-        }
-    }
-
-    /// A parrot with power, on a board.
-    fn parrot(every: Duration) -> (Board, Shell<Parrot, Board, SimOutputs>) {
-        let board = Board::new(&PARROT, Vec::new());
-        let parrot = Parrot { every, due: Instant::NEVER, last: Link(0) };
-        let mut shell = Shell::new(parrot, board.clone(), board.outputs());
+    /// An echo with power, on a board.
+    fn powered(echo: Echo) -> (Board, Shell<Echo, Board, SimOutputs>) {
+        let board = Board::new(echo.spec(), Vec::new());
+        let mut shell = Shell::new(echo, board.clone(), board.outputs());
         shell.power_on(Instant::ZERO, Boot::default());
         (board, shell)
     }
 
     #[test]
     fn the_shell_tells_a_drive_what_comes_by_tcp_and_does_what_it_says() {
-        let (board, mut shell) = parrot(HOUR);
+        let (board, mut shell) = powered(Echo::default());
         let second = |n| Instant::ZERO + Duration::secs(n);
         board.come(second(1), MCODE, Link(0), Came::Opened);
         board.come(second(2), MCODE, Link(1), Came::Opened);
-        board.say(second(2), MCODE, Link(0), b"PR V\r");
-        board.say(second(2), MCODE, Link(1), b"PR P\r");
+        board.say(second(2), MCODE, Link(0), b"t");
+        board.say(second(2), MCODE, Link(1), b"a");
         board.come(second(3), MCODE, Link(0), Came::Closed);
         board.say(second(4), MCODE, Link(1), b"x");
         assert!(shell.turn().is_err(), "nothing has come");
@@ -625,11 +564,11 @@ mod tests {
         }
         let said = |n, link, bytes: &[u8]| (second(n), Done::Message(MCODE, Link(link), bytes.to_vec()));
         let expected = [
-            said(1, 0, b"hello"),
-            said(2, 1, b"hello"),
-            said(2, 0, b"PR V\r"),
-            said(2, 1, b"PR P\r"),
-            said(3, 0, b"good-bye"),
+            said(1, 0, b">"),
+            said(2, 1, b">"),
+            // Once, because the drive is told a second later that nobody is there.
+            said(2, 0, b"T"),
+            said(2, 1, b"a"),
             (second(4), Done::Closed(MCODE, Link(1))),
         ];
         assert_eq!(*board.done(), expected);
@@ -639,27 +578,29 @@ mod tests {
     #[test]
     fn what_comes_by_tcp_waits_for_no_deadline_and_no_deadline_for_it() {
         const TEN_MS: Duration = Duration::millis(10);
-        let (board, mut shell) = parrot(TEN_MS);
+        let (board, mut shell) = powered(Echo { ring: Some(TEN_MS), ..Echo::default() });
         // The loop comes late: three deadlines are over, and somebody has connected and said things.
         let late = Instant::ZERO + TEN_MS * 3;
         board.come(late, MCODE, Link(0), Came::Opened);
-        board.say(late, MCODE, Link(0), b"a\r");
-        board.say(late, MCODE, Link(0), b"b\r");
+        board.say(late, MCODE, Link(0), b"a");
+        board.say(late, MCODE, Link(0), b"b");
         board.set_now(late);
         let mut rings = 0;
-        for said in ["hello", "a\r", "b\r"] {
+        for said in [">", "a", "b"] {
             shell.turn().expect("there is something to do");
             let done: Vec<_> = board.done().iter().map(|(_, done)| done.clone()).collect();
             rings += 1;
             let message = |text: &str| Done::Message(MCODE, Link(0), text.as_bytes().to_vec());
             assert!(done.contains(&message(said)), "{said} is answered in turn {rings}");
-            assert_eq!(done.iter().filter(|done| **done == message("ring")).count(), rings);
+            assert_eq!(done.iter().filter(|done| **done == message("T")).count(), rings);
         }
     }
 
     #[test]
     fn messages_of_a_drive_on_a_board_without_a_network_are_counted() {
         use standin_firmware::shell::NoLinks;
+
+        const HOUR: Duration = Duration::secs(3_600);
 
         /// All of a board but its network.
         struct Alone(SimOutputs);
@@ -691,9 +632,9 @@ mod tests {
             }
         }
 
-        let board = Board::new(&PARROT, Vec::new());
-        let parrot = Parrot { every: HOUR, due: Instant::NEVER, last: Link(0) };
-        let mut shell: Shell<_, _, _> = Shell::new(parrot, board.clone(), Alone(board.outputs()));
+        let echo = Echo { ring: Some(HOUR), ..Echo::default() };
+        let board = Board::new(echo.spec(), Vec::new());
+        let mut shell: Shell<_, _, _> = Shell::new(echo, board.clone(), Alone(board.outputs()));
         shell.power_on(Instant::ZERO, Boot::default());
         board.set_now(Instant::ZERO + HOUR);
         while shell.turn().is_ok() {}
