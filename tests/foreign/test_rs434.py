@@ -229,6 +229,7 @@ def test_noise_in_ascii_ends_at_the_next_colon(run):
 def test_several_clients_share_a_line_of_ascii(run):
     standin = drive(run, "ascii")
     first, second = standin.socket(), standin.socket()
+    standin.notice()
     request, reply = ascii(1, 3, 0x50, 1, 0, 1), ascii(1, 3, 2, 0, 1)
     first.sendall(request + request)
     second.sendall(request)
