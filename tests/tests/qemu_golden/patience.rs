@@ -6,9 +6,9 @@ use standin_sim::trace::{Did, Event, Trace};
 use crate::expected::Expected;
 
 /// How long after its instant the board may do a thing, or hear one: interrupts and the loop. This bound
-/// and the next ones are for the speed of its code: the instructions that take so long at 16 ns each. Longest is an
-/// alarm of an MDROBOT, which lets go of what its servo does: 376 µs.
-const LATENCY: Duration = Duration::micros(400);
+/// and the next ones are for the speed of its code: the instructions that take so long at 16 ns each. Longest is a
+/// reply of an MDROBOT whose servo looks at its motor meanwhile: 420 µs.
+const LATENCY: Duration = Duration::micros(450);
 /// How long where it is told by the network: frames, each answered by others, and all of their check sums. Longest is a
 /// write of four registers to an MDrive, which makes its move anew: 553 µs.
 const ON_NETWORK: Duration = Duration::micros(650);
