@@ -13,6 +13,8 @@ use standin_protocol::registers::{Named, Row, Table};
 pub use standin_protocol::time::{Duration, Instant};
 
 pub use crate::motion::Plan;
+use crate::motor::Parameters;
+pub use crate::motor::Rotation;
 
 macro_rules! places {
     ($($(#[$doc:meta])* $Name:ident,)*) => {$(
@@ -169,6 +171,21 @@ pub enum Input<'a> {
         /// In mA, signed as the duty is: what brakes it has the other sign.
         ma: i32,
     },
+    /// The motor on an axis is this one from the stamp on: what the drive's control loop computes with.
+    Motor {
+        /// Which axis.
+        axis: Axis,
+        /// Winding, rotor, supply and load.
+        parameters: &'a Parameters,
+    },
+    /// The motor on an axis turns like this from the stamp on: what the drive's control loop goes by between two edges
+    /// of its sensors.
+    Rotation {
+        /// Which axis.
+        axis: Axis,
+        /// Angle, speed and acceleration at the stamp.
+        rotation: Rotation,
+    },
     /// Of a stepper motor: how the drive's axis moves from the stamp on, as [`Output::Plan`] says.
     Plan {
         /// Which axis.
@@ -278,6 +295,20 @@ pub enum Output<'a> {
         axis: Axis,
         /// In mA, signed as the duty is.
         ma: i32,
+    },
+    /// Of a motor: its parameters, at power-on and when they change.
+    Motor {
+        /// Which axis.
+        axis: Axis,
+        /// Winding, rotor, supply and load.
+        parameters: &'a Parameters,
+    },
+    /// Of a motor: how it turns from the stamp on.
+    Rotation {
+        /// Which axis.
+        axis: Axis,
+        /// Angle, speed and acceleration at the stamp.
+        rotation: Rotation,
     },
     /// Bytes of the non-volatile memory. A power cut leaves any prefix of them.
     Store {

@@ -561,7 +561,7 @@ impl<O: Outputs, const CHARACTERS: usize> Sink for Hands<O, CHARACTERS> {
             Output::Current { axis, ma } => self.outputs.current(axis, ma),
             Output::Duty { axis, duty } => self.outputs.duty(axis, duty),
             // Only a motor that is there would tell.
-            Output::Draws { .. } => {}
+            Output::Draws { .. } | Output::Motor { .. } | Output::Rotation { .. } => {}
             Output::Note(note) => log(note),
             Output::Message { port, link, bytes } => {
                 let sent = self.outputs.links().is_some_and(|links| links.send(port, link, bytes));

@@ -642,11 +642,13 @@ impl Bench {
             return;
         }
         let comes = matches!(fed, Fed::Power(Power::On)) && !seated.body.powered;
+        let reports = if comes { self.motors_report(place) } else { Vec::new() };
+        let seated = &mut self.seats[place as usize];
         let mut tape = tape(&mut self.trace, &mut self.outbox, self.settings, self.now);
         // Only a preset can be refused, and it does not come this way.
         let _ = seated.feed(now, fed, &mut tape);
         if comes {
-            for fed in seated.surroundings() {
+            for fed in seated.surroundings().into_iter().chain(reports) {
                 let _ = seated.feed(now, &fed, &mut tape);
             }
             // They were accepted at the first power-on.

@@ -33,7 +33,9 @@ impl Class {
             | Fed::Millivolts { .. }
             | Fed::Count { .. }
             | Fed::Slipped { .. }
-            | Fed::Draws { .. } => Self::Pin,
+            | Fed::Draws { .. }
+            | Fed::Motor { .. }
+            | Fed::Rotation { .. } => Self::Pin,
             Fed::Bytes { .. }
             | Fed::Spoiled { .. }
             | Fed::Idle { .. }

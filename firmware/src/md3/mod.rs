@@ -232,6 +232,8 @@ impl Device for Md3 {
             | Input::Current { .. }
             | Input::Duty { .. }
             | Input::Draws { .. }
+            | Input::Motor { .. }
+            | Input::Rotation { .. }
             | Input::Plan { .. }
             | Input::Step { .. } => {}
         }

@@ -193,6 +193,8 @@ impl Device for Mdrive {
             | Input::Current { .. }
             | Input::Duty { .. }
             | Input::Draws { .. }
+            | Input::Motor { .. }
+            | Input::Rotation { .. }
             | Input::Plan { .. }
             | Input::Step { .. }
             | Input::Slipped { .. } => {}

@@ -79,7 +79,7 @@ impl Drive {
         let bank = Bank::factory();
         Self {
             state: State::Off,
-            servo: Servo::new(servo_settings(&bank, SUPPLY)),
+            servo: Servo::new(servo_settings(&bank)),
             poles: hall_poles(&bank),
             bank,
             save: None,
@@ -101,7 +101,7 @@ impl Drive {
         self.reference = Reference::NONE;
         self.boot(at, boot);
         (self.poles, self.other_motor) = (hall_poles(&self.bank), true);
-        self.servo.power_on(at, servo_settings(&self.bank, self.alarms.supply()), out);
+        self.servo.power_on(at, servo_settings(&self.bank), out);
     }
 
     pub(super) fn deadline(&self) -> Instant {
@@ -158,13 +158,9 @@ impl Drive {
         core::mem::take(&mut self.other_motor).then(|| self.motor())
     }
 
-    pub(super) fn draws(&mut self, at: Instant, ma: i32) {
-        self.servo.draws(at, ma);
-    }
-
     /// The servo goes by what has been written.
     fn set_servo(&mut self, at: Instant, out: &mut dyn Sink) {
-        self.servo.set(at, servo_settings(&self.bank, self.alarms.supply()), out);
+        self.servo.set(at, servo_settings(&self.bank), out);
     }
 
     /// A PID as it reads now; of MONITOR the first four words.
@@ -361,8 +357,8 @@ fn hall_poles(bank: &Bank<Pid, { Pid::WORDS }>) -> u16 {
     registers::poles(bank.word(Pid::HALL_TYPE))
 }
 
-/// What the servo goes by, with a supply in 0.1 V.
-fn servo_settings(bank: &Bank<Pid, { Pid::WORDS }>, supply: u16) -> Settings {
+/// What the servo goes by.
+fn servo_settings(bank: &Bank<Pid, { Pid::WORDS }>) -> Settings {
     let word = |pid| bank.word(pid);
     Settings {
         max_rpm: bank.limited(Pid::MAX_RPM) as u16,
@@ -374,7 +370,6 @@ fn servo_settings(bank: &Bank<Pid, { Pid::WORDS }>, supply: u16) -> Settings {
         slow_down: word(Pid::SLOW_DOWN),
         stop_status: word(Pid::STOP_STATUS),
         poles: hall_poles(bank),
-        supply,
         enc_ppr: word(Pid::ENC_PPR),
     }
 }

@@ -221,7 +221,9 @@ impl Device for Mdrobot {
             Input::Open { pin } => self.drive.opened(at, pin, out),
             Input::Millivolts { pin: SPEED_IN, mv } => self.drive.voltage(at, mv, out),
             Input::Fault { fault, on } => self.drive.set_cause(at, fault, on, out),
-            Input::Draws { ma, .. } => self.drive.draws(at, ma),
+            Input::Draws { ma, .. } => self.drive.servo.draws(ma),
+            Input::Motor { parameters, .. } => self.drive.servo.motor(parameters),
+            Input::Rotation { rotation, .. } => self.drive.servo.turned(at, rotation),
             // It has no such ports, and the motor's inputs are its outputs.
             Input::Spoiled { .. }
             | Input::Millivolts { .. }

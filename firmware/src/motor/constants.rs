@@ -27,6 +27,9 @@ const STEP: Duration = Duration::millis(1);
 /// The shortest one: what comes to its speed faster than twice that does so in one step.
 const LEAST_STEP: Duration = Duration::micros(50);
 
+/// The most that a torque accelerates: steeper is nothing that turns.
+const STEEPEST: i64 = 16 * Stretch::STEEPEST;
+
 /// The whole supply.
 const FULL_DUTY: i32 = 1 << 16;
 
@@ -51,15 +54,19 @@ pub(super) enum Terminals {
 pub(super) struct Constants {
     /// The speed at which the motor makes the voltage of the supply.
     full: i64,
-    /// The acceleration of the supply at standstill, bounded: what is steeper comes to its speed within a step anyhow.
-    stall: i64,
+    /// The acceleration of the supply at standstill, above 0 and bounded: what is steeper comes to its speed within a step anyhow.
+    pub(super) stall: i64,
     /// The same without a bound: a limited current gives its part of this.
     torque: i64,
     /// The current of the supply at standstill, in mA.
-    stall_ma: i64,
+    pub(super) stall_ma: i64,
     friction: i64,
     /// Of the load, against forward motion.
     load: i64,
+    /// Friction and load as parts of `torque`, in parts of `stall`: so a motor whose `stall` is bounded comes to the
+    /// right speed.
+    pub(super) bounded_friction: i64,
+    pub(super) bounded_load: i64,
     step: Duration,
     /// The mean acceleration of a step, in 1/65536 of that at its beginning.
     mean: i64,
@@ -75,26 +82,36 @@ impl Constants {
         const ACCELERATION: i64 = 1_834_932;
         let (least, most) = (Parameters::LEAST, Parameters::MOST);
         let supply = u64::from(parameters.supply_mv.clamp(least.supply_mv, most.supply_mv));
-        let rpm = u64::from(parameters.no_load_rpm.clamp(least.no_load_rpm, most.no_load_rpm));
+        let rpm = u64::from(parameters.full_rpm());
         let resistance =
             i64::from(parameters.resistance_mohm.clamp(least.resistance_mohm, most.resistance_mohm));
         let inertia = i64::from(parameters.inertia_gcm2.clamp(least.inertia_gcm2, most.inertia_gcm2));
         let friction = parameters.friction_unm.clamp(least.friction_unm, most.friction_unm);
         let load = parameters.load_unm.clamp(least.load_unm, most.load_unm);
-        let accelerated =
-            |unm: i64| ((unm * ACCELERATION / inertia) >> 4).clamp(-Stretch::STEEPEST, Stretch::STEEPEST);
+        let accelerated = |unm: i64| ((unm * ACCELERATION / inertia) >> 4).clamp(-STEEPEST, STEEPEST);
 
         let stall_ma = (supply * 1_000).cast_signed() / resistance;
         let stall_unm = ((supply * TORQUE / rpm).cast_signed() * stall_ma) >> 16;
         let full = ((rpm * RPM) >> 8).cast_signed();
         let torque = (stall_unm * ACCELERATION / inertia) >> 4;
+        let stall = torque.clamp(1, 1 << 34);
+        let bounded = |unm: i64| {
+            let part = (i128::from(unm) * i128::from(stall)).checked_div(stall_unm.into()).unwrap_or(0);
+            if torque == stall {
+                accelerated(unm)
+            } else {
+                part.clamp((-STEEPEST).into(), STEEPEST.into()) as i64
+            }
+        };
         let mut constants = Self {
             full,
-            stall: torque.clamp(1, 1 << 34),
+            stall,
             torque,
             stall_ma,
             friction: accelerated(friction.into()),
             load: accelerated(load.into()),
+            bounded_friction: bounded(friction.into()),
+            bounded_load: bounded(load.into()),
             step: STEP,
             mean: 0,
         };
@@ -106,11 +123,15 @@ impl Constants {
         constants
     }
 
-    /// full/stall, from a tick to half a second.
-    pub(super) fn time_constant(&self) -> Duration {
+    /// full/stall, in ticks, at least one.
+    pub(super) fn time_constant_ticks(&self) -> i64 {
+        (self.full << 8).checked_div(self.stall).unwrap_or(1).max(1)
+    }
+
+    /// The same, up to half a second.
+    fn time_constant(&self) -> Duration {
         const LONGEST: i64 = 1 << 23;
-        let ticks = (self.full << 8).checked_div(self.stall).unwrap_or(LONGEST);
-        Duration::from_ticks(ticks.clamp(1, LONGEST).cast_unsigned())
+        Duration::from_ticks(self.time_constant_ticks().min(LONGEST).cast_unsigned())
     }
 
     /// What goes on from `now`, and what it draws there, in mA.
@@ -120,19 +141,21 @@ impl Constants {
             Terminals::Dead | Terminals::Open => (0, 0),
         };
         let charge = if matches!(terminals, Terminals::Dead) { 0 } else { self.charge(now.speed) };
+        let part = |of: i64| most_ma.saturating_mul(of) / self.stall_ma.max(1);
         // At full speed against the supply it is twice that of standstill: what is more is no limit.
-        let limit = (most_ma.saturating_mul(self.torque) / self.stall_ma.max(1)).min(2 * self.stall);
-        let drives = braked(push.min(limit).max(-limit), charge, charge);
+        let bounded = part(self.stall).min(2 * self.stall);
+        let drives = braked(push.min(bounded).max(-bounded), charge, charge);
         let ma = braked(self.draws(push).min(most_ma).max(-most_ma), charge, self.draws(charge));
         let way = if now.speed != 0 {
             now.speed.signum()
-        } else if (drives - self.load).abs() > self.friction {
-            (drives - self.load).signum()
+        } else if (drives - self.bounded_load).abs() > self.bounded_friction {
+            (drives - self.bounded_load).signum()
         } else {
             0
         };
         let against = self.load + way * self.friction;
-        let mean = |push: i64| ((push - against) * self.mean) >> 16;
+        let mean = |push: i64| ((push - self.bounded_load - way * self.bounded_friction) * self.mean) >> 16;
+        let limit = part(self.torque).min(4 * STEEPEST);
         let driven = match terminals {
             Terminals::Driven { .. } => mean(push).min(limit - against).max(-limit - against),
             Terminals::Dead | Terminals::Open => -against,

@@ -14,7 +14,10 @@
 //! motor is in `constants`.
 
 mod constants;
+mod edges;
+mod feedback;
 mod rig;
+mod rotation;
 mod rotor;
 pub mod stepper;
 mod stretch;
@@ -23,13 +26,16 @@ mod tests;
 mod wheel;
 
 use self::constants::{Constants, Terminals};
+pub(crate) use self::edges::Edges;
+pub(crate) use self::feedback::{FULL_DUTY, Feedback, Known, TICK};
 pub use self::rig::{Rig, Turns};
+pub use self::rotation::Rotation;
 pub use self::rotor::{Pace, Rotor};
 use self::stretch::Stretch;
 use self::wheel::Wheel;
 use crate::device::{
-    Axis, AxisSpec, Boot, Device, Duration, Fault, Input, Instant, Level, Output, Pin, PinSpec, Refused,
-    Role, Shaft, Sink, Spec,
+    Axis, AxisSpec, Boot, Device, Fault, Input, Instant, Level, Output, Pin, PinSpec, Refused, Role, Shaft,
+    Sink, Spec,
 };
 
 /// The only axis of a motor, and of the drive that has it.
@@ -121,10 +127,9 @@ impl Parameters {
         HALL_PINS.get(..self.sensors().into()).unwrap_or(HALL_PINS)
     }
 
-    /// After which its speed has come within 1/e of the one that its voltage wants, up to half a second.
-    #[must_use]
-    pub fn time_constant(&self) -> Duration {
-        Constants::of(self).time_constant()
+    /// Its speed at the full supply without load and friction, in rpm.
+    fn full_rpm(&self) -> u32 {
+        self.no_load_rpm.clamp(Self::LEAST.no_load_rpm, Self::MOST.no_load_rpm)
     }
 }
 
@@ -180,6 +185,8 @@ pub struct Motor {
     /// That one, or the end of the stretch.
     due: Instant,
     ma: i32,
+    /// What was reported last of its shaft, and when.
+    reported: Option<(Instant, Rotation)>,
 }
 
 impl Motor {
@@ -201,6 +208,7 @@ impl Motor {
             edge: Instant::NEVER,
             due: Instant::NEVER,
             ma: 0,
+            reported: None,
         }
     }
 
@@ -208,6 +216,12 @@ impl Motor {
     #[must_use]
     pub fn parameters(&self) -> &Parameters {
         &self.parameters
+    }
+
+    /// How its shaft turns at `at`, not after its next deadline.
+    #[must_use]
+    pub fn rotation_at(&self, at: Instant) -> Rotation {
+        self.stretch.at(at).rotation()
     }
 
     /// It is another motor from now on, at the same count of its Hall sensors and as fast in turns.
@@ -229,6 +243,7 @@ impl Motor {
         }
         (self.parameters, self.constants) = (parameters, Constants::of(&parameters));
         self.stretch = now;
+        out.put(at, Output::Motor { axis: AXIS, parameters: &self.parameters });
         self.go_on(at, out);
     }
 
@@ -239,6 +254,19 @@ impl Motor {
             self.ma = ma;
             out.put(at, Output::Draws { axis: AXIS, ma });
         }
+        let rotation = self.stretch.rotation();
+        if !self.is_reported(at, rotation) {
+            self.reported = Some((at, rotation));
+            out.put(at, Output::Rotation { axis: AXIS, rotation });
+        }
+    }
+
+    /// Whether the last report tells that already, up to the end of the present stretch.
+    fn is_reported(&self, at: Instant, rotation: Rotation) -> bool {
+        self.reported.is_some_and(|(since, reported)| {
+            let lasts = self.stretch.end().since(since) <= Stretch::LONGEST || rotation.speed == 0;
+            lasts && reported.after(at.since(since)) == rotation
+        })
     }
 
     fn terminals(&self) -> Terminals {
@@ -315,6 +343,8 @@ impl Device for Motor {
         self.held = false;
         self.halls.show(at, None, self.parameters.hall_pins(), out);
         self.encoder.show(at, None, ENCODER_PINS, out);
+        self.reported = None;
+        out.put(at, Output::Motor { axis: AXIS, parameters: &self.parameters });
         self.go_on(at, out);
     }
 

@@ -1,6 +1,6 @@
 //! A drive and the motor that it turns, as one device.
 
-use super::{AXIS, HALL_PINS, Motor, Parameters};
+use super::{AXIS, HALL_PINS, Motor, Parameters, Rotation};
 use crate::device::{
     Axis, Boot, Device, Duration, Fault, Input, Instant, Level, Output, Pin, Refused, Shaft, Sink, Spec,
 };
@@ -32,6 +32,10 @@ pub struct Rig<D> {
     parted: bool,
     motor: Motor,
     wires: Wires,
+    /// Levels of the Hall sensors that have arrived, and which of their wires are pulled to ground outside: the drive
+    /// reads low there, whatever the sensor shows.
+    halls: [bool; HALL_PINS.len()],
+    pulled: [bool; HALL_PINS.len()],
 }
 
 /// What is on its way. All of it was put at one instant, because what was put before has arrived by then.
@@ -42,6 +46,9 @@ struct Wires {
     duty: Option<i32>,
     halls: [Option<bool>; HALL_PINS.len()],
     draws: Option<i32>,
+    rotation: Option<Rotation>,
+    /// The motor is another one.
+    other_motor: bool,
 }
 
 impl Wires {
@@ -51,6 +58,8 @@ impl Wires {
         duty: None,
         halls: [None; HALL_PINS.len()],
         draws: None,
+        rotation: None,
+        other_motor: false,
     };
 }
 
@@ -88,6 +97,8 @@ impl Sink for OfMotor<'_> {
     fn put(&mut self, at: Instant, output: Output<'_>) {
         match output {
             Output::Draws { ma, .. } => self.wires.draws = Some(ma),
+            Output::Rotation { rotation, .. } => self.wires.rotation = Some(rotation),
+            Output::Motor { .. } => self.wires.other_motor = true,
             Output::Level { pin, level } => {
                 let Some(place) = HALL_PINS.iter().position(|hall| *hall == pin) else { return };
                 let Some(wire) = self.wires.halls.get_mut(place) else { return };
@@ -112,7 +123,8 @@ impl<D: Turns> Rig<D> {
     #[inline(always)]
     pub fn new(drive: D) -> Self {
         let motor = Motor::new(drive.motor());
-        Self { drive, parted: false, motor, wires: Wires::EMPTY }
+        let (halls, pulled) = ([true; HALL_PINS.len()], [false; HALL_PINS.len()]);
+        Self { drive, parted: false, motor, wires: Wires::EMPTY, halls, pulled }
     }
 
     /// What has come through the wires by `at`.
@@ -120,15 +132,30 @@ impl<D: Turns> Rig<D> {
         if self.wires.arrives > at {
             return;
         }
-        let Wires { current, duty, halls, draws, .. } = core::mem::replace(&mut self.wires, Wires::EMPTY);
+        let wires = core::mem::replace(&mut self.wires, Wires::EMPTY);
+        let Wires { current, duty, halls, draws, rotation, other_motor, .. } = wires;
         let current = current.map(|ma| Input::Current { axis: AXIS, ma });
         let duty = duty.map(|duty| Input::Duty { axis: AXIS, duty });
         for input in current.into_iter().chain(duty) {
             self.with_motor(out, |motor, out| motor.input(at, input, out));
         }
-        let edges = D::HALLS.iter().zip(halls);
-        let edges = edges.filter_map(|(&pin, high)| Some(Input::Edge { pin, high: high? }));
-        for input in edges.chain(draws.map(|ma| Input::Draws { axis: AXIS, ma })) {
+        let parameters = *self.motor.parameters();
+        let motor = other_motor.then_some(Input::Motor { axis: AXIS, parameters: &parameters });
+        let rotation = rotation.map(|rotation| Input::Rotation { axis: AXIS, rotation });
+        let mut edges = [None; HALL_PINS.len()];
+        for (place, high) in halls.into_iter().enumerate() {
+            let (Some(high), Some(level), Some(edge)) =
+                (high, self.halls.get_mut(place), edges.get_mut(place))
+            else {
+                continue;
+            };
+            *level = high;
+            if self.pulled.get(place) == Some(&false) {
+                *edge = D::HALLS.get(place).map(|&pin| Input::Edge { pin, high });
+            }
+        }
+        let draws = draws.map(|ma| Input::Draws { axis: AXIS, ma });
+        for input in motor.into_iter().chain(rotation).chain(edges.into_iter().flatten()).chain(draws) {
             self.with_drive(at, out, |drive, out| drive.input(at, input, out));
         }
     }
@@ -163,6 +190,16 @@ impl<D: Turns> Rig<D> {
         done
     }
 
+    /// The wire of a Hall sensor is pulled to ground outside, or let go.
+    #[inline(never)]
+    fn pull(&mut self, at: Instant, pin: Pin, pulled: bool, out: &mut dyn Sink) {
+        let Some(place) = D::HALLS.iter().position(|hall| *hall == pin) else { return };
+        let Some(was) = self.pulled.get_mut(place) else { return };
+        if core::mem::replace(was, pulled) != pulled && self.halls.get(place) == Some(&true) {
+            self.with_drive(at, out, |drive, out| drive.input(at, Input::Edge { pin, high: !pulled }, out));
+        }
+    }
+
     #[inline(never)]
     fn become_another(&mut self, at: Instant, parameters: Parameters, out: &mut dyn Sink) {
         self.with_motor(out, |motor, out| motor.become_another(at, parameters, out));
@@ -177,6 +214,7 @@ impl<D: Turns> Device for Rig<D> {
     /// The motor had no power since it was last looked at, and turned on as it was.
     fn power_on(&mut self, at: Instant, boot: Boot, out: &mut dyn Sink) {
         self.wires = Wires::EMPTY;
+        self.pulled = [false; HALL_PINS.len()];
         if !self.parted {
             self.with_motor(out, |motor, out| motor.power_on(at, boot, out));
         }
@@ -192,11 +230,15 @@ impl<D: Turns> Device for Rig<D> {
                 let input = Input::Fault { fault: super::STALL, on };
                 self.with_motor(out, |motor, out| motor.input(at, input, out));
             }
-            // The sensors are the motor's, and so are what it is told and what it tells.
-            Input::Edge { pin, .. } if !self.parted && D::HALLS.contains(&pin) => {}
+            Input::Edge { pin, high } if !self.parted && D::HALLS.contains(&pin) => {
+                self.pull(at, pin, !high, out);
+            }
+            // What the motor is told and what it tells is its own.
             Input::Current { axis: AXIS, .. }
             | Input::Duty { axis: AXIS, .. }
             | Input::Draws { axis: AXIS, .. }
+            | Input::Motor { axis: AXIS, .. }
+            | Input::Rotation { axis: AXIS, .. }
                 if !self.parted => {}
             _ => self.with_drive(at, out, |drive, out| drive.input(at, input, out)),
         }

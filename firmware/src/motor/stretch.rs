@@ -1,11 +1,11 @@
 //! A time in which a shaft has one acceleration.
 
-use super::Pace;
+use super::{Pace, Rotation};
 use crate::device::{Duration, Instant};
 
 /// The greatest speed: 234,375 rpm. No motor is meant to come there; what a load turns without power, or a winding of
 /// so much resistance that it brakes nothing, gets no faster.
-const MOST: i64 = 1 << 44;
+pub(super) const MOST: i64 = 1 << 44;
 
 /// How a shaft turns from an instant on. It never turns round inside: the speed ends at 0.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -73,18 +73,13 @@ impl Stretch {
     /// Where it is at `at`, not before it began nor after its end; from there on it stands, or goes on
     /// [`with`](Self::with) something.
     pub(super) fn at(&self, at: Instant) -> Self {
-        let moves = self.speed != 0 || self.acceleration != 0;
-        let passed = at.since(self.since).ticks().min(self.length.ticks());
-        let ticks = if moves { passed.cast_signed() } else { 0 };
-        let gain = (self.acceleration * ticks) >> 8;
-        let speed = self.speed + gain;
-        let turned_round = self.speed.signum() * speed.signum() < 0;
-        Self {
-            since: at,
-            angle: self.angle.wrapping_add(((2 * self.speed + gain) * ticks) >> 25),
-            speed: if turned_round { 0 } else { speed.clamp(-MOST, MOST) },
-            ..*self
-        }
+        let Rotation { angle, speed, .. } = self.rotation().after(at.since(self.since).min(self.length));
+        Self { since: at, angle, speed, ..*self }
+    }
+
+    /// How it turns at its beginning.
+    pub(super) fn rotation(&self) -> Rotation {
+        Rotation { angle: self.angle, speed: self.speed, acceleration: self.acceleration }
     }
 
     /// The speed at its end.

@@ -98,7 +98,7 @@ impl Drive {
             thermal: Thermal::new(Instant::ZERO, model.rated_ma()),
             lights: Lights::DARK,
             inputs: Inputs::REST,
-            servo: Servo::new(settings),
+            servo: Servo::new(Instant::ZERO, settings),
             other_motor: false,
             motion: Motion::None,
             program: Program::new(),
@@ -136,8 +136,8 @@ impl Drive {
         }
         (self.save, self.restart_due) = (None, Instant::NEVER);
         self.motion = Motion::None;
-        (self.servo, self.other_motor) = (Servo::new(self.servo_settings()), true);
-        self.servo.power_on(at, out);
+        self.other_motor = true;
+        self.servo.power_on(at, self.servo_settings(), out);
         self.inputs.forget();
         self.show_halls(at);
     }
@@ -204,11 +204,7 @@ impl Drive {
 
     /// The motor that the registers describe.
     pub(super) fn motor(&self) -> Parameters {
-        Parameters {
-            no_load_rpm: self.bank.word(Reg::RATED_SPEED).into(),
-            hall_pulses: self.bank.word(Reg::PULSES_PER_REVOLUTION),
-            ..Parameters::NOMINAL
-        }
+        self.servo_settings().motor()
     }
 
     /// The same, if it may have become another one since this was last asked.
@@ -224,7 +220,7 @@ impl Drive {
     pub(super) fn draws(&mut self, at: Instant, ma: i32) {
         let brakes = ma.signum() * i32::from(self.servo.direction()) < 0;
         self.thermal.draws(at, ma.unsigned_abs(), brakes);
-        self.servo.draws(at, ma);
+        self.servo.draws(ma);
     }
 
     /// A register as it reads now.
@@ -238,7 +234,7 @@ impl Drive {
                 1.. => 1,
                 _ => 2,
             },
-            Reg::CURRENT_VALID => self.errors.injected_ma().unwrap_or_else(|| self.servo.current()).into(),
+            Reg::CURRENT_VALID => self.errors.injected_ma().unwrap_or_else(|| self.servo.current(at)).into(),
             Reg::SPEED_VALID => self.servo.speed(at).into(),
             Reg::CURRENT_POSITION => self.servo.position().into(),
             Reg::TEMPERATURE_MCU => self.thermal.temperature(at, Part::Mcu).into(),

@@ -274,6 +274,8 @@ impl Device for Rs434 {
             Input::Edge { pin, high } => self.drive.edge(at, pin, high, out),
             Input::Fault { fault, on } => self.drive.set_cause(at, fault, on, out),
             Input::Draws { ma, .. } => self.drive.draws(at, ma),
+            Input::Motor { parameters, .. } => self.drive.servo.motor(parameters),
+            Input::Rotation { rotation, .. } => self.drive.servo.turns(at, rotation),
             // It has no such ports, and the motor's inputs are its outputs.
             Input::Attached { .. }
             | Input::Opened { .. }

@@ -6,7 +6,7 @@
 use std::collections::VecDeque;
 
 use standin_firmware::device::{
-    Axis, Boot, Duration, Fault, Input, Instant, Level, Output, Pin, Shaft, Sink,
+    Axis, Boot, Duration, Fault, Input, Instant, Level, Output, Pin, Rotation, Shaft, Sink,
 };
 use standin_firmware::motor::{self, HALL_PINS, Pace, Rotor, STALL, stepper};
 use standin_protocol::time::TICKS_PER_SECOND;
@@ -126,13 +126,18 @@ impl Machine {
 struct Felt {
     halls: [Option<Level>; HALL_PINS.len()],
     draws: Option<i32>,
+    motor: Option<Box<motor::Parameters>>,
+    rotation: Option<Rotation>,
     /// Whether its arrival is foreseen.
     foreseen: bool,
 }
 
 impl Felt {
     fn is_news(&self) -> bool {
-        self.draws.is_some() || self.halls.iter().any(Option::is_some)
+        self.draws.is_some()
+            || self.motor.is_some()
+            || self.rotation.is_some()
+            || self.halls.iter().any(Option::is_some)
     }
 }
 
@@ -145,6 +150,8 @@ impl Sink for Felt {
                 }
             }
             Output::Draws { ma, .. } => self.draws = Some(ma),
+            Output::Motor { parameters, .. } => self.motor = Some(Box::new(*parameters)),
+            Output::Rotation { rotation, .. } => self.rotation = Some(rotation),
             _ => {}
         }
     }
@@ -381,6 +388,17 @@ impl Bench {
         self.foresee_motor(motor);
     }
 
+    /// What the motors of a drive that gets power report: what they are and how they turn.
+    pub(super) fn motors_report(&self, place: u32) -> Vec<Fed> {
+        let of = |&(axis, motor): &(Axis, u32)| {
+            let Machine::Brush(motor) = &self.motors[motor as usize].machine else { return None };
+            let rotation = motor.rotation_at(self.now);
+            let parameters = Box::new(*motor.parameters());
+            Some([Fed::Motor { axis, parameters }, Fed::Rotation { axis, rotation }])
+        };
+        self.seats[place as usize].motors.iter().filter_map(of).flatten().collect()
+    }
+
     /// What a motor's sensors have seen by a tick ago arrives.
     fn see(&mut self, motor: usize) {
         for n in 0.. {
@@ -411,7 +429,14 @@ impl Bench {
     /// What a motor did arrives at its drive.
     pub(super) fn felt(&mut self, motor: u32) {
         let Fitted { felt, drive: (drive, axis), .. } = &mut self.motors[motor as usize];
-        let (Felt { halls, draws, .. }, drive, axis) = (std::mem::take(felt), *drive, *axis);
+        let (felt, drive, axis) = (std::mem::take(felt), *drive, *axis);
+        let Felt { halls, draws, motor: parameters, rotation, .. } = felt;
+        if let Some(parameters) = parameters {
+            self.deliver(drive.0, &Fed::Motor { axis, parameters });
+        }
+        if let Some(rotation) = rotation {
+            self.deliver(drive.0, &Fed::Rotation { axis, rotation });
+        }
         for (n, level) in halls.into_iter().enumerate() {
             if let (Some(&wire), Some(level)) = (self.motors[motor as usize].halls.get(n), level) {
                 self.wired(wire, level);

@@ -276,7 +276,7 @@ impl Body {
             Output::Message { port, link, bytes } => self.say(port, link, Some(bytes), tape.outbox),
             Output::Close { port, link } => self.say(port, link, None, tape.outbox),
             // A store has its own way, and no motor has a seat.
-            Output::Store { .. } | Output::Draws { .. } => {}
+            Output::Store { .. } | Output::Draws { .. } | Output::Motor { .. } | Output::Rotation { .. } => {}
         }
     }
 

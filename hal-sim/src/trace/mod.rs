@@ -33,6 +33,8 @@
 //! | `count 0 -4 high low` | encoder, quarter cycles, A, B |
 //! | `slipped motor 1` | steps made too many |
 //! | `draws motor 130` | mA that its motor draws |
+//! | `motor motor 24000 3000 500 400 10000 0 4 2 0` | its motor is this one: supply in mV, speed without load in rpm, winding in mΩ, inertia in g·cm², friction and load in µN·m, pulses of a Hall sensor, Hall sensors, cycles of an encoder |
+//! | `rotation motor 0 75000 0` | how its motor turns from now on: angle in 2⁻³² turns, speed in 2⁻⁵⁶ turns a tick, acceleration in 2⁻⁶⁴ turns a tick² |
 //! | `fault stall on` | the cause of a fault comes or goes |
 //! | `poke Speed 8000` | a register is preset past the bus |
 //! | `power off` `power on` | `power cut`: fails in the next save; `power cut 1 0`: one store goes through, of the next 0 bytes do |
@@ -56,8 +58,9 @@ use std::borrow::Cow;
 use std::collections::VecDeque;
 
 use standin_firmware::device::{
-    Axis, Device, Encoder, Fault, Input, Instant, Level, Line, Link, Output, Pin, Plan, Port, Spec,
+    Axis, Device, Encoder, Fault, Input, Instant, Level, Line, Link, Output, Pin, Plan, Port, Rotation, Spec,
 };
+use standin_firmware::motor::Parameters;
 use standin_protocol::time::Duration;
 
 pub(crate) use ring::{allocated, make_room};
@@ -168,6 +171,10 @@ pub enum Fed {
     Slipped { axis: Axis, steps: i32 },
     /// [`Input::Draws`]
     Draws { axis: Axis, ma: i32 },
+    /// [`Input::Motor`]
+    Motor { axis: Axis, parameters: Box<Parameters> },
+    /// [`Input::Rotation`]
+    Rotation { axis: Axis, rotation: Rotation },
     /// [`Input::Bytes`]; on a port where each character has its time, of several those after the
     /// first follow back to back.
     Bytes { port: Port, bytes: Vec<u8> },
@@ -200,6 +207,8 @@ impl Fed {
             Self::Count { encoder, steps, a, b } => Input::Count { encoder, steps, a, b },
             Self::Slipped { axis, steps } => Input::Slipped { axis, steps },
             Self::Draws { axis, ma } => Input::Draws { axis, ma },
+            Self::Motor { axis, ref parameters } => Input::Motor { axis, parameters },
+            Self::Rotation { axis, rotation } => Input::Rotation { axis, rotation },
             Self::Bytes { port, ref bytes } => Input::Bytes { port, bytes },
             Self::Spoiled { port } => Input::Spoiled { port },
             Self::Idle { port } => Input::Idle { port },
@@ -279,7 +288,9 @@ impl Did {
             Output::Current { axis, ma } => Self::Current { axis, ma },
             Output::Duty { axis, duty } => Self::Duty { axis, duty },
             Output::Store { offset, bytes } => Self::Store { offset, bytes: bytes.to_vec() },
-            Output::Note(_) | Output::Draws { .. } => return None,
+            Output::Note(_) | Output::Draws { .. } | Output::Motor { .. } | Output::Rotation { .. } => {
+                return None;
+            }
         })
     }
 

@@ -47,6 +47,8 @@ compare tx motion
 2.000000 b > count 0 -4 high low
 2.000000 b > slipped motor 1
 2.000000 b > draws motor -130
+2.000000 b > motor motor 24000 3000 500 400 10000 -7 4 2 0
+2.000000 b > rotation motor -5 1000 -3
 2.000000 b > fault over_temperature off
 2.000000 b > poke Speed -8000
 2.000000 b > power cut
@@ -99,7 +101,7 @@ fn what_is_not_known_is_an_error_in_its_line() {
     for (lines, error) in [
         (
             "1 > tx 01",
-            "line 3: \"tx\" cannot be fed: rx, spoiled, idle, attached, opened, message, closed, pin, millivolts, count, slipped, draws, fault, poke, power",
+            "line 3: \"tx\" cannot be fed: rx, spoiled, idle, attached, opened, message, closed, pin, millivolts, count, slipped, draws, motor, rotation, fault, poke, power",
         ),
         (
             "1 < rx 01",

@@ -4,8 +4,9 @@ use std::fmt::{self, Write as _};
 use std::io;
 
 use standin_firmware::device::{
-    Axis, Encoder, Ends, Fault, Instant, Level, Line, Link, Pin, PinSpec, Port, PortSpec, Spec,
+    Axis, Encoder, Ends, Fault, Instant, Level, Line, Link, Pin, PinSpec, Port, PortSpec, Rotation, Spec,
 };
+use standin_firmware::motor::Parameters;
 use standin_protocol::line::Parity;
 use standin_protocol::time::Duration;
 
@@ -250,6 +251,10 @@ fn fed_text(spec: &'static Spec, fed: &Fed) -> String {
         }
         Fed::Slipped { axis, steps } => format!("slipped {} {steps}", axis_name(spec, *axis)),
         Fed::Draws { axis, ma } => format!("draws {} {ma}", axis_name(spec, *axis)),
+        Fed::Motor { axis, parameters } => format!("motor {} {}", axis_name(spec, *axis), motor(parameters)),
+        Fed::Rotation { axis, rotation: Rotation { angle, speed, acceleration } } => {
+            format!("rotation {} {angle} {speed} {acceleration}", axis_name(spec, *axis))
+        }
         Fed::Bytes { port, bytes } => {
             format!("{}{}", at_port(spec, "rx", *port), payload(port_of(spec, *port), bytes))
         }
@@ -504,6 +509,29 @@ fn fed(spec: &'static Spec, words: &mut Words<'_>) -> Result<Fed, String> {
         },
         "slipped" => Fed::Slipped { axis: words.axis(spec)?, steps: words.number("steps")? },
         "draws" => Fed::Draws { axis: words.axis(spec)?, ma: words.number("a current in mA")? },
+        "motor" => Fed::Motor {
+            axis: words.axis(spec)?,
+            parameters: Box::new(Parameters {
+                supply_mv: words.number("a supply in mV")?,
+                no_load_rpm: words.number("a speed in rpm")?,
+                resistance_mohm: words.number("a resistance in mΩ")?,
+                inertia_gcm2: words.number("an inertia in g·cm²")?,
+                friction_unm: words.number("a friction in µN·m")?,
+                load_unm: words.number("a load in µN·m")?,
+                hall_pulses: words.number("pulses of a Hall sensor")?,
+                hall_sensors: words.number("Hall sensors")?,
+                encoder_cycles: words.number("cycles of an encoder")?,
+            }),
+        },
+        "rotation" => {
+            let axis = words.axis(spec)?;
+            let rotation = Rotation {
+                angle: words.number("an angle")?,
+                speed: words.number("a speed")?,
+                acceleration: words.number("an acceleration")?,
+            };
+            Fed::Rotation { axis, rotation: rotation.limited() }
+        }
         "fault" => {
             let names = spec.faults.iter().copied();
             Fed::Fault { fault: Fault(words.place("fault", names)?), on: words.either("on", "off")? }
@@ -537,6 +565,8 @@ fn fed(spec: &'static Spec, words: &mut Words<'_>) -> Result<Fed, String> {
                 "count",
                 "slipped",
                 "draws",
+                "motor",
+                "rotation",
                 "fault",
                 "poke",
                 "power",
@@ -544,6 +574,25 @@ fn fed(spec: &'static Spec, words: &mut Words<'_>) -> Result<Fed, String> {
             return Err(format!("\"{word}\" cannot be fed: {}", known(words)));
         }
     })
+}
+
+/// The numbers of a motor, in the order of [`Parameters`].
+fn motor(parameters: &Parameters) -> String {
+    let Parameters {
+        supply_mv,
+        no_load_rpm,
+        resistance_mohm,
+        inertia_gcm2,
+        friction_unm,
+        load_unm,
+        hall_pulses,
+        hall_sensors,
+        encoder_cycles,
+    } = parameters;
+    format!(
+        "{supply_mv} {no_load_rpm} {resistance_mohm} {inertia_gcm2} {friction_unm} {load_unm} {hall_pulses} \
+         {hall_sensors} {encoder_cycles}"
+    )
 }
 
 /// What a drive did.

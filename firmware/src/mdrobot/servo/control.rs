@@ -1,9 +1,9 @@
-//! What each look does: the laws by which an order becomes what the terminals are put to.
+//! What each tick does: the laws by which an order becomes a duty.
 
 use fixed::types::I40F24;
 
 use super::watch::Sight;
-use super::{FULL_DUTY, LOOK, OUTPUTS, Order, PROBED, Probe, Servo, Settings, position, ramp};
+use super::{FULL_DUTY, OUTPUTS, Order, Servo, Settings, TICK, ramp};
 use crate::device::{Duration, Instant, Sink};
 
 /// The loop is 14 to 24 ms behind a ramp with the gains of the factory, and looks so far ahead, in ms.
@@ -12,32 +12,9 @@ const AHEAD_MS: I40F24 = I40F24::lit("8");
 const TRAILS: Duration = Duration::millis(200);
 
 impl Servo {
-    /// When the next look is: in a ms, or at once to measure the winding.
-    pub(super) fn look_again(&mut self, at: Instant) {
-        let probes = !self.emf.knows_winding();
-        (self.probe, self.next) = if probes { (Probe::Due, at + PROBED) } else { (Probe::Not, at + LOOK) };
-    }
-
-    /// Looks at the motor, and puts the terminals as the order wants them.
-    pub(super) fn look(&mut self, at: Instant, out: &mut dyn Sink) {
-        match core::mem::replace(&mut self.probe, Probe::Not) {
-            Probe::Due => {
-                // At its limit the current tells nothing.
-                if self.emf.is_limited() {
-                    return self.next = at + LOOK;
-                }
-                (self.probe, self.next) = (Probe::Back(self.duty), at + PROBED);
-                let duty = self.emf.probe(at, self.carries);
-                return self.terminals(at, duty, self.carries, out);
-            }
-            Probe::Back(duty) => {
-                // No sooner: a processor may take a tenth of a ms for each of these.
-                self.next = at + LOOK;
-                return self.terminals(at, duty, self.carries, out);
-            }
-            Probe::Not => self.look_again(at),
-        }
-        self.emf.go_on(at);
+    /// Puts the terminals as the order wants them.
+    pub(super) fn tick(&mut self, at: Instant, out: &mut dyn Sink) {
+        self.next = at + TICK;
         let (pace, wanted) = match self.order {
             Order::Free | Order::Brake => return self.rest(at, self.order == Order::Brake, out),
             Order::Velocity(_) => {
@@ -50,7 +27,7 @@ impl Servo {
                 (pace, ahead.max(pace.min(goal)).min(pace.max(goal)))
             }
             Order::Position { rpm, .. } => {
-                let pace = I40F24::from_num(position::pace(self.way(), rpm, &self.settings));
+                let pace = self.pace_to_target(at, rpm);
                 (pace, pace)
             }
             Order::Open(output) => {
@@ -71,10 +48,11 @@ impl Servo {
         if let Some(shorted) = self.is_over(at) {
             return self.rest(at, shorted, out);
         }
-        let (wanted, emf) = (wanted.saturating_mul(self.emf.per_rpm()), self.felt());
+        let (wanted, emf) = (self.duty_of(wanted), self.felt(at));
         let Settings { p_gain, i_gain, .. } = self.settings;
-        let spare = self.emf.spare(self.limit());
-        let (output, duty) = self.pi.step(wanted - emf, emf, spare, p_gain, i_gain);
+        let motor = &self.feedback.motor;
+        let spare = motor.duty(motor.lost(self.limit().into()));
+        let (output, duty) = self.pi.step(wanted - emf, emf, spare, motor.gain, p_gain, i_gain);
         self.terminals(at, duty.round().to_num(), self.limit(), out);
         self.see(at, output, Some((wanted, emf)));
     }
@@ -94,7 +72,7 @@ impl Servo {
 
     /// Whether the motor has not yet come to the end of a ramp to 0 that is over.
     fn trails(&self, at: Instant) -> bool {
-        self.settings.slow_down > 0 && at.since(self.paced) < TRAILS && self.rpm(at) != 0
+        self.settings.slow_down > 0 && at.since(self.paced) < TRAILS && self.reading(at).round() != 0
     }
 
     /// The speed to which the ramp goes, in rpm.
@@ -114,7 +92,7 @@ impl Servo {
     /// Whether anything is wrong.
     fn see(&mut self, at: Instant, wanted: I40F24, speeds: Option<(I40F24, I40F24)>) {
         let sight = Sight {
-            ma: self.emf.ma(),
+            ma: self.current(),
             limit_ma: self.limit(),
             wanted,
             speeds,

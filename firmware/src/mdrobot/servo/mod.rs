@@ -1,40 +1,32 @@
-//! What the drive does with its motor: control of velocity, position and torque, ramps, and what its sensors and its
+//! How the drive makes its motor move: control of velocity, position and torque, ramps, and what its sensors and its
 //! current tell.
 //!
-//! While it controls the motor it looks at it every millisecond ([`control`]). Velocity and position are held by a loop of
-//! the speed ([`pi`]) whose reference comes from a [`ramp`] or from the way that is left ([`position`]), and whose measure
-//! is the back-EMF ([`emf`]), scaled by what the sensors ([`sensing`], [`halls`], [`encoder`]) say of the [`speed`]. All
-//! that is there in between two edges is so known, and the edges are right in the end. [`watch`] tells what goes wrong.
+//! While the drive controls the motor its servo runs every millisecond ([`control`]). Velocity and position are held by
+//! a loop of the speed ([`pi`]), whose reference comes from a [`ramp`] or from the way that is left ([`position`]). Its
+//! measure is what the motor reports ([`Feedback`]), as the sensor of the speed reads it ([`Edges`], [`halls`],
+//! [`encoder`]). [`watch`] finds what goes wrong.
 
 mod control;
-mod emf;
 mod encoder;
 mod halls;
 mod pi;
 mod position;
 mod ramp;
 mod sensing;
-mod speed;
 #[cfg(test)]
 mod tests;
 mod watch;
 
 use fixed::types::I40F24;
 
-use self::emf::Emf;
 use self::encoder::Encoder;
 use self::halls::Halls;
-use self::pi::{FULL, FULL_DUTY, Pi};
-use self::speed::Speed;
+use self::pi::Pi;
 use self::watch::Watch;
-use crate::device::{Duration, Instant, Output, Sink};
-#[cfg(test)]
-use crate::mdrobot::registers::SUPPLY;
-use crate::motor::AXIS;
+use crate::device::{Instant, Output, Rotation, Sink};
+use crate::mdrobot::drive::MOTOR;
+use crate::motor::{AXIS, Edges, FULL_DUTY, Feedback, Known, Parameters, TICK};
 
-const LOOK: Duration = Duration::millis(1);
-/// How long it is put to something to measure it: so short that its speed, and the current with it, stays the same.
-const PROBED: Duration = Duration::micros(1);
 /// The whole supply as an output, and MAX_LOAD as a torque, in registers (p. 12).
 pub(super) const OUTPUTS: u16 = 1_023;
 
@@ -83,8 +75,6 @@ pub(super) struct Settings {
     pub(super) poles: u16,
     /// ENC_PPR; 0 without an encoder.
     pub(super) enc_ppr: u16,
-    /// What feeds the motor, in 0.1 V.
-    pub(super) supply: u16,
 }
 
 impl Settings {
@@ -101,28 +91,22 @@ impl Settings {
         stop_status: 0,
         poles: 4,
         enc_ppr: 0,
-        supply: SUPPLY,
     };
 
     /// Counts of the Hall sensors in a turn: the edges of three in each pair of poles.
-    fn counts(&self) -> u32 {
-        3 * u32::from(self.poles.max(1))
+    fn counts(&self) -> i64 {
+        3 * i64::from(self.poles.max(1))
+    }
+
+    /// Counts of the encoder in a turn.
+    fn encoder_counts(&self) -> i64 {
+        4 * i64::from(self.enc_ppr)
     }
 
     /// Counts of the sensor that tells the speed, in a turn.
-    fn turn(&self) -> u32 {
-        if self.enc_ppr > 0 { 4 * u32::from(self.enc_ppr) } else { self.counts() }
+    fn turn(&self) -> i64 {
+        if self.enc_ppr > 0 { self.encoder_counts() } else { self.counts() }
     }
-}
-
-/// How far it is with measuring the winding: what the motor draws is fresh for an instant after its duty was put.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
-enum Probe {
-    Not,
-    /// A duty was put.
-    Due,
-    /// Another one was put for an instant; this one comes back.
-    Back(i32),
 }
 
 /// A sensor that changed.
@@ -148,8 +132,7 @@ pub(super) struct Servo {
     /// When it was last not 0.
     paced: Instant,
     pi: Pi,
-    emf: Emf,
-    probe: Probe,
+    feedback: Feedback,
     /// What the terminals are put to; the limit of the current may leave less of it.
     duty: i32,
     /// What the terminals may carry, in mA: 0 while they are open.
@@ -157,10 +140,12 @@ pub(super) struct Servo {
     swapped: bool,
     halls: Halls,
     encoder: Encoder,
-    /// By the Hall sensors.
-    turns: Speed,
-    /// By the encoder.
-    encoded: Speed,
+    /// Edges of the Hall sensors.
+    turns: Edges,
+    /// Edges of the encoder.
+    encoded: Edges,
+    /// Part of a count of the Hall sensors from the edge behind the shaft to where it was at the last edge.
+    place: I40F24,
     /// Where the count of the Hall sensors is position 0.
     zero: i64,
     target: i32,
@@ -179,15 +164,15 @@ impl Servo {
             pace: I40F24::ZERO,
             paced: Instant::ZERO,
             pi: Pi::NEW,
-            emf: Emf::new(settings.supply),
-            probe: Probe::Not,
+            feedback: Feedback::new(&MOTOR),
             duty: 0,
             carries: 0,
             swapped: false,
             halls: Halls::NEW,
             encoder: Encoder::NEW,
-            turns: Speed::NONE,
-            encoded: Speed::NONE,
+            turns: Edges::NONE,
+            encoded: Edges::NONE,
+            place: position::MIDDLE,
             zero: 0,
             target: 0,
             watch: Watch::NEW,
@@ -195,9 +180,11 @@ impl Servo {
         }
     }
 
-    /// Power has come: tells the motor what it has. Everything is forgotten, the position, too.
+    /// Power has come: tells the motor its terminals. Everything is forgotten, the position, too; the motor is the one
+    /// that it was.
     pub(super) fn power_on(&mut self, at: Instant, settings: Settings, out: &mut dyn Sink) {
-        *self = Self::new(settings);
+        let feedback = self.feedback;
+        *self = Self { feedback, ..Self::new(settings) };
         out.put(at, Output::Duty { axis: AXIS, duty: self.duty });
         out.put(at, Output::Current { axis: AXIS, ma: self.carries });
     }
@@ -208,18 +195,13 @@ impl Servo {
         if settings == before {
             return;
         }
-        self.emf.fed(at, settings.supply);
-        let same_sensor = (settings.enc_ppr == 0) == (before.enc_ppr == 0);
-        if settings.turn() != before.turn() || !same_sensor {
-            self.emf.rescale(settings.turn(), same_sensor.then(|| before.turn()));
-        }
         match self.order {
             Order::Brake => self.rest(at, true, out),
             Order::Velocity(_) if !self.looks() => {
                 // What was let go at 0 may have to be held there; what coasts since is not caught for anything else.
                 let is_other = settings.stop_status != before.stop_status;
                 if is_other || self.goal() != Some(0) {
-                    self.begin(at, self.order, out);
+                    self.begin(at, out);
                 }
             }
             _ if self.looks() => self.terminals(at, self.duty, self.allowed(), out),
@@ -247,7 +229,7 @@ impl Servo {
             (_, Order::Brake) => self.rest(at, true, out),
             (Order::Velocity(_), Order::Velocity(_)) | (Order::Position { .. }, Order::Position { .. })
                 if self.looks() => {}
-            _ => self.begin(at, before, out),
+            _ => self.begin(at, out),
         }
     }
 
@@ -260,34 +242,30 @@ impl Servo {
     pub(super) fn timeout(&mut self, at: Instant, out: &mut dyn Sink) {
         self.halls.settle(at);
         if at >= self.next {
-            self.next = at + LOOK;
-            self.look(at, out);
+            self.next = at + TICK;
+            self.tick(at, out);
         }
     }
 
-    /// The motor is controlled from now on, after `before`, from the speed that it has.
-    fn begin(&mut self, at: Instant, before: Order, out: &mut dyn Sink) {
-        let rpm = I40F24::from_num(self.rpm(at));
-        let tells = self.looks() && !matches!(before, Order::Torque(_)) && !self.emf.is_limited();
-        let duty = if tells { I40F24::from_num(self.duty) } else { rpm.saturating_mul(self.emf.per_rpm()) };
-        let duty = duty.clamp(-FULL, FULL);
+    /// The motor is controlled from now on, from the speed that it has.
+    fn begin(&mut self, at: Instant, out: &mut dyn Sink) {
+        let duty = if self.looks() && self.carries > 0 { self.put_out(at) } else { self.felt(at) };
+        let duty = duty.clamp(-pi::FULL, pi::FULL);
         self.pi.begin(duty);
-        if !self.looks() {
-            // Who knows what is connected now.
-            self.emf.forget_winding();
+        for edges in [&mut self.turns, &mut self.encoded] {
+            edges.begin(at, &self.feedback);
         }
-        (self.pace, self.watch) = (rpm, Watch::NEW);
-        self.look_again(at);
+        (self.pace, self.watch) = (self.reading(at), Watch::NEW);
+        self.next = at + TICK;
         if let Some(shorted) = self.is_over(at) {
             return self.rest(at, shorted, out);
         }
         self.terminals(at, duty.round().to_num(), self.limit(), out);
-        self.emf.begin(at, false);
     }
 
     /// The motor is left alone, its terminals open or shorted.
     fn rest(&mut self, at: Instant, shorted: bool, out: &mut dyn Sink) {
-        if self.rpm(at) == 0 {
+        if self.reading(at).round() == 0 {
             self.turns.stands();
             self.encoded.stands();
         }
@@ -301,7 +279,6 @@ impl Servo {
             return;
         }
         let before = core::mem::replace(&mut self.carries, carries);
-        self.emf.put(at, duty, carries);
         if duty != self.duty {
             self.duty = duty;
             self.put(at, out);

@@ -2,8 +2,9 @@
 
 use fixed::types::I40F24;
 
+use super::FULL_DUTY;
+
 /// The whole supply, as a duty.
-pub(super) const FULL_DUTY: i32 = 1 << 16;
 pub(super) const FULL: I40F24 = I40F24::const_from_int(FULL_DUTY as i64);
 
 /// What one of P_GAIN gives for a mistake of the speed, in parts of the duty that makes as much back-EMF: 2 for
@@ -12,30 +13,29 @@ const P: I40F24 = I40F24::lit("0.000333333");
 /// What one of I_GAIN adds to it in a ms: 70 a second for the 6,000 of the factory.
 const I: I40F24 = I40F24::lit("0.0000116667");
 
-/// What stops a motor that is held at standstill and still creeps: it turns too slowly for its current to tell, and
-/// the loop has just taken its friction away. A creep makes no more than `STILL_DUTY` of back-EMF; some times that
-/// is 25 mA, which no load notices.
-const NUDGE: I40F24 = I40F24::lit("20");
+/// The part of a limit of the current by which the loop asks for more: so the limit, and no rounding, holds it.
+const BEYOND: i64 = 64;
 
 /// The loop of the speed. All of it is in duties: a speed is the duty that makes as much back-EMF.
 #[derive(Clone, Debug)]
 pub(super) struct Pi {
     integral: I40F24,
-    /// Which way the motor turned; 0 since it was brought to rest.
-    turned: i64,
 }
 
 impl Pi {
     /// With nothing gathered.
-    pub(super) const NEW: Self = Self { integral: I40F24::ZERO, turned: 0 };
+    pub(super) const NEW: Self = Self { integral: I40F24::ZERO };
 
     /// It goes on from that output.
     pub(super) fn begin(&mut self, output: I40F24) {
         self.integral = output.clamp(-FULL, FULL);
     }
 
-    /// The output for the next ms, and what the motor gets of it, which has a back-EMF of `emf` and is not to get more
-    /// than `spare` beyond it.
+    /// The output for the next ms, and what the motor gets of it, which has a back-EMF of `emf` and gets no more than
+    /// `spare` beyond it.
+    ///
+    /// `gain` is the part of the way to its final speed that the motor makes in a ms. A loop without a clock would
+    /// answer what is left of the mistake while it shrinks; so does this one, and the fastest motor does not swing.
     ///
     /// While that holds it back it gathers no more than what is got, or it would overshoot; unless the motor stands,
     /// which is pushed until it breaks loose or something is wrong.
@@ -44,17 +44,18 @@ impl Pi {
         mistake: I40F24,
         emf: I40F24,
         spare: I40F24,
+        gain: I40F24,
         p_gain: u16,
         i_gain: u16,
     ) -> (I40F24, I40F24) {
+        let spare = spare + spare / BEYOND;
         let got = |output: I40F24| output.min(emf + spare).max(emf - spare).clamp(-FULL, FULL);
         if emf != 0 {
-            self.turned = emf.to_bits().signum();
             self.integral = got(self.integral);
-        } else if mistake == 0 && i_gain > 0 {
-            self.integral -= NUDGE * core::mem::take(&mut self.turned);
         }
-        let push = mistake.saturating_mul(P * I40F24::from_num(p_gain));
+        let p = P * I40F24::from_num(p_gain);
+        let p = p.checked_div(I40F24::ONE + p * gain).unwrap_or(p);
+        let push = mistake.saturating_mul(p);
         let before = self.integral;
         let step = mistake.saturating_mul(I * I40F24::from_num(i_gain));
         let gathered = before.saturating_add(step).clamp(-FULL, FULL);

@@ -1,27 +1,50 @@
 //! Where the motor is and where it goes, and how fast it goes there (p. 15).
 
-use super::{Order, Servo, Settings};
+use fixed::types::I40F24;
 
-/// By how much an ampere brakes for sure, in rpm a second: 0.06 Nm on 10⁻³ kg·m², twice what the drive's own motor
-/// has, of which a quarter is left to the loop. A motor of more inertia overshoots.
-const BRAKING_RPM_PER_S_A: u64 = 430;
-/// The loop of the speed is behind its reference by this part of a second.
-const LAG_PER_S: u64 = 40;
+use super::{Order, Servo};
+use crate::device::Instant;
 
-/// The speed for so many counts that are left, in rpm: PV_GAIN for each count, at most `most`, and no more than MAX_LOAD
-/// can brake on that way.
-pub(super) fn pace(left: i64, most: i32, settings: &Settings) -> i64 {
-    let braking = u64::from(settings.limit_ma) * BRAKING_RPM_PER_S_A / 1_000;
-    // v² = 2·a·(s − v·t), with 60 rpm for a turn in a second.
-    let lag = braking / LAG_PER_S;
-    let square = (2 * 60 * braking).saturating_mul(left.unsigned_abs());
-    let square = square.checked_div(settings.counts().into()).unwrap_or(0);
-    let fair = square.saturating_add(lag * lag).isqrt().saturating_sub(lag);
-    let most = i64::from(most.clamp(0, u16::MAX.into())).min(fair.cast_signed());
-    left.saturating_mul(settings.pv_gain.into()).min(most).max(-most)
-}
+/// From an edge to the middle of its count.
+pub(super) const MIDDLE: I40F24 = I40F24::lit("0.5");
+/// A shaft that is nearer to the middle of a count is there.
+const NEAR: I40F24 = I40F24::lit("0.25");
+/// From so many counts on no motor is so fast that it would have to brake.
+const FAR: i64 = 1 << 24;
+/// The part of what MAX_LOAD can brake that a move takes; the loop of the speed keeps the rest.
+const BRAKES: i64 = 2;
+/// The loop of the speed with the gains of the factory is behind its reference by this part of a second at least.
+const LAG_PER_S: i64 = 40;
+/// And by this part of the motor's time constant: a heavy motor would swing about its target.
+const LAG_PART: i64 = 2;
 
 impl Servo {
+    /// The speed to go for, in rpm: PV_GAIN for each count that is left, at most `most`, and no more than MAX_LOAD can
+    /// brake on that way.
+    pub(super) fn pace_to_target(&self, at: Instant, most: i32) -> I40F24 {
+        const TICKS_PER_S: i64 = 1_000;
+        let (turn, motor) = (self.settings.counts(), &self.feedback.motor);
+        let on = self.turns.since_edge(at, turn, &self.feedback);
+        let place = self.place.saturating_add(on).clamp(I40F24::ZERO, I40F24::ONE);
+        let left = I40F24::from_num(self.way().clamp(-FAR, FAR)) + MIDDLE - place;
+        if left.abs() <= NEAR {
+            return I40F24::ZERO;
+        }
+        let sign = left.to_bits().signum();
+        let current = motor.lost(self.settings.limit_ma.into()).min(motor.rpm(super::FULL_DUTY));
+        let brakes = (current + motor.torque(sign) * sign) * motor.gain / BRAKES * TICKS_PER_S;
+        // v² = 2·a·(s − v·t), with 60 rpm for a turn in a second.
+        let brakes = self.turns.of_sensor(brakes, turn).max(I40F24::ONE).to_num::<i64>();
+        let lag_ms = (motor.slowness / LAG_PART).to_num::<i64>().max(TICKS_PER_S / LAG_PER_S);
+        let lag = brakes.saturating_mul(lag_ms) / TICKS_PER_S;
+        let square = (left.abs().to_bits() >> 8)
+            .saturating_mul((2 * 60 * brakes).checked_div(turn).unwrap_or(0))
+            >> 16;
+        let fair = square.saturating_add(lag.saturating_mul(lag)).isqrt().saturating_sub(lag);
+        let most = I40F24::from_num(i64::from(most.clamp(0, u16::MAX.into())).min(fair.max(1)));
+        left.saturating_mul(self.settings.pv_gain.into()).min(most).max(-most)
+    }
+
     /// Counts to the target.
     pub(super) fn way(&self) -> i64 {
         self.way_to(self.target)

@@ -1,10 +1,8 @@
-//! What the sensors and the current tell: how fast the motor turns, and what it gets.
+//! What the sensors and the motor tell: how fast it turns, and what it gets.
 
 use fixed::types::I40F24;
 
-use super::pi::{FULL, FULL_DUTY};
-use super::speed::{Speed, Window};
-use super::{OUTPUTS, Sensor, Servo};
+use super::{Edges, FULL_DUTY, Known, OUTPUTS, Parameters, Rotation, Sensor, Servo};
 use crate::device::{Instant, Sink};
 
 impl Servo {
@@ -18,10 +16,7 @@ impl Servo {
             Sensor::EncoderA | Sensor::EncoderB => {
                 let Some(forward) = self.encoder.edge(sensor == Sensor::EncoderA, high) else { return };
                 self.watch.encoder_edge();
-                let window = self.encoded.edge(at, forward);
-                if self.settings.enc_ppr > 0 {
-                    self.measured(at, window);
-                }
+                self.encoded.edge(at, forward, self.settings.encoder_counts(), &self.feedback);
             }
         }
     }
@@ -29,10 +24,8 @@ impl Servo {
     /// The Hall sensors made so many counts.
     fn counted(&mut self, at: Instant, counts: i8) {
         for _ in 0..counts.unsigned_abs() {
-            let window = self.turns.edge(at, counts > 0);
-            if self.settings.enc_ppr == 0 {
-                self.measured(at, window);
-            }
+            self.turns.edge(at, counts > 0, self.settings.counts(), &self.feedback);
+            self.place = if counts > 0 { I40F24::ZERO } else { I40F24::ONE };
         }
         if counts != 0 && self.settings.enc_ppr > 0 && self.looks() {
             let (count, settings) = (self.halls.count(), &self.settings);
@@ -40,25 +33,25 @@ impl Servo {
         }
     }
 
-    /// What the sensor that tells the speed says.
-    fn measured(&mut self, at: Instant, window: Window) {
-        match window {
-            Window::Begins => self.emf.begin(at, true),
-            Window::GoesOn => {}
-            Window::Ends { counts, span } => self.emf.learn(at, counts, span, self.settings.turn()),
-        }
+    /// The motor draws so many mA.
+    pub(in crate::mdrobot) fn draws(&mut self, ma: i32) {
+        self.feedback.ma = ma;
     }
 
-    /// The motor draws so many mA.
-    pub(in crate::mdrobot) fn draws(&mut self, at: Instant, ma: i32) {
-        self.emf.draws(at, if self.swapped { ma.saturating_neg() } else { ma });
+    /// The motor is this one.
+    pub(in crate::mdrobot) fn motor(&mut self, parameters: &Parameters) {
+        self.feedback.motor = Known::of(parameters);
+    }
+
+    /// The motor turns like this from now on.
+    pub(in crate::mdrobot) fn turned(&mut self, at: Instant, rotation: Rotation) {
+        self.feedback.turns(at, rotation);
     }
 
     /// Two wires of the motor are swapped: what is put out turns it the other way.
     pub(in crate::mdrobot) fn swap(&mut self, at: Instant, swapped: bool, out: &mut dyn Sink) {
         if swapped != self.swapped {
             self.swapped = swapped;
-            self.emf.draws(at, self.emf.ma().saturating_neg());
             self.put(at, out);
         }
     }
@@ -75,29 +68,34 @@ impl Servo {
         self.encoder.levels()
     }
 
-    /// By the sensor that tells it.
-    pub(super) fn speed(&self) -> &Speed {
+    /// Edges of the sensor that tells the speed.
+    pub(super) fn speed(&self) -> &Edges {
         if self.settings.enc_ppr > 0 { &self.encoded } else { &self.turns }
     }
 
-    /// The back-EMF, as the duty that makes it.
-    pub(super) fn felt(&self) -> I40F24 {
-        self.emf.now(self.speed().counts(), self.settings.turn())
+    /// How fast that sensor reads that the motor turns, in rpm, at any instant.
+    pub(super) fn reading(&self, at: Instant) -> I40F24 {
+        self.speed().reading(at, self.settings.turn(), &self.feedback)
     }
 
-    /// How fast it turns, in rpm, positive CCW, not limited: as the edges of its sensor tell, and in between two of
-    /// them its current, while it is controlled.
+    /// A speed that it reads, as the duty of the back-EMF at that speed.
+    pub(super) fn duty_of(&self, rpm: I40F24) -> I40F24 {
+        self.feedback.motor.duty(self.speed().of_shaft(rpm, self.settings.turn()))
+    }
+
+    /// The back-EMF at present, as a duty.
+    pub(super) fn felt(&self, at: Instant) -> I40F24 {
+        self.duty_of(self.reading(at))
+    }
+
+    /// How fast it turns, in rpm, positive CCW, not limited, as the edges of its sensor tell.
     pub(in crate::mdrobot) fn rpm(&self, at: Instant) -> i32 {
-        // Which way it turns is for the edges to say.
-        if !self.looks() || self.emf.is_limited() || self.emf.is_opposed() {
-            return self.speed().rpm(at, self.settings.turn());
-        }
-        self.felt().checked_div(self.emf.per_rpm()).unwrap_or(I40F24::ZERO).round().to_num()
+        self.speed().rpm(at, self.settings.turn())
     }
 
-    /// Current in mA, with the sign of its torque.
+    /// Current in mA, with the sign of the output that it comes from.
     pub(in crate::mdrobot) fn current(&self) -> i32 {
-        self.emf.ma()
+        if self.swapped { self.feedback.ma.saturating_neg() } else { self.feedback.ma }
     }
 
     /// The output as far as the limit of the current lets it, in 1/1023 of the supply.
@@ -107,15 +105,8 @@ impl Servo {
 
     /// The same as a duty.
     pub(super) fn put_out(&self, at: Instant) -> I40F24 {
-        if self.carries == 0 || self.duty == 0 {
-            I40F24::ZERO
-        } else if self.emf.is_limited() {
-            // At its limit the current does not tell how fast the motor turns.
-            let emf = I40F24::from_num(self.rpm(at)).saturating_mul(self.emf.per_rpm());
-            (emf + self.emf.lost(self.emf.ma())).clamp(-FULL, FULL)
-        } else {
-            I40F24::from_num(self.duty)
-        }
+        let sign = if self.swapped { -1 } else { 1 };
+        I40F24::from_num(sign * self.feedback.applied(at, sign * self.duty, self.carries))
     }
 
     /// Alarms that have come up since it was asked last, bits of [`status`](crate::mdrobot::alarm::status).

@@ -12,12 +12,7 @@ const CTRL_FAIL: Duration = Duration::secs(3);
 const INV_VEL: Duration = Duration::millis(500);
 const ENCODER: Duration = Duration::millis(600);
 
-/// The part of its limit that a current may miss and still be at it: twice what the loop of the speed leaves.
-const NEARLY: u32 = 16;
-/// The same, in mA.
-const NEARLY_MA: u32 = 4;
-
-/// What has become less by this part since it began is being mended; less than this is what edges leave unknown.
+/// A mistake that shrank by this part since it began is being corrected.
 const LESS: i64 = 16;
 
 /// Something that is wrong if it lasts.
@@ -103,8 +98,7 @@ impl Watch {
     /// What a look sees, and what of it is wrong.
     pub(super) fn look(&mut self, at: Instant, sight: Sight) -> u16 {
         let mut alarms = 0;
-        let full_load = (sight.limit_ma - sight.limit_ma / NEARLY).saturating_sub(NEARLY_MA);
-        if self.load.is(sight.ma != 0 && sight.ma.unsigned_abs() >= full_load, at, OVER_LOAD) {
+        if self.load.is(sight.ma != 0 && sight.ma.unsigned_abs() >= sight.limit_ma, at, OVER_LOAD) {
             alarms |= status::OVER_LOAD;
         }
         let moved = sight.hall.is_some_and(|hall| at.since(hall) < STALL);
@@ -135,10 +129,10 @@ impl Watch {
 
     /// The Hall sensors made an edge and count so much; that is `turn` a turn, in which the encoder is to make
     /// `edges`. Returns what is wrong: it has turned for a while, and as far as two of those.
-    pub(super) fn hall_edge(&mut self, at: Instant, count: i64, turn: u32, edges: u32) -> u16 {
+    pub(super) fn hall_edge(&mut self, at: Instant, count: i64, turn: i64, edges: i64) -> u16 {
         let (since, first) = *self.silent.get_or_insert((at, count));
-        let missed = count.abs_diff(first).saturating_mul(edges.into());
-        if at.since(since) >= ENCODER && missed >= 2 * u64::from(turn) {
+        let missed = count.abs_diff(first).saturating_mul(edges.unsigned_abs());
+        if at.since(since) >= ENCODER && missed >= 2 * turn.unsigned_abs() {
             status::HALL_FAIL | status::ENCODER_FAIL
         } else {
             0

@@ -7,7 +7,7 @@ use std::string::String;
 use std::vec::Vec;
 
 use super::*;
-use crate::device::advance;
+use crate::device::{Duration, advance};
 
 const AXIS: Axis = Axis(0);
 
@@ -23,6 +23,7 @@ impl Sink for Log {
         match output {
             Output::Level { pin, level } => self.edges.push((at, pin, level == Level::High)),
             Output::Draws { ma, .. } => self.draws.push((at, ma)),
+            Output::Motor { .. } | Output::Rotation { .. } => {}
             _ => panic!("a motor does not put {output:?}"),
         }
     }

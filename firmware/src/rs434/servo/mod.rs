@@ -1,53 +1,58 @@
-//! What the drive does with its motor: ramps, moves, and what its Hall sensors and its current tell.
+//! How the drive makes its motor move: ramps, moves, and what its Hall sensors and its current tell.
 //!
-//! While something moves, the drive looks at the motor every millisecond. What it sees ([`Seen`]) and what it knows
-//! of its motor ([`Model`]) tell its speed and place now; from the registers ([`Settings`]) and the way to go follows
-//! the speed that the motor is to have at the next look ([`Rates`]), and the duty that brings it there. Speeds are
-//! in counts per millisecond, accelerations in those per look: a look is the unit of time.
+//! While something moves, the servo runs every millisecond ([`TICK`]). The registers ([`Settings`]) and the way that is
+//! left give the speed that the motor is to have at the next tick ([`Rates`]); what the motor reports ([`Feedback`]),
+//! as its Hall sensors read it ([`Edges`]), gives the duty that brings it there. Speeds are in counts per tick,
+//! accelerations in those per tick.
 //!
-//! There is no plan with a clock of its own: the speed that is aimed at grows from look to look, never far from
-//! that of the motor, and a move is braked by the way that is left. A motor that is held back is so waited for,
-//! and nothing winds up meanwhile.
+//! There is no plan with a clock of its own: the reference grows from tick to tick, never far from the speed of the
+//! motor, and a move is braked by the way that is left. So a motor that is held back is waited for, and nothing winds up
+//! meanwhile.
 
 mod count;
-mod fit;
-mod model;
+mod held_back;
 mod path;
-mod response;
-mod seen;
 mod settings;
 #[cfg(test)]
 mod tests;
 
 use fixed::types::I40F24;
 
-use self::count::{Counter, Driven};
-use self::model::{LEAST_DUTY, MARGIN_MA, MOST_DUTY, Model};
-use self::path::{FAR, Rates};
-use self::seen::{Drives, Seen, scaled};
+use self::count::Counter;
+use self::held_back::HeldBack;
+use self::path::{FAR, Rates, scaled};
+use self::settings::RPM;
 pub(super) use self::settings::Settings;
 use super::errors::error;
-use crate::device::{Duration, Instant, Output, Sink};
-use crate::motor::AXIS;
+use crate::device::{Instant, Output, Rotation, Sink};
+use crate::motor::{AXIS, Edges, FULL_DUTY, Feedback, Known, Parameters, TICK};
 
-const LOOKS_PER_SECOND: i64 = 1_000;
-const LOOK: Duration = Duration::millis(1);
+/// The most and the least duty that is not 0: 0.98 and 0.01 of the supply (3).
+const MOST_DUTY: i32 = FULL_DUTY / 100 * 98 + FULL_DUTY % 100 * 98 / 100;
+const LEAST_DUTY: i32 = FULL_DUTY / 100 + 1;
 
 /// From an edge to the middle of its count.
 const HALF: I40F24 = I40F24::lit("0.5");
 /// How far from the middle of its count a move may end: nearer, the least duty would push it to and fro; farther,
-/// a little mistake in the place would be another count.
+/// little drift would be another count.
 const NEAR: I40F24 = I40F24::lit("0.25");
+/// The way in counts that shorted terminals may still let pass at the end of a move.
+const SLIDE: I40F24 = I40F24::lit("0.03125");
+/// A slower shaft stands, in rpm: a motor without friction never comes to rest.
+const STANDING: I40F24 = I40F24::lit("0.002");
+/// The part of its full speed at which a shaft that its load pulls is as good as standing.
+const PULLED: i64 = 128;
 
-/// How many looks of its ramp the speed that is aimed at may be away from the motor's. Without a bound it would run
-/// away from a motor that is held, which then jumps when it is let go; within one look the motor, which is
-/// always a little behind, would never come to the ramp.
+/// How many ticks of its ramp the reference may be away from the motor's speed. Without a bound it would run away from a
+/// motor that is held, which would jump when it is let go.
 const AHEAD: i64 = 4;
-/// The part of its limit that is left to a current that has reached it. At the limit it does not tell the speed; a
-/// little below it does.
-const SPARED: i64 = 8;
+/// Ticks in which the push of a shaft that is held grows by the whole supply.
+const STUCK: i64 = 64;
+/// Counts that the shaft makes without an edge of a sensor, after which that is not connected: each makes every other
+/// one.
+const MISSED: I40F24 = I40F24::lit("16");
 
-/// What it was told to do.
+/// What the drive wants of its motor.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum Order {
     /// Nothing: it stands, or is turned by others.
@@ -82,22 +87,27 @@ impl Goal {
 #[derive(Clone, Debug)]
 pub(super) struct Servo {
     settings: Settings,
-    model: Model,
+    feedback: Feedback,
     order: Order,
     next: Instant,
-    /// The speed that is aimed at.
+    /// The reference of the speed.
     pace: I40F24,
     /// 1 forward, −1 backward: what moves, or did.
     facing: i8,
     duty: i32,
-    /// What the terminals may carry, in mA: 0 while they are open.
-    carries: u32,
-    /// What the motor draws, in mA.
-    ma: i32,
-    seen: Seen,
-    /// It should stand, and is shorted for a look to see whether it does.
-    waits: bool,
+    /// Duty that was left out because there is none between 0 and the least: the next ticks make up for it.
+    owed: I40F24,
+    /// Speed by which a shaft that does not move is pushed harder than its load and friction ask for: it is held.
+    stuck: I40F24,
+    /// Limit of the current at the terminals, in mA: 0 while they are open.
+    limit_ma: u32,
+    held_back: HeldBack,
     counter: Counter,
+    edges: Edges,
+    /// Where the shaft was at the last edge of Hall sensor A and of B, or when the motion began, in 2⁻³² turns.
+    heard: [Option<i64>; 2],
+    /// Part of a count from the edge behind the shaft to where it was at the last edge, or when the motion began.
+    place: I40F24,
     /// Of the present move, or of one that was stopped on its way.
     goal: Option<Goal>,
     /// Of the last move.
@@ -107,51 +117,67 @@ pub(super) struct Servo {
 
 impl Servo {
     /// A motor that stands, its terminals as MODE_COIL says.
-    pub(super) fn new(settings: Settings) -> Self {
+    pub(super) fn new(at: Instant, settings: Settings) -> Self {
         Self {
             settings,
-            model: Model::of(&settings),
+            feedback: Feedback::new(&settings.motor()),
             order: Order::None,
             next: Instant::NEVER,
             pace: I40F24::ZERO,
             facing: 0,
             duty: 0,
-            carries: if settings.closed { settings.limit_ma } else { 0 },
-            ma: 0,
-            seen: Seen::AT_REST,
-            waits: false,
-            counter: Counter::NEW,
+            owed: I40F24::ZERO,
+            stuck: I40F24::ZERO,
+            limit_ma: if settings.closed { settings.limit_ma } else { 0 },
+            held_back: HeldBack::NOT,
+            counter: Counter::new(at),
+            edges: Edges::NONE,
+            heard: [None; 2],
+            place: HALF,
             goal: None,
             left: 0,
             errors: 0,
         }
     }
 
-    /// Power has come, or comes again: tells the motor what it has.
-    pub(super) fn power_on(&self, at: Instant, out: &mut dyn Sink) {
+    /// Power has come, or comes again: tells the motor its terminals. The motor itself is the one it was.
+    pub(super) fn power_on(&mut self, at: Instant, settings: Settings, out: &mut dyn Sink) {
+        let feedback = self.feedback;
+        *self = Self::new(at, settings);
+        if feedback.is_reported() {
+            self.feedback = feedback;
+        }
         out.put(at, Output::Duty { axis: AXIS, duty: self.duty });
-        out.put(at, Output::Current { axis: AXIS, ma: self.carries });
+        out.put(at, Output::Current { axis: AXIS, ma: self.limit_ma });
     }
 
     /// Registers have been written. A move keeps the speed and the ramps that it began with; all else follows at
-    /// once: continuous rotation, the motor that is expected, its sensors, the limit of its current, and the
-    /// terminals of one that stands. Whether they are others than before.
+    /// once: continuous rotation, the sensors, the limit of the current, and the terminals of a motor that stands.
+    /// Returns whether anything has changed.
     pub(super) fn set(&mut self, at: Instant, settings: Settings, out: &mut dyn Sink) -> bool {
         if settings == self.settings {
             return false;
         }
+        let speed = self.speed_at(at);
         let before = core::mem::replace(&mut self.settings, settings);
-        if self.model.told(&settings, &before) {
-            self.seen.forget();
+        if !self.feedback.is_reported() {
+            self.feedback = Feedback::new(&settings.motor());
         }
         let (to, from) = (settings.counts(), before.counts());
-        if to != from {
+        if to != from || settings.halls != before.halls {
+            self.edges.forget();
+        }
+        if settings.halls != before.halls {
+            self.place = HALF;
+            // Open loop goes on from the speed that it had, and so does the loop that begins.
+            self.pace = if before.sees() { speed } else { self.speed_at(at) };
+        } else if to != from {
             self.pace = scaled(self.pace, to, from);
-            if let Order::Move { rates, .. } | Order::Stop { rates: Some(rates) } = &mut self.order {
-                *rates = rates.rescaled(to, from);
-            }
-            self.seen.rescale(to, from);
-            self.counter.forget_speed();
+        }
+        if to != from
+            && let Order::Move { rates, .. } | Order::Stop { rates: Some(rates) } = &mut self.order
+        {
+            *rates = rates.rescaled(to, from);
         }
         self.terminals(at, out);
         true
@@ -176,7 +202,8 @@ impl Servo {
         let here = self.counter.count();
         let (count, rates) = (here + way, self.settings.rates());
         (self.goal, self.left) = (Some(Goal { count: here + i64::from(counts), sign }), counts);
-        if self.is_moving() && rates.is_too_fast(self.way_to(count), self.seen.speed, self.brakes()) {
+        let speed = self.speed_at(at);
+        if self.is_moving() && rates.is_too_fast(self.way_to(at, count), speed, self.brakes()) {
             self.errors |= error::BRAKING;
         }
         self.begin(at, Order::Move { count, rates }, sign as i8, out);
@@ -204,12 +231,11 @@ impl Servo {
         if !self.is_moving() {
             return;
         }
-        (self.order, self.next) = (Order::Halt, at + LOOK);
+        (self.order, self.next) = (Order::Halt, at + TICK);
         self.apply(at, 0, out);
-        self.seen.looked(at, self.ma);
     }
 
-    /// Begins what was ordered, with a look at once if nothing has moved so far.
+    /// Begins what was ordered, with a tick at once if nothing has moved so far.
     fn begin(&mut self, at: Instant, order: Order, facing: i8, out: &mut dyn Sink) {
         let moved = self.is_moving();
         self.order = order;
@@ -217,18 +243,27 @@ impl Servo {
             return;
         }
         self.facing = facing;
-        self.seen.begin(at, self.ma);
-        (self.pace, self.next) = (I40F24::ZERO, at);
+        self.place = self.place_at(at);
+        self.edges.begin(at, &self.feedback);
+        self.heard = [self.feedback.angle(at); 2];
+        (self.pace, self.owed, self.stuck) = (I40F24::ZERO, I40F24::ZERO, I40F24::ZERO);
+        self.held_back = HeldBack::NOT;
+        self.next = at;
         self.terminals(at, out);
-        self.look(at, out);
+        self.tick(at, out);
     }
 
     /// A Hall sensor changed: A, or else B.
     pub(super) fn edge(&mut self, at: Instant, a: bool, high: bool) {
-        let driven = Driven { now: self.is_moving(), forward: self.facing > 0 };
-        match self.counter.edge(at, a, high, self.settings.halls, driven) {
+        let [heard_a, heard_b] = &mut self.heard;
+        *if a { heard_a } else { heard_b } = self.feedback.angle(at);
+        match self.counter.edge(at, a, high, self.settings.halls, self.facing > 0) {
             Ok(Some(forward)) => {
-                self.seen.edge(at, forward);
+                // One sensor does not tell the direction, so it is never connected the wrong way round.
+                let really = self.feedback.rpm(at).filter(|_| self.settings.halls == 1).map(|rpm| rpm >= 0);
+                let turn = self.settings.counts();
+                self.edges.edge(at, really.unwrap_or(forward), turn, &self.feedback);
+                self.place = if forward { I40F24::ZERO } else { I40F24::ONE };
                 if let Some(goal) = self.goal {
                     self.left = goal.left(self.counter.count());
                 }
@@ -239,28 +274,34 @@ impl Servo {
     }
 
     /// The motor draws so many mA.
-    pub(super) fn draws(&mut self, at: Instant, ma: i32) {
-        self.ma = ma;
-        self.seen.draws(at, ma);
-        if !self.settings.sees() && self.is_moving() && ma.unsigned_abs() >= self.settings.limit_ma {
-            self.errors |= error::CURRENT_LIMIT;
-        }
+    pub(super) fn draws(&mut self, ma: i32) {
+        self.feedback.ma = ma;
     }
 
-    /// When it wants to look at the motor.
+    /// The motor is this one.
+    pub(super) fn motor(&mut self, parameters: &Parameters) {
+        self.feedback.motor = Known::of(parameters);
+    }
+
+    /// The motor turns like this from now on.
+    pub(super) fn turns(&mut self, at: Instant, rotation: Rotation) {
+        self.feedback.turns(at, rotation);
+    }
+
+    /// When the next tick is due.
     pub(super) fn deadline(&self) -> Instant {
         self.next
     }
 
-    /// It is due: the next look at the motor.
+    /// The next tick may be due.
     pub(super) fn timeout(&mut self, at: Instant, out: &mut dyn Sink) {
         if at >= self.next {
-            self.look(at, out);
+            self.tick(at, out);
         }
     }
 
-    fn look(&mut self, at: Instant, out: &mut dyn Sink) {
-        self.next = at + LOOK;
+    fn tick(&mut self, at: Instant, out: &mut dyn Sink) {
+        self.next = at + TICK;
         if self.order == Order::Halt {
             self.brake_short(at, out);
         } else if self.settings.sees() {
@@ -268,117 +309,145 @@ impl Servo {
         } else {
             self.steer(at, out);
         }
+        if self.held_back.holds(at, self.limited(), self.feedback.rpm(at)) {
+            self.errors |= error::CURRENT_LIMIT;
+        }
     }
 
-    /// With shorted terminals.
+    /// Which way the limit of the current, if that holds the motor back, would turn it.
+    fn limited(&self) -> i32 {
+        if self.feedback.is_limited(self.limit_ma) { self.feedback.ma.signum() } else { 0 }
+    }
+
+    /// With shorted terminals, until the motor stands or is as slow as its load lets it.
     fn brake_short(&mut self, at: Instant, out: &mut dyn Sink) {
-        self.observe(at);
-        self.pace = self.seen.speed;
-        self.seen.looked(at, self.ma);
-        if self.pace.abs() <= self.model.slow() {
+        self.pace = self.speed_at(at);
+        let rpm = self.feedback.rpm(at).unwrap_or(self.shaft_rpm(self.pace));
+        let motor = &self.feedback.motor;
+        let pulled = motor.torque(0).abs();
+        let slow = if pulled == 0 { STANDING } else { pulled + motor.rpm(FULL_DUTY) / PULLED };
+        if rpm.abs() <= slow {
             self.rest(at, out);
         }
     }
 
     /// Without sensors: the duty follows the ramp, and the motor turns as its load lets it.
     fn steer(&mut self, at: Instant, out: &mut dyn Sink) {
-        let (target, rates) = self.target();
+        let (target, rates) = self.target(at, I40F24::ZERO);
         self.pace = rates.ramped(self.pace, target);
         if self.pace == 0 && target == 0 {
             return self.rest(at, out);
         }
         self.face();
-        let duty = match self.model.duty(self.pace) {
+        let full = self.settings.of_rpm(self.settings.rated);
+        let duty = (self.pace * i64::from(FULL_DUTY)).checked_div(full).unwrap_or(I40F24::ZERO);
+        let duty = match possible(duty) {
             // However slow it is to be, it is to turn.
-            0 if self.pace == target => LEAST_DUTY as i32 * i32::from(self.facing),
+            0 if self.pace == target => LEAST_DUTY * i32::from(self.facing),
             duty => duty,
         };
         self.apply(at, duty, out);
-        self.seen.looked(at, self.ma);
     }
 
     /// With sensors.
     fn regulate(&mut self, at: Instant, out: &mut dyn Sink) {
-        if self.seen.fades(at, self.ma) {
-            return self.leave(at, out);
+        if self.is_miswired(at) {
+            self.errors |= error::HALL;
         }
-        self.observe(at);
-        let told = self.seen.told;
-        let waited = core::mem::take(&mut self.waits);
-        if self.has_arrived(if waited { told } else { self.seen.speed }) {
-            // How soon another motor slows down is known too little: a look more, shorted, shows whether it stands.
-            self.waits = self.model.another && told.abs() > self.model.slow();
-            return if self.waits { self.leave(at, out) } else { self.rest(at, out) };
+        let speed = self.speed_at(at);
+        if self.has_arrived(at, speed) {
+            return self.rest(at, out);
         }
-        let speed = self.seen.speed;
+        if self.slides_home(at, speed) {
+            self.pace = I40F24::ZERO;
+            return self.apply(at, 0, out);
+        }
+        let (target, rates) = self.target(at, speed);
         // What is held back is waited for.
-        let (target, rates) = self.target();
-        let band = rates.up.max(rates.down) * AHEAD + self.model.slow();
+        let band = rates.up.max(rates.down) * AHEAD;
         let pace = self.pace.min(speed + band).max(speed - band);
         self.pace = rates.ramped(pace, target);
         self.face();
-
-        let push = self.seen.load + (self.pace - speed) * self.model.inverse;
-        let limit = self.limit();
-        let fair = if self.seen.limited { limit - limit / SPARED } else { limit };
-        let duty = self.model.duty(speed + push.min(fair).max(-fair));
-        if push.abs() > fair && i64::from(duty.abs()) < MOST_DUTY {
-            self.errors |= error::CURRENT_LIMIT;
-        }
+        let motor = &self.feedback.motor;
+        let is_stuck = speed == 0 && self.pace != 0 && self.duty != 0;
+        self.stuck = if is_stuck { self.stuck + motor.rpm(FULL_DUTY) / STUCK } else { I40F24::ZERO };
+        let stuck = motor.duty(self.stuck * i64::from(self.facing));
+        let wanted = motor.push(self.shaft_rpm(speed), self.shaft_rpm(self.pace)) + stuck + self.owed;
+        let duty = possible(wanted);
+        self.owed = if duty.abs() <= LEAST_DUTY { wanted - I40F24::from_num(duty) } else { I40F24::ZERO };
         self.apply(at, duty, out);
-        self.seen.looked(at, self.ma);
     }
 
-    /// Shorts it for a look.
-    fn leave(&mut self, at: Instant, out: &mut dyn Sink) {
-        self.pace = I40F24::ZERO;
-        self.apply(at, 0, out);
-        self.seen.looked(at, self.ma);
+    /// Whether a Hall sensor in use does not see the shaft turn, or both see it turn the other way.
+    fn is_miswired(&self, at: Instant) -> bool {
+        let (turn, sensors) = (self.settings.counts(), usize::from(self.settings.halls));
+        let mut heard = self.heard.iter().take(sensors);
+        let missed = |from| self.edges.counts_from(from, at, turn, &self.feedback).abs() > MISSED;
+        heard.any(|from| from.is_some_and(missed)) || self.edges.per_turn(turn) < 0
     }
 
-    fn observe(&mut self, at: Instant) {
-        let drives = Drives { duty: self.duty, limit_ma: self.settings.limit_ma };
-        let stayed_out = self.seen.observe(at, &mut self.model, drives);
-        if stayed_out && self.settings.sees() {
-            self.errors |= error::HALL;
-        }
-    }
-
-    /// What the limit of the current is as a speed: as much as it loses in the winding.
-    fn limit(&self) -> I40F24 {
-        self.model.lost(i64::from(self.settings.limit_ma) - MARGIN_MA)
-    }
-
-    /// By how much at most the current can slow the motor down in a look, with what load and friction do.
+    /// By how much at most the current can slow the motor down in a tick, with what load and friction do.
     fn brakes(&self) -> I40F24 {
-        let helps = self.seen.load * i64::from(self.facing);
-        ((self.limit() + helps) * self.model.gain).max(I40F24::DELTA)
+        let motor = &self.feedback.motor;
+        let current = motor.lost(self.settings.limit_ma.into()).min(motor.rpm(MOST_DUTY));
+        let torque = motor.torque(self.facing.into()) * i64::from(self.facing);
+        let turn = self.settings.counts();
+        let rpm = self.edges.of_sensor((current + torque) * motor.gain, turn);
+        scaled(rpm, turn, RPM).max(I40F24::DELTA)
+    }
+
+    /// The speed as the Hall sensors read it.
+    fn speed_at(&self, at: Instant) -> I40F24 {
+        let turn = self.settings.counts();
+        let speed = scaled(self.edges.reading(at, turn, &self.feedback), turn, RPM);
+        if self.settings.halls == 1 { speed.abs() * i64::from(self.facing) } else { speed }
+    }
+
+    /// A speed that the Hall sensors read, as the shaft's in rpm.
+    fn shaft_rpm(&self, speed: I40F24) -> I40F24 {
+        let turn = self.settings.counts();
+        self.edges.of_shaft(scaled(speed, RPM, turn), turn)
     }
 
     /// The speed to go for, and the ramps to it.
-    fn target(&self) -> (I40F24, Rates) {
+    fn target(&self, at: Instant, speed: I40F24) -> (I40F24, Rates) {
         let rates = self.settings.rates();
         match self.order {
             Order::Rotate { forward: true } => (rates.speed, rates),
             Order::Rotate { forward: false } => (-rates.speed, rates),
-            Order::Move { count, rates } => rates.towards(self.way_to(count), self.seen.speed, self.brakes()),
+            Order::Move { count, rates } => rates.towards(self.way_to(at, count), speed, self.brakes()),
             Order::Stop { rates: stopped } => (I40F24::ZERO, stopped.unwrap_or(rates)),
             Order::None | Order::Halt => (I40F24::ZERO, rates),
         }
     }
 
-    /// From where it is to the middle of that count; what is far is far.
-    fn way_to(&self, count: i64) -> I40F24 {
+    /// The part of a count from the edge behind the shaft to it.
+    fn place_at(&self, at: Instant) -> I40F24 {
+        let on = self.edges.since_edge(at, self.settings.counts(), &self.feedback);
+        self.place.saturating_add(on).clamp(I40F24::ZERO, I40F24::ONE)
+    }
+
+    /// From where the shaft is to the middle of that count; what is far is far.
+    fn way_to(&self, at: Instant, count: i64) -> I40F24 {
         let counts = (count - self.counter.count()).clamp(-FAR, FAR);
-        I40F24::from_num(counts) + HALF - self.seen.place
+        I40F24::from_num(counts) + HALF - self.place_at(at)
+    }
+
+    /// Whether a move is so near its end and so slow that shorted terminals end it in its count.
+    fn slides_home(&self, at: Instant, speed: I40F24) -> bool {
+        let Order::Move { count, .. } = self.order else { return false };
+        let motor = &self.feedback.motor;
+        let slides = speed.abs().saturating_mul(motor.slowness);
+        motor.holds() && slides <= SLIDE && self.way_to(at, count).abs() <= NEAR
     }
 
     /// Whether what was ordered is done, at that speed.
-    fn has_arrived(&self, speed: I40F24) -> bool {
-        // At its limit the current does not tell.
-        let stands = !self.seen.limited && speed.abs() <= self.model.slow();
+    fn has_arrived(&self, at: Instant, speed: I40F24) -> bool {
+        let motor = &self.feedback.motor;
+        let slow = if motor.holds() { STANDING } else { motor.rpm(FULL_DUTY) / PULLED };
+        let stands = self.shaft_rpm(speed).abs() <= slow;
         match self.order {
-            Order::Move { count, .. } => stands && self.way_to(count).abs() <= NEAR,
+            Order::Move { count, .. } => stands && self.way_to(at, count).abs() <= NEAR,
             Order::Stop { .. } => stands && self.pace == 0,
             Order::None | Order::Rotate { .. } | Order::Halt => false,
         }
@@ -390,7 +459,7 @@ impl Servo {
             (self.goal, self.left) = (None, 0);
         }
         (self.order, self.next, self.pace) = (Order::None, Instant::NEVER, I40F24::ZERO);
-        self.counter.forget_speed();
+        self.edges.stands();
         self.apply(at, 0, out);
         self.terminals(at, out);
     }
@@ -417,8 +486,8 @@ impl Servo {
     fn terminals(&mut self, at: Instant, out: &mut dyn Sink) {
         let closed = self.is_moving() || self.settings.closed;
         let ma = if closed { self.settings.limit_ma } else { 0 };
-        if ma != self.carries {
-            self.carries = ma;
+        if ma != self.limit_ma {
+            self.limit_ma = ma;
             out.put(at, Output::Current { axis: AXIS, ma });
         }
     }
@@ -446,16 +515,18 @@ impl Servo {
     /// SPEED_VALID, in rpm: measured, or without sensors the one that the duty would give.
     pub(super) fn speed(&self, at: Instant) -> u16 {
         if self.settings.sees() {
-            self.counter.rpm(at, self.settings.counts())
+            self.edges.rpm(at, self.settings.counts()).unsigned_abs().min(u16::MAX.into()) as u16
         } else {
-            self.model.rpm(self.duty)
+            let rpm = i64::from(self.duty.abs()) * i64::from(self.settings.rated);
+            ((rpm + i64::from(FULL_DUTY) / 2) >> 16) as u16
         }
     }
 
     /// CURRENT_VALID, in mA, rounded: what the supply gives, which is the motor's current during the part of the
     /// time that is the duty; 0 when the current flows back.
-    pub(super) fn current(&self) -> u16 {
-        let given = (i64::from(self.ma) * i64::from(self.duty) + (1 << 15)) >> 16;
+    pub(super) fn current(&self, at: Instant) -> u16 {
+        let duty = self.feedback.applied(at, self.duty, self.limit_ma);
+        let given = (i64::from(self.feedback.ma) * i64::from(duty) + (1 << 15)) >> 16;
         given.clamp(0, u16::MAX.into()) as u16
     }
 
@@ -463,4 +534,11 @@ impl Servo {
     pub(super) fn errors(&mut self) -> u16 {
         core::mem::take(&mut self.errors)
     }
+}
+
+/// The nearest duty that there is (3).
+fn possible(duty: I40F24) -> i32 {
+    let size = duty.abs().min(MOST_DUTY.into()).round().to_num::<i32>();
+    let size = if size < LEAST_DUTY / 2 { 0 } else { size.max(LEAST_DUTY) };
+    if duty < 0 { -size } else { size }
 }

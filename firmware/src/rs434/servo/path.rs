@@ -1,20 +1,18 @@
-//! How the speed that is aimed at goes on from look to look: by ramps, and towards a place.
+//! How the reference of the speed goes on from tick to tick: by ramps, and towards a place.
 
 use fixed::types::I40F24;
-
-use super::seen::scaled;
 
 /// From so many counts on no motor is so fast that it would have to brake.
 pub(super) const FAR: i64 = 65_536;
 
-/// By how much more than DEC a move may brake: the way that is left brakes it with DEC, but what came a look
+/// By how much more than DEC a move may brake: the way that is left brakes it with DEC, but what came a tick
 /// too late would run ahead of a ramp of the same steepness to the end, and past it.
 const CATCHES_UP: i64 = 2;
-/// What a move takes of what the current can brake, in quarters: with all of it nothing would be left to set a
-/// mistake right, and every move that brakes by the current would go too far.
+/// What a move takes of what the current can brake, in quarters: with all of it nothing would be left to correct an
+/// error, and every move that brakes by the current would go too far.
 const BRAKE_QUARTERS: i64 = 3;
 
-/// Speed and ramps, in counts, looks and looks².
+/// Speed and ramps, in counts, ticks and ticks².
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct Rates {
     pub(super) speed: I40F24,
@@ -29,20 +27,20 @@ impl Rates {
         Self { speed, up, down }
     }
 
-    /// The speed at the next look: on from `pace` towards `target`.
+    /// The speed at the next tick: on from `pace` towards `target`.
     pub(super) fn ramped(self, pace: I40F24, target: I40F24) -> I40F24 {
         let (from, to, sign) = if pace < 0 { (-pace, -target, -1) } else { (pace, target, 1) };
         let next = if to >= from {
             to.min(from + self.up)
         } else {
-            // Through 0 not before the next look.
+            // Through 0 not before the next tick.
             if from > 0 { to.max(from - self.down).max(I40F24::ZERO) } else { to.max(-self.up) }
         };
         next * i64::from(sign)
     }
 
     /// The speed to go for with a `way` to go, and the ramps to it, at a `speed` of which a current can take
-    /// `brakes` in a look.
+    /// `brakes` in a tick.
     pub(super) fn towards(self, way: I40F24, speed: I40F24, brakes: I40F24) -> (I40F24, Self) {
         let back = way < 0;
         let (way, speed) = if back { (-way, -speed) } else { (way, speed) };
@@ -52,14 +50,19 @@ impl Rates {
     }
 
     /// Whether it goes too far: what moves at `speed` has less `way` left than DEC, and a current that can take
-    /// `brakes` in a look, need to stop it. What moves the other way comes back first.
+    /// `brakes` in a tick, need to stop it. What moves the other way comes back first.
     pub(super) fn is_too_fast(self, way: I40F24, speed: I40F24, brakes: I40F24) -> bool {
         let goes_there = (speed > 0) == (way > 0);
         goes_there && speed * speed > self.down.min(brakes) * way.abs() * 2
     }
 }
 
-/// The speed at the next look from which the `way` left then just suffices to stop: with v/2 until then
+/// A speed in other counts: `to` for `from`.
+pub(super) fn scaled(speed: I40F24, to: i64, from: i64) -> I40F24 {
+    I40F24::from_bits(speed.to_bits() * to / from.max(1))
+}
+
+/// The speed at the next tick from which the `way` left then just suffices to stop: with v/2 until then
 /// v/2 + v²/2·down is the way.
 fn braked(way: I40F24, down: I40F24) -> I40F24 {
     let way = way.clamp(I40F24::ZERO, I40F24::const_from_int(FAR)).to_bits().cast_unsigned();

@@ -2,8 +2,13 @@
 
 use fixed::types::I40F24;
 
-use super::LOOKS_PER_SECOND;
 use super::path::Rates;
+use crate::motor::Parameters;
+
+/// Ticks of the servo in a second.
+const TICKS_PER_SECOND: i64 = 1_000;
+/// The speed in rpm of a turn a tick.
+pub(super) const RPM: i64 = 60 * TICKS_PER_SECOND;
 
 /// What a motion goes by (6.5).
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -27,6 +32,11 @@ pub(in crate::rs434) struct Settings {
 }
 
 impl Settings {
+    /// The motor that the registers describe.
+    pub(in crate::rs434) fn motor(&self) -> Parameters {
+        Parameters { no_load_rpm: self.rated.into(), hall_pulses: self.pulses, ..Parameters::NOMINAL }
+    }
+
     /// Counts in a turn.
     pub(super) fn counts(&self) -> i64 {
         2 * i64::from(self.pulses.max(1)) * i64::from(self.halls.max(1))
@@ -37,16 +47,16 @@ impl Settings {
         self.halls > 0
     }
 
-    /// Counts in a look.
+    /// Counts in a tick.
     pub(super) fn of_rpm(&self, rpm: u16) -> I40F24 {
-        I40F24::from_bits(((i64::from(rpm) * self.counts()) << 24) / (60 * LOOKS_PER_SECOND))
+        I40F24::from_bits(((i64::from(rpm) * self.counts()) << 24) / RPM)
     }
 
     /// ACC or DEC: 10 is 100 rps², 1,000 is 5,000 rps² (6.5).
     fn of_ramp(&self, ramp: u16) -> I40F24 {
         let over = i64::from(ramp) - 10;
         let rps2_times_990 = 100 * 990 + over * (5_000 - 100);
-        let bits = ((rps2_times_990 * self.counts()) << 24) / (990 * LOOKS_PER_SECOND * LOOKS_PER_SECOND);
+        let bits = ((rps2_times_990 * self.counts()) << 24) / (990 * TICKS_PER_SECOND * TICKS_PER_SECOND);
         I40F24::from_bits(bits.max(1))
     }
 

@@ -7,8 +7,10 @@ use std::{format, vec::Vec};
 use proptest::prelude::*;
 
 use super::*;
-use crate::device::{Axis, Boot, Device, Fault, Input, Nowhere, Pin, Refused, Shaft, Spec, advance, feed};
-use crate::motor::{Parameters, Rig, Turns};
+use crate::device::{
+    Axis, Boot, Device, Duration, Fault, Input, Nowhere, Pin, Refused, Shaft, Spec, advance, feed,
+};
+use crate::motor::{Rig, Turns};
 
 const HALLS: [Pin; 2] = [Pin(0), Pin(1)];
 const HELD: Fault = Fault(0);
@@ -60,15 +62,17 @@ impl Device for Bare {
     }
 
     fn power_on(&mut self, at: Instant, _boot: Boot, out: &mut dyn Sink) {
-        let servo = self.servo.insert(Servo::new(self.settings));
-        servo.power_on(at, out);
+        let servo = self.servo.insert(Servo::new(at, self.settings));
+        servo.power_on(at, self.settings, out);
     }
 
     fn input(&mut self, at: Instant, input: Input<'_>, _out: &mut dyn Sink) {
         let servo = self.servo.as_mut().unwrap();
         match input {
             Input::Edge { pin, high } => servo.edge(at, pin == HALLS[0], high),
-            Input::Draws { ma, .. } => servo.draws(at, ma),
+            Input::Draws { ma, .. } => servo.draws(ma),
+            Input::Motor { parameters, .. } => servo.motor(parameters),
+            Input::Rotation { rotation, .. } => servo.turns(at, rotation),
             _ => {}
         }
         self.errors |= servo.errors();
@@ -91,7 +95,7 @@ impl Device for Bare {
             ask::POSITION => servo.position().into(),
             ask::LEFT => servo.left().into(),
             ask::SPEED => servo.speed(at).into(),
-            ask::CURRENT => servo.current().into(),
+            ask::CURRENT => servo.current(at).into(),
             _ => self.errors.into(),
         }
     }
@@ -177,7 +181,7 @@ impl Bench {
         let mut rig = Rig::new(Bare { settings, motor, compensation: 0, errors: 0, servo: None });
         rig.power_on(Instant::ZERO, Boot::default(), &mut Nowhere);
         let mut bench = Self { rig, now: Instant::ZERO, edges: Edges(0) };
-        bench.run(LOOK);
+        bench.run(TICK);
         bench
     }
 
@@ -206,7 +210,7 @@ impl Bench {
     fn finish(&mut self) -> Duration {
         let begin = self.now;
         while self.ask(ask::DIRECTION) != 0 {
-            self.run(LOOK);
+            self.run(TICK);
             assert!(self.now.since(begin) < Duration::secs(60), "still on its way");
         }
         self.now.since(begin)
@@ -495,7 +499,7 @@ fn a_move_that_cannot_stop_in_time_is_warned_of() {
             assert_eq!(bench.ask(ask::ERRORS) & BRAKING != 0, warned, "{counts} {way}");
             let mut farthest = 0;
             while bench.ask(ask::DIRECTION) != 0 {
-                bench.run(LOOK);
+                bench.run(TICK);
                 farthest = farthest.max((bench.ask(ask::POSITION) - goal) * way * counts.signum());
             }
             // What it was warned of comes to pass, and the move ends on its count all the same.
@@ -515,7 +519,7 @@ fn a_held_shaft_is_waited_for() {
     assert!(bench.shaft().ma <= 20_000);
     bench.hold(false);
     for _ in 0..200 {
-        bench.run(LOOK);
+        bench.run(TICK);
         // 1,000 rpm are 266.7 counts/s.
         assert!(bench.shaft().speed < 400, "it jumps");
     }
@@ -595,20 +599,6 @@ fn the_current_is_what_the_supply_gives() {
 }
 
 #[test]
-fn a_halt_goes_by_the_current_that_flows_now() {
-    // So slow a ramp begins with less than half the least duty.
-    let mut servo = Servo::new(Settings { halls: 0, acc: 10, ..FACTORY });
-    let begin = Instant::ZERO;
-    servo.rotate(begin, true, &mut Nowhere);
-    // Something turns the motor, so its shorted terminals draw a current; to short them anew changes nothing.
-    let now = begin + Duration::micros(500);
-    servo.draws(now, -3_000);
-    servo.halt(now, &mut Nowhere);
-    servo.timeout(servo.deadline(), &mut Nowhere);
-    assert_eq!(servo.direction(), 1, "it still turns");
-}
-
-#[test]
 fn one_sensor_counts_half_in_the_direction_that_is_told() {
     let mut bench = Bench::new(Settings { halls: 1, ..FACTORY });
     let begin = bench.shaft().position;
@@ -621,24 +611,13 @@ fn one_sensor_counts_half_in_the_direction_that_is_told() {
 }
 
 #[test]
-fn a_servo_without_edges_tells_so() {
-    let mut servo = Servo::new(FACTORY);
-    servo.rotate(Instant::ZERO, true, &mut Nowhere);
-    // No current at all: the motor makes all of the voltage itself, so it turns.
-    for n in 1..500 {
-        servo.timeout(Instant::ZERO + LOOK * n, &mut Nowhere);
-    }
-    assert_eq!(servo.errors() & 0x10, 0x10);
-}
-
-#[test]
 fn an_edge_that_is_none_is_an_error() {
-    let mut servo = Servo::new(FACTORY);
+    let mut servo = Servo::new(Instant::ZERO, FACTORY);
     for a in [true, false] {
         servo.edge(Instant::ZERO, a, true);
     }
     assert_eq!((servo.position(), servo.errors()), (0, 0));
-    servo.edge(Instant::ZERO + LOOK, true, true);
+    servo.edge(Instant::ZERO + TICK, true, true);
     assert_eq!((servo.position(), servo.errors()), (0, 0x10));
 }
 
@@ -707,7 +686,7 @@ fn any_motor_comes_to_its_speed() {
                         bench.run(Duration::secs(2));
                         let within = i64::from(speed / 100);
                         for _ in 0..200 {
-                            bench.run(LOOK);
+                            bench.run(TICK);
                             let off = bench.ask(ask::SPEED) - i64::from(speed);
                             assert!(off.abs() <= within, "off by {off} rpm: {settings:?} {motor:?}");
                         }

@@ -103,6 +103,7 @@ fn a_motor_that_is_where_it_was_to_go_is_left_there() {
     let mut bed = Bed::limited();
     bed.set(Pid::POSI_CMD, 10);
     bed.turn(8);
+    bed.wait(2_000.millis());
     bed.set(Pid::IN_POSITION, 2);
     bed.open(START_STOP);
     bed.open(DIR);

@@ -10,9 +10,9 @@ use std::format;
 use std::vec::Vec;
 
 use super::*;
-use crate::device::{Boot, Device, Input, Level, Shaft};
+use crate::device::{Boot, Device, Duration, Input, Level, Shaft};
 use crate::mdrobot::alarm::status;
-use crate::motor::{ENCODER_A, ENCODER_B, HALL_PINS, Motor, Parameters, STALL};
+use crate::motor::{ENCODER_A, ENCODER_B, HALL_PINS, Motor, STALL};
 
 /// The motor of the drive: 24 V, 0.06 Nm/A, 0.3 Ω.
 const MOTOR: Parameters = Parameters {
@@ -31,6 +31,8 @@ enum Wire {
     Duty(i32),
     Current(u32),
     Draws(i32),
+    Motor(Parameters),
+    Rotation(Rotation),
     Sensor(Sensor, bool),
 }
 
@@ -42,6 +44,8 @@ impl Sink for Wires<'_> {
             Output::Duty { duty, .. } => Wire::Duty(duty),
             Output::Current { ma, .. } => Wire::Current(ma),
             Output::Draws { ma, .. } => Wire::Draws(ma),
+            Output::Motor { parameters, .. } => Wire::Motor(*parameters),
+            Output::Rotation { rotation, .. } => Wire::Rotation(rotation),
             Output::Level { pin, level } => {
                 let sensor = match pin {
                     ENCODER_A => Sensor::EncoderA,
@@ -102,8 +106,10 @@ impl Bench {
                 Wire::Current(ma) => self.motor.input(at, Input::Current { axis: AXIS, ma }, &mut out),
                 Wire::Draws(ma) => {
                     self.most_ma = self.most_ma.max(ma.unsigned_abs());
-                    self.servo.draws(at, ma);
+                    self.servo.draws(ma);
                 }
+                Wire::Motor(parameters) => self.servo.motor(&parameters),
+                Wire::Rotation(rotation) => self.servo.turned(at, rotation),
                 Wire::Sensor(sensor, high) => self.servo.edge(at, sensor, high),
             }
         }

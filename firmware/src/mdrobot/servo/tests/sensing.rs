@@ -127,31 +127,6 @@ fn the_winding_is_known_after_any_rest() {
 }
 
 #[test]
-fn a_winding_is_measured_while_it_turns() {
-    for resistance_mohm in [200, 450, 900] {
-        for load_unm in [-40_000, 40_000] {
-            for is_seen in [true, false] {
-                // Its load has turned it for 0.3 s; then it is caught, by a drive that has not seen it with 14 A at once.
-                let motor = Parameters { resistance_mohm, inertia_gcm2: 2_000, load_unm, ..MOTOR };
-                let mut bench = Bench::new(Settings::FACTORY, motor);
-                bench.run_ms(300);
-                if !is_seen {
-                    bench.servo.power_on(bench.now, Settings::FACTORY, &mut Wires(&mut bench.wires));
-                }
-                assert!(bench.real_rpm().abs() > 400.0);
-                bench.order(Order::Position { count: -237, rpm: 2_500 });
-                bench.run_ms(1);
-                // A mA loses so much of 24 V.
-                let lost = f64::from(resistance_mohm) * 1e-6 / 24.0 * 65_536.0;
-                let measured = bench.servo.emf.lost(1_000).to_num::<f64>() / 1_000.0;
-                let what = format!("{measured} for {lost}, {load_unm} µNm, seen: {is_seen}");
-                assert!((measured / lost - 1.0).abs() < 0.005, "{what}");
-            }
-        }
-    }
-}
-
-#[test]
 fn what_stands_stands_for_good() {
     for (settings, motor) in motors() {
         for load in [0, 200_000, -200_000] {

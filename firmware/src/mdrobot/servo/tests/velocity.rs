@@ -70,14 +70,14 @@ fn it_follows_a_ramp() {
                 bench.run_ms(1);
                 ms += 1;
                 let should = ideal(f64::from(ms) / 1e3);
-                let off = (f64::from(bench.rpm()) - should).abs();
+                let off = (bench.real_rpm() - should).abs();
                 let step = f64::from(to - from).abs();
                 // Inertia and friction at their greatest are 20 ms behind at 3,000 rpm/s, whatever the step, and a
                 // ms or two measure the winding.
                 assert!(
                     off <= (0.08 * step).max(66.0),
                     "{} for {should} from {from} to {to}, {ms} ms, {motor:?}",
-                    bench.rpm()
+                    bench.real_rpm()
                 );
                 done += i32::from((should - f64::from(to)).abs() < 0.5);
             }
@@ -95,10 +95,8 @@ fn the_supply_may_be_another_one() {
         Parameters { supply_mv: of_24_v(24_000), no_load_rpm: of_24_v(3_820), load_unm: 60_000, ..MOTOR }
     };
     for (first, then) in [(120, 120), (480, 480), (240, 120), (240, 600), (480, 240)] {
-        let settings = Settings { supply: first, ..Settings::FACTORY };
-        let mut bench = turning(settings, fed(first), 1_000);
+        let mut bench = turning(Settings::FACTORY, fed(first), 1_000);
         bench.motor.become_another(bench.now, fed(then), &mut Wires(&mut bench.wires));
-        bench.set(|settings| settings.supply = then);
         bench.run_ms(2_000);
         for _ in 0..1_000 {
             bench.run_ms(1);

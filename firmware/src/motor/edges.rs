@@ -1,0 +1,180 @@
+//! What the edges of a sensor tell of the speed of a shaft.
+
+use fixed::types::I40F24;
+use standin_protocol::time::TICKS_PER_SECOND;
+
+use super::Feedback;
+use crate::device::{Duration, Instant};
+
+/// A speed is taken over a whole number of counts and at least this long, so that ticks do not show in it.
+const LEAST: Duration = Duration::millis(2);
+/// A shaft without an edge for so long stands.
+const STILL_AFTER: Duration = Duration::secs(1);
+/// Counts without an edge after which a sensor does not tell the speed any more: its wires are broken.
+const MISSED: I40F24 = I40F24::lit("4");
+/// A deviation below this part of the counts in a turn is that of ticks.
+const SAME: i64 = 256;
+
+/// An edge of a sensor.
+#[derive(Clone, Copy, Debug)]
+struct Edge {
+    at: Instant,
+    forward: bool,
+}
+
+/// Edges of a sensor on a shaft.
+#[derive(Clone, Debug)]
+pub(crate) struct Edges {
+    /// The edge at which the present window began, and where the shaft was, in 2⁻³² turns.
+    since: Instant,
+    from: Option<i64>,
+    /// Counts since.
+    counts: i32,
+    last: Option<Edge>,
+    /// Where the shaft was at the last edge, or when the motion began.
+    angle: Option<i64>,
+    /// The last window that ended in the present direction: counts, forward or less than 0, and their time.
+    measured: Option<(i32, Duration)>,
+    /// Counts in a turn of the shaft, less than 0 if they go the other way; `None` until they are measured.
+    per_turn: Option<i64>,
+}
+
+impl Edges {
+    /// No edge has come.
+    pub(crate) const NONE: Self = Self {
+        since: Instant::ZERO,
+        from: None,
+        counts: 0,
+        last: None,
+        angle: None,
+        measured: None,
+        per_turn: None,
+    };
+
+    /// An edge came of a sensor that is to make `turn` of them in a turn.
+    pub(crate) fn edge(&mut self, at: Instant, forward: bool, turn: i64, feedback: &Feedback) {
+        let goes_on = !self.is_silent(at) && self.last.is_some_and(|before| before.forward == forward);
+        self.last = Some(Edge { at, forward });
+        self.angle = feedback.angle(at);
+        if !goes_on {
+            (self.since, self.from, self.counts, self.measured) = (at, self.angle, 0, None);
+            return;
+        }
+        self.counts = self.counts.saturating_add(if forward { 1 } else { -1 });
+        let span = at.since(self.since);
+        if span < LEAST {
+            return;
+        }
+        let counts = core::mem::take(&mut self.counts);
+        if let (Some(from), Some(to)) = (self.from, self.angle) {
+            self.measure(counts, to.wrapping_sub(from), turn);
+        }
+        (self.since, self.from, self.measured) = (at, self.angle, Some((counts, span)));
+    }
+
+    /// So many counts were so much of a turn.
+    fn measure(&mut self, counts: i32, turned: i64, turn: i64) {
+        const MOST: i32 = 1 << 20;
+        let twice = (i64::from(counts.clamp(-MOST, MOST)) << 33).checked_div(turned).unwrap_or(0);
+        let per_turn = ((twice + twice.signum()) / 2).clamp(-i64::from(MOST), MOST.into());
+        let believed = self.per_turn(turn);
+        if per_turn != 0 && (per_turn - believed).abs() * SAME > believed.abs() {
+            self.per_turn = Some(per_turn);
+        }
+    }
+
+    /// Counts in a turn of the shaft, less than 0 if they go the other way: as measured, or else `turn`. Never 0.
+    pub(crate) fn per_turn(&self, turn: i64) -> i64 {
+        self.per_turn.unwrap_or(turn.max(1))
+    }
+
+    /// The sensor is another one, or read otherwise.
+    pub(crate) fn forget(&mut self) {
+        *self = Self::NONE;
+    }
+
+    /// A motion begins.
+    pub(crate) fn begin(&mut self, at: Instant, feedback: &Feedback) {
+        self.angle = feedback.angle(at);
+    }
+
+    /// The shaft stands, whatever its edges told.
+    pub(crate) fn stands(&mut self) {
+        (self.last, self.measured) = (None, None);
+    }
+
+    /// The last edge.
+    pub(crate) fn last(&self) -> Option<Instant> {
+        self.last.map(|last| last.at)
+    }
+
+    /// Whether no edge has come for so long that the shaft stands.
+    pub(crate) fn is_silent(&self, at: Instant) -> bool {
+        self.last().is_none_or(|last| at.since(last) >= STILL_AFTER)
+    }
+
+    /// Counts that the shaft has made since the last edge, signed; 0 if nobody reports it.
+    pub(crate) fn since_edge(&self, at: Instant, turn: i64, feedback: &Feedback) -> I40F24 {
+        self.angle.map_or(I40F24::ZERO, |from| self.counts_from(from, at, turn, feedback))
+    }
+
+    /// Counts that the shaft has made from an angle in 2⁻³² turns, signed; 0 if nobody reports it.
+    pub(crate) fn counts_from(&self, from: i64, at: Instant, turn: i64, feedback: &Feedback) -> I40F24 {
+        const MOST: i64 = 1 << 36;
+        let turned = feedback.angle(at).map_or(0, |to| to.wrapping_sub(from).clamp(-MOST, MOST));
+        I40F24::from_bits((turned >> 8).saturating_mul(self.per_turn(turn)))
+    }
+
+    /// How fast the shaft turns as this sensor reads it, in rpm, with so many counts in a turn, at most 2²⁴ either way:
+    /// by the motor's report, or by edges alone. A sensor that has missed counts reads 0.
+    pub(crate) fn reading(&self, at: Instant, turn: i64, feedback: &Feedback) -> I40F24 {
+        const MOST: I40F24 = I40F24::const_from_int(1 << 24);
+        let Some(rpm) = feedback.rpm(at) else {
+            return I40F24::from_num(self.rpm(at, turn)).clamp(-MOST, MOST);
+        };
+        if self.since_edge(at, turn, feedback).abs() > MISSED {
+            return I40F24::ZERO;
+        }
+        scaled(rpm, self.per_turn(turn), turn).clamp(-MOST, MOST)
+    }
+
+    /// A speed that this sensor reads, as the shaft's, either way.
+    pub(crate) fn of_shaft(&self, rpm: I40F24, turn: i64) -> I40F24 {
+        scaled(rpm, turn, self.per_turn(turn).abs())
+    }
+
+    /// A speed of the shaft, as this sensor reads it, either way.
+    pub(crate) fn of_sensor(&self, rpm: I40F24, turn: i64) -> I40F24 {
+        scaled(rpm, self.per_turn(turn).abs(), turn)
+    }
+
+    /// How fast edges come, in rpm, with so many in a turn: as measured last, and no faster than would already have
+    /// brought the next one.
+    pub(crate) fn rpm(&self, at: Instant, turn: i64) -> i32 {
+        let (Some(last), Some((counts, span))) = (self.last(), self.measured) else { return 0 };
+        if self.is_silent(at) {
+            return 0;
+        }
+        let (waited, size) = (at.since(last).ticks(), u64::from(counts.unsigned_abs()));
+        let (size, ticks) =
+            if waited.saturating_mul(size) > span.ticks() { (1, waited) } else { (size, span.ticks()) };
+        let turns = ticks.saturating_mul(turn.unsigned_abs());
+        let minute = (60 * TICKS_PER_SECOND).saturating_mul(size);
+        let rpm = minute.saturating_add(turns / 2).checked_div(turns).unwrap_or(0);
+        rpm.min(i32::MAX.unsigned_abs().into()) as i32 * counts.signum()
+    }
+}
+
+/// A speed in other counts: `to` for `from`.
+fn scaled(rpm: I40F24, to: i64, from: i64) -> I40F24 {
+    if to == from {
+        return rpm;
+    }
+    let size = rpm.to_bits().unsigned_abs();
+    let (whole, rest) = (size.checked_div(from.unsigned_abs()), size.checked_rem(from.unsigned_abs()));
+    let (whole, rest) = (whole.unwrap_or(0), rest.unwrap_or(0));
+    let to_size = to.unsigned_abs();
+    let size = whole.saturating_mul(to_size).saturating_add(rest * to_size / from.unsigned_abs().max(1));
+    let sign = rpm.to_bits().signum() * to.signum() * from.signum();
+    I40F24::from_bits(size.min(i64::MAX as u64).cast_signed() * sign)
+}

@@ -1,0 +1,159 @@
+//! What the control loop of a drive knows of its motor.
+//!
+//! A real drive estimates what happens between two edges of its sensors. Here the motor is simulated by the same
+//! process, which knows: so the motor reports its [`Parameters`] and its [`Rotation`], and nothing is estimated. Where
+//! the shaft is and how fast it turns still is for the sensors to say ([`Edges`](super::Edges)): the loop controls what
+//! they read. A sensor that nobody reports a shaft for, because its pins are driven from outside, tells the speed by
+//! its edges alone.
+
+use fixed::types::I40F24;
+
+use super::{Parameters, Rotation};
+use crate::device::{Duration, Instant};
+
+/// The period of a control loop.
+pub(crate) const TICK: Duration = Duration::millis(1);
+/// The whole supply, as a duty.
+pub(crate) const FULL_DUTY: i32 = 1 << 16;
+/// Torque that is this many times that of the supply at standstill acts like any more: nothing can turn against it.
+const MOST_TORQUE: i64 = 4;
+
+/// A motor in the units of a control loop: torques and currents are the speeds in rpm that they cost.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) struct Known {
+    /// Speed at the whole supply without any torque.
+    full: I40F24,
+    /// Current of the whole supply at standstill, in mA.
+    stall_ma: i64,
+    /// Part of the way to its final speed that the motor makes in a [`TICK`], above 0.
+    pub(crate) gain: I40F24,
+    /// Time in which it comes within 1/e of its final speed, in ticks of the loop.
+    pub(crate) slowness: I40F24,
+    /// Speed that friction costs.
+    pub(crate) friction: I40F24,
+    /// Speed that the load costs in forward motion.
+    pub(crate) load: I40F24,
+}
+
+impl Known {
+    pub(crate) fn of(parameters: &Parameters) -> Self {
+        let motor = super::Constants::of(parameters);
+        let full = I40F24::from_num(parameters.full_rpm());
+        let most = motor.stall.saturating_mul(MOST_TORQUE);
+        let cost = |acceleration: i64| full * ratio(acceleration.clamp(-most, most), motor.stall);
+        // 1 − e⁻ˣ as (x + x²/2)/(1 + x + x²/2), x = tick / time constant.
+        let x = ratio(TICK.ticks().cast_signed(), motor.time_constant_ticks()).max(I40F24::DELTA);
+        let way = x + x * x / 2;
+        Self {
+            full,
+            stall_ma: motor.stall_ma.max(1),
+            gain: way.checked_div(I40F24::ONE + way).unwrap_or(I40F24::ONE).max(I40F24::DELTA),
+            slowness: ratio(motor.time_constant_ticks(), TICK.ticks().cast_signed()),
+            friction: cost(motor.bounded_friction),
+            load: cost(motor.bounded_load),
+        }
+    }
+
+    /// The speed that a current costs in the winding, at most twice that of the whole supply.
+    pub(crate) fn lost(&self, ma: i64) -> I40F24 {
+        let most = 2 * self.stall_ma;
+        self.full * ratio(ma.clamp(-most, most), self.stall_ma)
+    }
+
+    /// The speed that load and friction cost a shaft that turns forward (1) or backward (−1); at rest (0) what they
+    /// cost at least, while friction holds.
+    pub(crate) fn torque(&self, way: i64) -> I40F24 {
+        match way {
+            0 => self.load - self.load.max(-self.friction).min(self.friction),
+            way => self.load + self.friction * way.signum(),
+        }
+    }
+
+    /// Whether friction holds a shaft at rest without a current.
+    pub(crate) fn holds(&self) -> bool {
+        self.load.abs() <= self.friction
+    }
+
+    /// The duty of a speed without any current, far beyond the supply at most.
+    pub(crate) fn duty(&self, rpm: I40F24) -> I40F24 {
+        const MOST: I40F24 = I40F24::const_from_int(1 << 30);
+        let duty = rpm.saturating_mul(FULL_DUTY.into()).checked_div(self.full).unwrap_or(I40F24::ZERO);
+        duty.clamp(-MOST, MOST)
+    }
+
+    /// The speed without any current of a duty.
+    pub(crate) fn rpm(&self, duty: i32) -> I40F24 {
+        I40F24::from_bits((self.full.to_bits() * i64::from(duty)) >> 16)
+    }
+
+    /// The duty that brings a shaft from one speed to another in a [`TICK`], far beyond the supply at most.
+    pub(crate) fn push(&self, rpm: I40F24, wanted: I40F24) -> I40F24 {
+        let way = if rpm == 0 { wanted.signum() } else { rpm.signum() };
+        let most = if wanted > rpm { I40F24::MAX } else { I40F24::MIN };
+        let step = (wanted - rpm).checked_div(self.gain).unwrap_or(most);
+        self.duty(rpm.saturating_add(step).saturating_add(self.torque(way.to_num::<i64>())))
+    }
+}
+
+/// One by the other, which is above 0.
+fn ratio(one: i64, other: i64) -> I40F24 {
+    const MOST: i64 = 1 << 38;
+    I40F24::from_bits((one.clamp(-MOST, MOST) << 24).checked_div(other).unwrap_or(0))
+}
+
+/// What the motor of a drive has reported.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Feedback {
+    /// The motor, or the one that the drive expects.
+    pub(crate) motor: Known,
+    /// The last report of its shaft.
+    rotation: Option<(Instant, Rotation)>,
+    /// The current that it draws, in mA, signed as the duty.
+    pub(crate) ma: i32,
+}
+
+impl Feedback {
+    /// Nothing reported; the motor is as the drive expects it.
+    pub(crate) fn new(expected: &Parameters) -> Self {
+        Self { motor: Known::of(expected), rotation: None, ma: 0 }
+    }
+
+    /// The motor reports how it turns from `at` on.
+    pub(crate) fn turns(&mut self, at: Instant, rotation: Rotation) {
+        self.rotation = Some((at, rotation));
+    }
+
+    /// Whether a motor has reported a shaft.
+    pub(crate) fn is_reported(&self) -> bool {
+        self.rotation.is_some()
+    }
+
+    fn now(&self, at: Instant) -> Option<Rotation> {
+        self.rotation.map(|(since, rotation)| rotation.after(at.since(since)))
+    }
+
+    /// Where the shaft is, in 2⁻³² turns, if its motor reports it.
+    pub(crate) fn angle(&self, at: Instant) -> Option<i64> {
+        self.now(at).map(|rotation| rotation.angle)
+    }
+
+    /// How fast the shaft turns, in rpm, if its motor reports it.
+    pub(crate) fn rpm(&self, at: Instant) -> Option<I40F24> {
+        self.now(at).map(Rotation::rpm)
+    }
+
+    /// Whether a limit of the current holds the motor back.
+    pub(crate) fn is_limited(&self, limit_ma: u32) -> bool {
+        limit_ma > 0 && self.ma.unsigned_abs() >= limit_ma
+    }
+
+    /// The duty that the terminals get of the `duty` they are put to: a limit of the current leaves less.
+    pub(crate) fn applied(&self, at: Instant, duty: i32, limit_ma: u32) -> i32 {
+        if duty == 0 || limit_ma == 0 {
+            return 0;
+        }
+        let rpm = self.rpm(at).filter(|_| self.is_limited(limit_ma));
+        let left = rpm.map(|rpm| self.motor.duty(rpm + self.motor.lost(self.ma.into())).to_num());
+        left.map_or(duty, |left: i32| left.clamp(-FULL_DUTY, FULL_DUTY))
+    }
+}

@@ -1,0 +1,52 @@
+//! State of a turning shaft, as a motor reports it to the control loop of its drive.
+
+use fixed::types::I40F24;
+use standin_protocol::time::TICKS_PER_SECOND;
+
+use super::stretch::{MOST, Stretch};
+use crate::device::Duration;
+
+/// Angle, speed and acceleration of a motor's shaft at an instant. The acceleration lasts until the next report, at
+/// most 4 ms later while the shaft turns.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Rotation {
+    /// In 2⁻³² turns, forward; wraps.
+    pub angle: i64,
+    /// In 2⁻⁵⁶ turns a tick, at most 2⁴⁴ either way.
+    pub speed: i64,
+    /// In 2⁻⁶⁴ turns a tick², at most 2³⁶ either way.
+    pub acceleration: i64,
+}
+
+impl Rotation {
+    /// The state a span later, at most 4 ms. A shaft that slows down ends at rest and does not turn round.
+    pub(super) fn after(self, span: Duration) -> Self {
+        let moves = self.speed != 0 || self.acceleration != 0;
+        let ticks = if moves { span.min(Stretch::LONGEST).ticks().cast_signed() } else { 0 };
+        let gain = (self.acceleration * ticks) >> 8;
+        let speed = self.speed + gain;
+        let turned_round = self.speed.signum() * speed.signum() < 0;
+        Self {
+            angle: self.angle.wrapping_add(((2 * self.speed + gain) * ticks) >> 25),
+            speed: if turned_round { 0 } else { speed.clamp(-MOST, MOST) },
+            ..self
+        }
+    }
+
+    /// The speed in rpm.
+    pub(super) fn rpm(self) -> I40F24 {
+        // 2⁻⁵⁶ turns a tick are 60·f·2⁻³² of 2⁻²⁴ rpm.
+        const RATE: i64 = (60 * TICKS_PER_SECOND).cast_signed();
+        I40F24::from_bits(((self.speed >> 11) * RATE) >> 21)
+    }
+
+    /// A report that is out of its range, from a trace, as one that is in it.
+    #[must_use]
+    pub fn limited(self) -> Self {
+        Self {
+            speed: self.speed.clamp(-MOST, MOST),
+            acceleration: self.acceleration.clamp(-Stretch::STEEPEST, Stretch::STEEPEST),
+            ..self
+        }
+    }
+}

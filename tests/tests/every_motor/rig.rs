@@ -1,0 +1,221 @@
+//! A drive with a motor of the bench.
+
+use standin_firmware::device::{Axis, Device, Duration, Fault, Pin};
+use standin_firmware::mdrobot::mdrobot;
+use standin_firmware::motor::Parameters;
+use standin_firmware::rs434::rs434544;
+use standin_sim::bench::{Bench, Driving, Fitting, Motor, PowerAction, Seat, Settings, Setup, Turn};
+use standin_sim::bus::LineMode;
+use standin_sim::trace::TraceKeep;
+
+use crate::physics::Limits;
+
+const AXIS: Axis = Axis(0);
+
+/// Bits of CTRL_STATUS (p. 9).
+pub(crate) const OVER_LOAD: i64 = 1 << 4;
+/// OVER_LOAD, or CTRL_FAIL, INV_VEL and STALL of what comes before it.
+pub(crate) const LIMITED: i64 = OVER_LOAD | 1 << 1 | 1 << 6 | 1 << 7;
+
+/// The drives that turn a DC motor.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) enum Drive {
+    Rs434544,
+    Mdrobot,
+}
+
+impl Drive {
+    /// REF_CURRENT and MAX_LOAD of a new drive are 20 A; the RS drive has 0.98 of the supply at most (3). ACC 1,000 is
+    /// 5,000 rps² (6.5); a VEL_CMD without SLOW_START is no ramp.
+    pub(crate) fn limits(self) -> Limits {
+        match self {
+            Self::Rs434544 => Limits { amps: 20.0, duty: 0.98, ramp: 300_000.0 },
+            Self::Mdrobot => Limits { amps: 20.0, duty: 1.0, ramp: 1e9 },
+        }
+    }
+
+    fn device(self) -> Box<dyn Device> {
+        match self {
+            Self::Rs434544 => Box::new(rs434544()),
+            Self::Mdrobot => Box::new(mdrobot()),
+        }
+    }
+
+    /// Counts of the position in a turn: four an RS drive's 4 pulses, 3 for each of an MDROBOT's 4 poles.
+    fn counts(self) -> f64 {
+        match self {
+            Self::Rs434544 => 16.0,
+            Self::Mdrobot => 12.0,
+        }
+    }
+}
+
+/// A drive with a motor, ready to be commanded.
+pub(crate) struct Rig {
+    drive: Drive,
+    bench: Bench,
+    seat: Seat,
+    /// `None`: the drive turns the motor that it brings.
+    motor: Option<Motor>,
+}
+
+impl Rig {
+    /// With a motor of the bench.
+    pub(crate) fn new(drive: Drive, motor: Parameters) -> Self {
+        Self::with(drive, Some(motor))
+    }
+
+    /// With the motor that the drive brings.
+    pub(crate) fn own(drive: Drive) -> Self {
+        Self::with(drive, None)
+    }
+
+    fn with(drive: Drive, motor: Option<Parameters>) -> Self {
+        let settings = Settings { line: LineMode::Fast, trace: TraceKeep::Off, ..Settings::default() };
+        let mut bench = Bench::with(settings);
+        let setup = Setup { apart: motor.is_some(), boot_fast: true, ..Setup::default() };
+        let seat = bench.seat("x", drive.device(), setup).unwrap();
+        let motor = motor.map(|motor| {
+            let motor = match drive {
+                Drive::Rs434544 => motor,
+                // 4 poles, as HALL_TYPE 0 says.
+                Drive::Mdrobot => Parameters { hall_sensors: 3, hall_pulses: 2, ..motor },
+            };
+            bench.fit("m", seat, AXIS, Fitting::Brush(motor)).unwrap()
+        });
+        let mut rig = Self { drive, bench, seat, motor };
+        rig.run(0.001);
+        let settings: &[(&str, i64)] = match drive {
+            Drive::Rs434544 => &[("ACC", 1_000), ("DEC", 1_000)],
+            Drive::Mdrobot => &[("UI_COM", 1), ("START_STOP", 1), ("MAX_RPM", 10_000)],
+        };
+        for &(name, value) in settings {
+            rig.write(name, value);
+        }
+        rig
+    }
+
+    /// The motor that comes with a new drive, as one of the bench.
+    pub(crate) fn nominal(drive: Drive, change: impl FnOnce(Parameters) -> Parameters) -> Self {
+        let mut bench = Bench::new();
+        let setup = Setup { apart: true, ..Setup::default() };
+        let seat = bench.seat("x", drive.device(), setup).unwrap();
+        Self::new(drive, change(bench.parted(seat).unwrap()))
+    }
+
+    /// Pulls a pin to ground, or lets go.
+    pub(crate) fn ground(&mut self, pin: &str, on: bool) {
+        let pins = self.bench.spec(self.seat).pins;
+        let pin = Pin(pins.iter().position(|spec| spec.name == pin).unwrap() as u8);
+        self.bench.set_pin(self.seat, pin, if on { Driving::Low } else { Driving::Open });
+    }
+
+    /// Holds the shaft, or lets go.
+    pub(crate) fn hold(&mut self, on: bool) {
+        let stall = self.bench.spec(self.seat).faults.iter().position(|fault| *fault == "stall").unwrap();
+        self.bench.fault(self.seat, Fault(stall as u8), on);
+    }
+
+    /// Lets the drive have no power for a while.
+    pub(crate) fn cycle(&mut self, seconds: f64) {
+        self.bench.power(self.seat, PowerAction::Off);
+        self.run(seconds);
+        self.bench.power(self.seat, PowerAction::On);
+        self.run(0.001);
+    }
+
+    fn turn(&self) -> Turn {
+        self.bench.turn(self.motor.expect("a motor of the bench"))
+    }
+
+    /// Speed of the shaft, in rpm.
+    pub(crate) fn rpm(&self) -> f64 {
+        self.turn().rpm
+    }
+
+    fn row(&self, name: &str) -> usize {
+        self.bench.spec(self.seat).find(name).unwrap().row
+    }
+
+    pub(crate) fn write(&mut self, name: &str, value: i64) {
+        let row = self.row(name);
+        self.bench.poke(self.seat, row, value).unwrap_or_else(|why| panic!("{name} = {value}: {why:?}"));
+    }
+
+    pub(crate) fn read(&self, name: &str) -> i64 {
+        self.bench.peek(self.seat, self.row(name))
+    }
+
+    pub(crate) fn run(&mut self, seconds: f64) {
+        let until = self.bench.now() + Duration::from_ticks((seconds * 16e6) as u64);
+        self.bench.run_until(until);
+    }
+
+    /// Turns forward at that speed.
+    pub(crate) fn rotate(&mut self, rpm: i64) {
+        match self.drive {
+            Drive::Rs434544 => {
+                self.write("SPEED", rpm);
+                self.write("START_bit", 1);
+            }
+            Drive::Mdrobot => self.write("VEL_CMD", rpm),
+        }
+    }
+
+    /// Moves by so many counts.
+    pub(crate) fn go(&mut self, counts: i64, rpm: i64) {
+        match self.drive {
+            Drive::Rs434544 => {
+                self.write("SPEED", rpm);
+                self.write("MODE_ROTATION", 2);
+                self.write("OFFSET", counts);
+                self.write("START_bit", 1);
+            }
+            Drive::Mdrobot => {
+                self.write("MAX_RPM", rpm);
+                let position = self.read("POSI_DATA");
+                self.write("POSI_CMD", position + counts);
+            }
+        }
+    }
+
+    /// The time of such a move at its speed, and of MDROBOT's last counts: PV_GAIN 20 is 4 a second for each.
+    pub(crate) fn longest(&self, counts: i64, rpm: f64) -> f64 {
+        let at_speed = counts.abs() as f64 / self.drive.counts() / rpm * 60.0;
+        at_speed + if self.drive == Drive::Mdrobot { 4.0 } else { 1.0 }
+    }
+
+    pub(crate) fn revolutions(&self) -> f64 {
+        self.turn().revolutions
+    }
+
+    /// Where the shaft is, in counts from where it began in the middle of one.
+    pub(crate) fn revolutions_in_counts(&self) -> i64 {
+        (self.revolutions() * self.drive.counts()).round() as i64
+    }
+
+    pub(crate) fn amps(&self) -> f64 {
+        f64::from(self.turn().ma) / 1e3
+    }
+
+    pub(crate) fn position(&self) -> i64 {
+        match self.drive {
+            Drive::Rs434544 => self.read("CURRENT_POSITION"),
+            Drive::Mdrobot => self.read("POSI_DATA"),
+        }
+    }
+
+    pub(crate) fn is_moving(&self) -> bool {
+        match self.drive {
+            Drive::Rs434544 => self.read("STATUS") != 0,
+            Drive::Mdrobot => self.read("RPM_DATA") != 0,
+        }
+    }
+
+    pub(crate) fn errors(&self) -> i64 {
+        match self.drive {
+            Drive::Rs434544 => self.read("ERROR"),
+            Drive::Mdrobot => self.read("CTRL_STATUS"),
+        }
+    }
+}

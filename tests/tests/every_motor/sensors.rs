@@ -1,0 +1,148 @@
+//! Hall sensors that are broken, or used otherwise on the way.
+
+use standin_firmware::motor::Parameters;
+
+use crate::rig::{Drive, Rig};
+
+/// Bit 4 of ERROR: "Hall sensors connecting error" (6.5).
+const HALL: i64 = 1 << 4;
+
+/// One broken wire of two is noticed, from the start or on the way, and stops the motor; with one sensor in use only
+/// the one that is used, HA.
+#[test]
+fn a_broken_hall_wire_is_noticed() {
+    for pin in ["HA", "HB"] {
+        for halls in [1, 2] {
+            for turns in [false, true] {
+                for rpm in [30, 1_000] {
+                    let mut rig = Rig::nominal(Drive::Rs434544, |motor| motor);
+                    rig.write("USE_HALL", halls);
+                    if turns {
+                        rig.rotate(rpm);
+                        rig.run(2.0);
+                        assert_eq!(rig.read("ERROR"), 0);
+                    }
+                    rig.ground(pin, true);
+                    rig.rotate(rpm);
+                    rig.run(3.0);
+                    let noticed = halls == 2 || pin == "HA";
+                    let what = format!("{pin} with {halls} sensors at {rpm} rpm, turning before: {turns}");
+                    assert_eq!(rig.read("ERROR"), if noticed { HALL } else { 0 }, "{what}");
+                    assert_eq!(rig.read("STATUS"), i64::from(!noticed), "{what}");
+                }
+            }
+        }
+    }
+}
+
+/// What reverses again and again, or swings against a load at rest, has no broken wire.
+#[test]
+fn reversals_are_no_broken_wire() {
+    for ms in [3.0, 7.0, 20.0] {
+        let mut rig = Rig::nominal(Drive::Rs434544, |motor| motor);
+        rig.rotate(100);
+        for n in 0..200 {
+            rig.write("DIRECTION", 1 + n % 2);
+            rig.run(ms / 1e3);
+        }
+        assert_eq!(rig.read("ERROR"), 0, "every {ms} ms");
+    }
+}
+
+/// USE_HALL may be written in a run: the speed goes on, and nothing swings (5010h, 6.5).
+#[test]
+fn sensors_may_be_used_or_not_on_the_way() {
+    for no_load_rpm in [2_000, 3_000, 6_000] {
+        let mut rig = Rig::nominal(Drive::Rs434544, |motor| Parameters { no_load_rpm, ..motor });
+        rig.write("USE_HALL", 0);
+        rig.rotate(1_000);
+        rig.run(1.0);
+        // Open loop: a third of the supply, by RATED_SPEED 3,000.
+        let open = f64::from(no_load_rpm) / 3.0;
+        assert!((rig.rpm() / open - 1.0).abs() < 0.03, "{} rpm for {open}", rig.rpm());
+        for halls in [2, 1, 2, 0, 1] {
+            rig.write("USE_HALL", halls);
+            rig.run(1.0);
+            for _ in 0..500 {
+                rig.run(0.001);
+                assert!(rig.amps() < 0.3, "{} A with {halls} sensors", rig.amps());
+                let rpm = if halls == 0 { open } else { 1_000.0 };
+                assert!((rig.rpm() / rpm - 1.0).abs() < 0.03, "{} rpm with {halls} sensors", rig.rpm());
+            }
+            assert_eq!(rig.read("ERROR"), 0, "{halls} sensors");
+        }
+    }
+}
+
+/// SPEED_VALID and RPM_DATA of a shaft that has coasted to rest are 0.
+#[test]
+fn a_shaft_that_has_coasted_to_rest_shows_no_speed() {
+    for (drive, register, stop) in
+        [(Drive::Rs434544, "SPEED_VALID", ("HARD_STOP_bit", 1)), (Drive::Mdrobot, "RPM_DATA", ("TQ_OFF", 1))]
+    {
+        for friction_unm in [2_000, 10_000, 100_000] {
+            let mut rig = Rig::nominal(drive, |motor| Parameters { friction_unm, ..motor });
+            rig.rotate(500);
+            rig.run(1.0);
+            assert!((495..=505).contains(&rig.read(register)), "{}", rig.read(register));
+            rig.write(stop.0, stop.1);
+            rig.run(20.0);
+            assert_eq!((rig.rpm(), rig.read(register)), (0.0, 0), "{drive:?}");
+        }
+    }
+    // A load turns it at rest, and is taken away: nothing but its edges tells.
+    let mut rig = Rig::nominal(Drive::Rs434544, |motor| Parameters { load_unm: -12_000, ..motor });
+    rig.run(0.2);
+    assert!(rig.rpm() > 0.0);
+    rig.hold(true);
+    assert!(rig.read("SPEED_VALID") > 0);
+    rig.run(1.1);
+    assert_eq!(rig.read("SPEED_VALID"), 0);
+}
+
+/// Power that fails while the shaft turns: the drive finds it again wherever it has coasted, and its moves end on their
+/// counts.
+#[test]
+fn a_drive_finds_its_motor_after_a_power_failure() {
+    for drive in [Drive::Rs434544, Drive::Mdrobot] {
+        let mut rig = Rig::nominal(drive, |motor| Parameters { inertia_gcm2: 20_000, ..motor });
+        rig.rotate(1_000);
+        rig.run(2.0);
+        rig.cycle(0.5);
+        rig.run(30.0);
+        assert_eq!(rig.rpm(), 0.0);
+        if drive == Drive::Mdrobot {
+            rig.write("UI_COM", 1);
+        }
+        let (begin, counts) = (rig.revolutions_in_counts(), 37);
+        let position = rig.position();
+        rig.go(counts, 600);
+        rig.run(6.0);
+        assert_eq!((rig.position(), rig.errors()), (position + counts, 0), "{drive:?}");
+        assert!((rig.revolutions_in_counts() - begin - counts).abs() <= 1, "{drive:?}");
+    }
+}
+
+/// The motor that a drive brings has the same wires: what pulls one to ground from outside breaks it.
+#[test]
+fn wires_of_the_own_motor_can_be_pulled_to_ground() {
+    for pin in ["HA", "HB"] {
+        let mut rig = Rig::own(Drive::Rs434544);
+        rig.rotate(1_000);
+        rig.run(1.0);
+        assert_eq!((rig.read("ERROR"), rig.read("STATUS")), (0, 1));
+        rig.ground(pin, true);
+        rig.run(1.0);
+        assert_eq!((rig.read("ERROR"), rig.read("STATUS")), (HALL, 0), "{pin}");
+    }
+    // One of three never shows the drive a state that the three can have (p. 9).
+    for pin in ["HU", "HV", "HW"] {
+        let mut rig = Rig::own(Drive::Mdrobot);
+        rig.rotate(300);
+        rig.run(1.0);
+        assert_eq!(rig.errors(), 0);
+        rig.ground(pin, true);
+        rig.run(1.0);
+        assert_eq!(rig.errors(), 1 << 5 | 1, "{pin}");
+    }
+}
