@@ -65,7 +65,7 @@ const REGEN_OVER_TEMPERATURE: Fault = Fault(8);
 pub const MEMORY: usize = memory::bytes(Pid::SAVED_WORDS) as usize;
 
 const fn pin(name: &'static str, role: Role, rest: Level) -> PinSpec {
-    PinSpec { name, role, rest, shunt_ohm: 0 }
+    PinSpec::new(name, role, rest)
 }
 
 static MD400: Spec = Spec {

@@ -55,7 +55,7 @@ type Words = Bank<Reg, { Reg::WORDS }>;
 pub const MEMORY: usize = memory::bytes(Reg::SAVED_WORDS) as usize;
 
 const fn pin(name: &'static str, role: Role, rest: Level) -> PinSpec {
-    PinSpec { name, role, rest, shunt_ohm: 0 }
+    PinSpec::new(name, role, rest)
 }
 
 /// All variants begin alike: those of the QSB-S, then DIO0 of the QSB-D, then the rest.
