@@ -55,16 +55,16 @@ const SETTINGS: usize = memory::bytes(Reg::SAVED_WORDS) as usize;
 pub const MEMORY: usize = SETTINGS + 4 * LINES + 2;
 
 const fn pin(name: &'static str, role: Role, rest: Level) -> PinSpec {
-    PinSpec { name, role, rest, shunt_ohm: 0 }
+    PinSpec::new(name, role, rest)
 }
 
-// A contact to ground is closed while it is low (6.1). One that nobody wired is open; that of the emergency
-// stop is closed, or nothing would ever move.
+// A contact to ground is closed while it is low (6.1). One that nobody uses is open; that of the emergency stop is
+// closed until somebody uses it, or nothing would ever move.
 #[rustfmt::skip]
 static PINS: [PinSpec; 8] = [
     pin("IN1", Role::Input, Level::High),
     pin("IN2", Role::Input, Level::High),
-    pin("HARD_STOP", Role::Input, Level::Low),
+    PinSpec { high_once_used: true, ..pin("HARD_STOP", Role::Input, Level::Low) },
     pin("HA", Role::Both, Level::High),
     pin("HB", Role::Both, Level::High),
     pin("CLR_FLASH", Role::Input, Level::High),
@@ -101,6 +101,7 @@ const fn spec(kind: &'static str, product: &'static str, registers: &'static Tab
         memory: MEMORY as u16,
         registers,
         address: Some(Reg::SLAVE_ADDRESS_MODBUS as usize),
+        supply: Some(Reg::SUPPLY as usize),
         ..Spec::BARE
     }
 }
