@@ -120,6 +120,7 @@ impl Drive {
         }
         if self.servo.deadline() <= at {
             self.servo.timeout(at, out);
+            self.reverse_when_slow(at, out);
         }
         self.look_for_alarms(at, out);
     }
@@ -217,7 +218,7 @@ impl Drive {
 
     fn in_position(&self) -> bool {
         let window = self.bank.word(Pid::IN_POSITION);
-        self.servo.error().is_some_and(|error| error.unsigned_abs() <= u64::from(window))
+        !self.reverses() && self.servo.error().is_some_and(|error| error.unsigned_abs() <= u64::from(window))
     }
 
     /// Puts a live PID into the bank, because it is read.
