@@ -257,7 +257,7 @@ impl Device for Mdrobot {
     }
 
     fn peek_word(&self, at: Instant, row: usize, word: usize) -> u16 {
-        let words = if row == Pid::MONITOR.row() { self.drive.monitor(at) } else { [0; 6] };
+        let words = Pid::from_row(row).map(|pid| self.drive.report(at, pid)).unwrap_or_default();
         words.get(word).copied().unwrap_or(0)
     }
 

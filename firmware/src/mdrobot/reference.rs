@@ -164,8 +164,10 @@ impl Drive {
         let count = self.turned(words as i32);
         let here = matches!(pid, Pid::INC_POSI_CMD | Pid::INC_POSI_VEL_CMD);
         let count = if here { self.further(count) } else { count };
-        let own_rpm = matches!(pid, Pid::POSI_VEL_CMD | Pid::INC_POSI_VEL_CMD);
-        let rpm = if own_rpm { i32::from((words >> 32) as i16).abs() } else { i32::MAX };
+        let rpm = match pid {
+            Pid::POSI_VEL_CMD | Pid::INC_POSI_VEL_CMD => i32::from((words >> 32) as i16).abs(),
+            _ => self.bank.word(Pid::TAR_POSI_VEL).into(),
+        };
         if self.reference.who == Who::BUS {
             self.reference.command = Command::Position { rpm };
             self.give(at, self.position(count, rpm), out);
