@@ -117,8 +117,8 @@ pub enum Input<'a> {
         /// To high.
         high: bool,
     },
-    /// Nobody drives an input any more whose [rest](PinSpec::rest) is [`Level::Float`], and no wire leads there. What
-    /// was never told of such a pin is so.
+    /// Nobody drives an input any more whose [rest](PinSpec::rest) is [`Level::Float`], and no wire leads there. Until
+    /// its first event such a pin is open.
     Open {
         /// Which.
         pin: Pin,
