@@ -119,8 +119,8 @@ pub enum Input<'a> {
         /// To high.
         high: bool,
     },
-    /// Nobody drives an input any more whose [rest](PinSpec::rest) is [`Level::Float`], and no wire leads there. What
-    /// was never told of such a pin is so.
+    /// Nobody drives an input any more whose [rest](PinSpec::rest) is [`Level::Float`], and no wire leads there. Until
+    /// its first event such a pin is open.
     Open {
         /// Which.
         pin: Pin,
@@ -474,12 +474,21 @@ pub struct PinSpec {
     /// What it reads, or shows, while nobody drives it. An input that floats tells a contact that is not wired from one
     /// that is open: then the drive is told [`Input::Open`], and high once a wire leads there.
     pub rest: Level,
+    /// The pin rests high, whatever `rest` says, as soon as a wire or a switch leads there or a hand has been there: a
+    /// contact that counts as closed until somebody uses it.
+    pub high_once_used: bool,
     /// Of an analogue input that can measure a current: the resistance across which that is a voltage, in Ω. 0 of one
     /// that cannot.
     pub shunt_ohm: u16,
 }
 
 impl PinSpec {
+    /// A pin that measures no current and rests as it says.
+    #[must_use]
+    pub const fn new(name: &'static str, role: Role, rest: Level) -> Self {
+        Self { name, role, rest, high_once_used: false, shunt_ohm: 0 }
+    }
+
     /// Whether the drive can be told [`Input::Open`] of it.
     #[must_use]
     pub fn tells_open(&self) -> bool {
@@ -558,7 +567,7 @@ pub struct Spec {
     pub commands: &'static [Command],
     /// The row that holds its bus address.
     pub address: Option<usize>,
-    /// The row that shows what feeds it and its motor, in 0.1 V.
+    /// The row that shows what feeds it, and its motor, in 0.1 V; a bench sets it at each power-on.
     pub supply: Option<usize>,
     /// Its modelled limits that no row tells.
     pub not_modelled: &'static [&'static str],

@@ -259,7 +259,7 @@ fn sections(spec: &Spec) -> Vec<Section> {
     let pins = spec.pins.iter().map(|pin| {
         let mut names = vec![pin.name];
         names.extend(aliases(spec, pin.name));
-        vec![names.join(", "), role(pin).into(), level(pin.rest).into()]
+        vec![names.join(", "), role(pin).into(), rest(pin)]
     });
     let axes = spec.axes.iter().map(|axis| {
         let (step, direction) = axis.step_dir.map_or_else(Default::default, |(a, b)| (pin(a), pin(b)));
@@ -434,6 +434,11 @@ fn role(pin: &PinSpec) -> &'static str {
         Role::Mixed => "digital or analogue input",
         Role::Led => "LED",
     }
+}
+
+fn rest(pin: &PinSpec) -> String {
+    let once_used = if pin.high_once_used { ", high once used" } else { "" };
+    format!("{}{once_used}", level(pin.rest))
 }
 
 fn level(level: Level) -> &'static str {

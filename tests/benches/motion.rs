@@ -41,7 +41,7 @@ static COUNTER: Spec = Spec {
     kind: "counter",
     product: "counts rising edges",
     manual: "this file",
-    pins: &[PinSpec { name: "IN", role: Role::Input, rest: Level::High, shunt_ohm: 0 }],
+    pins: &[PinSpec::new("IN", Role::Input, Level::High)],
     registers: Show::TABLE,
     ..Spec::BARE
 };

@@ -267,6 +267,15 @@ impl Rig {
         self.after(2.millis());
     }
 
+    /// The drive measures another supply, in 0.1 V.
+    ///
+    /// # Panics
+    /// If it does not take it.
+    pub fn supply(&mut self, tenths: i64) {
+        let row = self.bench.spec(self.seat).find("SUPPLY").expect("a setting").row;
+        self.bench.poke(self.seat, row, tenths).expect("a supply");
+    }
+
     /// What the motor does now.
     #[must_use]
     pub fn motion(&self) -> Motion {

@@ -25,10 +25,7 @@ static SPEC: Spec = Spec {
         ends: Ends::Character,
         line: Some(Line::new(115_200, 8, Parity::None, 1)),
     }],
-    pins: &[
-        PinSpec { name: "IN", role: Role::Input, rest: Level::High, shunt_ohm: 0 },
-        PinSpec { name: "OUT", role: Role::Output, rest: Level::Low, shunt_ohm: 0 },
-    ],
+    pins: &[PinSpec::new("IN", Role::Input, Level::High), PinSpec::new("OUT", Role::Output, Level::Low)],
     registers: Reg::TABLE,
     ..Spec::BARE
 };

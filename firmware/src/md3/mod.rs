@@ -60,7 +60,7 @@ const PORT_BITS: [u16; 7] = [
 pub const MEMORY: usize = memory::bytes(Reg::SAVED_WORDS) as usize;
 
 const fn pin(name: &'static str, role: Role, rest: Level) -> PinSpec {
-    PinSpec { name, role, rest, shunt_ohm: 0 }
+    PinSpec::new(name, role, rest)
 }
 
 #[rustfmt::skip]

@@ -59,7 +59,7 @@ pub const MEMORY: usize = saved::MEMORY;
 const SHUNT_OHM: u16 = 250;
 
 const fn pin(name: &'static str, role: Role, rest: Level) -> PinSpec {
-    PinSpec { name, role, rest, shunt_ohm: 0 }
+    PinSpec::new(name, role, rest)
 }
 
 // An open input floats high if it sinks and low if it sources, so it tells that it is open. A remote encoder counts once

@@ -3,7 +3,7 @@
 use standin_protocol::registers::Register;
 
 use super::drive::Drive;
-use super::registers::Pid;
+use super::registers::{LATER, Pid};
 use super::{CLUTCH, FAN};
 use crate::device::{Command, Instant, Level, Output, Pin, Sink};
 
@@ -38,12 +38,16 @@ const fn known(code: u16, name: &'static str, doc: &'static str, missing: &'stat
 
 /// Where the manual has it.
 const fn page(code: u16) -> &'static str {
-    if code < 32 { "p. 6" } else { "p. 7" }
+    match code {
+        ..32 => "p. 6",
+        32..56 => "p. 7",
+        _ => LATER,
+    }
 }
 
-/// The rows of the manual, under the header's names where it has them.
+/// The rows of the manual, under the header's names where it has them, and two that public clients know beside it.
 #[rustfmt::skip]
-const ROWS: [(Command, Act); 36] = [
+const ROWS: [(Command, Act); 38] = [
     does(2, "TQ_OFF", "as TQ_OFF", As(Pid::TQ_OFF)),
     does(4, "BRAKE", "as BRAKE", As(Pid::BRAKE)),
     known(5, "MAIN_DATA_BC_ON", "sends MAIN_DATA again and again", OWN_PROTOCOL),
@@ -80,6 +84,8 @@ const ROWS: [(Command, Act); 36] = [
     known(53, "MONITOR_BC_OFF2", "ends that", ONE_MOTOR),
     known(54, "IO_MONITOR_BC_ON2", "IO_MONITOR of the second motor", ONE_MOTOR),
     known(55, "IO_MONITOR_BC_OFF2", "ends that", ONE_MOTOR),
+    does(71, "POSI_SS_OFF", "POSI_SS is 0", Erase(&[Pid::POSI_SS])),
+    does(72, "POSI_SD_OFF", "POSI_SD is 0", Erase(&[Pid::POSI_SD])),
 ];
 
 /// What `describe` tells of them.

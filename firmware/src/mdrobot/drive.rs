@@ -27,6 +27,8 @@ use crate::motor::Parameters;
 const MOST_RPM: i32 = 5_000;
 /// Of MAX_LOAD and TQ_DATA.
 const MA_PER_UNIT: u32 = 100;
+/// Of the PID that has the most.
+pub(super) const MOST_WORDS: usize = 9;
 /// Of VOLT_IN.
 const MV_PER_UNIT: u32 = 100;
 
@@ -120,6 +122,7 @@ impl Drive {
         }
         if self.servo.deadline() <= at {
             self.servo.timeout(at, out);
+            self.reverse_when_slow(at, out);
         }
         self.look_for_alarms(at, out);
     }
@@ -163,7 +166,7 @@ impl Drive {
         self.servo.set(at, servo_settings(&self.bank), out);
     }
 
-    /// A PID as it reads now; of MONITOR the first four words.
+    /// A PID as it reads now; of more than four words the first four.
     pub(super) fn value(&self, at: Instant, pid: Pid) -> i64 {
         match pid {
             Pid::CTRL_STATUS => (self.alarms.status() & 0xFF).into(),
@@ -173,8 +176,8 @@ impl Drive {
             Pid::TQ_DATA => self.current().into(),
             Pid::VOLT_IN => self.alarms.supply().into(),
             Pid::MAX_LOAD_181 => self.bank.get(Pid::MAX_LOAD),
-            Pid::MONITOR => {
-                let words = self.monitor(at).into_iter().take(4).rev();
+            Pid::MONITOR | Pid::PNT_MAIN_DATA | Pid::PNT_MONITOR => {
+                let words = self.report(at, pid).into_iter().take(4).rev();
                 words.fold(0, |value, word| value << 16 | i64::from(word))
             }
             Pid::POSI_DATA => self.servo.position().into(),
@@ -186,17 +189,21 @@ impl Drive {
         }
     }
 
-    /// The words of MONITOR.
-    pub(super) fn monitor(&self, at: Instant) -> [u16; 6] {
+    /// The words of MONITOR, PNT_MAIN_DATA or PNT_MONITOR, and 0 behind them.
+    pub(super) fn report(&self, at: Instant, pid: Pid) -> [u16; MOST_WORDS] {
+        let (rpm, current) = (self.rpm(at).cast_unsigned(), self.current().cast_unsigned());
         let position = self.servo.position().cast_unsigned();
-        [
-            self.rpm(at).cast_unsigned(),
-            self.current().cast_unsigned(),
-            self.servo.output(at).cast_unsigned(),
-            (position & 0xFFFF) as u16,
-            (position >> 16) as u16,
-            self.alarms.status(),
-        ]
+        let [low, high] = [(position & 0xFFFF) as u16, (position >> 16) as u16];
+        let status = self.alarms.status();
+        match pid {
+            Pid::MONITOR => {
+                let output = self.servo.output(at).cast_unsigned();
+                [rpm, current, output, low, high, status, 0, 0, 0]
+            }
+            Pid::PNT_MAIN_DATA => [rpm, current, low, high, 0, 0, 0, 0, status & 0xFF],
+            Pid::PNT_MONITOR => [rpm, low, high, 0, 0, 0, status & 0xFF, 0, 0],
+            _ => [0; MOST_WORDS],
+        }
     }
 
     /// RPM_DATA.
@@ -213,16 +220,18 @@ impl Drive {
 
     fn in_position(&self) -> bool {
         let window = self.bank.word(Pid::IN_POSITION);
-        self.servo.error().is_some_and(|error| error.unsigned_abs() <= u64::from(window))
+        !self.reverses() && self.servo.error().is_some_and(|error| error.unsigned_abs() <= u64::from(window))
     }
 
     /// Puts a live PID into the bank, because it is read.
     pub(super) fn refresh(&mut self, at: Instant, pid: Pid) {
-        if pid == Pid::MONITOR {
-            let place = Pid::ENTRIES.place(pid.row());
-            let words = self.monitor(at);
-            for (target, word) in self.bank.words_mut().iter_mut().skip(place).zip(words) {
-                *target = word;
+        if matches!(pid, Pid::MONITOR | Pid::PNT_MAIN_DATA | Pid::PNT_MONITOR) {
+            let (entries, row) = (Pid::ENTRIES, pid.row());
+            let count = entries.list.get(row).map_or(0, |entry| entry.shape.words());
+            let words = self.report(at, pid).into_iter().take(count.into());
+            let places = self.bank.words_mut().iter_mut().skip(entries.place(row));
+            for (place, word) in places.zip(words) {
+                *place = word;
             }
         } else {
             let value = self.value(at, pid);

@@ -65,8 +65,21 @@ const REGEN_OVER_TEMPERATURE: Fault = Fault(8);
 pub const MEMORY: usize = memory::bytes(Pid::SAVED_WORDS) as usize;
 
 const fn pin(name: &'static str, role: Role, rest: Level) -> PinSpec {
-    PinSpec { name, role, rest, shunt_ohm: 0 }
+    PinSpec::new(name, role, rest)
 }
+
+/// The limits of the model, with the reason of each.
+static NOT_MODELLED: [&str; 8] = [
+    "a supply that rises while a motor gives current back, or sags under load: VOLT_IN is what the bench says, so braking \
+     makes no OVER_VOLT and no regenerative over-temperature; faults and a preset VOLT_IN do",
+    "VOLT_IN that is preset at run time and a [[motor]]: that keeps its supply_v; the drive's own motor follows",
+    "a ripple of speed or current: the motor has no cogging, no commutation and no inductance",
+    "OVER_TEMP: the manual gives no limit, so only the fault raises it",
+    "the 2.5 s in which a real controller starts anew when ENC_PPR is written: they are not in the manual",
+    "a second motor and CAN: an MD400 has neither; PIDs of them are answered 02",
+    "what later controllers have beyond the PIDs marked \"not in V1.1\": 02, and codes of COMMAND without a row do nothing",
+    "a clutch that holds the shaft: what is on CLUTCH is not known",
+];
 
 static MD400: Spec = Spec {
     kind: "mdrobot",
@@ -111,6 +124,7 @@ static MD400: Spec = Spec {
     prefix: "PID_",
     address: Some(Pid::CONTROLLER_ID as usize),
     supply: Some(Pid::VOLT_IN as usize),
+    not_modelled: &NOT_MODELLED,
     ..Spec::BARE
 };
 
@@ -259,7 +273,7 @@ impl Device for Mdrobot {
     }
 
     fn peek_word(&self, at: Instant, row: usize, word: usize) -> u16 {
-        let words = if row == Pid::MONITOR.row() { self.drive.monitor(at) } else { [0; 6] };
+        let words = Pid::from_row(row).map(|pid| self.drive.report(at, pid)).unwrap_or_default();
         words.get(word).copied().unwrap_or(0)
     }
 

@@ -25,6 +25,10 @@ pub(super) struct Reference {
     /// RUN/BRAKE is OFF.
     brake: bool,
     command: Command,
+    /// The ways that limit switches forbade last, CCW and CW.
+    forbidden: [bool; 2],
+    /// The motor is brought to a stand before it turns back from a limit switch.
+    reverses: bool,
 }
 
 /// Who may command.
@@ -97,7 +101,20 @@ impl Reference {
         start: false,
         brake: false,
         command: Command::Connectors { started: false },
+        forbidden: [false; 2],
+        reverses: false,
     };
+}
+
+/// What limit switches say of an order.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+enum Verdict {
+    /// It is carried out.
+    Permits,
+    /// It leads back from the switch towards which the shaft turns: that stands first.
+    Reverses,
+    /// It is dropped.
+    Forbids,
 }
 
 impl Drive {
@@ -147,8 +164,10 @@ impl Drive {
         let count = self.turned(words as i32);
         let here = matches!(pid, Pid::INC_POSI_CMD | Pid::INC_POSI_VEL_CMD);
         let count = if here { self.further(count) } else { count };
-        let own_rpm = matches!(pid, Pid::POSI_VEL_CMD | Pid::INC_POSI_VEL_CMD);
-        let rpm = if own_rpm { i32::from((words >> 32) as i16).abs() } else { i32::MAX };
+        let rpm = match pid {
+            Pid::POSI_VEL_CMD | Pid::INC_POSI_VEL_CMD => i32::from((words >> 32) as i16).abs(),
+            _ => self.bank.word(Pid::TAR_POSI_VEL).into(),
+        };
         if self.reference.who == Who::BUS {
             self.reference.command = Command::Position { rpm };
             self.give(at, self.position(count, rpm), out);
@@ -283,13 +302,41 @@ impl Drive {
         if self.state != State::Ready || self.alarms.any() {
             return;
         }
-        let order = if self.stop_at_limit(at, order) { self.ordered() } else { order };
+        let verdict = self.judge_by_limits(at, order);
+        self.reference.reverses = verdict == Verdict::Reverses;
+        let order = match verdict {
+            Verdict::Permits => order,
+            // A ramp from the present speed would lead on towards the switch, so the speed is controlled at 0.
+            Verdict::Reverses => Order::Position { count: self.servo.target(), rpm: 0 },
+            Verdict::Forbids => {
+                let rest = if self.flag(Pid::LIMIT_STOP_COND) { Rest::Brake } else { Rest::Free };
+                self.reference.command = Command::Nothing(rest);
+                self.ordered()
+            }
+        };
         self.servo.order(at, order, out);
     }
 
-    /// Drops an order that an open limit switch forbids: one that turns the motor towards it, and one of speed or
-    /// position that would still have to slow down a shaft that turns towards it. Whether it does.
-    fn stop_at_limit(&mut self, at: Instant, order: Order) -> bool {
+    /// The shaft that is to turn back from a limit switch may stand by now.
+    pub(super) fn reverse_when_slow(&mut self, at: Instant, out: &mut dyn Sink) {
+        if self.reference.reverses {
+            self.follow(at, out);
+        }
+    }
+
+    /// Whether the motor is brought to a stand before it turns back from a limit switch.
+    pub(super) fn reverses(&self) -> bool {
+        self.reference.reverses
+    }
+
+    /// An open limit switch forbids an order that turns the motor towards it. When it opens it also stops a shaft that
+    /// an order of speed or position would still have to slow down; a later order of the way back is carried out.
+    fn judge_by_limits(&mut self, at: Instant, order: Order) -> Verdict {
+        let now = [self.limit_forbids(1), self.limit_forbids(-1)];
+        let before = core::mem::replace(&mut self.reference.forbidden, now);
+        if !self.reference.who.bus {
+            return Verdict::Permits;
+        }
         let shaft = match self.servo.rpm(at) {
             rpm if rpm.unsigned_abs() < TURNS_RPM => 0,
             rpm => rpm,
@@ -308,12 +355,15 @@ impl Drive {
                 error => [error.signum() as i32, shaft],
             },
         };
-        let stops = self.reference.who.bus && (self.limit_forbids(way) || self.limit_forbids(shaft));
-        if stops {
-            let rest = if self.flag(Pid::LIMIT_STOP_COND) { Rest::Brake } else { Rest::Free };
-            self.reference.command = Command::Nothing(rest);
+        let has_opened = now != before;
+        match order {
+            _ if self.limit_forbids(way) => Verdict::Forbids,
+            _ if !self.limit_forbids(shaft) => Verdict::Permits,
+            _ if way == 0 || has_opened => Verdict::Forbids,
+            Order::Velocity(_) => Verdict::Reverses,
+            // A position has no ramp.
+            _ => Verdict::Permits,
         }
-        stops
     }
 
     /// What the motor is to do.

@@ -2,8 +2,14 @@
 
 use standin_protocol::line::{Line, Parity};
 
+/// In place of a page, of what public clients of later controllers show (decisions, MDROBOT 10).
+pub(super) const LATER: &str = "not in V1.1";
+
 /// The supply, in 0.1 V.
 pub(super) const SUPPLY: u16 = 240;
+
+const POSITION_RAMP: &str = "kept, without effect: no public client shows how a move follows it";
+const MOTOR_2: &str = "an MD400 has one motor: what is motor 2's reads 0";
 
 standin_protocol::registers! {
     /// The objects that a PID names. Two words have the low one first.
@@ -67,6 +73,8 @@ standin_protocol::registers! {
         DI = ro(48, "p. 11").u8().live(),
         /// 1 while the error of position is within IN_POSITION.
         IN_POSITION_OK = ro(49, "p. 11").u8().range(0, 1).live(),
+        /// A byte that reads as it was written, until power-off; clients keep a flag of theirs there.
+        TQ_RATIO = rw(66, LATER).u8().not_modelled("no public client shows what it scales"),
         /// 1: the bus commands, 0: the CTRL connector.
         UI_COM = rw(78, "p. 7").u8().range(0, 1),
         /// 0 stop, 1 CCW, 2 CW, at COM_TAR_SPEED if that is not 0; 1 and 2 let the bus move the motor.
@@ -129,6 +137,12 @@ standin_protocol::registers! {
         I_GAIN = rw(169, "p. 15").reset(6_000).saved(),
         /// Error of position up to which IN_POSITION_OK is 1, in counts.
         IN_POSITION = rw(171, "p. 11").saved(),
+        /// The most that POSI_CMD and INC_POSI_CMD go at, from the next one on, in rpm, within MAX_RPM.
+        TAR_POSI_VEL = rw(176, LATER).reset(5_000).saved(),
+        /// Slow start of a position: 0 to 1,023 are 0 to 15 s.
+        POSI_SS = rw(178, LATER).range(0, 1_023).saved().not_modelled(POSITION_RAMP),
+        /// Slow down of a position: 0 to 1,023 are 0 to 15 s.
+        POSI_SD = rw(179, LATER).range(0, 1_023).saved().not_modelled(POSITION_RAMP),
         /// Speed for START_STOP, in rpm.
         COM_TAR_SPEED = rw(180, "p. 15"),
         /// The most that the motor may draw, in 0.1 A; the same as MAX_LOAD.
@@ -154,14 +168,20 @@ standin_protocol::registers! {
         VEL_GAIN2 = known(203, "2.4"),
         /// Only in the header.
         TYPE = known(205, "2.4"),
+        /// Speed in rpm, current in 0.1 A, position (low, high) of motor 1, the same of motor 2, and CTRL_STATUS of
+        /// both, that of motor 2 in DH.
+        PNT_MAIN_DATA = ro(210, LATER).words(9).live().not_modelled(MOTOR_2),
         /// The most that the motor may draw, in 0.1 A.
         MAX_LOAD = rw(211, "p. 16").clamped(0, 200).reset(200).saved(),
+        /// Speed in rpm, position (low, high) of motor 1, the same of motor 2, and CTRL_STATUS of both, that of motor 2
+        /// in DH.
+        PNT_MONITOR = ro(216, LATER).words(7).live().not_modelled(MOTOR_2),
         /// Only in the header.
         POSI_SET = known(217, "2.4"),
         /// Goes to a position (low, high) at a speed in rpm.
         POSI_VEL_CMD = wo(219, "2.4").words(3),
         /// Goes so many counts on (low, high) at a speed in rpm.
-        INC_POSI_VEL_CMD = wo(220, "decisions 19").words(3),
+        INC_POSI_VEL_CMD = wo(220, LATER).words(3),
         /// The greatest speed, in rpm; full scale of inputs and ramps.
         MAX_RPM = rw(221, "p. 16").clamped(0, 5_000).reset(3_000).saved(),
         /// LOW_SPEED_LIMIT and HIGH_SPEED_LIMIT in one.
@@ -173,7 +193,7 @@ standin_protocol::registers! {
         /// Only in the header.
         PRESET_DATA = known(227, "2.4"),
         /// Where position control goes, in counts.
-        TAR_POSI = ro(230, "decisions 15").i32().live(),
+        TAR_POSI = ro(230, LATER).i32().live(),
         /// Only in the header.
         VEL_GAIN_W = known(231, "2.4"),
         /// Only in the header.

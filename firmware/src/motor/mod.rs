@@ -155,7 +155,7 @@ const ENCODER_PINS: &[Pin] = &[ENCODER_A, ENCODER_B, ENCODER_I];
 pub const STALL: Fault = Fault(0);
 
 const fn sensor(name: &'static str) -> PinSpec {
-    PinSpec { name, role: Role::Output, rest: Level::High, shunt_ohm: 0 }
+    PinSpec::new(name, Role::Output, Level::High)
 }
 
 static MOTOR: Spec = Spec {

@@ -55,7 +55,7 @@ type Words = Bank<Reg, { Reg::WORDS }>;
 pub const MEMORY: usize = memory::bytes(Reg::SAVED_WORDS) as usize;
 
 const fn pin(name: &'static str, role: Role, rest: Level) -> PinSpec {
-    PinSpec { name, role, rest, shunt_ohm: 0 }
+    PinSpec::new(name, role, rest)
 }
 
 /// All variants begin alike: those of the QSB-S, then DIO0 of the QSB-D, then the rest.
@@ -74,6 +74,15 @@ static QSB_D: Spec = spec("qsb-d", "US Digital QSB-D encoder to USB adapter, dif
 static QSB_M: Spec = spec("qsb-m", "US Digital QSB-M encoder to USB adapter with motor drive", M);
 static QSB_S: Spec = spec("qsb-s", "US Digital QSB-S encoder to USB adapter, single-ended", S);
 
+/// The limits of all variants, with the reason of each.
+static NOT_MODELLED: [&str; 4] = [
+    "DTR low does not hold it in reset: ports open and close, and opening one is the reset",
+    "RTS: it means nothing to a QSB",
+    "a PWM or analogue encoder on a shaft: [[encoder]] makes A, B and index only; the control API puts pulses with a \
+     duty, or volts, at A",
+    "noise of the analogue input and of a PWM encoder: a voltage and a duty are read exactly",
+];
+
 /// What all variants have in common.
 const fn spec(kind: &'static str, product: &'static str, variant: Variant) -> Spec {
     let (pins, _) = PINS.split_at(DIO0.0 as usize + variant.lines.count_ones() as usize);
@@ -89,7 +98,7 @@ const fn spec(kind: &'static str, product: &'static str, variant: Variant) -> Sp
         memory: MEMORY as u16,
         registers: Reg::TABLE,
         variant: variant.bit,
-        not_modelled: &["DTR low does not hold it in reset", "RTS is not looked at"],
+        not_modelled: &NOT_MODELLED,
         ..Spec::BARE
     }
 }

@@ -244,6 +244,7 @@ impl Drive {
             Reg::STATUS_USER_PROGRAM => self.program.status() as i64,
             Reg::OFFSET => self.offset(),
             Reg::ERROR => self.errors.bits().into(),
+            Reg::SUPPLY => self.errors.supply().into(),
             Reg::PC_REG => self.program.vm.line.into(),
             _ => match reg.system().and_then(|n| self.program.vm.registers.get(n)) {
                 Some(&word) => word.into(),
@@ -299,6 +300,7 @@ impl Drive {
             Reg::OFFSET => self.offset_written(),
             Reg::DIRECTION => self.direction_changed(at, out),
             Reg::ERROR => self.write_errors(at, self.bank.word(reg), out),
+            Reg::SUPPLY => self.set_supply(at, self.bank.word(reg), out),
             Reg::FLAG_SAVE_INI => {
                 if self.take_key(reg) == key::SAVE {
                     self.save_settings(at, out);

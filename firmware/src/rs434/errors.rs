@@ -1,7 +1,9 @@
 //! The register ERROR: what raises its bits, which of them stop the motor, and what clears them (6.5).
 
+use core::ops::RangeInclusive;
+
 use super::drive::{Drive, State};
-use super::registers::Reg;
+use super::registers::{Reg, SUPPLY};
 use super::thermal::Part;
 use crate::device::{Fault, Instant, Sink};
 
@@ -49,6 +51,9 @@ const CAUSES: [u16; 8] = [
     error::CURRENT_LIMIT,
 ];
 
+/// Within this range of its supply the drive works, in 0.1 V (3, power supply protection).
+const GOOD_SUPPLY: RangeInclusive<u16> = 80..=300;
+
 /// ERROR, and what of it somebody brings about.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct Errors {
@@ -58,10 +63,12 @@ pub(super) struct Errors {
     causes: u16,
     /// What CURRENT_VALID was made to show, in mA.
     injected_ma: Option<u16>,
+    /// The supply that the drive measures, in 0.1 V.
+    supply: u16,
 }
 
 impl Errors {
-    pub(super) const NONE: Self = Self { bits: 0, causes: 0, injected_ma: None };
+    pub(super) const NONE: Self = Self { bits: 0, causes: 0, injected_ma: None, supply: SUPPLY };
 
     /// ERROR as it reads.
     pub(super) fn bits(self) -> u16 {
@@ -86,6 +93,11 @@ impl Errors {
     /// Makes CURRENT_VALID show so many mA from now on.
     pub(super) fn inject_ma(&mut self, ma: u16) {
         self.injected_ma = Some(ma);
+    }
+
+    /// The supply that the drive measures, in 0.1 V.
+    pub(super) fn supply(self) -> u16 {
+        self.supply
     }
 
     /// Sets bits that do not stop the motor.
@@ -124,12 +136,21 @@ impl Drive {
         self.look_for_errors(at, out);
     }
 
+    /// The drive measures another supply, in 0.1 V.
+    pub(super) fn set_supply(&mut self, at: Instant, supply: u16, out: &mut dyn Sink) {
+        self.errors.supply = supply;
+        self.look_for_errors(at, out);
+    }
+
     /// Raises what is wrong now: at the end of the start, and when what may be wrong has changed.
     pub(super) fn look_for_errors(&mut self, at: Instant, out: &mut dyn Sink) {
         if self.state != State::Ready {
             return;
         }
         let mut errors = self.errors.causes;
+        if !GOOD_SUPPLY.contains(&self.errors.supply) {
+            errors |= error::SUPPLY_VOLTAGE;
+        }
         if !self.inputs.hard_stop {
             errors |= error::EMERGENCY_STOP;
         }

@@ -55,16 +55,16 @@ const SETTINGS: usize = memory::bytes(Reg::SAVED_WORDS) as usize;
 pub const MEMORY: usize = SETTINGS + 4 * LINES + 2;
 
 const fn pin(name: &'static str, role: Role, rest: Level) -> PinSpec {
-    PinSpec { name, role, rest, shunt_ohm: 0 }
+    PinSpec::new(name, role, rest)
 }
 
-// A contact to ground is closed while it is low (6.1). One that nobody wired is open; that of the emergency
-// stop is closed, or nothing would ever move.
+// A contact to ground is closed while it is low (6.1). One that nobody uses is open; that of the emergency stop is
+// closed until somebody uses it, or nothing would ever move.
 #[rustfmt::skip]
 static PINS: [PinSpec; 8] = [
     pin("IN1", Role::Input, Level::High),
     pin("IN2", Role::Input, Level::High),
-    pin("HARD_STOP", Role::Input, Level::Low),
+    PinSpec { high_once_used: true, ..pin("HARD_STOP", Role::Input, Level::Low) },
     pin("HA", Role::Both, Level::High),
     pin("HB", Role::Both, Level::High),
     pin("CLR_FLASH", Role::Input, Level::High),
@@ -77,6 +77,19 @@ const STALL: Fault = Fault(8);
 
 static RS434544: Spec = spec("rs434544", "RS 434544 brush motor controller, 20 A", Reg::TABLE);
 static RS434546: Spec = spec("rs434546", "RS 434546 brush motor controller, 40 A", &registers::TABLE_434546);
+
+/// The limits of both models, with the reason of each.
+static NOT_MODELLED: [&str; 5] = [
+    "a supply that rises while a motor gives current back: the braking circuit (4) takes all of it, and only \
+     TEMPERATURE_BRAKE shows it; a supply that sags under load: it has no resistance",
+    "a drive's own motor on another supply (3): RATED_SPEED is its speed at whatever feeds it (6.5, 500Ah); a [[motor]] \
+     has supply_v",
+    "a ripple of speed or current: the motor has no cogging, no commutation and no inductance",
+    "short circuits and faults of the switches (bits 1 and 10 of ERROR): nothing in a motor makes one, only a fault or a \
+     preset CURRENT_VALID does",
+    "overheating (bits 2, 3 and 6): no current within REF_CURRENT heats it so far, only a fault or a preset temperature \
+     does; the winding stays as it is",
+];
 
 /// What both models have in common.
 const fn spec(kind: &'static str, product: &'static str, registers: &'static Table) -> Spec {
@@ -101,6 +114,8 @@ const fn spec(kind: &'static str, product: &'static str, registers: &'static Tab
         memory: MEMORY as u16,
         registers,
         address: Some(Reg::SLAVE_ADDRESS_MODBUS as usize),
+        supply: Some(Reg::SUPPLY as usize),
+        not_modelled: &NOT_MODELLED,
         ..Spec::BARE
     }
 }

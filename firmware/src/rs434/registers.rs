@@ -14,6 +14,9 @@ pub(super) enum Model {
     Rs434546,
 }
 
+/// The supply of a drive on which nobody says another one, in 0.1 V: the rated 24 V (3).
+pub(super) const SUPPLY: u16 = 240;
+
 const LAST_LINE: i64 = LINES as i64 - 1;
 const NOT_KNOWN: &str = "the manual prints x";
 
@@ -164,6 +167,10 @@ standin_protocol::registers! {
         FW_MAJOR = input(0x8003, "6.8").reset(1).not_modelled(NOT_KNOWN),
         /// Software version.
         FW_MINOR = input(0x8004, "6.8").reset(1).not_modelled(NOT_KNOWN),
+
+        /// The supply that the drive measures, in 0.1 V: below 8 V and above 30 V it stops the motor. `supply_v` of a
+        /// bench motor sets it at each power-on.
+        SUPPLY = setting(0, "3").range(0, 1_000).reset(SUPPLY as i64).live(),
     }
 }
 

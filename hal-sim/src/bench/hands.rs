@@ -37,7 +37,7 @@ impl Bench {
     /// What hands do to a pin arrives.
     pub(super) fn hand(&mut self, place: u32, pin: Pin, drive: Driving) {
         if let Some(state) = self.seats[place as usize].pin_mut(pin) {
-            state.held = drive;
+            state.hold(drive);
         }
         self.look(place, pin);
     }
@@ -98,7 +98,8 @@ impl Bench {
         train.edges.made += 1;
         let due = train.edges.due();
         let drive = if high { Driving::High } else { Driving::Low };
-        (state.hands, state.held) = (drive, drive);
+        state.hands = drive;
+        state.hold(drive);
         match due {
             Some(due) => self.schedule(due, Class::Pin, place, What::Pulse { pin, number }),
             None => (state.train, state.hands) = (None, before),

@@ -12,7 +12,9 @@ pub(crate) struct PinState {
     /// What hands do to it.
     pub(crate) hands: Driving,
     /// What of that has arrived.
-    pub(crate) held: Driving,
+    held: Driving,
+    /// Hands have been there.
+    touched: bool,
     /// What wires do to it.
     pub(crate) wired: Driving,
     /// The wires that drive it, and those that it drives: places in the bench's list.
@@ -36,6 +38,7 @@ impl PinState {
             spec,
             hands: Driving::Open,
             held: Driving::Open,
+            touched: false,
             wired: Driving::Open,
             driven_by: Vec::new(),
             drives_wires: Vec::new(),
@@ -52,7 +55,13 @@ impl PinState {
     /// What it reads, or shows, while nobody drives it: a contact that is wired is pulled up.
     fn rest(&self) -> Level {
         let wired = !self.driven_by.is_empty();
-        if self.spec.tells_open() && wired { Level::High } else { self.spec.rest }
+        let used = self.spec.high_once_used && (wired || self.touched);
+        if used || self.spec.tells_open() && wired { Level::High } else { self.spec.rest }
+    }
+
+    /// What hands do to it arrives.
+    pub(crate) fn hold(&mut self, drive: Driving) {
+        (self.held, self.touched) = (drive, true);
     }
 
     /// What the device sees of what has arrived: where hands let go wires decide.

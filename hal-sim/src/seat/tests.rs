@@ -30,10 +30,7 @@ static SPEC: Spec = Spec {
     kind: "lender",
     product: "an axis that lends its pins",
     manual: "this file",
-    pins: &[
-        PinSpec { name: "STEP", role: Role::Both, rest: Level::High, shunt_ohm: 0 },
-        PinSpec { name: "DIR", role: Role::Both, rest: Level::High, shunt_ohm: 0 },
-    ],
+    pins: &[PinSpec::new("STEP", Role::Both, Level::High), PinSpec::new("DIR", Role::Both, Level::High)],
     axes: &[AxisSpec { name: "motor", step_dir: Some((STEP, DIR)) }],
     registers: Reg::TABLE,
     ..Spec::BARE

@@ -544,3 +544,29 @@ fn a_current_is_driven_into_the_input_that_measures_one() {
     pin("ANALOG", "{\"milliamps\":12,\"volts\":3}").problem(422);
     assert!(pin("ANALOG", "{}").problem(422).contains("{\"milliamps\":12}"));
 }
+
+/// "Operation is permitted with closed contact" (RS, 6): that of HARD_STOP is closed until somebody uses it, and `open`
+/// opens it. "Power supply protection, VDC: 8 - 30" (3).
+#[test]
+fn an_emergency_stop_and_a_supply_out_of_its_range() {
+    let rs434 = Running::start("rs434544", &["--time", "manual", "--fast-boot"], Stdio::inherit());
+    let seen = || {
+        let drive = rs434.call("GET", "/api/drives/rs434544", "").ok();
+        let number = |name: &str| drive["registers"][name].as_i64().unwrap();
+        (drive["pins"]["HARD_STOP"].as_str().unwrap().to_owned(), number("STATUS"), number("ERROR"))
+    };
+    let put = |what: &str, body: &str| {
+        assert_eq!(rs434.call("PUT", &format!("/api/drives/rs434544/{what}"), body).status, 204);
+        rs434.advance(1.0);
+    };
+    put("registers/START_bit", "{\"value\":1}");
+    assert_eq!(seen(), ("low".into(), 1, 0));
+    put("pins/HARD_STOP", "{\"level\":\"open\"}");
+    assert_eq!(seen(), ("high".into(), 0, 1 << 5));
+    put("pins/HARD_STOP", "{\"level\":\"low\"}");
+    put("registers/FLAG_RESTART", &format!("{{\"value\":{}}}", 0x95AF));
+    put("registers/START_bit", "{\"value\":1}");
+    assert_eq!(seen(), ("low".into(), 1, 0));
+    put("registers/SUPPLY", "{\"value\":305}");
+    assert_eq!(seen(), ("low".into(), 0, 1));
+}

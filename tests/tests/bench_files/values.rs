@@ -302,6 +302,85 @@ fn what_feeds_a_motor_feeds_its_drive() {
     assert!((rpm - 1_902.0).abs() < 5.0, "{rpm}");
 }
 
+/// RS, 3: "Power supply protection, VDC: 8 - 30", rated 12 to 24. Beyond it ERROR is bit 0 and nothing turns, after
+/// each power-on; within it the motor does.
+#[test]
+fn what_feeds_a_brush_motor_feeds_its_drive() {
+    for kind in ["rs434544", "rs434546"] {
+        for (said, error) in
+            [("5", 1), ("7.94", 1), ("8", 0), ("24", 0), ("30", 0), ("30.1", 1), ("31", 1), ("48", 1)]
+        {
+            let mut built = built(&format!(
+                "drive = [{{name = 'd', kind = '{kind}'}}]\n[[motor]]\nname = 'm'\ndrive = 'd'\nsupply_v = {said}"
+            ));
+            let bench = &mut built.bench;
+            let drive = seat(bench, "d");
+            let start = bench.spec(drive).find("START_bit").unwrap().row;
+            for _ in 0..2 {
+                bench.run_until(bench.now() + 600.millis());
+                assert_eq!(register(bench, drive, "ERROR") & 1, error, "{said} V");
+                bench.poke(drive, start, 1).unwrap();
+                bench.run_until(bench.now() + 200.millis());
+                let carries = bench.turn(built.motors[0]).ma != 0;
+                assert_eq!(
+                    (register(bench, drive, "STATUS") == 0, carries),
+                    (error == 1, error == 0),
+                    "{said} V"
+                );
+                bench.power(drive, PowerAction::Cycle);
+            }
+        }
+    }
+    let twice = "[[drive]]\nname = 'd'\nkind = 'rs434544'\nset = { SUPPLY = 120 }\n\
+                 [[motor]]\nname = 'm'\ndrive = 'd'\nsupply_v = 12";
+    let error = standin_sim::file::parse(twice).unwrap_err().to_string();
+    assert!(error.contains("SUPPLY of 'd' is the same as supply_v"), "{error}");
+}
+
+/// RS, 6: "operation is permitted with closed contact". Both the switch and the drive's own motor, as they are.
+#[test]
+fn an_emergency_switch_on_a_shaft_opens() {
+    let mut built = built(
+        "drive = [{ name = 'd', kind = 'rs434544' }]\nmotor = [{ name = 'm', drive = 'd' }]\n\
+         switch = [{ motor = 'm', closed = { below_rev = 3 }, to = 'd.HARD_STOP' }]",
+    );
+    let bench = &mut built.bench;
+    let drive = seat(bench, "d");
+    bench.run_until(600.millis());
+    let start = bench.spec(drive).find("START_bit").unwrap().row;
+    bench.poke(drive, start, 1).unwrap();
+    bench.run_until(3.secs());
+    // 1,000 rpm, braked by shorted terminals: it stands within a turn.
+    let turn = bench.turn(built.motors[0]);
+    assert!((3.0..4.0).contains(&turn.revolutions) && turn.rpm == 0.0, "{turn:?}");
+    let read = |name| register(bench, drive, name);
+    assert_eq!((read("IN_HARD_STOP_bit"), read("ERROR"), read("STATUS")), (0, 1 << 5, 0));
+}
+
+/// A wire to the emergency stop, from CLUTCH of an MDROBOT, which floats until CLUTCH_OFF (CMD 18) makes it low, and
+/// CLUTCH_ON (17) high: what nobody holds is an open contact.
+#[test]
+fn an_emergency_stop_on_a_wire() {
+    let mut built = built(
+        "drive = [{ name = 'a', kind = 'rs434544' }, { name = 'b', kind = 'mdrobot' }]\n\
+         wire = [{ from = 'b.CLUTCH', to = 'a.HARD_STOP' }]",
+    );
+    let bench = &mut built.bench;
+    let [a, b] = ["a", "b"].map(|name| seat(bench, name));
+    let [restart, command] =
+        [(a, "FLAG_RESTART"), (b, "COMMAND")].map(|(of, name)| bench.spec(of).find(name).unwrap().row);
+    bench.run_until(600.millis());
+    for (code, seen) in [(None, [0, 1 << 5]), (Some(18), [1, 0]), (Some(17), [0, 1 << 5])] {
+        if let Some(code) = code {
+            bench.poke(b, command, code).unwrap();
+            bench.run_until(bench.now() + 1.millis());
+            bench.poke(a, restart, 0x95AF).unwrap();
+            bench.run_until(bench.now() + 600.millis());
+        }
+        assert_eq!(["IN_HARD_STOP_bit", "ERROR"].map(|name| register(bench, a, name)), seen, "{code:?}");
+    }
+}
+
 #[test]
 fn presets_are_there_at_power_on() {
     for (set, speed) in

@@ -2,7 +2,7 @@
 //! CCW while closed.
 
 use standin_protocol::time::Span;
-use standin_sim::bench::Driving;
+use standin_sim::bench::{Closed, Driving};
 
 use crate::pid;
 use crate::rig::Rig;
@@ -148,6 +148,55 @@ fn page_7_open_from_the_beginning() {
         rig.write_move(pid::INC_POSI_VEL_CMD, i32::from(sign) * -60, 300);
         rig.after(4.secs());
         assert!(rig.position().abs_diff(i32::from(sign) * -60) <= 1, "{}", rig.position());
+    }
+}
+
+/// A load that pulls the shaft past its switch, with 0.3 Nm of the 1.2 that MAX_LOAD is: commands of the way back drive
+/// it back, whatever SLOW_DOWN is, and those that lead further are echoed and dropped.
+#[test]
+fn page_7_a_load_that_pulls_past_a_switch() {
+    let orders: [fn(&mut Rig, i16); 2] =
+        [|rig, sign| rig.velocity(sign * -500), |rig, _| rig.write_move(pid::POSI_VEL_CMD, 0, 500)];
+    for condition in [0, 1] {
+        for (switch, other, sign) in WAYS {
+            for (which, order) in orders.into_iter().enumerate() {
+                let settings = [(pid::LIMIT_STOP_COND, condition), (pid::SLOW_DOWN, 1_023)];
+                // Negative pulls forward, which is CCW.
+                let (mut rig, motor) =
+                    Rig::turning(&settings, |motor| motor.load_unm = i32::from(sign) * -300_000);
+                let closed = if sign > 0 {
+                    Closed { above_rev: None, below_rev: Some(2.0) }
+                } else {
+                    Closed { above_rev: Some(-2.0), below_rev: None }
+                };
+                let pin = (rig.seat, rig.pin(switch));
+                rig.bench.switch(motor, closed, pin);
+                rig.close(other);
+                rig.velocity(sign * 300);
+                rig.after(1.secs());
+                let (shaft, past) = (rig.shaft() * f64::from(sign), rig.position());
+                assert!(shaft > 100.0 && past.abs() > 24, "the load pulls on: {shaft} rpm, {past} counts");
+                // Echoed, and not carried out.
+                rig.velocity(sign * 500);
+                rig.velocity(0);
+                rig.after(10.millis());
+                assert!(rig.shaft() * f64::from(sign) >= 0.9 * shaft, "{}", rig.shaft());
+                let past = rig.position();
+                order(&mut rig, sign);
+                rig.after(2.secs());
+                let on = (rig.position() - past) * i32::from(sign);
+                // It stands after 0.4 s at most, from some 4,000 rpm: 0.9 Nm on 5e-4 kg m2 are 17,000 rpm/s.
+                assert!(on < 12 * 20, "{which}: {on} counts further");
+                rig.after(30.secs());
+                let at = rig.position() * i32::from(sign);
+                if which == 0 {
+                    assert!(at < -12, "{at} counts: past the switch and further back");
+                } else {
+                    assert!(at.abs() <= 1, "{at}");
+                }
+                assert_eq!(rig.status(), (0, 0));
+            }
+        }
     }
 }
 

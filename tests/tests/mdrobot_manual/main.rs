@@ -14,6 +14,7 @@ mod commands;
 mod ctrl;
 mod encoder;
 mod functions;
+mod later;
 mod limits;
 mod motion;
 mod pid;

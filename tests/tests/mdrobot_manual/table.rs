@@ -90,6 +90,8 @@ pub(crate) static TABLE: &[Row] = &[
     // Nothing is wired; ENC_A and ENC_B are open, which is 1 (decision 22).
     r(48, "DI", BYTE, &[0b110_0000]),
     r(49, "IN_POSITION_OK", BYTE, &[0]),
+    // 66, 176, 178, 179, 210, 216, 220 and 230 are not in V1.1 (decision 10).
+    fleeting(66, "TQ_RATIO", BYTE),
     fleeting(78, "UI_COM", BIT),
     fleeting(100, "START_STOP", &[Range(0, 2)]),
     fleeting(130, "VEL_CMD", WORD),
@@ -111,6 +113,9 @@ pub(crate) static TABLE: &[Row] = &[
     rw(168, "P_GAIN", WORD, &[6_000]),
     rw(169, "I_GAIN", WORD, &[6_000]),
     rw(171, "IN_POSITION", WORD, &[0]),
+    rw(176, "TAR_POSI_VEL", WORD, &[5_000]),
+    rw(178, "POSI_SS", SLOW, &[0]),
+    rw(179, "POSI_SD", SLOW, &[0]),
     fleeting(180, "COM_TAR_SPEED", WORD),
     // 20 A
     rw(181, "MAX_LOAD", WORD, &[200]),
@@ -119,7 +124,9 @@ pub(crate) static TABLE: &[Row] = &[
     // Speed, current, output, position, CTRL_STATUS: all at rest.
     r(196, "MONITOR", &[Any; 6], &[0; 6]),
     r(197, "POSI_DATA", LONG, &[0, 0]),
+    r(210, "PNT_MAIN_DATA", &[Any; 9], &[0; 9]),
     rw(211, "MAX_LOAD", WORD, &[200]),
+    r(216, "PNT_MONITOR", &[Any; 7], &[0; 7]),
     w(219, "POSI_VEL_CMD", &[Any; 3]),
     w(220, "INC_POSI_VEL_CMD", &[Any; 3]),
     rw(221, "MAX_RPM", WORD, &[3_000]),

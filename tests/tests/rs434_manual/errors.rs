@@ -45,6 +45,47 @@ fn section_6_5_faults_that_stop() {
     }
 }
 
+/// "Power supply protection, VDC: 8 - 30" (3): a supply beyond it is bit 0, which stops the motor and stays until a
+/// restart, also where the supply is in range by then.
+#[test]
+fn section_3_a_supply_out_of_its_range() {
+    for (tenths, error) in
+        [(0, 1), (50, 1), (79, 1), (80, 0), (120, 0), (240, 0), (300, 0), (301, 1), (480, 1)]
+    {
+        let mut rig = turning();
+        rig.supply(tenths);
+        rig.after(1.secs());
+        let stands = (rig.read(at::STATUS), rig.motion().speed == 0);
+        assert_eq!(
+            (rig.read(at::ERROR), stands),
+            (error, if error == 1 { (0, true) } else { (1, false) }),
+            "{tenths}"
+        );
+        rig.supply(240);
+        rig.write(at::ERROR, 0);
+        assert_eq!(rig.read(at::ERROR), error, "{tenths}");
+        rig.restart();
+        assert_eq!(rig.read(at::ERROR), 0, "{tenths}");
+        rig.write(at::START, 1);
+        rig.after(1.secs());
+        assert_eq!(rig.read(at::STATUS), 1, "{tenths}");
+    }
+}
+
+/// A restart changes no supply; one that nobody says after power-on is 24 V.
+#[test]
+fn section_3_a_supply_that_stays_out_of_range() {
+    let mut rig = turning();
+    rig.supply(310);
+    rig.restart();
+    assert_eq!(rig.read(at::ERROR), 1);
+    rig.write(at::START, 1);
+    rig.after(1.secs());
+    assert_eq!((rig.read(at::STATUS), rig.read(at::ERROR)), (0, 1));
+    rig.power_cycle();
+    assert_eq!(rig.read(at::ERROR), 0);
+}
+
 /// A restart under a fault that is still there.
 #[test]
 fn section_6_5_a_fault_that_stays() {

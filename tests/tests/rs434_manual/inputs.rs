@@ -364,3 +364,31 @@ fn section_6_hard_stop_at_power_up() {
     rig.after(WHILE);
     assert_eq!(rig.read(at::STATUS), 0);
 }
+
+/// Closed while nobody uses it (decision 8); open as soon as somebody lets it go, whatever was done to it before.
+#[test]
+fn section_6_hard_stop_that_is_let_go() {
+    for before in [None, Some(Driving::Low), Some(Driving::High)] {
+        let mut rig = Rig::default();
+        assert_eq!(rig.read(at::IN_HARD_STOP), 1, "nobody uses it");
+        if let Some(before) = before {
+            rig.drive("HARD_STOP", before);
+            rig.restart();
+        }
+        if before != Some(Driving::High) {
+            rig.write(at::START, 1);
+            rig.after(WHILE);
+            assert_eq!((rig.read(at::STATUS), rig.read(at::ERROR)), (1, 0), "{before:?}");
+        }
+        rig.drive("HARD_STOP", Driving::Open);
+        rig.after(500.millis());
+        assert_eq!((rig.read(at::IN_HARD_STOP), rig.read(at::ERROR)), (0, 1 << 5), "{before:?}");
+        assert_eq!((rig.read(at::STATUS), rig.motion().speed == 0), (0, true), "{before:?}");
+        // An open contact is still one after a power cycle.
+        rig.power_cycle();
+        assert_eq!((rig.read(at::IN_HARD_STOP), rig.read(at::ERROR)), (0, 1 << 5), "{before:?}");
+        rig.close("HARD_STOP");
+        rig.power_cycle();
+        assert_eq!((rig.read(at::IN_HARD_STOP), rig.read(at::ERROR)), (1, 0), "{before:?}");
+    }
+}

@@ -291,3 +291,19 @@ fn section_6_5_no_warning_in_normal_use() {
         assert!((250..600).contains(&rig.read(address)), "{address:04X}h");
     }
 }
+
+/// "The instantaneous value of the rotation speed" (6.3): a shaft that coasted, its terminals open after a restart, and
+/// has made no edge for a second, stands.
+#[test]
+#[ignore = "rs434/servo/count.rs: rpm() knows no time after which a shaft without edges stands"]
+fn section_6_3_speed_of_a_shaft_that_has_coasted() {
+    let mut rig = turning(&[(at::SPEED, 2_800)]);
+    rig.restart();
+    assert!(rpm(&rig) > 1_000.0, "it coasts: {}", rpm(&rig));
+    assert!(rig.read(at::SPEED_VALID) > 1_000, "and shows it");
+    while rpm(&rig) != 0.0 {
+        rig.after(10.millis());
+    }
+    rig.after(1.secs());
+    assert_eq!(rig.read(at::SPEED_VALID), 0);
+}

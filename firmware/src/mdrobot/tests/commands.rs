@@ -94,13 +94,13 @@ fn others_are_echoed_and_do_nothing() {
     assert_eq!(bed.try_write(10, 0x102), [0x86, 3]);
 }
 
-/// Pages 6 and 7, typed.
+/// Pages 6 and 7, typed, and the two that V1.1 does not have (decisions, MDROBOT 10).
 #[test]
 fn the_table_has_every_row_of_the_manual() {
     let codes: Vec<u16> = Bed::new().drive.spec().commands.iter().map(|command| command.code).collect();
     let manual = [
         2, 4, 5, 6, 8, 10, 11, 12, 13, 14, 15, 16, 17, 18, 20, 21, 22, 23, 24, 25, 26, 27, 28, 29, 31, 32,
-        44, 45, 46, 47, 50, 51, 52, 53, 54, 55,
+        44, 45, 46, 47, 50, 51, 52, 53, 54, 55, 71, 72,
     ];
     assert_eq!(codes, manual);
 }

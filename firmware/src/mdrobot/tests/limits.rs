@@ -83,12 +83,38 @@ fn nothing_drives_it_on_after_it_has_been_freed() {
     for (switch, way, _) in WAYS {
         let mut bed = turning(way);
         bed.contact(switch, false);
-        for (pid, value) in [(100, 0), (100, 1), (130, 0), (130, (way * -1_500).cast_unsigned())] {
+        for (pid, value) in [(100, 0), (100, 1), (130, 0)] {
             bed.write(pid, value);
             bed.wait(10.millis());
             assert_eq!((output(&mut bed), bed.get(Pid::TQ_DATA)), (0, 0), "PID {pid} = {value}");
         }
         assert!(i64::from(way) * bed.rpm() > 500, "{}", bed.rpm());
+    }
+}
+
+#[test]
+fn the_way_back_brakes_a_shaft_that_turns_on() {
+    let orders: [fn(&mut Bed, i16); 2] = [
+        |bed, way| bed.write(130, (way * -300).cast_unsigned()),
+        // To position 0, at 300 rpm.
+        |bed, _| bed.write_words(219, &[0, 0, 300]),
+    ];
+    for (switch, way, _) in WAYS {
+        for (which, order) in orders.into_iter().enumerate() {
+            let mut bed = turning(way);
+            bed.contact(switch, false);
+            bed.wait(100.millis());
+            let from = bed.get(Pid::POSI_DATA);
+            order(&mut bed, way);
+            // SLOW_DOWN, 7.5 s from 1,500 rpm, would lead 94 turns on.
+            bed.wait(1.secs());
+            let on = i64::from(way) * (bed.get(Pid::POSI_DATA) - from);
+            assert!(on < 12 * 3, "{which}: {on} counts on");
+            let back = -i64::from(way) * bed.rpm();
+            assert!((285..=315).contains(&back), "{which}: {back} rpm");
+            bed.contact(switch, true);
+            assert_eq!(bed.get(Pid::IN_POSITION_OK), 0, "{which}");
+        }
     }
 }
 
