@@ -47,7 +47,12 @@ pub fn reset(entries: &Entries, bank: &mut [u16]) {
 
 /// Brings the saved words of an image that passes into a bank; bits that are not saved are cleared.
 pub fn load(entries: &Entries, memory: &[u8], bank: &mut [u16]) {
-    for ((place, mask), word) in saved_words(entries).zip(memory.as_chunks().0) {
+    load_without(entries, &[], memory, bank);
+}
+
+/// The same of an image that was saved before some rows, named by their places in the table, were there.
+pub fn load_without(entries: &Entries, later: &[usize], memory: &[u8], bank: &mut [u16]) {
+    for ((place, mask), word) in saved_words(entries, later).zip(memory.as_chunks().0) {
         if let Some(target) = bank.get_mut(place) {
             *target = u16::from_be_bytes(*word) & mask;
         }
@@ -74,7 +79,7 @@ impl Save {
         out: &mut dyn Sink,
     ) -> Self {
         let mut memory = [0; BYTES];
-        for ((place, mask), word) in saved_words(entries).zip(memory.as_chunks_mut().0) {
+        for ((place, mask), word) in saved_words(entries, &[]).zip(memory.as_chunks_mut().0) {
             *word = (bank.get(place).copied().unwrap_or(0) & mask).to_be_bytes();
         }
         let mut right = [0; 2];
@@ -112,9 +117,10 @@ fn wrong(crc: [u8; 2]) -> [u8; 2] {
     crc.map(|byte| !byte)
 }
 
-/// Place in the bank and saved bits of every saved word.
-fn saved_words(entries: &Entries) -> impl Iterator<Item = (usize, u16)> + '_ {
-    entries.list.iter().enumerate().filter(|(_, row)| row.saved != 0).flat_map(|(index, row)| {
+/// Place in the bank and saved bits of every saved word, but for those of the rows `without`.
+fn saved_words<'a>(entries: &'a Entries, without: &'a [usize]) -> impl Iterator<Item = (usize, u16)> + 'a {
+    let rows = entries.list.iter().enumerate().filter(|(_, row)| row.saved != 0);
+    rows.filter(|(index, _)| !without.contains(index)).flat_map(|(index, row)| {
         let place = entries.place(index);
         (0..usize::from(row.shape.words())).map(move |n| (place + n, row.saved))
     })

@@ -11,12 +11,18 @@ use crate::memory::{self, Content, Save};
 /// How long a save takes; the manual does not say.
 pub(super) const SAVE: Duration = Duration::millis(10);
 
+/// PIDs of one word each that the first memories did not have: such a memory is still good.
+const LATER: [Pid; 3] = [Pid::TAR_POSI_VEL, Pid::POSI_SS, Pid::POSI_SD];
+
 impl Drive {
     /// Loads what is saved; a bad memory is a new one.
     pub(super) fn load(&mut self, out: &dyn Sink) {
         self.bank = Bank::factory();
+        let later = LATER.map(Register::row);
         if memory::content(out.memory(), Pid::SAVED_WORDS) == Content::Good {
             memory::load(Pid::ENTRIES, out.memory(), self.bank.words_mut());
+        } else if memory::content(out.memory(), Pid::SAVED_WORDS - LATER.len()) == Content::Good {
+            memory::load_without(Pid::ENTRIES, &later, out.memory(), self.bank.words_mut());
         }
         // A memory of nobody may hold what no write could bring.
         for (row, entry) in Pid::ENTRIES.list.iter().enumerate() {

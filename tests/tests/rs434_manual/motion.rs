@@ -295,7 +295,6 @@ fn section_6_5_no_warning_in_normal_use() {
 /// "The instantaneous value of the rotation speed" (6.3): a shaft that coasted, its terminals open after a restart, and
 /// has made no edge for a second, stands.
 #[test]
-#[ignore = "rs434/servo/count.rs: rpm() knows no time after which a shaft without edges stands"]
 fn section_6_3_speed_of_a_shaft_that_has_coasted() {
     let mut rig = turning(&[(at::SPEED, 2_800)]);
     rig.restart();

@@ -246,3 +246,27 @@ fn a_memory_of_somebody_else_brings_what_may_be() {
     assert_eq!([bed.read(16), bed.read(17), bed.read(25), bed.read(44), bed.read(45)], [0, 1, 0, 0, 0]);
     assert_eq!(bed.read(167), 7);
 }
+
+/// A memory of 31 words, before TAR_POSI_VEL, POSI_SS and POSI_SD were there: COM_TAR_SPEED and the gains are found,
+/// and the three have their factory values.
+#[test]
+fn a_memory_without_the_later_pids_is_good() {
+    let mut words = [0_u16; 31];
+    words[1] = 1;
+    // The 18th is PV_GAIN, the 24th MAX_RPM, the last but one the address.
+    (words[17], words[18], words[19], words[22], words[23]) = (25, 5_000, 4_000, 150, 2_000);
+    (words[24], words[25], words[26], words[27], words[28], words[29]) = (1_000, 10, 1_500, 240, 1, 2);
+    let mut memory: Vec<u8> = words.iter().flat_map(|word| word.to_be_bytes()).collect();
+    memory.extend(standin_protocol::modbus::rtu::crc(&memory).to_be_bytes());
+    // The file ends there.
+    memory.resize(MEMORY, 0xFF);
+    let mut bed = Bed::off(memory);
+    bed.power_on();
+    assert_eq!([167, 168, 169, 211, 221].map(|pid| bed.read(pid)), [25, 5_000, 4_000, 150, 2_000]);
+    assert_eq!([176, 178, 179].map(|pid| bed.read(pid)), [5_000, 0, 0]);
+    // It is kept as one with them from the next save on.
+    bed.write(178, 7);
+    bed.wait(10.millis());
+    bed.cycle();
+    assert_eq!([167, 178, 221].map(|pid| bed.read(pid)), [25, 7, 2_000]);
+}

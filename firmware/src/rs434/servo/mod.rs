@@ -165,7 +165,9 @@ impl Servo {
         }
         let (to, from) = (settings.counts(), before.counts());
         if to != from || settings.halls != before.halls {
+            // The motor that the drive brings becomes another one, at another angle.
             self.edges.forget();
+            self.heard = [None; 2];
         }
         if settings.halls != before.halls {
             self.place = HALF;
