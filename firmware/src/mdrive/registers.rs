@@ -272,12 +272,14 @@ standin_protocol::registers! {
         Friction = setting(8, "MC 5-70").u32().range(0, 100_000).reset(LOAD.friction_unm as i64 / 1_000),
         /// Torque of the load, in mN·m, positive against forward motion.
         Load = setting(10, "MC 5-70").i32().range(-100_000, 100_000),
+        /// Full steps of the motor in a turn.
+        FullSteps = setting(12, "MC 7.3.1").range(4, 10_000).reset(LOAD.steps_per_rev as i64),
     }
 }
 
 /// The motor and its load: they stay as they are whatever becomes of the drive.
-pub(super) const MACHINE: [Reg; 5] =
-    [Reg::HoldingTorque, Reg::PullOutSpeed, Reg::Inertia, Reg::Friction, Reg::Load];
+pub(super) const MACHINE: [Reg; 6] =
+    [Reg::HoldingTorque, Reg::PullOutSpeed, Reg::Inertia, Reg::Friction, Reg::Load, Reg::FullSteps];
 
 /// Whether MCode takes a value: one that the row accepts, whose range is that of FB 5, and of three rows more.
 pub(super) fn mcode_accepts(reg: Reg, value: i64) -> bool {
