@@ -248,6 +248,11 @@ impl Motion {
         self.refresh(at, out);
     }
 
+    /// The bridge is off though the circuitry is on (MC 5-50).
+    pub(super) fn lacks_bridge(&self) -> bool {
+        self.settings.keeps_field && !self.settings.enabled
+    }
+
     /// Carries out an order.
     ///
     /// # Errors

@@ -245,6 +245,42 @@ fn missed_steps_are_made_up_for_at_mf_or_ss() {
     }
 }
 
+/// "Make up mode will be cleared when bridges are disabled and Hybrid is enabled" (MC 5-50): by DE, a locked rotor and
+/// heat alike.
+#[test]
+fn make_up_is_cleared_when_the_bridge_is_disabled() {
+    for mode in [1, 2] {
+        for (circuitry, disables) in [
+            (0, "DE"),
+            (1, "DE"),
+            (2, "DE"),
+            (2, "DC"),
+            (3, "DE"),
+            (1, "locked_rotor"),
+            (2, "over_temperature"),
+        ] {
+            let mut bed = bed();
+            bed.set(Reg::AS, circuitry);
+            bed.wait(5.secs());
+            bed.set(Reg::MU, mode);
+            bed.wait(1.secs());
+            assert_eq!(bed.get(Reg::MU), mode);
+            match disables {
+                "DE" => bed.set(Reg::DE, 0),
+                "DC" => bed.set(Reg::DC, 0x1C),
+                fault => bed.fault(fault, true),
+            }
+            bed.wait(100.secs());
+            let left = if circuitry == 0 { mode } else { 0 };
+            assert_eq!(bed.get(Reg::MU), left, "AS {circuitry}, {disables}");
+            // What is written then stays.
+            bed.set(Reg::MU, mode);
+            bed.set(Reg::HC, 6);
+            assert_eq!(bed.get(Reg::MU), mode);
+        }
+    }
+}
+
 /// 400 mN·m by HC 25 % and 10 of friction hold 110. 1 more by 4·10⁻⁵ kg·m² are 25 rad/s²: 50 rad, 8 turns in 2 s; the
 /// limits of lag and lead are two turns. A rotor that moves at its bounds is none that is locked, but the time counts.
 #[test]
