@@ -356,7 +356,8 @@ impl Stepper {
 
     /// Whether a shaft at rest falls in with the field. Then it belongs to the nearest place of the field's torque.
     fn falls_in(&mut self, shaft: i128, field: &Field) -> bool {
-        if self.fails_after(&self.starting(field)) == Some(0) {
+        let goes_on = Stretch { h: field.h, a: field.a, ..Stretch::rest(Instant::ZERO, Instant::ZERO, 0) };
+        if [self.starting(field), goes_on].iter().any(|way| self.fails_after(way) == Some(0)) {
             return false;
         }
         let nearest = self.nearest_period(shaft);
