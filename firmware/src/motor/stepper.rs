@@ -50,7 +50,8 @@ const MOST_MA: u32 = 1_000_000;
 pub struct Parameters {
     /// Full steps in a turn, 4 to 10,000.
     pub steps_per_rev: u16,
-    /// Torque that holds it at its rated current, in µN·m, up to 100,000,000; 0: it follows whatever the load is.
+    /// Torque that holds it at its rated current, in µN·m, up to 100,000,000; 0: with current it follows whatever the load
+    /// is.
     pub holding_unm: u32,
     /// Peak current of that torque, in mA, 1 to 100,000.
     pub rated_ma: u32,
@@ -58,7 +59,7 @@ pub struct Parameters {
     pub pull_out_rpm: u32,
     /// Of rotor and load, in g·cm², 1 to 10,000,000.
     pub inertia_gcm2: u32,
-    /// Torque against any motion, in µN·m, up to 100,000,000.
+    /// Torque against any motion, in µN·m, up to 100,000,000: all that holds the shaft without current.
     pub friction_unm: u32,
     /// Torque of the load, in µN·m, up to 100,000,000, positive against forward motion.
     pub load_unm: i32,
