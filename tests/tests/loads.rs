@@ -195,3 +195,22 @@ fn current_that_comes_back_holds_the_shaft_where_it_is() {
         assert!(!bed.bench.turn(bed.motor).stalled);
     }
 }
+
+/// What a test of motor and load could notice; the lines of MCode and of the Hybrid's circuitry are not an MD3's.
+#[test]
+fn each_kind_says_what_is_not_modelled_of_its_motor() {
+    let says = |kind: &str, what: &str| {
+        let device = standin_sim::kinds::make(kind).unwrap();
+        device.spec().not_modelled.iter().any(|line| line.contains(what))
+    };
+    for kind in ["md3", "md3-low", "mdrive", "mdrive-hybrid"] {
+        for what in
+            ["resonance", "ripple of speed", "the angle by which a load", "momentum", "detent", "the supply"]
+        {
+            assert!(says(kind, what), "{kind}: {what}");
+        }
+        for what in ["AS 2", "CA = 0,1", "SC = 1", "make-up steps", "error 105", "IT, MC 5-38"] {
+            assert_eq!(says(kind, what), kind == "mdrive-hybrid", "{kind}: {what}");
+        }
+    }
+}
