@@ -97,7 +97,17 @@ const fn spec(kind: &'static str, product: &'static str, registers: &'static Tab
         memory: MEMORY as u16,
         registers,
         address: Some(Reg::DeviceAddress as usize),
-        not_modelled: &["not published (3.2, 7.20): \"Reset Device\", firmware and serial-number updates"],
+        not_modelled: &[
+            "not published (3.2, 7.20): \"Reset Device\", firmware and serial-number updates",
+            "over-current and \"other error conditions\" (7.15) by what the motor does: the guide has no limits; the \
+             faults over_current and over_temperature are their causes",
+            "the supply: the guide has no register of it; a load that drives the motor does not raise it",
+            "resonance, ringing, ripple of speed and current: a stepper follows its steps exactly, or is out of step",
+            "the angle by which a load turns a shaft that is in step (up to a full step), and the momentum of one that \
+             falls out of step: it stops at once, and its load turns it from there",
+            "detent torque: the friction of a [[motor]] holds a shaft without current",
+            "a shaft without a [[motor]]: its steps are seen at STEP and DIR alone, and nothing turns an encoder",
+        ],
         ..Spec::BARE
     }
 }

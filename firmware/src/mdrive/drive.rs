@@ -314,6 +314,7 @@ pub(super) fn motion_settings(bank: &Bank<Reg, { Reg::WORDS }>, follows_clock: b
         hold_percent: byte(Reg::HC),
         enabled: flag(Reg::DE),
         response: response(bank),
+        keeps_field: bank.word(Reg::AS) != 0,
         limit_mode: byte(Reg::LM),
         jogs: flag(Reg::JE),
         follows_clock,
@@ -340,6 +341,7 @@ fn response(bank: &Bank<Reg, { Reg::WORDS }>) -> u32 {
 fn machine(bank: &Bank<Reg, { Reg::WORDS }>) -> Parameters {
     let long = |reg| u32::try_from(bank.get(reg)).unwrap_or(0);
     Parameters {
+        steps_per_rev: bank.word(Reg::FullSteps),
         holding_unm: long(Reg::HoldingTorque) * 1_000,
         pull_out_rpm: long(Reg::PullOutSpeed),
         inertia_gcm2: long(Reg::Inertia),

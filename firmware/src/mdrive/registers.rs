@@ -262,22 +262,24 @@ standin_protocol::registers! {
         /// 1: the serial sister's commands are there, too.
         SerialCommands = setting(1, "MC 1.2.2").range(0, 1).saved(),
 
-        /// What holds the motor at RC = 100, in mN·m; 0: it follows whatever its load is.
+        /// What holds the motor at RC = 100, in mN·m; 0: with current it follows whatever its load is.
         HoldingTorque = setting(2, "MC 5-70").u32().range(0, 100_000),
         /// The speed at which it has no torque left, in rpm; it falls evenly with the speed.
         PullOutSpeed = setting(4, "MC 5-70").u32().range(1, 200_000).reset(LOAD.pull_out_rpm as i64),
         /// Inertia of rotor and load, in g·cm².
         Inertia = setting(6, "MC 5-70").u32().range(1, 10_000_000).reset(LOAD.inertia_gcm2 as i64),
-        /// Torque against any motion, in mN·m.
+        /// Torque against any motion, in mN·m: all that holds the shaft without current.
         Friction = setting(8, "MC 5-70").u32().range(0, 100_000).reset(LOAD.friction_unm as i64 / 1_000),
         /// Torque of the load, in mN·m, positive against forward motion.
         Load = setting(10, "MC 5-70").i32().range(-100_000, 100_000),
+        /// Full steps of the motor in a turn.
+        FullSteps = setting(12, "MC 7.3.1").range(4, 10_000).reset(LOAD.steps_per_rev as i64),
     }
 }
 
 /// The motor and its load: they stay as they are whatever becomes of the drive.
-pub(super) const MACHINE: [Reg; 5] =
-    [Reg::HoldingTorque, Reg::PullOutSpeed, Reg::Inertia, Reg::Friction, Reg::Load];
+pub(super) const MACHINE: [Reg; 6] =
+    [Reg::HoldingTorque, Reg::PullOutSpeed, Reg::Inertia, Reg::Friction, Reg::Load, Reg::FullSteps];
 
 /// Whether MCode takes a value: one that the row accepts, whose range is that of FB 5, and of three rows more.
 pub(super) fn mcode_accepts(reg: Reg, value: i64) -> bool {

@@ -7,10 +7,20 @@
 //!
 //! The torque of the motor is its holding torque times the share of the rated current, and falls evenly to nothing
 //! at the pull-out speed. Load, friction and what accelerates the inertia may not take more. Where they do the shaft is
-//! out of step: it stands until the field does, and falls in at the nearest place of the field's torque, which
-//! repeats every four full steps, if that is enough for load and friction.
+//! out of step, and stops. So it does when it is held, and when the current goes.
 //!
-//! Not modelled: resonance, damping, a load that turns a motor without current.
+//! A shaft out of step is turned by its load. Friction resists that; so does the whole torque of a field that is slow,
+//! since it pulls back at every full step. The mean torque of a fast field is nothing. A field is slow if its torque
+//! takes the inertia from rest to its speed within two full steps, where its torque turns round. The speed of the load
+//! ends at the pull-out speed: there the motor generates as much as feeds its drive, and brakes through the diodes of
+//! the bridge.
+//!
+//! A shaft that is out of step and at rest falls in with a slow field, if the torque suffices for load and friction, at
+//! the nearest place of the field's torque, which repeats every four full steps; a field at rest takes it downhill if
+//! it cannot take it uphill.
+//!
+//! Not modelled: resonance, damping, the angle by which a load turns a shaft that is in step, the momentum of one that
+//! falls out of step, detent torque other than as friction.
 //!
 //! Everything is reckoned in the phase of a plan, a step of the drive being `STEP` units; so nothing is rounded but
 //! the angle that is shown, and the origin when the size of a step changes.
@@ -28,13 +38,20 @@ const LONGEST: Duration = Duration::from_ticks(1 << 31);
 const NOTHING: i128 = 1 << 16;
 /// The field's torque repeats after so many full steps.
 const PERIOD: i64 = 4;
+/// The fastest shaft, as [`Stretch::h`], so that nothing here exceeds 127 bits.
+const FASTEST: i128 = 1 << 56;
+/// 2π/10 in 2⁻²⁴: µN·m at 1 g·cm² and 1 turn/s². Torques are reckoned in 1/256 µN·m.
+const TORQUE: i128 = 10_541_437;
+/// More than any drive gives, in mA.
+const MOST_MA: u32 = 1_000_000;
 
 /// What a stepper motor and its load are. What is beyond a limit acts as the limit.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Parameters {
     /// Full steps in a turn, 4 to 10,000.
     pub steps_per_rev: u16,
-    /// Torque that holds it at its rated current, in µN·m, up to 100,000,000; 0: it follows whatever the load is.
+    /// Torque that holds it at its rated current, in µN·m, up to 100,000,000; 0: with current it follows whatever the load
+    /// is.
     pub holding_unm: u32,
     /// Peak current of that torque, in mA, 1 to 100,000.
     pub rated_ma: u32,
@@ -42,7 +59,7 @@ pub struct Parameters {
     pub pull_out_rpm: u32,
     /// Of rotor and load, in g·cm², 1 to 10,000,000.
     pub inertia_gcm2: u32,
-    /// Torque against any motion, in µN·m, up to 100,000,000.
+    /// Torque against any motion, in µN·m, up to 100,000,000: all that holds the shaft without current.
     pub friction_unm: u32,
     /// Torque of the load, in µN·m, up to 100,000,000, positive against forward motion.
     pub load_unm: i32,
@@ -131,6 +148,12 @@ impl Stretch {
         self.from + d * (2 * i128::from(self.h) + i128::from(self.a) * d)
     }
 
+    /// Half of its speed, as [`Self::h`].
+    fn speed_at(&self, at: Instant) -> i64 {
+        let d = i128::from(at.min(self.end).since(self.since).ticks());
+        (i128::from(self.h) + i128::from(self.a) * d).clamp(-FASTEST, FASTEST) as i64
+    }
+
     /// After how many ticks it would turn round, at the latest.
     fn turns_round(&self) -> u64 {
         let against = self.h.signum() * self.a.signum() < 0;
@@ -158,8 +181,10 @@ pub struct Stepper {
     planned: i32,
     /// How far from the field the shaft belongs, in steps of the drive: some periods of its torque.
     lost: i64,
-    /// The phase at which it stands because it does not follow.
-    stands: Option<i128>,
+    /// It does not follow the field: it is held, or its load turns it, or it rests.
+    is_loose: bool,
+    /// The drive keeps its field beside a shaft that does not follow, and so its whole torque.
+    keeps_field: bool,
     /// When the last step without a plan was.
     stepped: Instant,
     /// Until when it catches up with the field.
@@ -181,7 +206,8 @@ impl Stepper {
             field: 0,
             planned: 0,
             lost: 0,
-            stands: None,
+            is_loose: false,
+            keeps_field: false,
             stepped: Instant::ZERO,
             catches_up: Instant::ZERO,
             stretch: Stretch::rest(Instant::ZERO, Instant::NEVER, 0),
@@ -194,39 +220,73 @@ impl Stepper {
         if new == old {
             return;
         }
-        let shaft = self.stretch.phase_at(at);
         self.move_field(at);
+        let (shaft, speed) = (self.stretch.phase_at(at), self.stretch.speed_at(at));
         let field = i128::from(self.field) * i128::from(STEP);
         let (to, from) = (i128::from(new), i128::from(old));
-        let resized = |phase: i128| ((phase - field) * to).checked_div(from).unwrap_or(0);
-        self.stretch = Stretch::rest(at, at, resized(shaft));
-        self.stands = self.stands.map(resized);
-        self.lost = (self.lost * i64::from(new)).checked_div(old.into()).unwrap_or(0);
+        let resized = |size: i128| (size * to).checked_div(from).unwrap_or(0);
         self.origin = self.angle_of(field);
+        self.lost = resized(self.lost.into()) as i64;
+        self.stretch = Stretch::rest(at, at, resized(shaft - field));
+        self.stretch.h = resized(speed.into()).clamp(-FASTEST, FASTEST) as i64;
         (self.field, self.microsteps) = (0, new);
         self.begin(at, CATCH_UP);
     }
 
-    /// From `at` on it has another load, or other torque; its full steps in a turn stay.
+    /// From `at` on it has another load, or is another motor: one of other full steps stands in step where this one is.
     pub fn load(&mut self, at: Instant, parameters: Parameters) {
-        let steps_per_rev = self.parameters.steps_per_rev;
-        let parameters = Parameters { steps_per_rev, ..parameters.limited() };
-        if parameters != self.parameters {
-            self.parameters = parameters;
+        let parameters = parameters.limited();
+        if parameters == self.parameters {
+            return;
+        }
+        if parameters.steps_per_rev != self.parameters.steps_per_rev {
+            self.move_field(at);
+            self.origin = self.angle_of(self.stretch.phase_at(at));
+            (self.field, self.lost, self.is_loose) = (0, 0, false);
+            self.stretch = Stretch::rest(at, at, 0);
+        }
+        self.parameters = parameters;
+        self.begin(at, CATCH_UP);
+    }
+
+    /// From `at` on its drive keeps the field beside a shaft that does not follow, or no longer.
+    pub fn keep_field(&mut self, at: Instant, keeps: bool) {
+        if self.keeps_field != keeps {
+            self.keeps_field = keeps;
             self.begin(at, CATCH_UP);
         }
     }
 
-    /// Its drive, which knows where the shaft is, moves the field there: if it stands though nothing holds it, it follows
+    /// Its drive, which knows where the shaft is, moves the field there: if it rests though nothing holds it, it follows
     /// from there on, at the nearest place of the field's torque.
     pub fn catch(&mut self, at: Instant) {
-        if self.held || self.current_ma == Some(0) || self.stands.is_none() {
-            return;
+        if self.is_free() && self.stretch.speed_at(at) == 0 {
+            self.move_field(at);
+            self.is_loose = false;
+            self.lost = self.nearest_period(self.stretch.phase_at(at));
+            self.begin(at, CATCH_UP);
         }
-        self.move_field(at);
-        self.stands = None;
-        self.lost = self.nearest_period(self.stretch.phase_at(at));
-        self.begin(at, CATCH_UP);
+    }
+
+    /// Whether it does not follow, though it has current and is not held.
+    fn is_free(&self) -> bool {
+        self.is_loose && self.can_follow()
+    }
+
+    fn can_follow(&self) -> bool {
+        !self.held && self.current_ma != Some(0)
+    }
+
+    /// Whether its torque would turn it from rest.
+    #[must_use]
+    pub fn can_turn(&self, forward: bool) -> bool {
+        self.overcomes(0, if forward { 1 } else { -1 })
+    }
+
+    /// Whether it is where the field has it, not on its way there.
+    #[must_use]
+    pub fn is_in_step(&self, at: Instant) -> bool {
+        !self.is_loose && self.catches_up <= at
     }
 
     /// Steps of the drive in a turn.
@@ -258,32 +318,19 @@ impl Stepper {
             self.origin = self.origin.wrapping_add(turns << 32);
             let phase = i128::from(turns) * self.turn();
             self.stretch.from -= phase;
-            self.stands = self.stands.map(|stands| stands - phase);
         }
     }
 
     /// Begins the next stretch, where the present one is at `at`. With a jump of the field the shaft catches up
     /// `within` that time.
     fn begin(&mut self, at: Instant, within: Duration) {
+        let speed = self.loose_speed(at);
         self.move_field(at);
         let shaft = self.stretch.phase_at(at);
         let field = Field::of(&self.plan, at);
-        // Whether the field itself is where it stays.
-        let rests = field.h == 0 && field.a == 0 && self.catches_up <= at;
-        let follows = !self.held && self.current_ma != Some(0);
-        let mut falls_in = false;
-        match self.stands {
-            None if !follows => self.stands = Some(shaft),
-            Some(_) if follows && rests => {
-                let lost = self.nearest_period(shaft);
-                falls_in = self.overcomes(shaft, i128::from(self.field + lost) * i128::from(STEP));
-                if falls_in {
-                    (self.stands, self.lost) = (None, lost);
-                }
-            }
-            _ => {}
-        }
-        if self.stands.is_none() {
+        let falls_in = self.is_free() && speed == 0 && self.catches_up <= at && self.falls_in(shaft, &field);
+        self.is_loose = !falls_in && (self.is_loose || !self.can_follow());
+        if !self.is_loose {
             let next = self.following(at, within, shaft, &field);
             let fails = if falls_in { None } else { self.fails_after(&next) };
             if fails != Some(0) {
@@ -293,10 +340,100 @@ impl Stepper {
                 self.stretch = Stretch { end: next.end.min(at + Duration::from_ticks(ticks)), ..next };
                 return;
             }
+            // It tries once more.
+            (self.is_loose, self.catches_up) = (true, at + CATCH_UP);
         }
-        let settles = if self.catches_up > at { self.catches_up } else { Instant::NEVER };
-        let stands = *self.stands.get_or_insert(shaft);
-        self.stretch = Stretch::rest(at, field.end.min(settles), stands);
+        self.stretch = self.loose(at, shaft, speed, &field);
+        self.follow_shaft(shaft);
+    }
+
+    /// How fast a shaft that does not follow turns, as [`Stretch::h`]: one that has just begun to stands.
+    fn loose_speed(&self, at: Instant) -> i64 {
+        let speed = self.stretch.speed_at(at);
+        let turned_round = self.stretch.h.signum() * speed.signum() < 0;
+        let is_bound = self.can_follow() && self.parameters.holding_unm == 0;
+        if !self.is_loose || self.held || is_bound || turned_round { 0 } else { speed }
+    }
+
+    /// Whether a shaft at rest falls in with the field. Then it belongs to the nearest place of the field's torque.
+    fn falls_in(&mut self, shaft: i128, field: &Field) -> bool {
+        let goes_on = Stretch { h: field.h, a: field.a, ..Stretch::rest(Instant::ZERO, Instant::ZERO, 0) };
+        if [self.starting(field), goes_on].iter().any(|way| self.fails_after(way) == Some(0)) {
+            return false;
+        }
+        let nearest = self.nearest_period(shaft);
+        let period = PERIOD * i64::from(self.microsteps);
+        let place = |lost: i64| i128::from(self.field + lost) * i128::from(STEP);
+        let beyond = if place(nearest) < shaft { nearest + period } else { nearest - period };
+        let reaches = |lost: &i64| field.h != 0 || self.overcomes(shaft, place(*lost));
+        match [nearest, beyond].into_iter().find(reaches) {
+            Some(lost) => self.lost = lost,
+            None => return false,
+        }
+        true
+    }
+
+    /// What brings a shaft from rest to the speed of the field within two full steps.
+    fn starting(&self, field: &Field) -> Stretch {
+        const TICKS: i128 = TICKS_PER_SECOND.cast_signed() as i128;
+        // v² = 2·a·s, for s of two full steps.
+        let square = (i128::from(field.h) * i128::from(field.h)).checked_div(TICKS * TICKS).unwrap_or(0);
+        let a = square.checked_div(4 * i128::from(self.microsteps)).unwrap_or(0);
+        let a = i64::try_from(a).unwrap_or(i64::MAX) * field.h.signum();
+        Stretch { h: field.h, a, ..Stretch::rest(Instant::ZERO, Instant::ZERO, 0) }
+    }
+
+    /// How a shaft turns that does not follow: by its load, against what resists that.
+    fn loose(&self, at: Instant, shaft: i128, speed: i64, field: &Field) -> Stretch {
+        let mut end = field.end;
+        if self.catches_up > at {
+            end = end.min(self.catches_up);
+        } else if self.can_follow() && field.a != 0 {
+            // It may become slow enough.
+            end = end.min(at + CATCH_UP);
+        }
+        let Parameters { pull_out_rpm, load_unm, .. } = self.parameters;
+        let fastest = self.in_phase(pull_out_rpm.into(), 60).clamp(1, FASTEST) as i64;
+        let speed = speed.clamp(-fastest, fastest);
+        let pushes = -i128::from(load_unm) << 8;
+        let way = if speed == 0 { pushes.signum() as i64 } else { speed.signum() };
+        let Some(resists) = self.resists(field).filter(|_| !self.held) else {
+            return Stretch::rest(at, end, shaft);
+        };
+        let drives = i128::from(way) * pushes - resists;
+        if speed == 0 && drives <= 0 {
+            return Stretch::rest(at, end, shaft);
+        }
+        let a = if drives > 0 && speed.abs() == fastest { 0 } else { self.accelerated_by(drives) };
+        let next = Stretch { since: at, end, from: shaft, h: speed, a: way * a, catches_up: 0 };
+        let comes_to_fastest = (fastest - speed.abs()).unsigned_abs().div_ceil(a.unsigned_abs().max(1));
+        let lasts = match a.signum() {
+            1 => comes_to_fastest.max(1),
+            _ => next.turns_round(),
+        };
+        Stretch { end: end.min(at + Duration::from_ticks(lasts.min(LONGEST.ticks()))), ..next }
+    }
+
+    /// What resists a shaft that does not follow; `None`: whatever turns it.
+    fn resists(&self, field: &Field) -> Option<i128> {
+        let friction = i128::from(self.parameters.friction_unm) << 8;
+        if !self.can_follow() {
+            return Some(friction);
+        }
+        if self.parameters.holding_unm == 0 {
+            return None;
+        }
+        let holds = self.holds();
+        let is_slow = self.accelerates(self.starting(field).a).abs() <= holds;
+        Some(if is_slow || self.keeps_field { friction + holds } else { friction })
+    }
+
+    /// The field of a shaft that has left it is as good some turns further on: so that they never are far apart.
+    fn follow_shaft(&mut self, shaft: i128) {
+        let steps = PERIOD * self.steps_per_rev();
+        let away = shaft - i128::from(self.field) * i128::from(STEP);
+        let periods = away.checked_div(i128::from(steps) * i128::from(STEP)).unwrap_or(0);
+        self.field += periods as i64 * steps;
     }
 
     /// How the shaft goes on from `shaft` if it follows the field.
@@ -316,7 +453,6 @@ impl Stepper {
         let Some(speed) = gap.checked_div(2 * ticks) else {
             return Stretch { since: at, end: field.end, from: aim, h: field.h, a: field.a, catches_up: 0 };
         };
-        const FASTEST: i128 = 1 << 56;
         let speed = speed.clamp(-FASTEST, FASTEST) as i64;
         Stretch {
             since: at,
@@ -343,33 +479,53 @@ impl Stepper {
         self.fails_after(&Stretch { h: way, ..Stretch::rest(Instant::ZERO, Instant::ZERO, from) }) != Some(0)
     }
 
+    /// Turns in so many seconds, as [`Stretch::h`].
+    fn in_phase(&self, turns: i128, seconds: i128) -> i128 {
+        let way = turns * i128::from(self.steps_per_rev()) * i128::from(TICKS_PER_SECOND);
+        way.checked_div(seconds).unwrap_or(0)
+    }
+
+    /// The torque of the field at standstill.
+    fn holds(&self) -> i128 {
+        let Parameters { holding_unm, rated_ma, .. } = self.parameters;
+        let ma = self.current_ma.unwrap_or(rated_ma).min(MOST_MA);
+        ((i128::from(holding_unm) * i128::from(ma)) << 8).checked_div(rated_ma.into()).unwrap_or(0)
+    }
+
+    /// The torque that accelerates the inertia so.
+    fn accelerates(&self, a: i64) -> i128 {
+        let torque = i128::from(self.parameters.inertia_gcm2) * i128::from(a) * TORQUE;
+        torque.checked_div(i128::from(self.steps_per_rev()) << 16).unwrap_or(0)
+    }
+
+    /// What a torque accelerates the inertia by, away from 0.
+    fn accelerated_by(&self, torque: i128) -> i64 {
+        let inertia = i128::from(self.parameters.inertia_gcm2) * TORQUE;
+        let size =
+            (torque.abs() * (i128::from(self.steps_per_rev()) << 16) + inertia - 1).checked_div(inertia);
+        size.unwrap_or(0).min(FASTEST) as i64 * torque.signum() as i64
+    }
+
     /// After how many ticks of a stretch the torque does not suffice.
     fn fails_after(&self, stretch: &Stretch) -> Option<u64> {
-        /// 2π/10 in 2⁻²⁴: µN·m at 1 g·cm² and 1 turn/s². Torques here are in 1/256 µN·m.
-        const TORQUE: i128 = 10_541_437;
-        /// More than any drive gives, in mA.
-        const MOST: u32 = 1_000_000;
-        let Parameters { holding_unm, rated_ma, pull_out_rpm, inertia_gcm2, friction_unm, load_unm, .. } =
-            self.parameters;
+        let Parameters { holding_unm, pull_out_rpm, friction_unm, load_unm, .. } = self.parameters;
         let Stretch { h, a, .. } = *stretch;
-        let way = if h == 0 { a.signum() } else { h.signum() };
-        if holding_unm == 0 || way == 0 {
+        if holding_unm == 0 {
             return None;
         }
-        let per_rev = i128::from(self.steps_per_rev());
-        let ma = self.current_ma.unwrap_or(rated_ma).min(MOST);
-        let holds = (i128::from(holding_unm) * i128::from(ma)) << 8;
-        let holds = holds.checked_div(rated_ma.into())?;
-        let accelerates = i128::from(inertia_gcm2) * i128::from(a) * TORQUE;
-        let accelerates = accelerates.checked_div(per_rev << 16)?;
-        let against = i128::from(load_unm) + i128::from(way) * i128::from(friction_unm);
-        let left = holds - (accelerates + (against << 8)).abs();
+        let way = if h == 0 { a.signum() } else { h.signum() };
+        let (holds, load, friction) =
+            (self.holds(), i128::from(load_unm) << 8, i128::from(friction_unm) << 8);
+        if way == 0 {
+            // Friction helps to hold it.
+            return (load.abs() > holds + friction).then_some(0);
+        }
+        let left = holds - (self.accelerates(a) + load + i128::from(way) * friction).abs();
         if left < 0 {
             return Some(0);
         }
         // The speed at which no more torque is left than that.
-        let pull_out = i128::from(pull_out_rpm) * per_rev * i128::from(TICKS_PER_SECOND) / 60;
-        let fastest = (pull_out * left).checked_div(holds).unwrap_or(0);
+        let fastest = (self.in_phase(pull_out_rpm.into(), 60) * left).checked_div(holds).unwrap_or(0);
         let spare = fastest - i128::from(h).abs();
         if spare < 0 {
             Some(0)
@@ -433,7 +589,7 @@ impl Rotor for Stepper {
     }
 
     fn stalled(&self) -> bool {
-        self.held || self.stands.is_some() && self.current_ma != Some(0)
+        self.held || self.is_free()
     }
 
     fn draws_ma(&self) -> i32 {
@@ -461,7 +617,7 @@ impl Device for Stepper {
                 self.field += i64::from(steps);
                 within = within.min(at.since(self.stepped)).max(Duration::TICK);
                 self.stepped = at;
-                if self.stands.is_some() {
+                if self.is_loose {
                     self.catches_up = at + within;
                 }
             }

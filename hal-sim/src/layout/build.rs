@@ -171,6 +171,7 @@ fn own_stepper(is: &stepper::Parameters, spec: &Spec) -> impl Iterator<Item = (u
         ("Inertia", is.inertia_gcm2.into()),
         ("Friction", mnm(is.friction_unm.into())),
         ("Load", mnm(is.load_unm.into())),
+        ("FullSteps", is.steps_per_rev.into()),
     ]
     .into_iter()
     .filter_map(|(name, value)| Some((spec.find(name)?.row, value)))

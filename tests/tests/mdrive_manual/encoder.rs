@@ -69,6 +69,38 @@ fn a_stall_is_noted_only() {
     rig.fault("stall", true);
     rig.after(500.millis());
     rig.assert_values(&[("ST", 1), ("ER", 86), ("V", 2_048), ("MV", 1)]);
+    // "The motor will try to continue the move."
+    rig.fault("stall", false);
+    rig.after(10.millis());
+    rig.set(&["ST=0"]);
+    let position = rig.value("C2");
+    rig.after(1.secs());
+    assert!((rig.value("C2") - position - 2_048).abs() <= 1);
+    rig.assert_values(&[("ST", 0), ("ER", 0), ("V", 2_048)]);
+    // And stalls again.
+    rig.fault("stall", true);
+    rig.after(100.millis());
+    rig.assert_values(&[("ST", 1), ("ER", 86), ("V", 2_048)]);
+}
+
+/// A move that was stalled for half a second ends where it was to: what is missing is corrected (MC 5-18, 5-69).
+#[test]
+fn a_move_goes_on_after_a_stall() {
+    for target in [8_192, -8_192] {
+        let mut rig = closed_loop();
+        rig.set(&["SM=1", "VM=2048", "VI=1000", &format!("MA {target}")]);
+        rig.after(1.secs());
+        rig.fault("stall", true);
+        rig.after(500.millis());
+        rig.fault("stall", false);
+        rig.after(100.millis());
+        let held = rig.value("P");
+        rig.after(500.millis());
+        assert!((rig.value("P") - held).abs() > 1_000, "it goes on before its end");
+        rig.wait_still(20.secs());
+        assert!((rig.value("P") - target).abs() <= 10, "{}", rig.value("P"));
+        rig.assert_values(&[("ST", 1), ("ER", 86)]);
+    }
 }
 
 /// Only with EE = 1 (MC 5-70).
@@ -142,7 +174,9 @@ fn a_load_that_is_too_heavy_is_a_stall() {
         ("load_mnm = 50\ninertia_gcm2 = 40000", "", true),
         ("load_mnm = 50\ninertia_gcm2 = 40000", "A = 200000, D = 200000", false),
     ] {
-        let mut rig = loaded(load, set);
+        // What holds it at rest is more than any of these loads.
+        let hold = if set.is_empty() { "HC = 40".to_owned() } else { format!("HC = 40, {set}") };
+        let mut rig = loaded(load, &hold);
         rig.set(&["VM=1024"]);
         rig.say("MR 2048");
         rig.wait_still(10.secs());
@@ -181,8 +215,105 @@ fn a_load_comes_and_goes() {
     rig.say("SL 2048");
     rig.after(1.secs());
     rig.assert_values(&[("ST", 1), ("ER", 86)]);
+    // HC and friction stop what it has turned.
     put(&mut rig, "Load", 0);
+    rig.after(1.secs());
     rig.set(&["ST=0", "SL 2048"]);
     rig.after(1.secs());
     rig.assert_values(&[("ST", 0), ("V", 2_048), ("ER", 0)]);
+}
+
+/// 1 N·m by HC and friction of 10 mN·m hold the shaft, without current friction alone: HC = 0, DE = 0. What is more turns
+/// 400 g·cm² by 25 rad/s² for each mN·m, 40.7 counts in 0.1 s, and no faster than 3,000 rpm. The bench's motor does as the
+/// drive's own.
+#[test]
+fn a_load_turns_a_shaft_that_nothing_holds() {
+    for (hold, enabled, holds) in [(5, 1, 60), (30, 1, 310), (0, 1, 10), (30, 0, 10)] {
+        for (more, counts) in [(-1, 0.0), (1, 40.7), (10, 407.4)] {
+            for way in [1, -1] {
+                let mut rig = loaded("", &format!("HC = {hold}"));
+                rig.set(&[&format!("DE={enabled}")]);
+                let row = rig.bench.spec(rig.seat).find("Load").expect("a setting").row;
+                assert_eq!(rig.bench.poke(rig.seat, row, way * (holds + more)), Ok(()));
+                rig.after(100.millis());
+                let counted = rig.value("C2");
+                let expected = -way as f64 * counts;
+                let what = format!("HC {hold}, DE {enabled}, {}", way * (holds + more));
+                assert!((counted as f64 - expected).abs() <= 1.5, "{what}: {counted}, not {expected}");
+                rig.assert_values(&[("C1", 0), ("V", 0), ("MV", 0), ("ER", 0)]);
+            }
+        }
+    }
+    // From the file, and for a minute: 50 turns/s.
+    let mut rig = loaded("load_mnm = -200", "HC = 30");
+    rig.set(&["DE=0"]);
+    rig.after(60.secs());
+    let (counts, motor) = (rig.value("C2"), rig.bench.motors().next().expect("a motor"));
+    let turn = rig.bench.turn(motor);
+    assert!((3_000.0 - turn.rpm).abs() < 0.01, "{turn:?}");
+    assert!((counts as f64 / 2_048.0 - turn.revolutions).abs() < 0.01, "{counts}, {turn:?}");
+    assert!((2_995.0..3_000.0).contains(&turn.revolutions), "{turn:?}");
+}
+
+/// "The motor will be driven back to its final position if it was forced out of position" (MC 7-23): within DB, at VI, when
+/// DE is 1 again; without PM it stays away, and with SM = 0 if it has come SF counts away.
+#[test]
+fn position_maintenance_brings_the_shaft_back() {
+    for (set, comes_back) in [
+        (["PM=1", "SM=1", "SF=15"], true),
+        (["PM=1", "SM=0", "SF=65000"], true),
+        (["PM=1", "SM=0", "SF=15"], false),
+        (["PM=0", "SM=1", "SF=15"], false),
+    ] {
+        for load in [50, -50] {
+            let mut rig = loaded(&format!("load_mnm = {load}"), "HC = 20");
+            rig.set(&["MT=50", "VI=1000"]);
+            rig.set(&set);
+            rig.after(1.secs());
+            rig.assert_values(&[("C2", 0)]);
+            rig.set(&["DE=0"]);
+            rig.after(50.millis());
+            let away = rig.value("C2");
+            assert!(away.abs() > 300 && away.signum() == -i64::from(load).signum(), "{away}");
+            rig.say("DE=1");
+            rig.wait_still(20.secs());
+            rig.after(2.secs());
+            let away = rig.value("C2").abs();
+            assert!(if comes_back { away <= 10 } else { away > 300 }, "{set:?}: {away} counts away");
+            if set[1] == "SM=0" {
+                rig.assert_values(&[("ST", (!comes_back).into()), ("ER", if comes_back { 0 } else { 86 })]);
+            }
+        }
+    }
+}
+
+/// What `steps_per_rev` of a bench file says of the drive's motor: MS times that are a turn of C1, 4 × EL one of C2, and
+/// MS is at least EL × 8 / that (MC 5-21, 7.3.1).
+#[test]
+fn a_motor_of_other_full_steps_has_other_steps_in_a_turn() {
+    for (full_steps, least) in [(400, 11), (100, 41), (48, 86), (2_000, 3)] {
+        for resolution in [256, 8, 10, 50] {
+            let mut rig = loaded(&format!("steps_per_rev = {full_steps}"), "");
+            // A turn a second.
+            let steps = full_steps * resolution;
+            rig.set(&["EE=0", &format!("MS={resolution}"), &format!("VI={}", steps / 10)]);
+            rig.set(&[&format!("VM={steps}"), &format!("A={}", 5 * steps), &format!("D={}", 5 * steps)]);
+            rig.set(&[&format!("MR {steps}")]);
+            rig.wait_still(100.secs());
+            rig.after(10.millis());
+            rig.assert_values(&[("C2", 2_048), ("C1", steps)]);
+            let motor = rig.bench.motors().next().expect("a motor");
+            assert!((rig.bench.turn(motor).revolutions - 1.0).abs() < 1e-6);
+            rig.say("EE=1");
+            rig.assert_values(&[("ER", if resolution < least { 36 } else { 0 })]);
+            if resolution < least {
+                continue;
+            }
+            rig.set(&["MT=50", "MR 2048"]);
+            rig.wait_still(100.secs());
+            assert!((rig.value("C2") - 4_096).abs() <= 1);
+            assert!((rig.bench.turn(motor).revolutions - 2.0).abs() < 0.001);
+            rig.assert_values(&[("ST", 0), ("ER", 0)]);
+        }
+    }
 }

@@ -221,9 +221,9 @@ fn a_rotor_that_turns_is_in_motion() {
 #[test]
 fn a_motor_of_the_bench_is_the_rotor() {
     for (load, set, is_locked) in [
-        ("load_mnm = 200", "", false),
-        ("load_mnm = 300", "", true),
-        ("load_mnm = 300", "RC = 50", false),
+        ("load_mnm = 200", "HC = 40", false),
+        ("load_mnm = 300", "HC = 40", true),
+        ("load_mnm = 300", "HC = 40, RC = 50", false),
         ("load_mnm = 0", "SS = 255", false),
     ] {
         let text = format!(

@@ -13,6 +13,8 @@ use crate::mdrive::error::Error;
 use crate::mdrive::registers::Reg;
 use crate::motion::{MAX_ACCELERATION, Rates};
 
+/// Accelerations here are in full steps of so many in a turn.
+const STEPS_PER_REV: u32 = 200;
 /// What full torque accelerates the rotor by, in full steps/s²: nothing is said of its load.
 const TORQUE_ACCELERATION: u32 = 39_062;
 /// The least that slows it down without a current, in full steps/s².
@@ -103,6 +105,9 @@ impl Drive {
                     self.spin(at, now, out);
                 } else if !is_stopped && !self.motion.follows() {
                     self.spin_on(at, spin, out);
+                } else if is_stopped && self.motion.follows() && self.motion.can_turn(spin.forward) {
+                    // The load that was too heavy for it is lighter.
+                    self.spin(at, spin, out);
                 }
             }
             _ if is_wanted => {
@@ -120,7 +125,7 @@ impl Drive {
     /// The rotor is accelerated, or slowed down, by TQ to what TS allows.
     fn spin(&mut self, at: Instant, spin: Spin, out: &mut dyn Sink) {
         let Spin { torque, speed, forward } = spin;
-        let fastest = i64::from(PULL_OUT * u32::from(self.bank.word(Reg::MS)));
+        let fastest = i64::from(self.in_steps(PULL_OUT));
         let speed = i64::from(frequency(speed.into())).min(fastest);
         let turns = I24F8::saturating_from_num(if forward { speed } else { -speed });
         let acceleration = self.in_steps(by_torque(torque));
@@ -177,9 +182,11 @@ impl Drive {
         u32::try_from(by.max(LEAST_DECELERATION)).unwrap_or(u32::MAX)
     }
 
-    /// An acceleration in steps/s², of one in full steps/s².
-    fn in_steps(&self, acceleration: u32) -> u32 {
-        acceleration.saturating_mul(self.bank.word(Reg::MS).into()).min(MAX_ACCELERATION)
+    /// An acceleration in steps/s², or a speed in steps/s, of one in full steps.
+    fn in_steps(&self, full_steps: u32) -> u32 {
+        let steps_per_rev = u64::from(self.bank.word(Reg::MS)) * u64::from(self.bank.word(Reg::FullSteps));
+        let steps = u64::from(full_steps).saturating_mul(steps_per_rev) / u64::from(STEPS_PER_REV);
+        u32::try_from(steps).unwrap_or(u32::MAX).min(MAX_ACCELERATION)
     }
 
     /// The circuitry leaves the rotor where it is: there it neither lags nor leads.

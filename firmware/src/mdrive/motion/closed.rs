@@ -3,12 +3,15 @@
 use super::Motion;
 use super::orders::{Activity, Move};
 use super::scale::Scale;
-use crate::device::{Instant, Plan, Sink};
+use crate::device::{Duration, Instant, Plan, Sink};
 use crate::mdrive::error::Error;
 use crate::motion::Rates;
 
 /// "After failing 3 attempts Error 92 will be generated" (MC 9.6).
 const ATTEMPTS: u8 = 3;
+
+/// How often a shaft that its load turns is looked at.
+const LOOK: Duration = Duration::millis(1);
 
 /// How a way has ended.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -85,10 +88,26 @@ impl Motion {
         self.settings.closed && !self.stands() && !self.closed.stalled
     }
 
+    /// PM, while the bridge is on.
+    fn maintains(&self) -> bool {
+        self.settings.closed && self.settings.maintains && self.settings.enabled
+    }
+
+    /// When the load turns a shaft out of DB that PM keeps there.
+    fn leaves_deadband(&self, at: Instant) -> Instant {
+        let Some(aim) = self.closed.aim.filter(|_| self.maintains() && self.activity == Activity::Rest)
+        else {
+            return Instant::NEVER;
+        };
+        let off = i32::from(self.settings.deadband) + 1;
+        let reaches = |count| self.encoder.reaches(at, &self.motor, count);
+        reaches(aim.wrapping_add(off)).min(reaches(aim.wrapping_sub(off)))
+    }
+
     /// Looks when the encoder will be too far behind. A shaft that follows is not; a remote encoder that counts is
     /// looked at again only then.
     pub(super) fn watch(&mut self, at: Instant) {
-        self.closed.due = Instant::NEVER;
+        self.closed.due = self.leaves_deadband(at);
         let follows = self.motor.follows() && !self.motor.is_too_fast();
         if !self.watches() || !self.encoder.is_remote() && follows {
             return;
@@ -97,6 +116,9 @@ impl Motion {
         if apart.abs() >= most {
             self.closed.due = at;
             return;
+        }
+        if self.motor.slides() {
+            self.closed.due = at + LOOK;
         }
         let (here, counts) = (self.motor.position(at), self.settings.scale().counts);
         let up = |way: i64| way.checked_add(counts - 1)?.checked_div(counts);
@@ -114,8 +136,17 @@ impl Motion {
         self.maintain(at, out);
     }
 
+    /// With SM 1 the field turns on after a stall. Once the shaft is in step again it can stall again.
+    fn recover(&mut self, at: Instant) {
+        let goes_on = self.closed.stalled && self.settings.goes_on_stalled && !self.stands();
+        if goes_on && !self.encoder.is_remote() && self.motor.is_in_step(at) {
+            self.watch_from(at);
+        }
+    }
+
     /// Tells of a stall, and stops it unless SM says no.
     pub(super) fn look_for_stall(&mut self, at: Instant, out: &mut dyn Sink) {
+        self.recover(at);
         if !self.watches() || self.apart(at).abs() < self.stalls_at() {
             return;
         }
@@ -176,11 +207,10 @@ impl Motion {
         self.closed.aim = self.settings.closed.then(|| self.encoder.count(at, &self.motor));
     }
 
-    /// PM: brings back what stands and was forced out of DB, if that is no stall or SM lets it go on (MC 5-56).
-    fn maintain(&mut self, at: Instant, out: &mut dyn Sink) {
-        let (Activity::Rest, true, Some(aim)) =
-            (self.activity, self.settings.closed && self.settings.maintains, self.closed.aim)
-        else {
+    /// PM: brings back what stands and was forced out of DB, if that is no stall or SM lets it go on (MC 5-56). Without
+    /// the bridge it waits.
+    pub(super) fn maintain(&mut self, at: Instant, out: &mut dyn Sink) {
+        let (Activity::Rest, true, Some(aim)) = (self.activity, self.maintains(), self.closed.aim) else {
             return;
         };
         let Some(off) = self.off(at, aim) else { return };

@@ -42,7 +42,6 @@ pub(super) use self::encoder::Channel;
 use self::encoder::Encoder;
 use self::follow::Follow;
 use self::motor::Motor;
-pub(super) use self::motor::STEPS_PER_REV;
 use self::orders::{Activity, Task};
 use super::error::Error;
 use crate::device::{Duration, Instant, Sink};
@@ -69,6 +68,8 @@ pub(super) struct Settings {
     pub(super) enabled: bool,
     /// The fastest that the rotor follows, in steps/s: SS of a Hybrid in AS 1 and 2.
     pub(super) response: u32,
+    /// The circuitry keeps the field beside a rotor that does not follow: AS of a Hybrid.
+    pub(super) keeps_field: bool,
     /// LM.
     pub(super) limit_mode: u8,
     /// JE.
@@ -192,6 +193,7 @@ impl Motion {
         self.settings = settings;
         self.motor.set_microsteps(at, settings.microsteps);
         self.motor.load(at, settings.machine);
+        self.motor.keep_field(at, settings.keeps_field);
         self.motor.limit(at, settings.response, out);
         self.motor.power_on(at, out);
         (self.c1, self.c2) = (0, self.encoder.count(at, &self.motor).wrapping_neg());
@@ -222,8 +224,13 @@ impl Motion {
         }
         self.motor.set_microsteps(at, settings.microsteps);
         self.motor.load(at, settings.machine);
+        self.motor.keep_field(at, settings.keeps_field);
         self.motor.limit(at, settings.response, out);
-        if (settings.closed, settings.lines) != (before.closed, before.lines) {
+        let is_another = settings.machine.steps_per_rev != before.machine.steps_per_rev;
+        if is_another {
+            self.clear_lag(at);
+        }
+        if is_another || (settings.closed, settings.lines) != (before.closed, before.lines) {
             self.watch_from(at);
         }
         if (settings.closed && settings.maintains) != (before.closed && before.maintains) {
@@ -235,7 +242,15 @@ impl Motion {
             self.end_following(at, out);
         }
         self.forbid_jog(at, out);
+        if settings.enabled && !before.enabled {
+            self.maintain(at, out);
+        }
         self.refresh(at, out);
+    }
+
+    /// The bridge is off though the circuitry is on (MC 5-50).
+    pub(super) fn lacks_bridge(&self) -> bool {
+        self.settings.keeps_field && !self.settings.enabled
     }
 
     /// Carries out an order.
@@ -318,7 +333,7 @@ impl Motion {
             self.counted(at, out);
         }
         if self.closed.due <= at {
-            self.look_for_stall(at, out);
+            self.counted(at, out);
         }
         if self.due <= at {
             self.go_on(at, out);

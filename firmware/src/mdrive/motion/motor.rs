@@ -7,9 +7,6 @@ use crate::motor::{Pace, Rotor, STALL};
 
 const AXIS: Axis = Axis(0);
 
-/// Full steps in a turn (MC 7.3.1).
-pub(in crate::mdrive) const STEPS_PER_REV: u16 = Parameters::NOMINAL.steps_per_rev;
-
 /// Peak current of 100 %, in mA. The manual names none, "as motor is appropriately sized" (MC 5-28): it is the one that
 /// the motor is rated for.
 const PEAK_MA: u32 = Parameters::NOMINAL.rated_ma;
@@ -119,6 +116,27 @@ impl Motor {
     /// From now on this is the motor, and its load.
     pub(super) fn load(&mut self, at: Instant, machine: Parameters) {
         self.shaft.load(at, machine);
+    }
+
+    /// From now on its field is kept beside a shaft that does not follow, or no longer.
+    pub(super) fn keep_field(&mut self, at: Instant, keeps: bool) {
+        self.shaft.keep_field(at, keeps);
+    }
+
+    /// Whether it would turn from rest.
+    pub(super) fn can_turn(&self, forward: bool) -> bool {
+        self.shaft.can_turn(forward)
+    }
+
+    /// Whether the shaft is where the plan has it, not on its way there.
+    pub(super) fn is_in_step(&self, at: Instant) -> bool {
+        self.shaft.is_in_step(at)
+    }
+
+    /// Whether the load turns the shaft.
+    pub(super) fn slides(&self) -> bool {
+        let pace = self.shaft.pace();
+        !self.follows() && (pace.h != 0 || pace.a != 0)
     }
 
     /// A shaft that is free again goes on from where it is.

@@ -3,7 +3,6 @@
 use fixed::types::{I24F8, I48F16, U24F8};
 
 use super::Settings;
-use super::motor::STEPS_PER_REV;
 use crate::motion::{MAX_ACCELERATION, Rates};
 
 /// So many steps are so many counts.
@@ -20,7 +19,7 @@ impl Settings {
 
     /// What it is with EE = 1.
     pub(in crate::mdrive) fn closed_scale(&self) -> Scale {
-        let steps = i64::from(STEPS_PER_REV) * i64::from(self.microsteps);
+        let steps = i64::from(self.machine.steps_per_rev) * i64::from(self.microsteps);
         Scale { steps, counts: 4 * i64::from(self.lines.max(1)) }
     }
 

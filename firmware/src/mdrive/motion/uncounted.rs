@@ -2,9 +2,8 @@
 
 use fixed::types::I24F8;
 
-use super::Motion;
-use super::motor::STEPS_PER_REV;
 use super::orders::{Activity, Yields};
+use super::{Motion, Settings};
 use crate::device::{Duration, Instant, Plan, Sink};
 use crate::motion::Rates;
 
@@ -99,6 +98,11 @@ impl Motion {
         self.refresh(at, out);
     }
 
+    /// Whether its torque would turn the rotor from rest.
+    pub(in crate::mdrive) fn can_turn(&self, forward: bool) -> bool {
+        self.motor.can_turn(forward)
+    }
+
     /// Whether the circuitry turns it.
     pub(in crate::mdrive) fn is_uncounted(&self) -> bool {
         matches!(self.activity, Activity::Uncounted { .. })
@@ -131,18 +135,22 @@ impl Motion {
         self.motor.is_too_fast()
     }
 
-    /// When the rotor comes to lag by so many steps, if it stands, or is to be looked at again, if it is too slow;
-    /// [`Instant::NEVER`] if it lags no more than now.
+    /// When the rotor comes to lag by so many steps, if it stands, or is to be looked at again, if it is too slow or its
+    /// load turns it; [`Instant::NEVER`] if it lags no more than now.
     pub(in crate::mdrive) fn lags(&self, at: Instant, steps: i32) -> Instant {
         if self.follows() {
             return if self.is_too_fast() { at + LOOK } else { Instant::NEVER };
+        }
+        if self.motor.slides() {
+            return at + LOOK;
         }
         let way = steps.wrapping_sub(self.lag(at));
         self.motor.plan().when(at, self.motor.position(at).wrapping_add(way))
     }
 
     fn behind(&self, at: Instant) -> i32 {
-        let steps_per_rev = i128::from(STEPS_PER_REV) * i128::from(self.settings.microsteps);
+        let Settings { machine, microsteps, .. } = self.settings;
+        let steps_per_rev = i128::from(machine.steps_per_rev) * i128::from(microsteps);
         let shaft = (i128::from(self.motor.angle(at)) * steps_per_rev) >> 32;
         self.steps(at).wrapping_sub(shaft as i32)
     }

@@ -245,6 +245,74 @@ fn missed_steps_are_made_up_for_at_mf_or_ss() {
     }
 }
 
+/// "Make up mode will be cleared when bridges are disabled and Hybrid is enabled" (MC 5-50): by DE, a locked rotor and
+/// heat alike.
+#[test]
+fn make_up_is_cleared_when_the_bridge_is_disabled() {
+    for mode in [1, 2] {
+        for (circuitry, disables) in [
+            (0, "DE"),
+            (1, "DE"),
+            (2, "DE"),
+            (2, "DC"),
+            (3, "DE"),
+            (1, "locked_rotor"),
+            (2, "over_temperature"),
+        ] {
+            let mut bed = bed();
+            bed.set(Reg::AS, circuitry);
+            bed.wait(5.secs());
+            bed.set(Reg::MU, mode);
+            bed.wait(1.secs());
+            assert_eq!(bed.get(Reg::MU), mode);
+            match disables {
+                "DE" => bed.set(Reg::DE, 0),
+                "DC" => bed.set(Reg::DC, 0x1C),
+                fault => bed.fault(fault, true),
+            }
+            bed.wait(100.secs());
+            let left = if circuitry == 0 { mode } else { 0 };
+            assert_eq!(bed.get(Reg::MU), left, "AS {circuitry}, {disables}");
+            // What is written then stays.
+            bed.set(Reg::MU, mode);
+            bed.set(Reg::HC, 6);
+            assert_eq!(bed.get(Reg::MU), mode);
+        }
+    }
+}
+
+/// 400 mN·m by HC 25 % and 10 of friction hold 110. 1 more by 4·10⁻⁵ kg·m² are 25 rad/s²: 50 rad, 8 turns in 2 s; the
+/// limits of lag and lead are two turns. A rotor that moves at its bounds is none that is locked, but the time counts.
+#[test]
+fn a_load_turns_a_rotor_at_rest() {
+    for (load, way, limit) in [(109, 0, 0), (-109, 0, 0), (111, 1, 107), (-111, -1, 106)] {
+        let mut bed = bed();
+        bed.set(Reg::HoldingTorque, 400);
+        bed.set(Reg::HC, 25);
+        bed.set(Reg::LT, 5_000);
+        bed.wait(3.secs());
+        bed.set(Reg::Load, load);
+        bed.wait(1.secs());
+        // 12.5 rad, of a radian 51,200/2π steps; forward motion of the steps is lag.
+        let lag = way * 101_859;
+        assert!((bed.get(Reg::LL) - lag).abs() <= 60, "{load}: {}", bed.get(Reg::LL));
+        assert_eq!(bed.get(Reg::LR), 0);
+        bed.wait(1.secs());
+        assert_eq!(bed.error(), limit);
+        // Lighter, and MU brings it back.
+        bed.set(Reg::Load, 0);
+        bed.set(Reg::MU, 1);
+        bed.wait(3.secs());
+        assert_eq!((bed.get(Reg::LL), bed.get(Reg::LR), bed.get(Reg::C1)), (0, 0, 0));
+        // Without the bridge friction alone holds it.
+        bed.set(Reg::DE, 0);
+        bed.set(Reg::Load, load.signum() * 9);
+        assert_eq!(bed.turned(1.secs()), 0);
+        bed.set(Reg::Load, load.signum() * 12);
+        assert_eq!(bed.turned(1.secs()).signum(), -load.signum());
+    }
+}
+
 #[test]
 fn a_move_does_not_wait_for_make_up() {
     let mut bed = bed();
@@ -456,7 +524,7 @@ fn a_motor_of_the_bench_turns_as_fast_as_its_torque_allows() {
     let turned = bed.turned(100.millis());
     assert!((14_000..=18_000).contains(&turned), "{turned}");
     // A load that is too heavy stops it, and locks it after LT; without that it begins anew.
-    bed.set(Reg::Load, 200);
+    bed.set(Reg::Load, 105);
     assert_eq!((bed.turned(1_999.millis()), bed.get(Reg::LR)), (0, 0));
     assert_eq!((bed.turned(2.millis()), bed.get(Reg::LR)), (0, 1));
     bed.set(Reg::Load, 0);
@@ -467,6 +535,24 @@ fn a_motor_of_the_bench_turns_as_fast_as_its_torque_allows() {
     bed.set(Reg::AS, 2);
     bed.wait(5.secs());
     assert_eq!((bed.turned(1.secs()), bed.get(Reg::AF)), (0, AT_ZERO | CALIBRATED));
+}
+
+/// What turns it back is heavier than torque and friction: 1 mN·m by 4·10⁻⁵ kg·m² are 25 rad/s², in 0.2 s half a radian,
+/// 318 of 4,000 counts. Once the load is gone 110 mN·m stop its 5 rad/s within 2 ms, and torque turns it again.
+#[test]
+fn a_load_turns_the_rotor_back_in_torque_mode() {
+    let mut bed = bed();
+    bed.set(Reg::HoldingTorque, 400);
+    bed.set(Reg::Load, 105);
+    bed.set(Reg::AS, 3);
+    bed.wait(5.secs());
+    assert_eq!(bed.turned(100.millis()), 0);
+    bed.set(Reg::Load, 111);
+    let turned_back = -bed.turned(200.millis());
+    assert!((315..=320).contains(&turned_back), "{turned_back}");
+    bed.set(Reg::Load, 0);
+    bed.wait(5.millis());
+    assert!(bed.turned(100.millis()) > 100);
 }
 
 /// FB 5.1: with AS 1 and 2 the rotor responds at 10 MHz/(SS + 2) at most, 38,910 steps/s with 255.
@@ -676,7 +762,9 @@ fn a_load_locks_the_rotor() {
     for lightens in [false, true] {
         let mut bed = bed();
         bed.set(Reg::HoldingTorque, 1_000);
-        bed.set(Reg::Load, 300);
+        // 250 mN·m and friction hold it, and do not turn it.
+        bed.set(Reg::HC, 25);
+        bed.set(Reg::Load, 255);
         bed.set(Reg::SL, 51_200);
         bed.wait(1.secs());
         assert_eq!(bed.get(Reg::AF) & (ACTIVE | LOCKED), ACTIVE);

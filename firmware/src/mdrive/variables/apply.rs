@@ -174,7 +174,12 @@ impl Drive {
     pub(in crate::mdrive) fn set_motion(&mut self, at: Instant, out: &mut dyn Sink) {
         let settings = motion_settings(&self.bank, self.io.follows_clock());
         let enabled = settings.enabled && !self.hybrid.is_disabled();
+        let lacked_bridge = self.motion.lacks_bridge();
         self.motion.set(at, motion::Settings { enabled, ..settings }, out);
+        if self.motion.lacks_bridge() && !lacked_bridge {
+            // "Make up mode will be cleared when bridges are disabled and Hybrid is enabled" (MC 5-50).
+            self.bank.set(Reg::MU, 0);
+        }
     }
 
     /// I/O goes by what has been written.

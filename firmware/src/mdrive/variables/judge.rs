@@ -2,7 +2,7 @@
 
 use standin_protocol::registers::{Register, Space};
 
-use super::units::{CLOSED_MICROSTEPS, fits};
+use super::units::CLOSED_MICROSTEPS;
 use super::{RATIO_ONE, entry, is_number, output_bit, step};
 use crate::device::Instant;
 use crate::mdrive::drive::{Drive, Model};
@@ -78,7 +78,7 @@ impl Drive {
             Reg::HT if value == 1 || value + as_is(Reg::MT) > MOST_DELAY_MS => Err(Error::IllegalValue),
             Reg::MT if value + as_is(Reg::HT) > MOST_DELAY_MS => Err(Error::IllegalValue),
             Reg::MS if self.is_closed() && value != CLOSED_MICROSTEPS => Err(Error::IllegalRatio),
-            Reg::EL if self.is_closed() && !fits(value, CLOSED_MICROSTEPS) => Err(Error::IllegalRatio),
+            Reg::EL if self.is_closed() && !self.fits(value, CLOSED_MICROSTEPS) => Err(Error::IllegalRatio),
             Reg::JE if value == 1 && as_is(Reg::CM) == 1 => Err(Error::JogInClockMode),
             Reg::CM if value == 1 && as_is(Reg::JE) == 1 => Err(Error::JogInClockMode),
             _ => Ok(()),

@@ -5,7 +5,6 @@ use standin_protocol::registers::Legal;
 use super::entry;
 use crate::mdrive::drive::{Drive, motion_settings};
 use crate::mdrive::error::Error;
-use crate::mdrive::motion::STEPS_PER_REV;
 use crate::mdrive::registers::{Reg, mcode_accepts};
 
 /// The most of A and D in counts/s² (MC 5-1, 5-16).
@@ -46,12 +45,18 @@ impl Drive {
         mcode_accepts(reg, value.into()) && (fits || !self.is_closed())
     }
 
+    /// Whether an encoder of so many lines goes with so many microsteps: MS is at least EL x 8 / 200 with a motor of 200
+    /// full steps (MC 5-21).
+    pub(super) fn fits(&self, lines: i32, microsteps: i32) -> bool {
+        lines * 8 <= microsteps * self.held(Reg::FullSteps)
+    }
+
     /// Whether EE may become 1.
     ///
     /// # Errors
     /// 36 if MS is too low for EL, 90 if something would become too low.
     pub(super) fn judge_closing(&self) -> Result<(), Error> {
-        if !fits(self.held(Reg::EL), self.held(Reg::MS)) {
+        if !self.fits(self.held(Reg::EL), self.held(Reg::MS)) {
             return Err(Error::IllegalRatio);
         }
         let too_low = SCALED.iter().any(|&reg| self.scaled(reg, true) < 1);
@@ -80,8 +85,3 @@ impl Drive {
 
 /// What EE has in other units.
 const SCALED: [Reg; 4] = [Reg::A, Reg::D, Reg::VI, Reg::VM];
-
-/// Whether an encoder of so many lines goes with so many microsteps: MS is at least EL x 8 / 200 (MC 5-21).
-pub(super) fn fits(lines: i32, microsteps: i32) -> bool {
-    lines * 8 <= microsteps * i32::from(STEPS_PER_REV)
-}

@@ -202,9 +202,12 @@ fn the_torque_fails_at_the_speed_where_it_does() {
     plan(&mut motor, Instant::ZERO, &ramp(Instant::ZERO, 15_000));
     let at = stalls(&mut motor, at_us(5_000_000)).unwrap();
     assert!(at.ticks().abs_diff(23_497_345) <= 2, "{at:?}");
-    // There it stands: 8,000/2·1.468584² steps, and a tick's way.
-    let stands = turns(&mut motor, at_us(4_000_000));
-    assert!((stands * 1_600.0 - 4_000.0 * 1.468_584_07 * 1.468_584_07).abs() < 0.001, "{stands}");
+    // There it stops: 8,000/2·1.468584² steps, and a tick's way.
+    let stops = turns(&mut motor, at);
+    assert!((stops * 1_600.0 - 4_000.0 * 1.468_584_07 * 1.468_584_07).abs() < 0.001, "{stops}");
+    // The load is 10,000 µN·m more than friction: 100 rad/s² turn it back, up to 600 rpm.
+    let slides = slid(100.0, 10.0, 4.0 - 1.468_584_07);
+    assert!((turns(&mut motor, at_us(4_000_000)) - stops + slides).abs() < 1e-4);
 }
 
 #[test]
@@ -235,26 +238,41 @@ fn less_current_stalls_at_once() {
     plan(&mut motor, Instant::ZERO, &ramp(Instant::ZERO, 4_000));
     tell(&mut motor, at_us(2_000_000), Input::Current { axis: AXIS, ma: 120 });
     assert!(motor.stalled());
-    let stands = turns(&mut motor, at_us(2_000_000));
-    assert_turns(&mut motor, at_us(3_000_000), stands);
+    // 4,000 steps/s are more than two full steps of 48,000 µN·m give 10⁻⁴ kg·m²: 7.77 rad/s, 1,978 steps/s. So the field
+    // has no mean torque, and the load turns the shaft back.
+    let stops = turns(&mut motor, at_us(2_000_000));
+    let back = stops - turns(&mut motor, at_us(3_000_000));
+    assert!((back - slid(100.0, 10.0, 1.0)).abs() < 1e-4, "{back}");
+}
+
+/// Turns that so many rad/s² make in so many seconds, up to so many turns/s.
+fn slid(rad_per_s2: f64, fastest: f64, seconds: f64) -> f64 {
+    let by = rad_per_s2 / (2.0 * core::f64::consts::PI);
+    let speeds_up = fastest / by;
+    if seconds < speeds_up { 0.5 * by * seconds * seconds } else { fastest * (seconds - speeds_up / 2.0) }
 }
 
 #[test]
 fn it_falls_in_whole_periods_from_where_it_should_be() {
-    let mut motor = loaded();
+    // Friction holds this load where it stalls.
+    let parameters = Parameters { friction_unm: 30_000, load_unm: 20_000, ..LOADED };
+    let mut motor = motor(parameters);
+    tell(&mut motor, Instant::ZERO, Input::Current { axis: AXIS, ma: 500 });
     let rates = Rates::even(U24F8::from_num(15_000), 8_000);
     let end = Plan::profile(Instant::ZERO, 0, 30_000, rates).end();
     plan(&mut motor, Instant::ZERO, &Plan::profile(Instant::ZERO, 0, 30_000, rates));
-    // It stalls after 8,626.957 steps (above). Four full steps are 32 of the drive, and 30,000 are 16 beyond a whole
-    // number of them, as 8,624 are; 8,656 would be further.
-    let stands = turns(&mut motor, end - Duration::TICK) * 1_600.0;
+    // It stalls after 8,626.957 steps (above), and stands until the field has slowed down to v, with which two full
+    // steps of 200,000·(1 − v/16,000) − 50,000 µN·m take 10⁻⁴ kg·m² along: 3,023.7 steps/s, 378 ms before the end.
+    let falls_in = Instant::from_ticks(end.ticks() - 378 * 16_000);
+    let stands = turns(&mut motor, Instant::from_ticks(falls_in.ticks() - 2 * 16_000)) * 1_600.0;
     assert!((stands - 8_626.957).abs() < 0.002, "{stands}");
     assert!(motor.stalled());
-    assert_turns(&mut motor, end + Duration::millis(1), 8_624.0 / 1_600.0);
+    // 571.4 steps before the end the field is at 29,428.6: 20,800 steps, 650 periods of four full steps, from 8,628.6.
+    turns(&mut motor, falls_in + Duration::millis(2));
     assert!(!motor.stalled());
-    // And follows again.
+    assert_turns(&mut motor, end, (30_000.0 - 20_800.0) / 1_600.0);
     step(&mut motor, end + Duration::millis(10), 1);
-    assert_turns(&mut motor, end + Duration::millis(11), 8_625.0 / 1_600.0);
+    assert_turns(&mut motor, end + Duration::millis(11), 9_201.0 / 1_600.0);
 }
 
 #[test]
@@ -274,14 +292,127 @@ fn a_held_shaft_stands_until_it_is_let_go() {
 }
 
 #[test]
-fn without_current_it_stands() {
-    let mut motor = loaded();
-    tell(&mut motor, at_us(500), Input::Current { axis: AXIS, ma: 0 });
+fn a_motor_that_follows_whatever_its_load_is_does_not_without_current() {
+    let parameters = Parameters { load_unm: -30_000, holding_unm: 0, ..LOADED };
+    let mut motor = motor(parameters);
     step(&mut motor, at_us(1_000), 4);
-    assert_turns(&mut motor, at_us(5_000), 0.0);
+    assert_turns(&mut motor, at_us(5_000), 4.0 / 1_600.0);
+    tell(&mut motor, at_us(10_000), Input::Current { axis: AXIS, ma: 0 });
     assert!(!motor.stalled());
-    tell(&mut motor, at_us(6_000), Input::Current { axis: AXIS, ma: 500 });
-    assert_turns(&mut motor, at_us(7_000), 4.0 / 1_600.0);
+    let slides = slid(100.0, 10.0, 0.09) * 1_600.0;
+    assert!((turns(&mut motor, at_us(100_000)) * 1_600.0 - 4.0 - slides).abs() < 1e-3);
+    // 103.1 steps: the nearest of every 32 beyond 4.
+    tell(&mut motor, at_us(100_000), Input::Current { axis: AXIS, ma: 1 });
+    assert_turns(&mut motor, at_us(101_000), 100.0 / 1_600.0);
+}
+
+/// What lets a shaft at rest go, and what holds it then, in µN·m, of a motor of 400,000 at 1 A with friction of 20,000.
+const RELEASES: &[(Option<u32>, i32)] =
+    &[(None, 420_000), (Some(1_000), 420_000), (Some(500), 220_000), (Some(50), 40_000), (Some(0), 20_000)];
+
+#[test]
+fn a_load_turns_a_shaft_at_rest_when_it_exceeds_what_holds_it() {
+    for &(ma, holds) in RELEASES {
+        for (load_unm, turns_it) in [
+            (holds - 1, false),
+            (holds + 1, true),
+            (2 * holds, true),
+            (-(holds - 1), false),
+            (-(holds + 1), true),
+            (-2 * holds, true),
+        ] {
+            let mut motor = motor(Parameters { load_unm: 0, ..LOADED });
+            if let Some(ma) = ma {
+                tell(&mut motor, Instant::ZERO, Input::Current { axis: AXIS, ma });
+            }
+            motor.load(at_us(1_000), Parameters { load_unm, ..LOADED });
+            // µN·m by 10⁻⁴ kg·m² are 0.01 rad/s²; of a step/s² 1/256.
+            let by = f64::from(load_unm.abs() - holds) * 0.01;
+            let slides = if turns_it { slid(by, 10.0, 1.0) } else { 0.0 };
+            let turned = -f64::from(load_unm.signum()) * turns(&mut motor, at_us(1_001_000));
+            // Accelerations are whole steps/s².
+            assert!((turned - slides).abs() <= 0.5 / 1_600.0, "{ma:?} {load_unm}: {turned}, not {slides}");
+            assert_eq!(motor.stalled(), turns_it && ma != Some(0));
+        }
+    }
+}
+
+#[test]
+fn current_brakes_a_shaft_and_holds_it() {
+    for way in [1, -1] {
+        let mut motor = motor(Parameters { load_unm: way * 30_000, ..LOADED });
+        tell(&mut motor, Instant::ZERO, Input::Current { axis: AXIS, ma: 0 });
+        // 100 rad/s² for 0.2 s are 20 rad/s and 2 rad. 100,000 + 20,000 − 30,000 µN·m brake by 900: 0.2222 rad in 22.2 ms.
+        tell(&mut motor, at_us(200_000), Input::Current { axis: AXIS, ma: 250 });
+        assert!(motor.stalled());
+        let stops = turns(&mut motor, at_us(222_300)) * 1_600.0;
+        let slid = -f64::from(way) * 2.222_222 / (2.0 * core::f64::consts::PI) * 1_600.0;
+        assert!((stops - slid).abs() < 2.0, "{stops}, not {slid}");
+        assert!(!motor.stalled());
+        // From there to a multiple of four full steps, and then it follows.
+        let near = (slid / 32.0).round() * 32.0;
+        assert_turns(&mut motor, at_us(230_000), near / 1_600.0);
+        step(&mut motor, at_us(300_000), way);
+        assert_turns(&mut motor, at_us(301_000), (near + f64::from(way)) / 1_600.0);
+    }
+}
+
+#[test]
+fn a_load_never_turns_a_shaft_faster_than_pull_out() {
+    let pull_out = 600.0;
+    for load_unm in [Parameters::LEAST.load_unm, Parameters::MOST.load_unm] {
+        for inertia_gcm2 in [Parameters::LEAST.inertia_gcm2, Parameters::MOST.inertia_gcm2] {
+            let mut motor = motor(Parameters { load_unm, inertia_gcm2, ..LOADED });
+            tell(&mut motor, Instant::ZERO, Input::Current { axis: AXIS, ma: 0 });
+            let mut last = 0.0;
+            for hour in 1..100 {
+                let now = turns(&mut motor, at_us(hour * 3_600_000_000));
+                let rpm = (now - last) / 60.0 * -f64::from(load_unm.signum());
+                assert!((0.99 * pull_out..=1.000_001 * pull_out).contains(&rpm), "hour {hour}: {rpm} rpm");
+                last = now;
+            }
+        }
+    }
+}
+
+#[test]
+fn a_load_that_goes_or_turns_round_lets_friction_brake_the_shaft() {
+    let mut motor = motor(Parameters { load_unm: -30_000, ..LOADED });
+    tell(&mut motor, Instant::ZERO, Input::Current { axis: AXIS, ma: 0 });
+    // 2 rad at 20 rad/s; friction alone brakes by 200 rad/s², with a load of 20,000 µN·m against it by 400.
+    let rad = 1.0 / (2.0 * core::f64::consts::PI);
+    for (load_unm, stops) in [(0, 2.0 + 1.0), (20_000, 2.0 + 0.5)] {
+        let mut motor = motor.clone();
+        wake_until(&mut motor, at_us(200_000));
+        motor.load(at_us(200_000), Parameters { load_unm, ..LOADED });
+        let got = turns(&mut motor, at_us(1_000_000));
+        assert!((got - stops * rad).abs() < 0.001, "{load_unm}: {got}, not {}", stops * rad);
+    }
+}
+
+#[test]
+fn a_field_that_is_kept_beside_the_shaft_holds_a_load_that_it_cannot_move() {
+    // Forward 200,000 µN·m of 500 mA do not move 190,000 and friction; a field that runs away from the shaft does not hold
+    // them, either.
+    for keeps in [false, true] {
+        let mut motor = motor(Parameters { load_unm: 190_000, ..LOADED });
+        tell(&mut motor, Instant::ZERO, Input::Current { axis: AXIS, ma: 500 });
+        motor.keep_field(Instant::ZERO, keeps);
+        plan(&mut motor, at_us(1_000), &ramp(at_us(1_000), 15_000));
+        let turned = turns(&mut motor, at_us(1_500_000));
+        assert_eq!((motor.stalled(), turned < -1.0, turned.abs() < 0.001), (true, !keeps, keeps), "{turned}");
+    }
+}
+
+#[test]
+fn other_full_steps_begin_where_the_shaft_is() {
+    let mut motor = motor(Parameters::NOMINAL);
+    step(&mut motor, at_us(1_000), 4);
+    assert_turns(&mut motor, at_us(5_000), 4.0 / 1_600.0);
+    motor.load(at_us(5_000), Parameters { steps_per_rev: 400, ..Parameters::NOMINAL });
+    assert_turns(&mut motor, at_us(6_000), 4.0 / 1_600.0);
+    step(&mut motor, at_us(7_000), -16);
+    assert_turns(&mut motor, at_us(9_000), 4.0 / 1_600.0 - 16.0 / 3_200.0);
 }
 
 proptest! {
@@ -338,5 +469,95 @@ proptest! {
         }
         let steps = turns(&mut motor, now) * 1_600.0;
         prop_assert!((steps - steps.round()).abs() < 1e-5, "{}", steps);
+    }
+}
+
+/// Something that happens to a motor.
+#[derive(Clone, Copy, Debug)]
+enum Happens {
+    Slews(i32),
+    Steps(i32),
+    Halts,
+    Current(u32),
+    Held(bool),
+    Load(Parameters),
+    Keeps(bool),
+    Catches,
+    Microsteps(u16),
+}
+
+fn anything() -> impl Strategy<Value = Happens> {
+    let (least, most) = (Parameters::LEAST, Parameters::MOST);
+    let load = (4..=most.steps_per_rev, 0..=most.holding_unm, 1..=most.rated_ma, 1..=most.pull_out_rpm)
+        .prop_flat_map(move |(steps_per_rev, holding_unm, rated_ma, pull_out_rpm)| {
+            let others = (0..=most.friction_unm, least.load_unm..=most.load_unm, 0..=23_u32);
+            others.prop_map(move |(friction_unm, load_unm, inertia)| Parameters {
+                steps_per_rev,
+                holding_unm: if holding_unm % 4 == 0 { 0 } else { holding_unm },
+                rated_ma,
+                pull_out_rpm,
+                inertia_gcm2: 1 << inertia,
+                friction_unm,
+                load_unm,
+            })
+        });
+    prop_oneof![
+        any::<i32>().prop_map(Happens::Slews),
+        (-500..500).prop_map(Happens::Steps),
+        Just(Happens::Halts),
+        prop_oneof![Just(0), 1..100_000_u32].prop_map(Happens::Current),
+        any::<bool>().prop_map(Happens::Held),
+        load.prop_map(Happens::Load),
+        any::<bool>().prop_map(Happens::Keeps),
+        Just(Happens::Catches),
+        (1..=256_u16).prop_map(Happens::Microsteps),
+    ]
+}
+
+proptest! {
+    /// Whatever happens, and to whatever motor: the shaft does not jump, wakes are no storm, and its load turns it no
+    /// faster than the pull-out speed.
+    #[test]
+    fn anything_turns_it_evenly(all in proptest::collection::vec((0_u64..400_000_000, anything()), 1..40)) {
+        let mut motor = motor(LOADED);
+        let mut course = Plan::rest(Instant::ZERO, 0);
+        let mut now = Instant::ZERO;
+        for (wait, happens) in all {
+            let then = now + Duration::from_ticks(wait);
+            let mut wakes = 0;
+            while motor.deadline() <= then {
+                now = motor.deadline();
+                let before = motor.angle_at(now);
+                motor.timeout(now, &mut Nowhere);
+                prop_assert!(motor.deadline() > now, "it wants to be woken again at once");
+                prop_assert!(motor.angle_at(now).abs_diff(before) <= 4, "it jumps by {}", motor.angle_at(now) - before);
+                wakes += 1;
+                prop_assert!(wakes < 30_000, "it never rests");
+                let Pace { h, turn, .. } = motor.pace();
+                if motor.is_loose {
+                    let rpm = 2.0 * h as f64 / turn as f64 * 16e6 * 60.0;
+                    prop_assert!(rpm.abs() <= f64::from(motor.parameters.pull_out_rpm) * 1.001 + 0.1, "{} rpm", rpm);
+                }
+            }
+            now = then;
+            let before = motor.angle_at(now);
+            match happens {
+                Happens::Slews(speed) => course = course.towards(now, I24F8::from_bits(speed), 300_000),
+                Happens::Halts => course = course.halt(now),
+                Happens::Steps(steps) => motor.input(now, Input::Step { axis: AXIS, steps }, &mut Nowhere),
+                Happens::Current(ma) => motor.input(now, Input::Current { axis: AXIS, ma }, &mut Nowhere),
+                Happens::Held(on) => motor.input(now, Input::Fault { fault: STALL, on }, &mut Nowhere),
+                Happens::Load(parameters) => motor.load(now, parameters),
+                Happens::Keeps(keeps) => motor.keep_field(now, keeps),
+                Happens::Catches => motor.catch(now),
+                Happens::Microsteps(microsteps) => motor.set_microsteps(now, microsteps),
+            }
+            if let Happens::Slews(_) | Happens::Halts = happens {
+                motor.input(now, Input::Plan { axis: AXIS, plan: &course }, &mut Nowhere);
+            }
+            prop_assert!(motor.deadline() > now);
+            // A plan's phase is between two steps of the one that it takes over.
+            prop_assert!(motor.angle_at(now).abs_diff(before) <= 4, "{:?}: it jumps by {}", happens, motor.angle_at(now) - before);
+        }
     }
 }

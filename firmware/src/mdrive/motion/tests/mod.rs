@@ -33,6 +33,7 @@ const FACTORY: Settings = Settings {
     hold_percent: 5,
     enabled: true,
     response: u32::MAX,
+    keeps_field: false,
     limit_mode: 1,
     jogs: false,
     follows_clock: false,

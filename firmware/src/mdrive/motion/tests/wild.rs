@@ -45,7 +45,7 @@ fn order() -> impl Strategy<Value = Order> {
 fn settings() -> impl Strategy<Value = Settings> {
     let rates = (1..5_000_000_u32, 1..5_000_000_u32, 91..1_525_878_997_u32, 0..8_u32);
     let times = (0..100_u16, prop_oneof![Just(0), 2..100_u16]);
-    let modes = (1..=6_u8, any::<[bool; 5]>(), prop_oneof![Just(1_000_u16), 1..2_000_u16]);
+    let modes = (1..=6_u8, any::<[bool; 6]>(), prop_oneof![Just(1_000_u16), 1..2_000_u16]);
     let loop_ = (any::<bool>(), prop_oneof![Just(512_u16), 1..u16::MAX], 0..50_u16, 0..50_u16);
     (rates, times, modes, loop_, machine()).prop_map(
         |((start, speed, ramp, shift), times, modes, loop_, machine)| Settings {
@@ -61,6 +61,7 @@ fn settings() -> impl Strategy<Value = Settings> {
             limit_mode: modes.0,
             enabled: modes.1[0],
             response: u32::MAX,
+            keeps_field: modes.1[5],
             jogs: modes.1[1],
             follows_clock: modes.1[2],
             goes_on_stalled: modes.1[3],
@@ -77,13 +78,10 @@ fn settings() -> impl Strategy<Value = Settings> {
 
 /// A motor that follows whatever comes, or one with some load.
 fn machine() -> impl Strategy<Value = Parameters> {
-    let loads = (0..2_000_000_u32, 1..100_000_u32, 0..500_000_u32, -500_000..500_000_i32);
-    let loads = loads.prop_map(|(holding_unm, inertia_gcm2, friction_unm, load_unm)| Parameters {
-        holding_unm,
-        inertia_gcm2,
-        friction_unm,
-        load_unm,
-        ..Parameters::NOMINAL
+    let steps_per_rev = prop_oneof![Just(200_u16), 4..=10_000_u16];
+    let loads = (steps_per_rev, 0..2_000_000_u32, 1..100_000_u32, 0..500_000_u32, -500_000..500_000_i32);
+    let loads = loads.prop_map(|(steps_per_rev, holding_unm, inertia_gcm2, friction_unm, load_unm)| {
+        Parameters { steps_per_rev, holding_unm, inertia_gcm2, friction_unm, load_unm, ..Parameters::NOMINAL }
     });
     prop_oneof![Just(Parameters::NOMINAL), loads]
 }

@@ -1,0 +1,216 @@
+//! Loads that turn a motor's shaft at rest, beside a model of their own in f64: whatever holds the shaft, on both sides of
+//! what it holds, either way.
+#![allow(missing_docs, reason = "a test")]
+#![expect(clippy::float_arithmetic, reason = "the model")]
+
+use std::f64::consts::TAU;
+
+use standin_firmware::device::Fault;
+use standin_protocol::modbus::rtu;
+use standin_protocol::time::{Duration, Span};
+use standin_sim::bench::{Bench, Driving, Motor, PowerAction, Seat};
+use standin_sim::file;
+use standin_tests::md3::{self, at, bit};
+
+/// Bits of QuadratureEncoderConfiguration: x4, counts to MaxCount (7.11).
+const X4_MAX: u16 = 3 << 1;
+
+/// A motor of 1 N·m at 2 A with 20 mN·m of friction and 400 g·cm², 600 rpm at most, at an MD3 of 1 A that counts the 500
+/// cycles of its encoder.
+struct Bed {
+    bench: Bench,
+    x: Seat,
+    motor: Motor,
+    began: u16,
+}
+
+impl Bed {
+    fn new(kind: &str, steps_per_rev: u32, load_mnm: f64) -> Self {
+        let text = format!(
+            "line = 'fast'\n\
+             [[drive]]\nname = 'x'\nkind = '{kind}'\nfast_boot = true\nlisten = []\n\
+             [[motor]]\nname = 'm'\ndrive = 'x'\nsteps_per_rev = {steps_per_rev}\nholding_mnm = 1000\n\
+             rated_ma = 2000\npull_out_rpm = 600\ninertia_gcm2 = 400\nfriction_mnm = 20\nload_mnm = {load_mnm}\n\
+             [[encoder]]\nmotor = 'm'\ncycles_per_rev = 500\nto = {{ a = 'x.J2.10', b = 'x.J2.12' }}\n"
+        );
+        let layout = file::parse(&text).unwrap_or_else(|error| panic!("{error}"));
+        let built = layout.build(layout.settings(), Vec::new()).unwrap_or_else(|error| panic!("{error}"));
+        let mut bed = Self { bench: built.bench, x: built.seats[0], motor: built.motors[0], began: 0 };
+        bed.wait(1.millis());
+        bed.write(at::ENCODER, X4_MAX);
+        bed.write(at::MAX_COUNT, 0xFFFF);
+        bed.began = bed.read(at::ENCODER_COUNT);
+        bed
+    }
+
+    fn wait(&mut self, span: Duration) {
+        self.bench.run_until(self.bench.now() + span);
+    }
+
+    fn write(&mut self, address: u16, value: u16) {
+        md3::write(&mut self.bench, self.x, address, value);
+    }
+
+    fn read(&mut self, address: u16) -> u16 {
+        let reply = self.bench.ask(self.x, &rtu::read(1, address, 1));
+        u16::from_be_bytes([reply[3], reply[4]])
+    }
+
+    fn low(&mut self, name: &str) {
+        let pin = self.bench.spec(self.x).pin(name).unwrap();
+        self.bench.set_pin(self.x, pin, Driving::Low);
+    }
+
+    fn turns(&self) -> f64 {
+        self.bench.turn(self.motor).revolutions
+    }
+}
+
+/// Turns of a shaft at rest in so many seconds: what is more than holds it accelerates 4·10⁻⁵ kg·m², up to 10 turns/s.
+fn slides(load_mnm: f64, holds_mnm: f64, seconds: f64) -> f64 {
+    let by = (load_mnm.abs() - holds_mnm) * 1e-3 / 4e-5 / TAU;
+    if by <= 0.0 {
+        return 0.0;
+    }
+    let speeds_up = 10.0 / by;
+    let size =
+        if seconds < speeds_up { by * seconds * seconds / 2.0 } else { 10.0 * (seconds - speeds_up / 2.0) };
+    -load_mnm.signum() * size
+}
+
+type Release = fn(&mut Bed);
+
+/// What is done to the drive, and what holds the shaft then in mN·m: 500 at 1 A, and friction.
+const RELEASES: &[(&str, f64, Release)] = &[
+    ("cutback to 0.9 A, longer than it takes", 470.0, |bed| bed.write(at::CURRENT_CUTBACK, 1 << 8 | 9)),
+    ("cutback to 0.4 A", 220.0, |bed| bed.write(at::CURRENT_CUTBACK, 1 << 8 | 4)),
+    ("cutback to nothing", 20.0, |bed| bed.write(at::CURRENT_CUTBACK, 1 << 8)),
+    ("0.6 A (7.2)", 320.0, |bed| bed.write(at::CURRENT_AND_MICROSTEPPING, 0x0306)),
+    ("full steps: 71 % (7.2)", 375.0, |bed| bed.write(at::CURRENT_AND_MICROSTEPPING, 0x000a)),
+    ("no current (7.2)", 20.0, |bed| bed.write(at::CURRENT_AND_MICROSTEPPING, 0x0300)),
+    ("Disable (7.15)", 20.0, |bed| bed.write(at::MOTION, bit::DISABLE)),
+    ("INHIBIT (7.8)", 20.0, |bed| bed.low("J2.3")),
+    ("LOWCURRENT (7.8)", 270.0, |bed| {
+        bed.write(at::HOMING, 2 << 1);
+        bed.write(at::CURRENT_CUTBACK, 5);
+        bed.low("J2.2");
+    }),
+    ("a fault (7.15)", 20.0, |bed| {
+        let faults = bed.bench.spec(bed.x).faults;
+        let place = faults.iter().position(|name| *name == "over_temperature").unwrap();
+        bed.bench.fault(bed.x, Fault(place as u8), true);
+    }),
+    ("power off", 20.0, |bed| bed.bench.power(bed.x, PowerAction::Off)),
+];
+
+#[test]
+fn a_load_turns_the_shaft_of_an_md3_when_it_exceeds_what_holds_it() {
+    for &(what, holds, release) in RELEASES {
+        for (kind, steps_per_rev) in [("md3", 200), ("md3-low", 400)] {
+            // Of the low current version the same codes are half the current (7.2).
+            let holds = if kind == "md3" { holds } else { (holds - 20.0) / 2.0 + 20.0 };
+            for more in [-0.5, 0.5, 20.0] {
+                for way in [1.0, -1.0] {
+                    let load = way * (holds + more);
+                    let mut bed = Bed::new(kind, steps_per_rev, load);
+                    bed.wait(200.millis());
+                    assert_eq!((bed.turns(), bed.read(at::ENCODER_COUNT)), (0.0, bed.began), "{what}: held");
+                    release(&mut bed);
+                    if what.starts_with("cutback") {
+                        // The time since power-on counts for it.
+                        bed.wait(1.micros());
+                    }
+                    let start = bed.turns();
+                    bed.wait(100.millis());
+                    let turns = bed.turns();
+                    let expected = slides(load, holds, 0.1);
+                    // Accelerations are whole steps/s², currents whole mA.
+                    assert!(
+                        (turns - expected).abs() < 0.02 * expected.abs() + 1e-4 && start.abs() < 1e-4,
+                        "{kind}, {what}, {load} mN·m: {turns} turns, not {expected}"
+                    );
+                    assert_eq!(turns == 0.0, more < 0.0, "{kind}, {what}, {load} mN·m");
+                    if what == "power off" {
+                        continue;
+                    }
+                    let counted =
+                        f64::from(bed.read(at::ENCODER_COUNT).wrapping_sub(bed.began).cast_signed());
+                    assert!(
+                        (counted.abs() - turns.abs() * 2_000.0).abs() <= 1.0,
+                        "{counted} of {turns} turns"
+                    );
+                }
+            }
+        }
+    }
+}
+
+/// More than the whole current holds: nothing has to let the shaft go.
+#[test]
+fn a_load_that_is_too_heavy_turns_a_motor_at_its_current() {
+    for (load, holds) in [(519.0, true), (521.0, false), (5_000.0, false), (100_000.0, false)] {
+        for load in [load, -load] {
+            let mut bed = Bed::new("md3", 200, load);
+            bed.wait(199.millis());
+            let (turn, expected) = (bed.bench.turn(bed.motor), slides(load, 520.0, 0.2));
+            assert!(
+                (turn.revolutions - expected).abs() < 0.02 * expected.abs() + 1e-4,
+                "{load} mN·m: {turn:?}"
+            );
+            assert_eq!(turn.stalled, !holds);
+            // On and on it turns no faster than at the pull-out speed.
+            bed.wait(5.secs());
+            let rpm = bed.bench.turn(bed.motor).rpm;
+            let fastest = if holds { 0.0 } else { -600.0 * load.signum() };
+            assert!((rpm - fastest).abs() < 0.01, "{load} mN·m: {rpm} rpm");
+        }
+    }
+}
+
+/// 1 A brakes the shaft with 520 mN·m less the load, and it follows again from where it is.
+#[test]
+fn current_that_comes_back_holds_the_shaft_where_it_is() {
+    for load in [120.0, -120.0] {
+        let mut bed = Bed::new("md3", 200, load);
+        bed.wait(1.secs());
+        bed.write(at::MOTION, bit::DISABLE);
+        bed.wait(100.millis());
+        let released = bed.turns();
+        assert!((released - slides(load, 20.0, 0.1)).abs() < 1e-3);
+        bed.write(at::MOTION, 0);
+        bed.wait(1.secs());
+        // 12.5 rad in 0.1 s at 250 rad/s: 400 mN·m brake by 10,000 rad/s² in 3.125 rad; then to the nearest of four full
+        // steps, a fiftieth of a turn.
+        let speed = 2_500.0_f64 * 0.1;
+        let speed = speed.min(10.0 * TAU);
+        let braked = released - load.signum() * speed * speed / (2.0 * 10_000.0) / TAU;
+        let stands = bed.turns();
+        assert!((stands - braked).abs() <= 0.0101, "{stands}, not {braked}");
+        assert!((stands * 50.0 - (stands * 50.0).round()).abs() < 1e-6, "{stands}");
+        // 1,600 steps of 1/8 are a turn.
+        md3::write_pair(&mut bed.bench, bed.x, at::MOVE_STEPS, 1_600);
+        bed.write(at::MOTION, bit::MOVE);
+        bed.wait(5.secs());
+        assert!((bed.turns() - stands - 1.0).abs() < 1e-6, "{}", bed.turns());
+        assert!(!bed.bench.turn(bed.motor).stalled);
+    }
+}
+
+/// What a test of motor and load could notice; the lines of MCode and of the Hybrid's circuitry are not an MD3's.
+#[test]
+fn each_kind_says_what_is_not_modelled_of_its_motor() {
+    let says = |kind: &str, what: &str| {
+        let device = standin_sim::kinds::make(kind).unwrap();
+        device.spec().not_modelled.iter().any(|line| line.contains(what))
+    };
+    for kind in ["md3", "md3-low", "mdrive", "mdrive-hybrid"] {
+        for what in
+            ["resonance", "ripple of speed", "the angle by which a load", "momentum", "detent", "the supply"]
+        {
+            assert!(says(kind, what), "{kind}: {what}");
+        }
+        for what in ["AS 2", "CA = 0,1", "SC = 1", "make-up steps", "error 105", "IT, MC 5-38"] {
+            assert_eq!(says(kind, what), kind == "mdrive-hybrid", "{kind}: {what}");
+        }
+    }
+}
