@@ -375,6 +375,9 @@ impl Servo {
         self.stuck = if is_stuck { self.stuck + motor.rpm(FULL_DUTY) / STUCK } else { I40F24::ZERO };
         let stuck = motor.duty(self.stuck * i64::from(self.facing));
         let wanted = motor.push(self.shaft_rpm(speed), self.shaft_rpm(self.pace)) + stuck + self.owed;
+        // What one sensor reads goes the commanded way: pushed against that, the shaft would turn round unseen.
+        let against = wanted.signum() * i64::from(self.facing) < 0;
+        let wanted = if self.settings.halls == 1 && against { I40F24::ZERO } else { wanted };
         let duty = possible(wanted);
         self.owed = if duty.abs() <= LEAST_DUTY { wanted - I40F24::from_num(duty) } else { I40F24::ZERO };
         self.apply(at, duty, out);
