@@ -1,8 +1,9 @@
 //! An MD3 with a motor of the bench: loads, DC motors, encoders, and its own STEP and DIR (MD3 User Guide V1.7).
 #![allow(missing_docs, reason = "a test")]
 
+use standin_protocol::modbus::rtu;
 use standin_protocol::time::Span;
-use standin_sim::bench::{Bench, Motor, Seat, Settings};
+use standin_sim::bench::{Bench, Driving, Motor, PowerAction, Seat, Settings};
 use standin_sim::file;
 use standin_sim::layout::Built;
 use standin_sim::trace::TraceKeep;
@@ -96,10 +97,111 @@ fn every_motion_after_the_cutback_has_the_full_current() {
     let pin = rig.bench.spec(rig.drive).pin("J2.4").expect("the manual has that pin");
     for n in 1..=3 {
         rig.wait_ms(1_000);
-        rig.bench.set_pin(rig.drive, pin, standin_sim::bench::Driving::Low);
+        rig.bench.set_pin(rig.drive, pin, Driving::Low);
         rig.wait_ms(10);
-        rig.bench.set_pin(rig.drive, pin, standin_sim::bench::Driving::Open);
+        rig.bench.set_pin(rig.drive, pin, Driving::Open);
         rig.wait_ms(10);
         assert_eq!((rig.turns() * 1_600.0).round(), f64::from(n));
+    }
+}
+
+/// The drive `x` that reads the encoder of its own motor: 250 cycles, 1,000 counts a turn.
+fn with_encoder(settings: &str) -> Rig {
+    Rig::new(&format!(
+        "line = 'fast'\n[[drive]]\nname = 'x'\nkind = 'md3'\nfast_boot = true\nset = {{ {settings} }}\n\
+         [[motor]]\nname = 'm'\ndrive = 'x'\n\
+         [[encoder]]\nmotor = 'm'\ncycles_per_rev = 250\nto = {{ a = 'x.J2.10', b = 'x.J2.12', index = 'x.J2.9' }}\n",
+    ))
+}
+
+impl Rig {
+    /// Moves so many turns; 1,600 microsteps each.
+    fn turn(&mut self, turns: i32) {
+        self.write_pair(at::SPEED, 16_000);
+        self.write_pair(at::ACCEL_DECEL, 160_000);
+        self.write_pair(at::MOVE_STEPS, 1_600 * turns);
+        self.write(at::MOTION, bit::MOVE);
+        self.wait_ms(3_000);
+    }
+
+    /// EncoderIndexCount (7.13).
+    fn indexes(&mut self) -> i32 {
+        let words = self.read(at::INDEX_COUNT, 2);
+        (u32::from(words[0]) << 16 | u32::from(words[1])).cast_signed()
+    }
+
+    /// QuadratureEncoderCount (7.14).
+    fn count(&mut self) -> u16 {
+        self.read(at::ENCODER_COUNT, 1)[0]
+    }
+
+    fn read(&mut self, first: u16, words: u16) -> Vec<u16> {
+        let reply = self.bench.ask(self.drive, &rtu::read(1, first, words));
+        assert_eq!(reply.len(), 5 + 2 * usize::from(words), "{reply:02x?}");
+        reply[3..reply.len() - 2].chunks(2).map(|word| u16::from_be_bytes([word[0], word[1]])).collect()
+    }
+}
+
+/// 7.11: the factory's 0x0005 clears the counter at the index while A and B are low; US Digital's encoders have their
+/// index there. 7.13: 5 rotations one way count 5, 3 the other way take 3 back.
+#[test]
+fn the_factorys_gating_counts_the_index_and_clears() {
+    for filter in ["", "QuadratureEncoderConfiguration = 0x0205", "QuadratureEncoderConfiguration = 0x020d"] {
+        let mut rig = with_encoder(filter);
+        assert_eq!((rig.count(), rig.indexes()), (0, 0), "{filter}: with fast boot, too");
+        rig.turn(5);
+        let swapped = filter.ends_with("0d");
+        assert_eq!(rig.indexes(), if swapped { -5 } else { 5 }, "{filter}");
+        if !swapped {
+            // 2 counts behind the shaft's beginning, four times before.
+            assert_eq!(rig.count(), 998, "{filter}");
+        }
+        rig.turn(-3);
+        assert_eq!(rig.indexes(), if swapped { -2 } else { 2 }, "{filter}");
+    }
+}
+
+/// 7.11: of the four states of A and B that x4 decoding gates, the index of an encoder is in one.
+#[test]
+fn one_of_four_gates_responds() {
+    // Without the filter, with the slowest one, and swapped.
+    for others in [0, 1 << 9, 1 << 9 | 7 << 6, 1 << 3] {
+        let responds: Vec<u16> = (0..4)
+            .filter(|gate| {
+                let mut rig =
+                    with_encoder(&format!("QuadratureEncoderConfiguration = {}", 5 | gate << 4 | others));
+                rig.turn(3);
+                let there = rig.indexes();
+                assert!(there == 0 || there.abs() == 3, "{gate}: {there}");
+                rig.turn(-3);
+                assert_eq!(rig.indexes(), 0);
+                there != 0
+            })
+            .collect();
+        assert_eq!(responds, [0], "{others:#x}");
+    }
+    // x2 gates one channel: A low, or B low.
+    for (gate, indexes) in [(0, 3), (1, 0), (2, 3), (3, 0)] {
+        let mut rig = with_encoder(&format!("QuadratureEncoderConfiguration = {}", 1 | gate << 4));
+        rig.turn(3);
+        assert_eq!(rig.indexes(), indexes, "{gate}");
+    }
+}
+
+/// Fast boot is no start of the counter: what the encoder shows at power-on is no edge.
+#[test]
+fn the_counter_starts_at_0() {
+    for settings in ["", "EncoderIndexCount = 0", "QuadratureEncoderConfiguration = 0x0204"] {
+        let mut rig = with_encoder(settings);
+        assert_eq!((rig.count(), rig.indexes()), (0, 0), "{settings}");
+        rig.bench.power(rig.drive, PowerAction::Cycle);
+        rig.wait_ms(1);
+        assert_eq!((rig.count(), rig.indexes()), (0, 0), "{settings}");
+        rig.write_pair(at::MOVE_STEPS, 160);
+        rig.write(at::MOTION, bit::MOVE);
+        rig.wait_ms(1_000);
+        // A tenth of a turn, with the index once.
+        let behind = if settings.ends_with("4") { 100 } else { 98 };
+        assert_eq!(rig.count(), behind, "{settings}");
     }
 }

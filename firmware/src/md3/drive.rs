@@ -127,6 +127,7 @@ impl Drive {
     pub(super) fn power_on(&mut self, at: Instant, boot: device::Boot, out: &mut dyn Sink) {
         *self = Self::new(self.version);
         self.motor = Motor::new(at);
+        self.encoder.power_on(at);
         let passed = self.eeprom.load(self.bank.words_mut(), out);
         self.latch = self.bank.word(Reg::IOPortData);
         self.disabled = self.bank.word(Reg::MotionControl) & motion_control::DISABLE != 0;

@@ -14,6 +14,8 @@
 //!   it may come with the edge of the index or with one of A or B, which is counted first. It counts index
 //!   pulses in all modes, up or down as the last edge of A or B went; before the first one that is up. A
 //!   pulse that is over before it met the gate was none.
+//! - At one instant the pins change in the order in which they are told; behind the filter a rising index comes after
+//!   A and B and a falling one before them, so that an index as wide as a state of A and B meets that state only.
 //! - Only edges do something. What a new configuration makes of the present levels shows with the next
 //!   one. While pins 9, 10 and 12 are outputs (7.8), both counters stand still; levels and direction are
 //!   followed.
@@ -49,6 +51,8 @@ pub(super) struct Encoder {
     up: bool,
     count: u16,
     index_count: i32,
+    /// Levels that come before were there at power-on.
+    starts: Instant,
 }
 
 impl Encoder {
@@ -64,7 +68,13 @@ impl Encoder {
             up: true,
             count: 0,
             index_count: 0,
+            starts: Instant::ZERO,
         }
+    }
+
+    /// Power comes at `at`. Levels that come within a tick, the time of a wire, were there before and are no edges.
+    pub(super) fn power_on(&mut self, at: Instant) {
+        self.starts = at + Duration::TICK * 2;
     }
 
     /// From `at` on it obeys these values of QuadratureEncoderConfiguration and
@@ -77,6 +87,14 @@ impl Encoder {
 
     /// A pin has this level from `at` on. Edges of one instant count in the order of the calls.
     pub(super) fn edge(&mut self, at: Instant, channel: Channel, high: bool) {
+        if at < self.starts {
+            match channel {
+                Channel::A => self.a = high,
+                Channel::B => self.b = high,
+                Channel::Index => (self.index, self.awaiting_gate) = (high, high),
+            }
+            return;
+        }
         self.timeout(at);
         let present = match channel {
             Channel::A => self.a,
@@ -95,7 +113,8 @@ impl Encoder {
 
     /// Lets in the levels that have lasted by `at`.
     pub(super) fn timeout(&mut self, at: Instant) {
-        while let Some(channel) = self.filter.take(at) {
+        // An index that falls was high in the state that A and B leave at that instant.
+        while let Some(channel) = self.filter.take(at, self.index) {
             self.change(channel);
         }
     }
