@@ -1,12 +1,14 @@
 //! An MD3 with a motor of the bench: loads, DC motors, encoders, and its own STEP and DIR (MD3 User Guide V1.7).
 #![allow(missing_docs, reason = "a test")]
 
+use standin_firmware::device::{Axis, Duration, Instant, Pin};
 use standin_protocol::modbus::rtu;
 use standin_protocol::time::Span;
 use standin_sim::bench::{Bench, Driving, Motor, PowerAction, Seat, Settings};
 use standin_sim::file;
 use standin_sim::layout::Built;
-use standin_sim::trace::TraceKeep;
+use standin_sim::pulses::Pulse;
+use standin_sim::trace::{Event, Fed, TraceKeep};
 use standin_tests::md3::{at, bit};
 
 /// A bench of the drive `x`, an MD3 that has just started, with the motor `m`.
@@ -204,4 +206,58 @@ fn the_counter_starts_at_0() {
         let behind = if settings.ends_with("4") { 100 } else { 98 };
         assert_eq!(rig.count(), behind, "{settings}");
     }
+}
+
+/// Two drives; what `x` does at STEP and DIR, `y` sees at pins that have no function.
+const WATCHED: &str = "line = 'fast'\n\
+     [[drive]]\nname = 'x'\nkind = 'md3'\nfast_boot = true\n[[drive]]\nname = 'y'\nkind = 'md3'\nfast_boot = true\n\
+     [[motor]]\nname = 'm'\ndrive = 'x'\n\
+     [[wire]]\nfrom = 'x.STEP'\nto = 'y.J2.10'\n[[wire]]\nfrom = 'x.DIR'\nto = 'y.J2.12'\n";
+
+/// 7.8, mode 0000: a step at each falling edge of pin 4, at 250 kHz at most, in the direction of pin 5 at that edge.
+#[test]
+fn a_direction_that_alternates_at_250_khz_settles_before_each_step() {
+    let mut rig = Rig::new(WATCHED);
+    let pin = |name: &str| rig.bench.spec(rig.drive).pin(name).expect("the manual has that pin");
+    let (step, direction) = (pin("J2.4"), pin("J2.5"));
+    let began = rig.bench.now() + 1.millis();
+    for n in 0..2_000_u64 {
+        // Pin 5 low is backward.
+        let forward = n % 2 == 0;
+        let to = if forward { Driving::High } else { Driving::Low };
+        rig.bench.run_until(began + (4 * n).micros());
+        rig.bench.set_pin(rig.drive, direction, to);
+        rig.bench.set_pin(rig.drive, step, Driving::Low);
+        rig.bench.run_until(began + (4 * n + 2).micros());
+        rig.bench.set_pin(rig.drive, step, Driving::High);
+    }
+    rig.wait_ms(1);
+    let pulses: Vec<Pulse> = rig.bench.pulses(rig.drive.step()).collect();
+    assert_eq!(pulses.len(), 2_000);
+    for (n, pulse) in (0..).zip(&pulses) {
+        assert_eq!(pulse.forward, n % 2 == 0, "step {n}");
+        let late = pulse.rise.since(began + (4 * n).micros());
+        // A hand may come a tick late.
+        assert!(late <= 2.micros() + Duration::TICK, "step {n} is {late:?} late");
+    }
+    // What is at the other ends of the wires: DIR changes 200 ns before STEP rises at least, and not while it is high.
+    let (a, b) = (Pin(5), Pin(6));
+    let edges = rig.bench.trace().events().filter(|entry| entry.drive == 1 && entry.at > began);
+    let edges = edges.filter_map(|entry| match entry.event {
+        Event::Fed(Fed::Edge { pin, high }) if pin == a || pin == b => Some((entry.at, pin, high)),
+        _ => None,
+    });
+    let edges: Vec<(Instant, Pin, bool)> = edges.collect();
+    assert_eq!(edges.iter().filter(|edge| edge.1 == a && edge.2).count(), 2_000);
+    let (mut turned, mut high) = (began, false);
+    for (at, pin, level) in edges {
+        if pin == b {
+            assert!(!high, "{at:?}");
+            turned = at;
+        } else {
+            high = level;
+            assert!(!level || at.since(turned).ticks() >= 4, "{at:?}");
+        }
+    }
+    assert_eq!(rig.bench.motion(rig.drive, Axis(0)).position, 0);
 }
