@@ -1,15 +1,20 @@
 //! An MD3 with a motor of the bench: loads, DC motors, encoders, and its own STEP and DIR (MD3 User Guide V1.7).
 #![allow(missing_docs, reason = "a test")]
 
-use standin_firmware::device::{Axis, Duration, Instant, Pin};
+use standin_firmware::device::{Axis, Device, Duration, Instant, Pin};
 use standin_protocol::modbus::rtu;
 use standin_protocol::time::Span;
 use standin_sim::bench::{Bench, Driving, Motor, PowerAction, Seat, Settings};
 use standin_sim::file;
 use standin_sim::layout::Built;
 use standin_sim::pulses::Pulse;
-use standin_sim::trace::{Event, Fed, TraceKeep};
+use standin_sim::replay;
+use standin_sim::trace::{Event, Fed, Trace, TraceKeep};
 use standin_tests::md3::{at, bit};
+
+fn make(kind: &str) -> Option<Box<dyn Device>> {
+    standin_sim::kinds::make(kind).ok()
+}
 
 /// A bench of the drive `x`, an MD3 that has just started, with the motor `m`.
 struct Rig {
@@ -260,4 +265,141 @@ fn a_direction_that_alternates_at_250_khz_settles_before_each_step() {
         }
     }
     assert_eq!(rig.bench.motion(rig.drive, Axis(0)).position, 0);
+}
+
+/// The drive `x` in DC motor mode at 16 kHz, of which 5,000 counts are the whole (7.2, code 5), with a motor with
+/// brushes: 24 V turn it with 3,000 rpm, so that 1 A is 76.39 mN·m; 0.5 Ω. It reads the encoder of that motor, 1,000
+/// counts a turn.
+fn dc(current: u16, motor: &str) -> Rig {
+    Rig::new(&format!(
+        "line = 'fast'\n[[drive]]\nname = 'x'\nkind = 'md3'\nfast_boot = true\n\
+         set = {{ MotorCurrentAndMicrostepping = {}, AccelDecel = 50000, QuadratureEncoderConfiguration = 4 }}\n\
+         [[motor]]\nname = 'm'\ndrive = 'x'\nsupply_v = 24\nno_load_rpm = 3000\nresistance_ohm = 0.5\n{motor}\n\
+         [[encoder]]\nmotor = 'm'\ncycles_per_rev = 250\nto = {{ a = 'x.J2.10', b = 'x.J2.12', index = 'x.J2.9' }}\n",
+        0x2500 | current,
+    ))
+}
+
+/// How fast it turns with that duty against that torque, in rpm: what is left of the voltage behind its resistance.
+fn steady_rpm(duty: f64, mnm: f64) -> f64 {
+    let torque_constant = 24.0 / (3_000.0 * std::f64::consts::TAU / 60.0);
+    let amperes = mnm / 1_000.0 / torque_constant;
+    3_000.0 * (duty.abs() * 24.0 - amperes * 0.5) / 24.0 * duty.signum()
+}
+
+impl Rig {
+    fn jog(&mut self, speed: i32) {
+        self.write_pair(at::SPEED, speed);
+        self.write(at::MOTION, bit::JOG);
+    }
+
+    fn rpm(&self) -> f64 {
+        self.bench.turn(self.motor).rpm
+    }
+}
+
+/// 7.2, 7.17: the on time in counts turns the motor, its sign says in which direction.
+#[test]
+fn a_dc_motor_turns_with_its_duty_and_its_encoder_is_counted() {
+    let mut rig = dc(0x0a, "friction_mnm = 10");
+    for speed in [2_500, 5_000, -1_250, 500, -5_000] {
+        rig.jog(speed);
+        rig.wait_ms(1_000);
+        let (duty, began) = (f64::from(speed) / 5_000.0, rig.turns());
+        let expected = steady_rpm(duty, 10.0);
+        assert!((rig.rpm() - expected).abs() < 1.0, "{speed}: {} rpm, not {expected}", rig.rpm());
+        let counted = rig.count();
+        rig.wait_ms(500);
+        let (way, counted) = (rig.turns() - began, rig.count().wrapping_sub(counted).cast_signed());
+        assert!(
+            (f64::from(counted) - 1_000.0 * way).abs() <= 1.0,
+            "{speed}: {counted} counts in {way} turns"
+        );
+        assert!((way - expected / 120.0).abs() < 0.01, "{speed}: {way} turns in half a second");
+    }
+    // What it does comes again from the trace, which knows no motor.
+    let trace = Trace::parse(&rig.bench.trace().to_text(), &make).unwrap();
+    assert_eq!(replay::run(&trace, &make), Ok(None));
+}
+
+/// 7.2: the phase current parameter limits the current of the motor on phase B.
+#[test]
+fn the_phase_current_limits_a_dc_motor() {
+    // 1 A is 76.4 mN·m, 1.4 A 106.9.
+    for (code, friction, turns) in
+        [(0x0a, 70, true), (0x0a, 80, false), (0x0e, 100, true), (0x0e, 112, false)]
+    {
+        let mut rig = dc(code, &format!("friction_mnm = {friction}"));
+        rig.jog(5_000);
+        rig.wait_ms(5_000);
+        let expected = if turns { steady_rpm(1.0, f64::from(friction)) } else { 0.0 };
+        assert!(
+            (rig.rpm() - expected).abs() < 1.0,
+            "{code:#x}, {friction}: {} rpm, not {expected}",
+            rig.rpm()
+        );
+        let ma = rig.bench.turn(rig.motor).ma;
+        assert!(ma <= 100 * i32::from(code), "{ma} mA");
+    }
+    // A load that is stronger than the limit turns it backward.
+    let mut rig = dc(0x0a, "load_mnm = 90");
+    rig.jog(5_000);
+    rig.wait_ms(500);
+    assert!(rig.rpm() < 0.0, "{} rpm", rig.rpm());
+}
+
+/// 7.15: Stop keeps the current, and so brakes; Disable takes it, and the motor coasts.
+#[test]
+fn a_dc_motor_is_braked_by_stop_and_coasts_when_disabled() {
+    let way = |bits: u16| {
+        let mut rig = dc(0x1e, "friction_mnm = 1");
+        rig.jog(5_000);
+        rig.wait_ms(2_000);
+        let began = rig.turns();
+        rig.write(at::MOTION, bits);
+        rig.wait_ms(15_000);
+        assert_eq!(rig.bench.motion(rig.drive, Axis(0)).duty, 0);
+        assert!(rig.rpm().abs() < 0.001);
+        rig.turns() - began
+    };
+    // 400 g·cm² at 3,000 rpm against 1 mN·m: ½·J·ω² / M = 1.974 J / 0.001 N·m = 314 turns.
+    let coasted = way(bit::DISABLE);
+    assert!((310.0..316.0).contains(&coasted), "{coasted} turns");
+    assert!(way(bit::STOP) < 2.0);
+    assert!(way(bit::DECEL_STOP) < 10.0);
+}
+
+/// 7.2: the motor mode decides. A motor with brushes stands in stepper mode, a stepper motor in DC motor mode.
+#[test]
+fn a_motor_of_the_other_mode_stands() {
+    let mut rig = dc(0x0a, "");
+    rig.write(at::CURRENT_AND_MICROSTEPPING, 0x030a);
+    rig.write(at::MOTION, bit::MOVE);
+    rig.wait_ms(5_000);
+    assert_eq!(rig.turns(), 0.0);
+    rig.write(at::CURRENT_AND_MICROSTEPPING, 0x250a);
+    rig.jog(2_500);
+    rig.wait_ms(2_000);
+    assert!(rig.rpm() > 1_000.0);
+
+    let mut rig = loaded(0, "");
+    rig.write(at::CURRENT_AND_MICROSTEPPING, 0x250a);
+    rig.jog(2_500);
+    rig.wait_ms(2_000);
+    assert_eq!(rig.turns(), 0.0);
+}
+
+/// The keys of `[[motor]]` say what it is, or else the motor mode that `set` gives the drive.
+#[test]
+fn the_motor_mode_in_set_makes_a_motor_one_with_brushes() {
+    for (mode, turns) in [(0x250a, true), (0x030a, false)] {
+        let mut rig = Rig::new(&format!(
+            "line = 'fast'\n[[drive]]\nname = 'x'\nkind = 'md3-low'\nfast_boot = true\n\
+             set = {{ MotorCurrentAndMicrostepping = {mode} }}\n[[motor]]\nname = 'm'\ndrive = 'x'\n",
+        ));
+        rig.write(at::CURRENT_AND_MICROSTEPPING, 0x250a);
+        rig.jog(2_500);
+        rig.wait_ms(3_000);
+        assert_eq!(rig.turns() > 10.0, turns, "{mode:#x}");
+    }
 }

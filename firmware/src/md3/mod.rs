@@ -97,6 +97,7 @@ const fn spec(kind: &'static str, product: &'static str, registers: &'static Tab
         memory: MEMORY as u16,
         registers,
         address: Some(Reg::DeviceAddress as usize),
+        dc_motor: Some((Reg::MotorCurrentAndMicrostepping as usize, registers::motor::DC)),
         not_modelled: &["not published (3.2, 7.20): \"Reset Device\", firmware and serial-number updates"],
         ..Spec::BARE
     }

@@ -27,7 +27,8 @@ pub enum Fitting {
     /// It follows the plans and steps of its drive.
     Stepper(stepper::Parameters),
     /// It has brushes, or is a brushless one, and is turned by the duty of a drive that was seated
-    /// [`apart`](super::Setup::apart).
+    /// [`apart`](super::Setup::apart), or that may turn a stepper motor or this
+    /// ([`dc_motor`](standin_firmware::device::Spec::dc_motor)).
     Brush(motor::Parameters),
 }
 
@@ -176,8 +177,10 @@ impl Bench {
             return Err(format!("{of} turns a motor already, so it cannot turn {name}"));
         }
         let halls = self.at(drive).halls;
+        let either = self.spec(drive).dc_motor.is_some();
         let machine = match (is, halls) {
             (Fitting::Stepper(is), None) => Machine::Stepper(Box::new(stepper::Stepper::new(is))),
+            (Fitting::Brush(is), None) if either => Machine::Brush(Box::new(motor::Motor::new(is))),
             (Fitting::Brush(is), Some(_)) => Machine::Brush(Box::new(motor::Motor::new(is))),
             (Fitting::Stepper(_), Some(_)) => {
                 return Err(format!("{of} turns a brush motor, and {name} is a stepper motor"));
@@ -275,8 +278,10 @@ impl Bench {
         }
     }
 
-    /// What the brush motor on an axis does, if the bench has one there.
+    /// What the brush motor on an axis does, if the bench has one there and the drive looks at its Hall sensors: that
+    /// is where the shaft is for such a drive.
     pub(super) fn shaft(&self, seat: Seat, axis: Axis) -> Option<Shaft> {
+        self.at(seat).halls?;
         let &(_, motor) = self.at(seat).motors.iter().find(|(of, _)| *of == axis)?;
         self.motors[motor as usize].machine.rotor().shaft(self.now, axis)
     }
@@ -400,6 +405,11 @@ impl Bench {
     /// What a motor did is on its way to its drive.
     fn carry_felt(&mut self, motor: usize) {
         let Fitted { felt, drive: (drive, _), .. } = &mut self.motors[motor];
+        if self.seats[drive.0 as usize].halls.is_none() {
+            // Its drive is told nothing of it.
+            *felt = Felt::default();
+            return;
+        }
         if felt.is_news() && !felt.foreseen {
             felt.foreseen = true;
             let drive = drive.0;
