@@ -403,3 +403,16 @@ fn the_motor_mode_in_set_makes_a_motor_one_with_brushes() {
         assert_eq!(rig.turns() > 10.0, turns, "{mode:#x}");
     }
 }
+
+/// What a test could notice is said by `describe`: for both versions.
+#[test]
+fn what_is_not_modelled_is_said() {
+    for kind in ["md3", "md3-low"] {
+        let said = make(kind).expect("there is such a drive").spec().not_modelled;
+        for word in
+            ["supply", "over_current", "isolators", "ripple", "resonance", "inductance", "DC motor", "index"]
+        {
+            assert!(said.iter().any(|line| line.contains(word)), "{kind} says nothing of {word}");
+        }
+    }
+}

@@ -2,8 +2,7 @@
 //!
 //! Follows the *MD3 User Guide V1.7*; numbers like 7.15 are its sections. Two products: the high
 //! current version, and the low current version of 1.8 A (7.2, 7.21). All of the guide is modelled
-//! but what no master sees: "Reset Device", firmware and serial-number updates, which it does not
-//! publish (3.2, 7.20).
+//! but what `NOT_MODELLED` lists.
 
 mod current;
 mod drive;
@@ -83,6 +82,20 @@ static PINS: [PinSpec; 13] = [
 static HIGH_CURRENT: Spec = spec("md3", "US Digital MD3 stepper drive, 7 A", Reg::TABLE);
 static LOW_CURRENT: Spec = spec("md3-low", "US Digital MD3 stepper drive, 1.8 A", &registers::LOW_TABLE);
 
+static NOT_MODELLED: [&str; 11] = [
+    "not published (3.2, 7.20): \"Reset Device\", firmware and serial-number updates",
+    "heat and shorts (7.15): over_temperature and over_current come only when they are set",
+    "the supply (2): any voltage will do, and a motor that brakes does not raise it",
+    "delay and supply of the isolators (5.2): inputs act at once and always",
+    "\"small timing deviations\" while many commands come (7.8): every step is at its tick",
+    "a final velocity that \"may not match\" (7.15): it does",
+    "ripple of current and torque, resonance: steady speed is even",
+    "inductance of a DC motor and its erratic running (7.2)",
+    "a motor of the other motor mode (7.2): it stands",
+    "a DC motor where no bench file has one, as on a board (7.2): the duty is a number",
+    "memory of where the first index began (7.13): a shaft that turns round on the index counts it again",
+];
+
 /// What both versions have in common.
 const fn spec(kind: &'static str, product: &'static str, registers: &'static Table) -> Spec {
     Spec {
@@ -98,7 +111,7 @@ const fn spec(kind: &'static str, product: &'static str, registers: &'static Tab
         registers,
         address: Some(Reg::DeviceAddress as usize),
         dc_motor: Some((Reg::MotorCurrentAndMicrostepping as usize, registers::motor::DC)),
-        not_modelled: &["not published (3.2, 7.20): \"Reset Device\", firmware and serial-number updates"],
+        not_modelled: &NOT_MODELLED,
         ..Spec::BARE
     }
 }
