@@ -127,7 +127,6 @@ impl Drive {
     pub(super) fn power_on(&mut self, at: Instant, boot: device::Boot, out: &mut dyn Sink) {
         *self = Self::new(self.version);
         self.motor = Motor::new(at);
-        self.encoder.power_on(at);
         let passed = self.eeprom.load(self.bank.words_mut(), out);
         self.latch = self.bank.word(Reg::IOPortData);
         self.disabled = self.bank.word(Reg::MotionControl) & motion_control::DISABLE != 0;
@@ -161,6 +160,7 @@ impl Drive {
         self.fault = self.causes != 0;
         // What was active before is no edge now; what holds as long as a pin is active, holds.
         self.take_active();
+        self.encoder.settle();
         self.configure(at, out);
         if self.bank.word(Reg::HomingConfiguration) & homing::ON_STARTUP != 0 {
             self.home(at, out);

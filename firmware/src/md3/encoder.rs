@@ -51,8 +51,6 @@ pub(super) struct Encoder {
     up: bool,
     count: u16,
     index_count: i32,
-    /// Levels that come before were there at power-on.
-    starts: Instant,
 }
 
 impl Encoder {
@@ -68,13 +66,12 @@ impl Encoder {
             up: true,
             count: 0,
             index_count: 0,
-            starts: Instant::ZERO,
         }
     }
 
-    /// Power comes at `at`. Levels that come within a tick, the time of a wire, were there before and are no edges.
-    pub(super) fn power_on(&mut self, at: Instant) {
-        self.starts = at + Duration::TICK * 2;
+    /// The drive is ready: a level that the filter still holds back was there before, and is no edge.
+    pub(super) fn settle(&mut self) {
+        self.timeout(Instant::NEVER);
     }
 
     /// From `at` on it obeys these values of QuadratureEncoderConfiguration and
@@ -87,14 +84,6 @@ impl Encoder {
 
     /// A pin has this level from `at` on. Edges of one instant count in the order of the calls.
     pub(super) fn edge(&mut self, at: Instant, channel: Channel, high: bool) {
-        if at < self.starts {
-            match channel {
-                Channel::A => self.a = high,
-                Channel::B => self.b = high,
-                Channel::Index => (self.index, self.awaiting_gate) = (high, high),
-            }
-            return;
-        }
         self.timeout(at);
         let present = match channel {
             Channel::A => self.a,
