@@ -569,6 +569,8 @@ pub struct Spec {
     pub address: Option<usize>,
     /// The row that shows what feeds it, and its motor, in 0.1 V; a bench sets it at each power-on.
     pub supply: Option<usize>,
+    /// The row, and its bit, that says that the motor is one with brushes, and not a stepper; `None` if it has no choice.
+    pub dc_motor: Option<(usize, u16)>,
     /// Its modelled limits that no row tells.
     pub not_modelled: &'static [&'static str],
 }
@@ -593,6 +595,7 @@ impl Spec {
         commands: &[],
         address: None,
         supply: None,
+        dc_motor: None,
         not_modelled: &[],
     };
 

@@ -5,7 +5,7 @@
 //! that is shorter. DIR is high forward; it changes 5 µs before the first step of a reversal, or half
 //! the interval if that is shorter, but not while a pulse is high, and not before anybody knew of the
 //! step. Steps without a plan are passed through as they come, at most one every 4 µs; what comes
-//! closer follows behind.
+//! closer follows behind. One that turns DIR comes 2 µs after that.
 //!
 //! STEP and DIR may serve other purposes, too: a level or a wave that the device puts at one of them takes
 //! it, and a plan takes them back. They are low then until its first step.
@@ -13,7 +13,7 @@
 //! There is no clock here: whoever listens says how far time has come.
 
 use standin_firmware::device::{Axis, Duration, Instant, Level, Pin, Plan};
-use standin_firmware::motion::{CYCLE, HIGH, SETUP, Step, Walker};
+use standin_firmware::motion::{CYCLE, HIGH, SETTLE, SETUP, Step, Walker};
 
 use crate::trace::{Did, Event, Fed, Power, Trace};
 
@@ -97,6 +97,8 @@ pub(crate) struct Shaper {
     direct: i32,
     /// When STEP rose last.
     rose: Option<Instant>,
+    /// From when on a step without a plan may follow the last change of DIR.
+    settled: Instant,
     /// The last edge or news: nothing comes before it any more.
     since: Instant,
     powered: bool,
@@ -150,7 +152,7 @@ impl Shaper {
         let edge = self.next().filter(|edge| edge.at <= until)?;
         self.since = edge.at;
         match edge.output {
-            StepDir::Dir => self.dir = edge.high,
+            StepDir::Dir => (self.dir, self.settled) = (edge.high, edge.at + SETTLE),
             StepDir::Step => self.step = edge.high,
         }
         if edge.output == StepDir::Step && edge.high {
@@ -192,8 +194,10 @@ impl Shaper {
 
     /// The next step without a plan.
     fn next_direct(&self) -> Option<Step> {
-        let at = self.rose.map_or(self.since, |rose| self.since.max(rose + CYCLE));
-        (self.direct != 0).then_some(Step { at, forward: self.direct > 0 })
+        let forward = self.direct > 0;
+        let settled = if forward == self.dir { self.settled } else { self.since + SETTLE };
+        let at = self.rose.map_or(self.since, |rose| self.since.max(rose + CYCLE)).max(settled);
+        (self.direct != 0).then_some(Step { at, forward })
     }
 
     /// Whether the next step is one of the plan.

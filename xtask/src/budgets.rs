@@ -55,17 +55,17 @@ const MCODE: &str = "what has been reached, with a language, its programs' index
 
 /// Every budget.
 pub(crate) const BUDGETS: &[Budget] = &[
-    image("md3: flash, bytes", [41_984, 54_784, 53_760], FLASH),
+    image("md3: flash, bytes", [41_984, 55_296, 53_760], FLASH),
     image("md3: RAM with its stack, bytes", [8_192, 12_288, 17_920], RAM),
     image("md3: stack, bytes", [5_632, 7_168, 8_192], RESERVED),
     image("md3: calls of a panic", [0, 36, 36], NO_PANIC),
-    most("md3 without a board: flash, bytes", [35_840, 38_400], REACHED),
+    most("md3 without a board: flash, bytes", [36_864, 39_424], REACHED),
     most("md3 without a board: RAM, bytes", [768, 768], REACHED),
-    image("md3-low: flash, bytes", [41_984, 54_784, 53_760], FLASH),
+    image("md3-low: flash, bytes", [41_984, 55_296, 53_760], FLASH),
     image("md3-low: RAM with its stack, bytes", [8_192, 12_288, 17_920], RAM),
     image("md3-low: stack, bytes", [5_632, 7_168, 8_192], RESERVED),
     image("md3-low: calls of a panic", [0, 36, 36], NO_PANIC),
-    most("md3-low without a board: flash, bytes", [35_840, 38_400], REACHED),
+    most("md3-low without a board: flash, bytes", [36_864, 39_424], REACHED),
     most("md3-low without a board: RAM, bytes", [768, 768], REACHED),
     image("qsb-d: flash, bytes", [47_104, 59_904, 58_368], FLASH),
     image("qsb-d: RAM with its stack, bytes", [9_216, 12_288, 17_920], ANSWERS),

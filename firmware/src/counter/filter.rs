@@ -41,13 +41,17 @@ impl Filter {
         a.min(b).min(index)
     }
 
-    /// Takes out the level that is due first, of several A before B before index, if that is not after
-    /// `at`.
+    /// Takes out the level that is due first, of several A before B before index, or `index_first`, if that is not
+    /// after `at`.
     #[inline]
-    pub(crate) fn take(&mut self, at: Instant) -> Option<Channel> {
+    pub(crate) fn take(&mut self, at: Instant, index_first: bool) -> Option<Channel> {
         let first = self.deadline();
         if first > at || first == Instant::NEVER {
             return None;
+        }
+        if index_first && *self.due_mut(Channel::Index) == first {
+            *self.due_mut(Channel::Index) = Instant::NEVER;
+            return Some(Channel::Index);
         }
         let channels = [Channel::A, Channel::B, Channel::Index];
         let (due, channel) = self.due.iter_mut().zip(channels).find(|(due, _)| **due == first)?;

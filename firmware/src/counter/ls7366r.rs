@@ -163,7 +163,7 @@ impl Ls7366r {
     /// Lets in the edges that have lasted by `at`: before anything is read or written.
     #[inline]
     pub fn timeout(&mut self, at: Instant) {
-        while let Some(channel) = self.filter.take(at) {
+        while let Some(channel) = self.filter.take(at, false) {
             self.change(channel);
         }
     }

@@ -160,6 +160,7 @@ impl Drive {
         self.fault = self.causes != 0;
         // What was active before is no edge now; what holds as long as a pin is active, holds.
         self.take_active();
+        self.encoder.settle();
         self.configure(at, out);
         if self.bank.word(Reg::HomingConfiguration) & homing::ON_STARTUP != 0 {
             self.home(at, out);

@@ -14,6 +14,8 @@
 //!   it may come with the edge of the index or with one of A or B, which is counted first. It counts index
 //!   pulses in all modes, up or down as the last edge of A or B went; before the first one that is up. A
 //!   pulse that is over before it met the gate was none.
+//! - At one instant the pins change in the order in which they are told; behind the filter a rising index comes after
+//!   A and B and a falling one before them, so that an index as wide as a state of A and B meets that state only.
 //! - Only edges do something. What a new configuration makes of the present levels shows with the next
 //!   one. While pins 9, 10 and 12 are outputs (7.8), both counters stand still; levels and direction are
 //!   followed.
@@ -67,6 +69,11 @@ impl Encoder {
         }
     }
 
+    /// The drive is ready: a level that the filter still holds back was there before, and is no edge.
+    pub(super) fn settle(&mut self) {
+        self.timeout(Instant::NEVER);
+    }
+
     /// From `at` on it obeys these values of QuadratureEncoderConfiguration and
     /// QuadratureEncoderMaxCount; `enabled` is bit 12 of PinFunctionAndPolarity, inverted. The counts
     /// stay.
@@ -95,7 +102,8 @@ impl Encoder {
 
     /// Lets in the levels that have lasted by `at`.
     pub(super) fn timeout(&mut self, at: Instant) {
-        while let Some(channel) = self.filter.take(at) {
+        // An index that falls was high in the state that A and B leave at that instant.
+        while let Some(channel) = self.filter.take(at, self.index) {
             self.change(channel);
         }
     }

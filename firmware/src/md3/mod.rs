@@ -2,8 +2,7 @@
 //!
 //! Follows the *MD3 User Guide V1.7*; numbers like 7.15 are its sections. Two products: the high
 //! current version, and the low current version of 1.8 A (7.2, 7.21). All of the guide is modelled
-//! but what no master sees: "Reset Device", firmware and serial-number updates, which it does not
-//! publish (3.2, 7.20).
+//! but what `NOT_MODELLED` lists.
 
 mod current;
 mod drive;
@@ -83,6 +82,24 @@ static PINS: [PinSpec; 13] = [
 static HIGH_CURRENT: Spec = spec("md3", "US Digital MD3 stepper drive, 7 A", Reg::TABLE);
 static LOW_CURRENT: Spec = spec("md3-low", "US Digital MD3 stepper drive, 1.8 A", &registers::LOW_TABLE);
 
+static NOT_MODELLED: [&str; 14] = [
+    "not published (3.2, 7.20): \"Reset Device\", firmware and serial-number updates",
+    "heat and shorts (7.15): over_temperature and over_current come only when they are set",
+    "the supply (2): any voltage will do, and a motor that brakes does not raise it",
+    "delay and supply of the isolators (5.2): inputs act at once and always",
+    "\"small timing deviations\" while many commands come (7.8): every step is at its tick",
+    "a final velocity that \"may not match\" (7.15): it does",
+    "resonance, ringing, ripple of speed and current: a stepper follows its steps exactly, or is out of step",
+    "the angle by which a load turns a shaft that is in step (up to a full step), and the momentum of one that falls \
+     out of step: it stops at once, and its load turns it from there",
+    "detent torque: the friction of a [[motor]] holds a shaft without current",
+    "a shaft without a [[motor]]: its steps are seen at STEP and DIR alone, and nothing turns an encoder",
+    "inductance of a DC motor and its erratic running (7.2)",
+    "a motor of the other motor mode (7.2): it stands",
+    "a DC motor where no bench file has one, as on a board (7.2): the duty is a number",
+    "memory of where the first index began (7.13): a shaft that turns round on the index counts it again",
+];
+
 /// What both versions have in common.
 const fn spec(kind: &'static str, product: &'static str, registers: &'static Table) -> Spec {
     Spec {
@@ -97,17 +114,8 @@ const fn spec(kind: &'static str, product: &'static str, registers: &'static Tab
         memory: MEMORY as u16,
         registers,
         address: Some(Reg::DeviceAddress as usize),
-        not_modelled: &[
-            "not published (3.2, 7.20): \"Reset Device\", firmware and serial-number updates",
-            "over-current and \"other error conditions\" (7.15) by what the motor does: the guide has no limits; the \
-             faults over_current and over_temperature are their causes",
-            "the supply: the guide has no register of it; a load that drives the motor does not raise it",
-            "resonance, ringing, ripple of speed and current: a stepper follows its steps exactly, or is out of step",
-            "the angle by which a load turns a shaft that is in step (up to a full step), and the momentum of one that \
-             falls out of step: it stops at once, and its load turns it from there",
-            "detent torque: the friction of a [[motor]] holds a shaft without current",
-            "a shaft without a [[motor]]: its steps are seen at STEP and DIR alone, and nothing turns an encoder",
-        ],
+        dc_motor: Some((Reg::MotorCurrentAndMicrostepping as usize, registers::motor::DC)),
+        not_modelled: &NOT_MODELLED,
         ..Spec::BARE
     }
 }

@@ -99,9 +99,22 @@ impl Drive {
         let steps = self.bank.get(Reg::MoveSteps) as i32;
         let steps = if reversed { steps.wrapping_neg() } else { steps };
         let rates = Rates::even(magnitude(self.speed()), self.acceleration());
-        let moves = self.may_step() && self.motor.profile(at, steps, rates, out);
+        self.may_step() && self.start_profile(Motion::Profile, steps, rates, at, out)
+    }
+
+    /// A move from standstill, as `motion`; whether that takes any time.
+    fn start_profile(
+        &mut self,
+        motion: Motion,
+        steps: i32,
+        rates: Rates,
+        at: Instant,
+        out: &mut dyn Sink,
+    ) -> bool {
+        let moves = steps != 0 && rates.speed > 0 && rates.up > 0;
         if moves {
-            self.enter(Motion::Profile, at);
+            self.start(motion, at, out);
+            self.motor.profile(at, steps, rates, out);
         }
         moves
     }
@@ -121,8 +134,8 @@ impl Drive {
         let starts = self.motion == Motion::None && self.may_move() && speed != 0;
         let acceleration = self.acceleration();
         if (starts || matches!(self.motion, Motion::Jog(_))) && acceleration > 0 {
+            self.start(Motion::Jog(Jog { by_pins, reversed, speed, ends: false }), at, out);
             self.motor.towards(at, speed, acceleration, out);
-            self.enter(Motion::Jog(Jog { by_pins, reversed, speed, ends: false }), at);
         }
     }
 
@@ -172,11 +185,7 @@ impl Drive {
     fn home_by(&mut self, part: Part, offset: Reg, at: Instant, out: &mut dyn Sink) -> bool {
         // SPEEDSEL does not matter here.
         let rates = Rates::even(magnitude(self.normal_speed()), self.acceleration());
-        let moves = self.motor.profile(at, self.bank.get(offset) as i32, rates, out);
-        if moves {
-            self.enter(Motion::Home(part), at);
-        }
-        moves
+        self.start_profile(Motion::Home(part), self.bank.get(offset) as i32, rates, at, out)
     }
 
     /// The search, or what follows it if there is nothing to search for; whether that takes any time.
@@ -191,8 +200,8 @@ impl Drive {
         // "The acceleration is not divided down" (7.5).
         let search = I24F8::from_bits(speed.to_bits().cast_signed() >> homing::divisor(self.homing()));
         let backward = self.homing() & homing::BACKWARD != 0;
+        self.start(Motion::Home(Part::Search), at, out);
         self.motor.towards(at, if backward { -search } else { search }, acceleration, out);
-        self.enter(Motion::Home(Part::Search), at);
         true
     }
 
@@ -368,6 +377,13 @@ impl Drive {
             self.motor.halt(at, out);
             self.enter(Motion::None, at);
         }
+    }
+
+    /// A motion begins. The cutback ends before its first step: a load that needs the full current would else
+    /// hold the motor back (7.3).
+    fn start(&mut self, motion: Motion, at: Instant, out: &mut dyn Sink) {
+        self.enter(motion, at);
+        self.show_current(at, out);
     }
 
     /// A motion begins or ends: either way the cutback waits anew (7.3).

@@ -88,15 +88,10 @@ impl Motor {
         }
     }
 
-    /// From standstill `steps` steps; whether that takes any time.
-    pub(super) fn profile(&mut self, at: Instant, steps: i32, rates: Rates, out: &mut dyn Sink) -> bool {
+    /// From standstill `steps` steps.
+    pub(super) fn profile(&mut self, at: Instant, steps: i32, rates: Rates, out: &mut dyn Sink) {
         let from = self.planned(at);
-        let plan = Plan::profile(at, from, steps, rates);
-        let moves = plan.end() > at;
-        if moves {
-            self.go(at, plan, out);
-        }
-        moves
+        self.go(at, Plan::profile(at, from, steps, rates), out);
     }
 
     /// A ramp to the signed `speed`, and on; whether that goes beyond this instant.

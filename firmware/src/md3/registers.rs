@@ -38,7 +38,7 @@ standin_protocol::registers! {
         Reserved = ro(0x0b, "7.10"),
         /// Noise filter (9, 8:6), index gating (5:4), swap (3), mode (2:1), index enable (0).
         QuadratureEncoderConfiguration = rw(0x0c, "7.11").reset(0x0005).saved()
-            .not_modelled("not modelled: edges closer than 62.5 ns, the tick of time; the filter's 75 and 150 ns are rounded up to ticks"),
+            .not_modelled("not modelled: edges closer than 62.5 ns, the tick of time; the filter's 75 and 150 ns are rounded up to ticks; the limit of 3.3 MHz"),
         /// Count at which the encoder counter starts again.
         QuadratureEncoderMaxCount = rw(0x0d, "7.12").reset(0x0f9f).saved(),
         /// Index pulses counted.

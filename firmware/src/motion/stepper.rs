@@ -21,6 +21,9 @@ use super::{Plan, Step, Walker};
 pub const HIGH: Duration = Duration::micros(2);
 /// How long before the first step of a reversal DIR changes: this, or half the interval if that is shorter.
 pub const SETUP: Duration = Duration::micros(5);
+/// How long before a step without a plan DIR changes, if it does: the pause between two such steps, so that what comes
+/// every [`CYCLE`] may turn DIR each time without falling behind.
+pub const SETTLE: Duration = Duration::micros(2);
 /// The least time between two steps without a plan: a pulse, and as long a pause.
 pub const CYCLE: Duration = Duration::micros(4);
 
@@ -112,10 +115,13 @@ impl<P: StepDir> Stepper<P> {
 
     /// Steps without a plan from `now` on, signed, at most one every [`CYCLE`].
     pub fn step(&mut self, now: Instant, steps: i32) {
-        if self.direct == 0 {
+        let begins = self.direct == 0;
+        self.direct = self.direct.saturating_add(steps);
+        if (self.direct > 0) != self.forward {
+            self.last = self.last.max(now + SETTLE - CYCLE);
+        } else if begins {
             self.last = self.last.max(now - CYCLE);
         }
-        self.direct = self.direct.saturating_add(steps);
         self.schedule();
     }
 
@@ -387,6 +393,22 @@ mod tests {
         let rises: Vec<u64> = timer.at.iter().map(|(at, _)| *at).collect();
         assert_eq!(rises, [1_000, 1_064, 1_128]);
         assert_eq!(timer.position(), -3);
+    }
+
+    #[test]
+    fn dir_settles_before_a_step_without_a_plan_however_often_it_turns() {
+        let mut timer = Timer::new(0);
+        let mut expected = Vec::new();
+        // A step every 4 µs, each the other way.
+        for n in 1..=1_000 {
+            let (now, forward) = (64 * n, n % 2 == 1);
+            timer.run(now - 1);
+            timer.now.set(now);
+            timer.stepper.step(at(now), if forward { 1 } else { -1 });
+            expected.extend([(now, Seen::Turn(forward)), (now + 32, Seen::Rise(forward))]);
+        }
+        timer.run(u64::MAX - 1);
+        assert_eq!(timer.at, expected);
     }
 
     #[test]

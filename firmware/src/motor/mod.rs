@@ -142,7 +142,7 @@ pub const HALL_B: Pin = Pin(1);
 pub const ENCODER_A: Pin = Pin(2);
 /// Channel B of the encoder, a quarter of a cycle behind A while the motor turns forward.
 pub const ENCODER_B: Pin = Pin(3);
-/// The encoder's index: high for a quarter of a cycle in each turn.
+/// The encoder's index: high for a quarter of a cycle in each turn, while A and B are low.
 pub const ENCODER_I: Pin = Pin(4);
 /// Hall sensor C of three.
 pub const HALL_C: Pin = Pin(5);

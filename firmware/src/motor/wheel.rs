@@ -88,7 +88,7 @@ impl Wheel {
     }
 
     /// Puts what sensor A, sensor B and sensor C or an index show, where there are pins for them and it is not what
-    /// they showed `before`. The index is high in the first count of every turn.
+    /// they showed `before`. The index is high in the third count of every turn, where A and B are low.
     pub(super) fn show(self, at: Instant, before: Option<Self>, pins: &[Pin], out: &mut dyn Sink) {
         let before = before.map(Self::shown);
         let shown = self.shown().into_iter().enumerate();
@@ -104,7 +104,7 @@ impl Wheel {
             let count = self.at.rem_euclid(6);
             return [matches!(count, 0..=2), matches!(count, 2..=4), matches!(count, 0 | 4 | 5)];
         }
-        let index = self.at.checked_rem_euclid(self.counts.into()) == Some(0);
+        let index = self.at.checked_rem_euclid(self.counts.into()) == Some(2);
         [matches!(self.at & 3, 0 | 3), matches!(self.at & 3, 0 | 1), index]
     }
 }

@@ -11,7 +11,7 @@ use standin_firmware::device::{
 use standin_firmware::motor::{self, HALL_PINS, Pace, Rotor, STALL, stepper};
 use standin_protocol::time::TICKS_PER_SECOND;
 
-use super::sensors::{Sees, Sensor};
+use super::sensors::{Sees, Sensor, Shows};
 use super::{Bench, Seat};
 use crate::schedule::{Class, What};
 use crate::seat::{Told, Wakes};
@@ -27,7 +27,8 @@ pub enum Fitting {
     /// It follows the plans and steps of its drive.
     Stepper(stepper::Parameters),
     /// It has brushes, or is a brushless one, and is turned by the duty of a drive that was seated
-    /// [`apart`](super::Setup::apart).
+    /// [`apart`](super::Setup::apart), or that may turn a stepper motor or this
+    /// ([`dc_motor`](standin_firmware::device::Spec::dc_motor)).
     Brush(motor::Parameters),
 }
 
@@ -183,8 +184,10 @@ impl Bench {
             return Err(format!("{of} turns a motor already, so it cannot turn {name}"));
         }
         let halls = self.at(drive).halls;
+        let either = self.spec(drive).dc_motor.is_some();
         let machine = match (is, halls) {
             (Fitting::Stepper(is), None) => Machine::Stepper(Box::new(stepper::Stepper::new(is))),
+            (Fitting::Brush(is), None) if either => Machine::Brush(Box::new(motor::Motor::new(is))),
             (Fitting::Brush(is), Some(_)) => Machine::Brush(Box::new(motor::Motor::new(is))),
             (Fitting::Stepper(_), Some(_)) => {
                 return Err(format!("{of} turns a brush motor, and {name} is a stepper motor"));
@@ -238,15 +241,24 @@ impl Bench {
         self.at(drive).parted
     }
 
-    /// Puts a sensor beside a motor's shaft, whose first wire goes `to` that pin. What it shows so far is on its way
-    /// like all that it will show.
+    /// Puts a sensor beside a motor's shaft, whose first wire goes `to` that pin. A switch's first level is on its way
+    /// like all that it will show; an encoder's is there at once, so that a drive that starts now finds it, and no edge.
     pub(super) fn put_sensor(&mut self, motor: Motor, to: (Seat, Pin), sees: Sees) {
         let (now, key) = (self.now, (self.name(to.0).to_owned(), to.1));
         let Fitted { machine, pace, sensors, began, .. } = &mut self.motors[motor.0 as usize];
+        let at_once = matches!(sees, Sees::Encoder { .. });
         let mut sensor = Sensor::new(key, sees, *began);
         sensor.foresee(machine.rotor(), pace, now);
+        let mut shown = Shows::default();
+        if at_once {
+            shown = sensor.seen();
+            sensor.foresee(machine.rotor(), pace, now);
+        }
         let place = sensors.partition_point(|other| other.key <= sensor.key);
         sensors.insert(place, sensor);
+        for (wire, level) in shown.into_iter().flatten() {
+            self.wired(wire, level);
+        }
         self.foresee_motor(motor.0 as usize);
     }
 
@@ -282,8 +294,10 @@ impl Bench {
         }
     }
 
-    /// What the brush motor on an axis does, if the bench has one there.
+    /// What the brush motor on an axis does, if the bench has one there and the drive looks at its Hall sensors: that
+    /// is where the shaft is for such a drive.
     pub(super) fn shaft(&self, seat: Seat, axis: Axis) -> Option<Shaft> {
+        self.at(seat).halls?;
         let &(_, motor) = self.at(seat).motors.iter().find(|(of, _)| *of == axis)?;
         self.motors[motor as usize].machine.rotor().shaft(self.now, axis)
     }
@@ -396,7 +410,12 @@ impl Bench {
             let parameters = Box::new(*motor.parameters());
             Some([Fed::Motor { axis, parameters }, Fed::Rotation { axis, rotation }])
         };
-        self.seats[place as usize].motors.iter().filter_map(of).flatten().collect()
+        let seated = &self.seats[place as usize];
+        // Other drives do not look at what they turn.
+        if seated.halls.is_none() {
+            return Vec::new();
+        }
+        seated.motors.iter().filter_map(of).flatten().collect()
     }
 
     /// What a motor's sensors have seen by a tick ago arrives.
@@ -418,6 +437,11 @@ impl Bench {
     /// What a motor did is on its way to its drive.
     fn carry_felt(&mut self, motor: usize) {
         let Fitted { felt, drive: (drive, _), .. } = &mut self.motors[motor];
+        if self.seats[drive.0 as usize].halls.is_none() {
+            // Its drive is told nothing of it.
+            *felt = Felt::default();
+            return;
+        }
         if felt.is_news() && !felt.foreseen {
             felt.foreseen = true;
             let drive = drive.0;

@@ -29,6 +29,10 @@ pub struct Closed {
 /// Wires, and what is on them.
 pub(super) type Shows = [Option<(u32, Level)>; 3];
 
+/// The count of a turn in which the index is high: A and B are low there, as US Digital gates the index of its
+/// encoders ("to coincide with the low states of channels A and B ... ¼ of one quadrature cycle wide").
+const INDEX: i64 = 2;
+
 /// What looks at a shaft. It is at one of many places, in the order of angles.
 pub(super) struct Sensor {
     /// Where its first wire goes: the order of a motor's sensors.
@@ -76,8 +80,8 @@ impl Sees {
     fn next(&self, place: i64, forward: bool) -> Option<(i64, i64)> {
         match *self {
             Self::Encoder { counts, wires: [None, None, _] } => {
-                // Only the index is seen: the first count of a turn, and the others.
-                let count = match (place.rem_euclid(counts), forward) {
+                // Only the index is seen: one count of a turn, and the others.
+                let count = match ((place - INDEX).rem_euclid(counts), forward) {
                     (0, true) => place + 1,
                     (0, false) => place - 1,
                     (part, true) => place - part + counts,
@@ -108,7 +112,7 @@ impl Sees {
                 [
                     shows(a, quarter == 0 || quarter == 3),
                     shows(b, quarter <= 1),
-                    shows(index, place.rem_euclid(counts) == 0),
+                    shows(index, place.rem_euclid(counts) == INDEX),
                 ]
             }
             Self::Switch { wire, .. } => {
@@ -160,7 +164,9 @@ impl Sensor {
         self.sees.place(rotor.angle_at(at).wrapping_sub(self.began))
     }
 
-    /// It shows what was foreseen. Returns the wires on which that is news; what comes next is to be foreseen then.
+    /// It shows what was foreseen. Returns the wires on which that is news, in the order in which they change; what
+    /// comes next is to be foreseen then. An index is inside the count that it marks: it rises after A and B, and falls
+    /// before them.
     pub(super) fn seen(&mut self) -> Shows {
         self.place = self.to;
         let after = self.sees.shows(self.place);
@@ -168,6 +174,9 @@ impl Sensor {
         let mut news = after;
         for (news, before) in news.iter_mut().zip(before) {
             *news = news.filter(|_| *news != before);
+        }
+        if let [_, _, Some((_, Level::Low))] = news {
+            news.rotate_right(1);
         }
         news
     }
@@ -238,9 +247,9 @@ fn crossing(rotor: &dyn Rotor, pace: &Pace, angle: i64, forward: bool, from: Ins
 /// Encoders and switches.
 impl Bench {
     /// Puts an encoder on a motor's shaft, of so many cycles a turn (within [`CYCLES_PER_REV`]; what is beyond acts as
-    /// the limit), and wires its channels A and B and its index. It begins in the middle of a count, with all three
-    /// high; A is a quarter of a cycle before B while the motor turns forward. The index is high in the first quarter
-    /// of a cycle of every turn.
+    /// the limit), and wires its channels A and B and its index. It begins in the middle of a count, with A and B
+    /// high; A is a quarter of a cycle before B while the motor turns forward. The index is high in the third quarter of
+    /// the first cycle of every turn, where A and B are low.
     ///
     /// At each tick it shows where the shaft is. So where a shaft makes more than a count in a tick (100,000 cycles at
     /// 2,400 rpm are one) counts are left out, as many as it takes: it never lags, and each channel has one edge a tick

@@ -82,13 +82,18 @@ impl Reader {
         {
             return Err(text.wrong(format!("'{}' turns the motor '{}' already", text.is, other.name)));
         }
-        let sort = Sort::of(spec);
+        let (sort, why) = self.sort(table, drive);
         for key in table.keys() {
             if let [first, ..] = Sort::with(key.is)
                 && !Sort::with(key.is).contains(&sort)
             {
-                let (other, own) = (first.name(), sort.name());
-                let what = format!("{} is of a {other} motor; {} turns a {own} motor", key.is, spec.kind);
+                return Err(key.wrong(format!("{} is of a {} motor; {why}", key.is, first.name())));
+            }
+            if key.is == "hall_pulses" && spec.dc_motor.is_some() {
+                let what = format!(
+                    "hall_pulses is of a motor with Hall sensors; {} has no pins for them",
+                    spec.kind
+                );
                 return Err(key.wrong(what));
             }
         }
@@ -105,6 +110,26 @@ impl Reader {
         };
         self.layout.motors.push(Motor { name, drive, axis, is });
         Ok(())
+    }
+
+    /// What sort a motor is, and why. Where a drive turns a stepper or a brush motor the keys say, or else the `set` of
+    /// the drive.
+    fn sort(&self, table: &Table<'_>, drive: usize) -> (Sort, String) {
+        let (sort, spec) = (Sort::of(self.spec(drive)), self.spec(drive));
+        let Some((row, bit)) = spec.dc_motor else {
+            return (sort, format!("{} turns a {} motor", spec.kind, sort.name()));
+        };
+        let drive = &self.layout.drives[drive];
+        let is_of = |key: &&Said<&str>, sort| matches!(Sort::with(key.is), [first, ..] if *first == sort);
+        if let Some(key) = table.keys().iter().find(|key| is_of(key, Sort::Brush)) {
+            return (Sort::Brush, format!("{} is of a brush motor", key.is));
+        }
+        if drive.presets.iter().any(|preset| preset.row == row && preset.onto(spec, 0) & i64::from(bit) != 0)
+        {
+            let name = spec.registers.rows.get(row).map_or("", |row| row.name);
+            return (Sort::Brush, format!("{name} of '{}' says a brush motor", drive.name));
+        }
+        (sort, format!("{} turns a stepper or a brush motor", spec.kind))
     }
 
     pub(super) fn encoder(&mut self, table: &Table<'_>) -> Result<(), Wrong> {

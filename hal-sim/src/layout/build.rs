@@ -177,9 +177,11 @@ fn own_stepper(is: &stepper::Parameters, spec: &Spec) -> impl Iterator<Item = (u
     .filter_map(|(name, value)| Some((spec.find(name)?.row, value)))
 }
 
-/// A brush motor, or a brushless one: what is not said of it is as its drive describes it.
+/// A brush motor, or a brushless one: what is not said of it is as its drive describes it, or nominal where the drive
+/// knows nothing of it.
 fn brush(bench: &Bench, seat: Seat, keys: &BrushKeys) -> Result<motor::Parameters, String> {
-    let own = bench.parted(seat);
+    let nominal = bench.spec(seat).dc_motor.map(|_| motor::Parameters::NOMINAL);
+    let own = bench.parted(seat).or(nominal);
     let own = own.ok_or_else(|| format!("{} turns no brush motor", bench.name(seat)))?;
     Ok(motor::Parameters {
         supply_mv: keys.supply_mv.unwrap_or(own.supply_mv),

@@ -133,9 +133,9 @@ fn without_power_both_are_low_at_once() {
 fn steps_without_a_plan_are_passed_through() {
     let mut shaper = Shaper::new(at(0), &Plan::rest(at(0), 0), false);
     shaper.steps(at(10), 1);
-    assert_eq!(script(&mut shaper, at(20)), ["D+ 10", "S+ 10", "S- 12"]);
+    assert_eq!(script(&mut shaper, at(20)), ["D+ 10", "S+ 12", "S- 14"]);
     shaper.steps(at(20), -1);
-    assert_eq!(script(&mut shaper, at(30)), ["D- 20", "S+ 20", "S- 22"]);
+    assert_eq!(script(&mut shaper, at(30)), ["D- 20", "S+ 22", "S- 24"]);
     // Several at once, and one that comes too close, follow each other.
     shaper.steps(at(30), -3);
     assert_eq!(script(&mut shaper, at(35)), ["S+ 30", "S- 32", "S+ 34"]);
@@ -151,6 +151,20 @@ fn every_4_us_steps_are_passed_through_as_they_come() {
         shaper.steps(at(4 * n), 1);
         let edges = script(&mut shaper, at(4 * n + 3));
         assert_eq!(edges, [format!("S+ {}", 4 * n), format!("S- {}", 4 * n + 2)]);
+    }
+}
+
+#[test]
+fn a_direction_that_turns_every_4_us_settles_each_time() {
+    let mut shaper = Shaper::new(at(0), &Plan::rest(at(0), 0), false);
+    for n in 1..1_000 {
+        let (now, forward) = (4 * n, n % 2 == 1);
+        shaper.steps(at(now), if forward { 1 } else { -1 });
+        let mut edges = script(&mut shaper, at(now + 3));
+        // The pulse before ends here.
+        edges.retain(|edge| *edge != format!("S- {now}"));
+        let sign = if forward { '+' } else { '-' };
+        assert_eq!(edges, [format!("D{sign} {now}"), format!("S+ {}", now + 2)]);
     }
 }
 

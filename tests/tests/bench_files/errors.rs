@@ -226,8 +226,16 @@ fn motors() {
                 "line 7, column 9: 'x' turns the motor 'm' already",
             ),
             (
-                "[[motor]]\nname = 'm'\ndrive = 'x'\nsupply_v = 24",
-                "line 5, column 1: supply_v is of a brush motor; md3 turns a stepper motor",
+                "[[motor]]\nname = 'm'\ndrive = 'x'\nsupply_v = 24\nsteps_per_rev = 200",
+                "line 6, column 1: steps_per_rev is of a stepper motor; supply_v is of a brush motor",
+            ),
+            (
+                "[[motor]]\nname = 'm'\ndrive = 'x'\nhall_pulses = 4",
+                "line 5, column 1: hall_pulses is of a motor with Hall sensors; md3 has no pins for them",
+            ),
+            (
+                "[[motor]]\nname = 'm'\ndrive = 'x'\npoles = 4",
+                "line 5, column 1: poles is of a brushless motor; md3 turns a stepper or a brush motor",
             ),
             (
                 "[[motor]]\nname = 'm'\ndrive = 'x'\nsteps_per_rev = 3",
@@ -247,6 +255,10 @@ fn motors() {
             ),
         ],
     );
+    // Bit 13 is the motor mode (MD3 User Guide, 7.2).
+    let dc = "drive = [{name = 'x', kind = 'md3', set = {MotorCurrentAndMicrostepping = 0x250a}}]\n";
+    let says = "line 5, column 1: rated_ma is of a stepper motor; MotorCurrentAndMicrostepping of 'x' says a brush motor";
+    check(dc, &[("[[motor]]\nname = 'm'\ndrive = 'x'\nrated_ma = 1000", says)]);
     let encoder = "drive = [{name = 'e', kind = 'qsb-d'}]\n";
     check(encoder, &[("[[motor]]\nname = 'm'\ndrive = 'e'", "line 4, column 9: qsb-d turns no motor")]);
 }

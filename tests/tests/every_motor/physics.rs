@@ -118,7 +118,7 @@ impl Motor {
         let seconds = self.inertia * self.resistance / (k * k);
         let spare = (self.torque_limit(limits) - (self.load + self.friction).abs()).abs();
         let speed = rpm.max(self.no_load_rpm) * TAU / 60.0;
-        let limited = self.inertia * speed / spare.max(0.01 * self.torque_limit(limits));
+        let limited = self.inertia * speed / spare;
         0.5 + rpm / limits.ramp + 8.0 * seconds + 1.5 * limited
     }
 }

@@ -434,6 +434,26 @@ fn levels_due_at_one_instant_come_in_the_order_a_b_index() {
 }
 
 #[test]
+fn behind_the_filter_an_index_falls_before_a_and_b_change() {
+    // The index is high while A and B are low: of the four gates only the first responds (7.11).
+    for (gating, index_count) in [(0, 1), (1, 0), (2, 0), (3, 0)] {
+        let mut encoder = Encoder::new();
+        encoder.configure(tick(0), X4_INDEX | gating << 4 | FILTER | 3 << 6, 1_999, true);
+        let turn = [(A, true), (B, true), (A, false), (B, false), (A, true), (B, true)];
+        for (n, (channel, high)) in (1..).zip(turn) {
+            encoder.edge(tick(100 * n), channel, high);
+            match (channel, high, n) {
+                (B, false, _) => encoder.edge(tick(100 * n), Index, true),
+                (A, true, 2..) => encoder.edge(tick(100 * n), Index, false),
+                _ => {}
+            }
+            encoder.timeout(tick(100 * n + 50));
+        }
+        assert_eq!(encoder.index_count(), index_count, "{gating}");
+    }
+}
+
+#[test]
 fn levels_that_are_due_come_in_time_however_late_it_is_told() {
     let mut encoder = Encoder::new();
     encoder.configure(tick(0), X4_INDEX | FILTER | 3 << 6, 1_999, true);
@@ -616,7 +636,9 @@ impl Model {
 
     /// Lets in what has lasted.
     fn look(&mut self, now: u64) {
-        for place in 0..3 {
+        // An index that falls does so before A and B.
+        let order = if self.inputs[2].seen { [2, 0, 1] } else { [0, 1, 2] };
+        for place in order {
             let input = &mut self.inputs[place];
             if input.level != input.seen && now - input.since >= input.lasting {
                 input.seen = input.level;
