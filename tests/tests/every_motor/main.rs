@@ -126,7 +126,8 @@ proptest! {
         let drive = if robot { Drive::Mdrobot } else { Drive::Rs434544 };
         let motor = Motor { load: motor.load.clamp(-0.8 * motor.friction, 0.8 * motor.friction), ..motor };
         prop_assume!(motor.friction > 0.01 * motor.torque_limit(&drive.limits()));
-        prop_assume!(matches!(motor.end(target, &drive.limits()), End::Target(_)));
+        let mirrored = Motor { load: if back { -motor.load } else { motor.load }, ..motor };
+        prop_assume!(matches!(mirrored.end(target, &drive.limits()), End::Target(_)));
         // An MDROBOT that wants more than half of the supply at standstill for a second has a stalled motor (p. 9).
         prop_assume!(!robot || motor.supply_at_rest() < 0.45);
         let mut rig = Rig::new(drive, motor.parameters());
