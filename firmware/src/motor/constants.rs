@@ -91,7 +91,9 @@ impl Constants {
         let accelerated = |unm: i64| ((unm * ACCELERATION / inertia) >> 4).clamp(-STEEPEST, STEEPEST);
 
         let stall_ma = (supply * 1_000).cast_signed() / resistance;
-        let stall_unm = ((supply * TORQUE / rpm).cast_signed() * stall_ma) >> 16;
+        // Not by whole mA, of which some motors have few.
+        let stall_unm =
+            ((supply * TORQUE / rpm).cast_signed() * (supply * 1_000).cast_signed() / resistance) >> 16;
         let full = ((rpm * RPM) >> 8).cast_signed();
         let torque = (stall_unm * ACCELERATION / inertia) >> 4;
         let stall = torque.clamp(1, 1 << 34);

@@ -51,7 +51,7 @@ fn turns(drive: Drive, motor: Motor, target: f64) -> Result<End, String> {
         End::FullDuty(end) => (rpm - end).abs() <= 0.01 * end.abs() + 0.5,
         End::CurrentLimit if gave_up => errors & rig::LIMITED != 0,
         // A load that turns it backward faster than its supply does charges that, beyond the limit.
-        End::CurrentLimit if rpm < -motor.no_load_rpm => amps >= limits.amps - 0.01,
+        End::CurrentLimit if rpm < -motor.no_load_rpm / 2.0 => amps >= limits.amps - 0.01,
         End::CurrentLimit => (amps - limits.amps).abs() <= 0.01 && rpm < target,
     };
     if !ends.iter().any(fits) {

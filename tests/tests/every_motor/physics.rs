@@ -87,7 +87,7 @@ impl Motor {
     /// How it ends that is to turn at `rpm`, which is above 0.
     pub(crate) fn end(&self, rpm: f64, limits: &Limits) -> End {
         let amps = (self.load + self.friction) / self.torque_constant();
-        if amps > limits.amps {
+        if amps > limits.amps && self.supply_v * limits.duty / self.resistance > limits.amps {
             return End::CurrentLimit;
         }
         // U·duty = I·R + U·n/n₀
@@ -97,7 +97,11 @@ impl Motor {
             return End::Target(amps);
         }
         // At standstill friction may hold it, or the load turn it backward.
-        let still = (self.load - self.friction) / self.torque_constant() * self.resistance / self.supply_v;
+        let amps = (self.load - self.friction) / self.torque_constant();
+        if amps > limits.amps {
+            return End::CurrentLimit;
+        }
+        let still = amps * self.resistance / self.supply_v;
         End::FullDuty(if most > 0.0 { most } else { ((limits.duty - still) * self.no_load_rpm).min(0.0) })
     }
 
