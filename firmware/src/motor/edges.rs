@@ -12,6 +12,10 @@ const LEAST: Duration = Duration::millis(2);
 const STILL_AFTER: Duration = Duration::secs(1);
 /// Counts without an edge after which a sensor does not tell the speed any more: its wires are broken.
 const MISSED: I40F24 = I40F24::lit("4");
+/// How long after power sensors report their levels one after another, which are no edges.
+pub(crate) const SETTLE: Duration = Duration::micros(20);
+/// From an edge to the middle of its count.
+const MIDDLE: I40F24 = I40F24::lit("0.5");
 /// A deviation below this part of the counts in a turn is that of ticks.
 const SAME: i64 = 256;
 
@@ -31,8 +35,10 @@ pub(crate) struct Edges {
     /// Counts since.
     counts: i32,
     last: Option<Edge>,
-    /// Where the shaft was at the last edge, or when the motion began.
+    /// Where the shaft was at the last edge, or when the motion began, and what part of a count that was from the edge
+    /// behind it.
     angle: Option<i64>,
+    place: I40F24,
     /// The last window that ended in the present direction: counts, forward or less than 0, and their time.
     measured: Option<(i32, Duration)>,
     /// Counts in a turn of the shaft, less than 0 if they go the other way; `None` until they are measured.
@@ -40,13 +46,14 @@ pub(crate) struct Edges {
 }
 
 impl Edges {
-    /// No edge has come.
+    /// No edge has come: the shaft is in the middle of a count.
     pub(crate) const NONE: Self = Self {
         since: Instant::ZERO,
         from: None,
         counts: 0,
         last: None,
         angle: None,
+        place: MIDDLE,
         measured: None,
         per_turn: None,
     };
@@ -56,6 +63,7 @@ impl Edges {
         let goes_on = !self.is_silent(at) && self.last.is_some_and(|before| before.forward == forward);
         self.last = Some(Edge { at, forward });
         self.angle = feedback.angle(at);
+        self.place = if forward { I40F24::ZERO } else { I40F24::ONE };
         if !goes_on {
             (self.since, self.from, self.counts, self.measured) = (at, self.angle, 0, None);
             return;
@@ -94,8 +102,18 @@ impl Edges {
     }
 
     /// A motion begins.
-    pub(crate) fn begin(&mut self, at: Instant, feedback: &Feedback) {
-        self.angle = feedback.angle(at);
+    pub(crate) fn begin(&mut self, at: Instant, turn: i64, feedback: &Feedback) {
+        (self.place, self.angle) = (self.place_at(at, turn, feedback), feedback.angle(at));
+    }
+
+    /// The part of a count from the edge behind the shaft to it, 0 to 1.
+    fn place_at(&self, at: Instant, turn: i64, feedback: &Feedback) -> I40F24 {
+        self.place.saturating_add(self.since_edge(at, turn, feedback)).clamp(I40F24::ZERO, I40F24::ONE)
+    }
+
+    /// From where the shaft is to the middle of the count that is so many counts on, `most` at most.
+    pub(crate) fn way(&self, counts: i64, most: i64, at: Instant, turn: i64, feedback: &Feedback) -> I40F24 {
+        I40F24::from_num(counts.clamp(-most, most)) + MIDDLE - self.place_at(at, turn, feedback)
     }
 
     /// The shaft stands, whatever its edges told.
@@ -114,7 +132,7 @@ impl Edges {
     }
 
     /// Counts that the shaft has made since the last edge, signed; 0 if nobody reports it.
-    pub(crate) fn since_edge(&self, at: Instant, turn: i64, feedback: &Feedback) -> I40F24 {
+    fn since_edge(&self, at: Instant, turn: i64, feedback: &Feedback) -> I40F24 {
         self.angle.map_or(I40F24::ZERO, |from| self.counts_from(from, at, turn, feedback))
     }
 

@@ -26,7 +26,7 @@ mod tests;
 mod wheel;
 
 use self::constants::{Constants, Terminals};
-pub(crate) use self::edges::Edges;
+pub(crate) use self::edges::{Edges, SETTLE};
 pub(crate) use self::feedback::{FULL_DUTY, Feedback, Known, TICK};
 pub use self::rig::{Rig, Turns};
 pub use self::rotation::Rotation;

@@ -1,11 +1,10 @@
 //! Three Hall sensors, a third of a period apart: what they count, and states that they cannot have.
 
-use crate::device::{Duration, Instant};
+use crate::device::Instant;
+use crate::motor::SETTLE;
 
 /// HU, HV and HW, the highest bit first, forward through a period, as the motor's wheel shows them.
 const FORWARD: [u8; 6] = [0b101, 0b100, 0b110, 0b010, 0b011, 0b001];
-/// How long all three may agree without being broken: their levels come one after another.
-const SETTLE: Duration = Duration::micros(20);
 
 /// What is known of a state that cannot be.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]

@@ -144,8 +144,6 @@ pub(super) struct Servo {
     turns: Edges,
     /// Edges of the encoder.
     encoded: Edges,
-    /// Part of a count of the Hall sensors from the edge behind the shaft to where it was at the last edge.
-    place: I40F24,
     /// Where the count of the Hall sensors is position 0.
     zero: i64,
     target: i32,
@@ -172,7 +170,6 @@ impl Servo {
             encoder: Encoder::NEW,
             turns: Edges::NONE,
             encoded: Edges::NONE,
-            place: position::MIDDLE,
             zero: 0,
             target: 0,
             watch: Watch::NEW,
@@ -252,9 +249,8 @@ impl Servo {
         let duty = if self.looks() && self.carries > 0 { self.put_out(at) } else { self.felt(at) };
         let duty = duty.clamp(-pi::FULL, pi::FULL);
         self.pi.begin(duty);
-        for edges in [&mut self.turns, &mut self.encoded] {
-            edges.begin(at, &self.feedback);
-        }
+        self.turns.begin(at, self.settings.counts(), &self.feedback);
+        self.encoded.begin(at, self.settings.encoder_counts(), &self.feedback);
         (self.pace, self.watch) = (self.reading(at), Watch::NEW);
         self.next = at + TICK;
         if let Some(shorted) = self.is_over(at) {

@@ -5,8 +5,6 @@ use fixed::types::I40F24;
 use super::{Order, Servo};
 use crate::device::Instant;
 
-/// From an edge to the middle of its count.
-pub(super) const MIDDLE: I40F24 = I40F24::lit("0.5");
 /// A shaft that is nearer to the middle of a count is there.
 const NEAR: I40F24 = I40F24::lit("0.25");
 /// From so many counts on no motor is so fast that it would have to brake.
@@ -24,9 +22,7 @@ impl Servo {
     pub(super) fn pace_to_target(&self, at: Instant, most: i32) -> I40F24 {
         const TICKS_PER_S: i64 = 1_000;
         let (turn, motor) = (self.settings.counts(), &self.feedback.motor);
-        let on = self.turns.since_edge(at, turn, &self.feedback);
-        let place = self.place.saturating_add(on).clamp(I40F24::ZERO, I40F24::ONE);
-        let left = I40F24::from_num(self.way().clamp(-FAR, FAR)) + MIDDLE - place;
+        let left = self.turns.way(self.way(), FAR, at, turn, &self.feedback);
         if left.abs() <= NEAR {
             return I40F24::ZERO;
         }

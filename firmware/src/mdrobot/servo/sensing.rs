@@ -25,7 +25,6 @@ impl Servo {
     fn counted(&mut self, at: Instant, counts: i8) {
         for _ in 0..counts.unsigned_abs() {
             self.turns.edge(at, counts > 0, self.settings.counts(), &self.feedback);
-            self.place = if counts > 0 { I40F24::ZERO } else { I40F24::ONE };
         }
         if counts != 0 && self.settings.enc_ppr > 0 && self.looks() {
             let (count, settings) = (self.halls.count(), &self.settings);

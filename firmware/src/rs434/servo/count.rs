@@ -1,19 +1,16 @@
 //! What the edges of the Hall sensors count.
 
-use crate::device::{Duration, Instant};
+use crate::device::Instant;
+use crate::motor::SETTLE;
 
 /// An edge of a Hall sensor to the level that it had: one was missed.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct NoEdge;
 
-/// How long after power the Hall sensors report their levels, which are no edges. One that reports none is high, as its
-/// wire rests.
-const SETTLE: Duration = Duration::micros(20);
-
 /// Counts the edges.
 #[derive(Clone, Debug)]
 pub(super) struct Counter {
-    /// Sensors A and B, as far as they are known.
+    /// Sensors A and B, as far as they are known: one that reports no level after power is high, as its wire rests.
     halls: [Option<bool>; 2],
     /// When power came.
     since: Instant,

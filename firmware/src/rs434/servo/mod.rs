@@ -31,8 +31,6 @@ use crate::motor::{AXIS, Edges, FULL_DUTY, Feedback, Known, Parameters, TICK};
 const MOST_DUTY: i32 = FULL_DUTY / 100 * 98 + FULL_DUTY % 100 * 98 / 100;
 const LEAST_DUTY: i32 = FULL_DUTY / 100 + 1;
 
-/// From an edge to the middle of its count.
-const HALF: I40F24 = I40F24::lit("0.5");
 /// How far from the middle of its count a move may end: nearer, the least duty would push it to and fro; farther,
 /// little drift would be another count.
 const NEAR: I40F24 = I40F24::lit("0.25");
@@ -106,8 +104,6 @@ pub(super) struct Servo {
     edges: Edges,
     /// Where the shaft was at the last edge of Hall sensor A and of B, or when the motion began, in 2⁻³² turns.
     heard: [Option<i64>; 2],
-    /// Part of a count from the edge behind the shaft to where it was at the last edge, or when the motion began.
-    place: I40F24,
     /// Of the present move, or of one that was stopped on its way.
     goal: Option<Goal>,
     /// Of the last move.
@@ -133,7 +129,6 @@ impl Servo {
             counter: Counter::new(at),
             edges: Edges::NONE,
             heard: [None; 2],
-            place: HALF,
             goal: None,
             left: 0,
             errors: 0,
@@ -170,7 +165,6 @@ impl Servo {
             self.heard = [None; 2];
         }
         if settings.halls != before.halls {
-            self.place = HALF;
             // Open loop goes on from the speed that it had, and so does the loop that begins.
             self.pace = if before.sees() { speed } else { self.speed_at(at) };
         } else if to != from {
@@ -245,8 +239,7 @@ impl Servo {
             return;
         }
         self.facing = facing;
-        self.place = self.place_at(at);
-        self.edges.begin(at, &self.feedback);
+        self.edges.begin(at, self.settings.counts(), &self.feedback);
         self.heard = [self.feedback.angle(at); 2];
         (self.pace, self.owed, self.stuck) = (I40F24::ZERO, I40F24::ZERO, I40F24::ZERO);
         self.held_back = HeldBack::NOT;
@@ -265,7 +258,6 @@ impl Servo {
                 let really = self.feedback.rpm(at).filter(|_| self.settings.halls == 1).map(|rpm| rpm >= 0);
                 let turn = self.settings.counts();
                 self.edges.edge(at, really.unwrap_or(forward), turn, &self.feedback);
-                self.place = if forward { I40F24::ZERO } else { I40F24::ONE };
                 if let Some(goal) = self.goal {
                     self.left = goal.left(self.counter.count());
                 }
@@ -426,16 +418,10 @@ impl Servo {
         }
     }
 
-    /// The part of a count from the edge behind the shaft to it.
-    fn place_at(&self, at: Instant) -> I40F24 {
-        let on = self.edges.since_edge(at, self.settings.counts(), &self.feedback);
-        self.place.saturating_add(on).clamp(I40F24::ZERO, I40F24::ONE)
-    }
-
     /// From where the shaft is to the middle of that count; what is far is far.
     fn way_to(&self, at: Instant, count: i64) -> I40F24 {
-        let counts = (count - self.counter.count()).clamp(-FAR, FAR);
-        I40F24::from_num(counts) + HALF - self.place_at(at)
+        let turn = self.settings.counts();
+        self.edges.way(count - self.counter.count(), FAR, at, turn, &self.feedback)
     }
 
     /// Whether a move is so near its end and so slow that shorted terminals end it in its count.
