@@ -69,7 +69,8 @@ const fn pin(name: &'static str, role: Role, rest: Level) -> PinSpec {
 }
 
 /// The limits of the model, with the reason of each.
-static NOT_MODELLED: [&str; 8] = [
+static NOT_MODELLED: [&str; 9] = [
+    "errors of the measured speed in the control loop: it goes by the shaft between two edges of its sensor",
     "a supply that rises while a motor gives current back, or sags under load: VOLT_IN is what the bench says, so braking \
      makes no OVER_VOLT and no regenerative over-temperature; faults and a preset VOLT_IN do",
     "VOLT_IN that is preset at run time and a [[motor]]: that keeps its supply_v; the drive's own motor follows",

@@ -79,7 +79,9 @@ static RS434544: Spec = spec("rs434544", "RS 434544 brush motor controller, 20 A
 static RS434546: Spec = spec("rs434546", "RS 434546 brush motor controller, 40 A", &registers::TABLE_434546);
 
 /// The limits of both models, with the reason of each.
-static NOT_MODELLED: [&str; 5] = [
+static NOT_MODELLED: [&str; 6] = [
+    "the errors of a real control loop: the speed follows its ramp without a lag, and a load changes it only where current \
+     or supply end",
     "a supply that rises while a motor gives current back: the braking circuit (4) takes all of it, and only \
      TEMPERATURE_BRAKE shows it; a supply that sags under load: it has no resistance",
     "a drive's own motor on another supply (3): RATED_SPEED is its speed at whatever feeds it (6.5, 500Ah); a [[motor]] \
