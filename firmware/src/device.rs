@@ -119,7 +119,7 @@ pub enum Input<'a> {
         /// To high.
         high: bool,
     },
-    /// Nobody drives an input any more whose [rest](PinSpec::rest) is [`Level::Float`], and no wire leads there. Until
+    /// An input whose [rest](PinSpec::rest) is [`Level::Float`] is let go, and no wire leads there. Until
     /// its first event such a pin is open.
     Open {
         /// Which.
@@ -296,14 +296,14 @@ pub enum Output<'a> {
         /// In mA, signed as the duty is.
         ma: i32,
     },
-    /// Of a motor: its parameters, at power-on and when they change.
+    /// Parameters of a motor, put at power-on and when they change.
     Motor {
         /// Which axis.
         axis: Axis,
         /// Winding, rotor, supply and load.
         parameters: &'a Parameters,
     },
-    /// Of a motor: how it turns from the stamp on.
+    /// Rotation of a motor's shaft from the stamp on.
     Rotation {
         /// Which axis.
         axis: Axis,

@@ -280,7 +280,7 @@ fn dc(current: u16, motor: &str) -> Rig {
     ))
 }
 
-/// How fast it turns with that duty against that torque, in rpm: what is left of the voltage behind its resistance.
+/// Speed with that duty against that torque, in rpm: what is left of the voltage behind its resistance.
 fn steady_rpm(duty: f64, mnm: f64) -> f64 {
     let torque_constant = 24.0 / (3_000.0 * std::f64::consts::TAU / 60.0);
     let amperes = mnm / 1_000.0 / torque_constant;

@@ -262,7 +262,7 @@ standin_protocol::registers! {
         /// 1: the serial sister's commands are there, too.
         SerialCommands = setting(1, "MC 1.2.2").range(0, 1).saved(),
 
-        /// What holds the motor at RC = 100, in mN·m; 0: with current it follows whatever its load is.
+        /// Torque that holds the motor at RC = 100, in mN·m; 0: with current it follows whatever its load is.
         HoldingTorque = setting(2, "MC 5-70").u32().range(0, 100_000),
         /// The speed at which it has no torque left, in rpm; it falls evenly with the speed.
         PullOutSpeed = setting(4, "MC 5-70").u32().range(1, 200_000).reset(LOAD.pull_out_rpm as i64),

@@ -366,7 +366,7 @@ fn hall_poles(bank: &Bank<Pid, { Pid::WORDS }>) -> u16 {
     registers::poles(bank.word(Pid::HALL_TYPE))
 }
 
-/// What the servo goes by.
+/// Settings of the servo.
 fn servo_settings(bank: &Bank<Pid, { Pid::WORDS }>) -> Settings {
     let word = |pid| bank.word(pid);
     Settings {

@@ -106,14 +106,14 @@ impl Reference {
     };
 }
 
-/// What limit switches say of an order.
+/// Verdict of the limit switches on an order.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum Verdict {
-    /// It is carried out.
+    /// Carried out.
     Permits,
-    /// It leads back from the switch towards which the shaft turns: that stands first.
+    /// Back from the switch towards which the shaft turns: the shaft stops first.
     Reverses,
-    /// It is dropped.
+    /// Dropped.
     Forbids,
 }
 
@@ -324,7 +324,7 @@ impl Drive {
         }
     }
 
-    /// Whether the motor is brought to a stand before it turns back from a limit switch.
+    /// The motor is brought to a stand before it turns back from a limit switch.
     pub(super) fn reverses(&self) -> bool {
         self.reference.reverses
     }

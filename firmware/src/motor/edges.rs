@@ -12,7 +12,7 @@ const LEAST: Duration = Duration::millis(2);
 const STILL_AFTER: Duration = Duration::secs(1);
 /// Counts without an edge after which a sensor does not tell the speed any more: its wires are broken.
 const MISSED: I40F24 = I40F24::lit("4");
-/// How long after power sensors report their levels one after another, which are no edges.
+/// Time after power in which sensors report their levels one after another, which are no edges.
 pub(crate) const SETTLE: Duration = Duration::micros(20);
 /// From an edge to the middle of its count.
 const MIDDLE: I40F24 = I40F24::lit("0.5");
@@ -35,7 +35,7 @@ pub(crate) struct Edges {
     /// Counts since.
     counts: i32,
     last: Option<Edge>,
-    /// Where the shaft was at the last edge, or when the motion began, and what part of a count that was from the edge
+    /// Angle of the shaft at the last edge, or when the motion began, and the part of a count from there back to the edge
     /// behind it.
     angle: Option<i64>,
     place: I40F24,
@@ -126,7 +126,7 @@ impl Edges {
         self.last.map(|last| last.at)
     }
 
-    /// Whether no edge has come for so long that the shaft stands.
+    /// Returns whether no edge has come for so long that the shaft stands.
     pub(crate) fn is_silent(&self, at: Instant) -> bool {
         self.last().is_none_or(|last| at.since(last) >= STILL_AFTER)
     }
@@ -143,7 +143,7 @@ impl Edges {
         I40F24::from_bits((turned >> 8).saturating_mul(self.per_turn(turn)))
     }
 
-    /// How fast the shaft turns as this sensor reads it, in rpm, with so many counts in a turn, at most 2²⁴ either way:
+    /// Speed of the shaft as this sensor reads it, in rpm, with so many counts in a turn, at most 2²⁴ either way:
     /// by the motor's report, or by edges alone. A sensor that has missed counts reads 0.
     pub(crate) fn reading(&self, at: Instant, turn: i64, feedback: &Feedback) -> I40F24 {
         const MOST: I40F24 = I40F24::const_from_int(1 << 24);
@@ -166,7 +166,7 @@ impl Edges {
         scaled(rpm, self.per_turn(turn).abs(), turn)
     }
 
-    /// How fast edges come, in rpm, with so many in a turn: as measured last, and no faster than would already have
+    /// Speed by edges alone, in rpm, with so many in a turn: as measured last, and no faster than would already have
     /// brought the next one.
     pub(crate) fn rpm(&self, at: Instant, turn: i64) -> i32 {
         let (Some(last), Some((counts, span))) = (self.last(), self.measured) else { return 0 };

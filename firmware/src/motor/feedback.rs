@@ -69,7 +69,7 @@ impl Known {
         }
     }
 
-    /// Whether friction holds a shaft at rest without a current.
+    /// Returns whether friction holds a shaft at rest without a current.
     pub(crate) fn holds(&self) -> bool {
         self.load.abs() <= self.friction
     }
@@ -95,13 +95,13 @@ impl Known {
     }
 }
 
-/// One by the other, which is above 0.
+/// Quotient of two numbers, of which the second is above 0.
 fn ratio(one: i64, other: i64) -> I40F24 {
     const MOST: i64 = 1 << 38;
     I40F24::from_bits((one.clamp(-MOST, MOST) << 24).checked_div(other).unwrap_or(0))
 }
 
-/// What the motor of a drive has reported.
+/// Reports of the motor of a drive.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Feedback {
     /// The motor, or the one that the drive expects.
@@ -113,7 +113,7 @@ pub(crate) struct Feedback {
 }
 
 impl Feedback {
-    /// Nothing reported; the motor is as the drive expects it.
+    /// No reports yet; the motor is as the drive expects it.
     pub(crate) fn new(expected: &Parameters) -> Self {
         Self { motor: Known::of(expected), rotation: None, ma: 0 }
     }
@@ -123,7 +123,7 @@ impl Feedback {
         self.rotation = Some((at, rotation));
     }
 
-    /// Whether a motor has reported a shaft.
+    /// Returns whether a motor has reported a shaft.
     pub(crate) fn is_reported(&self) -> bool {
         self.rotation.is_some()
     }
@@ -132,17 +132,17 @@ impl Feedback {
         self.rotation.map(|(since, rotation)| rotation.after(at.since(since)))
     }
 
-    /// Where the shaft is, in 2⁻³² turns, if its motor reports it.
+    /// Angle of the shaft, in 2⁻³² turns, if its motor reports it.
     pub(crate) fn angle(&self, at: Instant) -> Option<i64> {
         self.now(at).map(|rotation| rotation.angle)
     }
 
-    /// How fast the shaft turns, in rpm, if its motor reports it.
+    /// Speed of the shaft, in rpm, if its motor reports it.
     pub(crate) fn rpm(&self, at: Instant) -> Option<I40F24> {
         self.now(at).map(Rotation::rpm)
     }
 
-    /// Whether a limit of the current holds the motor back.
+    /// Returns whether a limit of the current holds the motor back.
     pub(crate) fn is_limited(&self, limit_ma: u32) -> bool {
         limit_ma > 0 && self.ma.unsigned_abs() >= limit_ma
     }

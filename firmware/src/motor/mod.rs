@@ -127,7 +127,7 @@ impl Parameters {
         HALL_PINS.get(..self.sensors().into()).unwrap_or(HALL_PINS)
     }
 
-    /// Its speed at the full supply without load and friction, in rpm.
+    /// Speed at the full supply without load and friction, in rpm, limited.
     fn full_rpm(&self) -> u32 {
         self.no_load_rpm.clamp(Self::LEAST.no_load_rpm, Self::MOST.no_load_rpm)
     }
@@ -185,7 +185,7 @@ pub struct Motor {
     /// That one, or the end of the stretch.
     due: Instant,
     ma: i32,
-    /// What was reported last of its shaft, and when.
+    /// The last report of its shaft, and its instant.
     reported: Option<(Instant, Rotation)>,
 }
 
@@ -218,7 +218,7 @@ impl Motor {
         &self.parameters
     }
 
-    /// How its shaft turns at `at`, not after its next deadline.
+    /// Rotation of its shaft at `at`, not after its next deadline.
     #[must_use]
     pub fn rotation_at(&self, at: Instant) -> Rotation {
         self.stretch.at(at).rotation()
@@ -261,7 +261,7 @@ impl Motor {
         }
     }
 
-    /// Whether the last report tells that already, up to the end of the present stretch.
+    /// Returns whether the last report says so already, up to the end of the present stretch.
     fn is_reported(&self, at: Instant, rotation: Rotation) -> bool {
         self.reported.is_some_and(|(since, reported)| {
             let lasts = self.stretch.end().since(since) <= Stretch::LONGEST || rotation.speed == 0;

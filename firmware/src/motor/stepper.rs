@@ -181,7 +181,7 @@ pub struct Stepper {
     planned: i32,
     /// How far from the field the shaft belongs, in steps of the drive: some periods of its torque.
     lost: i64,
-    /// It does not follow the field: it is held, or its load turns it, or it rests.
+    /// Not following the field: held, turned by its load, or at rest.
     is_loose: bool,
     /// The drive keeps its field beside a shaft that does not follow, and so its whole torque.
     keeps_field: bool,
@@ -268,7 +268,7 @@ impl Stepper {
         }
     }
 
-    /// Whether it does not follow, though it has current and is not held.
+    /// Returns whether it does not follow, though it has current and is not held.
     fn is_free(&self) -> bool {
         self.is_loose && self.can_follow()
     }
@@ -277,13 +277,13 @@ impl Stepper {
         !self.held && self.current_ma != Some(0)
     }
 
-    /// Whether its torque would turn it from rest.
+    /// Returns whether its torque would turn it from rest.
     #[must_use]
     pub fn can_turn(&self, forward: bool) -> bool {
         self.overcomes(0, if forward { 1 } else { -1 })
     }
 
-    /// Whether it is where the field has it, not on its way there.
+    /// Returns whether it is where the field has it, not on its way there.
     #[must_use]
     pub fn is_in_step(&self, at: Instant) -> bool {
         !self.is_loose && self.catches_up <= at
@@ -347,7 +347,7 @@ impl Stepper {
         self.follow_shaft(shaft);
     }
 
-    /// How fast a shaft that does not follow turns, as [`Stretch::h`]: one that has just begun to stands.
+    /// Speed of a shaft that does not follow, as [`Stretch::h`]: one that has just begun to stands.
     fn loose_speed(&self, at: Instant) -> i64 {
         let speed = self.stretch.speed_at(at);
         let turned_round = self.stretch.h.signum() * speed.signum() < 0;
@@ -355,7 +355,7 @@ impl Stepper {
         if !self.is_loose || self.held || is_bound || turned_round { 0 } else { speed }
     }
 
-    /// Whether a shaft at rest falls in with the field. Then it belongs to the nearest place of the field's torque.
+    /// Returns whether a shaft at rest falls in with the field. Then it belongs to the nearest place of the field's torque.
     fn falls_in(&mut self, shaft: i128, field: &Field) -> bool {
         let goes_on = Stretch { h: field.h, a: field.a, ..Stretch::rest(Instant::ZERO, Instant::ZERO, 0) };
         if [self.starting(field), goes_on].iter().any(|way| self.fails_after(way) == Some(0)) {
@@ -373,7 +373,7 @@ impl Stepper {
         true
     }
 
-    /// What brings a shaft from rest to the speed of the field within two full steps.
+    /// Acceleration that brings a shaft from rest to the speed of the field within two full steps.
     fn starting(&self, field: &Field) -> Stretch {
         const TICKS: i128 = TICKS_PER_SECOND.cast_signed() as i128;
         // v² = 2·a·s, for s of two full steps.
@@ -383,7 +383,7 @@ impl Stepper {
         Stretch { h: field.h, a, ..Stretch::rest(Instant::ZERO, Instant::ZERO, 0) }
     }
 
-    /// How a shaft turns that does not follow: by its load, against what resists that.
+    /// Motion of a shaft that does not follow: by its load, against what resists that.
     fn loose(&self, at: Instant, shaft: i128, speed: i64, field: &Field) -> Stretch {
         let mut end = field.end;
         if self.catches_up > at {
@@ -414,7 +414,7 @@ impl Stepper {
         Stretch { end: end.min(at + Duration::from_ticks(lasts.min(LONGEST.ticks()))), ..next }
     }
 
-    /// What resists a shaft that does not follow; `None`: whatever turns it.
+    /// Torque that resists a shaft that does not follow; `None`: any.
     fn resists(&self, field: &Field) -> Option<i128> {
         let friction = i128::from(self.parameters.friction_unm) << 8;
         if !self.can_follow() {
@@ -498,7 +498,7 @@ impl Stepper {
         torque.checked_div(i128::from(self.steps_per_rev()) << 16).unwrap_or(0)
     }
 
-    /// What a torque accelerates the inertia by, away from 0.
+    /// Acceleration of the inertia by a torque, rounded away from 0.
     fn accelerated_by(&self, torque: i128) -> i64 {
         let inertia = i128::from(self.parameters.inertia_gcm2) * TORQUE;
         let size =

@@ -77,7 +77,7 @@ impl Stretch {
         Self { since: at, angle, speed, ..*self }
     }
 
-    /// How it turns at its beginning.
+    /// Rotation at its beginning.
     pub(super) fn rotation(&self) -> Rotation {
         Rotation { angle: self.angle, speed: self.speed, acceleration: self.acceleration }
     }

@@ -45,7 +45,7 @@ pub(super) enum Way {
     Position,
 }
 
-/// What the servo goes by.
+/// Settings of the servo.
 pub(super) fn settings(bank: &Words, errors: Errors) -> Settings {
     // So a fault shows that limits and does not stop.
     let share = if errors.has_cause(error::CURRENT_LIMIT) { 2 } else { 1 };

@@ -294,7 +294,7 @@ impl Bench {
         }
     }
 
-    /// What the brush motor on an axis does, if the bench has one there and the drive looks at its Hall sensors: that
+    /// State of the brush motor on an axis, if the bench has one there and the drive looks at its Hall sensors: that
     /// is where the shaft is for such a drive.
     pub(super) fn shaft(&self, seat: Seat, axis: Axis) -> Option<Shaft> {
         self.at(seat).halls?;
@@ -402,7 +402,7 @@ impl Bench {
         self.foresee_motor(motor);
     }
 
-    /// What the motors of a drive that gets power report: what they are and how they turn.
+    /// Reports of the motors of a drive that gets power: parameters and rotation.
     pub(super) fn motors_report(&self, place: u32) -> Vec<Fed> {
         let of = |&(axis, motor): &(Axis, u32)| {
             let Machine::Brush(motor) = &self.motors[motor as usize].machine else { return None };

@@ -112,7 +112,7 @@ impl Reader {
         Ok(())
     }
 
-    /// What sort a motor is, and why. Where a drive turns a stepper or a brush motor the keys say, or else the `set` of
+    /// Sort of a motor, and why. Where a drive turns a stepper or a brush motor the keys say, or else the `set` of
     /// the drive.
     fn sort(&self, table: &Table<'_>, drive: usize) -> (Sort, String) {
         let (sort, spec) = (Sort::of(self.spec(drive)), self.spec(drive));

@@ -59,7 +59,7 @@ impl PinState {
         if used || self.spec.tells_open() && wired { Level::High } else { self.spec.rest }
     }
 
-    /// What hands do to it arrives.
+    /// A stimulus of a pin arrives.
     pub(crate) fn hold(&mut self, drive: Driving) {
         (self.held, self.touched) = (drive, true);
     }

@@ -96,7 +96,7 @@ fn motors() -> impl Strategy<Value = (Motor, f64)> {
         })
 }
 
-/// Of both drives the limits with which a motor comes to its end last.
+/// Limits, of both drives, with which a motor comes to its end last.
 const SLOWEST: Limits = Limits { amps: 20.0, duty: 0.98, ramp: 300_000.0 };
 
 proptest! {
@@ -118,7 +118,7 @@ proptest! {
         turns(Drive::Mdrobot, motor, target).map_err(TestCaseError::fail)?;
     }
 
-    /// What friction holds at the end stays there.
+    /// A shaft that friction holds at the end stays there.
     #[test]
     fn any_motor_ends_its_moves_on_their_counts(
         (motor, target) in motors(), robot in any::<bool>(), back in any::<bool>(), part in 0.0..1.0_f64,

@@ -4,10 +4,10 @@ use std::f64::consts::TAU;
 
 use standin_firmware::motor::Parameters;
 
-/// What a drive may do with a motor.
+/// Limits of a drive.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Limits {
-    /// Of the winding's current, in A.
+    /// Current of the winding, in A.
     pub(crate) amps: f64,
     /// Part of the supply.
     pub(crate) duty: f64,
@@ -15,7 +15,7 @@ pub(crate) struct Limits {
     pub(crate) ramp: f64,
 }
 
-/// How a motor ends that is to turn forward.
+/// End of a motor that is to turn forward.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub(crate) enum End {
     /// At its target, with that current in A.
@@ -84,7 +84,7 @@ impl Motor {
         self.torque_constant() * limits.amps.min(self.supply_v / self.resistance)
     }
 
-    /// How it ends that is to turn at `rpm`, which is above 0.
+    /// End of the motor on the way to `rpm`, which is above 0.
     pub(crate) fn end(&self, rpm: f64, limits: &Limits) -> End {
         let amps = (self.load + self.friction) / self.torque_constant();
         if amps > limits.amps && self.supply_v * limits.duty / self.resistance > limits.amps {
@@ -110,7 +110,7 @@ impl Motor {
         (self.load.abs() + self.friction) / self.torque_constant() * self.resistance / self.supply_v
     }
 
-    /// How long the limit of its current holds it back on the way to a speed, in s.
+    /// Time for which the limit of its current holds it back on the way to a speed, in s.
     pub(crate) fn seconds_at_limit(&self, rpm: f64, limits: &Limits) -> f64 {
         let spare = self.torque_limit(limits) - self.load - self.friction;
         if spare > 0.0 { self.inertia * rpm * TAU / 60.0 / spare } else { f64::INFINITY }

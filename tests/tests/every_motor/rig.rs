@@ -189,7 +189,7 @@ impl Rig {
         self.turn().revolutions
     }
 
-    /// Where the shaft is, in counts from where it began in the middle of one.
+    /// Position of the shaft, in counts from the middle of the first.
     pub(crate) fn revolutions_in_counts(&self) -> i64 {
         (self.revolutions() * self.drive.counts()).round() as i64
     }

@@ -35,7 +35,7 @@ fn a_broken_hall_wire_is_noticed() {
     }
 }
 
-/// What reverses again and again, or swings against a load at rest, has no broken wire.
+/// A motor that reverses again and again has no broken wire.
 #[test]
 fn reversals_are_no_broken_wire() {
     for ms in [3.0, 7.0, 20.0] {

@@ -10,7 +10,7 @@ use crate::motion::Rates;
 /// "After failing 3 attempts Error 92 will be generated" (MC 9.6).
 const ATTEMPTS: u8 = 3;
 
-/// How often a shaft that its load turns is looked at.
+/// Period at which a shaft that its load turns is looked at.
 const LOOK: Duration = Duration::millis(1);
 
 /// How a way has ended.
@@ -93,7 +93,7 @@ impl Motion {
         self.settings.closed && self.settings.maintains && self.settings.enabled
     }
 
-    /// When the load turns a shaft out of DB that PM keeps there.
+    /// Instant at which the load turns a shaft that PM keeps in DB out of it.
     fn leaves_deadband(&self, at: Instant) -> Instant {
         let Some(aim) = self.closed.aim.filter(|_| self.maintains() && self.activity == Activity::Rest)
         else {

@@ -123,17 +123,17 @@ impl Motor {
         self.shaft.keep_field(at, keeps);
     }
 
-    /// Whether it would turn from rest.
+    /// Returns whether it would turn from rest.
     pub(super) fn can_turn(&self, forward: bool) -> bool {
         self.shaft.can_turn(forward)
     }
 
-    /// Whether the shaft is where the plan has it, not on its way there.
+    /// Returns whether the shaft is where the plan has it, not on its way there.
     pub(super) fn is_in_step(&self, at: Instant) -> bool {
         self.shaft.is_in_step(at)
     }
 
-    /// Whether the load turns the shaft.
+    /// Returns whether the load turns the shaft.
     pub(super) fn slides(&self) -> bool {
         let pace = self.shaft.pace();
         !self.follows() && (pace.h != 0 || pace.a != 0)

@@ -98,7 +98,7 @@ impl Motion {
         self.refresh(at, out);
     }
 
-    /// Whether its torque would turn the rotor from rest.
+    /// Returns whether its torque would turn the rotor from rest.
     pub(in crate::mdrive) fn can_turn(&self, forward: bool) -> bool {
         self.motor.can_turn(forward)
     }

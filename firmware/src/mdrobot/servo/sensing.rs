@@ -72,7 +72,7 @@ impl Servo {
         if self.settings.enc_ppr > 0 { &self.encoded } else { &self.turns }
     }
 
-    /// How fast that sensor reads that the motor turns, in rpm, at any instant.
+    /// Speed that this sensor reads at any instant, in rpm.
     pub(super) fn reading(&self, at: Instant) -> I40F24 {
         self.speed().reading(at, self.settings.turn(), &self.feedback)
     }
@@ -87,7 +87,7 @@ impl Servo {
         self.duty_of(self.reading(at))
     }
 
-    /// How fast it turns, in rpm, positive CCW, not limited, as the edges of its sensor tell.
+    /// Speed by the edges of its sensor, in rpm, positive CCW, not limited.
     pub(in crate::mdrobot) fn rpm(&self, at: Instant) -> i32 {
         self.speed().rpm(at, self.settings.turn())
     }

@@ -472,7 +472,7 @@ proptest! {
     }
 }
 
-/// Something that happens to a motor.
+/// An event of a motor.
 #[derive(Clone, Copy, Debug)]
 enum Happens {
     Slews(i32),

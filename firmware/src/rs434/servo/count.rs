@@ -12,7 +12,7 @@ pub(super) struct NoEdge;
 pub(super) struct Counter {
     /// Sensors A and B, as far as they are known: one that reports no level after power is high, as its wire rests.
     halls: [Option<bool>; 2],
-    /// When power came.
+    /// Instant at which power came.
     since: Instant,
     /// Edges since power came, forward less backward.
     count: i64,

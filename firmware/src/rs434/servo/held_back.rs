@@ -10,7 +10,7 @@ const HELD: Duration = Duration::millis(100);
 /// Since when a motor has gained no speed at the limit of its current.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct HeldBack {
-    /// Which way the current pushes: 1, −1, or 0 below the limit.
+    /// Direction in which the current pushes: 1, −1, or 0 below the limit.
     way: i32,
     since: Instant,
     /// The speed in that direction at that instant.

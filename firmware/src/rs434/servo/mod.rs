@@ -41,7 +41,7 @@ const STANDING: I40F24 = I40F24::lit("0.002");
 /// The part of its full speed at which a shaft that its load pulls is as good as standing.
 const PULLED: i64 = 128;
 
-/// How many ticks of its ramp the reference may be away from the motor's speed. Without a bound it would run away from a
+/// Ticks of its ramp by which the reference may be away from the motor's speed. Without a bound it would run away from a
 /// motor that is held, which would jump when it is let go.
 const AHEAD: i64 = 4;
 /// Ticks in which the push of a shaft that is held grows by the whole supply.
@@ -50,7 +50,7 @@ const STUCK: i64 = 64;
 /// one.
 const MISSED: I40F24 = I40F24::lit("16");
 
-/// What the drive wants of its motor.
+/// Order to the motor.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum Order {
     /// Nothing: it stands, or is turned by others.
@@ -102,7 +102,7 @@ pub(super) struct Servo {
     held_back: HeldBack,
     counter: Counter,
     edges: Edges,
-    /// Where the shaft was at the last edge of Hall sensor A and of B, or when the motion began, in 2⁻³² turns.
+    /// Angle of the shaft at the last edge of Hall sensor A and of B, or when the motion began, in 2⁻³² turns.
     heard: [Option<i64>; 2],
     /// Of the present move, or of one that was stopped on its way.
     goal: Option<Goal>,
@@ -282,7 +282,7 @@ impl Servo {
         self.feedback.turns(at, rotation);
     }
 
-    /// When the next tick is due.
+    /// Instant of the next tick.
     pub(super) fn deadline(&self) -> Instant {
         self.next
     }
@@ -308,7 +308,7 @@ impl Servo {
         }
     }
 
-    /// Which way the limit of the current, if that holds the motor back, would turn it.
+    /// Direction in which a current at its limit pushes the motor; 0 below the limit.
     fn limited(&self) -> i32 {
         if self.feedback.is_limited(self.limit_ma) { self.feedback.ma.signum() } else { 0 }
     }
@@ -375,7 +375,7 @@ impl Servo {
         self.apply(at, duty, out);
     }
 
-    /// Whether a Hall sensor in use does not see the shaft turn, or both see it turn the other way.
+    /// Returns whether a Hall sensor in use does not see the shaft turn, or both see it turn the other way.
     fn is_miswired(&self, at: Instant) -> bool {
         let (turn, sensors) = (self.settings.counts(), usize::from(self.settings.halls));
         let mut heard = self.heard.iter().take(sensors);
@@ -424,7 +424,7 @@ impl Servo {
         self.edges.way(count - self.counter.count(), FAR, at, turn, &self.feedback)
     }
 
-    /// Whether a move is so near its end and so slow that shorted terminals end it in its count.
+    /// Returns whether a move is so near its end and so slow that shorted terminals end it in its count.
     fn slides_home(&self, at: Instant, speed: I40F24) -> bool {
         let Order::Move { count, .. } = self.order else { return false };
         let motor = &self.feedback.motor;

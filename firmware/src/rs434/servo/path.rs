@@ -8,7 +8,7 @@ pub(super) const FAR: i64 = 65_536;
 /// By how much more than DEC a move may brake: the way that is left brakes it with DEC, but what came a tick
 /// too late would run ahead of a ramp of the same steepness to the end, and past it.
 const CATCHES_UP: i64 = 2;
-/// What a move takes of what the current can brake, in quarters: with all of it nothing would be left to correct an
+/// Part of the current's braking that a move takes, in quarters: with all of it nothing would be left to correct an
 /// error, and every move that brakes by the current would go too far.
 const BRAKE_QUARTERS: i64 = 3;
 
