@@ -569,7 +569,8 @@ pub struct Spec {
     pub address: Option<usize>,
     /// The row that shows what feeds it, and its motor, in 0.1 V; a bench sets it at each power-on.
     pub supply: Option<usize>,
-    /// The row, and its bit, that says that the motor is one with brushes, and not a stepper; `None` if it has no choice.
+    /// The row, and its bit, that says that the motor is one with brushes, and not a stepper; `None` if it has no
+    /// choice.
     pub dc_motor: Option<(usize, u16)>,
     /// Its modelled limits that no row tells.
     pub not_modelled: &'static [&'static str],

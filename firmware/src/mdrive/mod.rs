@@ -1,8 +1,8 @@
-//! MDrive Motion Control with Ethernet: an integrated stepper motor and drive, MDrivePlus² or Hybrid, with Modbus/TCP on
-//! port 502 and MCode on port 503.
+//! MDrive Motion Control with Ethernet: an integrated stepper motor and drive, MDrivePlus² or Hybrid, with Modbus/TCP
+//! on port 502 and MCode on port 503.
 //!
-//! Follows *MODBUS/TCP Fieldbus Manual* R040611 (FB) and *MCode Programming and Software Reference* R062812 (MC, with its
-//! page).
+//! Follows *MODBUS/TCP Fieldbus Manual* R040611 (FB) and *MCode Programming and Software Reference* R062812 (MC, with
+//! its page).
 
 mod drive;
 mod error;
@@ -62,8 +62,8 @@ const fn pin(name: &'static str, role: Role, rest: Level) -> PinSpec {
     PinSpec::new(name, role, rest)
 }
 
-// An open input floats high if it sinks and low if it sources, so it tells that it is open. A remote encoder counts once
-// something drives it.
+// An open input floats high if it sinks and low if it sources, so it tells that it is open. A remote encoder counts
+// once something drives it.
 #[rustfmt::skip]
 static PINS: [PinSpec; 11] = [
     pin("IO1", Role::Both, Level::Float),
@@ -200,8 +200,8 @@ impl Device for Mdrive {
             // A board's counter has seen edges of a remote encoder, whose channels are at these levels now.
             Input::Count { steps, a, b, .. } => drive.motion.count(at, steps, [a, b], out),
             Input::Fault { fault, on } => drive.set_cause(at, fault, on, out),
-            // It does not hear yet; it has no serial port, and its motor is its own: without pins of steps no board makes
-            // pulses for it that could slip.
+            // It does not hear yet; it has no serial port, and its motor is its own: without pins of steps no board
+            // makes pulses for it that could slip.
             Input::Message { .. }
             | Input::Opened { .. }
             | Input::Closed { .. }

@@ -70,8 +70,8 @@ impl Motor {
         out.put(at, Output::Step { axis: AXIS, steps });
     }
 
-    /// Gives it so many percent of its current; `None` opens the bridge. What `turns_on` by its inertia goes on along its
-    /// plan then.
+    /// Gives it so many percent of its current; `None` opens the bridge. What `turns_on` by its inertia goes on along
+    /// its plan then.
     pub(super) fn energize(&mut self, at: Instant, percent: Option<u8>, turns_on: bool, out: &mut dyn Sink) {
         let ma = u32::from(percent.unwrap_or(0)) * PEAK_MA / 100;
         let is_pulled = ma != 0 || !turns_on;

@@ -135,8 +135,8 @@ impl Motion {
         self.motor.is_too_fast()
     }
 
-    /// When the rotor comes to lag by so many steps, if it stands, or is to be looked at again, if it is too slow or its
-    /// load turns it; [`Instant::NEVER`] if it lags no more than now.
+    /// When the rotor comes to lag by so many steps, if it stands, or is to be looked at again, if it is too slow or
+    /// its load turns it; [`Instant::NEVER`] if it lags no more than now.
     pub(in crate::mdrive) fn lags(&self, at: Instant, steps: i32) -> Instant {
         if self.follows() {
             return if self.is_too_fast() { at + LOOK } else { Instant::NEVER };

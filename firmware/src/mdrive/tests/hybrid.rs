@@ -537,8 +537,8 @@ fn a_motor_of_the_bench_turns_as_fast_as_its_torque_allows() {
     assert_eq!((bed.turned(1.secs()), bed.get(Reg::AF)), (0, AT_ZERO | CALIBRATED));
 }
 
-/// What turns it back is heavier than torque and friction: 1 mN·m by 4·10⁻⁵ kg·m² are 25 rad/s², in 0.2 s half a radian,
-/// 318 of 4,000 counts. Once the load is gone 110 mN·m stop its 5 rad/s within 2 ms, and torque turns it again.
+/// What turns it back is heavier than torque and friction: 1 mN·m by 4·10⁻⁵ kg·m² are 25 rad/s², in 0.2 s half a
+/// radian, 318 of 4,000 counts. Once the load is gone 110 mN·m stop its 5 rad/s within 2 ms, and torque turns it again.
 #[test]
 fn a_load_turns_the_rotor_back_in_torque_mode() {
     let mut bed = bed();

@@ -45,8 +45,8 @@ impl Drive {
         mcode_accepts(reg, value.into()) && (fits || !self.is_closed())
     }
 
-    /// Whether an encoder of so many lines goes with so many microsteps: MS is at least EL x 8 / 200 with a motor of 200
-    /// full steps (MC 5-21).
+    /// Whether an encoder of so many lines goes with so many microsteps: MS is at least EL x 8 / 200 with a motor of
+    /// 200 full steps (MC 5-21).
     pub(super) fn fits(&self, lines: i32, microsteps: i32) -> bool {
         lines * 8 <= microsteps * self.held(Reg::FullSteps)
     }

@@ -183,8 +183,8 @@ fn with_sm_the_shaft_goes_on_after_each_stall_and_is_corrected_at_vi() {
 /// A slew has no end at which the shaft could fall in.
 #[test]
 fn with_sm_a_slew_goes_on_after_a_stall() {
-    // 1 N·m by 25 % takes 4·10⁻⁵ kg·m² along at 4.4 turns/s, 9,000 counts/s (two full steps are 0.0628 rad), with friction
-    // at somewhat less.
+    // 1 N·m by 25 % takes 4·10⁻⁵ kg·m² along at 4.4 turns/s, 9,000 counts/s (two full steps are 0.0628 rad), with
+    // friction at somewhat less.
     let machine = Parameters { holding_unm: 1_000_000, ..Parameters::NOMINAL };
     for (speed, goes_on) in [(2_048, true), (-8_000, true), (10_000, false), (-10_000, false)] {
         for goes_on_stalled in [false, true] {
