@@ -1,5 +1,5 @@
-//! Loads that turn a motor's shaft at rest, beside a model of their own in f64: whatever holds the shaft, on both sides of
-//! what it holds, either way.
+//! Loads that turn a motor's shaft at rest, beside a model of their own in f64: whatever holds the shaft, on both
+//! sides of what it holds, either way.
 #![allow(missing_docs, reason = "a test")]
 #![expect(clippy::float_arithmetic, reason = "the model")]
 
@@ -15,8 +15,8 @@ use standin_tests::md3::{self, at, bit};
 /// Bits of QuadratureEncoderConfiguration: x4, counts to MaxCount (7.11).
 const X4_MAX: u16 = 3 << 1;
 
-/// A motor of 1 N·m at 2 A with 20 mN·m of friction and 400 g·cm², 600 rpm at most, at an MD3 of 1 A that counts the 500
-/// cycles of its encoder.
+/// A motor of 1 N·m at 2 A with 20 mN·m of friction and 400 g·cm², 600 rpm at most, at an MD3 of 1 A that counts the
+/// 500 cycles of its encoder.
 struct Bed {
     bench: Bench,
     x: Seat,
@@ -179,8 +179,8 @@ fn current_that_comes_back_holds_the_shaft_where_it_is() {
         assert!((released - slides(load, 20.0, 0.1)).abs() < 1e-3);
         bed.write(at::MOTION, 0);
         bed.wait(1.secs());
-        // 12.5 rad in 0.1 s at 250 rad/s: 400 mN·m brake by 10,000 rad/s² in 3.125 rad; then to the nearest of four full
-        // steps, a fiftieth of a turn.
+        // 12.5 rad in 0.1 s at 250 rad/s: 400 mN·m brake by 10,000 rad/s² in 3.125 rad; then to the nearest of four
+        // full steps, a fiftieth of a turn.
         let speed = 2_500.0_f64 * 0.1;
         let speed = speed.min(10.0 * TAU);
         let braked = released - load.signum() * speed * speed / (2.0 * 10_000.0) / TAU;

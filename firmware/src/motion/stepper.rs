@@ -21,8 +21,8 @@ use super::{Plan, Step, Walker};
 pub const HIGH: Duration = Duration::micros(2);
 /// How long before the first step of a reversal DIR changes: this, or half the interval if that is shorter.
 pub const SETUP: Duration = Duration::micros(5);
-/// Time by which DIR changes before a step without a plan, if it does: the pause between two such steps, so that what comes
-/// every [`CYCLE`] may turn DIR each time without falling behind.
+/// Time by which DIR changes before a step without a plan, if it does: the pause between two such steps, so that what
+/// comes every [`CYCLE`] may turn DIR each time without falling behind.
 pub const SETTLE: Duration = Duration::micros(2);
 /// The least time between two steps without a plan: a pulse, and as long a pause.
 pub const CYCLE: Duration = Duration::micros(4);

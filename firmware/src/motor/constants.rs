@@ -54,7 +54,8 @@ pub(super) enum Terminals {
 pub(super) struct Constants {
     /// The speed at which the motor makes the voltage of the supply.
     full: i64,
-    /// The acceleration of the supply at standstill, above 0 and bounded: what is steeper comes to its speed within a step anyhow.
+    /// The acceleration of the supply at standstill, above 0 and bounded: what is steeper comes to its speed within a
+    /// step anyhow.
     pub(super) stall: i64,
     /// The same without a bound: a limited current gives its part of this.
     torque: i64,

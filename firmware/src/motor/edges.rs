@@ -35,8 +35,8 @@ pub(crate) struct Edges {
     /// Counts since.
     counts: i32,
     last: Option<Edge>,
-    /// Angle of the shaft at the last edge, or when the motion began, and the part of a count from there back to the edge
-    /// behind it.
+    /// Angle of the shaft at the last edge, or when the motion began, and the part of a count from there back to the
+    /// edge behind it.
     angle: Option<i64>,
     place: I40F24,
     /// The last window that ended in the present direction: counts, forward or less than 0, and their time.

@@ -167,7 +167,8 @@ static MOTOR: Spec = Spec {
     ..Spec::BARE
 };
 
-/// A brush motor, or a brushless one. Its terminals are told by [`Input::Current`] and [`Input::Duty`], whatever the axis.
+/// A brush motor, or a brushless one. Its terminals are told by [`Input::Current`] and [`Input::Duty`], whatever the
+/// axis.
 #[derive(Clone, Debug)]
 pub struct Motor {
     parameters: Parameters,

@@ -50,8 +50,8 @@ const MOST_MA: u32 = 1_000_000;
 pub struct Parameters {
     /// Full steps in a turn, 4 to 10,000.
     pub steps_per_rev: u16,
-    /// Torque that holds it at its rated current, in µN·m, up to 100,000,000; 0: with current it follows whatever the load
-    /// is.
+    /// Torque that holds it at its rated current, in µN·m, up to 100,000,000; 0: with current it follows whatever the
+    /// load is.
     pub holding_unm: u32,
     /// Peak current of that torque, in mA, 1 to 100,000.
     pub rated_ma: u32,
@@ -162,8 +162,8 @@ impl Stretch {
     }
 }
 
-/// A stepper motor. What its drive does is told by [`Input::Plan`], [`Input::Step`] and [`Input::Current`], whatever the
-/// axis.
+/// A stepper motor. What its drive does is told by [`Input::Plan`], [`Input::Step`] and [`Input::Current`], whatever
+/// the axis.
 #[derive(Clone, Debug)]
 pub struct Stepper {
     parameters: Parameters,
@@ -257,8 +257,8 @@ impl Stepper {
         }
     }
 
-    /// Its drive, which knows where the shaft is, moves the field there: if it rests though nothing holds it, it follows
-    /// from there on, at the nearest place of the field's torque.
+    /// Its drive, which knows where the shaft is, moves the field there: if it rests though nothing holds it, it
+    /// follows from there on, at the nearest place of the field's torque.
     pub fn catch(&mut self, at: Instant) {
         if self.is_free() && self.stretch.speed_at(at) == 0 {
             self.move_field(at);
@@ -355,7 +355,8 @@ impl Stepper {
         if !self.is_loose || self.held || is_bound || turned_round { 0 } else { speed }
     }
 
-    /// Returns whether a shaft at rest falls in with the field. Then it belongs to the nearest place of the field's torque.
+    /// Returns whether a shaft at rest falls in with the field. Then it belongs to the nearest place of the field's
+    /// torque.
     fn falls_in(&mut self, shaft: i128, field: &Field) -> bool {
         let goes_on = Stretch { h: field.h, a: field.a, ..Stretch::rest(Instant::ZERO, Instant::ZERO, 0) };
         if [self.starting(field), goes_on].iter().any(|way| self.fails_after(way) == Some(0)) {

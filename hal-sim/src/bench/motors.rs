@@ -242,7 +242,8 @@ impl Bench {
     }
 
     /// Puts a sensor beside a motor's shaft, whose first wire goes `to` that pin. A switch's first level is on its way
-    /// like all that it will show; an encoder's is there at once, so that a drive that starts now finds it, and no edge.
+    /// like all that it will show; an encoder's is there at once, so that a drive that starts now finds it, and no
+    /// edge.
     pub(super) fn put_sensor(&mut self, motor: Motor, to: (Seat, Pin), sees: Sees) {
         let (now, key) = (self.now, (self.name(to.0).to_owned(), to.1));
         let Fitted { machine, pace, sensors, began, .. } = &mut self.motors[motor.0 as usize];

@@ -248,8 +248,8 @@ fn crossing(rotor: &dyn Rotor, pace: &Pace, angle: i64, forward: bool, from: Ins
 impl Bench {
     /// Puts an encoder on a motor's shaft, of so many cycles a turn (within [`CYCLES_PER_REV`]; what is beyond acts as
     /// the limit), and wires its channels A and B and its index. It begins in the middle of a count, with A and B
-    /// high; A is a quarter of a cycle before B while the motor turns forward. The index is high in the third quarter of
-    /// the first cycle of every turn, where A and B are low.
+    /// high; A is a quarter of a cycle before B while the motor turns forward. The index is high in the third quarter
+    /// of the first cycle of every turn, where A and B are low.
     ///
     /// At each tick it shows where the shaft is. So where a shaft makes more than a count in a tick (100,000 cycles at
     /// 2,400 rpm are one) counts are left out, as many as it takes: it never lags, and each channel has one edge a tick

@@ -223,9 +223,9 @@ fn a_load_comes_and_goes() {
     rig.assert_values(&[("ST", 0), ("V", 2_048), ("ER", 0)]);
 }
 
-/// 1 N·m by HC and friction of 10 mN·m hold the shaft, without current friction alone: HC = 0, DE = 0. What is more turns
-/// 400 g·cm² by 25 rad/s² for each mN·m, 40.7 counts in 0.1 s, and no faster than 3,000 rpm. The bench's motor does as the
-/// drive's own.
+/// 1 N·m by HC and friction of 10 mN·m hold the shaft, without current friction alone: HC = 0, DE = 0. What is more
+/// turns 400 g·cm² by 25 rad/s² for each mN·m, 40.7 counts in 0.1 s, and no faster than 3,000 rpm. The bench's motor
+/// does as the drive's own.
 #[test]
 fn a_load_turns_a_shaft_that_nothing_holds() {
     for (hold, enabled, holds) in [(5, 1, 60), (30, 1, 310), (0, 1, 10), (30, 0, 10)] {
@@ -255,8 +255,8 @@ fn a_load_turns_a_shaft_that_nothing_holds() {
     assert!((2_995.0..3_000.0).contains(&turn.revolutions), "{turn:?}");
 }
 
-/// "The motor will be driven back to its final position if it was forced out of position" (MC 7-23): within DB, at VI, when
-/// DE is 1 again; without PM it stays away, and with SM = 0 if it has come SF counts away.
+/// "The motor will be driven back to its final position if it was forced out of position" (MC 7-23): within DB, at VI,
+/// when DE is 1 again; without PM it stays away, and with SM = 0 if it has come SF counts away.
 #[test]
 fn position_maintenance_brings_the_shaft_back() {
     for (set, comes_back) in [
@@ -287,8 +287,8 @@ fn position_maintenance_brings_the_shaft_back() {
     }
 }
 
-/// What `steps_per_rev` of a bench file says of the drive's motor: MS times that are a turn of C1, 4 × EL one of C2, and
-/// MS is at least EL × 8 / that (MC 5-21, 7.3.1).
+/// What `steps_per_rev` of a bench file says of the drive's motor: MS times that are a turn of C1, 4 × EL one of C2,
+/// and MS is at least EL × 8 / that (MC 5-21, 7.3.1).
 #[test]
 fn a_motor_of_other_full_steps_has_other_steps_in_a_turn() {
     for (full_steps, least) in [(400, 11), (100, 41), (48, 86), (2_000, 3)] {

@@ -160,7 +160,8 @@ fn torque_mode_turns_the_shaft() {
     }
 }
 
-/// FB 5.1, MC 5-70: the fastest response is 10 MHz/(SS + 2), 38,910 steps/s with 255; the rotor lags behind what is faster.
+/// FB 5.1, MC 5-70: the fastest response is 10 MHz/(SS + 2), 38,910 steps/s with 255; the rotor lags behind what is
+/// faster.
 #[test]
 fn system_speed_limits_the_rotor() {
     for mode in [1, 2] {

@@ -1,5 +1,5 @@
-//! Velocity, ramps, stopping (p. 8, p. 12, p. 13; decisions 16 to 18), with the tolerances of a controller of this size:
-//! with factory gains, without load, at 24 V.
+//! Velocity, ramps, stopping (p. 8, p. 12, p. 13; decisions 16 to 18), with the tolerances of a controller of this
+//! size: with factory gains, without load, at 24 V.
 
 use standin_protocol::time::{Duration, Span};
 
@@ -60,7 +60,8 @@ fn velocity_step() {
             rig.watch(3.secs(), 2.millis(), |rig, t| {
                 let now = rpm(rig);
                 assert!(now >= -20.0, "{now} rpm after {t:?}");
-                // J = 5,000 g cm², 20 A and 0.06 Nm/A: 2,400 rad/s², 46 rpm in 2 ms; Halls show it later, in larger steps.
+                // J = 5,000 g cm², 20 A and 0.06 Nm/A: 2,400 rad/s², 46 rpm in 2 ms; Halls show it later, in larger
+                // steps.
                 assert!(rig.shaft().abs() - before <= 60.0, "from {before} to {} rpm in 2 ms", rig.shaft());
                 before = rig.shaft().abs();
                 most = most.max(now);

@@ -238,8 +238,8 @@ fn less_current_stalls_at_once() {
     plan(&mut motor, Instant::ZERO, &ramp(Instant::ZERO, 4_000));
     tell(&mut motor, at_us(2_000_000), Input::Current { axis: AXIS, ma: 120 });
     assert!(motor.stalled());
-    // 4,000 steps/s are more than two full steps of 48,000 µN·m give 10⁻⁴ kg·m²: 7.77 rad/s, 1,978 steps/s. So the field
-    // has no mean torque, and the load turns the shaft back.
+    // 4,000 steps/s are more than two full steps of 48,000 µN·m give 10⁻⁴ kg·m²: 7.77 rad/s, 1,978 steps/s. So the
+    // field has no mean torque, and the load turns the shaft back.
     let stops = turns(&mut motor, at_us(2_000_000));
     let back = stops - turns(&mut motor, at_us(3_000_000));
     assert!((back - slid(100.0, 10.0, 1.0)).abs() < 1e-4, "{back}");
@@ -342,7 +342,8 @@ fn current_brakes_a_shaft_and_holds_it() {
     for way in [1, -1] {
         let mut motor = motor(Parameters { load_unm: way * 30_000, ..LOADED });
         tell(&mut motor, Instant::ZERO, Input::Current { axis: AXIS, ma: 0 });
-        // 100 rad/s² for 0.2 s are 20 rad/s and 2 rad. 100,000 + 20,000 − 30,000 µN·m brake by 900: 0.2222 rad in 22.2 ms.
+        // 100 rad/s² for 0.2 s are 20 rad/s and 2 rad. 100,000 + 20,000 − 30,000 µN·m brake by 900: 0.2222 rad in 22.2
+        // ms.
         tell(&mut motor, at_us(200_000), Input::Current { axis: AXIS, ma: 250 });
         assert!(motor.stalled());
         let stops = turns(&mut motor, at_us(222_300)) * 1_600.0;
@@ -392,8 +393,8 @@ fn a_load_that_goes_or_turns_round_lets_friction_brake_the_shaft() {
 
 #[test]
 fn a_field_that_is_kept_beside_the_shaft_holds_a_load_that_it_cannot_move() {
-    // Forward 200,000 µN·m of 500 mA do not move 190,000 and friction; a field that runs away from the shaft does not hold
-    // them, either.
+    // Forward 200,000 µN·m of 500 mA do not move 190,000 and friction; a field that runs away from the shaft does not
+    // hold them, either.
     for keeps in [false, true] {
         let mut motor = motor(Parameters { load_unm: 190_000, ..LOADED });
         tell(&mut motor, Instant::ZERO, Input::Current { axis: AXIS, ma: 500 });

@@ -21,8 +21,8 @@ impl HeldBack {
     /// Below the limit.
     pub(super) const NOT: Self = Self { way: 0, since: Instant::ZERO, best: I40F24::ZERO };
 
-    /// Returns whether the motor is held back at `at`: its current is at the limit and pushes that `way`, or is below it
-    /// (0), and its shaft turns at so many rpm, if anybody knows.
+    /// Returns whether the motor is held back at `at`: its current is at the limit and pushes that `way`, or is below
+    /// it (0), and its shaft turns at so many rpm, if anybody knows.
     pub(super) fn holds(&mut self, at: Instant, way: i32, rpm: Option<I40F24>) -> bool {
         let gained = rpm.unwrap_or(I40F24::ZERO) * i64::from(way);
         if way == 0 || way != self.way || gained > self.best {

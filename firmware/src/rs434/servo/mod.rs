@@ -6,8 +6,8 @@
 //! accelerations in those per tick.
 //!
 //! There is no plan with a clock of its own: the reference grows from tick to tick, never far from the speed of the
-//! motor, and a move is braked by the way that is left. So a motor that is held back is waited for, and nothing winds up
-//! meanwhile.
+//! motor, and a move is braked by the way that is left. So a motor that is held back is waited for, and nothing winds
+//! up meanwhile.
 
 mod count;
 mod held_back;
@@ -41,8 +41,8 @@ const STANDING: I40F24 = I40F24::lit("0.002");
 /// The part of its full speed at which a shaft that its load pulls is as good as standing.
 const PULLED: i64 = 128;
 
-/// Ticks of its ramp by which the reference may be away from the motor's speed. Without a bound it would run away from a
-/// motor that is held, which would jump when it is let go.
+/// Ticks of its ramp by which the reference may be away from the motor's speed. Without a bound it would run away from
+/// a motor that is held, which would jump when it is let go.
 const AHEAD: i64 = 4;
 /// Ticks in which the push of a shaft that is held grows by the whole supply.
 const STUCK: i64 = 64;
