@@ -35,6 +35,21 @@ fn a_broken_hall_wire_is_noticed() {
     }
 }
 
+/// So is one that is broken when the sensors come into use on the way, or have other pulses.
+#[test]
+fn a_wire_that_broke_before_its_sensor_is_used_is_noticed() {
+    for (register, before, then) in [("USE_HALL", 0, 2), ("USE_HALL", 1, 2), ("PULSES_PER_REVOLUTION", 4, 8)] {
+        let mut rig = Rig::nominal(Drive::Rs434544, |motor| motor);
+        rig.write(register, before);
+        rig.rotate(1_000);
+        rig.run(1.0);
+        rig.ground("HB", true);
+        rig.write(register, then);
+        rig.run(2.0);
+        assert_eq!((rig.read("ERROR"), rig.read("STATUS")), (HALL, 0), "{register} {before} to {then}");
+    }
+}
+
 /// A motor that reverses again and again has no broken wire.
 #[test]
 fn reversals_are_no_broken_wire() {

@@ -280,6 +280,9 @@ impl Servo {
     /// The motor turns like this from now on.
     pub(super) fn turns(&mut self, at: Instant, rotation: Rotation) {
         self.feedback.turns(at, rotation);
+        for heard in &mut self.heard {
+            heard.get_or_insert(rotation.angle);
+        }
     }
 
     /// Instant of the next tick.

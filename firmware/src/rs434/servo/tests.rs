@@ -44,6 +44,8 @@ struct Bare {
     motor: Parameters,
     compensation: i16,
     errors: u16,
+    /// The wires of its Hall sensors are swapped.
+    swapped: bool,
     servo: Option<Servo>,
 }
 
@@ -69,7 +71,7 @@ impl Device for Bare {
     fn input(&mut self, at: Instant, input: Input<'_>, _out: &mut dyn Sink) {
         let servo = self.servo.as_mut().unwrap();
         match input {
-            Input::Edge { pin, high } => servo.edge(at, pin == HALLS[0], high),
+            Input::Edge { pin, high } => servo.edge(at, (pin == HALLS[0]) != self.swapped, high),
             Input::Draws { ma, .. } => servo.draws(ma),
             Input::Motor { parameters, .. } => servo.motor(parameters),
             Input::Rotation { rotation, .. } => servo.turns(at, rotation),
@@ -178,7 +180,11 @@ impl Bench {
 
     /// With a motor that the settings need not describe.
     fn on(settings: Settings, motor: Parameters) -> Self {
-        let mut rig = Rig::new(Bare { settings, motor, compensation: 0, errors: 0, servo: None });
+        Self::of(Bare { settings, motor, compensation: 0, errors: 0, swapped: false, servo: None })
+    }
+
+    fn of(bare: Bare) -> Self {
+        let mut rig = Rig::new(bare);
         rig.power_on(Instant::ZERO, Boot::default(), &mut Nowhere);
         let mut bench = Self { rig, now: Instant::ZERO, edges: Edges(0) };
         bench.run(TICK);
@@ -608,6 +614,22 @@ fn one_sensor_counts_half_in_the_direction_that_is_told() {
     bench.finish();
     let made = bench.shaft().position - begin;
     assert!(made < -100 && (bench.ask(ask::POSITION) * 2 - i64::from(made)).abs() <= 2);
+}
+
+#[test]
+fn swapped_hall_wires_are_an_error() {
+    for (way, speed) in [(1, 1_000), (-1, 1_000), (1, 30), (-1, 30)] {
+        let settings = Settings { speed, ..FACTORY };
+        let motor = Parameters::NOMINAL;
+        let mut bench =
+            Bench::of(Bare { settings, motor, compensation: 0, errors: 0, swapped: true, servo: None });
+        bench.tell(tell::ROTATE, way);
+        // Some counts of 16 a turn.
+        bench.run(Duration::millis(if speed == 30 { 2_000 } else { 200 }));
+        assert_eq!(bench.ask(ask::ERRORS), 0x10, "{speed} rpm");
+        // Until the drive stops it, it counts backward.
+        assert_eq!(bench.ask(ask::POSITION).signum(), -way);
+    }
 }
 
 #[test]
