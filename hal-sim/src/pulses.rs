@@ -13,7 +13,7 @@
 //! There is no clock here: whoever listens says how far time has come.
 
 use standin_firmware::device::{Axis, Duration, Instant, Level, Pin, Plan};
-use standin_firmware::motion::{CYCLE, HIGH, SETTLE, SETUP, Step, Walker};
+use standin_firmware::motion::{CYCLE, DIR_SETUP, HIGH, SETUP, Step, Walker};
 
 use crate::trace::{Did, Event, Fed, Power, Trace};
 
@@ -152,7 +152,7 @@ impl Shaper {
         let edge = self.next().filter(|edge| edge.at <= until)?;
         self.since = edge.at;
         match edge.output {
-            StepDir::Dir => (self.dir, self.settled) = (edge.high, edge.at + SETTLE),
+            StepDir::Dir => (self.dir, self.settled) = (edge.high, edge.at + DIR_SETUP),
             StepDir::Step => self.step = edge.high,
         }
         if edge.output == StepDir::Step && edge.high {
@@ -195,7 +195,7 @@ impl Shaper {
     /// The next step without a plan.
     fn next_direct(&self) -> Option<Step> {
         let forward = self.direct > 0;
-        let settled = if forward == self.dir { self.settled } else { self.since + SETTLE };
+        let settled = if forward == self.dir { self.settled } else { self.since + DIR_SETUP };
         let at = self.rose.map_or(self.since, |rose| self.since.max(rose + CYCLE)).max(settled);
         (self.direct != 0).then_some(Step { at, forward })
     }

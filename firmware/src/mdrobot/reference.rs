@@ -355,7 +355,7 @@ impl Drive {
                 error => [error.signum() as i32, shaft],
             },
         };
-        let has_opened = now != before;
+        let has_opened = now.iter().zip(before).any(|(now, before)| *now && !before);
         match order {
             _ if self.limit_forbids(way) => Verdict::Forbids,
             _ if !self.limit_forbids(shaft) => Verdict::Permits,

@@ -7,5 +7,5 @@ mod walker;
 
 pub(crate) use plan::STEP;
 pub use plan::{MAX_ACCELERATION, MAX_SPEED, Plan, Rates, Segment};
-pub use stepper::{CYCLE, Followed, Follower, HIGH, SETTLE, SETUP, StepDir, StepTimer, Stepper};
+pub use stepper::{CYCLE, DIR_SETUP, Followed, Follower, HIGH, SETUP, StepDir, StepTimer, Stepper};
 pub use walker::{Step, Walker};

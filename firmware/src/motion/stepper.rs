@@ -23,7 +23,7 @@ pub const HIGH: Duration = Duration::micros(2);
 pub const SETUP: Duration = Duration::micros(5);
 /// Time by which DIR changes before a step without a plan, if it does: the pause between two such steps, so that what
 /// comes every [`CYCLE`] may turn DIR each time without falling behind.
-pub const SETTLE: Duration = Duration::micros(2);
+pub const DIR_SETUP: Duration = Duration::micros(2);
 /// The least time between two steps without a plan: a pulse, and as long a pause.
 pub const CYCLE: Duration = Duration::micros(4);
 
@@ -118,7 +118,7 @@ impl<P: StepDir> Stepper<P> {
         let begins = self.direct == 0;
         self.direct = self.direct.saturating_add(steps);
         if (self.direct > 0) != self.forward {
-            self.last = self.last.max(now + SETTLE - CYCLE);
+            self.last = self.last.max(now + DIR_SETUP - CYCLE);
         } else if begins {
             self.last = self.last.max(now - CYCLE);
         }

@@ -19,7 +19,7 @@
 
 use standin_protocol::time::TICKS_PER_SECOND;
 
-use super::{Parameters, Stretch};
+use super::{FULL_DUTY, Parameters, Stretch};
 use crate::device::Duration;
 
 /// The longest step.
@@ -29,9 +29,6 @@ const LEAST_STEP: Duration = Duration::micros(50);
 
 /// The most that a torque accelerates: steeper is nothing that turns.
 const STEEPEST: i64 = 16 * Stretch::STEEPEST;
-
-/// The whole supply.
-const FULL_DUTY: i32 = 1 << 16;
 
 /// What a motor's terminals are connected to.
 #[derive(Clone, Copy, Debug)]
@@ -100,7 +97,7 @@ impl Constants {
         let stall = torque.clamp(1, 1 << 34);
         let bounded = |unm: i64| {
             let part = (i128::from(unm) * i128::from(stall)).checked_div(stall_unm.into()).unwrap_or(0);
-            if torque == stall {
+            if torque == stall || stall_unm == 0 {
                 accelerated(unm)
             } else {
                 part.clamp((-STEEPEST).into(), STEEPEST.into()) as i64

@@ -15,6 +15,9 @@ use crate::device::{Duration, Instant};
 pub(crate) const TICK: Duration = Duration::millis(1);
 /// The whole supply, as a duty.
 pub(crate) const FULL_DUTY: i32 = 1 << 16;
+/// A move ends so near to the middle of a count, in counts: nearer, the least duty would push it to and fro; farther,
+/// little drift would be another count.
+pub(crate) const NEAR: I40F24 = I40F24::lit("0.25");
 /// Torque that is this many times that of the supply at standstill acts like any more: nothing can turn against it.
 const MOST_TORQUE: i64 = 4;
 
@@ -40,7 +43,7 @@ impl Known {
         let motor = super::Constants::of(parameters);
         let full = I40F24::from_num(parameters.full_rpm());
         let most = motor.stall.saturating_mul(MOST_TORQUE);
-        let cost = |acceleration: i64| full * ratio(acceleration.clamp(-most, most), motor.stall);
+        let cost = |acceleration: i64| full * ratio(acceleration.min(most).max(-most), motor.stall);
         // 1 − e⁻ˣ as (x + x²/2)/(1 + x + x²/2), x = tick / time constant.
         let x = ratio(TICK.ticks().cast_signed(), motor.time_constant_ticks()).max(I40F24::DELTA);
         let way = x + x * x / 2;
@@ -57,7 +60,7 @@ impl Known {
     /// The speed that a current costs in the winding, at most twice that of the whole supply.
     pub(crate) fn lost(&self, ma: i64) -> I40F24 {
         let most = 2 * self.stall_ma;
-        self.full * ratio(ma.clamp(-most, most), self.stall_ma)
+        self.full * ratio(ma.min(most).max(-most), self.stall_ma)
     }
 
     /// The speed that load and friction cost a shaft that turns forward (1) or backward (−1); at rest (0) what they
@@ -72,6 +75,13 @@ impl Known {
     /// Returns whether friction holds a shaft at rest without a current.
     pub(crate) fn holds(&self) -> bool {
         self.load.abs() <= self.friction
+    }
+
+    /// By how much a limit of the current, and so much of the supply as a duty, can slow down in a [`TICK`] a shaft that
+    /// turns that way, with what load and friction do, in rpm.
+    pub(crate) fn brakes(&self, limit_ma: u32, most_duty: i32, way: i64) -> I40F24 {
+        let current = self.lost(limit_ma.into()).min(self.rpm(most_duty));
+        (current + self.torque(way) * way) * self.gain
     }
 
     /// The duty of a speed without any current, far beyond the supply at most.

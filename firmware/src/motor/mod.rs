@@ -26,8 +26,8 @@ mod tests;
 mod wheel;
 
 use self::constants::{Constants, Terminals};
-pub(crate) use self::edges::{Edges, SETTLE};
-pub(crate) use self::feedback::{FULL_DUTY, Feedback, Known, TICK};
+pub(crate) use self::edges::{Edges, SETTLE, scaled};
+pub(crate) use self::feedback::{FULL_DUTY, Feedback, Known, NEAR, TICK};
 pub use self::rig::{Rig, Turns};
 pub use self::rotation::Rotation;
 pub use self::rotor::{Pace, Rotor};
@@ -68,7 +68,7 @@ pub struct Parameters {
 impl Parameters {
     /// A motor of some 200 W at 24 V, without load. It is no product: its figures are ours, of the size that a drive
     /// for 20 A is bought for. At 3,000 rpm they are 76 mN·m for an ampere, 48 A at standstill, which the drive has to
-    /// limit, 0.13 A of friction without load, and 3.4 ms to come to its speed: some looks of a drive that looks
+    /// limit, 0.13 A of friction without load, and 3.4 ms to come to its speed: some ticks of a control loop that runs
     /// every millisecond.
     pub const NOMINAL: Self = Self {
         supply_mv: 24_000,
@@ -264,10 +264,14 @@ impl Motor {
 
     /// Returns whether the last report says so already, up to the end of the present stretch.
     fn is_reported(&self, at: Instant, rotation: Rotation) -> bool {
-        self.reported.is_some_and(|(since, reported)| {
-            let lasts = self.stretch.end().since(since) <= Stretch::LONGEST || rotation.speed == 0;
-            lasts && reported.after(at.since(since)) == rotation
-        })
+        let Some((since, reported)) = self.reported else { return false };
+        let end = self.stretch.end();
+        if rotation.speed == 0 && rotation.acceleration == 0 {
+            return reported.speed == 0 && reported.acceleration == 0 && reported.angle == rotation.angle;
+        }
+        end.since(since) <= Stretch::LONGEST
+            && reported.after(at.since(since)).is_like(rotation)
+            && reported.after(end.since(since)).is_like(self.stretch.at(end).rotation())
     }
 
     fn terminals(&self) -> Terminals {
@@ -346,6 +350,7 @@ impl Device for Motor {
         self.encoder.show(at, None, ENCODER_PINS, out);
         self.reported = None;
         out.put(at, Output::Motor { axis: AXIS, parameters: &self.parameters });
+        out.put(at, Output::Draws { axis: AXIS, ma: self.ma });
         self.go_on(at, out);
     }
 

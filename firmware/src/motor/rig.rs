@@ -214,7 +214,7 @@ impl<D: Turns> Device for Rig<D> {
     /// The motor had no power since it was last looked at, and turned on as it was.
     fn power_on(&mut self, at: Instant, boot: Boot, out: &mut dyn Sink) {
         self.wires = Wires::EMPTY;
-        self.pulled = [false; HALL_PINS.len()];
+        (self.halls, self.pulled) = ([true; HALL_PINS.len()], [false; HALL_PINS.len()]);
         if !self.parted {
             self.with_motor(out, |motor, out| motor.power_on(at, boot, out));
         }

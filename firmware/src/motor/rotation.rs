@@ -6,8 +6,8 @@ use standin_protocol::time::TICKS_PER_SECOND;
 use super::stretch::{MOST, Stretch};
 use crate::device::Duration;
 
-/// Angle, speed and acceleration of a motor's shaft at an instant. The acceleration lasts until the next report, at
-/// most 4 ms later while the shaft turns.
+/// Angle, speed and acceleration of a motor's shaft at an instant. The acceleration lasts until the next report: while
+/// the shaft turns that comes 65,536 ticks (4 ms) later at most.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Rotation {
     /// In 2⁻³² turns, forward; wraps.
@@ -31,6 +31,14 @@ impl Rotation {
             speed: if turned_round { 0 } else { speed.clamp(-MOST, MOST) },
             ..self
         }
+    }
+
+    /// Returns whether nobody would tell it from another one: the angle is the same to 2⁻²⁴ turns, the speed to 0.001 rpm.
+    pub(super) fn is_like(self, other: Self) -> bool {
+        const ANGLE: u64 = 1 << 8;
+        const SPEED: u64 = 1 << 16;
+        self.angle.wrapping_sub(other.angle).unsigned_abs() <= ANGLE
+            && self.speed.abs_diff(other.speed) <= SPEED
     }
 
     /// The speed in rpm.

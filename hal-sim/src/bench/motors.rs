@@ -403,13 +403,14 @@ impl Bench {
         self.foresee_motor(motor);
     }
 
-    /// Reports of the motors of a drive that gets power: parameters and rotation.
+    /// Reports of the motors of a drive that gets power: parameters, rotation, current.
     pub(super) fn motors_report(&self, place: u32) -> Vec<Fed> {
         let of = |&(axis, motor): &(Axis, u32)| {
             let Machine::Brush(motor) = &self.motors[motor as usize].machine else { return None };
             let rotation = motor.rotation_at(self.now);
             let parameters = Box::new(*motor.parameters());
-            Some([Fed::Motor { axis, parameters }, Fed::Rotation { axis, rotation }])
+            let draws = Fed::Draws { axis, ma: motor.draws_ma() };
+            Some([Fed::Motor { axis, parameters }, Fed::Rotation { axis, rotation }, draws])
         };
         let seated = &self.seats[place as usize];
         // Other drives do not look at what they turn.

@@ -42,7 +42,9 @@ fn turns(drive: Drive, motor: Motor, target: f64) -> Result<End, String> {
     // An MDROBOT gives up a motor that is far from its reference or at its limit for seconds (p. 9).
     let gave_up = drive == Drive::Mdrobot && errors != 0;
     // OVER_LOAD is 4 s at the limit, in which a load may turn it against its reference, too.
-    if gave_up && errors & rig::LIMITED != 0 && motor.seconds_at_limit(target, &limits) > 3.5 {
+    let pulled = motor.load > motor.friction;
+    let late = if pulled { rig::LIMITED } else { rig::OVER_LOAD };
+    if gave_up && errors & late != 0 && motor.seconds_at_limit(target, &limits) > 3.5 {
         return Ok(motor.end(target, &limits));
     }
     let fits = |end: &End| match *end {

@@ -11,7 +11,7 @@ const HALL: i64 = 1 << 4;
 /// the one that is used, HA.
 #[test]
 fn a_broken_hall_wire_is_noticed() {
-    for pin in ["HA", "HB"] {
+    for pin in ["HA", "HB", "HA and HB"] {
         for halls in [1, 2] {
             for turns in [false, true] {
                 for rpm in [30, 1_000] {
@@ -22,10 +22,12 @@ fn a_broken_hall_wire_is_noticed() {
                         rig.run(2.0);
                         assert_eq!(rig.read("ERROR"), 0);
                     }
-                    rig.ground(pin, true);
+                    for pin in pin.split(" and ") {
+                        rig.ground(pin, true);
+                    }
                     rig.rotate(rpm);
                     rig.run(3.0);
-                    let noticed = halls == 2 || pin == "HA";
+                    let noticed = halls == 2 || pin != "HB";
                     let what = format!("{pin} with {halls} sensors at {rpm} rpm, turning before: {turns}");
                     assert_eq!(rig.read("ERROR"), if noticed { HALL } else { 0 }, "{what}");
                     assert_eq!(rig.read("STATUS"), i64::from(!noticed), "{what}");
@@ -38,7 +40,8 @@ fn a_broken_hall_wire_is_noticed() {
 /// So is one that is broken when the sensors come into use on the way, or have other pulses.
 #[test]
 fn a_wire_that_broke_before_its_sensor_is_used_is_noticed() {
-    for (register, before, then) in [("USE_HALL", 0, 2), ("USE_HALL", 1, 2), ("PULSES_PER_REVOLUTION", 4, 8)] {
+    for (register, before, then) in [("USE_HALL", 0, 2), ("USE_HALL", 1, 2), ("PULSES_PER_REVOLUTION", 4, 8)]
+    {
         let mut rig = Rig::nominal(Drive::Rs434544, |motor| motor);
         rig.write(register, before);
         rig.rotate(1_000);
@@ -71,18 +74,27 @@ fn sensors_may_be_used_or_not_on_the_way() {
         let mut rig = Rig::nominal(Drive::Rs434544, |motor| Parameters { no_load_rpm, ..motor });
         rig.write("USE_HALL", 0);
         rig.rotate(1_000);
+        rig.write("DEC", 10);
         rig.run(1.0);
         // Open loop: a third of the supply, by RATED_SPEED 3,000.
         let open = f64::from(no_load_rpm) / 3.0;
         assert!((rig.rpm() / open - 1.0).abs() < 0.03, "{} rpm for {open}", rig.rpm());
         for halls in [2, 1, 2, 0, 1] {
             rig.write("USE_HALL", halls);
-            rig.run(1.0);
-            for _ in 0..500 {
+            let rpm = if halls == 0 { open } else { 1_000.0 };
+            let (slow, fast) = (open.min(1_000.0) * 0.97, open.max(1_000.0) * 1.03);
+            for ms in 0..1_500 {
                 rig.run(0.001);
-                assert!(rig.amps() < 0.3, "{} A with {halls} sensors", rig.amps());
-                let rpm = if halls == 0 { open } else { 1_000.0 };
-                assert!((rig.rpm() / rpm - 1.0).abs() < 0.03, "{} rpm with {halls} sensors", rig.rpm());
+                // It changes from the one to the other, and no further: DEC 10 is 100 rps².
+                assert!(
+                    (slow..fast).contains(&rig.rpm()),
+                    "{} rpm after {ms} ms of {halls} sensors",
+                    rig.rpm()
+                );
+                if ms > 1_000 {
+                    assert!(rig.amps() < 0.3, "{} A with {halls} sensors", rig.amps());
+                    assert!((rig.rpm() / rpm - 1.0).abs() < 0.03, "{} rpm with {halls} sensors", rig.rpm());
+                }
             }
             assert_eq!(rig.read("ERROR"), 0, "{halls} sensors");
         }
@@ -113,6 +125,49 @@ fn a_shaft_that_has_coasted_to_rest_shows_no_speed() {
     assert!(rig.read("SPEED_VALID") > 0);
     rig.run(1.1);
     assert_eq!(rig.read("SPEED_VALID"), 0);
+}
+
+/// STOP ends at rest, whatever the motor and its friction: 3 mN·m and less are below what the least duty turns.
+#[test]
+fn a_stop_ends() {
+    for friction_unm in [0, 500, 1_000, 3_000, 10_000] {
+        for (no_load_rpm, resistance_mohm) in
+            [(3_000, 500), (3_000, 1_000), (12_000, 250), (12_000, 100), (700, 2_000)]
+        {
+            for inertia_gcm2 in [100, 400, 50_000] {
+                let mut rig = Rig::nominal(Drive::Rs434544, |motor| Parameters {
+                    no_load_rpm,
+                    resistance_mohm,
+                    inertia_gcm2,
+                    friction_unm,
+                    ..motor
+                });
+                rig.rotate(100);
+                rig.run(2.0);
+                rig.write("STOP_bit", 1);
+                rig.run(10.0);
+                let what = format!(
+                    "{friction_unm} µN·m, {no_load_rpm} rpm, {resistance_mohm} mΩ, {inertia_gcm2} g·cm²"
+                );
+                assert_eq!((rig.read("STATUS"), rig.read("ERROR")), (0, 0), "{what}");
+                assert!(rig.rpm().abs() < 0.01, "{} rpm, {what}", rig.rpm());
+            }
+        }
+    }
+}
+
+/// The current of a drive that gets power again is that of its motor then.
+#[test]
+fn a_power_failure_leaves_no_current() {
+    let mut rig = Rig::nominal(Drive::Mdrobot, |motor| Parameters { inertia_gcm2: 20_000, ..motor });
+    rig.rotate(1_000);
+    rig.run(3.0);
+    rig.rotate(-1_000);
+    rig.run(0.02);
+    assert!(rig.read("TQ_DATA") < -100, "{}", rig.read("TQ_DATA"));
+    rig.cycle(60.0);
+    rig.run(1.0);
+    assert_eq!((rig.rpm(), rig.read("TQ_DATA")), (0.0, 0));
 }
 
 /// Power that fails while the shaft turns: the drive finds it again wherever it has coasted, and its moves end on their

@@ -1,5 +1,4 @@
-//! How the drive makes its motor move: control of velocity, position and torque, ramps, and what its sensors and its
-//! current tell.
+//! How the drive makes its motor move: control of velocity, position and torque, ramps, and what its sensors read.
 //!
 //! While the drive controls the motor its servo runs every millisecond ([`control`]). Velocity and position are held by
 //! a loop of the speed ([`pi`]), whose reference comes from a [`ramp`] or from the way that is left ([`position`]). Its
@@ -25,7 +24,7 @@ use self::pi::Pi;
 use self::watch::Watch;
 use crate::device::{Instant, Output, Rotation, Sink};
 use crate::mdrobot::drive::MOTOR;
-use crate::motor::{AXIS, Edges, FULL_DUTY, Feedback, Known, Parameters, TICK};
+use crate::motor::{AXIS, Edges, FULL_DUTY, Feedback, Known, NEAR, Parameters, TICK};
 
 /// The whole supply as an output, and MAX_LOAD as a torque, in registers (p. 12).
 pub(super) const OUTPUTS: u16 = 1_023;

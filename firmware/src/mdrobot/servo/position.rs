@@ -2,11 +2,9 @@
 
 use fixed::types::I40F24;
 
-use super::{Order, Servo};
+use super::{FULL_DUTY, NEAR, Order, Servo};
 use crate::device::Instant;
 
-/// A shaft that is nearer to the middle of a count is there.
-const NEAR: I40F24 = I40F24::lit("0.25");
 /// From so many counts on no motor is so fast that it would have to brake.
 const FAR: i64 = 1 << 24;
 /// The part of what MAX_LOAD can brake that a move takes; the loop of the speed keeps the rest.
@@ -27,8 +25,7 @@ impl Servo {
             return I40F24::ZERO;
         }
         let sign = left.to_bits().signum();
-        let current = motor.lost(self.settings.limit_ma.into()).min(motor.rpm(super::FULL_DUTY));
-        let brakes = (current + motor.torque(sign) * sign) * motor.gain / BRAKES * TICKS_PER_S;
+        let brakes = motor.brakes(self.settings.limit_ma, FULL_DUTY, sign) / BRAKES * TICKS_PER_S;
         // v² = 2·a·(s − v·t), with 60 rpm for a turn in a second.
         let brakes = self.turns.of_sensor(brakes, turn).max(I40F24::ONE).to_num::<i64>();
         let lag_ms = (motor.slowness / LAG_PART).to_num::<i64>().max(TICKS_PER_S / LAG_PER_S);
@@ -36,7 +33,8 @@ impl Servo {
         let square = (left.abs().to_bits() >> 8)
             .saturating_mul((2 * 60 * brakes).checked_div(turn).unwrap_or(0))
             >> 16;
-        let fair = square.saturating_add(lag.saturating_mul(lag)).isqrt().saturating_sub(lag);
+        let root = square.saturating_add(lag.saturating_mul(lag)).unsigned_abs().isqrt();
+        let fair = root.cast_signed().saturating_sub(lag);
         let most = I40F24::from_num(i64::from(most.clamp(0, u16::MAX.into())).min(fair.max(1)));
         left.saturating_mul(self.settings.pv_gain.into()).min(most).max(-most)
     }

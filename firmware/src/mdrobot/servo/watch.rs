@@ -66,7 +66,7 @@ pub(super) struct Sight {
     pub(super) limit_ma: u32,
     /// The output that it is to have, as a duty; a limit of the current may leave less of it.
     pub(super) wanted: I40F24,
-    /// The speed that it is to have and the one that its current tells, as duties; none without control of the speed.
+    /// The speed that it is to have and the one that its sensor reads, as duties; none without control of the speed.
     pub(super) speeds: Option<(I40F24, I40F24)>,
     /// By the sensor that tells the speed.
     pub(super) rpm: i32,

@@ -16,6 +16,7 @@ const AXIS: Axis = Axis(0);
 struct Log {
     edges: Vec<(Instant, Pin, bool)>,
     draws: Vec<(Instant, i32)>,
+    reports: Vec<(Instant, Rotation)>,
 }
 
 impl Sink for Log {
@@ -23,7 +24,8 @@ impl Sink for Log {
         match output {
             Output::Level { pin, level } => self.edges.push((at, pin, level == Level::High)),
             Output::Draws { ma, .. } => self.draws.push((at, ma)),
-            Output::Motor { .. } | Output::Rotation { .. } => {}
+            Output::Rotation { rotation, .. } => self.reports.push((at, rotation)),
+            Output::Motor { .. } => {}
             _ => panic!("a motor does not put {output:?}"),
         }
     }
@@ -82,6 +84,41 @@ fn a_small_current_turns_the_lightest_of_motors_too() {
     advance(&mut motor, at_ms(1), core::iter::empty(), &mut log);
     assert_eq!((turns_per_second(&motor, at_ms(1)) * 1e3).round(), 256.0);
     assert_eq!(log.draws, [(at_ms(0), 20)]);
+}
+
+/// A drive knows where the shaft is at any instant, and a steady shaft reports no more than 4 ms want: 250 times a
+/// second.
+#[test]
+fn reports_tell_where_the_shaft_is() {
+    let load = |load_unm, friction_unm| Parameters { load_unm, friction_unm, ..Parameters::NOMINAL };
+    for (parameters, drive, ma) in [
+        (load(0, 10_000), 32_768, 20_000),
+        (load(200_000, 0), 32_768, 20_000),
+        (Parameters { inertia_gcm2: 20_000, ..load(-50_000, 10_000) }, -10_000, 3_000),
+        (Parameters { inertia_gcm2: 1, ..load(0, 10_000) }, 20_000, 20_000),
+    ] {
+        let (mut motor, mut log) = (motor(parameters), Log::default());
+        motor.input(at_ms(0), duty(drive), &mut log);
+        motor.input(at_ms(0), current(ma), &mut log);
+        for n in 0..4_000_u64 {
+            // Let go it coasts; a load turns it round.
+            if n == 2_000 {
+                log.reports.drain(..log.reports.len() - 1);
+                motor.input(at_ms(1_000), current(0), &mut log);
+            }
+            let at = Instant::ZERO + Duration::micros(500) * n;
+            advance(&mut motor, at, core::iter::empty(), &mut log);
+            let &(since, report) = log.reports.last().unwrap();
+            let (told, is) = (report.after(at.since(since)), motor.rotation_at(at));
+            assert!(told.is_like(is), "{told:?} is not {is:?} at {at:?}");
+            if n == 1_999 {
+                // The heavy one is still on its way; the speed of the lightest is rounded in each of its 50 µs.
+                let most = if (100..10_000).contains(&parameters.inertia_gcm2) { 130 } else { 1_000 };
+                let late = log.reports.iter().filter(|(at, _)| *at >= at_ms(500)).count();
+                assert!(late <= most, "{late} reports in half a second of {parameters:?}");
+            }
+        }
+    }
 }
 
 #[test]

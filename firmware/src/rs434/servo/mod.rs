@@ -1,4 +1,4 @@
-//! How the drive makes its motor move: ramps, moves, and what its Hall sensors and its current tell.
+//! How the drive makes its motor move: ramps, moves, and what its Hall sensors count.
 //!
 //! While something moves, the servo runs every millisecond ([`TICK`]). The registers ([`Settings`]) and the way that is
 //! left give the speed that the motor is to have at the next tick ([`Rates`]); what the motor reports ([`Feedback`]),
@@ -20,20 +20,17 @@ use fixed::types::I40F24;
 
 use self::count::Counter;
 use self::held_back::HeldBack;
-use self::path::{FAR, Rates, scaled};
+use self::path::{FAR, Rates};
 use self::settings::RPM;
 pub(super) use self::settings::Settings;
 use super::errors::error;
 use crate::device::{Instant, Output, Rotation, Sink};
-use crate::motor::{AXIS, Edges, FULL_DUTY, Feedback, Known, Parameters, TICK};
+use crate::motor::{AXIS, Edges, FULL_DUTY, Feedback, Known, NEAR, Parameters, TICK, scaled};
 
 /// The most and the least duty that is not 0: 0.98 and 0.01 of the supply (3).
 const MOST_DUTY: i32 = FULL_DUTY / 100 * 98 + FULL_DUTY % 100 * 98 / 100;
 const LEAST_DUTY: i32 = FULL_DUTY / 100 + 1;
 
-/// How far from the middle of its count a move may end: nearer, the least duty would push it to and fro; farther,
-/// little drift would be another count.
-const NEAR: I40F24 = I40F24::lit("0.25");
 /// The way in counts that shorted terminals may still let pass at the end of a move.
 const SLIDE: I40F24 = I40F24::lit("0.03125");
 /// A slower shaft stands, in rpm: a motor without friction never comes to rest.
@@ -46,9 +43,9 @@ const PULLED: i64 = 128;
 const AHEAD: i64 = 4;
 /// Ticks in which the push of a shaft that is held grows by the whole supply.
 const STUCK: i64 = 64;
-/// Counts that the shaft makes without an edge of a sensor, after which that is not connected: each makes every other
-/// one.
+/// Counts that the shaft turns, in which this part of them has to come: else a wire is broken.
 const MISSED: I40F24 = I40F24::lit("16");
+const MADE: i64 = 4;
 
 /// Order to the motor.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -102,8 +99,8 @@ pub(super) struct Servo {
     held_back: HeldBack,
     counter: Counter,
     edges: Edges,
-    /// Angle of the shaft at the last edge of Hall sensor A and of B, or when the motion began, in 2⁻³² turns.
-    heard: [Option<i64>; 2],
+    /// Angle of the shaft, in 2⁻³² turns, and count of its edges from which they are compared.
+    compared: Option<(i64, i64)>,
     /// Of the present move, or of one that was stopped on its way.
     goal: Option<Goal>,
     /// Of the last move.
@@ -128,7 +125,7 @@ impl Servo {
             held_back: HeldBack::NOT,
             counter: Counter::new(at),
             edges: Edges::NONE,
-            heard: [None; 2],
+            compared: None,
             goal: None,
             left: 0,
             errors: 0,
@@ -162,11 +159,11 @@ impl Servo {
         if to != from || settings.halls != before.halls {
             // The motor that the drive brings becomes another one, at another angle.
             self.edges.forget();
-            self.heard = [None; 2];
+            self.compared = None;
         }
         if settings.halls != before.halls {
             // Open loop goes on from the speed that it had, and so does the loop that begins.
-            self.pace = if before.sees() { speed } else { self.speed_at(at) };
+            self.pace = if before.sees() { scaled(speed, to, from) } else { self.speed_at(at) };
         } else if to != from {
             self.pace = scaled(self.pace, to, from);
         }
@@ -240,7 +237,7 @@ impl Servo {
         }
         self.facing = facing;
         self.edges.begin(at, self.settings.counts(), &self.feedback);
-        self.heard = [self.feedback.angle(at); 2];
+        self.compared = self.feedback.angle(at).map(|angle| (angle, self.counter.count()));
         (self.pace, self.owed, self.stuck) = (I40F24::ZERO, I40F24::ZERO, I40F24::ZERO);
         self.held_back = HeldBack::NOT;
         self.next = at;
@@ -250,8 +247,6 @@ impl Servo {
 
     /// A Hall sensor changed: A, or else B.
     pub(super) fn edge(&mut self, at: Instant, a: bool, high: bool) {
-        let [heard_a, heard_b] = &mut self.heard;
-        *if a { heard_a } else { heard_b } = self.feedback.angle(at);
         match self.counter.edge(at, a, high, self.settings.halls, self.facing > 0) {
             Ok(Some(forward)) => {
                 // One sensor does not tell the direction, so it is never connected the wrong way round.
@@ -280,9 +275,7 @@ impl Servo {
     /// The motor turns like this from now on.
     pub(super) fn turns(&mut self, at: Instant, rotation: Rotation) {
         self.feedback.turns(at, rotation);
-        for heard in &mut self.heard {
-            heard.get_or_insert(rotation.angle);
-        }
+        self.compared.get_or_insert((rotation.angle, self.counter.count()));
     }
 
     /// Instant of the next tick.
@@ -366,10 +359,15 @@ impl Servo {
         self.pace = rates.ramped(pace, target);
         self.face();
         let motor = &self.feedback.motor;
+        let full = motor.rpm(FULL_DUTY);
         let is_stuck = speed == 0 && self.pace != 0 && self.duty != 0;
-        self.stuck = if is_stuck { self.stuck + motor.rpm(FULL_DUTY) / STUCK } else { I40F24::ZERO };
+        self.stuck = if is_stuck { (self.stuck + full / STUCK).min(2 * full) } else { I40F24::ZERO };
         let stuck = motor.duty(self.stuck * i64::from(self.facing));
-        let wanted = motor.push(self.shaft_rpm(speed), self.shaft_rpm(self.pace)) + stuck + self.owed;
+        // At the end of a stop nothing is owed: shorted terminals end it.
+        let ends = self.pace == 0 && target == 0 && motor.holds();
+        let owed = if ends { I40F24::ZERO } else { self.owed };
+        let wanted = motor.push(self.shaft_rpm(speed), self.shaft_rpm(self.pace)) + stuck + owed;
+        let wanted = if ends && wanted.signum() == speed.signum() { I40F24::ZERO } else { wanted };
         // What one sensor reads goes the commanded way: pushed against that, the shaft would turn round unseen.
         let against = wanted.signum() * i64::from(self.facing) < 0;
         let wanted = if self.settings.halls == 1 && against { I40F24::ZERO } else { wanted };
@@ -378,21 +376,31 @@ impl Servo {
         self.apply(at, duty, out);
     }
 
-    /// Returns whether a Hall sensor in use does not see the shaft turn, or both see it turn the other way.
-    fn is_miswired(&self, at: Instant) -> bool {
-        let (turn, sensors) = (self.settings.counts(), usize::from(self.settings.halls));
-        let mut heard = self.heard.iter().take(sensors);
-        let missed = |from| self.edges.counts_from(from, at, turn, &self.feedback).abs() > MISSED;
-        heard.any(|from| from.is_some_and(missed)) || self.edges.per_turn(turn) < 0
+    /// Returns whether edges of the Hall sensors do not go with the shaft: one of their wires is broken or they are
+    /// swapped.
+    fn is_miswired(&mut self, at: Instant) -> bool {
+        let (turn, count) = (self.settings.counts(), self.counter.count());
+        if self.edges.per_turn(turn) < 0 {
+            return true;
+        }
+        let (Some((from, counted)), Some(angle)) = (self.compared, self.feedback.angle(at)) else {
+            return false;
+        };
+        let turned = self.edges.counts_from(from, at, turn, &self.feedback).abs();
+        if turned <= MISSED {
+            return false;
+        }
+        self.compared = Some((angle, count));
+        let made = I40F24::from_num((count - counted).clamp(-FAR, FAR)).abs();
+        // What one sensor counts follows the commanded direction, to and fro.
+        if self.settings.halls == 1 { made == 0 } else { made * MADE < turned }
     }
 
     /// By how much at most the current can slow the motor down in a tick, with what load and friction do.
     fn brakes(&self) -> I40F24 {
-        let motor = &self.feedback.motor;
-        let current = motor.lost(self.settings.limit_ma.into()).min(motor.rpm(MOST_DUTY));
-        let torque = motor.torque(self.facing.into()) * i64::from(self.facing);
         let turn = self.settings.counts();
-        let rpm = self.edges.of_sensor((current + torque) * motor.gain, turn);
+        let rpm = self.feedback.motor.brakes(self.settings.limit_ma, MOST_DUTY, self.facing.into());
+        let rpm = self.edges.of_sensor(rpm, turn);
         scaled(rpm, turn, RPM).max(I40F24::DELTA)
     }
 

@@ -2,6 +2,8 @@
 
 use fixed::types::I40F24;
 
+use crate::motor::scaled;
+
 /// From so many counts on no motor is so fast that it would have to brake.
 pub(super) const FAR: i64 = 65_536;
 
@@ -55,11 +57,6 @@ impl Rates {
         let goes_there = (speed > 0) == (way > 0);
         goes_there && speed * speed > self.down.min(brakes) * way.abs() * 2
     }
-}
-
-/// A speed in other counts: `to` for `from`.
-pub(super) fn scaled(speed: I40F24, to: i64, from: i64) -> I40F24 {
-    I40F24::from_bits(speed.to_bits() * to / from.max(1))
 }
 
 /// The speed at the next tick from which the `way` left then just suffices to stop: with v/2 until then
