@@ -28,7 +28,7 @@ fn grid() -> impl Iterator<Item = Motor> {
     })
 }
 
-/// Has a motor turn at a target and compares its end with the formulas. Within 2 % of a limit both ends are right.
+/// Has a motor turn at a target, prints what it did (`--nocapture` shows it) and compares its end with the formulas. Within 2 % of a limit both ends are right.
 fn turns(drive: Drive, motor: Motor, target: f64) -> Result<End, String> {
     let limits = drive.limits();
     let mut rig = Rig::new(drive, motor.parameters());
@@ -38,6 +38,7 @@ fn turns(drive: Drive, motor: Motor, target: f64) -> Result<End, String> {
     rig.run(1.0);
     let (rpm, amps) = ((rig.revolutions() - begin) * 60.0, rig.amps());
     let ends = [0.98, 1.0, 1.02].map(|part| motor.end(target * part, &limits));
+    println!("{drive:?}: {target} rpm, is {rpm:.1} rpm {amps:.2} A, should be {:?}, {motor:?}", ends[1]);
     let errors = rig.errors();
     // An MDROBOT gives up a motor that is far from its reference or at its limit for seconds (p. 9).
     let gave_up = drive == Drive::Mdrobot && errors != 0;

@@ -4,7 +4,8 @@ use fixed::types::I40F24;
 
 use crate::device::{Duration, Instant};
 
-/// A motor that gains no speed at the limit for so long is held back. A motor that starts or brakes at the limit gains.
+/// A motor that gains no speed at the limit for so long is held back; ours, as the manual names no time. A motor that
+/// starts or brakes at the limit gains.
 const HELD: Duration = Duration::millis(100);
 
 /// Since when a motor has gained no speed at the limit of its current.
