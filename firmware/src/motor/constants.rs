@@ -95,13 +95,9 @@ impl Constants {
         let full = ((rpm * RPM) >> 8).cast_signed();
         let torque = (stall_unm * ACCELERATION / inertia) >> 4;
         let stall = torque.clamp(1, 1 << 34);
-        let bounded = |unm: i64| {
-            let part = (i128::from(unm) * i128::from(stall)).checked_div(stall_unm.into()).unwrap_or(0);
-            if torque == stall || stall_unm == 0 {
-                accelerated(unm)
-            } else {
-                part.clamp((-STEEPEST).into(), STEEPEST.into()) as i64
-            }
+        let bounded = |unm: i64| match (unm * stall).checked_div(stall_unm) {
+            Some(part) if torque != stall => part.clamp(-STEEPEST, STEEPEST),
+            _ => accelerated(unm),
         };
         let mut constants = Self {
             full,

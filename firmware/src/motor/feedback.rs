@@ -26,10 +26,14 @@ const MOST_TORQUE: i64 = 4;
 pub(crate) struct Known {
     /// Speed at the whole supply without any torque.
     full: I40F24,
+    /// Duty of a rpm.
+    per_rpm: I40F24,
     /// Current of the whole supply at standstill, in mA.
     stall_ma: i64,
     /// Part of the way to its final speed that the motor makes in a [`TICK`], above 0.
     pub(crate) gain: I40F24,
+    /// One by that.
+    inverse: I40F24,
     /// Time in which it comes within 1/e of its final speed, in ticks of the loop.
     pub(crate) slowness: I40F24,
     /// Speed that friction costs.
@@ -47,10 +51,15 @@ impl Known {
         // 1 − e⁻ˣ as (x + x²/2)/(1 + x + x²/2), x = tick / time constant.
         let x = ratio(TICK.ticks().cast_signed(), motor.time_constant_ticks()).max(I40F24::DELTA);
         let way = x + x * x / 2;
+        let gain =
+            if way < 1_024 { ratio(way.to_bits(), (I40F24::ONE + way).to_bits()) } else { I40F24::ONE };
+        let gain = gain.max(I40F24::DELTA);
         Self {
             full,
+            per_rpm: ratio(FULL_DUTY.into(), parameters.full_rpm().into()),
             stall_ma: motor.stall_ma.max(1),
-            gain: way.checked_div(I40F24::ONE + way).unwrap_or(I40F24::ONE).max(I40F24::DELTA),
+            gain,
+            inverse: ratio(I40F24::ONE.to_bits(), gain.to_bits()),
             slowness: ratio(motor.time_constant_ticks(), TICK.ticks().cast_signed()),
             friction: cost(motor.bounded_friction),
             load: cost(motor.bounded_load),
@@ -87,8 +96,7 @@ impl Known {
     /// The duty of a speed without any current, far beyond the supply at most.
     pub(crate) fn duty(&self, rpm: I40F24) -> I40F24 {
         const MOST: I40F24 = I40F24::const_from_int(1 << 30);
-        let duty = rpm.saturating_mul(FULL_DUTY.into()).checked_div(self.full).unwrap_or(I40F24::ZERO);
-        duty.clamp(-MOST, MOST)
+        rpm.saturating_mul(self.per_rpm).clamp(-MOST, MOST)
     }
 
     /// The speed without any current of a duty.
@@ -99,14 +107,13 @@ impl Known {
     /// The duty that brings a shaft from one speed to another in a [`TICK`], far beyond the supply at most.
     pub(crate) fn push(&self, rpm: I40F24, wanted: I40F24) -> I40F24 {
         let way = if rpm == 0 { wanted.signum() } else { rpm.signum() };
-        let most = if wanted > rpm { I40F24::MAX } else { I40F24::MIN };
-        let step = (wanted - rpm).checked_div(self.gain).unwrap_or(most);
+        let step = (wanted - rpm).saturating_mul(self.inverse);
         self.duty(rpm.saturating_add(step).saturating_add(self.torque(way.to_num::<i64>())))
     }
 }
 
 /// Quotient of two numbers, of which the second is above 0.
-fn ratio(one: i64, other: i64) -> I40F24 {
+pub(crate) fn ratio(one: i64, other: i64) -> I40F24 {
     const MOST: i64 = 1 << 38;
     I40F24::from_bits((one.clamp(-MOST, MOST) << 24).checked_div(other).unwrap_or(0))
 }

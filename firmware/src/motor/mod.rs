@@ -27,7 +27,7 @@ mod wheel;
 
 use self::constants::{Constants, Terminals};
 pub(crate) use self::edges::{Edges, SETTLE, scaled};
-pub(crate) use self::feedback::{FULL_DUTY, Feedback, Known, NEAR, TICK};
+pub(crate) use self::feedback::{FULL_DUTY, Feedback, Known, NEAR, TICK, ratio};
 pub use self::rig::{Rig, Turns};
 pub use self::rotation::Rotation;
 pub use self::rotor::{Pace, Rotor};

@@ -3,6 +3,7 @@
 use fixed::types::I40F24;
 
 use super::FULL_DUTY;
+use crate::motor::ratio;
 
 /// The whole supply, as a duty.
 pub(super) const FULL: I40F24 = I40F24::const_from_int(FULL_DUTY as i64);
@@ -54,7 +55,7 @@ impl Pi {
             self.integral = got(self.integral);
         }
         let p = P * I40F24::from_num(p_gain);
-        let p = p.checked_div(I40F24::ONE + p * gain).unwrap_or(p);
+        let p = ratio(p.to_bits(), (I40F24::ONE + p * gain).to_bits());
         let push = mistake.saturating_mul(p);
         let before = self.integral;
         let step = mistake.saturating_mul(I * I40F24::from_num(i_gain));
