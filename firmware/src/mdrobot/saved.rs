@@ -18,11 +18,15 @@ impl Drive {
     /// Loads what is saved; a bad memory is a new one.
     pub(super) fn load(&mut self, out: &dyn Sink) {
         self.bank = Bank::factory();
-        let later = LATER.map(Register::row);
-        if memory::content(out.memory(), Pid::SAVED_WORDS) == Content::Good {
-            memory::load(Pid::ENTRIES, out.memory(), self.bank.words_mut());
-        } else if memory::content(out.memory(), Pid::SAVED_WORDS - LATER.len()) == Content::Good {
-            memory::load_without(Pid::ENTRIES, &later, out.memory(), self.bank.words_mut());
+        match memory::content(out.memory(), Pid::SAVED_WORDS) {
+            Content::New => {}
+            Content::Good => memory::load(Pid::ENTRIES, out.memory(), self.bank.words_mut()),
+            Content::Bad => {
+                if memory::content(out.memory(), Pid::SAVED_WORDS - LATER.len()) == Content::Good {
+                    let later = LATER.map(Register::row);
+                    memory::load_without(Pid::ENTRIES, &later, out.memory(), self.bank.words_mut());
+                }
+            }
         }
         // A memory of nobody may hold what no write could bring.
         for (row, entry) in Pid::ENTRIES.list.iter().enumerate() {

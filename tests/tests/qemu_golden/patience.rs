@@ -7,7 +7,7 @@ use crate::expected::Expected;
 
 /// How long after its instant the board may do a thing, or hear one: interrupts and the loop. This bound
 /// and the next ones are for the speed of its code: the instructions that take so long at 16 ns each. Longest is a
-/// reply of an MDROBOT whose servo looks at its motor meanwhile: 420 µs.
+/// reply while the servo of an MDROBOT or RS drive runs: 329 µs.
 const LATENCY: Duration = Duration::micros(450);
 /// How long where it is told by the network: frames, each answered by others, and all of their check sums. Longest is a
 /// write of four registers to an MDrive, which makes its move anew: 553 µs.
@@ -15,8 +15,8 @@ const ON_NETWORK: Duration = Duration::micros(650);
 /// How long if the motor is given a new plan then, which the loop computes before it does anything else.
 pub(crate) const PLANNING: Duration = Duration::micros(700);
 /// How long it may take from its first instruction until it has done all that it does at power-on. Longest is an
-/// MDROBOT, which judges each of its 92 rows: 600 µs.
-const BOOT: Duration = Duration::micros(700);
+/// RS drive with its two images of memory, or an MDROBOT, which judges each of its rows: 790 µs.
+const BOOT: Duration = Duration::micros(800);
 /// How much longer for each byte of its memory, which is read and judged then; as much where the drive judges and
 /// stores [many](MANY) bytes.
 const BYTE: Duration = Duration::from_ticks(4);
