@@ -14,8 +14,8 @@ const LATENCY: Duration = Duration::micros(450);
 const ON_NETWORK: Duration = Duration::micros(650);
 /// How long if the motor is given a new plan then, which the loop computes before it does anything else.
 pub(crate) const PLANNING: Duration = Duration::micros(700);
-/// How long it may take from its first instruction until it has done all that it does at power-on. Longest is an
-/// RS drive with its two images of memory, or an MDROBOT, which judges each of its rows: 790 µs.
+/// How long it may take from its first instruction until it has done all that it does at power-on. Longest,
+/// for its memory, is an MDROBOT, which judges each of its rows: 790 µs.
 const BOOT: Duration = Duration::micros(800);
 /// How much longer for each byte of its memory, which is read and judged then; as much where the drive judges and
 /// stores [many](MANY) bytes.
