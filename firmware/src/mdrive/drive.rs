@@ -112,7 +112,7 @@ impl Drive {
     #[inline(always)]
     pub(super) fn new(model: Model) -> Self {
         let bank = Bank::of(model.entries());
-        let motion = Motion::new(motion_settings(&bank, false));
+        let motion = Motion::new(motion_settings(&bank, None));
         Self {
             model,
             boot: Boot::default(),
@@ -297,8 +297,8 @@ impl Drive {
     }
 }
 
-/// What the motion goes by; that it follows a clock is what the I/O says.
-pub(super) fn motion_settings(bank: &Bank<Reg, { Reg::WORDS }>, follows_clock: bool) -> motion::Settings {
+/// What the motion goes by. Without an I/O it follows no clock, and has no home switch.
+pub(super) fn motion_settings(bank: &Bank<Reg, { Reg::WORDS }>, io: Option<&Io>) -> motion::Settings {
     let long = |reg| u32::try_from(bank.get(reg)).unwrap_or(0);
     let byte = |reg| (bank.word(reg) & 0xFF) as u8;
     let flag = |reg| bank.word(reg) != 0;
@@ -317,7 +317,8 @@ pub(super) fn motion_settings(bank: &Bank<Reg, { Reg::WORDS }>, follows_clock: b
         keeps_field: bank.word(Reg::AS) != 0,
         limit_mode: byte(Reg::LM),
         jogs: flag(Reg::JE),
-        follows_clock,
+        home_debounce_ms: io.map_or(0, Io::home_debounce_ms),
+        follows_clock: io.is_some_and(Io::follows_clock),
         ratio: bank.word(Reg::CR),
         closed: flag(Reg::EE),
         lines: bank.word(Reg::EL),

@@ -42,7 +42,7 @@ impl Drive {
         if whole {
             self.motion.unplug(at);
         }
-        self.motion.power_on(at, motion_settings(&self.bank, self.io.follows_clock()), out);
+        self.motion.power_on(at, motion_settings(&self.bank, Some(&self.io)), out);
         self.take_variables(at, out);
         if !good {
             self.errors.set(Error::Flash);

@@ -200,6 +200,32 @@ impl Plan {
         }
     }
 
+    /// A ramp to standstill that ends on a whole step, at least half a step from here. It begins late enough for that, and
+    /// ends at the speed `rates.start`, or at the present one if that is less. A shaft that follows stays where this ends;
+    /// with [`slew`](Self::slew) it falls back by a part of a step.
+    #[must_use]
+    pub fn stop_on_step(&self, at: Instant, rates: Rates) -> Self {
+        let (now, d) = self.segment_at(at);
+        let now = now.since(d);
+        match limited(rates.down) {
+            Some(down) if now.h != 0 => {
+                Self::of(at, &now.stop_on_step(top(rates.start).cast_signed(), down, STEP / 2))
+            }
+            _ => self.halt(at),
+        }
+    }
+
+    /// Standing at the next whole step; until then at its speed at `at`.
+    #[must_use]
+    pub fn finish_step(&self, at: Instant) -> Self {
+        let (now, d) = self.segment_at(at);
+        let now = now.since(d);
+        if now.h == 0 {
+            return self.halt(at);
+        }
+        Self::of(at, &now.stop_on_step(now.h, NonZero::<u32>::MIN, 1))
+    }
+
     /// Standing where this plan is at `at`.
     #[must_use]
     pub fn halt(&self, at: Instant) -> Self {

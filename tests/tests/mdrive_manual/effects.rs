@@ -210,9 +210,10 @@ const EFFECTS: &[Effect] = &[
         rig.after(10.millis());
         rig.long(V).signum().into()
     }),
-    // With a ramp, or without.
+    // With a ramp, or without: then it ends with the next step, 10 µs away.
     effect("LM", |rig| { rig.set(&["S1=2,0,0"]); speed_after(rig, 500, 100_000); }, &[(Some(1), 1), (Some(4), 0)], |rig| {
         rig.low("IO1");
+        rig.after(20.micros());
         rig.long(V).signum().into()
     }),
     effect("MA", |rig| rig.write_long(P, 300), &[(Some(500), 500), (Some(-500), -500)], |rig| {

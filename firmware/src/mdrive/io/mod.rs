@@ -300,6 +300,13 @@ impl Io {
         Some(point.is_active())
     }
 
+    /// Debounce time of the home switch; 0 without one.
+    pub(super) fn home_debounce_ms(&self) -> u8 {
+        let is_home = |point: &Point| point.kind() == Kind::Contact(Contact::Home);
+        let place = self.points.iter().position(is_home);
+        place.and_then(|place| self.filters.debounce_ms.get(place)).copied().unwrap_or(0)
+    }
+
     /// Whether the motor follows clock inputs: CM with S7 and S8 as inputs.
     pub(super) fn follows_clock(&self) -> bool {
         self.clock.follows()

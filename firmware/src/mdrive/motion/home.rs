@@ -1,8 +1,17 @@
-//! Homing to a switch (HM) and to the encoder's index (HI) (MC 5-29 to 5-31).
+//! Homing to a switch (HM) and to the encoder's index (HI) (MC 5-29 to 5-31, 5-43).
 //!
-//! It searches at VM, slows down when it sees what it searches for, creeps off it at VI and stops when it sees it no more.
-//! What it has run over it goes back to where it saw it last, and creeps on from there until it sees it again: the
-//! contact may be late, by its debounce time. MT passes after every stop.
+//! [`Homing`] is a machine of its own. It is informed of the mark (the switch or the index), of limits and of the end of
+//! its motions, and answers with the [`Course`] that follows.
+//!
+//! | stage | figure 5.1 | motion | what ends it |
+//! |---|---|---|---|
+//! | `Search` | 1 | at VM | the mark |
+//! | `Slow` | 2 | ramp to standstill | MT: `Creep` on the mark, else `Return`, then `Seek` |
+//! | `Return` | 1, backward | a profile to where the mark ended | its end: `Seek`; the mark: `Slow` |
+//! | `Seek` | 1, backward | on at VI | the mark |
+//! | `Meet` | 2, backward | to a whole step | MT: `Creep`, or the end |
+//! | `Creep` | 3 | at VI off the mark | the mark's end: the step is finished (4) |
+//! | `Turn` | MC 5-43 | a limit's stop | MT: `Creep` on the mark, else `Search` |
 
 use fixed::types::I24F8;
 
@@ -10,47 +19,77 @@ use super::orders::Activity;
 use super::{Contact, Motion, Order};
 use crate::device::{Duration, Instant, Plan, Sink};
 use crate::mdrive::error::Error;
-use crate::motion::Rates;
+
+/// Time from standstill to a look at the mark, at least. The shaft is at rest and its wires show that.
+const LEAST_SETTLING: Duration = Duration::millis(1);
 
 /// A homing.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(super) struct Home {
-    /// To the index, not to the switch.
+pub(super) struct Homing {
     by_index: bool,
     kind: u8,
-    pub(super) stage: Stage,
-    /// The direction in which it goes, or will go when it has turned round.
-    pub(super) back: bool,
-    /// A limit has turned it round.
+    stage: Stage,
+    /// Stands and waits for MT.
+    settles: bool,
+    /// Direction of its motion.
+    back: bool,
+    /// A limit has turned it, and it has not come to the mark since.
     turned: bool,
-    /// Where it saw it last, once it has seen it.
-    seen: Option<i32>,
+    /// It has been back to the mark's end already.
+    is_near: bool,
+    /// Position of the mark's end that it came to last.
+    edge: i32,
 }
 
-/// What a homing is at; the numbers are those of figure 5.1.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(super) enum Stage {
-    /// 1.
-    Searches,
-    /// 2.
-    Slows,
-    /// To standstill because of a limit.
-    Turns,
-    /// MT.
-    Settles,
-    /// Back to where it saw it last: 1 and 2, after an overshoot.
-    Returns,
-    /// On from there at VI.
-    Seeks,
-    /// 3.
-    Creeps,
-    /// It has left the index, and comes to its next step: what stands falls back by a part of one.
-    Leaves,
+enum Stage {
+    Search,
+    Slow,
+    Return,
+    Seek,
+    Meet,
+    Creep,
+    Turn,
 }
 
-impl Home {
-    fn new(by_index: bool, kind: u8) -> Self {
-        Self { by_index, kind, stage: Stage::Searches, back: kind <= 2, turned: false, seen: None }
+/// A motion of a homing.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+enum Course {
+    /// At VM.
+    Search,
+    /// At VI.
+    Creep,
+    /// A profile to a position.
+    Return(i32),
+    /// A ramp to standstill, and MT.
+    Slow,
+    /// To standstill at the next whole step, and MT.
+    Stand,
+    /// To standstill at the next whole step: it is home.
+    Arrive,
+    /// The end, with an error.
+    Fail(Error),
+}
+
+impl Homing {
+    /// The homing of an order; none if it orders another motion.
+    fn new(order: Order) -> Option<Self> {
+        let (by_index, kind) = match order {
+            Order::HomeToIndex(kind) => (true, kind),
+            Order::Home(kind) => (false, kind),
+            Order::To { .. } | Order::By { .. } | Order::Slew(_) => return None,
+        };
+        let stage = Stage::Search;
+        Some(Self {
+            by_index,
+            kind,
+            stage,
+            settles: false,
+            back: kind <= 2,
+            turned: false,
+            is_near: false,
+            edge: 0,
+        })
     }
 
     /// The order that began it.
@@ -58,141 +97,197 @@ impl Home {
         if self.by_index { Order::HomeToIndex(self.kind) } else { Order::Home(self.kind) }
     }
 
-    /// The direction in which it leaves what it has found.
+    /// Off the mark if it stands on it, else on with the search.
+    fn begin(&mut self, on_mark: bool) -> Course {
+        if on_mark { self.creep() } else { self.enter(Stage::Search, Course::Search) }
+    }
+
+    /// The mark begins or ends, at this position.
+    fn mark(&mut self, here: i32, on_mark: bool) -> Option<Course> {
+        match (self.stage, on_mark) {
+            (Stage::Search | Stage::Return, true) => {
+                (self.edge, self.turned, self.is_near) = (here, false, self.stage == Stage::Return);
+                Some(self.enter(Stage::Slow, Course::Slow))
+            }
+            (Stage::Seek, true) => Some(self.enter(Stage::Meet, Course::Slow)),
+            (Stage::Slow, false) => {
+                self.edge = here;
+                None
+            }
+            (Stage::Creep, false) => Some(Course::Arrive),
+            _ => None,
+        }
+    }
+
+    /// It stands, and MT has passed.
+    fn settled(&mut self, on_mark: bool) -> Course {
+        match self.stage {
+            Stage::Turn => self.begin(on_mark),
+            // A mark less than a step wide may be behind it already.
+            Stage::Meet if !on_mark && self.back == self.creeps_back() => Course::Arrive,
+            Stage::Slow if !on_mark => {
+                self.back = !self.back;
+                match self.is_near {
+                    true => self.enter(Stage::Seek, Course::Creep),
+                    false => self.enter(Stage::Return, Course::Return(self.edge)),
+                }
+            }
+            _ => self.creep(),
+        }
+    }
+
+    /// A limit is in its way. LM 1 and 4 turn a search round; the opposite limit ends it (MC 5-43).
+    fn limit(&mut self, mode: u8) -> Option<Course> {
+        let is_abrupt = mode >= 4;
+        match self.stage {
+            _ if !matches!(mode, 1 | 4) => Some(Course::Fail(self.limit_error())),
+            // It comes to standstill already.
+            Stage::Slow | Stage::Meet | Stage::Turn => is_abrupt.then_some(Course::Stand),
+            // A mark that ends behind the limit cannot be left.
+            Stage::Creep => Some(Course::Fail(self.limit_error())),
+            _ if self.turned => Some(Course::Fail(Error::BothLimits)),
+            Stage::Search | Stage::Return | Stage::Seek => {
+                (self.turned, self.back) = (true, !self.back);
+                let stop = if is_abrupt { Course::Stand } else { Course::Slow };
+                Some(self.enter(Stage::Turn, stop))
+            }
+        }
+    }
+
+    fn limit_error(&self) -> Error {
+        if self.back { Error::MinusLimit } else { Error::PlusLimit }
+    }
+
+    fn creep(&mut self) -> Course {
+        self.back = self.creeps_back();
+        self.enter(Stage::Creep, Course::Creep)
+    }
+
     fn creeps_back(&self) -> bool {
         matches!(self.kind, 2 | 3)
+    }
+
+    fn enter(&mut self, stage: Stage, course: Course) -> Course {
+        (self.stage, self.settles) = (stage, false);
+        course
     }
 }
 
 impl Motion {
     /// Begins a homing, from standstill.
     pub(super) fn home(&mut self, at: Instant, order: Order, out: &mut dyn Sink) {
-        let home = match order {
-            Order::HomeToIndex(kind) => Home::new(true, kind),
-            Order::Home(kind) => Home::new(false, kind),
-            Order::To { .. } | Order::By { .. } | Order::Slew(_) => return,
-        };
+        let Some(mut homing) = Homing::new(order) else { return };
         self.watch_from(at);
-        self.home_from_rest(at, home, out);
-    }
-
-    /// Whether a homing sees what it searches for.
-    fn sees(&self, at: Instant, home: &Home) -> bool {
-        if home.by_index { self.is_on_index(at) } else { self.is_active(Contact::Home) }
-    }
-
-    /// From standstill: off what it sees, back to what it has run over, or on searching.
-    fn home_from_rest(&mut self, at: Instant, home: Home, out: &mut dyn Sink) {
-        let rates = self.settings.rates();
-        let (stage, back) = match home.seen {
-            _ if self.sees(at, &home) => (Stage::Creeps, home.creeps_back()),
-            None => (Stage::Searches, home.back),
-            Some(_) => (Stage::Returns, !home.back),
-        };
-        let home = Home { stage, back, ..home };
-        if self.is_barred(back) {
-            return self.limit_home(at, home, out);
-        }
-        match (stage, home.seen) {
-            (Stage::Returns, Some(seen)) => {
-                let from = self.motor.position(at);
-                self.go(at, Plan::profile(at, from, seen.wrapping_sub(from), rates), out);
-                self.enter(Activity::Homes(home), self.motor.plan().end());
-            }
-            (Stage::Searches, _) => self.home_at(at, home, rates, out),
-            _ => self.creep(at, home, out),
-        }
-    }
-
-    /// At VM in its direction.
-    fn home_at(&mut self, at: Instant, home: Home, rates: Rates, out: &mut dyn Sink) {
-        let speed = I24F8::saturating_from_num(rates.speed);
-        self.turn(at, Activity::Homes(home), if home.back { -speed } else { speed }, rates, out);
-    }
-
-    /// At VI in its direction.
-    fn creep(&mut self, at: Instant, home: Home, out: &mut dyn Sink) {
-        let rates = self.settings.rates();
-        self.home_at(at, home, Rates { speed: rates.start, ..rates }, out);
+        let course = homing.begin(self.is_on_mark(at, &homing));
+        self.head(at, homing, course, out);
     }
 
     /// A homing has come to its instant.
-    pub(super) fn home_on(&mut self, at: Instant, home: Home, out: &mut dyn Sink) {
-        match home.stage {
-            Stage::Slows | Stage::Turns => {
-                let settle = Duration::millis(self.settings.settle_ms.into());
-                self.enter(Activity::Homes(Home { stage: Stage::Settles, ..home }), at + settle);
+    pub(super) fn home_on(&mut self, at: Instant, mut homing: Homing, out: &mut dyn Sink) {
+        match homing.stage {
+            Stage::Return => {
+                let course = homing.enter(Stage::Seek, Course::Creep);
+                self.head(at, homing, course, out);
             }
-            Stage::Settles => self.home_from_rest(at, home, out),
-            Stage::Returns => self.creep(at, Home { stage: Stage::Seeks, ..home }, out),
-            Stage::Leaves => self.stand(at, out),
-            Stage::Searches | Stage::Seeks | Stage::Creeps => {}
+            _ if homing.settles => {
+                let course = homing.settled(self.is_on_mark(at, &homing));
+                self.head(at, homing, course, out);
+            }
+            _ => {
+                homing.settles = true;
+                self.enter(Activity::Homes(homing), at + self.time_to_settle(&homing));
+            }
         }
+    }
+
+    /// MT, but so long that the level of the mark is true then.
+    fn time_to_settle(&self, homing: &Homing) -> Duration {
+        let debounce = if homing.by_index { 0 } else { self.settings.home_debounce_ms };
+        Duration::millis(self.settings.settle_ms.max(debounce.into()).into()).max(LEAST_SETTLING)
+    }
+
+    fn is_on_mark(&self, at: Instant, homing: &Homing) -> bool {
+        if homing.by_index { self.is_on_index(at) } else { self.is_active(Contact::Home) }
     }
 
     /// The home switch becomes active, or not.
     pub(super) fn see_home(&mut self, at: Instant, active: bool, out: &mut dyn Sink) {
-        if let Activity::Homes(home) = self.activity
-            && !home.by_index
+        if let Activity::Homes(homing) = self.activity
+            && !homing.by_index
         {
-            self.see(at, home, active, out);
+            self.see_mark(at, homing, active, out);
         }
     }
 
-    /// What it searches for comes, or goes.
-    fn see(&mut self, at: Instant, home: Home, active: bool, out: &mut dyn Sink) {
-        let here = self.motor.position(at);
-        match (home.stage, active) {
-            (Stage::Searches | Stage::Returns | Stage::Seeks, true) => {
-                let plan = self.motor.plan().slew(at, I24F8::ZERO, self.settings.rates());
-                self.go(at, plan, out);
-                let home = Home { stage: Stage::Slows, seen: Some(here), ..home };
-                self.enter(Activity::Homes(home), self.motor.plan().end());
-            }
-            (Stage::Slows | Stage::Settles, false) if home.seen.is_some() => {
-                self.activity = Activity::Homes(Home { seen: Some(here), ..home });
-            }
-            (Stage::Creeps, false) if home.by_index => {
-                let next = here.wrapping_add(if home.back { -1 } else { 1 });
-                let leaves = self.motor.plan().when(at, next);
-                self.enter(Activity::Homes(Home { stage: Stage::Leaves, ..home }), leaves);
-            }
-            (Stage::Creeps, false) => self.stand(at, out),
-            _ => {}
+    fn see_mark(&mut self, at: Instant, mut homing: Homing, on_mark: bool, out: &mut dyn Sink) {
+        match homing.mark(self.motor.position(at), on_mark) {
+            Some(course) => self.head(at, homing, course, out),
+            None => self.activity = Activity::Homes(homing),
         }
     }
 
-    /// A limit is in its way: LM 1 and 4 turn it round once, any other ends it.
-    pub(super) fn limit_home(&mut self, at: Instant, home: Home, out: &mut dyn Sink) {
-        // So that what stops it knows that it moves.
-        self.activity = Activity::Homes(home);
-        match self.settings.limit_mode {
-            1 | 4 if home.turned => {
+    /// A limit is in the way of a homing.
+    pub(super) fn limit_home(&mut self, at: Instant, mut homing: Homing, out: &mut dyn Sink) {
+        if let Some(course) = homing.limit(self.settings.limit_mode) {
+            self.head(at, homing, course, out);
+        }
+    }
+
+    /// A homing takes this course, unless a limit that is held is in its way.
+    fn head(&mut self, at: Instant, homing: Homing, course: Course, out: &mut dyn Sink) {
+        let rates = self.settings.rates();
+        // Stops begin here, too: what stops knows that it moves.
+        let moves = Activity::Homes(homing);
+        match course {
+            Course::Search | Course::Creep | Course::Return(_) if self.is_barred(homing.back) => {
+                self.activity = moves;
+                self.limit_home(at, homing, out);
+            }
+            Course::Search | Course::Creep => {
+                let most = if course == Course::Search { rates.speed } else { rates.start };
+                let speed = I24F8::saturating_from_num(most);
+                self.turn(at, moves, if homing.back { -speed } else { speed }, rates, out);
+            }
+            Course::Return(to) => {
+                let from = self.motor.position(at);
+                let plan = Plan::profile(at, from, to.wrapping_sub(from), rates);
+                self.run_plan(at, moves, plan, out);
+            }
+            Course::Slow => {
+                let plan = self.motor.plan().stop_on_step(at, rates);
+                self.run_plan(at, moves, plan, out);
+            }
+            Course::Stand => {
+                let plan = self.motor.plan().finish_step(at);
+                self.run_plan(at, moves, plan, out);
+            }
+            Course::Arrive => {
+                let plan = self.motor.plan().finish_step(at);
+                self.run_plan(at, Activity::Stops { at_once: false }, plan, out);
+            }
+            Course::Fail(Error::BothLimits) => {
+                self.activity = moves;
                 self.fail(Error::BothLimits);
                 self.stop_for_limit(at, out);
             }
-            mode @ (1 | 4) => {
-                let ramp = self.motor.plan().slew(at, I24F8::ZERO, self.settings.rates());
-                let plan = if mode == 1 { ramp } else { self.motor.plan().halt(at) };
-                self.go(at, plan, out);
-                let home = Home { stage: Stage::Turns, back: !home.back, turned: true, seen: None, ..home };
-                self.enter(Activity::Homes(home), self.motor.plan().end());
+            Course::Fail(_) => {
+                self.activity = moves;
+                self.stop_at_limit(at, homing.back, out);
             }
-            _ => self.stop_at_limit(at, home.back, out),
         }
     }
 
     /// Looks whether a homing comes onto the index, or leaves it, and when it will.
     pub(super) fn look_at_index(&mut self, at: Instant, out: &mut dyn Sink) {
         self.index_due = Instant::NEVER;
-        let Activity::Homes(Home { by_index: true, .. }) = self.activity else { return };
+        let Activity::Homes(Homing { by_index: true, .. }) = self.activity else { return };
         let now = self.is_on_index(at);
         if core::mem::replace(&mut self.on_index, now) != now
-            && let Activity::Homes(home) = self.activity
+            && let Activity::Homes(homing) = self.activity
         {
-            self.see(at, home, now, out);
+            self.see_mark(at, homing, now, out);
         }
-        if let Activity::Homes(Home { by_index: true, .. }) = self.activity {
+        if let Activity::Homes(Homing { by_index: true, .. }) = self.activity {
             self.index_due = self.encoder.index_changes(at, &self.motor);
         }
     }

@@ -1,6 +1,5 @@
 //! The contacts of the I/O, and what limits stop (MC 5-43).
 
-use super::home::Stage;
 use super::orders::Activity;
 use super::{Contact, Event, Motion};
 use crate::device::{Instant, Sink};
@@ -49,10 +48,8 @@ impl Motion {
             return;
         }
         match self.activity {
-            // It has turned it round already.
-            Activity::Homes(home) if home.stage == Stage::Turns => {}
             Activity::Uncounted { .. } => {}
-            Activity::Homes(home) => self.limit_home(at, home, out),
+            Activity::Homes(homing) => self.limit_home(at, homing, out),
             _ => self.stop_at_limit(at, back, out),
         }
     }
@@ -67,10 +64,17 @@ impl Motion {
         self.stop_for_limit(at, out);
     }
 
-    /// With a ramp, or on the spot with LM 4 to 6; nothing goes on.
+    /// With a ramp, or at the next whole step with LM 4 to 6; nothing goes on. A shaft that fell back by a part of a step
+    /// could leave the limit again.
     pub(super) fn stop_for_limit(&mut self, at: Instant, out: &mut dyn Sink) {
         self.forget_what_waits();
-        if self.settings.limit_mode < 4 { self.slow(at, false, out) } else { self.stand(at, out) }
+        if self.stands() {
+            return self.slow(at, false, out);
+        }
+        let (plan, rates) = (self.motor.plan(), self.settings.rates());
+        let is_abrupt = self.settings.limit_mode >= 4;
+        let plan = if is_abrupt { plan.finish_step(at) } else { plan.stop_on_step(at, rates) };
+        self.run_plan(at, Activity::Stops { at_once: false }, plan, out);
     }
 }
 

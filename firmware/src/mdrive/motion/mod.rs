@@ -72,6 +72,8 @@ pub(super) struct Settings {
     pub(super) keeps_field: bool,
     /// LM.
     pub(super) limit_mode: u8,
+    /// D1 to D4 of the home switch, in ms.
+    pub(super) home_debounce_ms: u8,
     /// JE.
     pub(super) jogs: bool,
     /// CM with clock inputs: limits are off, and jog is not there.

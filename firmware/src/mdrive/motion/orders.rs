@@ -3,7 +3,7 @@
 use fixed::types::I24F8;
 
 use super::closed::Verdict;
-use super::home::Home;
+use super::home::Homing;
 use super::{Event, Motion, Order};
 use crate::device::{Duration, Instant, Plan, Sink};
 use crate::mdrive::error::Error;
@@ -30,7 +30,7 @@ pub(super) enum Activity {
     },
     /// MT, after a move or another motion.
     Settles(Option<Move>),
-    Homes(Home),
+    Homes(Homing),
     /// The clock inputs.
     Follows,
     /// A Hybrid's circuitry turns it, and C1 stays where it is.
@@ -117,6 +117,11 @@ impl Motion {
         }
         match order {
             Order::To { .. } | Order::By { .. } => self.begin_or_wait(at, order, out),
+            // MT is "the time between moves if consecutive motions are executed" (MC 5-49).
+            Order::Slew(speed) if speed != 0 && matches!(self.activity, Activity::Settles(_)) => {
+                self.waiting = Some(Task::Slew(speed));
+                Ok(())
+            }
             Order::Slew(speed) => {
                 self.waiting = None;
                 self.slew(at, speed, out);
@@ -233,8 +238,8 @@ impl Motion {
         let from = self.motor.position(at);
         let steps = way.target.wrapping_sub(from);
         if !way.goes_on {
-            self.go(at, Plan::profile(at, from, steps, rates), out);
-            return self.enter(Activity::Moves(way), self.motor.plan().end());
+            let plan = Plan::profile(at, from, steps, rates);
+            return self.run_plan(at, Activity::Moves(way), plan, out);
         }
         let speed = I24F8::saturating_from_num(rates.speed);
         let plan = self.motor.plan().slew(at, if steps < 0 { -speed } else { speed }, rates);
@@ -270,6 +275,12 @@ impl Motion {
         self.enter(activity, Instant::NEVER);
     }
 
+    /// Along a plan that ends.
+    pub(super) fn run_plan(&mut self, at: Instant, activity: Activity, plan: Plan, out: &mut dyn Sink) {
+        self.go(at, plan, out);
+        self.enter(activity, plan.end());
+    }
+
     /// A ramp to standstill, if it moves. What settles is corrected no more.
     pub(super) fn slow(&mut self, at: Instant, at_once: bool, out: &mut dyn Sink) {
         match self.activity {
@@ -278,8 +289,7 @@ impl Motion {
             Activity::Reckons(_) => self.over(at, out),
             _ => {
                 let plan = self.motor.plan().slew(at, I24F8::ZERO, self.settings.rates());
-                self.go(at, plan, out);
-                self.enter(Activity::Stops { at_once }, self.motor.plan().end());
+                self.run_plan(at, Activity::Stops { at_once }, plan, out);
             }
         }
     }
@@ -323,7 +333,7 @@ impl Motion {
             Activity::Stops { at_once: true } => self.over(at, out),
             Activity::Stops { at_once: false } => self.settle(at, None, out),
             Activity::Settles(way) => self.settled(at, way, out),
-            Activity::Homes(home) => self.home_on(at, home, out),
+            Activity::Homes(homing) => self.home_on(at, homing, out),
             Activity::Follows => self.follow_on(at, out),
         }
     }

@@ -10,7 +10,7 @@ impl Motion {
         let left = match self.activity {
             Activity::Reckons(way) | Activity::Moves(way) if way.ordered => Some(Task::Move(way)),
             Activity::Slews(speed) => Some(Task::Slew(speed)),
-            Activity::Homes(home) => Some(Task::Home(home.order())),
+            Activity::Homes(homing) => Some(Task::Home(homing.order())),
             _ => self.left,
         };
         (self.paused, self.left) = (true, left);

@@ -159,6 +159,8 @@ fn homing_needs_a_switch() {
     // It stood on the switch, creeps forward, and leaves it.
     assert_eq!((bed.get(Reg::V), bed.get(Reg::MV)), (1_000, 1));
     bed.drive(1, true);
+    // The next whole step is 1 ms away at most.
+    bed.wait(1.millis());
     assert_eq!((bed.get(Reg::V), bed.get(Reg::MV), bed.error()), (0, 0, 0));
 }
 

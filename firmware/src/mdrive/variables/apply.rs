@@ -103,8 +103,8 @@ impl Drive {
             let pair = if reg == Reg::S7 { Reg::S8 } else { Reg::S7 };
             let [_, active, _] = self.set_up_of(pair);
             self.bank.set(pair, i64::from(kind) << 16 | i64::from(active));
-            self.set_motion(at, out);
         }
+        self.set_motion(at, out);
         Ok(())
     }
 
@@ -158,10 +158,8 @@ impl Drive {
         let calibrates = self.calibrates(reg, value);
         self.hold(reg, value);
         match reg {
-            Reg::D1 | Reg::D2 | Reg::D3 | Reg::D4 | Reg::D5 | Reg::FC | Reg::FM | Reg::CW => {
-                self.set_filters(at, out);
-            }
-            Reg::CM | Reg::CR => {
+            Reg::D5 | Reg::FC | Reg::FM | Reg::CW => self.set_filters(at, out),
+            Reg::D1 | Reg::D2 | Reg::D3 | Reg::D4 | Reg::CM | Reg::CR => {
                 self.set_filters(at, out);
                 self.set_motion(at, out);
             }
@@ -172,7 +170,7 @@ impl Drive {
 
     /// Motion goes by what has been written.
     pub(in crate::mdrive) fn set_motion(&mut self, at: Instant, out: &mut dyn Sink) {
-        let settings = motion_settings(&self.bank, self.io.follows_clock());
+        let settings = motion_settings(&self.bank, Some(&self.io));
         let enabled = settings.enabled && !self.hybrid.is_disabled();
         let lacked_bridge = self.motion.lacks_bridge();
         self.motion.set(at, motion::Settings { enabled, ..settings }, out);

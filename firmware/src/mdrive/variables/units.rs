@@ -68,7 +68,7 @@ impl Drive {
 
     /// A, D, VI or VM in counts, or in steps, within its limits there.
     fn scaled(&self, reg: Reg, to_counts: bool) -> i64 {
-        let (scale, value) = (motion_settings(&self.bank, false).closed_scale(), self.bank.get(reg));
+        let (scale, value) = (motion_settings(&self.bank, None).closed_scale(), self.bank.get(reg));
         let value = if to_counts { scale.in_counts(value) } else { scale.in_steps(value) };
         let most = match reg {
             Reg::A | Reg::D => MOST_COUNTS_PER_S2,

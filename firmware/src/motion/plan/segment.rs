@@ -89,6 +89,30 @@ impl Segment {
         (stop, stop.step(steps_in(stop.phase(before) + i128::from(left))))
     }
 
+    /// On at this speed and a ramp down to the speed `last`, or none if this is not faster. They end with the first whole
+    /// step that is within reach, and at least the phase `least` away.
+    #[inline(never)]
+    pub(super) fn stop_on_step(self, last: i64, down: NonZero<u32>, least: i64) -> [Self; 2] {
+        let last = last.min(self.h);
+        let speed = self.h.max(1).cast_unsigned();
+        let (change, a) = ((self.h - last).cast_unsigned(), NonZero::<u64>::from(down));
+        let long = |number: u64| u128::from(number);
+        let rest = long(self.rest.cast_unsigned());
+        // The ramp takes (speed² − last²)/a of the way; this is rounded up.
+        let ramp = long(change) * (long(speed) + long(last.cast_unsigned())) + long(a.get() - 1);
+        let reached =
+            rest + divided(ramp, a).max(long(least.cast_unsigned())) + long(STEP.cast_unsigned() - 1);
+        let way = long(steps_in(reached.cast_signed())) * long(STEP.cast_unsigned());
+        // At `speed` alone it would take way/2·speed; the ramp loses change²/a/2·speed.
+        let lost = way.saturating_sub(rest) * long(a.get()) + long(change) * long(change);
+        let half = long(speed) * long(a.get());
+        let twice = NonZero::<u64>::MIN.saturating_add(2 * speed - 1);
+        let end = divided(divided(lost + half, a), twice) as u64;
+        let stop = change / a;
+        let cruise = Self { ticks: end.saturating_sub(stop), a: 0, ..self };
+        [cruise, Self { h: last, rest: 0, a: 0, ..self }.ending(way.cast_signed(), stop, down)]
+    }
+
     /// The first tick after the one `since` ticks in at which it has come to `position`; once around all positions if
     /// it is there.
     pub(super) fn reaches(&self, since: u64, position: i32) -> Option<u64> {

@@ -1,3 +1,5 @@
+#![expect(clippy::float_arithmetic, reason = "mathematics that is not the code's")]
+
 use super::*;
 use crate::motion::Walker;
 use proptest::prelude::*;
@@ -263,6 +265,47 @@ proptest! {
                 prop_assert!(jump.abs() <= 1);
             }
             plan = next;
+        }
+    }
+
+    /// A stop on a step beside the way by hand: v·t until the ramp, (v² − v0²)/2a of ramp, and the end on a whole step.
+    #[test]
+    fn a_stop_on_a_step_ends_on_one_and_no_later_than_it_must(
+        speed in 1_u32..2_000_000, share in 0_u32..1_000, up in 91_u32..2_000_000_000, down in 91_u32..2_000_000_000,
+        when in 0_u64..40_000_000, again in 0_u64..1_000, back: bool, finishes: bool,
+    ) {
+        let start = (u64::from(speed) * u64::from(share) / 1_000).max(1) as u32;
+        let rates = Rates { start: U24F8::from_num(start), up, down, ..SLEW };
+        let to = I24F8::from_num(speed);
+        let slew = Plan::rest(at(0), -5).slew(at(0), if back { -to } else { to }, rates);
+        let now = at(when);
+        let stop = if finishes { slew.finish_step(now) } else { slew.stop_on_step(now, rates) };
+        prop_assert_eq!(stop.start(), now);
+
+        let (segment, d) = slew.segment_at(now);
+        let speed = segment.speed(d) as f64 / 16e6;
+        let beyond = ((segment.phase(d) % i128::from(STEP)) as f64 / STEP as f64).min(1.0);
+        let ramp = (speed * speed - f64::from(start).powi(2)).max(0.0) / (2.0 * f64::from(down));
+        let least = if finishes { 0.0 } else { ramp.max(0.5) };
+        let from = i64::from(segment.from) + (segment.phase(d) / i128::from(STEP)) as i64 * if back { -1 } else { 1 };
+        let end = i64::from(stop.position_at(stop.end()));
+        let way = (end - from).abs() as f64 - beyond;
+        let rounding = 1e-6 * (1.0 + ramp);
+        prop_assert!((least - rounding..=least + 1.0 + rounding).contains(&way), "{} steps, not {}", way, least);
+
+        // It goes on as the slew did until the ramp, and never faster.
+        let seconds = stop.end().since(now).ticks() as f64 / 16e6;
+        let takes = if finishes { way / speed } else {
+            (way - ramp) / speed + (speed - f64::from(start)).max(0.0) / f64::from(down)
+        };
+        prop_assert!((seconds - takes).abs() < 1e-7 + 1e-6 * takes, "{} s, not {}", seconds, takes);
+        // A shaft that follows stays at the end: the plan's phase is a whole step there.
+        let (last, d) = (stop.segments().last().unwrap(), stop.segments().last().unwrap().ticks);
+        prop_assert_eq!((last.phase(d)) % i128::from(STEP), 0);
+        // In its ramp it may be stopped again.
+        let later = at(when + again);
+        if !finishes && seconds * 16e6 > again as f64 + 16e6 / f64::from(start) * 2.0 && ramp > 2.0 {
+            prop_assert_eq!(stop.stop_on_step(later, rates).position_at(Instant::NEVER), stop.position_at(Instant::NEVER));
         }
     }
 

@@ -35,6 +35,7 @@ const FACTORY: Settings = Settings {
     response: u32::MAX,
     keeps_field: false,
     limit_mode: 1,
+    home_debounce_ms: 0,
     jogs: false,
     follows_clock: false,
     ratio: 1_000,

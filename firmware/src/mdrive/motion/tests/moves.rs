@@ -86,6 +86,32 @@ fn a_second_move_waits_for_the_end_of_the_first_and_for_mt() {
 }
 
 #[test]
+fn a_slew_waits_for_mt_of_the_move_before_it() {
+    // MC 5-49: "the time between moves if consecutive motions are executed".
+    let mut bench = Bench::new(Settings { settle_ms: 50, ..SLOW });
+    bench.does(to(5_000));
+    bench.run_to(Instant::from(Duration::micros(1_322_500)));
+    assert_eq!((bench.c1(), bench.v(), bench.is_moving()), (5_000, 0, true));
+    bench.does(Order::Slew(2_000));
+    bench.run(50.millis() - Duration::TICK);
+    assert_eq!((bench.c1(), bench.v(), bench.is_positioning()), (5_000, 0, true));
+    bench.run(Duration::TICK);
+    assert_eq!((bench.v(), bench.is_positioning()), (1_000, false));
+    // SL 0 takes it back.
+    bench.does(Order::Slew(0));
+    bench.run_out();
+    bench.does(to(0));
+    while bench.v() != 0 || bench.c1() != 0 {
+        bench.run(1.millis());
+    }
+    bench.does(Order::Slew(2_000));
+    bench.does(Order::Slew(0));
+    bench.run_out();
+    bench.run(1.secs());
+    assert_eq!(bench.c1(), 0);
+}
+
+#[test]
 fn a_waiting_move_is_calculated_for_its_whole_time() {
     let mut bench = Bench::new(SLOW);
     bench.does(to(1));

@@ -59,6 +59,7 @@ fn settings() -> impl Strategy<Value = Settings> {
             run_percent: 1 + modes.0 * 10,
             hold_percent: modes.0 * 10 - 10,
             limit_mode: modes.0,
+            home_debounce_ms: (times.0 % 3) as u8,
             enabled: modes.1[0],
             response: u32::MAX,
             keeps_field: modes.1[5],
