@@ -17,6 +17,7 @@ mod tests;
 mod timer;
 mod unread;
 mod watch;
+mod web;
 
 use std::collections::btree_map::Entry;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};

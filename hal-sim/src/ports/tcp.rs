@@ -13,6 +13,7 @@ use standin_sim::bench::{Bench, Client, Ended, MOST_CONNECTIONS, Outlet, TurnedA
 use tracing::{info, warn};
 
 use super::unread::{MOST_MIB, Unread};
+use super::web::{Gate, Judged};
 use super::{BACKLOG_BYTES, Came, End, ROOM, interest, may_read, read_some};
 
 /// Time between two looks at somebody who has said all that he has to say.
@@ -114,6 +115,8 @@ pub(super) struct Connection {
     _presence: Rc<()>,
     outlet: Outlet,
     client: Client,
+    /// The beginning that it is judged by, until that is done.
+    gate: Option<Gate>,
     /// What the drives sent and it has not taken.
     unread: Unread,
     /// Whether nothing has told the other end that what it has sent last has come.
@@ -189,6 +192,7 @@ impl Listener {
                 _presence: Rc::clone(&self.presence),
                 outlet: self.outlet,
                 client,
+                gate: Some(Gate::default()),
                 unread: Unread::default(),
                 unacknowledged: false,
                 last_words: None,
@@ -209,6 +213,28 @@ impl Connection {
     /// Whether a drive is told that somebody comes and goes.
     pub(super) fn is_told(&self) -> bool {
         matches!(self.outlet, Outlet::Tcp(..))
+    }
+
+    /// Passes to the drive what has come, unless it begins as an HTTP request does. Returns whether something was passed.
+    fn pass(&mut self, bench: &mut Bench, bytes: &[u8]) -> bool {
+        let Some(gate) = &mut self.gate else {
+            bench.send(self.client, bytes);
+            return true;
+        };
+        match gate.judge(bytes) {
+            Judged::Unclear => return false,
+            Judged::Ordinary(bytes) => bench.send(self.client, &bytes),
+            Judged::Http => {
+                warn!(
+                    "{} is disconnected from tcp:{}: it sent an HTTP request, and this is the port of a drive",
+                    self.peer, self.address
+                );
+                self.over = true;
+                return false;
+            }
+        }
+        self.gate = None;
+        true
     }
 
     /// Whether it has said all that it has to say.
@@ -239,11 +265,17 @@ impl End for Connection {
             match read_some(&self.stream, &mut room) {
                 Came::Bytes(bytes) => {
                     self.unacknowledged = true;
-                    bench.send(self.client, bytes);
-                    return true;
+                    return self.pass(bench, bytes);
                 }
                 // It may have closed one direction only, and wait for a reply.
-                Came::End => self.last_words = Some(LAST_WORDS),
+                Came::End => {
+                    self.last_words = Some(LAST_WORDS);
+                    let held = self.gate.take().map(|mut gate| gate.release()).unwrap_or_default();
+                    if !held.is_empty() {
+                        bench.send(self.client, &held);
+                        return true;
+                    }
+                }
                 Came::Nothing => {}
             }
         }

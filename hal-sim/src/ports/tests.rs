@@ -144,6 +144,30 @@ fn requests_are_answered_however_they_come() {
 }
 
 #[test]
+fn a_browser_reaches_no_drive() {
+    let running = Running::start(Pace::Times(1));
+    for port in [MODBUS, MCODE] {
+        for pieces in [1, 7] {
+            let mut stream = if port == MCODE { running.greeted() } else { running.connect(port) };
+            let request =
+                b"POST /x HTTP/1.1\r\nHost: localhost\r\nContent-Type: text/plain\r\n\r\nMR 1000\r\n";
+            for piece in request.chunks(request.len().div_ceil(pieces)) {
+                // It may be closed by now.
+                let _ = stream.write_all(piece);
+            }
+            assert!(is_closed(&mut stream), "nothing is answered");
+            running.until_connected(port, 0);
+        }
+        assert_eq!(running.statistics(port).messages, 0, "nothing is heard");
+    }
+    // Letters that a request may begin with are not kept from who sends no more.
+    let mut text = running.greeted();
+    text.write_all(b"P").unwrap();
+    text.shutdown(Shutdown::Write).unwrap();
+    assert_eq!(rest(&mut text), b"P");
+}
+
+#[test]
 fn who_sends_slowly_costs_nobody_anything() {
     let running = Running::start(Pace::Times(1));
     let (mut slow, mut other) = (running.connect(MODBUS), running.connect(MODBUS));
