@@ -84,6 +84,9 @@ pub(crate) struct Run {
     /// Where the control API listens: HOST:PORT or off
     #[arg(long, value_name = "ADDR", default_value = "127.0.0.1:0")]
     pub(crate) control: Control,
+    /// A host name by which the control API may be asked, beside localhost and its own address; may repeat
+    #[arg(long, value_name = "NAME")]
+    pub(crate) allow_host: Vec<String>,
     /// How time runs: real, xN (N times faster) or manual (it stands) [default: real]
     #[arg(long, value_name = "real|xN|manual")]
     pub(crate) time: Option<Pace>,

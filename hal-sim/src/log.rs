@@ -3,6 +3,7 @@
 //! Whoever starts a drive may never read its stderr, and a full pipe must not stop the bench. So a
 //! thread of its own writes there, and what it cannot keep up with is lost.
 
+use std::ffi::OsStr;
 use std::io::{self, IsTerminal as _, Write as _};
 use std::sync::OnceLock;
 use std::sync::mpsc::{self, Receiver, Sender, SyncSender};
@@ -72,6 +73,11 @@ impl io::Write for Lines {
     }
 }
 
+/// Returns whether the log has colours: on a terminal, unless NO_COLOR is there and not empty (no-color.org).
+fn is_coloured(no_color: Option<&OsStr>, is_terminal: bool) -> bool {
+    is_terminal && no_color.is_none_or(OsStr::is_empty)
+}
+
 /// Logs warnings, or what `-v`, `-q` or `RUST_LOG` say.
 pub(crate) fn start(cli: &Cli) {
     let level = match (cli.quiet, cli.verbose) {
@@ -84,7 +90,18 @@ pub(crate) fn start(cli: &Cli) {
     tracing_subscriber::fmt()
         .with_env_filter(filter)
         .with_writer(|| Lines)
-        .with_ansi(io::stderr().is_terminal())
+        .with_ansi(is_coloured(std::env::var_os("NO_COLOR").as_deref(), io::stderr().is_terminal()))
         .with_target(false)
         .init();
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_color_takes_the_colours_of_a_terminal() {
+        assert!(is_coloured(None, true) && is_coloured(Some(OsStr::new("")), true));
+        assert!(!is_coloured(Some(OsStr::new("1")), true) && !is_coloured(None, false));
+    }
 }

@@ -160,23 +160,32 @@ impl Ready {
         }
         if let Some(address) = self.control {
             let _ = writeln!(text, "control\n    http://{address}  (what it does: /openapi.json)");
+            if !address.ip().is_loopback() {
+                text.push_str("    whoever reaches this address can command the drives\n");
+            }
         }
-        if let Some(command) = self.command() {
-            let _ = writeln!(text, "Try:\n  {command}");
+        let commands = self.commands();
+        if !commands.is_empty() {
+            let _ = writeln!(text, "Try:\n  {}", commands.join("\n  "));
         }
         text.push_str("Ctrl-C ends it.\n");
         text
     }
 
-    /// A command to begin with.
-    fn command(&self) -> Option<String> {
-        let of_port = self.drives.iter().find_map(|drive| {
-            drive.ports.iter().find_map(|(port, outlet)| drive.command(*port, self.outlets.get(outlet)?))
+    /// Commands to begin with, for each port of the first drive that has one.
+    fn commands(&self) -> Vec<String> {
+        let of_ports = self.drives.iter().map(|drive| {
+            let ports = drive.ports.iter();
+            ports.filter_map(|(port, outlet)| drive.command(*port, self.outlets.get(outlet)?)).collect()
         });
-        of_port.or_else(|| {
+        let of_control = || {
             let (control, drive) = (self.control?, self.drives.first()?);
             Some(format!("curl -s http://{control}/api/drives/{}", drive.name))
-        })
+        };
+        of_ports
+            .into_iter()
+            .find(|commands: &Vec<_>| !commands.is_empty())
+            .unwrap_or_else(|| of_control().into_iter().collect())
     }
 }
 
@@ -225,6 +234,9 @@ impl Drive {
     fn command_by_tcp(&self, ends: Ends, reached: &Reached) -> Option<String> {
         let uris = reached.uris();
         let address: SocketAddr = uris.iter().find_map(|uri| uri.strip_prefix("tcp:")?.parse().ok())?;
+        if ends == Ends::Return {
+            return Some(format!("python3 -m serial.tools.miniterm socket://{address}"));
+        }
         let (first, count) = self.readable().filter(|_| ends == Ends::Mbap)?;
         // mbpoll counts registers from 1.
         let first = u32::from(first) + 1;

@@ -8,7 +8,7 @@ use utoipa::ToSchema;
 
 /// A number, or its words, each 0 to 65,535 and in bus order, where a register has words with a meaning each.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize, ToSchema)]
-#[serde(untagged)]
+#[serde(untagged, expecting = "a register takes a whole number, or a list of them,")]
 pub enum Value {
     /// A number.
     Number(i64),

@@ -2,12 +2,13 @@
 //!
 //! A page may send "simple" requests anywhere, and may rename its own host to a loopback address. So
 //! the `Host` of a request must be a loopback one, or the very address that the API was told to listen
-//! on; and what changes something has a media type that no page may send without asking first, which is
+//! on, or a name that the user allows; and what changes something has a media type that no page may send without asking first, which is
 //! never allowed. Where a browser says that a page of another origin asks, nothing is answered, so that a
 //! page takes nobody's place either.
 
 use std::error::Error as _;
 use std::net::{IpAddr, SocketAddr};
+use std::sync::Arc;
 use std::time::Duration;
 
 use axum::body::Bytes;
@@ -27,23 +28,54 @@ pub(super) const BODY_BYTES: usize = 64 << 10;
 /// How long a body may take to come.
 const BODY_TIME: Duration = Duration::from_secs(5);
 
+/// Hosts that requests may name.
+#[derive(Clone, Debug)]
+pub(super) struct Hosts {
+    /// The address of the API.
+    pub(super) here: SocketAddr,
+    /// Further names, without a port.
+    pub(super) allowed: Arc<[String]>,
+}
+
+impl Hosts {
+    /// Returns whether `host`, as the header has it, is a loopback name, the API's own address, or an allowed name.
+    fn accept(&self, host: &str) -> bool {
+        let Some(name) = name_of(host) else { return false };
+        let is_ours = |address: IpAddr| address.is_loopback() || address == self.here.ip();
+        let is_name = |other: &str| name.eq_ignore_ascii_case(other);
+        is_name("localhost")
+            || name.parse().is_ok_and(is_ours)
+            || self.allowed.iter().any(|other| is_name(other))
+    }
+}
+
+/// The name or address in `NAME`, `NAME:PORT`, `[ADDRESS]` or `[ADDRESS]:PORT`.
+fn name_of(host: &str) -> Option<&str> {
+    let (name, port) = match host.strip_prefix('[') {
+        Some(rest) => rest.split_once(']')?,
+        None => host.split_at(host.rfind(':').unwrap_or(host.len())),
+    };
+    let is_port = |port: &str| port.strip_prefix(':').is_some_and(|digits| digits.parse::<u16>().is_ok());
+    (port.is_empty() || is_port(port)).then_some(name)
+}
+
 /// Lets only requests through that a web page cannot make.
-pub(super) async fn check(State(here): State<SocketAddr>, request: Request, next: Next) -> Response {
-    match page(&request, here) {
+pub(super) async fn check(State(hosts): State<Hosts>, request: Request, next: Next) -> Response {
+    match page(&request, &hosts) {
         None => next.run(request).await,
         Some(sentence) => Problem::forbidden(sentence).into_response(),
     }
 }
 
 /// Why a web page may have made a request, in a sentence; `None` if it cannot have.
-fn page(request: &Request, here: SocketAddr) -> Option<&'static str> {
+fn page(request: &Request, known: &Hosts) -> Option<&'static str> {
     let headers = request.headers();
     let mut hosts = headers.get_all(header::HOST).iter().map(|host| host.to_str().unwrap_or(""));
     let host = hosts.next().unwrap_or("");
     // A target may name a host as well.
     let targets = request.uri().authority().map(Authority::as_str);
-    if !targets.into_iter().chain(hosts).chain([host]).all(|host| is_local(host, here)) {
-        return Some("the Host of a request must be a loopback address");
+    if !targets.into_iter().chain(hosts).chain([host]).all(|host| known.accept(host)) {
+        return Some("the Host of a request must be a loopback address, or a name of --allow-host");
     }
     let origin = headers.get(header::ORIGIN).map(|origin| origin.to_str().unwrap_or(""));
     let is_own =
@@ -80,16 +112,6 @@ impl<T: DeserializeOwned, S: Send + Sync> FromRequestParts<S> for Asked<T> {
             Problem::refused(format!("the query is not what is wanted here: {why}"))
         })
     }
-}
-
-/// Whether `host`, as the header has it, names this machine, or `here`.
-fn is_local(host: &str, here: SocketAddr) -> bool {
-    let name = match host.strip_prefix('[').and_then(|rest| rest.split_once(']')) {
-        Some((address, _)) => address,
-        None => host.rsplit_once(':').map_or(host, |(name, _)| name),
-    };
-    let is_ours = |address: IpAddr| address.is_loopback() || address == here.ip();
-    name.eq_ignore_ascii_case("localhost") || name.parse().is_ok_and(is_ours)
 }
 
 fn has_body(headers: &HeaderMap) -> bool {
@@ -136,16 +158,37 @@ mod tests {
 
     #[test]
     fn hosts() {
-        let here = "192.168.1.5:80".parse().unwrap();
-        for local in
-            ["localhost", "LOCALHOST:8080", "127.0.0.1", "127.1.2.3:1", "[::1]", "[::1]:8080", "192.168.1.5"]
-        {
-            assert!(is_local(local, here), "{local}");
+        let allowed: Arc<[String]> = ["rig.lab".into()].into();
+        let hosts = Hosts { here: "192.168.1.5:80".parse().unwrap(), allowed };
+        for ours in [
+            "localhost",
+            "LOCALHOST:8080",
+            "127.0.0.1",
+            "127.1.2.3:1",
+            "[::1]",
+            "[::1]:8080",
+            "192.168.1.5",
+            "Rig.Lab",
+            "rig.lab:8080",
+        ] {
+            assert!(hosts.accept(ours), "{ours}");
         }
-        for foreign in
-            ["", "example.com", "example.com:80", "localhost.example.com", "127.0.0.1.nip.io", "10.0.0.1"]
-        {
-            assert!(!is_local(foreign, here), "{foreign}");
+        for foreign in [
+            "",
+            ":80",
+            "example.com",
+            "example.com:80",
+            "localhost.example.com",
+            "127.0.0.1.nip.io",
+            "10.0.0.1",
+            "[::1]evil.com",
+            "[::1]:evil.com",
+            "[::1",
+            "localhost:evil.com",
+            "127.0.0.1:80:evil.com",
+            "evil.rig.lab",
+        ] {
+            assert!(!hosts.accept(foreign), "{foreign}");
         }
     }
 

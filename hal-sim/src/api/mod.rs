@@ -12,7 +12,7 @@ mod model;
 mod problem;
 
 use std::io;
-use std::net::{SocketAddr, TcpListener};
+use std::net::TcpListener;
 use std::pin::pin;
 use std::sync::Arc;
 use std::time::Duration;
@@ -31,6 +31,7 @@ use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
 use crate::realtime::{Door, Host};
+use guard::Hosts;
 pub(crate) use model::Places;
 use problem::Problem;
 
@@ -98,12 +99,12 @@ fn nobody_more(what: &str) -> Problem {
     Problem::new(StatusCode::SERVICE_UNAVAILABLE, detail)
 }
 
-/// Serves the API on `listener`, on a thread of its own, until the process ends.
+/// Serves the API on `listener`, for requests to this machine or to the `allowed` names, on a thread of its own, until the process ends.
 ///
 /// # Errors
 /// The system gives no thread, or does not let it wait.
-pub(crate) fn serve(listener: TcpListener, door: Door, places: Places) -> io::Result<()> {
-    let here = listener.local_addr()?;
+pub(crate) fn serve(listener: TcpListener, allowed: &[String], door: Door, places: Places) -> io::Result<()> {
+    let hosts = Hosts { here: listener.local_addr()?, allowed: allowed.into() };
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     let listener = {
         let _inside = runtime.enter();
@@ -112,21 +113,21 @@ pub(crate) fn serve(listener: TcpListener, door: Door, places: Places) -> io::Re
     let room = |most| Arc::new(Semaphore::new(most));
     let (advancing, readers, exports) = (room(1), room(MAX_READERS), room(MAX_EXPORTS));
     let api = Api { door, places: Arc::new(places), advancing, readers, exports };
-    let router = router(api, here);
+    let router = router(api, hosts);
     std::thread::Builder::new().name("control".into()).spawn(move || {
         runtime.block_on(accept(listener, router));
     })?;
     Ok(())
 }
 
-fn router(api: Api, here: SocketAddr) -> Router {
+fn router(api: Api, hosts: Hosts) -> Router {
     let (router, description) = calls().split_for_parts();
     let description = description::complete(description).to_pretty_json().unwrap_or_default();
     let description = move || async { ([(header::CONTENT_TYPE, "application/json")], description) };
     router
         .route("/openapi.json", get(description))
         .layer(DefaultBodyLimit::max(guard::BODY_BYTES))
-        .layer(from_fn_with_state(here, guard::check))
+        .layer(from_fn_with_state(hosts, guard::check))
         .layer(map_response(problem::of_framework))
         .with_state(api)
 }

@@ -72,7 +72,7 @@ pub(crate) fn run(options: &cli::Run) -> Result<(), String> {
     if let Some(bound) = control {
         let api = bound.listen().and_then(|listener| {
             let address = listener.local_addr()?;
-            api::serve(listener, door, ready.places())?;
+            api::serve(listener, &options.allow_host, door, ready.places())?;
             Ok(address)
         });
         ready.controlled_at(api.map_err(|error| format!("--control cannot listen: {error}"))?);

@@ -28,6 +28,10 @@ impl Told {
     /// One sentence: what is wrong, and where.
     pub(super) fn new(options: &cli::Run) -> Result<Self, String> {
         let is_file = options.what.ends_with(".toml");
+        let is_path = options.what.contains(['/', '.']);
+        if !is_file && is_path {
+            return Err(format!("'{}' is no bench file: its name must end in .toml", options.what));
+        }
         let file = is_file.then(|| PathBuf::from(&options.what));
         let mut layout = match &file {
             Some(file) => {
