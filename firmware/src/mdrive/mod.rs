@@ -193,7 +193,7 @@ impl Device for Mdrive {
             Input::Message { port: MODBUS, link, bytes } => drive.serve(at, link, bytes, out),
             Input::Message { link, bytes, .. } if drive.hears() => drive.console_heard(at, link, bytes, out),
             Input::Opened { port: MCODE, link } => drive.console_opened(at, link, out),
-            Input::Closed { port: MCODE, link } => drive.console_closed(link),
+            Input::Closed { port: MCODE, link } => drive.console_closed(at, link, out),
             Input::Edge { pin, high } => drive.io.edge(at, pin, high, out),
             Input::Open { pin } => drive.io.opened(at, pin, out),
             Input::Millivolts { pin: ANALOG, mv } => drive.io.voltage(at, mv),
@@ -220,6 +220,14 @@ impl Device for Mdrive {
             | Input::Slipped { .. } => {}
         }
         drive.settle(at, out);
+    }
+
+    fn accepts(&self, _port: Port) -> bool {
+        self.drive.accepts_connections()
+    }
+
+    fn takes(&self, port: Port) -> bool {
+        port != MCODE || self.drive.mcode.consoles.takes()
     }
 
     fn deadline(&self) -> Instant {
