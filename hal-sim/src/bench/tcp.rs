@@ -286,7 +286,8 @@ impl Bench {
         match (self.connections.all.get(&client.0), self.clients.get(&client.0)) {
             (Some(connection), _) => {
                 let Connection { seat, port, .. } = *connection;
-                let tcp = self.at(seat).body.ports.get(usize::from(port.0)).and_then(|port| port.tcp.as_ref());
+                let tcp =
+                    self.at(seat).body.ports.get(usize::from(port.0)).and_then(|port| port.tcp.as_ref());
                 let executed = tcp.is_none_or(|tcp| tcp.busy_with != Some(Some(client.0)));
                 executed && connection.under_way == 0 && connection.unheard.is_empty()
             }

@@ -36,7 +36,14 @@ struct Number {
 
 impl Tcp {
     pub(super) fn new(spec: &PortSpec) -> Self {
-        Self { framed: spec.ends == Ends::Mbap, numbers: Vec::new(), coming: Vec::new(), busy_with: None, heard: None, held: VecDeque::new() }
+        Self {
+            framed: spec.ends == Ends::Mbap,
+            numbers: Vec::new(),
+            coming: Vec::new(),
+            busy_with: None,
+            heard: None,
+            held: VecDeque::new(),
+        }
     }
 
     /// How many are connected.

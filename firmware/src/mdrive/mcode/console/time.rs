@@ -8,7 +8,9 @@ use crate::mdrive::mcode::statement::Statement;
 const SHORTEST: Duration = Duration::millis(1);
 /// A line that sets a variable, or moves.
 const COMMON: Duration = Duration::millis(2);
-/// A line that writes the non-volatile memory, or lists a program.
+/// A line of a program that is stored.
+const STORING: Duration = Duration::millis(4);
+/// S, IP, FD, CP, L, and a long PR.
 const LONGEST: Duration = Duration::millis(5);
 /// Each item of PR, on top of the shortest time. A client measured 24 ms at 9,600 baud for `pr EF,"_"ER`, of which its 19
 /// characters take 19.8 ms.
@@ -24,7 +26,7 @@ impl Drive {
         match self.parse(line) {
             Err(_) | Ok(Statement::Empty) => SHORTEST,
             Ok(Statement::Program(_)) => COMMON,
-            Ok(_) if programming => LONGEST,
+            Ok(_) if programming => STORING,
             Ok(Statement::Print(items)) => {
                 (SHORTEST + ITEM * u64::from(self.count_items(items))).min(LONGEST)
             }

@@ -133,7 +133,7 @@ fn a_command_takes_1_to_5_ms() {
     bed.types_lines("PG 1");
     let began = bed.now;
     bed.types("R1=5\r");
-    assert_eq!(bed.now, began + crate::device::Duration::millis(5), "a line of a program is stored");
+    assert_eq!(bed.now, began + crate::device::Duration::millis(4), "a line of a program is stored");
 }
 
 #[test]
