@@ -88,8 +88,11 @@ class Standin:
 
     def socket(self, port=None, drive=None):
         """A client of its own on the line, or on a port by its name, where drives are several of that drive."""
-        ports = self.drives[drive] if drive else self.ports
-        return socket.create_connection(ports[port] if port else self.tcp, timeout=PATIENCE)
+        if port is None:
+            address = self.tcp
+        else:
+            address = (self.drives[drive] if drive else self.ports)[port]
+        return socket.create_connection(address, timeout=PATIENCE)
 
     def notice(self):
         """Returns when it has seen what was sent so far, and that a pty was left: before that, the pty

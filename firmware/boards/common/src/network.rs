@@ -272,16 +272,15 @@ impl Connection<'_> {
                 self.stage = Stage::Leaves(None);
                 Some(Came::Closed)
             }
-            Stage::Free if socket.may_send() => {
+            // Who connects before the drive accepts waits as in the backlog of a host.
+            Stage::Free if socket.may_send() && device.accepts(self.port) => {
                 self.stage = Stage::Open;
                 socket.set_timeout(Some(GONE));
                 self.framing.begin();
                 Some(Came::Opened)
             }
             Stage::Free => {
-                if device.accepts(self.port) {
-                    self.listen(socket);
-                }
+                self.listen(socket);
                 None
             }
             Stage::Leaves(until) => {

@@ -40,20 +40,27 @@ fn mcode_comes_at_once_and_never_past_the_end_of_a_line() {
     assert_eq!(cable.pass(20), [message(b"\nSL 0\n"), message(b"PS")]);
 }
 
+/// The drive hears of nobody before that; who has come waits, and so does what he says.
 #[test]
-fn nobody_connects_before_the_drive_accepts() {
+fn connections_wait_until_the_drive_accepts_them() {
     let mut cable = Cable::new();
     cable.drive.accepts = false;
-    for port in [MODBUS, MCODE] {
-        let early = cable.call(port);
-        assert_eq!(cable.pass(20), []);
-        assert_eq!(cable.client(early).state(), State::Closed, "refused");
-    }
+    let (master, client) = (cable.call(MODBUS), cable.call(MCODE));
+    assert_eq!(cable.pass(20), []);
+    cable.say(master, &request(1));
+    cable.say(client, b"PR V\r");
+    assert_eq!(cable.pass(300), []);
     cable.drive.accepts = true;
-    cable.pass(1);
-    for port in [MODBUS, MCODE] {
-        cable.connected(port, 0);
-    }
+    let told = |port, came, bytes: &[u8]| (port, Link(0), came, bytes.to_vec());
+    assert_eq!(
+        cable.pass(20),
+        [
+            told(MODBUS, Came::Opened, b""),
+            told(MCODE, Came::Opened, b""),
+            told(MODBUS, Came::Message, &request(1)),
+            told(MCODE, Came::Message, b"PR V\r"),
+        ]
+    );
 }
 
 /// What comes meanwhile waits where it is, and the other port is served.
