@@ -83,7 +83,7 @@ fn while_the_drive_takes_nothing_its_connections_wait() {
     let said = |link| told.iter().filter(move |told| told.1 == Link(link));
     let text = |link| said(link).flat_map(|told| told.3.clone()).collect::<Vec<_>>();
     assert_eq!((text(0), text(1)), (line.repeat(10), b"PR V\r".to_vec()));
-    assert_eq!(said(0).last(), Some(&(MCODE, Link(0), Came::Closed, Vec::new())));
+    assert_eq!(said(0).next_back(), Some(&(MCODE, Link(0), Came::Closed, Vec::new())));
 }
 
 #[test]
