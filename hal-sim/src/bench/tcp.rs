@@ -365,8 +365,12 @@ impl Bench {
     pub(super) fn note_taking(&mut self, place: u32) {
         for number in 0..self.seats[place as usize].body.ports.len() {
             let port = Port(number as u8);
-            let takes = self.seats[place as usize].takes(port);
-            let Some(tcp) = self.seats[place as usize].body.tcp(port) else { continue };
+            let seated = &mut self.seats[place as usize];
+            if seated.body.tcp(port).is_none() {
+                continue;
+            }
+            let takes = seated.takes(port);
+            let Some(tcp) = seated.body.tcp(port) else { continue };
             match (takes, tcp.busy_with) {
                 (false, None) => {
                     tcp.busy_with = Some(tcp.heard);

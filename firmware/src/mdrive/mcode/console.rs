@@ -210,8 +210,10 @@ impl Drive {
     fn execute_line(&mut self, at: Instant, link: Link, out: &mut dyn Sink) {
         let Some(console) = self.mcode.consoles.find(link) else { return };
         let (mut line, name) = (mem::take(&mut console.line), console.called.name());
+        let stores = console.programming.is_some();
         // Hardware sends no CR LF before what is printed while a program runs, though table 7.1 does not tell it apart.
-        let prints_alone = self.echo_mode() == echo::HALF && self.mcode.vm.is_running() && self.prints(&line);
+        let is_half = self.echo_mode() == echo::HALF;
+        let prints_alone = is_half && self.mcode.vm.is_running() && !stores && self.prints(&line);
         if !prints_alone {
             self.end_echo(at, link, &line, out);
         }

@@ -92,8 +92,7 @@ impl Consoles {
         self.party = if on { Party::Waiting } else { Party::Off };
         let called = self.first_called();
         for console in &mut self.list {
-            *console =
-                Console { called, programming: console.programming, ..Console::new(console.link, called) };
+            *console = Console { programming: console.programming, ..Console::new(console.link, called) };
         }
     }
 

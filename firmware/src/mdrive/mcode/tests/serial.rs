@@ -148,6 +148,9 @@ fn in_mode_1_a_value_stands_alone_while_a_program_runs() {
     assert_eq!(bed.types("!R1=8\n"), "\r\n");
     assert_eq!(bed.types("!\n"), "\r\n");
     assert_eq!(bed.types("!PR HELLO\n"), "\r\n", "nothing is printed");
+    // A line that is stored prints nothing.
+    assert_eq!(bed.types("!PG 100\n!PR R1\n!PG\n"), "\r\n\r\n\r\n");
+    assert_eq!(bed.types("!PR R1\n"), "8\r\n");
     assert_eq!(bed.types("!E\n"), "\r\n");
     assert_eq!(bed.types("!PR R1\n"), "\r\n8\r\n");
 }
