@@ -658,6 +658,17 @@ pub trait Device {
     /// Something happens.
     fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Sink);
 
+    /// Whether a TCP port accepts connections; only an input or a timeout changes it.
+    fn accepts(&self, _port: Port) -> bool {
+        true
+    }
+
+    /// Whether it takes what comes on the connections of a TCP port; only an input or a timeout changes it. Until it
+    /// does a message, or the end of a connection, waits with whoever carries it.
+    fn takes(&self, _port: Port) -> bool {
+        true
+    }
+
     /// When it wants to be woken; [`Instant::NEVER`] if only an input can.
     fn deadline(&self) -> Instant;
 
@@ -716,6 +727,14 @@ impl<D: Device + ?Sized> Device for &mut D {
 
     fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Sink) {
         (**self).input(at, input, out);
+    }
+
+    fn accepts(&self, port: Port) -> bool {
+        (**self).accepts(port)
+    }
+
+    fn takes(&self, port: Port) -> bool {
+        (**self).takes(port)
     }
 
     fn deadline(&self) -> Instant {

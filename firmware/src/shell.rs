@@ -87,11 +87,18 @@ pub enum Came {
 /// port has.
 pub trait Links {
     /// Does what is due on the network at `now` and returns what came on one of the connections, and when, with the
-    /// bytes of a [`Came::Message`] in `message`. Where an interrupt stamps frames, that is before `now`.
+    /// bytes of a [`Came::Message`] in `message`. Where an interrupt stamps frames, that is before `now`. Where `device`
+    /// does not [accept](Device::accepts) connections they wait, and where it does not [take](Device::takes) more nothing
+    /// but openings is returned.
     ///
     /// # Errors
     /// Nothing came. Then this wants to be called again as soon as there is a frame, and then at the latest.
-    fn next(&mut self, now: Instant, message: &mut Adu) -> Result<(Instant, Port, Link, Came), Instant>;
+    fn next(
+        &mut self,
+        now: Instant,
+        device: &dyn Device,
+        message: &mut Adu,
+    ) -> Result<(Instant, Port, Link, Came), Instant>;
 
     /// Sends all of `bytes`, or loses all of them and returns `false`: where there is no room for them the
     /// connection is closed, since behind a gap nobody knows what he reads. What was just closed by the other side
@@ -104,8 +111,13 @@ pub trait Links {
 
 /// One that lies elsewhere.
 impl<L: Links> Links for &mut L {
-    fn next(&mut self, now: Instant, message: &mut Adu) -> Result<(Instant, Port, Link, Came), Instant> {
-        (**self).next(now, message)
+    fn next(
+        &mut self,
+        now: Instant,
+        device: &dyn Device,
+        message: &mut Adu,
+    ) -> Result<(Instant, Port, Link, Came), Instant> {
+        (**self).next(now, device, message)
     }
 
     fn send(&mut self, port: Port, link: Link, bytes: &[u8]) -> bool {
@@ -122,7 +134,12 @@ impl<L: Links> Links for &mut L {
 pub enum NoLinks {}
 
 impl Links for NoLinks {
-    fn next(&mut self, _now: Instant, _message: &mut Adu) -> Result<(Instant, Port, Link, Came), Instant> {
+    fn next(
+        &mut self,
+        _now: Instant,
+        _device: &dyn Device,
+        _message: &mut Adu,
+    ) -> Result<(Instant, Port, Link, Came), Instant> {
         match *self {}
     }
 
@@ -329,7 +346,7 @@ impl<D: Device, I: Inputs, O: Outputs, const CHARACTERS: usize> Shell<D, I, O, C
     fn hear(&mut self, now: Instant) -> bool {
         let Some(links) = self.hands.outputs.links() else { return false };
         let mut message = Adu::new();
-        let (at, port, link, came) = match links.next(now, &mut message) {
+        let (at, port, link, came) = match links.next(now, &self.device, &mut message) {
             Ok(came) => came,
             Err(again) => {
                 self.hands.network = again;

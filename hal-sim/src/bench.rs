@@ -549,6 +549,7 @@ impl Bench {
             self.hush(place);
             self.lose_connections(place);
         }
+        self.note_taking(place);
     }
 
     /// After a device has been called otherwise: its deadline, what it has sent, what an end of power
@@ -565,6 +566,7 @@ impl Bench {
             self.hush(place);
             self.lose_connections(place);
         }
+        self.note_taking(place);
     }
 
     /// Puts the seats in order, if there are new ones.

@@ -12,7 +12,7 @@ use std::rc::Rc;
 use embedded_hal::digital;
 use embedded_io::ErrorType;
 use embedded_storage::{ReadStorage, Storage};
-use standin_firmware::device::{Axis, Duration, Instant, Line, Link, Pin, Plan, Port, Spec};
+use standin_firmware::device::{Axis, Device, Duration, Instant, Line, Link, Pin, Plan, Port, Spec};
 use standin_firmware::shell::{Came, Caught, Inputs, Links, Outputs};
 use standin_protocol::modbus::tcp::Adu;
 
@@ -299,7 +299,12 @@ impl embedded_io::WriteReady for Uart {
 pub struct Network(Board);
 
 impl Links for Network {
-    fn next(&mut self, now: Instant, message: &mut Adu) -> Result<(Instant, Port, Link, Came), Instant> {
+    fn next(
+        &mut self,
+        now: Instant,
+        _device: &dyn Device,
+        message: &mut Adu,
+    ) -> Result<(Instant, Port, Link, Came), Instant> {
         let mut state = self.0.0.borrow_mut();
         let due = state.came.front().map_or(Instant::NEVER, |(at, ..)| *at);
         let first = if due <= now { state.came.pop_front() } else { None };

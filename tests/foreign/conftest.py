@@ -39,17 +39,15 @@ class Standin:
             self.kill()
             raise
         self.control = ready["control"]
+        self.drives = {device["name"]: tcp_ports(device) for device in ready["devices"]}
         if str(kind).endswith(".toml"):
             return
         (device,) = ready["devices"]
         assert (device["name"], device["kind"]) == (kind, kind)
-        self.ports = {}
-        for name, uris in device["ports"].items():
-            addresses = dict(uri.split(":", 1) for uri in uris)
-            host, port = addresses["tcp"].rsplit(":", 1)
-            self.ports[name] = (host, int(port))
+        self.ports = self.drives[kind]
         self.tcp = next(iter(self.ports.values()))
-        self.pty = addresses.get("pty")
+        *_, uris = device["ports"].values()
+        self.pty = dict(uri.split(":", 1) for uri in uris).get("pty")
 
     def _line(self):
         """The one line that says where everything is."""
@@ -88,9 +86,13 @@ class Standin:
         self.notice()
         self.call("POST", "/api/time/advance", {"seconds": seconds})
 
-    def socket(self, port=None):
-        """A client of its own on the line, or on a port by its name."""
-        return socket.create_connection(self.ports[port] if port else self.tcp, timeout=PATIENCE)
+    def socket(self, port=None, drive=None):
+        """A client of its own on the line, or on a port by its name, where drives are several of that drive."""
+        if port is None:
+            address = self.tcp
+        else:
+            address = (self.drives[drive] if drive else self.ports)[port]
+        return socket.create_connection(address, timeout=PATIENCE)
 
     def notice(self):
         """Returns when it has seen what was sent so far, and that a pty was left: before that, the pty
@@ -110,6 +112,18 @@ class Standin:
         self.process.wait(PATIENCE)
         self.process.stdout.close()
         self.log.close()
+
+
+def tcp_ports(device):
+    """Where the ports of a device listen, by their names."""
+    ports = {}
+    for name, uris in device["ports"].items():
+        for uri in uris:
+            scheme, address = uri.split(":", 1)
+            if scheme == "tcp":
+                host, port = address.rsplit(":", 1)
+                ports[name] = (host, int(port))
+    return ports
 
 
 @pytest.fixture

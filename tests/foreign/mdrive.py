@@ -86,15 +86,20 @@ class WriteSpecific(ModbusPDU):
 class Terminal:
     """A program on port 503 that waits for each prompt."""
 
-    def __init__(self, standin):
-        self.socket = standin.socket("mcode")
+    def __init__(self, standin, drive=None):
+        self.socket = standin.socket("mcode", drive)
+
+    def receive_until(self, end):
+        """All that comes up to an end."""
+        got = b""
+        while not got.endswith(end):
+            got += receive(self.socket, 1)
+        return got
 
     def ask(self, line, prompt=b">"):
         """A line and what is printed: between its echo and the prompt."""
         self.socket.sendall(line.encode() + b"\r")
-        got = b""
-        while not got.endswith(prompt):
-            got += receive(self.socket, 1)
+        got = self.receive_until(prompt)
         echo = line.encode() + b"\r\n"
         assert got.startswith(echo), got
         return got[len(echo) : -1].decode().removesuffix("\r\n")

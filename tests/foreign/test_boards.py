@@ -170,6 +170,12 @@ def test_lines_and_the_network_of_a_board(mdrive):
         assert not client.write_registers(VM, [1, 0]).isError()
         client.close()
         assert one.ask(b"PR VM") == two.ask(b"PR VM") == [b"65536"]
+        # What is typed while a line is executed waits, on both, and nothing is lost.
+        for line in (one, two):
+            line.stream.sendall(b"IC R1\r\n" * 200)
+        for line in (one, two):
+            assert read_all(line.stream, 1_600) == b"IC R1\r\n>" * 200
+        assert one.ask(b"PR R1") == [b"400"]
 
 
 def test_a_wrong_header_and_one_connection_too_many_close(mdrive):

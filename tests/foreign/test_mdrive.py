@@ -347,6 +347,66 @@ def test_more_connections_than_there_is_room_for(drive, opened):
     assert ask(raw, header(9, 9, *ASK), 11) == header(9, 9, *ANSWER)
 
 
+def test_connections_are_accepted_once_it_has_booted(run, opened):
+    """300 ms after power-on; who has come before is served then, and hears no sign-on."""
+    standin = run("--time", "manual", kind="mdrive")
+    for _ in range(2):
+        modbus, mcode = (standin.socket(port) for port in ("modbus", "mcode"))
+        opened += [modbus, mcode]
+        modbus.sendall(header(1, 1, *ASK))
+        mcode.sendall(b"PR HC\r")
+        standin.advance(0.299)
+        for early in (modbus, mcode):
+            early.setblocking(False)
+            with pytest.raises(BlockingIOError):
+                early.recv(1)
+            early.settimeout(PATIENCE)
+        standin.advance(0.001)
+        assert receive(modbus, 11) == header(1, 1, *ANSWER)
+        assert receive(mcode, 11) == b"PR HC\r\n5\r\n>"
+        standin.call("POST", "/api/drives/mdrive/power", {"action": "cycle"})
+        assert mcode.recv(1) == b""
+
+
+def test_a_typed_line_takes_its_time(drive, opened):
+    """MC 7.1: 1 to 5 ms, and nothing that is typed meanwhile is lost."""
+    standin = drive()
+    terminals = [Terminal(standin) for _ in range(2)]
+    opened += terminals
+    start = standin.seconds()
+    for line, ms in (("PR HC", 2), ("R1=0", 2), ('PR P,"_"V,"_"MV,"_"VC', 5), ("", 1), ("L", 5)):
+        terminals[0].ask(line)
+        assert round((standin.seconds() - start) * 1_000, 3) == ms, line
+        start = standin.seconds()
+    for terminal in terminals:
+        terminal.socket.sendall(b"IC R1\r\n" * 1_000)
+    for terminal in terminals:
+        assert receive(terminal.socket, 8_000) == b"IC R1\r\n>" * 1_000
+    assert terminals[0].ask("PR R1") == "2000"
+
+
+def test_who_types_faster_than_the_drive_executes_is_read_no_further(run, opened):
+    standin = run("--fast-boot", kind="mdrive")
+    flood = standin.socket("mcode")
+    opened.append(flood)
+    flood.setblocking(False)
+    lines = b"IC R1\r" * 10_000
+    sent, stuck, most = 0, 0, 100_000_000
+    while sent < most and stuck < 20:
+        try:
+            sent += flood.send(lines)
+            stuck = 0
+        except BlockingIOError:
+            stuck += 1
+            standin.notice()
+    assert sent < most, "it takes everything"
+    # The others take turns with it, and the bus does not wait at all.
+    terminal = Terminal(standin)
+    opened.append(terminal)
+    assert terminal.ask("PR HC") == "5"
+    assert Master(standin, opened).word(HC) == 5
+
+
 def test_any_bytes_on_port_503(drive, opened):
     """Errors, and nothing else; also a line without an end."""
     standin = drive()

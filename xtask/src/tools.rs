@@ -216,6 +216,8 @@ impl Apt {
 }
 
 const REQUIREMENTS: &str = "tests/foreign/requirements.txt";
+/// What is installed without what it asks for.
+const ALONE: &str = "tests/foreign/requirements-alone.txt";
 
 /// The interpreter of the environment for foreign masters.
 pub(crate) fn python(sh: &Shell) -> PathBuf {
@@ -229,7 +231,12 @@ fn environment(sh: &Shell) -> PathBuf {
 /// Whether the environment was made from the requirements as they are.
 fn environment_is_current(sh: &Shell) -> bool {
     let made_from = sh.read_file(environment(sh).join("requirements.txt"));
-    made_from.is_ok_and(|made_from| sh.read_file(REQUIREMENTS).is_ok_and(|wanted| wanted == made_from))
+    made_from.is_ok_and(|made_from| requirements(sh).is_ok_and(|wanted| wanted == made_from))
+}
+
+/// Both files of requirements.
+fn requirements(sh: &Shell) -> Result<String> {
+    Ok(sh.read_file(REQUIREMENTS)? + &sh.read_file(ALONE)?)
 }
 
 fn make_environment(sh: &Shell) -> Result<()> {
@@ -237,8 +244,9 @@ fn make_environment(sh: &Shell) -> Result<()> {
     cmd!(sh, "python3 -m venv --clear {environment}").run()?;
     let python = python(sh);
     cmd!(sh, "{python} -m pip install -q --disable-pip-version-check -r {REQUIREMENTS}").run()?;
+    cmd!(sh, "{python} -m pip install -q --disable-pip-version-check --no-deps -r {ALONE}").run()?;
     // Last, so that an installation that broke off is begun again.
-    sh.copy_file(REQUIREMENTS, environment.join("requirements.txt"))
+    sh.write_file(environment.join("requirements.txt"), requirements(sh)?)
         .with_context(|| format!("cannot finish {}", environment.display()))
 }
 

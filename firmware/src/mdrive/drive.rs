@@ -85,6 +85,8 @@ pub(super) enum State {
     Booting {
         /// When it does.
         due: Instant,
+        /// The power has come, so that the Ethernet controller starts, too.
+        whole: bool,
     },
     /// It hears, and calibrates before it signs on.
     Calibrating,
@@ -130,7 +132,9 @@ impl Drive {
     pub(super) fn deadline(&self) -> Instant {
         let own = self.startup_due().min(self.save_due());
         let machine = self.motion.deadline().min(self.io.deadline()).min(self.hybrid.deadline());
-        own.min(machine).min(self.mcode.vm.deadline()).min(self.mcode.trips.deadline())
+        let mcode = &self.mcode;
+        let lines = mcode.consoles.deadline().min(mcode.vm.deadline()).min(mcode.trips.deadline());
+        own.min(machine).min(lines)
     }
 
     pub(super) fn timeout(&mut self, at: Instant, out: &mut dyn Sink) {
@@ -150,6 +154,9 @@ impl Drive {
             self.hybrid_timeout(at, out);
         }
         self.settle(at, out);
+        if self.mcode.consoles.deadline() <= at {
+            self.console_timeout(at, out);
+        }
         if self.mcode.vm.deadline() <= at {
             self.program_timeout(at, out);
             self.settle(at, out);
@@ -225,6 +232,7 @@ impl Drive {
             }
         }
         self.look_at_hybrid(at, out);
+        self.look_for_party();
         let moves_otherwise = self.motion.has_changed();
         if moves_otherwise || self.io.wants_plan() {
             self.io.plan(at, self.motion.plan(), out);

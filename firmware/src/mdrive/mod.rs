@@ -92,7 +92,8 @@ static MDRIVE_HYBRID: Spec = spec(
 /// What there is not, and why: the Hybrid's lines are the last ones.
 static NOT_MODELLED: [&str; 23] = [
     "MCode over UDP (FB 6.3, MC 1.2.2)",
-    "BD, CK, DG, DN, PY, QD and Ctrl-J (MC 1.2.2): of drives with a serial port; error 37 unless SerialCommands is 1",
+    "BD, CK, DG, DN, PY, QD and Ctrl-J (MC 1.2.2): of drives with a serial port; error 37 unless SerialCommands is 1: \
+     then they are there on TCP, but BD, whose line there is not, and answers of several drives do not collide",
     "D9 to D12, I9 to I12, O9 to O12, S9 to S12, IH, OH (FB 1.2.1): drives with Ethernet have no such I/O; error 37",
     "AT, FT, I7, I8, I13 (MC 5-3, 5-27, 5-34, 5-35): reserved; error 37",
     "PW (MC 5-58): of another product; a free name",
@@ -193,7 +194,7 @@ impl Device for Mdrive {
             Input::Message { port: MODBUS, link, bytes } => drive.serve(at, link, bytes, out),
             Input::Message { link, bytes, .. } if drive.hears() => drive.console_heard(at, link, bytes, out),
             Input::Opened { port: MCODE, link } => drive.console_opened(at, link, out),
-            Input::Closed { port: MCODE, link } => drive.console_closed(link),
+            Input::Closed { port: MCODE, link } => drive.console_closed(at, link, out),
             Input::Edge { pin, high } => drive.io.edge(at, pin, high, out),
             Input::Open { pin } => drive.io.opened(at, pin, out),
             Input::Millivolts { pin: ANALOG, mv } => drive.io.voltage(at, mv),
@@ -220,6 +221,14 @@ impl Device for Mdrive {
             | Input::Slipped { .. } => {}
         }
         drive.settle(at, out);
+    }
+
+    fn accepts(&self, _port: Port) -> bool {
+        self.drive.accepts_connections()
+    }
+
+    fn takes(&self, port: Port) -> bool {
+        port != MCODE || self.drive.mcode.consoles.takes()
     }
 
     fn deadline(&self) -> Instant {

@@ -47,7 +47,7 @@ impl Drive {
         if !good {
             self.errors.set(Error::Flash);
         }
-        self.state = State::Booting { due: if self.boot.fast { at } else { at + BOOT } };
+        self.state = State::Booting { due: if self.boot.fast { at } else { at + BOOT }, whole };
     }
 
     /// What the drive is at ends: errors, the program that runs, trips.
@@ -63,9 +63,15 @@ impl Drive {
         matches!(self.state, State::Calibrating | State::Ready)
     }
 
+    /// Whether its ports accept connections: the Ethernet controller, of both of them, starts with the power, and works
+    /// while the drive alone starts again.
+    pub(super) fn accepts_connections(&self) -> bool {
+        !matches!(self.state, State::Off | State::Booting { whole: true, .. })
+    }
+
     pub(super) fn startup_due(&self) -> Instant {
         match self.state {
-            State::Booting { due } => due,
+            State::Booting { due, .. } => due,
             State::Off | State::Calibrating | State::Ready => Instant::NEVER,
         }
     }

@@ -2,7 +2,8 @@
 //!
 //! A message takes no time, and a drive hears it at the instant at which its last byte came, and what it answers then is
 //! there at once. It hears one message of a connection after the other, and those of several in turns. Of a client that
-//! leaves its answers unread it hears no more until they are taken, so that there are never many of them.
+//! leaves its answers unread it hears no more until they are taken, so that there are never many of them. While a drive
+//! [takes](standin_firmware::device::Device::takes) nothing all of them wait.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
@@ -37,6 +38,8 @@ pub enum Outlet {
 pub enum TurnedAway {
     /// The drive has no power.
     NoPower,
+    /// The drive does not accept connections yet.
+    Booting,
     /// As many are there as a port takes.
     Full,
 }
@@ -45,6 +48,7 @@ impl fmt::Display for TurnedAway {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::NoPower => f.write_str("the drive has no power"),
+            Self::Booting => f.write_str("the drive boots"),
             Self::Full => write!(f, "{MOST_CONNECTIONS} are there"),
         }
     }
@@ -88,13 +92,21 @@ struct Connection {
     inbox: Vec<u8>,
     /// Whether what it has taken is not read where it goes.
     held_back: bool,
+    /// Whether it is gone, and only what it has said before is still to be heard.
+    is_gone: bool,
     ended: Option<Ended>,
 }
 
 impl Connection {
     /// Whether it takes what is answered.
     fn reads(&self) -> bool {
-        !self.held_back && self.inbox.len() < UNREAD_BYTES
+        self.is_gone || (!self.held_back && self.inbox.len() < UNREAD_BYTES)
+    }
+
+    /// What it has said is still to be heard, ahead of all else.
+    fn put_back(&mut self, mut bytes: Vec<u8>) {
+        bytes.append(&mut self.unheard);
+        self.unheard = bytes;
     }
 
     /// The next message of what it has said.
@@ -142,8 +154,18 @@ impl Connections {
         if let Some(connection) = self.all.get_mut(&client) {
             connection.ended.get_or_insert(ended);
             connection.unheard = Vec::new();
-            self.audible.insert(client);
+            if connection.is_gone {
+                self.forget(client);
+            } else {
+                self.audible.insert(client);
+            }
         }
+    }
+
+    /// Nobody is there any more.
+    fn forget(&mut self, client: u32) {
+        self.all.remove(&client);
+        self.audible.remove(&client);
     }
 }
 
@@ -200,6 +222,16 @@ impl Bench {
         self.join(self.outlet(seat, port))
     }
 
+    /// Whether an outlet accepts connections: not the TCP port of a drive that boots. Without power it does, to turn
+    /// everybody away.
+    #[must_use]
+    pub fn accepts(&self, outlet: Outlet) -> bool {
+        match outlet {
+            Outlet::Line(_) => true,
+            Outlet::Tcp(seat, port) => !self.powered(seat) || self.at(seat).accepts(port),
+        }
+    }
+
     /// Somebody connects to an outlet.
     ///
     /// # Errors
@@ -214,6 +246,9 @@ impl Bench {
         };
         if !self.powered(seat) {
             return Err(TurnedAway::NoPower);
+        }
+        if !self.accepts(outlet) {
+            return Err(TurnedAway::Booting);
         }
         let client = self.connected + 1;
         let tcp = self.at_mut(seat).body.tcp(port).expect("the device has such a port");
@@ -230,6 +265,7 @@ impl Bench {
             under_way: 0,
             inbox,
             held_back: false,
+            is_gone: false,
             ended: None,
         };
         self.connections.all.insert(client, connection);
@@ -248,7 +284,13 @@ impl Bench {
     #[must_use]
     pub fn is_served(&self, client: Client) -> bool {
         match (self.connections.all.get(&client.0), self.clients.get(&client.0)) {
-            (Some(connection), _) => connection.under_way == 0 && connection.unheard.is_empty(),
+            (Some(connection), _) => {
+                let Connection { seat, port, .. } = *connection;
+                let tcp =
+                    self.at(seat).body.ports.get(usize::from(port.0)).and_then(|port| port.tcp.as_ref());
+                let executed = tcp.is_none_or(|tcp| tcp.busy_with != Some(Some(client.0)));
+                executed && connection.under_way == 0 && connection.unheard.is_empty()
+            }
             (None, Some(outside)) => self.is_free(Bus(outside.bus)),
             (None, None) => true,
         }
@@ -297,12 +339,60 @@ impl Bench {
         count
     }
 
-    /// A drive is to hear the next that somebody on a connection has said, when it has heard all before it and that is
-    /// read which it has answered.
+    /// A drive is to hear the next that somebody on a connection has said, when it has heard all before it, takes more,
+    /// and that is read which it has answered; behind the last that he has left, if he has.
     fn go_on(&mut self, client: u32) {
-        let connection = self.connections.all.get(&client);
-        if connection.is_some_and(|connection| connection.under_way == 0 && connection.reads()) {
-            self.tell_next(client);
+        let Some(connection) = self.connections.all.get(&client) else { return };
+        let Connection { seat, port, is_gone, .. } = *connection;
+        if connection.under_way > 0 || !connection.reads() {
+            return;
+        }
+        let has_more = is_gone || (connection.ended.is_none() && !connection.unheard.is_empty());
+        let tcp = self.at_mut(seat).body.tcp(port);
+        match tcp.filter(|tcp| tcp.busy_with.is_some()) {
+            Some(tcp) if has_more => tcp.hold(client),
+            Some(_) => {}
+            None => {
+                if !self.tell_next(client) && is_gone {
+                    self.hang_up(client);
+                    self.connections.forget(client);
+                }
+            }
+        }
+    }
+
+    /// After a device has been called: whether its TCP ports take more, and who goes on then.
+    pub(super) fn note_taking(&mut self, place: u32) {
+        for number in 0..self.seats[place as usize].body.ports.len() {
+            let port = Port(number as u8);
+            let seated = &mut self.seats[place as usize];
+            if seated.body.tcp(port).is_none() {
+                continue;
+            }
+            let takes = seated.takes(port);
+            let Some(tcp) = seated.body.tcp(port) else { continue };
+            match (takes, tcp.busy_with) {
+                (false, None) => {
+                    tcp.busy_with = Some(tcp.heard);
+                    self.busy += 1;
+                }
+                (true, Some(_)) => {
+                    tcp.busy_with = None;
+                    self.busy -= 1;
+                    self.release(place, port);
+                }
+                _ => {}
+            }
+        }
+    }
+
+    /// Whoever waits longest goes on, if the device takes more.
+    fn release(&mut self, place: u32, port: Port) {
+        while let Some(client) = self.seats[place as usize].body.tcp(port).and_then(Tcp::release) {
+            self.go_on(client);
+            if self.connections.all.get(&client).is_some_and(|connection| connection.under_way > 0) {
+                break;
+            }
         }
     }
 
@@ -330,12 +420,23 @@ impl Bench {
 
     /// Somebody on a TCP connection leaves. Who has not read what was answered is heard no further.
     pub(super) fn disconnect_tcp(&mut self, client: u32) {
-        if self.connections.all.get(&client).is_some_and(Connection::reads) {
-            while self.tell_next(client) {}
-        }
-        self.hang_up(client);
-        self.connections.all.remove(&client);
         self.connections.audible.remove(&client);
+        let Some(connection) = self.connections.all.get_mut(&client) else { return };
+        if connection.ended.is_some() {
+            return self.connections.forget(client);
+        }
+        if !connection.reads() {
+            connection.unheard.clear();
+        }
+        connection.is_gone = true;
+        // Requests have no time, so the drive hears all of them now. Of lines one waits for the other.
+        if connection.splitter.is_some() {
+            while self.tell_next(client) {}
+            self.hang_up(client);
+            self.connections.forget(client);
+        } else {
+            self.go_on(client);
+        }
     }
 
     /// The drive is to hear that a connection is closed, if it is still open to it.
@@ -359,11 +460,24 @@ impl Bench {
     /// A drive hears something of somebody on a connection, and then the next that he has said.
     pub(super) fn hear(&mut self, place: u32, client: u32, fed: &Fed) {
         self.busy -= 1;
+        let (Fed::Opened { port, .. } | Fed::Message { port, .. } | Fed::Closed { port, .. }) = *fed else {
+            return;
+        };
+        let Some(tcp) = self.seats[place as usize].body.tcp(port) else { return };
+        let takes = tcp.busy_with.is_none();
+        tcp.heard = if takes { Some(client) } else { tcp.heard };
         if let Some(connection) = self.connections.all.get_mut(&client) {
             connection.under_way -= 1;
+            // Somebody else's message of the same instant came first.
+            if let (false, Fed::Message { bytes, .. }) = (takes, fed) {
+                connection.put_back(bytes.clone());
+            }
         }
-        self.hear_if_open(place, client, fed);
+        if takes || !matches!(fed, Fed::Message { .. }) {
+            self.hear_if_open(place, client, fed);
+        }
         self.go_on(client);
+        self.release(place, port);
     }
 
     /// A drive hears something of somebody on a connection, unless that has been closed meanwhile.
@@ -396,6 +510,7 @@ impl Bench {
         let Some(connection) = self.connections.all.get_mut(&client) else { return };
         match count {
             Some(0) => return,
+            Some(_) if connection.is_gone => {}
             Some(_) => {
                 connection.inbox.extend_from_slice(bytes);
                 self.connections.audible.insert(client);

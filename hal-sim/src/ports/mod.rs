@@ -117,6 +117,8 @@ pub(crate) struct Ports {
     /// What has come, and is still to be taken.
     ready: VecDeque<(u64, EventFlags)>,
     listeners: BTreeMap<u64, tcp::Listener>,
+    /// Those where somebody knocks whose drive boots.
+    booting: BTreeSet<u64>,
     places: BTreeMap<u64, Place>,
     /// The place of each client.
     clients: BTreeMap<Client, u64>,
@@ -146,6 +148,7 @@ impl Ports {
             watch: Watch::new()?,
             ready: VecDeque::new(),
             listeners: BTreeMap::new(),
+            booting: BTreeSet::new(),
             places: BTreeMap::new(),
             clients: BTreeMap::new(),
             going: BTreeSet::new(),
@@ -295,6 +298,7 @@ impl Ports {
                 self.note(bench, number);
             }
         }
+        self.listen_again(bench);
         while let Some(&(at, number)) = self.ending.first()
             && at <= bench.now()
         {
@@ -410,10 +414,31 @@ impl Ports {
         }
     }
 
+    /// Listens again where a drive has booted by now.
+    fn listen_again(&mut self, bench: &Bench) {
+        let Self { booting, listeners, watch, .. } = self;
+        booting.retain(|number| {
+            let Some(listener) = listeners.get(number) else { return false };
+            if !listener.is_open(bench) {
+                return true;
+            }
+            if let Err(error) = watch.add(*number, listener.socket(), EventFlags::IN) {
+                error!("tcp:{} lets nobody in any more: {error}", listener.address());
+            }
+            false
+        });
+    }
+
     /// Lets in who knocks at a TCP port. Whether somebody has come of whom a drive is to hear.
     fn accept(&mut self, bench: &mut Bench, number: u64) -> bool {
         let mut came = false;
         while let Some(listener) = self.listeners.get_mut(&number) {
+            if !listener.is_open(bench) {
+                // Who is not let in knocks without end.
+                let _ = self.watch.remove(listener.socket());
+                self.booting.insert(number);
+                break;
+            }
             match listener.accept(bench) {
                 Ok(Some(connection)) => {
                     came |= connection.is_told();

@@ -143,6 +143,11 @@ impl Listener {
         self.address
     }
 
+    /// Whether the next one who knocks can be let in, or turned away; until then he waits.
+    pub(super) fn is_open(&self, bench: &Bench) -> bool {
+        bench.accepts(self.outlet)
+    }
+
     /// What tells that somebody knocks.
     pub(super) fn socket(&self) -> &TcpListener {
         &self.socket

@@ -103,6 +103,16 @@ impl Seated {
         std::iter::once(microsteps).chain(state.told()).collect()
     }
 
+    /// Whether a TCP port accepts connections.
+    pub(crate) fn accepts(&self, port: Port) -> bool {
+        self.device.accepts(port)
+    }
+
+    /// Whether it takes what comes on the connections of a TCP port.
+    pub(crate) fn takes(&self, port: Port) -> bool {
+        !self.body.powered || self.device.takes(port)
+    }
+
     /// Steps of its plans in a full step of the motor on an axis.
     pub(crate) fn microsteps(&self, axis: Axis) -> u16 {
         self.device.microsteps(axis)

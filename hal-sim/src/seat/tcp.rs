@@ -1,5 +1,7 @@
 //! TCP ports of a device: who has which connection.
 
+use std::collections::VecDeque;
+
 use standin_firmware::device::{Ends, Link, PortSpec};
 
 /// Connections that a TCP port takes at once; the next one is turned away.
@@ -15,6 +17,12 @@ pub(crate) struct Tcp {
     numbers: Vec<Number>,
     /// Who has come, and the device has not heard of.
     coming: Vec<u32>,
+    /// Whose message the device is busy with, while it takes no other one.
+    pub(crate) busy_with: Option<Option<u32>>,
+    /// Who was heard last.
+    pub(crate) heard: Option<u32>,
+    /// Who has more to say, or wants to leave, once the device takes it: the one who waits longest first.
+    held: VecDeque<u32>,
 }
 
 /// The number of a connection.
@@ -28,7 +36,14 @@ struct Number {
 
 impl Tcp {
     pub(super) fn new(spec: &PortSpec) -> Self {
-        Self { framed: spec.ends == Ends::Mbap, numbers: Vec::new(), coming: Vec::new() }
+        Self {
+            framed: spec.ends == Ends::Mbap,
+            numbers: Vec::new(),
+            coming: Vec::new(),
+            busy_with: None,
+            heard: None,
+            held: VecDeque::new(),
+        }
     }
 
     /// How many are connected.
@@ -54,6 +69,18 @@ impl Tcp {
     /// Somebody leaves; whether he was still there.
     pub(crate) fn leave(&mut self, link: Link, client: u32) -> bool {
         self.number(link).is_some_and(|number| number.given.take_if(|given| *given == client).is_some())
+    }
+
+    /// Somebody waits until the device takes more.
+    pub(crate) fn hold(&mut self, client: u32) {
+        if !self.held.contains(&client) {
+            self.held.push_back(client);
+        }
+    }
+
+    /// Whose turn it is, if the device takes more.
+    pub(crate) fn release(&mut self) -> Option<u32> {
+        if self.busy_with.is_none() { self.held.pop_front() } else { None }
     }
 
     /// Whose a number is as the device knows.
@@ -83,6 +110,7 @@ impl Tcp {
     /// All connections are gone; who was there.
     pub(crate) fn close_all(&mut self) -> impl Iterator<Item = u32> + use<> {
         self.coming.clear();
+        self.held.clear();
         std::mem::take(&mut self.numbers).into_iter().filter_map(|number| number.given)
     }
 

@@ -1,9 +1,10 @@
 //! Both ports (FB 1.2.1): several clients, pieces, and bytes that mean nothing.
 
+use standin_firmware::mdrive::Mdrive;
 use standin_protocol::time::{Duration, Span};
-use standin_sim::bench::Client;
+use standin_sim::bench::{Bench, Client, PowerAction, Setup, TurnedAway};
 
-use crate::rig::{KINDS, MCODE, MODBUS, Rig, adu, request};
+use crate::rig::{KINDS, MCODE, MODBUS, Rig, START, adu, request};
 
 impl Rig {
     fn heard_by(&mut self, client: Client) -> Vec<u8> {
@@ -171,5 +172,108 @@ fn lines_end_with_cr_lf_or_both() {
         rig.key(format!("R1={n}{end}IC R1{end}").as_bytes());
         assert_eq!(rig.value("R1"), n as i64 + 1, "{end:?}");
         assert_eq!(rig.value("ER"), 0, "{end:?}");
+    }
+}
+
+/// Both ports are those of one Ethernet controller, which starts with the drive's power, and not with Ctrl-C.
+#[test]
+fn connections_are_accepted_once_the_drive_has_booted() {
+    let mut bench = Bench::new();
+    let seat =
+        bench.seat("x", Box::new(Mdrive::plus()), Setup::default()).expect("a drive that can be seated");
+    for _ in 0..2 {
+        // Power comes within a tick.
+        let booted = bench.now() + 300.millis();
+        bench.run_until(booted - Duration::TICK * 2);
+        for port in [MODBUS, MCODE] {
+            assert_eq!(bench.connect_to(seat, port), Err(TurnedAway::Booting));
+        }
+        bench.run_until(booted + Duration::TICK);
+        let client = bench.connect_to(seat, MCODE).expect("it has booted");
+        bench.send(client, b"\x03");
+        bench.settle();
+        for port in [MODBUS, MCODE] {
+            bench.connect_to(seat, port).expect("the Ethernet controller goes on");
+        }
+        bench.run_until(bench.now() + START);
+        bench.power(seat, PowerAction::Off);
+        bench.run_until(bench.now() + START);
+        assert_eq!(bench.connect_to(seat, MCODE), Err(TurnedAway::NoPower));
+        bench.power(seat, PowerAction::On);
+        bench.run_until(bench.now() + Duration::TICK);
+    }
+}
+
+/// MC 7.1: 2 ms for `PR R1`, and nothing of what is typed meanwhile is lost; the bus is served all the while.
+#[test]
+fn lines_of_several_clients_wait_for_each_other() {
+    let mut rig = Rig::plus();
+    let clients = [rig.mcode, rig.bench.connect_to(rig.seat, MCODE).expect("there is room")];
+    rig.after(Duration::TICK);
+    let start = rig.now();
+    for client in clients {
+        rig.bench.send(client, "R1=7\rPR R1\r\n".repeat(50).as_bytes());
+    }
+    rig.after(100.millis());
+    let client = rig.modbus;
+    rig.bench.send(client, &adu(1, 1, &request(3, 0x0029, 1)));
+    rig.after(Duration::TICK);
+    let mut came = Vec::new();
+    rig.bench.receive(client, &mut came);
+    assert_eq!(came, adu(1, 1, &[3, 2, 0, 5]));
+    // Neither has to wait until the other has said all.
+    let early = clients.map(|client| {
+        let mut early = Vec::new();
+        rig.bench.receive(client, &mut early);
+        early
+    });
+    for (client, mut said) in clients.into_iter().zip(early) {
+        assert!((10..=15).contains(&(said.len() / 3)), "{}", said.len());
+        said.extend(rig.heard_by(client));
+        assert_eq!(said, "7\r\n".repeat(50).as_bytes());
+    }
+    let took = rig.now().since(start);
+    assert!((400.millis()..401.millis()).contains(&took), "{took:?}");
+}
+
+#[test]
+fn who_has_left_is_heard_to_the_end() {
+    let mut rig = Rig::plus();
+    let client = rig.bench.connect_to(rig.seat, MCODE).expect("there is room");
+    rig.bench.send(client, b"R1=1\rR2=2\r\nR3=3\rMR 1000\rnever ended");
+    rig.bench.disconnect(client);
+    rig.bench.settle();
+    rig.assert_now(&[("R1", 1), ("R2", 2), ("R3", 3), ("MR", 1000), ("ER", 0)]);
+    assert_eq!(rig.bench.connections(rig.seat, MCODE), 1);
+    // Power that is lost meanwhile ends it.
+    let client = rig.bench.connect_to(rig.seat, MCODE).expect("there is room");
+    rig.bench.send(client, b"R1=7\rS\r");
+    rig.bench.disconnect(client);
+    rig.bench.power(rig.seat, PowerAction::Cycle);
+    rig.after(START);
+    rig.connect();
+    rig.bench.settle();
+    rig.heard();
+    assert_eq!((rig.peek("R1"), rig.bench.connections(rig.seat, MCODE)), (0, 1));
+}
+
+#[test]
+fn how_time_is_cut_changes_nothing() {
+    let trace = |slice: Duration| {
+        let mut rig = Rig::loud(crate::rig::Kind::Plus);
+        let other = rig.bench.connect_to(rig.seat, MCODE).expect("there is room");
+        let end = rig.now() + 100.millis();
+        rig.bench.send(rig.mcode, "MR 100\rPR P,V,MV\rHELLO\r\n\x1bPR ER\r".repeat(3).as_bytes());
+        rig.bench.send(other, "R1=5\n\nL\rPR AL\rR".repeat(2).as_bytes());
+        rig.bench.disconnect(other);
+        while rig.now() < end {
+            rig.after(slice);
+        }
+        rig.bench.trace().to_text()
+    };
+    let whole = trace(100.millis());
+    assert!(whole.len() > 1_000);
+    for slice in [Duration::micros(125), 1.millis(), 10.millis()] {
+        assert_eq!(trace(slice), whole);
     }
 }

@@ -35,9 +35,9 @@ fn slews_are_in_counts() {
     rig.set(&["SL 7168"]);
     rig.after(2.secs());
     rig.assert_values(&[("V", 7_168)]);
-    let before = rig.value("P");
+    let before = rig.peek("P");
     rig.after(1.secs());
-    let counted = rig.value("P") - before;
+    let counted = rig.peek("P") - before;
     assert!((counted - 7_168).abs() <= 4, "{counted}");
     let speed = rig.speed();
     assert!((speed - 7_168.0 * 25.0).abs() < 2.0, "{speed} steps/s");
@@ -73,9 +73,9 @@ fn a_stall_is_noted_only() {
     rig.fault("stall", false);
     rig.after(10.millis());
     rig.set(&["ST=0"]);
-    let position = rig.value("C2");
+    let position = rig.peek("C2");
     rig.after(1.secs());
-    assert!((rig.value("C2") - position - 2_048).abs() <= 1);
+    assert!((rig.peek("C2") - position - 2_048).abs() <= 1);
     rig.assert_values(&[("ST", 0), ("ER", 0), ("V", 2_048)]);
     // And stalls again.
     rig.fault("stall", true);
@@ -180,13 +180,13 @@ fn a_load_that_is_too_heavy_is_a_stall() {
         rig.set(&["VM=1024"]);
         rig.say("MR 2048");
         rig.wait_still(10.secs());
-        let behind = rig.value("C1") / 25 - rig.value("C2");
+        let behind = rig.peek("C1") / 25 - rig.peek("C2");
         assert_eq!(behind != 0, stalls, "{load}, {set}: {behind} counts behind");
         rig.assert_values(&[("ST", stalls.into()), ("ER", if stalls { 86 } else { 0 })]);
         let motor = rig.bench.motors().next().expect("a motor");
         let turned = (rig.bench.turn(motor).revolutions * 2_048.0).round() as i64;
         if set != "Friction = 100" {
-            assert_eq!(turned, rig.value("C2"), "{load}, {set}: what the shaft has turned");
+            assert_eq!(turned, rig.peek("C2"), "{load}, {set}: what the shaft has turned");
         }
     }
 }
@@ -236,7 +236,7 @@ fn a_load_turns_a_shaft_that_nothing_holds() {
                 let row = rig.bench.spec(rig.seat).find("Load").expect("a setting").row;
                 assert_eq!(rig.bench.poke(rig.seat, row, way * (holds + more)), Ok(()));
                 rig.after(100.millis());
-                let counted = rig.value("C2");
+                let counted = rig.peek("C2");
                 let expected = -way as f64 * counts;
                 let what = format!("HC {hold}, DE {enabled}, {}", way * (holds + more));
                 assert!((counted as f64 - expected).abs() <= 1.5, "{what}: {counted}, not {expected}");

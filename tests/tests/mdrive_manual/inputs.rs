@@ -79,19 +79,19 @@ fn inputs_are_debounced() {
     let mut rig = Rig::wired(Kind::Plus, &["D1=100"]);
     rig.low("IO1");
     rig.after(50.millis());
-    rig.assert_values(&[("I1", 0), ("IL", 15), ("IN", 14)]);
+    rig.assert_now(&[("I1", 0), ("IL", 15), ("IN", 14)]);
     rig.high("IO1");
     rig.after(1.millis());
     rig.low("IO1");
     rig.after(99.millis());
-    rig.assert_values(&[("I1", 0)]);
+    rig.assert_now(&[("I1", 0)]);
     rig.after(2.millis());
-    rig.assert_values(&[("I1", 1), ("IL", 14)]);
+    rig.assert_now(&[("I1", 1), ("IL", 14)]);
     rig.high("IO1");
     rig.after(99.millis());
-    rig.assert_values(&[("I1", 1)]);
+    rig.assert_now(&[("I1", 1)]);
     rig.after(2.millis());
-    rig.assert_values(&[("I1", 0)]);
+    rig.assert_now(&[("I1", 0)]);
 }
 
 /// MC 5-34, 5-65: 0 to 1,023 of full scale.

@@ -32,7 +32,8 @@ pub(crate) const KINDS: [Kind; 2] = [Kind::Plus, Kind::Hybrid];
 /// A refusal: its exception code.
 pub(crate) type Exception = u8;
 
-/// A drive with its motor. What is said takes no time, so a command counts from the instant at which it was given.
+/// A drive with its motor. A typed line has its effect, and prints, a tick before [`say`](Rig::say) returns (MC 7.1), so a
+/// command counts from then.
 pub(crate) struct Rig {
     pub(crate) bench: Bench,
     pub(crate) seat: Seat,
@@ -296,7 +297,7 @@ impl Rig {
 
 /// Port 503.
 impl Rig {
-    /// Sends characters as they are; what has come by then.
+    /// Sends characters as they are; what has come once the lines among them are executed.
     pub(crate) fn key(&mut self, bytes: &[u8]) -> String {
         self.bench.send(self.mcode, bytes);
         self.bench.settle();
@@ -321,7 +322,7 @@ impl Rig {
     pub(crate) fn set(&mut self, lines: &[&str]) {
         for line in lines {
             assert_eq!(self.say(line), "", "{line} prints nothing");
-            assert_eq!(self.show("ER"), "0", "{line}: the error");
+            assert_eq!(self.peek("ER"), 0, "{line}: the error");
         }
     }
 
@@ -331,7 +332,14 @@ impl Rig {
         for line in lines.lines() {
             assert_eq!(self.say(line), "", "{line} prints nothing");
         }
-        assert_eq!(self.show("ER"), "0", "the error");
+        assert_eq!(self.peek("ER"), 0, "the error");
+    }
+
+    /// A variable as it is now: PR takes its time.
+    #[track_caller]
+    pub(crate) fn peek(&self, name: &str) -> i64 {
+        let row = self.bench.spec(self.seat).find(name).expect("a variable").row;
+        self.bench.peek(self.seat, row)
     }
 
     /// What PR prints of an item, without its CR LF.
@@ -365,6 +373,14 @@ impl Rig {
         }
     }
 
+    /// The same without the time of PR.
+    #[track_caller]
+    pub(crate) fn assert_now(&self, values: &[(&str, i64)]) {
+        for &(name, value) in values {
+            assert_eq!(self.peek(name), value, "{name}");
+        }
+    }
+
     /// Waits until MV is 0.
     #[track_caller]
     pub(crate) fn wait_still(&mut self, most: Duration) -> Duration {
@@ -374,8 +390,7 @@ impl Rig {
     /// Waits until no program runs.
     #[track_caller]
     pub(crate) fn wait_end(&mut self, most: Duration) -> Duration {
-        let row = self.bench.spec(self.seat).find("BY").expect("a flag").row;
-        self.wait(most, 1.millis(), |rig| rig.bench.peek(rig.seat, row) == 0)
+        self.wait(most, 1.millis(), |rig| rig.peek("BY") == 0)
     }
 
     /// Why the connection to port 503 is closed.

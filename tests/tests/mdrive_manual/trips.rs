@@ -63,10 +63,10 @@ fn on_an_input() {
         rig.after(1.secs());
         rig.assert_values(&[("R1", 0)]);
         rig.low("IO2");
-        let here = rig.value("P");
+        let here = rig.peek("P");
         rig.after(100.millis());
         rig.assert_values(&[("R1", 1), ("TE", 0), ("ER", 0)]);
-        let captured = rig.value("PC");
+        let captured = rig.peek("PC");
         assert!((captured - here).abs() <= 1, "{captured}, not {here}");
         // Not twice, until it is enabled again.
         rig.high("IO2");
@@ -90,7 +90,7 @@ fn on_capture() {
         rig.set(&["SL 10000"]);
         rig.after(1.secs());
         rig.low("CAPTURE");
-        let here = rig.value("P");
+        let here = rig.peek("P");
         rig.after(100.millis());
         rig.assert_values(&[("R1", 1), ("TE", 0), ("ER", 0)]);
         let captured = rig.long(0x0059);
@@ -123,7 +123,7 @@ fn on_relative_position() {
         }
         rig.after(3.secs());
         rig.assert_values(&[("R1", 3), ("TE", 0), ("ER", 0)]);
-        let captured = rig.value("PC");
+        let captured = rig.peek("PC");
         assert!((captured - 15_000).abs() <= 2, "{captured}");
     }
 }

@@ -5,7 +5,7 @@ use smoltcp::phy;
 use smoltcp::socket::tcp::{Socket, SocketBuffer, State};
 use smoltcp::time;
 use smoltcp::wire::{EthernetAddress, HardwareAddress, IpAddress, IpCidr};
-use standin_firmware::device::{Duration, Ends, Instant, Link, Port, Spec};
+use standin_firmware::device::{Device, Duration, Ends, Instant, Link, Port, Spec};
 use standin_firmware::shell::{Came, Links};
 use standin_protocol::modbus::tcp::{ADU_BYTES, Adu, Broken, Splitter};
 use standin_protocol::text::next_line;
@@ -118,7 +118,12 @@ impl<'a, F: Frames> Network<'a, F> {
     }
 
     /// Asks those whose turn it is what came.
-    fn ask(&mut self, now: Instant, message: &mut Adu) -> Option<(Instant, Port, Link, Came)> {
+    fn ask(
+        &mut self,
+        now: Instant,
+        device: &dyn Device,
+        message: &mut Adu,
+    ) -> Option<(Instant, Port, Link, Came)> {
         for connection in self.connections.iter_mut().skip(self.turn) {
             self.turn += 1;
             let socket = self.sockets.get_mut::<Socket<'_>>(connection.socket);
@@ -127,7 +132,7 @@ impl<'a, F: Frames> Network<'a, F> {
             if self.long.leave(&mut connection.long, send) {
                 self.due = now;
             }
-            if let Some(came) = connection.next(socket, now, message) {
+            if let Some(came) = connection.next(socket, now, device, message) {
                 // The window is wider now, or somebody has to be told that it is over.
                 self.due = now;
                 return Some((self.at, connection.port, connection.link, came));
@@ -159,13 +164,18 @@ impl<'a, F: Frames> Network<'a, F> {
 }
 
 impl<F: Frames> Links for Network<'_, F> {
-    fn next(&mut self, now: Instant, message: &mut Adu) -> Result<(Instant, Port, Link, Came), Instant> {
-        if let Some(came) = self.ask(now, message) {
+    fn next(
+        &mut self,
+        now: Instant,
+        device: &dyn Device,
+        message: &mut Adu,
+    ) -> Result<(Instant, Port, Link, Came), Instant> {
+        if let Some(came) = self.ask(now, device, message) {
             return Ok(came);
         }
         if self.due <= now || self.frames.has_frame() {
             self.poll(now);
-            if let Some(came) = self.ask(now, message) {
+            if let Some(came) = self.ask(now, device, message) {
                 return Ok(came);
             }
         }
@@ -228,9 +238,17 @@ impl Connection<'_> {
     }
 
     /// What came first.
-    fn next(&mut self, socket: &mut Socket<'_>, now: Instant, message: &mut Adu) -> Option<Came> {
+    fn next(
+        &mut self,
+        socket: &mut Socket<'_>,
+        now: Instant,
+        device: &dyn Device,
+        message: &mut Adu,
+    ) -> Option<Came> {
         let waits = !self.long.is_empty();
         match self.stage {
+            // It waits in the window of TCP.
+            Stage::Open if !device.takes(self.port) => None,
             Stage::Open if !socket.is_active() => {
                 self.stage = Stage::Free;
                 Some(Came::Closed)
@@ -254,7 +272,8 @@ impl Connection<'_> {
                 self.stage = Stage::Leaves(None);
                 Some(Came::Closed)
             }
-            Stage::Free if socket.may_send() => {
+            // Who connects before the drive accepts waits as in the backlog of a host.
+            Stage::Free if socket.may_send() && device.accepts(self.port) => {
                 self.stage = Stage::Open;
                 socket.set_timeout(Some(GONE));
                 self.framing.begin();

@@ -1,9 +1,11 @@
 //! The connections on which MCode is spoken, four at most: what echoes, what ends a line, keys (MC 3.4.4, 7.1.1).
 //!
 //! A line belongs to its connection, as does program mode, which ends with it; echo mode is the drive's. A connection
-//! hears nothing before it speaks, but for what is said to all.
+//! hears nothing before it speaks, but for what is said to all. The drive executes one line at a time, whoever has typed
+//! it, and takes nothing else from its connections meanwhile.
 
 mod line;
+mod time;
 
 use core::mem;
 
@@ -18,7 +20,7 @@ use super::super::registers::Reg;
 use super::super::startup::SIGN_ON;
 use super::parse::begins_number;
 use super::print::CR_LF;
-use super::serial::{ACK, Called, NAK, is_checked};
+use super::serial::{ACK, Called, NAK, Party, is_checked};
 use super::statement::{Place, Statement};
 use crate::device::{Instant, Link, Note, Output, Sink, Why};
 
@@ -32,6 +34,8 @@ const DELETE: u8 = 0x7F;
 mod echo {
     /// Each character, and a prompt.
     pub(super) const FULL: u16 = 0;
+    /// CR LF when it is accepted.
+    pub(super) const HALF: u16 = 1;
     /// Nothing but what is printed.
     pub(super) const NONE: u16 = 2;
     /// The whole line, once it has ended.
@@ -41,17 +45,18 @@ mod echo {
 impl Drive {
     /// Somebody connects; a fifth one is closed.
     pub(in crate::mdrive) fn console_opened(&mut self, at: Instant, link: Link, out: &mut dyn Sink) {
-        self.console_closed(link);
-        if self.mcode.consoles.list.push(Console::new(link)).is_err() {
+        self.mcode.consoles.close(link);
+        if self.mcode.consoles.open(link).is_err() {
             out.put(at, Output::Close { port: MCODE, link });
         }
     }
 
-    pub(in crate::mdrive) fn console_closed(&mut self, link: Link) {
-        self.mcode.consoles.list.retain(|console| console.link != link);
+    pub(in crate::mdrive) fn console_closed(&mut self, at: Instant, link: Link, out: &mut dyn Sink) {
+        self.mcode.consoles.close(link);
+        self.hear_waiting(at, out);
     }
 
-    /// Characters, among which may be several lines: what one of them says is so for the next.
+    /// Characters, among which may be several lines: what one of them says is so for the next, which waits for it.
     pub(in crate::mdrive) fn console_heard(
         &mut self,
         at: Instant,
@@ -60,13 +65,36 @@ impl Drive {
         out: &mut dyn Sink,
     ) {
         for character in bytes {
-            // Ctrl-C may be among them.
-            if self.hears() {
-                self.console_character(at, link, *character, out);
-                // The end of a line, or a key.
-                if character.is_ascii_control() {
-                    self.settle(at, out);
-                }
+            if self.mcode.consoles.takes() {
+                self.hear_character(at, link, *character, out);
+            } else {
+                self.mcode.consoles.wait(link, *character);
+            }
+        }
+    }
+
+    /// The line that is being executed has its effect, and what has come meanwhile is heard.
+    pub(in crate::mdrive) fn console_timeout(&mut self, at: Instant, out: &mut dyn Sink) {
+        if let Some(link) = self.mcode.consoles.executed(at) {
+            self.execute_line(at, link, out);
+            self.settle(at, out);
+            self.hear_waiting(at, out);
+        }
+    }
+
+    fn hear_waiting(&mut self, at: Instant, out: &mut dyn Sink) {
+        while let Some((link, character)) = self.mcode.consoles.waited() {
+            self.hear_character(at, link, character, out);
+        }
+    }
+
+    fn hear_character(&mut self, at: Instant, link: Link, character: u8, out: &mut dyn Sink) {
+        // Ctrl-C may have come before it.
+        if self.hears() {
+            self.console_character(at, link, character, out);
+            // A key.
+            if character.is_ascii_control() {
+                self.settle(at, out);
             }
         }
     }
@@ -92,7 +120,7 @@ impl Drive {
 
     fn console_character(&mut self, at: Instant, link: Link, character: u8, out: &mut dyn Sink) {
         let party = self.is_party();
-        if party && !self.is_for_me(link, character) {
+        if party && !self.is_for_me(at, link, character, out) {
             return;
         }
         let echoes = self.echo_mode() == echo::FULL;
@@ -107,10 +135,7 @@ impl Drive {
                 if steps && is_blank {
                     self.mcode.vm.step(at, false);
                 }
-                self.end_line(at, link, out);
-                if party {
-                    self.call(link, if self.is_party() { Called::Next } else { Called::Plain });
-                }
+                self.end_line(at, link);
             }
             CTRL_C if self.bank.word(Reg::CE) != 0 => {
                 // The sign-on begins a line of its own.
@@ -137,21 +162,27 @@ impl Drive {
     }
 
     /// Of party mode: whether a character is for this drive and no name of one. Keys may be for all (MC 5-11, 5-23).
-    fn is_for_me(&mut self, link: Link, character: u8) -> bool {
+    fn is_for_me(&mut self, at: Instant, link: Link, character: u8, out: &mut dyn Sink) -> bool {
+        let active = self.mcode.consoles.party == Party::Active;
         let called = self.mcode.consoles.find(link).map_or(Called::Others, |console| console.called);
         match (called, character) {
             (Called::Me(_) | Called::All, _) => true,
             (_, CTRL_C) => self.bank.word(Reg::CE) == 1,
             (_, ESCAPE | CTRL_E) => self.bank.word(Reg::ES) <= 1,
             (_, b'\n') => {
+                self.mcode.consoles.party = Party::Active;
                 self.call(link, Called::Next);
                 false
             }
-            (Called::Next, name) => {
+            (Called::Next, name) if active => {
                 self.call(link, self.whom(name));
+                // Table 7.2 shows no name there; hardware sends it.
+                if self.echo_mode() == echo::FULL {
+                    self.answer(at, link, &[name], out);
+                }
                 false
             }
-            (Called::Plain | Called::Others, _) => false,
+            (Called::Plain | Called::Next | Called::Others, _) => false,
         }
     }
 
@@ -161,21 +192,48 @@ impl Drive {
         }
     }
 
-    /// A line has ended: what it says happens, between the end of its echo and a prompt.
-    fn end_line(&mut self, at: Instant, link: Link, out: &mut dyn Sink) {
+    /// A line has ended: the drive executes it, unless it was refused before.
+    fn end_line(&mut self, at: Instant, link: Link) {
+        let next = self.mcode.consoles.first_called();
         let Some(console) = self.mcode.consoles.find(link) else { return };
-        let (mut line, name) = (mem::take(&mut console.line), console.called.name());
         if mem::take(&mut console.refused) {
+            console.line.clear();
+            console.called = next;
             return;
         }
-        self.end_echo(at, link, &line, out);
+        let (line, programming) = (console.line.clone(), console.programming.is_some());
+        let takes = self.execution_time(&line, programming);
+        self.mcode.consoles.execute(at, link, takes);
+    }
+
+    /// A line has been executed: what it says happens, between the end of its echo and a prompt.
+    fn execute_line(&mut self, at: Instant, link: Link, out: &mut dyn Sink) {
+        let Some(console) = self.mcode.consoles.find(link) else { return };
+        let (mut line, name) = (mem::take(&mut console.line), console.called.name());
+        let stores = console.programming.is_some();
+        // Hardware sends no CR LF before what is printed while a program runs, though table 7.1 does not tell it apart.
+        let is_half = self.echo_mode() == echo::HALF;
+        let prints_alone = is_half && self.mcode.vm.is_running() && !stores && self.prints(&line);
+        if !prints_alone {
+            self.end_echo(at, link, &line, out);
+        }
         let sums = self.check_sums();
         let spoiled = sums != 0 && !is_checked(name, &line);
         if sums != 0 {
             line.pop();
         }
         let outcome = if spoiled { Ok(Answer::Spoiled) } else { self.carry_out(at, link, &line, out) };
+        if prints_alone && outcome.is_err() {
+            self.end_echo(at, link, &line, out);
+        }
         self.conclude(at, link, &line, sums, outcome, out);
+        let next = self.mcode.consoles.first_called();
+        self.call(link, next);
+    }
+
+    /// Whether a line prints something.
+    fn prints(&self, line: &[u8]) -> bool {
+        matches!(self.parse(line), Ok(Statement::Print(_) | Statement::ListProgram(_)))
     }
 
     /// A line is too long (MC 5-57); it is answered before it has ended.
@@ -190,11 +248,27 @@ impl Drive {
     /// Esc or Ctrl-E: motion stops without a ramp, and the program ends (MC 3.4.4).
     fn abort(&mut self, at: Instant, link: Link, out: &mut dyn Sink) {
         let Some(console) = self.mcode.consoles.find(link) else { return };
-        *console = Console { called: console.called, programming: console.programming, ..Console::new(link) };
+        *console = Console { programming: console.programming, ..Console::new(link, console.called) };
         self.end_program();
         self.motion.halt(at, out);
-        self.end_echo(at, link, b"", out);
-        self.answer(at, link, self.prompt(), out);
+        if !self.is_party() {
+            self.end_echo(at, link, b"", out);
+            return self.answer(at, link, self.prompt(), out);
+        }
+        // On hardware all drives of a party answer the key that is for all of them.
+        let is_addressed = self.bank.word(Reg::ES) & 2 != 0;
+        let answer: &[u8] = match self.echo_mode() {
+            echo::FULL => b"#\r\n",
+            echo::NONE => b"",
+            _ => CR_LF,
+        };
+        for text in [answer, self.prompt()] {
+            if is_addressed {
+                self.answer(at, link, text, out);
+            } else {
+                say(at, link, text, out);
+            }
+        }
     }
 
     /// The end of what is echoed of a line; where there are check sums, an acknowledgement takes the place of CR LF.

@@ -84,6 +84,19 @@ impl Drive {
         Ok(())
     }
 
+    /// Items behind PR, up to the first that is none; each line of AL and UV is one.
+    pub(super) fn count_items(&self, mut items: &[u8]) -> u32 {
+        let mut count = 0;
+        while let Ok(Some(item)) = self.item(&mut items) {
+            count += match item {
+                Item::Keyword(Keyword::AL) => mnemonic::variables(self.variants()).count() as u32,
+                Item::Keyword(Keyword::UV) => self.mcode.names.iter().count() as u32,
+                _ => 1,
+            };
+        }
+        count
+    }
+
     /// Takes the next item of `rest`.
     fn item<'a>(&self, rest: &mut &'a [u8]) -> Result<Option<Item<'a>>, Error> {
         let is_apart = |character: &u8| *character == b',' || character.is_ascii_whitespace();

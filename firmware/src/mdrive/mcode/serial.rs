@@ -14,10 +14,19 @@ const ALL: u8 = b'*';
 /// The name that all drives with QD have (MC 5-60).
 const QUEUED: u8 = b'^';
 
+/// Party mode, which is the drive's and not a connection's.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) enum Party {
+    Off,
+    /// On since power-up, or since PY = 1: the first Ctrl-J activates it, on whatever connection (MC 5-59).
+    Waiting,
+    Active,
+}
+
 /// Whom a line is for.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum Called {
-    /// The only drive there is. Party mode begins with the next Ctrl-J.
+    /// The only drive there is.
     Plain,
     /// The next character says it.
     Next,
@@ -43,6 +52,11 @@ impl Drive {
     /// Whether lines are called.
     pub(super) fn is_party(&self) -> bool {
         self.is_serial() && self.bank.word(Reg::PY) != 0
+    }
+
+    /// Party mode begins or ends, by whatever has changed PY.
+    pub(in crate::mdrive) fn look_for_party(&mut self) {
+        self.mcode.consoles.set_party(self.is_party());
     }
 
     /// CK: 0 without check sums.

@@ -163,11 +163,14 @@ impl Bed {
         assert_eq!(self.error(), error, "{pdu:02x?}");
     }
 
-    /// What is typed on a connection of MCode, and what comes back at once.
+    /// What is typed on a connection of MCode, and what comes back until its last line is executed.
     fn type_in(&mut self, link: Link, text: &str) -> String {
         let before = self.world.said.len();
         for line in text.split_inclusive('\r') {
             self.input(Input::Message { port: MCODE, link, bytes: line.as_bytes() });
+            while !self.drive.takes(MCODE) {
+                self.run_until(self.drive.deadline());
+            }
         }
         self.mcode_said(before, link)
     }

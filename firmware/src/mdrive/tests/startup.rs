@@ -7,6 +7,27 @@ use super::*;
 const SIGN_ON: &str = "Copyright 2001-2010 by Schneider Electric Motion USA.\r\n";
 
 #[test]
+fn connections_are_accepted_once_it_has_booted() {
+    for drive in [Mdrive::plus(), Mdrive::hybrid()] {
+        let mut bed = Bed::off(drive, vec![0xFF; MEMORY]);
+        let accepts = |bed: &Bed| [MODBUS, MCODE].map(|port| bed.drive.accepts(port));
+        assert_eq!(accepts(&bed), [false; 2]);
+        bed.power_on(false);
+        bed.wait(300.millis() - Duration::TICK);
+        assert_eq!(accepts(&bed), [false; 2]);
+        bed.wait(Duration::TICK);
+        assert_eq!(accepts(&bed), [true; 2]);
+        bed.connect(CLIENT);
+        assert_eq!(bed.read(9, 1), 1);
+        assert_eq!(bed.type_in(CLIENT, "PR CE\r"), "PR CE\r\n1\r\n>");
+        // The Ethernet controller goes on while the drive starts again.
+        bed.type_in(CLIENT, "\x03");
+        assert_eq!(accepts(&bed), [true; 2]);
+    }
+}
+
+/// Somebody told too early is not forgotten: a board's network may have more to tell than a bench.
+#[test]
 fn until_it_hears_the_bus_says_04() {
     let mut bed = Bed::off(Mdrive::plus(), vec![0xFF; MEMORY]);
     bed.power_on(false);

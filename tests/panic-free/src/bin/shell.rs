@@ -115,8 +115,13 @@ impl Outputs for Anything {
 }
 
 impl Links for Anything {
-    fn next(&mut self, now: Instant, message: &mut Adu) -> Result<(Instant, Port, Link, Came), Instant> {
-        opaque(message);
+    fn next(
+        &mut self,
+        now: Instant,
+        device: &dyn Device,
+        message: &mut Adu,
+    ) -> Result<(Instant, Port, Link, Came), Instant> {
+        opaque((message, device.accepts(Port(0)), device.takes(Port(0))));
         opaque(Err(now))
     }
 

@@ -10,7 +10,9 @@ use smoltcp::socket::tcp::{Socket, SocketBuffer};
 use smoltcp::time;
 use smoltcp::wire::{EthernetAddress, HardwareAddress, IpAddress, IpCidr};
 use standin_board::network::{BYTES, FRAME_BYTES, Frames, LINKS, Network, PIECES, PLACES, Piece, Places};
-use standin_firmware::device::{Duration, Ends, Instant, Link, Port, PortSpec, Spec};
+use standin_firmware::device::{
+    Boot, Duration, Ends, Input, Instant, Link, Port, PortSpec, Refused, Sink, Spec,
+};
 use standin_firmware::shell::{Came, Links};
 use standin_protocol::modbus::tcp::{Adu, Header, Splitter, read};
 
@@ -86,12 +88,52 @@ impl TxToken for Room {
     }
 }
 
+/// The drive, as its network sees it.
+pub(crate) struct Drive {
+    pub(crate) accepts: bool,
+    /// Whether it takes what comes on its port of MCode.
+    pub(crate) takes: bool,
+}
+
+impl standin_firmware::device::Device for Drive {
+    fn spec(&self) -> &'static Spec {
+        &SPEC
+    }
+
+    fn power_on(&mut self, _at: Instant, _boot: Boot, _out: &mut dyn Sink) {}
+
+    fn input(&mut self, _at: Instant, _input: Input<'_>, _out: &mut dyn Sink) {}
+
+    fn accepts(&self, _port: Port) -> bool {
+        self.accepts
+    }
+
+    fn takes(&self, port: Port) -> bool {
+        port != MCODE || self.takes
+    }
+
+    fn deadline(&self) -> Instant {
+        Instant::NEVER
+    }
+
+    fn timeout(&mut self, _at: Instant, _out: &mut dyn Sink) {}
+
+    fn peek(&self, _at: Instant, _row: usize) -> i64 {
+        0
+    }
+
+    fn poke(&mut self, _at: Instant, _row: usize, _: i64, _out: &mut dyn Sink) -> Result<(), Refused> {
+        Err(Refused::NoSuchRegister)
+    }
+}
+
 /// What the drive was told: where, and a message.
 pub(crate) type Told = (Port, Link, Came, Vec<u8>);
 
 /// A board, and a machine with clients.
 pub(crate) struct Cable {
     pub(crate) board: Network<'static, End>,
+    pub(crate) drive: Drive,
     pub(crate) here: End,
     pub(crate) machine: Interface,
     pub(crate) clients: SocketSet<'static>,
@@ -126,6 +168,7 @@ impl Cable {
         let clients = SocketSet::new(Vec::new());
         Self {
             board,
+            drive: Drive { accepts: true, takes: true },
             here,
             machine,
             clients,
@@ -207,7 +250,7 @@ impl Cable {
     pub(crate) fn turn(&mut self, mut answer: impl FnMut(&mut Network<'static, End>, &Told)) {
         let mut message = Adu::new();
         loop {
-            match self.board.next(self.now, &mut message) {
+            match self.board.next(self.now, &self.drive, &mut message) {
                 Ok((_, port, link, came)) => {
                     let bytes = if came == Came::Message { message.to_vec() } else { Vec::new() };
                     let told = (port, link, came, bytes);

@@ -40,6 +40,52 @@ fn mcode_comes_at_once_and_never_past_the_end_of_a_line() {
     assert_eq!(cable.pass(20), [message(b"\nSL 0\n"), message(b"PS")]);
 }
 
+/// The drive hears of nobody before that; who has come waits, and so does what he says.
+#[test]
+fn connections_wait_until_the_drive_accepts_them() {
+    let mut cable = Cable::new();
+    cable.drive.accepts = false;
+    let (master, client) = (cable.call(MODBUS), cable.call(MCODE));
+    assert_eq!(cable.pass(20), []);
+    cable.say(master, &request(1));
+    cable.say(client, b"PR V\r");
+    assert_eq!(cable.pass(300), []);
+    cable.drive.accepts = true;
+    let told = |port, came, bytes: &[u8]| (port, Link(0), came, bytes.to_vec());
+    assert_eq!(
+        cable.pass(20),
+        [
+            told(MODBUS, Came::Opened, b""),
+            told(MCODE, Came::Opened, b""),
+            told(MODBUS, Came::Message, &request(1)),
+            told(MCODE, Came::Message, b"PR V\r"),
+        ]
+    );
+}
+
+/// What comes meanwhile waits where it is, and the other port is served.
+#[test]
+fn while_the_drive_takes_nothing_its_connections_wait() {
+    let mut cable = Cable::new();
+    let (master, client, other) =
+        (cable.connected(MODBUS, 0), cable.connected(MCODE, 0), cable.connected(MCODE, 1));
+    cable.drive.takes = false;
+    let line = [&[b'x'; 99][..], b"\r"].concat();
+    // More than a board keeps of a connection.
+    cable.say(client, &line.repeat(10));
+    cable.client(client).close();
+    cable.say(other, b"PR V\r");
+    cable.say(master, &request(1));
+    let message = |port, link, bytes: &[u8]| (port, Link(link), Came::Message, bytes.to_vec());
+    assert_eq!(cable.pass_with(100, echo), [message(MODBUS, 0, &request(1))]);
+    cable.drive.takes = true;
+    let told = cable.pass(2_000);
+    let said = |link| told.iter().filter(move |told| told.1 == Link(link));
+    let text = |link| said(link).flat_map(|told| told.3.clone()).collect::<Vec<_>>();
+    assert_eq!((text(0), text(1)), (line.repeat(10), b"PR V\r".to_vec()));
+    assert_eq!(said(0).next_back(), Some(&(MCODE, Link(0), Came::Closed, Vec::new())));
+}
+
 #[test]
 fn every_tcp_port_of_every_drive_has_places() {
     macro_rules! specs {
@@ -225,7 +271,7 @@ fn a_network_on_which_nothing_is_due_lets_the_board_sleep() {
     let mut cable = Cable::new();
     cable.connected(MODBUS, 0);
     cable.pass(1_000);
-    let again = cable.board.next(cable.now, &mut Adu::new()).expect_err("nothing comes");
+    let again = cable.board.next(cable.now, &cable.drive, &mut Adu::new()).expect_err("nothing comes");
     assert!(again > cable.now + Duration::secs(1), "{again:?}");
 }
 
@@ -239,6 +285,6 @@ fn what_comes_is_stamped_with_its_frame() {
     cable.came.set(came);
     // The loop is late.
     cable.now += Duration::millis(5);
-    let next = cable.board.next(cable.now, &mut Adu::new());
+    let next = cable.board.next(cable.now, &cable.drive, &mut Adu::new());
     assert_eq!(next, Ok((came, MODBUS, Link(0), Came::Message)));
 }

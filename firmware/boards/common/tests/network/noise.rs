@@ -41,7 +41,7 @@ fn the_drive_has_its_turn_within_a_flood() {
     cable.here.to.borrow_mut().extend(noise());
     let flood = cable.here.to.borrow().len();
     assert!(flood > 100);
-    let again = cable.board.next(cable.now, &mut Adu::new());
+    let again = cable.board.next(cable.now, &cable.drive, &mut Adu::new());
     assert_eq!(again, Err(cable.now), "there is more");
     let taken = flood - cable.here.to.borrow().len();
     assert!((1..=8).contains(&taken), "{taken} frames are taken at once");

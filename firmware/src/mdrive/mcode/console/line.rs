@@ -1,13 +1,17 @@
-//! The lines that are being typed, one on each connection.
+//! The lines that are being typed, one on each connection, and the one that is being executed.
 
-use heapless::Vec;
+use heapless::{Deque, Vec};
 
-use crate::device::Link;
+use crate::device::{Duration, Instant, Link};
 use crate::mdrive::mcode::program::LINE_BYTES;
-use crate::mdrive::mcode::serial::Called;
+use crate::mdrive::mcode::serial::{Called, Party};
 
 /// How many there may be.
 pub(in crate::mdrive) const MOST: usize = 4;
+
+/// Characters that wait behind a line that is being executed, where somebody gives more than the drive
+/// [takes](crate::device::Device::takes). Those that have no room are lost.
+pub(in crate::mdrive) const WAITING: usize = 256;
 
 /// A line as it is typed.
 #[derive(Clone, Debug)]
@@ -24,15 +28,8 @@ pub(super) struct Console {
 }
 
 impl Console {
-    pub(super) const fn new(link: Link) -> Self {
-        Self {
-            link,
-            line: Vec::new(),
-            refused: false,
-            returned: false,
-            called: Called::Plain,
-            programming: None,
-        }
+    pub(super) const fn new(link: Link, called: Called) -> Self {
+        Self { link, line: Vec::new(), refused: false, returned: false, called, programming: None }
     }
 }
 
@@ -40,11 +37,36 @@ impl Console {
 #[derive(Clone, Debug)]
 pub(in crate::mdrive) struct Consoles {
     pub(super) list: Vec<Console, MOST>,
+    pub(super) party: Party,
+    /// Whose line is being executed, and until when: one at a time.
+    executing: Option<(Link, Instant)>,
+    /// What has come meanwhile, in its order.
+    waiting: Deque<(Link, u8), WAITING>,
 }
 
 impl Consoles {
     pub(in crate::mdrive) const fn new() -> Self {
-        Self { list: Vec::new() }
+        Self { list: Vec::new(), party: Party::Off, executing: None, waiting: Deque::new() }
+    }
+
+    /// Somebody connects.
+    ///
+    /// # Errors
+    /// There is no room.
+    pub(super) fn open(&mut self, link: Link) -> Result<(), Console> {
+        self.list.push(Console::new(link, self.first_called()))
+    }
+
+    /// Somebody has gone, and with him what he has typed.
+    pub(super) fn close(&mut self, link: Link) {
+        self.list.retain(|console| console.link != link);
+        self.executing.take_if(|(executing, _)| *executing == link);
+        for _ in 0..self.waiting.len() {
+            if let Some(typed) = self.waiting.pop_front().filter(|typed| typed.0 != link) {
+                // There is room again.
+                let _ = self.waiting.push_back(typed);
+            }
+        }
     }
 
     /// Whether somebody types lines that are stored.
@@ -54,9 +76,29 @@ impl Consoles {
 
     /// The drive starts again; its connections stay.
     pub(in crate::mdrive) fn restart(&mut self) {
+        self.party = Party::Off;
+        self.executing = None;
+        self.waiting.clear();
         for console in &mut self.list {
-            *console = Console::new(console.link);
+            *console = Console::new(console.link, Called::Plain);
         }
+    }
+
+    /// Party mode begins, or ends: lines begin anew.
+    pub(in crate::mdrive) fn set_party(&mut self, on: bool) {
+        if on == (self.party != Party::Off) {
+            return;
+        }
+        self.party = if on { Party::Waiting } else { Party::Off };
+        let called = self.first_called();
+        for console in &mut self.list {
+            *console = Console { programming: console.programming, ..Console::new(console.link, called) };
+        }
+    }
+
+    /// Whom the first character of a line is for.
+    pub(super) fn first_called(&self) -> Called {
+        if self.party == Party::Off { Called::Plain } else { Called::Next }
     }
 
     /// All connections.
@@ -71,5 +113,36 @@ impl Consoles {
 
     pub(super) fn find(&mut self, link: Link) -> Option<&mut Console> {
         self.list.iter_mut().find(|console| console.link == link)
+    }
+
+    /// Whether no line is being executed.
+    pub(in crate::mdrive) fn takes(&self) -> bool {
+        self.executing.is_none()
+    }
+
+    /// When the line that is being executed has its effect.
+    pub(in crate::mdrive) fn deadline(&self) -> Instant {
+        self.executing.map_or(Instant::NEVER, |(_, due)| due)
+    }
+
+    /// Begins to execute the line on a connection.
+    pub(super) fn execute(&mut self, at: Instant, link: Link, takes: Duration) {
+        self.executing = Some((link, at + takes));
+    }
+
+    /// The line that has been executed: whose it is.
+    pub(super) fn executed(&mut self, at: Instant) -> Option<Link> {
+        self.executing.take_if(|(_, due)| *due <= at).map(|(link, _)| link)
+    }
+
+    /// Keeps what comes while a line is being executed.
+    pub(super) fn wait(&mut self, link: Link, character: u8) {
+        // Nobody gives so much who asks whether it is taken.
+        let _ = self.waiting.push_back((link, character));
+    }
+
+    /// What has waited longest, once no line is being executed.
+    pub(super) fn waited(&mut self) -> Option<(Link, u8)> {
+        if self.takes() { self.waiting.pop_front() } else { None }
     }
 }

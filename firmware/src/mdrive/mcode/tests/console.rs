@@ -99,6 +99,98 @@ fn lines_of_one_message_come_one_after_the_other() {
     assert_eq!(bed.types("PR O2\nMR -1000\nPR O2\n"), "0\r\n1\r\n");
 }
 
+/// "This varies from command to command and usually is in the 1-5 millisecond range" (MC 7.1); table 7.1: what echoes
+/// comes at once, the rest then.
+#[test]
+fn a_command_takes_1_to_5_ms() {
+    for (line, ms) in [
+        ("", 1),
+        ("'nothing", 1),
+        ("HELLO", 1),
+        ("R1=5", 2),
+        ("MR 1000", 2),
+        ("EX 1", 2),
+        ("PR P", 2),
+        ("PR EF,\"_\"ER", 4),
+        ("PR P,\"_\"V,\"_\"MV,\"_\"VC", 5),
+        ("PR AL", 5),
+        ("L", 5),
+        ("S", 5),
+        ("CP", 5),
+    ] {
+        let mut bed = Bed::plus();
+        let began = bed.now;
+        bed.input(Input::Message { port: MCODE, link: HERE, bytes: line.as_bytes() });
+        bed.input(Input::Message { port: MCODE, link: HERE, bytes: b"\r" });
+        bed.run_until(began + crate::device::Duration::millis(ms) - crate::device::Duration::TICK);
+        assert_eq!(bed.world.bytes, line.as_bytes(), "{line}");
+        assert_eq!((bed.peek(Reg::R1), bed.peek(Reg::ER), bed.peek(Reg::MV)), (0, 0, 0), "{line}");
+        bed.run_until(bed.now + crate::device::Duration::TICK);
+        assert!(bed.world.bytes[line.len()..].starts_with(b"\r\n"), "{line}");
+        assert!(bed.world.bytes.ends_with(b">") || bed.world.bytes.ends_with(b"?"), "{line}");
+    }
+    let mut bed = Bed::plus();
+    bed.types_lines("PG 1");
+    let began = bed.now;
+    bed.types("R1=5\r");
+    assert_eq!(bed.now, began + crate::device::Duration::millis(4), "a line of a program is stored");
+}
+
+#[test]
+fn what_is_typed_meanwhile_waits_in_its_order() {
+    let mut bed = Bed::quiet();
+    let (began, there) = (bed.now, Link(1));
+    let ms = crate::device::Duration::millis;
+    bed.input(Input::Opened { port: MCODE, link: there });
+    bed.input(Input::Message { port: MCODE, link: HERE, bytes: b"R1=1\rPR R1\rR1=2" });
+    bed.input(Input::Message { port: MCODE, link: there, bytes: b"R1=3\rPR R1\r" });
+    bed.input(Input::Message { port: MCODE, link: HERE, bytes: b"4\rPR R1\r" });
+    // 2 ms each.
+    let said =
+        |bed: &Bed| bed.world.said.iter().map(|(link, text)| (*link, text.clone())).collect::<Vec<_>>();
+    let mut expected = Vec::new();
+    for (number, (link, text)) in
+        [(HERE, "1\r\n"), (there, "3\r\n"), (HERE, "24\r\n")].into_iter().enumerate()
+    {
+        bed.run_until(began + ms(4 + 4 * number as u64) - crate::device::Duration::TICK);
+        assert_eq!(said(&bed), expected);
+        assert!(!bed.drive.takes(MCODE) && bed.drive.takes(Port(0)));
+        expected.push((link, text.to_string()));
+        bed.run_until(began + ms(4 + 4 * number as u64));
+        assert_eq!(said(&bed), expected);
+    }
+    assert!(bed.drive.takes(MCODE));
+}
+
+/// A key behind a line acts behind it, and so does one of somebody else: nothing begins to move behind an Esc that was
+/// typed after it.
+#[test]
+fn an_escape_waits_for_the_line_before_it() {
+    for link in [HERE, Link(1)] {
+        let mut bed = Bed::quiet();
+        bed.input(Input::Opened { port: MCODE, link: Link(1) });
+        bed.input(Input::Message { port: MCODE, link: HERE, bytes: b"SL 100000\r" });
+        bed.input(Input::Message { port: MCODE, link, bytes: b"\x1b" });
+        bed.run_until(bed.now + crate::device::Duration::millis(2));
+        assert_eq!(bed.peek(Reg::SL), 100_000);
+        bed.run_until(bed.now + crate::device::Duration::secs(1));
+        assert_eq!((bed.peek(Reg::MV), bed.peek(Reg::V)), (0, 0));
+    }
+}
+
+#[test]
+fn who_goes_while_his_line_is_executed_leaves_nothing_behind() {
+    let mut bed = Bed::quiet();
+    let there = Link(1);
+    bed.input(Input::Opened { port: MCODE, link: there });
+    bed.input(Input::Message { port: MCODE, link: there, bytes: b"R1=1\rR1=2\r" });
+    bed.input(Input::Message { port: MCODE, link: HERE, bytes: b"PR R1\r" });
+    bed.input(Input::Closed { port: MCODE, link: there });
+    bed.run_until(bed.now + crate::device::Duration::millis(2));
+    assert_eq!(bed.world.said, [(HERE, "0\r\n".to_string())]);
+    assert!(bed.drive.takes(MCODE));
+}
+
 #[test]
 fn backspace_takes_back_what_is_there() {
     let mut bed = Bed::plus();

@@ -12,8 +12,9 @@ use std::vec;
 use std::vec::Vec;
 
 use super::super::{MCODE, MEMORY, Mdrive, Reg};
-use crate::device::{Boot, Device, Input, Instant, Link, Note, Output, Sink, advance};
+use crate::device::{Boot, Device, Input, Instant, Link, Note, Output, Port, Sink, advance};
 use standin_protocol::registers::Register;
+use standin_protocol::text::next_line;
 
 /// What a drive did.
 #[derive(Default)]
@@ -116,10 +117,20 @@ impl Bed {
         self.drive.peek(self.now, reg.row())
     }
 
+    /// Gives the drive bytes on a connection as fast as it takes them, until it has executed all of their lines.
+    fn send(&mut self, link: Link, mut bytes: &[u8]) {
+        while let Some(bytes) = next_line(&mut bytes) {
+            self.input(Input::Message { port: MCODE, link, bytes });
+            while !self.drive.takes(MCODE) {
+                self.run_until(self.drive.deadline());
+            }
+        }
+    }
+
     /// Types `text` on a connection, and returns what comes back there.
     fn types_on(&mut self, link: Link, text: &str) -> String {
         let before = self.world.said.len();
-        self.input(Input::Message { port: MCODE, link, bytes: text.as_bytes() });
+        self.send(link, text.as_bytes());
         let said = &self.world.said[before..];
         said.iter().filter(|(to, _)| *to == link).map(|(_, text)| &**text).collect()
     }

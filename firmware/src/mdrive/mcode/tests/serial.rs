@@ -14,7 +14,7 @@ impl Bed {
     /// Types bytes that are no text, and returns what comes back.
     fn types_bytes(&mut self, bytes: &[u8]) -> Vec<u8> {
         let before = self.world.bytes.len();
-        self.input(Input::Message { port: MCODE, link: HERE, bytes });
+        self.send(HERE, bytes);
         self.world.bytes[before..].to_vec()
     }
 }
@@ -64,19 +64,95 @@ fn a_party_is_called_by_name_and_ends_lines_with_ctrl_j() {
     assert_eq!(bed.types("PY=1\r"), "PY=1\r\n>");
     // It begins with a Ctrl-J.
     assert_eq!(bed.types("aR1=5\n"), "");
-    assert_eq!(bed.types("aR1=7\n"), "R1=7\r\n>");
-    assert_eq!(bed.types("aPR R1\n"), "PR R1\r\n7\r\n>");
-    assert_eq!(bed.types("aPR R1\r\n"), "PR R1\r\n7\r\n>", "CR is nothing");
+    // Its name is part of the echo (hardware only).
+    assert_eq!(bed.types("aR1=7\n"), "aR1=7\r\n>");
+    assert_eq!(bed.types("aPR R1\n"), "aPR R1\r\n7\r\n>");
+    assert_eq!(bed.types("aPR R1\r\n"), "aPR R1\r\n7\r\n>", "CR is nothing");
     // Others, a name in capitals, and a queue that it does not stand in.
     assert_eq!(bed.types("bR1=8\nAR1=8\n^R1=8\n"), "");
-    assert_eq!(bed.types("aPR R1\n"), "PR R1\r\n7\r\n>");
+    assert_eq!(bed.types("aPR R1\n"), "aPR R1\r\n7\r\n>");
     // All do it, but do not answer (DG 1).
     assert_eq!(bed.types("*R1=9\n*PR R1\n"), "");
-    assert_eq!(bed.types("aDG=0\n"), "DG=0\r\n>");
-    assert_eq!(bed.types("*PR R1\n"), "PR R1\r\n9\r\n>");
-    assert_eq!(bed.types("aQD=1\n^PR R1\n"), "QD=1\r\n>PR R1\r\n9\r\n>");
-    assert_eq!(bed.types("aPY=0\n"), "PY=0\r\n>");
+    assert_eq!(bed.types("aDG=0\n"), "aDG=0\r\n>");
+    assert_eq!(bed.types("*PR R1\n"), "*PR R1\r\n9\r\n>");
+    assert_eq!(bed.types("aQD=1\n^PR R1\n"), "aQD=1\r\n>^PR R1\r\n9\r\n>");
+    assert_eq!(bed.types("aPY=0\n"), "aPY=0\r\n>");
     assert_eq!(bed.types("PR R1\r"), "PR R1\r\n9\r\n>");
+}
+
+/// "One CTRL + J must be issued after power up or entering the Party Mode" (MC 5-59): on whatever connection.
+#[test]
+fn the_first_ctrl_j_activates_the_party_of_the_drive() {
+    let mut bed = Bed::sister(2);
+    let there = Link(1);
+    bed.input(Input::Opened { port: MCODE, link: there });
+    bed.types("PY=1\r");
+    assert_eq!(bed.types_on(there, "!R1=5\n"), "");
+    assert_eq!(bed.peek(Reg::R1), 0, "its Ctrl-J was the first one");
+    bed.types("!R1=6\n");
+    assert_eq!(bed.peek(Reg::R1), 6, "so nobody needs another one");
+    bed.input(Input::Closed { port: MCODE, link: there });
+    bed.input(Input::Opened { port: MCODE, link: there });
+    assert_eq!(bed.types_on(there, "!PR R1\n"), "6\r\n");
+
+    // Entered anew, by whomever.
+    bed.poke(Reg::PY, 0);
+    assert_eq!(bed.types_on(there, "PR R1\r"), "6\r\n");
+    assert_eq!(bed.types("PR R1\r"), "6\r\n");
+    bed.poke(Reg::PY, 1);
+    assert_eq!(bed.types_on(there, "!PR R1\n!PR R1\n"), "6\r\n");
+
+    // Power up.
+    bed.types("!S\n");
+    bed.run_until(bed.now + crate::device::Duration::secs(1));
+    bed.cycle();
+    bed.input(Input::Opened { port: MCODE, link: there });
+    assert_eq!(bed.types("!PR R1\n!PR R1\n"), "6\r\n");
+    assert_eq!(bed.types_on(there, "!PR R1\n"), "6\r\n");
+    // So is Ctrl-C: "CTRL+C will reboot the unit" (MC 3-10).
+    bed.types("\x03");
+    bed.run_until(bed.now + crate::device::Duration::secs(1));
+    assert_eq!(bed.types("!PR R1\n!PR R1\n").matches("6\r\n").count(), 1);
+}
+
+/// Hardware only: what dvg-devices waits for.
+#[test]
+fn escape_in_a_party_is_answered() {
+    for (mode, answer, with_error) in
+        [(0, "#\r\n>", "#\r\n?"), (1, "\r\n", "\r\n"), (2, "", ""), (3, "\r\n", "\r\n")]
+    {
+        let mut bed = Bed::sister(mode);
+        bed.types("PY=1\r");
+        assert_eq!(bed.types("\x1b"), answer, "before the first Ctrl-J, too");
+        assert_eq!(bed.types("\nbR1=5\x1b"), answer, "whomever the line is for");
+        bed.types("\n!HELLO\n");
+        assert_eq!(bed.types("\x1b"), with_error);
+        // One with a name is answered by whom it is for.
+        bed.types("\n!ER=0\n!ES=3\n");
+        assert_eq!(bed.types("\n\x1bb\x1b\n"), "");
+        bed.types("!");
+        assert_eq!(bed.types("\x1b"), answer);
+    }
+}
+
+/// Hardware only: what dvg-devices waits for.
+#[test]
+fn in_mode_1_a_value_stands_alone_while_a_program_runs() {
+    let mut bed = Bed::sister(1);
+    bed.types_lines("PG 1\nLB G1\nBR G1\nPG\nR1=7\nPY=1");
+    bed.types("\n");
+    assert_eq!(bed.types("!PR R1\n"), "\r\n7\r\n");
+    assert_eq!(bed.types("!EX G1\n"), "\r\n");
+    assert_eq!(bed.types("!PR R1,\"_\"R2\n"), "7_0\r\n");
+    assert_eq!(bed.types("!L 2\n"), "BR G1\r\n");
+    assert_eq!(bed.types("!R1=8\n"), "\r\n");
+    assert_eq!(bed.types("!\n"), "\r\n");
+    assert_eq!(bed.types("!PR HELLO\n"), "\r\n", "nothing is printed");
+    // A line that is stored prints nothing.
+    assert_eq!(bed.types("!PG 100\n!PR R1\n!PG\n"), "\r\n\r\n\r\n");
+    assert_eq!(bed.types("!PR R1\n"), "8\r\n");
+    assert_eq!(bed.types("!E\n"), "\r\n");
+    assert_eq!(bed.types("!PR R1\n"), "\r\n8\r\n");
 }
 
 #[test]
