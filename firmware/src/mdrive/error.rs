@@ -96,7 +96,7 @@ pub(super) enum Error {
 }
 
 impl Error {
-    /// Whether a program ends with it; it goes on with its next line after others.
+    /// Whether a program ends with it that OE's handler does not see; it goes on with its next line after others.
     pub(super) fn ends_program(self) -> bool {
         matches!(self, Self::UnknownLabel | Self::StackOverflow | Self::IllegalAddress | Self::TooManyCalls)
     }
