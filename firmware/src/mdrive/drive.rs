@@ -229,6 +229,9 @@ impl Drive {
         if moves_otherwise || self.io.wants_plan() {
             self.io.plan(at, self.motion.plan(), out);
         }
+        if moves_otherwise || self.hybrid.deadline() <= at {
+            self.watch_position(at, out);
+        }
         if moves_otherwise || self.mcode.trips.deadline() <= at || self.trips_on_counts() {
             self.look_for_trips(at, out);
         }

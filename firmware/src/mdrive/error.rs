@@ -60,6 +60,8 @@ pub(super) enum Error {
 
     IllegalBaud = 61,
     InputPending = 62,
+    /// Of a Hybrid.
+    StartupCalibration = 64,
 
     Flash = 70,
     TemperatureWarning = 71,
@@ -67,6 +69,8 @@ pub(super) enum Error {
     SaveInMotion = 73,
     /// IP or CP in motion.
     ClearInMotion = 74,
+    /// Of a unit without a sensor of its temperature.
+    LinearOverTemperature = 75,
 
     NoHomeSwitch = 80,
     HomeType = 81,
@@ -90,6 +94,7 @@ pub(super) enum Error {
     ClearLockedInMotion = 94,
 
     LockedRotor = 104,
+    MaximumPosition = 105,
     LeadLimit = 106,
     LagLimit = 107,
     CalibrationFailed = 109,

@@ -147,8 +147,8 @@ standin_protocol::registers! {
 
         /// 0 off, 1 fixed current, 2 variable current, 3 torque.
         AS = rw(0x008E, "5.1").u8().range(0, 3).reset(2).saved().only(HYBRID),
-        /// What the Hybrid is at, a bit each.
-        AF = ro(0x008F, "5.1").range(0, 511).live().only(HYBRID),
+        /// What the Hybrid is at, a bit each; above 255 in MCode only.
+        AF = ro(0x008F, "5.1").u8().live().only(HYBRID),
         /// How it calibrates.
         CA = rw(0x0090, "5.1").u8().range(0, 1).reset(1).saved().only(HYBRID),
         /// Bounds of the rotor's lag: 1.1, 1.3, 1.5 or 1.7 full steps.
@@ -258,6 +258,8 @@ standin_protocol::registers! {
         PY = variable(39, "MC 5-59").range(0, 1).saved(),
         /// 1: queued, of the serial sister.
         QD = variable(40, "MC 5-60").range(0, 1).saved(),
+        /// The second value of CA. 1: torque compensation.
+        CalibrationMethod = variable(41, "MC 5-8").range(0, 1).saved().only(HYBRID),
 
         /// 1: the serial sister's commands are there, too.
         SerialCommands = setting(1, "MC 1.2.2").range(0, 1).saved(),

@@ -134,6 +134,21 @@ impl Drive {
         self.saving = Some(Saving { variables, globals });
     }
 
+    /// LK is 0 for good: "this will clear the program and reset LK to 0" (MC 5-42). Of what is saved nothing else changes.
+    pub(super) fn save_unlocked(&mut self, at: Instant, out: &mut dyn Sink) {
+        self.finish_save(at, out);
+        if memory::content(out.memory(), Reg::SAVED_WORDS) != Content::Good {
+            return;
+        }
+        let entries = self.model.entries();
+        let mut saved = Bank::<Reg, { Reg::WORDS }>::of(entries);
+        memory::load(entries, out.memory(), saved.words_mut());
+        if saved.word(Reg::LK) != 0 {
+            saved.set(Reg::LK, 0);
+            Save::of_rows::<VARIABLES>(entries, saved.words(), at, SAVE, out).finish(at, out);
+        }
+    }
+
     pub(super) fn save_due(&self) -> Instant {
         self.saving.map_or(Instant::NEVER, |saving| saving.variables.due())
     }

@@ -134,7 +134,11 @@ impl Drive {
                 let values = self.set_up_of(reg).map(|value| number(value.into()));
                 say_values(values.get(..list.len()).unwrap_or(&values), to);
             }
-            List::With(reg) => say_values(&[number(self.held(reg)), number(0)], to),
+            List::With(reg) => {
+                // That of MU "is not saved" (MC 4.8).
+                let with = if reg == Reg::CA { self.held(Reg::CalibrationMethod) } else { 0 };
+                say_values(&[number(self.held(reg)), number(with)], to);
+            }
         }
     }
 
@@ -155,7 +159,7 @@ impl Drive {
         }
     }
 
-    /// AL: all variables and flags, a line each (MC 5-1). ER is not cleared by that.
+    /// AL: all variables and flags, a line each, MD and VR among them (MC 5-1). ER is not cleared by that.
     fn print_all(&self, at: Instant, to: &mut dyn Text) {
         for (word, mnemonic) in mnemonic::variables(self.variants()) {
             to.say(word.trim_ascii_end());
@@ -163,6 +167,7 @@ impl Drive {
             match mnemonic {
                 Mnemonic::Variable(reg) => self.print_variable(at, reg, to),
                 Mnemonic::List(list) => self.print_list(list, to),
+                Mnemonic::Keyword(keyword) => self.print_keyword(at, keyword, to),
                 _ => {}
             }
             to.say(CR_LF);

@@ -353,6 +353,7 @@ impl Drive {
         self.mcode.names.retain(|_, meaning| !matches!(meaning, Meaning::Label(address) if address >= from));
         if place.is_none() {
             self.bank.set(Reg::LK, 0);
+            self.save_unlocked(at, out);
         }
         Ok(())
     }

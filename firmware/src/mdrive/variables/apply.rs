@@ -2,7 +2,7 @@
 
 use super::{entry, output_bit, step, user_name};
 use crate::device::{Instant, Sink};
-use crate::mdrive::drive::{Drive, filters, motion_settings};
+use crate::mdrive::drive::{Drive, Model, filters, motion_settings};
 use crate::mdrive::error::Error;
 use crate::mdrive::mcode::statement::{List, Operand, Parameter};
 use crate::mdrive::motion::{self, Contact, Order};
@@ -62,8 +62,10 @@ impl Drive {
                     return Err(Error::IllegalValue);
                 }
                 self.write(at, reg, value.into(), out)?;
-                if reg == Reg::MU && with == 1 {
-                    self.clear_lag(at);
+                match reg {
+                    Reg::CA => self.bank.set(Reg::CalibrationMethod, with.into()),
+                    Reg::MU if with == 1 => self.clear_lag(at),
+                    _ => {}
                 }
                 Ok(())
             }
@@ -163,6 +165,10 @@ impl Drive {
             }
             Reg::CM | Reg::CR => {
                 self.set_filters(at, out);
+                self.set_motion(at, out);
+            }
+            Reg::DE if self.model == Model::Plus => {
+                self.hybrid.enable();
                 self.set_motion(at, out);
             }
             _ => self.set_motion(at, out),
