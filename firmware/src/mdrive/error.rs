@@ -127,28 +127,34 @@ impl Error {
 /// EF and ER.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct Errors {
-    last: Option<Error>,
+    /// 0 if there is none.
+    last: u8,
 }
 
 impl Errors {
-    pub(super) const NONE: Self = Self { last: None };
+    pub(super) const NONE: Self = Self { last: 0 };
 
     /// ER: the number of the last error, 0 without one.
     pub(super) fn number(self) -> u8 {
-        self.last.map_or(0, |error| error as u8)
+        self.last
     }
 
     /// EF.
     pub(super) fn is_set(self) -> bool {
-        self.last.is_some()
+        self.last != 0
     }
 
     pub(super) fn set(&mut self, error: Error) {
-        self.last = Some(error);
+        self.put(error as u8);
     }
 
-    /// ER was read, or set to 0, or a program starts.
+    /// ER is written, with 0 for none. That is no error that OE's handler is called for.
+    pub(super) fn put(&mut self, number: u8) {
+        self.last = number;
+    }
+
+    /// ER was read, or a program starts.
     pub(super) fn clear(&mut self) {
-        self.last = None;
+        self.put(0);
     }
 }

@@ -13,7 +13,7 @@ use super::MODBUS;
 use super::drive::{Drive, Model, SERIAL_NUMBER};
 use super::error::Error;
 use super::mcode::print::Text;
-use super::mcode::statement::{Expression, Operand, Statement};
+use super::mcode::statement::Statement;
 use super::registers::Reg;
 use super::variables::illegal;
 use crate::device::{Instant, Link, Note, Output, Sink};
@@ -210,10 +210,10 @@ impl Drive {
         }
         match self.parse(&joined(name, string))? {
             Statement::SetList(list, parameters) => self.write_list(at, list, &parameters, out),
-            Statement::Set(
-                reg,
-                Expression { not: false, first: Operand::Number(value) | Operand::Ratio(value), then: None },
-            ) => self.write(at, reg, value, out),
+            Statement::Set(reg, value) => {
+                let value = value.constant().ok_or(Error::IllegalData)?;
+                self.write(at, reg, value, out)
+            }
             _ => Err(Error::IllegalData),
         }
     }

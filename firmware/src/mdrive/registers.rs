@@ -54,7 +54,7 @@ standin_protocol::registers! {
         EE = rw(0x001E, "5").u8().range(0, 1).saved(),
         /// 1: there was an error.
         EF = ro(0x001F, "5").u8().range(0, 1).live(),
-        /// The number of the last error; reading it, or writing 0, clears it and EF.
+        /// The number of the last error; reading it, or writing 0, clears it and EF. Others can be written in MCode only.
         ER = rw(0x0021, "5").range(0, 0).live(),
         /// Current that holds, in %.
         HC = rw(0x0029, "5").u8().range(0, 100).reset(5).saved(),
@@ -283,11 +283,13 @@ standin_protocol::registers! {
 pub(super) const MACHINE: [Reg; 6] =
     [Reg::HoldingTorque, Reg::PullOutSpeed, Reg::Inertia, Reg::Friction, Reg::Load, Reg::FullSteps];
 
-/// Whether MCode takes a value: one that the row accepts, whose range is that of FB 5, and of three rows more.
+/// Whether MCode takes a value: one that the row accepts, whose range is that of FB 5, and of four rows more.
 pub(super) fn mcode_accepts(reg: Reg, value: i64) -> bool {
     let most = match reg {
         // (MC 5-11)
         Reg::CE => 2,
+        // Programs of real machines set errors of their own.
+        Reg::ER => 255,
         // Outputs 9 to 12, which drives with Ethernet do not have (MC 5-54).
         Reg::OT => 255,
         // TR and TA (MC 5-73).

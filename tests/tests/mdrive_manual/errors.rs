@@ -46,11 +46,11 @@ fn what_is_wrong_with_a_line_has_a_number() {
             ("IV H", 33),
             // Not an address.
             ("EX 500", 42),
-            ("EX 768", 42),
+            ("EX 2048", 42),
             ("EX 0", 42),
-            ("L 768", 42),
-            ("CP 768", 42),
-            ("PG 768", 42),
+            ("L 2048", 42),
+            ("CP 2048", 42),
+            ("PG 2048", 42),
             ("PG 0", 42),
             // No home switch; no such type.
             ("HM 1", 80),

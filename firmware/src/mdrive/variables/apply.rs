@@ -127,7 +127,7 @@ impl Drive {
             Reg::C2 => self.motion.set_counts(at, value),
             Reg::P if self.is_closed() => self.motion.set_counts(at, value),
             Reg::P => self.motion.set_steps(at, value),
-            Reg::ER => self.errors.clear(),
+            Reg::ER => self.errors.put((value & 0xFF) as u8),
             Reg::IC | Reg::DC => {
                 let counted = self.counted_by_address(value)?;
                 return self.count(at, counted, step(reg), out);

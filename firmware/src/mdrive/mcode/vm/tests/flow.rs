@@ -80,6 +80,62 @@ fn conditions() {
     }
 }
 
+/// From left to right, as programs of real machines have it: `R2 = P - R1 / 2` is half of the difference. Each step has 32
+/// bits.
+#[test]
+fn chains_of_operators() {
+    let mut bed = Bed::new(Mdrive::plus());
+    bed.commands("P=100; R1=20; R2 = P - R1 / 2");
+    assert_eq!(bed.get(Reg::R2), 40);
+    bed.commands("R3=NE*2+NE*8+NE/2");
+    assert_eq!(bed.get(Reg::R3), 12, "(2 + 1) * 8 + 1, its half");
+    bed.commands("R3=-R1+5*2");
+    assert_eq!(bed.get(Reg::R3), -30);
+    bed.commands("R3=2147483647+1/2");
+    assert_eq!(bed.get(Reg::R3), -1_073_741_824);
+    bed.commands("R3=6 & !2 | 9");
+    assert_eq!(bed.get(Reg::R3), 13);
+    bed.commands("VA Q1=R1*R1-1; MA R1*100+1");
+    assert_eq!((bed.user(b"Q1"), bed.get(Reg::MA)), (Some(399), 2_001));
+    assert_eq!(bed.command("R3=5+1/0"), Err(Error::IllegalValue));
+}
+
+/// "Flags as well as logical functions that are to be evaluated" (MC 5-6).
+#[test]
+fn conditions_with_logic() {
+    let mut bed = Bed::with("R1=0; BR 4,R2<>3; R1=1; E");
+    for (condition, holds) in [
+        ("R2 & 4", true),
+        ("R2 & 2", false),
+        ("R2 & 4 = 4", true),
+        ("R2 | 8 = 13", true),
+        ("R2=5&NE", true),
+        ("R2=4&NE", false),
+        ("R2<>5&NE", false),
+        ("R2=5&EE", false),
+        ("R2=4|NE", true),
+        ("!R2 & 2", true),
+        ("R2-5", false),
+        ("R2*2-1>8", true),
+    ] {
+        bed.store(2, &std::format!("BR 4,{condition}"));
+        bed.commands("R2=5");
+        bed.run();
+        assert_eq!(bed.get(Reg::R1), i32::from(!holds), "{condition}");
+    }
+}
+
+/// Programs of real machines tell their host of an error of their own. It is not one that calls the handler.
+#[test]
+fn a_program_sets_an_error() {
+    let mut bed = Bed::with("OE K9; ER=83; R1=EF; E; LB K9; R2=1; RT");
+    bed.run();
+    assert_eq!((bed.r(), bed.get(Reg::ER)), ([1, 0, 0, 0], 83));
+    bed.commands("ER=0");
+    assert_eq!((bed.get(Reg::EF), bed.get(Reg::ER)), (0, 0));
+    assert_eq!(bed.command("ER=256"), Err(Error::IllegalValue));
+}
+
 /// It goes on with the instruction after the one that caused the error (MC 5-52).
 #[test]
 fn an_error_calls_its_handler_and_the_program_goes_on() {
