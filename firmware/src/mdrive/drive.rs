@@ -16,7 +16,7 @@
 //! everything that happens.
 
 use standin_protocol::modbus::pdu::Exception;
-use standin_protocol::registers::{Bank, Entries, Register, Space};
+use standin_protocol::registers::{Bank, Entries, Register, Space, characters};
 
 use super::STALL;
 use super::error::{Error, Errors};
@@ -30,9 +30,6 @@ use super::saved::Saving;
 use super::variables::{entry, is_number, words};
 use crate::device::{Boot, Fault, Instant, Refused, Sink};
 use crate::motor::stepper::Parameters;
-
-/// SN.
-pub(super) const SERIAL_NUMBER: &[u8] = b"123456789";
 
 /// What the two products differ in.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -49,22 +46,6 @@ impl Model {
         match self {
             Self::Plus => PLUS,
             Self::Hybrid => HYBRID,
-        }
-    }
-
-    /// PN: an MDrive 23 with Ethernet.
-    pub(super) const fn part_number(self) -> &'static [u8] {
-        match self {
-            Self::Plus => b"MDI3CRL23A7-EQ",
-            Self::Hybrid => b"MAI3CRL23A7-EQ",
-        }
-    }
-
-    /// VR: the version of its firmware.
-    pub(super) const fn version(self) -> &'static [u8] {
-        match self {
-            Self::Plus => b"3.0.0.9",
-            Self::Hybrid => b"4.0.0.8",
         }
     }
 
@@ -166,6 +147,11 @@ impl Drive {
     /// A variable as it reads now; of several values all, the first one highest.
     pub(super) fn peek(&self, at: Instant, reg: Reg) -> i64 {
         if is_number(reg) { self.read(at, reg).into() } else { self.bank.get(reg) }
+    }
+
+    /// What identifies it, in halves: [`PART_NUMBER`](super::registers::PART_NUMBER) and others.
+    pub(super) fn text(&self, halves: &[Reg]) -> heapless::Vec<u8, 16> {
+        halves.iter().flat_map(|&half| characters(self.bank.get(half))).take(16).collect()
     }
 
     /// A preset: before power comes as if saved, later as if the bus had written it.

@@ -2,7 +2,7 @@
 //! manual (FB) gives an address come first, in its order, then those that only MCode (MC) knows.
 
 use crate::motor::stepper::Parameters;
-use standin_protocol::registers::{Entries, Entry, Register, Row, Table, entries};
+use standin_protocol::registers::{Entries, Entry, Register, Row, Table, entries, text};
 
 /// Bits of [`Entry::variants`].
 pub(super) const PLUS: u8 = 1 << 0;
@@ -276,12 +276,50 @@ standin_protocol::registers! {
         Load = setting(10, "MC 5-70").i32().range(-100_000, 100_000),
         /// Full steps of the motor in a turn.
         FullSteps = setting(12, "MC 7.3.1").range(4, 10_000).reset(LOAD.steps_per_rev as i64),
+
+        /// PN, and object 1 of the device identification. `PartNumber` presets both halves.
+        PartNumber1 = setting(13, "MC 5-56").text().reset(text(b"MDI3CRL2")),
+        /// Its second half.
+        PartNumber2 = setting(17, "MC 5-56").text().reset(text(b"3A7-EQ")),
+        /// SN, and object 5. `SerialNumber` presets both halves.
+        SerialNumber1 = setting(21, "MC 5-69").text().reset(text(b"12345678")),
+        /// Its second half.
+        SerialNumber2 = setting(25, "MC 5-69").text().reset(text(b"9")),
+        /// VR, and the end of object 6. `FirmwareVersion` presets both halves.
+        FirmwareVersion1 = setting(29, "MC 5-80").text().reset(text(b"3.0.0.9")),
+        /// Its second half.
+        FirmwareVersion2 = setting(33, "MC 5-80").text(),
+        /// The second value of VR; "1.8+" calibrates as MC 5-8 says.
+        HardwareVersion = setting(37, "MC 5-80").text().reset(text(b"1.8")).only(HYBRID),
+        /// Firmware of the Ethernet controller: object 2.
+        EthernetVersion = setting(41, "4.1.1").text().reset(text(b"4.0.0.0")),
     }
 }
 
-/// The motor and its load: they stay as they are whatever becomes of the drive.
-pub(super) const MACHINE: [Reg; 6] =
-    [Reg::HoldingTorque, Reg::PullOutSpeed, Reg::Inertia, Reg::Friction, Reg::Load, Reg::FullSteps];
+/// The motor, its load and what identifies the drive: they stay as they are whatever becomes of the variables.
+pub(super) const LASTING: [Reg; 14] = [
+    Reg::HoldingTorque,
+    Reg::PullOutSpeed,
+    Reg::Inertia,
+    Reg::Friction,
+    Reg::Load,
+    Reg::FullSteps,
+    Reg::PartNumber1,
+    Reg::PartNumber2,
+    Reg::SerialNumber1,
+    Reg::SerialNumber2,
+    Reg::FirmwareVersion1,
+    Reg::FirmwareVersion2,
+    Reg::HardwareVersion,
+    Reg::EthernetVersion,
+];
+
+/// What identifies a drive, in its halves.
+pub(super) const PART_NUMBER: &[Reg] = &[Reg::PartNumber1, Reg::PartNumber2];
+pub(super) const SERIAL_NUMBER: &[Reg] = &[Reg::SerialNumber1, Reg::SerialNumber2];
+pub(super) const FIRMWARE: &[Reg] = &[Reg::FirmwareVersion1, Reg::FirmwareVersion2];
+pub(super) const HARDWARE: &[Reg] = &[Reg::HardwareVersion];
+pub(super) const ETHERNET: &[Reg] = &[Reg::EthernetVersion];
 
 /// Whether MCode takes a value: one that the row accepts, whose range is that of FB 5, and of four rows more.
 pub(super) fn mcode_accepts(reg: Reg, value: i64) -> bool {
@@ -308,6 +346,9 @@ static ROWS_HYBRID: [Row; Reg::ROWS.len()] = {
     let mut rows = Reg::ROWS;
     let lines = Reg::EL as usize;
     rows[lines] = rows[lines].reset(1_000);
+    let (part, version) = (Reg::PartNumber1 as usize, Reg::FirmwareVersion1 as usize);
+    rows[part] = rows[part].reset(text(b"MAI3CRL2"));
+    rows[version] = rows[version].reset(text(b"4.0.0.8"));
     rows
 };
 

@@ -10,7 +10,7 @@ use super::drive::Drive;
 use super::error::Error;
 use super::io::Io;
 use super::mcode::{names, program};
-use super::registers::{MACHINE, Reg, mcode_accepts};
+use super::registers::{LASTING, Reg, mcode_accepts};
 use super::variables::{entry, is_number, words};
 use crate::device::{Duration, Instant, Nowhere, Refused, Sink};
 use crate::memory::{self, Content, Save};
@@ -79,11 +79,11 @@ impl Drive {
         }
     }
 
-    /// All variables are the factory's. The motor and its load stay.
+    /// All variables are the factory's. What is not the drive's to change stays.
     fn renew(&mut self) {
-        let machine = MACHINE.map(|reg| self.bank.get(reg));
+        let lasting = LASTING.map(|reg| self.bank.get(reg));
         self.bank = Bank::of(self.model.entries());
-        for (reg, value) in MACHINE.into_iter().zip(machine) {
+        for (reg, value) in LASTING.into_iter().zip(lasting) {
             self.bank.set(reg, value);
         }
     }

@@ -3,7 +3,6 @@
 use heapless::Vec;
 use standin_protocol::text::Line;
 
-
 /// The most characters of a line that are looked at.
 pub(super) const LINE_CHARACTERS: usize = 16;
 

@@ -170,7 +170,9 @@ fn a_warning_of_its_temperature_is_printed() {
 /// MC 9.7: "Maximum position count reached", which is that of C1, "position counter": +2147483647 (MC 5-7).
 #[test]
 fn the_end_of_the_position_counter_is_error_105() {
-    for (start, way, end) in [(2_147_483_000_i64, 647_i64, 2_147_483_647), (-2_147_483_000, -648, -2_147_483_648)] {
+    for (start, way, end) in
+        [(2_147_483_000_i64, 647_i64, 2_147_483_647), (-2_147_483_000, -648, -2_147_483_648)]
+    {
         let mut rig = Rig::hybrid();
         rig.set(&[&format!("P={start}"), &format!("MR {}", way - way.signum())]);
         rig.after(1.secs());

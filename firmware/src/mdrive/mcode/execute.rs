@@ -254,7 +254,12 @@ impl Drive {
     }
 
     /// A number alone: the last motion command with it (MC 5-45), unless NE is 0.
-    fn repeat_motion(&mut self, at: Instant, number: &Expression<'_>, out: &mut dyn Sink) -> Result<(), Error> {
+    fn repeat_motion(
+        &mut self,
+        at: Instant,
+        number: &Expression<'_>,
+        out: &mut dyn Sink,
+    ) -> Result<(), Error> {
         if number.is_ratio() {
             return Err(Error::IllegalData);
         }

@@ -3,18 +3,15 @@
 use heapless::Vec;
 use standin_protocol::registers::Register;
 
-use super::super::drive::{Drive, Model, SERIAL_NUMBER};
+use super::super::drive::{Drive, Model};
 use super::super::error::Error;
-use super::super::registers::{ROWS, Reg};
+use super::super::registers::{FIRMWARE, HARDWARE, PART_NUMBER, ROWS, Reg, SERIAL_NUMBER};
 use super::super::variables::RATIO_ONE;
 use super::mnemonic::{self, Keyword, Mnemonic};
 use super::names::Meaning;
 use super::parse;
 use super::statement::{List, Operand, Parameter};
 use crate::device::Instant;
-
-/// Behind VR of a Hybrid: the version of its hardware, of which "1.8+" calibrates as MC 5-8 says.
-const HARDWARE: &[u8] = b"1.8";
 
 /// The end of a line.
 pub(in crate::mdrive) const CR_LF: &[u8] = b"\r\n";
@@ -147,13 +144,13 @@ impl Drive {
             Keyword::AL => self.print_all(at, to),
             Keyword::UV => self.print_user_variables(to),
             Keyword::MD => to.say(self.mcode.vm.last_motion().map_or(b"", name_of)),
-            Keyword::PN => to.say(self.model.part_number()),
-            Keyword::SN => to.say(SERIAL_NUMBER),
+            Keyword::PN => to.say(&self.text(PART_NUMBER)),
+            Keyword::SN => to.say(&self.text(SERIAL_NUMBER)),
             Keyword::VR => {
-                to.say(self.model.version());
+                to.say(&self.text(FIRMWARE));
                 if self.model == Model::Hybrid {
                     to.say(b", ");
-                    to.say(HARDWARE);
+                    to.say(&self.text(HARDWARE));
                 }
             }
         }

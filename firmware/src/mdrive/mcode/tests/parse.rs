@@ -123,7 +123,9 @@ fn expressions_are_carried_out_from_left_to_right() {
     let longest = std::format!("R1=1{}", "+1".repeat(30));
     assert_eq!((longest.len(), steps(&longest).len()), (64, 31));
 
-    for line in ["R1=", "R1=R2+", "R1=*2", "R1==2", "R1=1.5", "R1=2A", "R1>5", "5x", "5,", "R1=$", "R1=R2+R3 *"] {
+    for line in
+        ["R1=", "R1=R2+", "R1=*2", "R1==2", "R1=1.5", "R1=2A", "R1>5", "5x", "5,", "R1=$", "R1=R2+R3 *"]
+    {
         assert_eq!(parsed(line), Err(Error::IllegalData), "{line}");
     }
     assert_eq!(parsed("R1=R2+5 R3"), Err(Error::MissingSeparator));
@@ -160,10 +162,7 @@ fn branches_and_calls_have_a_place_and_a_condition() {
     use Operand::{Number, User, Variable};
     assert_eq!(parsed("BR G1"), Ok(Statement::Branch(Place::Label(*b"G1"), None)));
     assert!(matches!(parsed("BR 256, I2=1"), Ok(Statement::Branch(Place::Address(256), Some(_)))));
-    assert_eq!(
-        steps("BR 256, I2=1"),
-        [first(Variable(Reg::I2)), Step::Compare(Relation::Equal, Number(1))]
-    );
+    assert_eq!(steps("BR 256, I2=1"), [first(Variable(Reg::I2)), Step::Compare(Relation::Equal, Number(1))]);
     for (text, relation) in [
         ("=", Relation::Equal),
         ("<>", Relation::Unequal),
