@@ -258,8 +258,8 @@ standin_protocol::registers! {
         PY = variable(39, "MC 5-59").range(0, 1).saved(),
         /// 1: queued, of the serial sister.
         QD = variable(40, "MC 5-60").range(0, 1).saved(),
-        /// The second value of CA. 1: torque compensation.
-        CalibrationMethod = variable(41, "MC 5-8").range(0, 1).saved().only(HYBRID),
+        /// The second value of CA, and saved with it. 1: torque compensation.
+        CalibrationMethod = variable(41, "MC 5-8").range(0, 1).only(HYBRID),
 
         /// 1: the serial sister's commands are there, too.
         SerialCommands = setting(1, "MC 1.2.2").range(0, 1).saved(),

@@ -56,6 +56,9 @@ impl Drive {
         let content = memory::content(out.memory(), Reg::SAVED_WORDS);
         if content == Content::Good {
             memory::load(entries, out.memory(), self.bank.words_mut());
+            let [method, mode] = self.bank.word(Reg::CA).to_be_bytes();
+            self.bank.set(Reg::CalibrationMethod, (method & 1).into());
+            self.bank.set(Reg::CA, mode.into());
             self.mend();
         }
         content != Content::Bad
@@ -129,8 +132,12 @@ impl Drive {
         }
         // The globals do not pass from here on, so neither does the memory.
         let globals = Save::of_bytes(&image, VARIABLES as u16, at, SAVE, out);
+        let mode = self.bank.get(Reg::CA);
+        // Its second value is in its high byte, where a memory of before there was one has 0.
+        self.bank.set(Reg::CA, mode | self.bank.get(Reg::CalibrationMethod) << 8);
         let (entries, words) = (self.model.entries(), self.bank.words());
         let variables = Save::of_rows::<VARIABLES>(entries, words, at, SAVE, out);
+        self.bank.set(Reg::CA, mode);
         self.saving = Some(Saving { variables, globals });
     }
 
