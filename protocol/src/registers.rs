@@ -197,10 +197,10 @@ const fn is_text(value: i64) -> bool {
     // From the last one on.
     while left > 0 {
         let character = (rest & 0xFF) as u8;
-        if !matches!(character, b' '..=b'~') && !(has_ended && character == 0) {
+        has_ended = has_ended && character == 0;
+        if !has_ended && !matches!(character, b' '..=b'~') {
             return false;
         }
-        has_ended = has_ended && character == 0;
         (rest, left) = (rest >> 8, left - 1);
     }
     true

@@ -102,7 +102,7 @@ fn an_mdrive() {
         for how in ["power", "Ctrl-C", "FD"] {
             let mcode = bench.connect_to(seat, Port(1)).unwrap();
             let bus = bench.connect_to(seat, Port(0)).unwrap();
-            let mut say = |bench: &mut Bench, line: &str| {
+            let say = |bench: &mut Bench, line: &str| {
                 let mut text = ask(bench, mcode, line.as_bytes());
                 bench.run_until(bench.now() + 100.millis());
                 bench.receive(mcode, &mut text);
