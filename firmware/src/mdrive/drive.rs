@@ -151,7 +151,12 @@ impl Drive {
 
     /// What identifies it, in halves: [`PART_NUMBER`](super::registers::PART_NUMBER) and others.
     pub(super) fn text(&self, halves: &[Reg]) -> heapless::Vec<u8, 16> {
-        halves.iter().flat_map(|&half| characters(self.bank.get(half))).take(16).collect()
+        let mut text = heapless::Vec::new();
+        for character in halves.iter().flat_map(|&half| characters(self.bank.get(half))) {
+            // There is room for two halves.
+            let _ = text.push(character);
+        }
+        text
     }
 
     /// A preset: before power comes as if saved, later as if the bus had written it.
