@@ -96,7 +96,7 @@ static MDRIVE_HYBRID: Spec = spec(
 );
 
 /// What there is not, and why: the Hybrid's lines are the last ones.
-static NOT_MODELLED: [&str; 22] = [
+static NOT_MODELLED: [&str; 23] = [
     "MCode over UDP (FB 6.3, MC 1.2.2)",
     "BD, CK, DG, DN, PY, QD and Ctrl-J (MC 1.2.2): of drives with a serial port; error 37 unless SerialCommands is 1",
     "D9 to D12, I9 to I12, O9 to O12, S9 to S12, IH, OH (FB 1.2.1): drives with Ethernet have no such I/O; error 37",
@@ -119,12 +119,13 @@ static NOT_MODELLED: [&str; 22] = [
     "make-up steps between those of a move (MC 5-50): they are made behind it",
     "a rotor that creeps at the bounds of CB (MC 5-10): it stands, unless its load turns it",
     "heat of the motor's own current (IT, MC 5-38): MC has no figures; the fault over_temperature heats it",
+    "AF 4, maximum lead/lag limit reached (MC 5-2): LL has 32 bits, and a rotor is locked before they are full",
     "what the circuitry does with a rotor out of step, at the [[motor]] of a bench: that one hears steps and current alone, \
      and falls in as an MDrivePlus2's does; C2, LL and LR are right",
 ];
 
 /// Lines of it that are the Hybrid's alone.
-const OF_HYBRID: usize = 7;
+const OF_HYBRID: usize = 8;
 
 /// What both products have in common.
 const fn spec(
