@@ -159,11 +159,11 @@ pub(crate) enum Line {
     Fast,
 }
 
-/// A register and a number: `Speed=8000`.
+/// A register and its value: `Speed=8000`, `PartNumber=MDI3CRL23A7`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Assignment {
     pub(crate) register: String,
-    pub(crate) value: Number,
+    pub(crate) value: String,
 }
 
 impl FromStr for Assignment {
@@ -171,11 +171,11 @@ impl FromStr for Assignment {
 
     fn from_str(text: &str) -> Result<Self, String> {
         let (register, value) = text.split_once('=').ok_or("it takes REG=VALUE, like Speed=8000")?;
-        Ok(Self { register: register.trim().into(), value: number(value.trim())? })
+        Ok(Self { register: register.trim().into(), value: value.trim().into() })
     }
 }
 
-fn number(text: &str) -> Result<Number, String> {
+pub(crate) fn number(text: &str) -> Result<Number, String> {
     Number::parse(text).ok_or_else(|| format!("'{text}' is not a number; 8000, -5 and 0x1F40 are"))
 }
 
@@ -236,11 +236,13 @@ mod tests {
     #[test]
     fn assignments() {
         let set = |text: &str| text.parse::<Assignment>();
-        let value = |value| Ok(Assignment { register: "Speed".into(), value });
-        assert_eq!(set("Speed=-5"), value(Number::Decimal(-5)));
-        assert_eq!(set("Speed = 0x10"), value(Number::Bits(16)));
+        let value = |value: &str| Ok(Assignment { register: "Speed".into(), value: value.into() });
+        assert_eq!(set("Speed=-5"), value("-5"));
+        assert_eq!(set("Speed = 0x10"), value("0x10"));
+        assert_eq!(set("Speed=a=b"), value("a=b"));
         assert!(set("Speed").is_err());
-        assert_eq!(set("Speed=fast").unwrap_err(), "'fast' is not a number; 8000, -5 and 0x1F40 are");
+        assert_eq!((number("-5"), number("0x10")), (Ok(Number::Decimal(-5)), Ok(Number::Bits(16))));
+        assert_eq!(number("fast").unwrap_err(), "'fast' is not a number; 8000, -5 and 0x1F40 are");
     }
 
     #[test]

@@ -6,7 +6,7 @@ use std::fmt::Write as _;
 
 use serde::Serialize;
 use standin_firmware::device::{self, Ends, Level, Pin, PinSpec, Role, Spec};
-use standin_protocol::registers::{Legal, Row, Shape, Space, Table};
+use standin_protocol::registers::{Legal, Row, Shape, Space, Table, characters};
 use standin_sim::value::Value;
 
 /// As JSON, on one line.
@@ -136,6 +136,7 @@ impl Register {
             (Legal::Range(least, greatest), _) => (Some((least, greatest)), None, None),
             (Legal::OneOf(codes), _) => (None, Some(codes), None),
             (Legal::Each(ranges), _) => (None, None, Some(ranges.to_vec())),
+            (Legal::Text, shape) => (None, None, Some(vec![(0, u16::MAX); shape.words().into()])),
         };
         Self {
             name: row.name,
@@ -349,6 +350,9 @@ fn access(row: &Row) -> String {
 /// The factory value: words in hexadecimal, as most manuals print them, longer and signed ones as numbers.
 fn default(spec: &Spec, row: &Row) -> String {
     match row.shape {
+        _ if row.legal == Legal::Text => {
+            String::from_utf8_lossy(&characters(row.reset).collect::<Vec<_>>()).into()
+        }
         Shape::U8 | Shape::U16 if spec.decimal => row.reset.to_string(),
         Shape::U8 => format!("{:#04x}", row.reset),
         Shape::U16 => format!("{:#06x}", row.reset),
@@ -360,6 +364,7 @@ fn default(spec: &Spec, row: &Row) -> String {
 fn values(spec: &Spec, row: &Row) -> String {
     let mut values = match row.legal {
         Legal::Any => "any".into(),
+        Legal::Text => "text".into(),
         Legal::Range(least, greatest) => format!("{least}…{greatest}"),
         Legal::Each(ranges) => {
             let ranges = ranges.iter().map(|(least, greatest)| format!("{least}…{greatest}"));

@@ -1,7 +1,9 @@
 //! Registers set by name, past the bus: `--set REG=VALUE` and the control API.
 
+use std::iter::repeat;
+
 use standin_firmware::device::{Refused, Spec};
-use standin_protocol::registers::{Entries, Legal, Order, Row, Shape};
+use standin_protocol::registers::{self, Entries, Legal, Order, Row, Shape};
 
 use crate::nearest;
 use crate::value::Value;
@@ -58,6 +60,22 @@ impl Preset {
         Ok(Self { row: named.row, half, value })
     }
 
+    /// `text` for the rows of text called `name`, or `name` with 1, 2 and so on behind it; `None` if there are none.
+    pub fn text(spec: &Spec, name: &str, text: &str) -> Option<Result<Vec<Self>, String>> {
+        let rows: Vec<usize> = text_rows(spec, name).collect();
+        let most = CHARACTERS * rows.len();
+        if rows.is_empty() {
+            return None;
+        }
+        let fits = (1..=most).contains(&text.len()) && text.bytes().all(|byte| matches!(byte, b' '..=b'~'));
+        if !fits {
+            return Some(Err(format!("{name} takes 1 to {most} characters of ASCII, not '{text}'")));
+        }
+        let parts = text.as_bytes().chunks(CHARACTERS).chain(repeat(&[][..]));
+        let presets = rows.iter().zip(parts);
+        Some(Ok(presets.map(|(&row, part)| Self { row, half: None, value: registers::text(part) }).collect()))
+    }
+
     /// Whether only a half is meant.
     pub fn is_half(&self) -> bool {
         self.half.is_some()
@@ -91,6 +109,17 @@ impl Preset {
         let signed = spec.registers.rows.get(self.row).is_some_and(|row| row.shape == Shape::I32);
         if signed { i64::from(pair as i32) } else { pair }
     }
+}
+
+/// Characters of a row of text.
+const CHARACTERS: usize = 8;
+
+/// The rows of the text called `name`.
+fn text_rows<'a>(spec: &'a Spec, name: &'a str) -> impl Iterator<Item = usize> + 'a {
+    let is_part = move |row: &Row| {
+        row.name.strip_prefix(name).is_some_and(|part| matches!(part.as_bytes(), [] | [b'1'..=b'9']))
+    };
+    spec.rows().filter(move |(_, row)| row.legal == Legal::Text && is_part(row)).map(|(place, _)| place)
 }
 
 /// A value as somebody typed it.
@@ -178,6 +207,7 @@ fn takes(row: &Row) -> String {
             let codes: Vec<String> = codes.iter().map(ToString::to_string).collect();
             format!("one of {}", codes.join(", "))
         }
+        (Legal::Text, _) => "text, or 4 words of it".into(),
         (Legal::Each(ranges), _) => {
             let each = ranges.iter().map(|&(least, greatest)| span(least.into(), greatest.into()));
             format!("{} words: {}", ranges.len(), each.collect::<Vec<_>>().join(", "))
@@ -271,6 +301,51 @@ mod tests {
         ] {
             assert_eq!(set(name, value).unwrap_err(), sentence);
         }
+    }
+
+    #[test]
+    fn text_fills_the_rows_of_its_name() {
+        use standin_protocol::registers::{Register, text};
+        standin_protocol::registers! {
+            /// A map with a name of two halves.
+            enum Named: HighFirst {
+                /// A half.
+                Name1 = setting(1, "1").text().reset(text(b"ABCDEFGH")),
+                /// The other half.
+                Name2 = setting(5, "1").text(),
+                /// A name of its own.
+                Short = setting(9, "1").text().only(1),
+                /// No text.
+                Name3 = setting(13, "1").words(4),
+            }
+        }
+        let _ = (Named::WORDS, Named::Name1, Named::Name2, Named::Short, Named::Name3);
+        let spec = Spec { kind: "toy", registers: Named::TABLE, variant: 1, ..Spec::BARE };
+        let set = |name: &str, value: &str| {
+            let presets = Preset::text(&spec, name, value)?;
+            Some(presets.map(|presets| presets.iter().map(|it| (it.row, it.value)).collect::<Vec<_>>()))
+        };
+        // "ABCDEFGH" and "I" are 41h to 49h.
+        let halves = vec![(0, 0x4142_4344_4546_4748), (1, 0x4900_0000_0000_0000)];
+        assert_eq!(set("Name", "ABCDEFGHI"), Some(Ok(halves)));
+        assert_eq!(
+            set("Name", "A"),
+            Some(Ok(vec![(0, 0x4100_0000_0000_0000), (1, 0)])),
+            "nothing is left of it"
+        );
+        assert_eq!(set("Short", "~ 1"), Some(Ok(vec![(2, 0x7E20_3100_0000_0000)])));
+        assert_eq!(set("Name3", "A"), None);
+        assert_eq!(set("Nam", "A"), None);
+        for (name, value, sentence) in [
+            ("Short", "123456789", "Short takes 1 to 8 characters of ASCII, not '123456789'"),
+            ("Name", "", "Name takes 1 to 16 characters of ASCII, not ''"),
+            ("Name", "a\tb", "Name takes 1 to 16 characters of ASCII, not 'a\tb'"),
+        ] {
+            assert_eq!(set(name, value), Some(Err(sentence.into())));
+        }
+        let as_words = |value: &str| Preset::new(&spec, "Name1", &Number::parse(value).unwrap());
+        assert!(as_words("0x4142,0x4300,0,0").is_ok());
+        assert!(as_words("0x4142,0x0043,0,0").is_err(), "a gap");
     }
 
     #[test]

@@ -274,6 +274,8 @@ mod tests {
     tcp:127.0.0.1:5020
   mcode, TCP
     tcp:127.0.0.1:5030
+Try:
+  python3 -m serial.tools.miniterm socket://127.0.0.1:5030
 Ctrl-C ends it.
 ";
         assert_eq!(ready.text(), text);

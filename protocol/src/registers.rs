@@ -166,6 +166,44 @@ pub enum Legal {
     OneOf(&'static [i64]),
     /// Each word from the first to the second, in bus order; only where the low word is first.
     Each(&'static [(u16, u16)]),
+    /// Text of up to eight characters from blank to `~`, two in a word, 0 behind the last one; only where the high word is
+    /// first.
+    Text,
+}
+
+/// The value of a row of [`Legal::Text`]: up to eight characters.
+#[must_use]
+pub const fn text(mut characters: &[u8]) -> i64 {
+    let (mut value, mut left) = (0, 8);
+    while left > 0 {
+        value <<= 8;
+        if let [character, rest @ ..] = characters {
+            value |= *character as i64;
+            characters = rest;
+        }
+        left -= 1;
+    }
+    value
+}
+
+/// The characters of a value of a row of [`Legal::Text`].
+pub fn characters(value: i64) -> impl Iterator<Item = u8> {
+    value.to_be_bytes().into_iter().filter(|&character| character != 0)
+}
+
+/// Whether it is a value of [`Legal::Text`].
+const fn is_text(value: i64) -> bool {
+    let (mut rest, mut left, mut has_ended) = (value, 8, true);
+    // From the last one on.
+    while left > 0 {
+        let character = (rest & 0xFF) as u8;
+        has_ended = has_ended && character == 0;
+        if !has_ended && !matches!(character, b' '..=b'~') {
+            return false;
+        }
+        (rest, left) = (rest >> 8, left - 1);
+    }
+    true
 }
 
 /// What a bus and a drive go by of a [`Row`].
@@ -377,6 +415,13 @@ impl Row {
         self
     }
 
+    /// Text of up to eight characters.
+    #[must_use]
+    pub const fn text(mut self) -> Self {
+        self.entry.legal = Legal::Text;
+        self.shaped(Shape::Words(4))
+    }
+
     /// The factory value says that nothing is set, and lies outside of what a write may bring.
     #[must_use]
     pub const fn unset(mut self) -> Self {
@@ -492,6 +537,7 @@ impl Entry {
                 }
                 true
             }
+            Legal::Text => is_text(value),
         }
     }
 
@@ -856,6 +902,9 @@ pub const fn check(rows: &[Row], layout: Layout) {
             && (ranges.len() != row.shape.words() as usize || matches!(layout.order, Order::HighFirst))
         {
             panic!("each word has its range, and the low word is first");
+        }
+        if matches!(row.legal, Legal::Text) && matches!(layout.order, Order::LowFirst) {
+            panic!("text begins with the high word");
         }
         if let Some((low, high)) = row.clamp
             && (low > high || low < least || high > greatest)

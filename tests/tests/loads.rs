@@ -209,7 +209,7 @@ fn each_kind_says_what_is_not_modelled_of_its_motor() {
         {
             assert!(says(kind, what), "{kind}: {what}");
         }
-        for what in ["AS 2", "CA = 0,1", "SC = 1", "make-up steps", "error 105", "IT, MC 5-38"] {
+        for what in ["AS 2", "CA = 0,1", "SC = 1", "make-up steps", "IT, MC 5-38"] {
             assert_eq!(says(kind, what), kind == "mdrive-hybrid", "{kind}: {what}");
         }
     }

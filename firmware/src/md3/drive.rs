@@ -273,10 +273,12 @@ impl Drive {
         out: &mut dyn Sink,
     ) -> Result<(), Refused> {
         let row = Reg::ENTRIES.list.get(reg.row()).ok_or(Refused::NoSuchRegister)?;
-        if !row.accepts(value) {
+        let identifies = reg == Reg::ProductInformation;
+        let legal = if identifies { self.version.is_product(value) } else { row.accepts(value) };
+        if !legal {
             return Err(Refused::OutOfRange);
         }
-        if row.saved == 0 && (self.state == State::Off || !row.access.writes()) {
+        if row.saved == 0 && (self.state == State::Off || !row.access.writes() && !identifies) {
             return Err(Refused::ReadOnly);
         }
         if self.state == State::Off {

@@ -57,13 +57,13 @@ standin_protocol::registers! {
         AccelDecel = rw(0x18, "7.19").u32().clamped(0, 0x7FFF_FFFF).reset(10_000).saved(),
         /// CRC status (15:8), read from EEPROM (1), write to EEPROM (0).
         EEPROMControl = rw(0x1a, "7.20").reset(0x9a00),
-        /// Current type (15), product (14:8), version (7:0).
-        ProductInformation = ro(0x1b, "7.21").reset(Version::HighCurrent.product()),
+        /// Current type (15), product (14:8), version of the firmware (7:0), which a preset sets.
+        ProductInformation = ro(0x1b, "7.21").range(0xbd00, 0xbdff).reset(Version::HighCurrent.product()),
         /// Parity (5:4), stop bit (3), baud rate (2:0).
         SerialPortConfiguration = rw(0x1c, "7.22").reset(FACTORY_SERIAL_PORT as i64).saved(),
         /// For the user.
         UserRegister = rw(0x1d, "7.23").saved(),
-        /// Serial number.
+        /// Serial number, which a preset sets.
         SerialNumber = ro(0x1e, "7.24").u32().reset(1).saved(),
         /// 1: SPEEDSEL turns a running profile move into a jog, as 7.18 says; 0: it is ignored, as 7.8 says.
         SpeedselJogsProfile = setting(0, "7.8").range(0, 1),
@@ -211,6 +211,11 @@ impl Version {
             Self::LowCurrent => 0x3d01,
         }
     }
+
+    /// Whether ProductInformation may be this: with another version of the firmware in its low byte.
+    pub(super) const fn is_product(self, value: i64) -> bool {
+        value & !0xFF == self.product() & !0xFF
+    }
 }
 
 /// Peak phase current in mA of a current code (7.2). The steps of the high current version change at
@@ -273,7 +278,7 @@ pub(super) fn pwm(setting: u16) -> Option<Pwm> {
 static LOW_ROWS: [Row; Reg::ROWS.len()] = {
     let mut rows = Reg::ROWS;
     let product = Reg::ProductInformation as usize;
-    rows[product] = rows[product].reset(Version::LowCurrent.product());
+    rows[product] = rows[product].range(0x3d00, 0x3dff).reset(Version::LowCurrent.product());
     rows
 };
 /// The map of the low current version.

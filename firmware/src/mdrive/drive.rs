@@ -16,7 +16,7 @@
 //! everything that happens.
 
 use standin_protocol::modbus::pdu::Exception;
-use standin_protocol::registers::{Bank, Entries, Register, Space};
+use standin_protocol::registers::{Bank, Entries, Register, Space, characters};
 
 use super::STALL;
 use super::error::{Error, Errors};
@@ -30,9 +30,6 @@ use super::saved::Saving;
 use super::variables::{entry, is_number, words};
 use crate::device::{Boot, Fault, Instant, Refused, Sink};
 use crate::motor::stepper::Parameters;
-
-/// SN.
-pub(super) const SERIAL_NUMBER: &[u8] = b"123456789";
 
 /// What the two products differ in.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -49,22 +46,6 @@ impl Model {
         match self {
             Self::Plus => PLUS,
             Self::Hybrid => HYBRID,
-        }
-    }
-
-    /// PN: an MDrive 23 with Ethernet.
-    pub(super) const fn part_number(self) -> &'static [u8] {
-        match self {
-            Self::Plus => b"MDI3CRL23A7-EQ",
-            Self::Hybrid => b"MAI3CRL23A7-EQ",
-        }
-    }
-
-    /// VR: the version of its firmware.
-    pub(super) const fn version(self) -> &'static [u8] {
-        match self {
-            Self::Plus => b"3.0.0.9",
-            Self::Hybrid => b"4.0.0.8",
         }
     }
 
@@ -175,6 +156,16 @@ impl Drive {
         if is_number(reg) { self.read(at, reg).into() } else { self.bank.get(reg) }
     }
 
+    /// What identifies it, in halves: [`PART_NUMBER`](super::registers::PART_NUMBER) and others.
+    pub(super) fn text(&self, halves: &[Reg]) -> heapless::Vec<u8, 16> {
+        let mut text = heapless::Vec::new();
+        for character in halves.iter().flat_map(|&half| characters(self.bank.get(half))) {
+            // There is room for two halves.
+            let _ = text.push(character);
+        }
+        text
+    }
+
     /// A preset: before power comes as if saved, later as if the bus had written it.
     ///
     /// # Errors
@@ -236,6 +227,9 @@ impl Drive {
         let moves_otherwise = self.motion.has_changed();
         if moves_otherwise || self.io.wants_plan() {
             self.io.plan(at, self.motion.plan(), out);
+        }
+        if moves_otherwise || self.hybrid.deadline() <= at {
+            self.watch_position(at, out);
         }
         if moves_otherwise || self.mcode.trips.deadline() <= at || self.trips_on_counts() {
             self.look_for_trips(at, out);

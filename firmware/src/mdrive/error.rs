@@ -60,6 +60,8 @@ pub(super) enum Error {
 
     IllegalBaud = 61,
     InputPending = 62,
+    /// Of a Hybrid.
+    StartupCalibration = 64,
 
     Flash = 70,
     TemperatureWarning = 71,
@@ -67,6 +69,8 @@ pub(super) enum Error {
     SaveInMotion = 73,
     /// IP or CP in motion.
     ClearInMotion = 74,
+    /// Of a unit without a sensor of its temperature.
+    LinearOverTemperature = 75,
 
     NoHomeSwitch = 80,
     HomeType = 81,
@@ -90,13 +94,14 @@ pub(super) enum Error {
     ClearLockedInMotion = 94,
 
     LockedRotor = 104,
+    MaximumPosition = 105,
     LeadLimit = 106,
     LagLimit = 107,
     CalibrationFailed = 109,
 }
 
 impl Error {
-    /// Whether a program ends with it; it goes on with its next line after others.
+    /// Whether a program ends with it that OE's handler does not see; it goes on with its next line after others.
     pub(super) fn ends_program(self) -> bool {
         matches!(self, Self::UnknownLabel | Self::StackOverflow | Self::IllegalAddress | Self::TooManyCalls)
     }
@@ -122,28 +127,34 @@ impl Error {
 /// EF and ER.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct Errors {
-    last: Option<Error>,
+    /// 0 if there is none.
+    last: u8,
 }
 
 impl Errors {
-    pub(super) const NONE: Self = Self { last: None };
+    pub(super) const NONE: Self = Self { last: 0 };
 
     /// ER: the number of the last error, 0 without one.
     pub(super) fn number(self) -> u8 {
-        self.last.map_or(0, |error| error as u8)
+        self.last
     }
 
     /// EF.
     pub(super) fn is_set(self) -> bool {
-        self.last.is_some()
+        self.last != 0
     }
 
     pub(super) fn set(&mut self, error: Error) {
-        self.last = Some(error);
+        self.put(error as u8);
     }
 
-    /// ER was read, or set to 0, or a program starts.
+    /// ER is written, with 0 for none. That is no error that OE's handler is called for.
+    pub(super) fn put(&mut self, number: u8) {
+        self.last = number;
+    }
+
+    /// ER was read, or a program starts.
     pub(super) fn clear(&mut self) {
-        self.last = None;
+        self.put(0);
     }
 }

@@ -45,11 +45,12 @@ const INDEX: Pin = Pin(10);
 
 /// The shaft is held.
 const STALL: Fault = Fault(0);
+/// The electronics become too hot.
+const OVER_TEMPERATURE: Fault = Fault(1);
 /// Of a Hybrid.
-const LOCKED_ROTOR: Fault = Fault(1);
-const LEAD_LIMIT: Fault = Fault(2);
-const LAG_LIMIT: Fault = Fault(3);
-const OVER_TEMPERATURE: Fault = Fault(4);
+const LOCKED_ROTOR: Fault = Fault(2);
+const LEAD_LIMIT: Fault = Fault(3);
+const LAG_LIMIT: Fault = Fault(4);
 const CALIBRATION: Fault = Fault(5);
 
 /// Bytes of the non-volatile memory.
@@ -79,14 +80,19 @@ static PINS: [PinSpec; 11] = [
     pin("I", Role::Input, Level::Float),
 ];
 
-static MDRIVE: Spec =
-    spec("mdrive", "MDrive 23 Plus2 Motion Control, Ethernet", Model::Plus, Reg::TABLE, &["stall"]);
+static MDRIVE: Spec = spec(
+    "mdrive",
+    "MDrive 23 Plus2 Motion Control, Ethernet",
+    Model::Plus,
+    Reg::TABLE,
+    &["stall", "over_temperature"],
+);
 static MDRIVE_HYBRID: Spec = spec(
     "mdrive-hybrid",
     "MDrive 23 Hybrid Motion Control, Ethernet",
     Model::Hybrid,
     &registers::TABLE_HYBRID,
-    &["stall", "locked_rotor", "lead_limit", "lag_limit", "over_temperature", "calibration"],
+    &["stall", "over_temperature", "locked_rotor", "lead_limit", "lag_limit", "calibration"],
 );
 
 /// What there is not, and why: the Hybrid's lines are the last ones.
@@ -100,7 +106,7 @@ static NOT_MODELLED: [&str; 23] = [
     "UG (MC 5-77) and the upgrade of the Ethernet controller (FB 6.6): there is no other firmware; error 37",
     "setting IP address, netmask and MAC address (FB 6.3): the protocol is not published",
     "error 88, following error (MC 9.6): MC does not say when it comes; a stall is error 86",
-    "errors 47, 63 and 75 (MC 9): this memory does not fail, TCP has no over-run, and the temperature is a Hybrid's",
+    "errors 47 and 63 (MC 9): this memory does not fail, and TCP has no over-run",
     "resonance, ringing, ripple of speed and current: the motor follows its steps exactly, or is out of step",
     "the angle by which a load turns a shaft that is in step (up to a full step): it is where its steps are",
     "momentum of a shaft that falls out of step: it stops at once, and its load turns it from there",
@@ -114,7 +120,7 @@ static NOT_MODELLED: [&str; 23] = [
     "make-up steps between those of a move (MC 5-50): they are made behind it",
     "a rotor that creeps at the bounds of CB (MC 5-10): it stands, unless its load turns it",
     "heat of the motor's own current (IT, MC 5-38): MC has no figures; the fault over_temperature heats it",
-    "error 105, maximum position count reached (MC 9.7): MC does not say which count",
+    "AF 4, maximum lead/lag limit reached (MC 5-2): LL has 32 bits, and a rotor is locked before they are full",
     "what the circuitry does with a rotor out of step, at the [[motor]] of a bench: that one hears steps and current alone, \
      and falls in as an MDrivePlus2's does; C2, LL and LR are right",
 ];

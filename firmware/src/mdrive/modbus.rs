@@ -10,11 +10,11 @@ use standin_protocol::modbus::{Reply, identification};
 use standin_protocol::registers::Entries;
 
 use super::MODBUS;
-use super::drive::{Drive, Model, SERIAL_NUMBER};
+use super::drive::{Drive, Model};
 use super::error::Error;
 use super::mcode::print::Text;
-use super::mcode::statement::{Expression, Operand, Statement};
-use super::registers::Reg;
+use super::mcode::statement::Statement;
+use super::registers::{ETHERNET, FIRMWARE, PART_NUMBER, Reg, SERIAL_NUMBER};
 use super::variables::illegal;
 use crate::device::{Instant, Link, Note, Output, Sink};
 
@@ -210,10 +210,10 @@ impl Drive {
         }
         match self.parse(&joined(name, string))? {
             Statement::SetList(list, parameters) => self.write_list(at, list, &parameters, out),
-            Statement::Set(
-                reg,
-                Expression { not: false, first: Operand::Number(value) | Operand::Ratio(value), then: None },
-            ) => self.write(at, reg, value, out),
+            Statement::Set(reg, value) => {
+                let value = value.constant().ok_or(Error::IllegalData)?;
+                self.write(at, reg, value, out)
+            }
             _ => Err(Error::IllegalData),
         }
     }
@@ -313,7 +313,7 @@ impl Map for Bus<'_> {
         let Self { drive, at, out } = self;
         let Some((&function, data)) = pdu.split_first() else { return Err(Exception::IllegalFunction) };
         if function == ENCAPSULATED_INTERFACE {
-            return identify(drive.model, pdu, reply);
+            return identify(drive, pdu, reply);
         }
         let (mnemonic, data) = data.split_first_chunk().ok_or(Exception::IllegalDataValue)?;
         drive.serve_specific(*at, function, *mnemonic, data, reply, *out)
@@ -321,18 +321,18 @@ impl Map for Bus<'_> {
 }
 
 /// Answers function 43 (FB 4.1.1).
-fn identify(model: Model, pdu: &[u8], reply: &mut Reply) -> Result<(), Exception> {
-    let firmware = match model {
-        Model::Plus => joined(b"MDI ", model.version()),
-        Model::Hybrid => joined(b"ASI ", model.version()),
-    };
+fn identify(drive: &Drive, pdu: &[u8], reply: &mut Reply) -> Result<(), Exception> {
+    let family = if drive.model == Model::Hybrid { b"ASI " } else { b"MDI " };
+    let firmware = joined(family, &drive.text(FIRMWARE));
+    let (part, serial) = (drive.text(PART_NUMBER), drive.text(SERIAL_NUMBER));
+    let ethernet = drive.text(ETHERNET);
     let objects: [identification::Object<'_>; 7] = [
         (0, b"SEM USA"),
-        (1, model.part_number()),
-        (2, b"4.0.0.0"),
+        (1, &part),
+        (2, &ethernet),
         (3, b"www.imshome.com"),
         (4, b"MDrive Ethernet"),
-        (5, SERIAL_NUMBER),
+        (5, &serial),
         (6, &firmware),
     ];
     identification::answer(pdu, CONFORMITY, &objects, reply)

@@ -2,7 +2,7 @@
 //! manual (FB) gives an address come first, in its order, then those that only MCode (MC) knows.
 
 use crate::motor::stepper::Parameters;
-use standin_protocol::registers::{Entries, Entry, Register, Row, Table, entries};
+use standin_protocol::registers::{Entries, Entry, Register, Row, Table, entries, text};
 
 /// Bits of [`Entry::variants`].
 pub(super) const PLUS: u8 = 1 << 0;
@@ -54,7 +54,7 @@ standin_protocol::registers! {
         EE = rw(0x001E, "5").u8().range(0, 1).saved(),
         /// 1: there was an error.
         EF = ro(0x001F, "5").u8().range(0, 1).live(),
-        /// The number of the last error; reading it, or writing 0, clears it and EF.
+        /// The number of the last error; reading it, or writing 0, clears it and EF. Others can be written in MCode only.
         ER = rw(0x0021, "5").range(0, 0).live(),
         /// Current that holds, in %.
         HC = rw(0x0029, "5").u8().range(0, 100).reset(5).saved(),
@@ -147,8 +147,8 @@ standin_protocol::registers! {
 
         /// 0 off, 1 fixed current, 2 variable current, 3 torque.
         AS = rw(0x008E, "5.1").u8().range(0, 3).reset(2).saved().only(HYBRID),
-        /// What the Hybrid is at, a bit each.
-        AF = ro(0x008F, "5.1").range(0, 511).live().only(HYBRID),
+        /// What the Hybrid is at, a bit each; above 255 in MCode only.
+        AF = ro(0x008F, "5.1").u8().live().only(HYBRID),
         /// How it calibrates.
         CA = rw(0x0090, "5.1").u8().range(0, 1).reset(1).saved().only(HYBRID),
         /// Bounds of the rotor's lag: 1.1, 1.3, 1.5 or 1.7 full steps.
@@ -258,6 +258,8 @@ standin_protocol::registers! {
         PY = variable(39, "MC 5-59").range(0, 1).saved(),
         /// 1: queued, of the serial sister.
         QD = variable(40, "MC 5-60").range(0, 1).saved(),
+        /// The second value of CA, and saved with it. 1: torque compensation.
+        CalibrationMethod = variable(41, "MC 5-8").range(0, 1).only(HYBRID),
 
         /// 1: the serial sister's commands are there, too.
         SerialCommands = setting(1, "MC 1.2.2").range(0, 1).saved(),
@@ -274,18 +276,58 @@ standin_protocol::registers! {
         Load = setting(10, "MC 5-70").i32().range(-100_000, 100_000),
         /// Full steps of the motor in a turn.
         FullSteps = setting(12, "MC 7.3.1").range(4, 10_000).reset(LOAD.steps_per_rev as i64),
+
+        /// PN, and object 1 of the device identification. `PartNumber` presets both halves.
+        PartNumber1 = setting(13, "MC 5-56").text().reset(text(b"MDI3CRL2")),
+        /// Its second half.
+        PartNumber2 = setting(17, "MC 5-56").text().reset(text(b"3A7-EQ")),
+        /// SN, and object 5. `SerialNumber` presets both halves.
+        SerialNumber1 = setting(21, "MC 5-69").text().reset(text(b"12345678")),
+        /// Its second half.
+        SerialNumber2 = setting(25, "MC 5-69").text().reset(text(b"9")),
+        /// VR, and the end of object 6. `FirmwareVersion` presets both halves.
+        FirmwareVersion1 = setting(29, "MC 5-80").text().reset(text(b"3.0.0.9")),
+        /// Its second half.
+        FirmwareVersion2 = setting(33, "MC 5-80").text(),
+        /// The second value of VR; "1.8+" calibrates as MC 5-8 says.
+        HardwareVersion = setting(37, "MC 5-80").text().reset(text(b"1.8")).only(HYBRID),
+        /// Firmware of the Ethernet controller: object 2.
+        EthernetVersion = setting(41, "4.1.1").text().reset(text(b"4.0.0.0")),
     }
 }
 
-/// The motor and its load: they stay as they are whatever becomes of the drive.
-pub(super) const MACHINE: [Reg; 6] =
-    [Reg::HoldingTorque, Reg::PullOutSpeed, Reg::Inertia, Reg::Friction, Reg::Load, Reg::FullSteps];
+/// The motor, its load and what identifies the drive: they stay as they are whatever becomes of the variables.
+pub(super) const LASTING: [Reg; 14] = [
+    Reg::HoldingTorque,
+    Reg::PullOutSpeed,
+    Reg::Inertia,
+    Reg::Friction,
+    Reg::Load,
+    Reg::FullSteps,
+    Reg::PartNumber1,
+    Reg::PartNumber2,
+    Reg::SerialNumber1,
+    Reg::SerialNumber2,
+    Reg::FirmwareVersion1,
+    Reg::FirmwareVersion2,
+    Reg::HardwareVersion,
+    Reg::EthernetVersion,
+];
 
-/// Whether MCode takes a value: one that the row accepts, whose range is that of FB 5, and of three rows more.
+/// What identifies a drive, in its halves.
+pub(super) const PART_NUMBER: &[Reg] = &[Reg::PartNumber1, Reg::PartNumber2];
+pub(super) const SERIAL_NUMBER: &[Reg] = &[Reg::SerialNumber1, Reg::SerialNumber2];
+pub(super) const FIRMWARE: &[Reg] = &[Reg::FirmwareVersion1, Reg::FirmwareVersion2];
+pub(super) const HARDWARE: &[Reg] = &[Reg::HardwareVersion];
+pub(super) const ETHERNET: &[Reg] = &[Reg::EthernetVersion];
+
+/// Whether MCode takes a value: one that the row accepts, whose range is that of FB 5, and of four rows more.
 pub(super) fn mcode_accepts(reg: Reg, value: i64) -> bool {
     let most = match reg {
         // (MC 5-11)
         Reg::CE => 2,
+        // Programs of real machines set errors of their own.
+        Reg::ER => 255,
         // Outputs 9 to 12, which drives with Ethernet do not have (MC 5-54).
         Reg::OT => 255,
         // TR and TA (MC 5-73).
@@ -304,6 +346,9 @@ static ROWS_HYBRID: [Row; Reg::ROWS.len()] = {
     let mut rows = Reg::ROWS;
     let lines = Reg::EL as usize;
     rows[lines] = rows[lines].reset(1_000);
+    let (part, version) = (Reg::PartNumber1 as usize, Reg::FirmwareVersion1 as usize);
+    rows[part] = rows[part].reset(text(b"MAI3CRL2"));
+    rows[version] = rows[version].reset(text(b"4.0.0.8"));
     rows
 };
 

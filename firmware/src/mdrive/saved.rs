@@ -10,7 +10,7 @@ use super::drive::Drive;
 use super::error::Error;
 use super::io::Io;
 use super::mcode::{names, program};
-use super::registers::{MACHINE, Reg, mcode_accepts};
+use super::registers::{LASTING, Reg, mcode_accepts};
 use super::variables::{entry, is_number, words};
 use crate::device::{Duration, Instant, Nowhere, Refused, Sink};
 use crate::memory::{self, Content, Save};
@@ -56,6 +56,9 @@ impl Drive {
         let content = memory::content(out.memory(), Reg::SAVED_WORDS);
         if content == Content::Good {
             memory::load(entries, out.memory(), self.bank.words_mut());
+            let [method, mode] = self.bank.word(Reg::CA).to_be_bytes();
+            self.bank.set(Reg::CalibrationMethod, (method & 1).into());
+            self.bank.set(Reg::CA, mode.into());
             self.mend();
         }
         content != Content::Bad
@@ -79,11 +82,11 @@ impl Drive {
         }
     }
 
-    /// All variables are the factory's. The motor and its load stay.
+    /// All variables are the factory's. What is not the drive's to change stays.
     fn renew(&mut self) {
-        let machine = MACHINE.map(|reg| self.bank.get(reg));
+        let lasting = LASTING.map(|reg| self.bank.get(reg));
         self.bank = Bank::of(self.model.entries());
-        for (reg, value) in MACHINE.into_iter().zip(machine) {
+        for (reg, value) in LASTING.into_iter().zip(lasting) {
             self.bank.set(reg, value);
         }
     }
@@ -129,9 +132,28 @@ impl Drive {
         }
         // The globals do not pass from here on, so neither does the memory.
         let globals = Save::of_bytes(&image, VARIABLES as u16, at, SAVE, out);
+        let mode = self.bank.get(Reg::CA);
+        // Its second value is in its high byte, where a memory of before there was one has 0.
+        self.bank.set(Reg::CA, mode | self.bank.get(Reg::CalibrationMethod) << 8);
         let (entries, words) = (self.model.entries(), self.bank.words());
         let variables = Save::of_rows::<VARIABLES>(entries, words, at, SAVE, out);
+        self.bank.set(Reg::CA, mode);
         self.saving = Some(Saving { variables, globals });
+    }
+
+    /// LK is 0 for good: "this will clear the program and reset LK to 0" (MC 5-42). Of what is saved nothing else changes.
+    pub(super) fn save_unlocked(&mut self, at: Instant, out: &mut dyn Sink) {
+        self.finish_save(at, out);
+        if memory::content(out.memory(), Reg::SAVED_WORDS) != Content::Good {
+            return;
+        }
+        let entries = self.model.entries();
+        let mut saved = Bank::<Reg, { Reg::WORDS }>::of(entries);
+        memory::load(entries, out.memory(), saved.words_mut());
+        if saved.word(Reg::LK) != 0 {
+            saved.set(Reg::LK, 0);
+            Save::of_rows::<VARIABLES>(entries, saved.words(), at, SAVE, out).finish(at, out);
+        }
     }
 
     pub(super) fn save_due(&self) -> Instant {

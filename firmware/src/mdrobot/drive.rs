@@ -353,10 +353,11 @@ impl Drive {
             self.set_supply(at, value as u16, out);
             return Ok(());
         }
-        if !row.access.writes() {
-            return Err(Refused::ReadOnly);
+        match pid {
+            Pid::VERSION => self.bank.set(pid, value),
+            _ if !row.access.writes() => return Err(Refused::ReadOnly),
+            _ => self.set(at, pid, value, out),
         }
-        self.set(at, pid, value, out);
         Ok(())
     }
 }

@@ -15,7 +15,7 @@ standin_protocol::registers! {
     /// The objects that a PID names. Two words have the low one first.
     #[allow(non_camel_case_types, reason = "the names are the manual's")]
     pub enum Pid: ObjectsLowFirst {
-        /// Version of the firmware, in tenths: 81 is 8.1.
+        /// Version of the firmware, in tenths: 81 is 8.1. A preset sets it.
         VERSION = ro(1, "p. 6").u8().reset(81),
         /// 0x55 restores the factory values of all that is saved but id and baud.
         DEFAULT_SET = wo(3, "p. 6"),

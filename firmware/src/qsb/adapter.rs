@@ -149,7 +149,7 @@ impl Adapter {
         if self.variant.motor && self.bank.word(Reg::MotorDrive) != 0 {
             self.motor.activate(at, out);
         }
-        self.serial.send(at, &command::banner(self.variant.letter), out);
+        self.serial.send(at, &command::banner(self.variant.letter, self.firmware()), out);
         self.resume_streams(at);
     }
 

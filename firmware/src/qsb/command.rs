@@ -3,8 +3,6 @@
 use heapless::Vec;
 use standin_protocol::text::Line;
 
-use super::registers::FIRMWARE;
-
 /// The most characters of a line that are looked at.
 pub(super) const LINE_CHARACTERS: usize = 16;
 
@@ -94,9 +92,9 @@ impl Response {
     }
 }
 
-/// What the variant of this letter says when it has started.
-pub(super) fn banner(letter: u8) -> [u8; 12] {
-    let (high, low) = (digit(FIRMWARE >> 4), digit(FIRMWARE));
+/// What the variant of this letter says when it has started, with that firmware.
+pub(super) fn banner(letter: u8, firmware: u8) -> [u8; 12] {
+    let (high, low) = (digit(firmware >> 4), digit(firmware));
     [b'Q', b'S', b'B', b'-', letter, b' ', b' ', high, low, b'!', b'\r', b'\n']
 }
 

@@ -5,7 +5,7 @@ use standin_protocol::registers::Register;
 use super::adapter::{Adapter, let_in};
 use super::encoder::Pwm;
 use super::motor::{Order, Settings};
-use super::registers::{FIRMWARE, Reg, mdr1};
+use super::registers::{Reg, mdr1};
 use super::stream;
 use crate::counter::Channel;
 use crate::device::{Instant, Refused, Sink};
@@ -26,9 +26,14 @@ impl Adapter {
         }
     }
 
+    /// The version of its firmware.
+    pub(super) fn firmware(&self) -> u8 {
+        (self.bank.word(Reg::Firmware) & 0xFF) as u8
+    }
+
     /// VERSION: decimal digits of the serial number, then the product and the firmware.
     fn version(&self) -> u32 {
-        let mut version = u32::from(self.variant.digit) << 8 | u32::from(FIRMWARE);
+        let mut version = u32::from(self.variant.digit) << 8 | u32::from(self.firmware());
         let mut serial = self.bank.get(Reg::SerialNumber) as u32;
         for digit in 3..8 {
             version |= (serial % 10) << (4 * digit);

@@ -2,8 +2,8 @@
 
 use standin_protocol::line::{Line, Parity};
 
-/// Firmware, the two last digits of VERSION.
-pub(super) const FIRMWARE: u8 = 0x0E;
+/// The factory's firmware.
+const FIRMWARE: i64 = 0x0E;
 
 /// What the variants of the product differ in, besides their registers.
 #[derive(Clone, Copy, Debug)]
@@ -92,6 +92,8 @@ standin_protocol::registers! {
         /// What streams after a reset, as command 3 saved it: bits 0 DIG I/O, 1 CAPTURE, 2 STR,
         /// 3 READ ENCODER, 4 MD STATUS.
         Streams = setting(3, "COMMAND 3").u8().range(0, 0x1F).saved(),
+        /// Version of the firmware: the two last digits of VERSION, in hexadecimal, and those of the banner.
+        Firmware = setting(4, "VERSION").u8().reset(FIRMWARE).saved(),
     }
 }
 

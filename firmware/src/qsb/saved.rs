@@ -11,6 +11,14 @@ use crate::memory::{self, Content, Save};
 /// How long a save takes; the list does not say.
 const SAVE: Duration = Duration::millis(10);
 
+/// Rows of one word each that the first memories did not have: such a memory is still good.
+const LATER: [Reg; 1] = [Reg::Firmware];
+
+/// Whether a memory is one of those.
+fn is_older(memory: &[u8]) -> bool {
+    memory::content(memory, Reg::SAVED_WORDS - LATER.len()) == Content::Good
+}
+
 impl Adapter {
     /// What was saved last; of a new or a bad memory the factory's values.
     pub(super) fn stored(&self, out: &dyn Sink) -> Words {
@@ -18,6 +26,9 @@ impl Adapter {
         // While a save runs its image is there, and only its check sum is not.
         if self.save.is_some() || memory::content(out.memory(), Reg::SAVED_WORDS) == Content::Good {
             memory::load(Reg::ENTRIES, out.memory(), words.words_mut());
+        } else if is_older(out.memory()) {
+            let later = LATER.map(Register::row);
+            memory::load_without(Reg::ENTRIES, &later, out.memory(), words.words_mut());
         }
         words
     }
@@ -61,7 +72,7 @@ impl Adapter {
         value: i64,
         out: &mut dyn Sink,
     ) -> Result<(), Refused> {
-        if memory::content(out.memory(), Reg::SAVED_WORDS) == Content::Bad {
+        if memory::content(out.memory(), Reg::SAVED_WORDS) == Content::Bad && !is_older(out.memory()) {
             return Err(Refused::BadMemory);
         }
         let mut words = self.stored(out);

@@ -20,7 +20,7 @@ use super::errors::{Errors, error};
 use super::inputs::Inputs;
 use super::motion::{self, Motion};
 use super::program::Program;
-use super::registers::{Model, Reg, key, line};
+use super::registers::{Model, Reg, VERSIONS, key, line};
 use super::servo::Servo;
 use super::startup::{Clearing, Lights};
 use super::thermal::{Part, Thermal};
@@ -382,6 +382,7 @@ impl Drive {
             Reg::TEMPERATURE_MCU => self.thermal.inject(Part::Mcu, value),
             Reg::TEMPERATURE_MOSFET => self.thermal.inject(Part::Power, value),
             Reg::TEMPERATURE_BRAKE => self.thermal.inject(Part::Brake, value),
+            _ if VERSIONS.contains(&reg) => self.bank.set(reg, value.into()),
             _ => return Err(Refused::ReadOnly),
         }
         self.look_for_errors(at, out);

@@ -161,11 +161,11 @@ standin_protocol::registers! {
 
         /// Driver type: 1001 is the RS 434544, 1002 the RS 434546.
         HW_MAJOR = input(0x8001, "6.8").reset(1_001),
-        /// Hardware version.
+        /// Hardware version, which a preset sets.
         HW_MINOR = input(0x8002, "6.8").reset(1).not_modelled(NOT_KNOWN),
-        /// Software identifier.
+        /// Software identifier, which a preset sets.
         FW_MAJOR = input(0x8003, "6.8").reset(1).not_modelled(NOT_KNOWN),
-        /// Software version.
+        /// Software version, which a preset sets.
         FW_MINOR = input(0x8004, "6.8").reset(1).not_modelled(NOT_KNOWN),
 
         /// The supply that the drive measures, in 0.1 V: below 8 V and above 30 V it stops the motor. `supply_v` of a
@@ -181,6 +181,9 @@ pub(super) mod key {
     pub(in crate::rs434) const LOAD_PROGRAM: i64 = 0x9346;
     pub(in crate::rs434) const RESTART: i64 = 0x95AF;
 }
+
+/// The versions that a preset sets: they stay as they are whatever becomes of the settings.
+pub(super) const VERSIONS: [Reg; 3] = [Reg::HW_MINOR, Reg::FW_MAJOR, Reg::FW_MINOR];
 
 /// The rows of the RS 434546.
 #[expect(clippy::indexing_slicing, reason = "only ever evaluated by the compiler")]

@@ -4,7 +4,7 @@ use standin_protocol::registers::{Bank, Register};
 
 use super::SETTINGS;
 use super::drive::Drive;
-use super::registers::Reg;
+use super::registers::{Reg, VERSIONS};
 use crate::device::{Duration, Instant, Refused, Sink};
 use crate::memory::{self, Content, Save};
 
@@ -15,7 +15,11 @@ impl Drive {
     /// Loads the settings, those of a new drive or of a bad flash from the factory. Whether the flash was good.
     pub(super) fn load_settings(&mut self, out: &dyn Sink) -> bool {
         let entries = self.model.entries();
+        let versions = VERSIONS.map(|reg| self.bank.get(reg));
         self.bank = Bank::of(entries);
+        for (reg, version) in VERSIONS.into_iter().zip(versions) {
+            self.bank.set(reg, version);
+        }
         let content = memory::content(out.memory(), Reg::SAVED_WORDS);
         if content == Content::Good {
             memory::load(entries, out.memory(), self.bank.words_mut());

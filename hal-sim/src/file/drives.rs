@@ -310,6 +310,13 @@ fn presets(table: &Table<'_>, spec: &Spec) -> Result<Vec<Said<Preset>>, Wrong> {
     }
     if let Some(set) = table.any_table("set")? {
         for key in set.keys() {
+            if Preset::text(spec, key.is, "").is_some() {
+                let Some(text) = set.text(key.is)? else { continue };
+                let told = Preset::text(spec, key.is, text.is).unwrap_or_else(|| Ok(Vec::new()));
+                let told = told.map_err(Wrong::at(text.at))?;
+                presets.extend(told.into_iter().map(|preset| Said { is: preset, at: text.at }));
+                continue;
+            }
             if spec.find(key.is).is_none() {
                 // The sentence is that of an unknown name.
                 Preset::new(spec, key.is, &Number::Decimal(0)).map_err(Wrong::at(key.at))?;

@@ -157,9 +157,13 @@ fn presets(spec: &Spec, options: &cli::Run) -> Result<Vec<Preset>, String> {
             .push(Preset::new(spec, row.name, address).map_err(|sentence| format!("--address: {sentence}"))?);
     }
     for set in &options.set {
-        let preset = Preset::new(spec, &set.register, &set.value)
-            .and_then(|preset| preset.check_saved(spec).map(|()| preset));
-        presets.push(preset.map_err(|sentence| format!("--set: {sentence}"))?);
+        let told = Preset::text(spec, &set.register, &set.value).unwrap_or_else(|| {
+            let value = cli::number(&set.value)?;
+            let preset = Preset::new(spec, &set.register, &value)?;
+            preset.check_saved(spec)?;
+            Ok(vec![preset])
+        });
+        presets.extend(told.map_err(|sentence| format!("--set: {sentence}"))?);
     }
     Ok(presets)
 }

@@ -4,6 +4,7 @@
 
 mod errors;
 mod examples;
+mod identity;
 mod order;
 mod ranges;
 mod values;

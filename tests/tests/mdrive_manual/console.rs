@@ -3,7 +3,7 @@
 use standin_protocol::time::Span;
 use standin_sim::bench::Client;
 
-use crate::rig::{CALIBRATION, KINDS, MCODE, Rig, SIGN_ON, START};
+use crate::rig::{CALIBRATION, KINDS, Kind, MCODE, Rig, SIGN_ON, START};
 
 impl Rig {
     /// Character by character.
@@ -310,6 +310,39 @@ fn a_locked_program_is_neither_listed_nor_changed() {
     rig.set(&["LK=1", "CP"]);
     rig.assert_values(&[("LK", 0)]);
     assert_eq!(rig.say("L").trim(), "");
+}
+
+/// MC 5-42: "It can only be reset by clearing the entire program space", which then holds after power comes, too, and
+/// saves nothing else.
+#[test]
+fn clearing_everything_unlocks_for_good() {
+    let mut rig = Rig::plus();
+    rig.set(&["LK=1", "RC=50", "S"]);
+    rig.after(100.millis());
+    rig.power_cycle();
+    rig.say("EM=2");
+    rig.heard();
+    rig.assert_values(&[("LK", 1), ("RC", 50)]);
+    rig.set(&["RC=60", "CP"]);
+    rig.assert_values(&[("LK", 0), ("RC", 60)]);
+    rig.power_cycle();
+    rig.say("EM=2");
+    rig.heard();
+    rig.assert_values(&[("LK", 0), ("RC", 50), ("ER", 0)]);
+}
+
+/// MC 5-1: "the value/state of all variables and flags", MD and VR among them.
+#[test]
+fn all_prints_the_last_motion_and_the_version() {
+    for (kind, version) in [(Kind::Plus, "VR = 3.0.0.9"), (Kind::Hybrid, "VR = 4.0.0.8, 1.8")] {
+        let mut rig = Rig::new(kind);
+        let lines = |text: String| text.lines().map(str::to_owned).collect::<Vec<_>>();
+        let all = lines(rig.say("PR AL"));
+        assert!(all.contains(&version.to_owned()), "{all:?}");
+        assert!(all.contains(&"MD = ".to_owned()), "{all:?}");
+        rig.set(&["MR 100"]);
+        assert!(lines(rig.say("PR AL")).contains(&"MD = MR".to_owned()));
+    }
 }
 
 /// Who is not there hears nothing, and nothing is kept for him.

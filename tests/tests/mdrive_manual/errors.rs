@@ -1,8 +1,8 @@
 //! The errors of MC 9 that other tests do not meet.
 
-use standin_protocol::time::Span;
+use standin_protocol::time::{Duration, Span};
 
-use crate::rig::{KINDS, Rig};
+use crate::rig::{KINDS, Rig, START};
 
 #[test]
 fn what_is_wrong_with_a_line_has_a_number() {
@@ -46,11 +46,11 @@ fn what_is_wrong_with_a_line_has_a_number() {
             ("IV H", 33),
             // Not an address.
             ("EX 500", 42),
-            ("EX 768", 42),
+            ("EX 2048", 42),
             ("EX 0", 42),
-            ("L 768", 42),
-            ("CP 768", 42),
-            ("PG 768", 42),
+            ("L 2048", 42),
+            ("CP 2048", 42),
+            ("PG 2048", 42),
             ("PG 0", 42),
             // No home switch; no such type.
             ("HM 1", 80),
@@ -80,6 +80,46 @@ fn what_is_wrong_with_a_line_has_a_number() {
         }
         rig.assert_no_error();
     }
+}
+
+/// MC 9.5: "Linear Overtemperature Error (For units without Internal Over Temp)", which an MDrivePlus 23 is (MC 5-38). The
+/// bridge is off until it is cool and DE is written.
+#[test]
+fn too_much_heat_is_75_without_a_sensor() {
+    let mut rig = Rig::plus();
+    rig.set(&["RC=50", "SL 20000"]);
+    rig.after(100.millis());
+    rig.fault("over_temperature", true);
+    rig.after(Duration::TICK);
+    assert_eq!(rig.value("ER"), 75);
+    assert_eq!(rig.motion().current_ma, 0, "the bridge");
+    rig.set(&["SL 0"]);
+    rig.wait_still(1.secs());
+    // It is still hot.
+    rig.set(&["DE=1", "SL 20000"]);
+    rig.after(100.millis());
+    assert_eq!(rig.motion().current_ma, 0);
+    rig.fault("over_temperature", false);
+    rig.after(100.millis());
+    assert_eq!(rig.motion().current_ma, 0);
+    rig.set(&["DE=1"]);
+    rig.after(Duration::TICK);
+    assert_eq!(rig.motion().current_ma, 1_500, "RC of 3 A");
+    rig.assert_values(&[("ER", 0)]);
+}
+
+/// A restart finds it as hot as it is.
+#[test]
+fn heat_is_told_again_after_a_restart() {
+    let mut rig = Rig::plus();
+    rig.fault("over_temperature", true);
+    rig.after(Duration::TICK);
+    assert_eq!(rig.value("ER"), 75);
+    rig.key(&[0x03]);
+    rig.after(START);
+    rig.say("EM=2");
+    rig.heard();
+    assert_eq!(rig.value("ER"), 75);
 }
 
 /// Reserved names: any use is an error.

@@ -116,18 +116,100 @@ fn it_can_be_too_hot() {
     let normal = rig.value("IT");
     assert!((-55..=125).contains(&normal));
     rig.refused("WT=85", 21);
-    rig.say(&format!("WT={}", normal - 1));
+    let printed = rig.say(&format!("WT={}", normal - 1));
     rig.after(2.secs());
+    assert_eq!(printed + &rig.heard(), "Error 71\r\n");
     assert_eq!(rig.value("ER"), 71);
     rig.set(&["WT=80"]);
     // "10C to Shutdown", then "Disabling Drive".
     rig.fault("over_temperature", true);
-    rig.wait(60.secs(), 100.millis(), |rig| rig.value("ER") == 71);
+    rig.wait(60.secs(), 100.millis(), |rig| rig.heard() == "Error 71\r\n");
+    assert_eq!(rig.value("ER"), 71);
     rig.wait(60.secs(), 100.millis(), |rig| rig.value("ER") == 72);
     assert_eq!(rig.motion().current_ma, 0, "the bridge");
 }
 
-/// MC 9.7, 109 and 64 at power-on.
+/// MC 9.4: "Startup Calibration failed (Hybrid only)". At power-on it is not 109, that of a later one.
+#[test]
+fn a_calibration_at_power_on_fails_with_64() {
+    let mut rig = Rig::set_up(Kind::Hybrid, Setup::default());
+    rig.say("EM=2");
+    rig.fault("calibration", true);
+    rig.after(20.secs());
+    rig.heard();
+    assert_eq!(rig.value("ER"), 64);
+    // Calibration is complete, calibration fault, locked rotor (MC 5-2, 5-9).
+    assert_eq!(rig.value("AF"), 256 + 128 + 8);
+    // One byte on the bus (FB 5.1).
+    assert_eq!(rig.word(0x008F), 128 + 8);
+    rig.refused_after("SC", 109);
+}
+
+impl Rig {
+    /// A line after which an error comes, within 20 s.
+    fn refused_after(&mut self, line: &str, error: i64) {
+        self.set(&[line]);
+        self.after(20.secs());
+        assert_eq!(self.value("ER"), error, "{line}");
+    }
+}
+
+/// MC 5-81: "the device will print an error 71 to the terminal screen if the set temperature is exceeded", once.
+#[test]
+fn a_warning_of_its_temperature_is_printed() {
+    let mut rig = Rig::hybrid();
+    rig.set(&["WT=50"]);
+    rig.fault("over_temperature", true);
+    rig.after(2.secs());
+    assert_eq!(rig.heard(), "Error 71\r\n");
+    rig.after(10.secs());
+    assert_eq!(rig.heard(), "");
+    assert_eq!(rig.value("ER"), 72);
+}
+
+/// MC 9.7: "Maximum position count reached", which is that of C1, "position counter": +2147483647 (MC 5-7).
+#[test]
+fn the_end_of_the_position_counter_is_error_105() {
+    for (start, way, end) in
+        [(2_147_483_000_i64, 647_i64, 2_147_483_647), (-2_147_483_000, -648, -2_147_483_648)]
+    {
+        let mut rig = Rig::hybrid();
+        rig.set(&[&format!("P={start}"), &format!("MR {}", way - way.signum())]);
+        rig.after(1.secs());
+        rig.assert_values(&[("C1", end - way.signum()), ("ER", 0)]);
+        rig.set(&[&format!("MR {}", way.signum())]);
+        rig.after(1.secs());
+        rig.assert_values(&[("C1", end), ("ER", 105)]);
+        // It is told once; the count goes on at the other end.
+        rig.set(&[&format!("MR {}", 2 * way.signum())]);
+        rig.after(1.secs());
+        rig.assert_values(&[("C1", -end - 1 + way.signum()), ("ER", 0)]);
+    }
+    let mut rig = Rig::plus();
+    rig.set(&["P=2147483000", "MR 1000"]);
+    rig.after(1.secs());
+    rig.assert_values(&[("ER", 0)]);
+}
+
+/// MC 5-8: "CA=0,1 'set torque compensation"; it is a parameter as the first one is, and saved with it.
+#[test]
+fn both_values_of_ca_read_back() {
+    let mut rig = Rig::hybrid();
+    assert_eq!(rig.show("CA"), "1, 0");
+    rig.set(&["CA=0,1"]);
+    assert_eq!(rig.show("CA"), "0, 1");
+    assert_eq!(rig.word(0x0090), 0);
+    rig.set(&["S"]);
+    rig.after(100.millis());
+    rig.set(&["CA=1"]);
+    assert_eq!(rig.show("CA"), "1, 0");
+    rig.set(&["IP"]);
+    assert_eq!(rig.show("CA"), "0, 1");
+    rig.refused("CA=0,2", 21);
+    assert_eq!(rig.show("CA"), "0, 1");
+}
+
+/// MC 9.7, 109.
 #[test]
 fn a_calibration_can_fail() {
     let mut rig = Rig::hybrid();

@@ -289,12 +289,13 @@ fn a_jog_input_that_is_held_jogs() {
         rig.low("IO2");
         rig.after(300.millis());
         rig.assert_values(&[("V", -50_000), ("ER", 0)]);
-        // JE = 0 ends it, and JE = 1 alone does not begin it again.
+        // JE = 0 ends it, and JE = 1 begins it again: "the JE Flag must be set for this to function".
         rig.set(&["JE=0"]);
         rig.wait_still(1.secs());
+        rig.assert_values(&[("V", 0)]);
         rig.set(&["JE=1"]);
         rig.after(300.millis());
-        rig.assert_values(&[("V", 0), ("MV", 0)]);
+        rig.assert_values(&[("V", -50_000), ("MV", 1)]);
     }
 }
 
@@ -362,5 +363,20 @@ fn an_input_resets() {
         rig.after(START + 4.secs());
         assert_eq!((rig.word(0x0067), rig.word(0x004A), rig.long(0x0057)), (25, 0, 0), "RC, MV and P");
         assert!(rig.bench.ended(rig.modbus).is_none());
+    }
+}
+
+/// MC 5-63, type 11: "If setting the input to sourcing, active true, ground the input first or a reset will occur."
+#[test]
+fn an_open_input_that_is_set_up_as_a_reset_resets() {
+    for grounds in [false, true] {
+        let mut rig = Rig::plus();
+        if grounds {
+            rig.low("IO1");
+        }
+        rig.set(&["RC=99"]);
+        rig.say("S1=11,1,1");
+        rig.after(START);
+        assert_eq!(rig.word(0x0067), if grounds { 99 } else { 25 }, "RC");
     }
 }

@@ -553,3 +553,48 @@ fn a_program_lists_itself() {
     assert_eq!(rig.heard(), "L 2\r\nE\r\n");
     rig.assert_values(&[("ER", 0)]);
 }
+
+/// Programs of real machines (firmware 3) hold what the manual does not show: chains of operators, logic in conditions,
+/// addresses above 767, an error of their own. Their authors' comments say that both are carried out from left to right.
+/// This one watches a move and reports its end with a word of flags.
+#[test]
+fn a_program_as_real_machines_hold_it() {
+    let mut rig = Rig::plus();
+    rig.program(
+        "VA Wd     ' word of flags
+        VA Sa     ' state: 0 stands, 1 moves, 2 has moved
+        VA Lt     ' type of input 1
+        Sa 0
+        Lt 3
+        S1 = Lt, 1, 0
+        Ne 0      ' no motion by a number alone
+        P=-0
+        PG 1000
+          LB Wa             ' waits for a move
+            CL Ya, Sa<>1&Mv ' begins to move
+            CL Yb, Sa=1&!Mv ' has moved
+            BR Wz, Sa=2
+            H  1
+            BR Wa
+
+          LB Ya
+            Sa 1
+            RT
+          LB Yb
+            Sa 2
+            Wd NE*2+EE*2+ST*8+Sa/2    ' bits 5, 4, 3 and 0
+            R2 = P - R1 / 2
+            RT
+          LB Wz
+            PR \"W\",Wd,\",H\",R2
+            ER = 83
+          E
+        PG",
+    );
+    rig.set(&["R1=51200", "EX 1000", "MR 153600"]);
+    rig.wait_end(10.secs());
+    // (((0 * 2 + 0) * 2 + 0) * 8 + 2) / 2, and (153600 - 51200) / 2.
+    assert_eq!(rig.heard(), "W1,H51200\r\n");
+    rig.assert_values(&[("EF", 1), ("ER", 83), ("EF", 0)]);
+    assert!(rig.say("L 1000").starts_with("LB WA\r\nCL YA, SA<>1&MV\r\n"));
+}

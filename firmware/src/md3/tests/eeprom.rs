@@ -97,7 +97,8 @@ fn presets_before_power_are_as_if_saved() {
     assert_eq!(poke(Reg::DeviceAddress, 12), Ok(()));
     assert_eq!(poke(Reg::SerialNumber, 123_456), Ok(()));
     assert_eq!(poke(Reg::DeviceAddress, 248), Err(Refused::OutOfRange));
-    assert_eq!(poke(Reg::ProductInformation, 0), Err(Refused::ReadOnly));
+    assert_eq!(poke(Reg::ProductInformation, 0), Err(Refused::OutOfRange));
+    assert_eq!(poke(Reg::ProductInformation, 0xbd02), Err(Refused::ReadOnly), "it is not in the EEPROM");
     bed.power_on(Boot { fast: true, ..Boot::default() });
     let reply = bed.ask(&rtu::read(12, 0x1e, 2));
     assert_eq!(reply, rtu::frame(12, &[3, 4, 0x00, 0x01, 0xE2, 0x40]));

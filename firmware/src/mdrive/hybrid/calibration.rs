@@ -7,7 +7,7 @@ use super::rotor::{Rotor, evenly};
 use super::status::condition;
 use super::{Hybrid, mode};
 use crate::device::{Duration, Instant, Sink};
-use crate::mdrive::drive::Drive;
+use crate::mdrive::drive::{Drive, State};
 use crate::mdrive::error::Error;
 use crate::mdrive::registers::Reg;
 use crate::mdrive::{CALIBRATION, LOCKED_ROTOR};
@@ -137,7 +137,9 @@ impl Drive {
             // "A locked rotor response" (MC 5-9).
             (self.hybrid.is_locked, self.hybrid.is_disabled) = (true, true);
             self.set_motion(at, out);
-            self.fail(at, Error::CalibrationFailed, out);
+            let starts = self.state == State::Calibrating;
+            let error = if starts { Error::StartupCalibration } else { Error::CalibrationFailed };
+            self.fail(at, error, out);
         }
         self.trip_on_status(at, condition::CALIBRATED, out);
     }

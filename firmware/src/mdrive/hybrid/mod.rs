@@ -27,6 +27,9 @@ use super::registers::Reg;
 use super::{LAG_LIMIT, LEAD_LIMIT, LOCKED_ROTOR, OVER_TEMPERATURE};
 use crate::device::{Fault, Instant, Sink};
 
+/// What is printed where WT is exceeded; MC 5-81 does not give the text.
+const WARNING: &[u8] = b"Error 71\r\n";
+
 /// Values of AS.
 mod mode {
     pub(super) const OFF: u16 = 0;
@@ -64,7 +67,7 @@ impl Causes {
     }
 }
 
-/// What it is at. An MDrivePlus² has none of it.
+/// What it is at. An MDrivePlus² has none of it but a bridge that heat can switch off.
 #[derive(Clone, Debug)]
 pub(super) struct Hybrid {
     calibration: Calibration,
@@ -83,6 +86,8 @@ pub(super) struct Hybrid {
     heat_due: Instant,
     has_warned: bool,
     is_overheated: bool,
+    /// When C1 comes to an end of its range.
+    position_due: Instant,
     causes: Causes,
 }
 
@@ -100,6 +105,7 @@ impl Hybrid {
         heat_due: Instant::NEVER,
         has_warned: false,
         is_overheated: false,
+        position_due: Instant::NEVER,
         causes: Causes::NONE,
     };
 
@@ -115,7 +121,13 @@ impl Hybrid {
     }
 
     pub(super) fn deadline(&self) -> Instant {
-        self.calibration.due().min(self.rotor_due).min(self.heat_due)
+        self.calibration.due().min(self.rotor_due).min(self.heat_due).min(self.position_due)
+    }
+
+    /// DE of an MDrivePlus² is written: the bridge is back once its electronics are cool.
+    pub(super) fn enable(&mut self) {
+        self.is_overheated = self.causes.has(OVER_TEMPERATURE);
+        self.is_disabled = self.is_overheated;
     }
 }
 
@@ -129,7 +141,7 @@ impl Drive {
             LAG_LIMIT if comes => self.tell(at, Error::LagLimit, condition::LAG, out),
             LOCKED_ROTOR if on && self.watches_rotor() => self.lock(at, out),
             LOCKED_ROTOR if self.is_in_torque_mode() => self.hybrid.is_locked = false,
-            OVER_TEMPERATURE => self.hybrid.heat.set(at, on),
+            OVER_TEMPERATURE if self.model == Model::Hybrid => self.hybrid.heat.set(at, on),
             _ => {}
         }
     }
@@ -143,9 +155,41 @@ impl Drive {
 
     /// Looks at rotor and temperature, after everything that happens.
     pub(super) fn look_at_hybrid(&mut self, at: Instant, out: &mut dyn Sink) {
-        if self.model == Model::Hybrid && self.hears() {
-            self.watch_rotor(at, out);
-            self.watch_heat(at, out);
+        match self.model {
+            _ if !self.hears() => {}
+            Model::Hybrid => {
+                self.watch_rotor(at, out);
+                self.watch_heat(at, out);
+            }
+            Model::Plus if self.hybrid.causes.has(OVER_TEMPERATURE) => {
+                self.overheat(at, Error::LinearOverTemperature, out);
+            }
+            Model::Plus => {}
+        }
+    }
+
+    /// The motion has another plan, or C1 has come to an end of its range, beyond which it goes on at the other one: error
+    /// 105 of a Hybrid.
+    pub(super) fn watch_position(&mut self, at: Instant, out: &mut dyn Sink) {
+        if self.model != Model::Hybrid {
+            return;
+        }
+        if self.hybrid.position_due <= at {
+            self.fail(at, Error::MaximumPosition, out);
+        }
+        let steps = self.motion.steps(at);
+        // From one end to the other it is a single step.
+        let ends = [i32::MIN, i32::MAX].into_iter().filter(|&end| end != !steps);
+        let dues = ends.map(|end| self.motion.reaches_steps(at, end)).filter(|&due| due > at);
+        self.hybrid.position_due = dues.min().unwrap_or(Instant::NEVER);
+    }
+
+    /// Its electronics are too hot: the bridge is off.
+    fn overheat(&mut self, at: Instant, error: Error, out: &mut dyn Sink) {
+        if !self.hybrid.is_overheated {
+            (self.hybrid.is_overheated, self.hybrid.is_disabled) = (true, true);
+            self.set_motion(at, out);
+            self.fail(at, error, out);
         }
     }
 
@@ -169,13 +213,13 @@ impl Drive {
         let warning = i64::from(self.bank.word(Reg::WT)) + 1;
         let is_warm = self.hybrid.heat.celsius(at) >= warning;
         if is_warm && !self.hybrid.has_warned {
+            // "The device will print an error 71 to the terminal screen" (MC 5-81).
+            self.say_to_all(at, WARNING, out);
             self.fail(at, Error::TemperatureWarning, out);
         }
         self.hybrid.has_warned = is_warm;
-        if self.hybrid.heat.celsius(at) >= SHUTDOWN && !self.hybrid.is_overheated {
-            (self.hybrid.is_overheated, self.hybrid.is_disabled) = (true, true);
-            self.set_motion(at, out);
-            self.fail(at, Error::OverTemperature, out);
+        if self.hybrid.heat.celsius(at) >= SHUTDOWN {
+            self.overheat(at, Error::OverTemperature, out);
             self.watch_rotor(at, out);
         }
         let dues = [warning, SHUTDOWN].map(|celsius| self.hybrid.heat.passes(celsius));

@@ -204,9 +204,10 @@ impl Io {
         }
         let (debounce, loads) = (self.filters.debounce(place), self.loads);
         let Some((point, pin)) = self.point(n) else { return Err(Error::IllegalIo) };
+        let was_high = point.level();
         if point.set_up(set_up) && !loads {
             let became_active = point.begin(at, pin, debounce, out);
-            self.tell(place, became_active);
+            self.tell(place, became_active || was_high && set_up.resets_when_high());
         }
         Ok(())
     }

@@ -125,6 +125,14 @@ pub(super) fn flag(value: u16) -> Result<bool, Error> {
     }
 }
 
+impl SetUp {
+    /// Whether a pin that is high when this is set up is a reset, even if it falls then: "If setting the input to sourcing,
+    /// active true, ground the input first or a reset will occur" (MC 5-63, type 11).
+    pub(super) fn resets_when_high(self) -> bool {
+        self.kind == Kind::Tells(Event::Reset) && self.sources && self.active_high
+    }
+}
+
 /// An I/O point.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Point {

@@ -346,14 +346,42 @@ fn contacts_tell_when_they_become_active_and_when_not() {
 fn what_an_input_asks_for_is_told_once_each_time_it_becomes_active() {
     for (kind, event) in [(4, Event::Go), (5, Event::SoftStop), (6, Event::Pause), (11, Event::Reset)] {
         let mut bed = Bed::new();
+        bed.edge(at_ms(1), IO1, false);
+        bed.events();
         bed.set_up(1, [kind, 1, 1]).unwrap();
-        assert_eq!(bed.events(), [], "it is open, and sources");
+        assert_eq!(bed.events(), []);
         for ms in [10, 20] {
             bed.edge(at_ms(ms), IO1, true);
             assert_eq!(bed.events(), [event, Event::Active(1)]);
             bed.edge(at_ms(ms + 1), IO1, false);
             assert_eq!(bed.events(), []);
         }
+    }
+}
+
+/// MC 5-63: "If setting the input to sourcing, active true, ground the input first or a reset will occur." An open pin was
+/// pulled up until then.
+#[test]
+fn a_reset_that_sources_resets_unless_it_is_grounded() {
+    let reset = [Event::Reset, Event::Active(1)];
+    let mut bed = Bed::new();
+    bed.set_up(1, [11, 1, 1]).unwrap();
+    assert_eq!(bed.events(), reset);
+    let mut bed = Bed::new();
+    bed.edge(at_ms(1), IO1, false);
+    bed.events();
+    bed.set_up(1, [11, 1, 1]).unwrap();
+    assert_eq!(bed.events(), [], "grounded");
+    // One that was pulled down already is low.
+    let mut bed = Bed::new();
+    bed.set_up(1, [0, 1, 1]).unwrap();
+    bed.set_up(1, [11, 1, 1]).unwrap();
+    assert_eq!(bed.events(), []);
+    // Of another type it falls, and does nothing; nor does a reset that is active low, or sinks and is grounded.
+    for set_up in [[5, 1, 1], [11, 0, 0]] {
+        let mut bed = Bed::new();
+        bed.set_up(1, set_up).unwrap();
+        assert_eq!(bed.events(), [], "{set_up:?}");
     }
 }
 

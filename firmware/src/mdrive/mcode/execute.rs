@@ -6,7 +6,8 @@ use super::super::motion::Order;
 use super::super::registers::Reg;
 use super::super::variables::{RATIO_ONE, entry};
 use super::names::Meaning;
-use super::statement::{Condition, Expression, Name, Operand, Operator, Place, Relation, Statement};
+use super::parse::Expression;
+use super::statement::{Name, Operand, Operator, Place, Statement, Step};
 use crate::device::{Duration, Instant, Sink};
 
 impl Drive {
@@ -31,6 +32,7 @@ impl Drive {
             }
             Statement::Number(number) => self.repeat_motion(at, number, out)?,
             Statement::Set(reg, value) => self.set_variable(at, *reg, value, out)?,
+            Statement::Name(code) => self.write(at, Reg::DN, *code, out)?,
             Statement::SetUser(name, value) => self.set_user(at, *name, value)?,
             Statement::SetList(list, parameters) => self.write_list(at, *list, parameters, out)?,
             Statement::Declare(name, value) => {
@@ -141,31 +143,29 @@ impl Drive {
     ///
     /// # Errors
     /// 21 for a division by 0, 30 for a name that is no variable.
-    pub(super) fn evaluate(&mut self, at: Instant, expression: &Expression) -> Result<i32, Error> {
+    pub(super) fn evaluate(&mut self, at: Instant, expression: &Expression<'_>) -> Result<i32, Error> {
         let ratio = expression.is_ratio();
         let value = self.compute(at, expression, ratio)?;
         Ok(if ratio { value / i64::from(RATIO_ONE) } else { value } as i32)
     }
 
     /// What an expression comes to, in thousandths for a `ratio`.
-    fn compute(&mut self, at: Instant, expression: &Expression, ratio: bool) -> Result<i64, Error> {
-        let first = self.term(at, expression.first, ratio)?;
-        let first = if expression.not { !first } else { first };
-        let Some((operator, second)) = expression.then else { return Ok(first) };
-        let second = self.term(at, second, ratio)?;
-        Ok(match operator {
-            Operator::Plus => first + second,
-            Operator::Minus => first - second,
-            Operator::Times if ratio => first.saturating_mul(second) / i64::from(RATIO_ONE),
-            Operator::Times => first * second,
-            Operator::Over => {
-                let first = if ratio { first * i64::from(RATIO_ONE) } else { first };
-                first.checked_div(second).ok_or(Error::IllegalValue)?
-            }
-            Operator::And => first & second,
-            Operator::Or => first | second,
-            Operator::Xor => first ^ second,
-        })
+    fn compute(&mut self, at: Instant, expression: &Expression<'_>, ratio: bool) -> Result<i64, Error> {
+        let (mut value, mut ratio) = (0, ratio);
+        for step in expression.steps() {
+            let operand = self.term(at, step.operand(), ratio)?;
+            value = match step {
+                Step::Calculate { operator, not, .. } => {
+                    operator.apply(value, if not { !operand } else { operand }, ratio)?
+                }
+                Step::Compare(relation, _) => {
+                    // It has no fraction, whatever was compared.
+                    ratio = false;
+                    relation.holds(value, operand).into()
+                }
+            };
+        }
+        Ok(value)
     }
 
     /// An operand, in thousandths for a `ratio`.
@@ -173,21 +173,10 @@ impl Drive {
         if ratio { self.thousandths(at, operand) } else { self.operand(at, operand).map(i64::from) }
     }
 
-    /// Whether a condition holds; none always does.
-    fn holds(&mut self, at: Instant, condition: Option<&Condition>) -> Result<bool, Error> {
+    /// Whether a condition holds, which it does if it is not 0; none always does.
+    fn holds(&mut self, at: Instant, condition: Option<&Expression<'_>>) -> Result<bool, Error> {
         let Some(condition) = condition else { return Ok(true) };
-        let ratio = condition.left.is_ratio() || condition.right.is_some_and(|(_, right)| right.is_ratio());
-        let left = self.term(at, condition.left, ratio)?;
-        let Some((relation, right)) = condition.right else { return Ok(left != 0) };
-        let right = self.term(at, right, ratio)?;
-        Ok(match relation {
-            Relation::Equal => left == right,
-            Relation::Unequal => left != right,
-            Relation::Less => left < right,
-            Relation::AtMost => left <= right,
-            Relation::Greater => left > right,
-            Relation::AtLeast => left >= right,
-        })
+        self.compute(at, condition, condition.is_ratio()).map(|value| value != 0)
     }
 
     /// Sets a variable to what an expression comes to.
@@ -195,7 +184,7 @@ impl Drive {
         &mut self,
         at: Instant,
         reg: Reg,
-        value: &Expression,
+        value: &Expression<'_>,
         out: &mut dyn Sink,
     ) -> Result<(), Error> {
         let value = match reg {
@@ -207,13 +196,13 @@ impl Drive {
     }
 
     /// Sets a user variable to what an expression comes to.
-    fn set_user(&mut self, at: Instant, name: Name, value: &Expression) -> Result<(), Error> {
+    fn set_user(&mut self, at: Instant, name: Name, value: &Expression<'_>) -> Result<(), Error> {
         let value = self.evaluate(at, value)?;
         self.mcode.names.set(name, value)
     }
 
     /// What IV waits for has come. A fraction is for CR.
-    fn take_input(&mut self, at: Instant, number: &Expression, out: &mut dyn Sink) -> Result<(), Error> {
+    fn take_input(&mut self, at: Instant, number: &Expression<'_>, out: &mut dyn Sink) -> Result<(), Error> {
         match self.mcode.vm.take_input() {
             Some(Operand::Variable(reg)) if reg == Reg::CR || !number.is_ratio() => {
                 self.set_variable(at, reg, number, out)
@@ -265,13 +254,42 @@ impl Drive {
     }
 
     /// A number alone: the last motion command with it (MC 5-45), unless NE is 0.
-    fn repeat_motion(&mut self, at: Instant, number: &Expression, out: &mut dyn Sink) -> Result<(), Error> {
+    fn repeat_motion(
+        &mut self,
+        at: Instant,
+        number: &Expression<'_>,
+        out: &mut dyn Sink,
+    ) -> Result<(), Error> {
         if number.is_ratio() {
             return Err(Error::IllegalData);
         }
         let number = self.evaluate(at, number)?;
         let last = self.mcode.vm.last_motion().filter(|_| self.bank.word(Reg::NE) != 0);
         self.write(at, last.ok_or(Error::IllegalData)?, number, out)
+    }
+}
+
+impl Operator {
+    /// What two values come to, in 32 bits that wrap, or in thousandths for a `ratio`.
+    ///
+    /// # Errors
+    /// 21: a division by 0.
+    fn apply(self, left: i64, right: i64, ratio: bool) -> Result<i64, Error> {
+        let one = i64::from(RATIO_ONE);
+        let value = match self {
+            Self::Plus => left.saturating_add(right),
+            Self::Minus => left.saturating_sub(right),
+            Self::Times if ratio => left.saturating_mul(right) / one,
+            Self::Times => left.wrapping_mul(right),
+            Self::Over => {
+                let left = if ratio { left.saturating_mul(one) } else { left };
+                left.checked_div(right).ok_or(Error::IllegalValue)?
+            }
+            Self::And => left & right,
+            Self::Or => left | right,
+            Self::Xor => left ^ right,
+        };
+        Ok(if ratio { value } else { (value as i32).into() })
     }
 }
 

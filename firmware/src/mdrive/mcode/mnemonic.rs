@@ -98,13 +98,16 @@ pub(in crate::mdrive) fn find(word: &[u8], variants: u8) -> Option<Mnemonic> {
     (item.variants != HYBRID).then_some(Mnemonic::NotAvailable)
 }
 
-/// All variables, flags and lists of these variants, by their names.
+/// All variables, flags and lists of these variants, MD and VR, by their names.
 pub(in crate::mdrive) fn variables(variants: u8) -> impl Iterator<Item = (&'static Word, Mnemonic)> {
     ITEMS
         .iter()
         .filter(move |item| item.variants & variants != 0)
         .map(|item| (&item.word, item.mnemonic()))
-        .filter(|(_, mnemonic)| matches!(mnemonic, Mnemonic::Variable(_) | Mnemonic::List(_)))
+        .filter(|(_, mnemonic)| {
+            use Mnemonic::{Keyword as Word, List, Variable};
+            matches!(mnemonic, Variable(_) | List(_) | Word(Keyword::MD | Keyword::VR))
+        })
 }
 
 /// One to three characters, padded.

@@ -1,17 +1,19 @@
 //! How a line is taken apart: `=`, a blank or nothing separates name and value, either case will do, blanks may be
 //! anywhere between words.
 
+mod expression;
 mod scanner;
 
 use heapless::Vec;
 
+pub(in crate::mdrive) use self::expression::Expression;
 use self::scanner::{Kind, Scanner};
 use super::super::drive::Drive;
 use super::super::error::Error;
 use super::super::registers::Reg;
 use super::mnemonic::{self, Instruction, Mnemonic, SERIAL, Word};
 use super::names::{Names, unknown};
-use super::statement::{Expression, List, Name, Operand, Parameter, Place, Statement};
+use super::statement::{List, Name, Operand, Parameter, Place, Statement};
 
 /// What a line says to a drive of these variants, whose user has these names.
 ///
@@ -134,8 +136,10 @@ impl<'a> Scanner<'a> {
             Head::Known(Mnemonic::NotAvailable) => Err(Error::NotAvailable),
             Head::Known(Mnemonic::Instruction(name)) => self.instruction(name),
             Head::Known(Mnemonic::Variable(reg)) => {
-                let value = if reg == Reg::DN { self.device_name() } else { self.value(Kind::of(reg)) };
-                value.map(|value| Statement::Set(reg, value))
+                if reg == Reg::DN {
+                    return self.device_name().map(Statement::Name);
+                }
+                self.value(Kind::of(reg)).map(|value| Statement::Set(reg, value))
             }
             Head::Known(Mnemonic::List(list)) => {
                 self.list(list).map(|values| Statement::SetList(list, values))
@@ -228,7 +232,7 @@ impl<'a> Scanner<'a> {
     }
 
     /// All that is left: what a variable is set to. Nothing is left of a variable that stands alone (34).
-    fn value(&mut self, kind: Kind) -> Result<Expression, Error> {
+    fn value(&mut self, kind: Kind) -> Result<Expression<'a>, Error> {
         if self.peek().is_none() {
             return Err(Error::IsVariable);
         }
@@ -238,17 +242,16 @@ impl<'a> Scanner<'a> {
     }
 
     /// DN: a character in quotation marks, or the decimal code of one (MC 5-20).
-    fn device_name(&mut self) -> Result<Expression, Error> {
+    fn device_name(&mut self) -> Result<i32, Error> {
         if self.peek().is_none() {
             return Err(Error::IsVariable);
         }
         self.take(b'=');
-        let code = match self.rest.trim_ascii() {
-            [b'"', name, b'"'] => i32::from(*name),
-            [b'"', digits @ .., b'"'] => Self { rest: digits, ..*self }.number()?,
-            _ => return Err(Error::IllegalData),
-        };
-        Ok(Expression { not: false, first: Operand::Number(code), then: None })
+        match self.rest.trim_ascii() {
+            [b'"', name, b'"'] => Ok(i32::from(*name)),
+            [b'"', digits @ .., b'"'] => Self { rest: digits, ..*self }.number(),
+            _ => Err(Error::IllegalData),
+        }
     }
 
     /// The values of a list. A name where a trip has its subroutine is a label.

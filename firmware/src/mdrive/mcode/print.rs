@@ -3,18 +3,15 @@
 use heapless::Vec;
 use standin_protocol::registers::Register;
 
-use super::super::drive::{Drive, Model, SERIAL_NUMBER};
+use super::super::drive::{Drive, Model};
 use super::super::error::Error;
-use super::super::registers::{ROWS, Reg};
+use super::super::registers::{FIRMWARE, HARDWARE, PART_NUMBER, ROWS, Reg, SERIAL_NUMBER};
 use super::super::variables::RATIO_ONE;
 use super::mnemonic::{self, Keyword, Mnemonic};
 use super::names::Meaning;
 use super::parse;
 use super::statement::{List, Operand, Parameter};
 use crate::device::Instant;
-
-/// Behind VR of a Hybrid: the version of its hardware, of which "1.8+" calibrates as MC 5-8 says.
-const HARDWARE: &[u8] = b"1.8";
 
 /// The end of a line.
 pub(in crate::mdrive) const CR_LF: &[u8] = b"\r\n";
@@ -147,7 +144,11 @@ impl Drive {
                 let values = self.set_up_of(reg).map(|value| number(value.into()));
                 say_values(values.get(..list.len()).unwrap_or(&values), to);
             }
-            List::With(reg) => say_values(&[number(self.held(reg)), number(0)], to),
+            List::With(reg) => {
+                // That of MU "is not saved" (MC 4.8).
+                let with = if reg == Reg::CA { self.held(Reg::CalibrationMethod) } else { 0 };
+                say_values(&[number(self.held(reg)), number(with)], to);
+            }
         }
     }
 
@@ -156,19 +157,19 @@ impl Drive {
             Keyword::AL => self.print_all(at, to),
             Keyword::UV => self.print_user_variables(to),
             Keyword::MD => to.say(self.mcode.vm.last_motion().map_or(b"", name_of)),
-            Keyword::PN => to.say(self.model.part_number()),
-            Keyword::SN => to.say(SERIAL_NUMBER),
+            Keyword::PN => to.say(&self.text(PART_NUMBER)),
+            Keyword::SN => to.say(&self.text(SERIAL_NUMBER)),
             Keyword::VR => {
-                to.say(self.model.version());
+                to.say(&self.text(FIRMWARE));
                 if self.model == Model::Hybrid {
                     to.say(b", ");
-                    to.say(HARDWARE);
+                    to.say(&self.text(HARDWARE));
                 }
             }
         }
     }
 
-    /// AL: all variables and flags, a line each (MC 5-1). ER is not cleared by that.
+    /// AL: all variables and flags, a line each, MD and VR among them (MC 5-1). ER is not cleared by that.
     fn print_all(&self, at: Instant, to: &mut dyn Text) {
         for (word, mnemonic) in mnemonic::variables(self.variants()) {
             to.say(word.trim_ascii_end());
@@ -176,6 +177,7 @@ impl Drive {
             match mnemonic {
                 Mnemonic::Variable(reg) => self.print_variable(at, reg, to),
                 Mnemonic::List(list) => self.print_list(list, to),
+                Mnemonic::Keyword(keyword) => self.print_keyword(at, keyword, to),
                 _ => {}
             }
             to.say(CR_LF);

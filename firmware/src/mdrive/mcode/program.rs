@@ -25,10 +25,11 @@ use super::parse::without_comment;
 use super::statement::{Place, Statement};
 use crate::device::{Instant, Output, Sink};
 
-/// Addresses are below this; the first one is 1.
-pub(in crate::mdrive) const ADDRESSES: usize = 768;
 /// Bytes of the log.
 pub(in crate::mdrive) const BYTES: usize = 12 * 1024;
+/// Addresses are below this; the first one is 1. MC 4.4 ends with 767, programs of real machines do not: there are as
+/// many as the log has room for lines of one character.
+pub(in crate::mdrive) const ADDRESSES: usize = BYTES / (FRAME + 1);
 /// The longest line (MC 3.3.1).
 pub(in crate::mdrive) const LINE_BYTES: usize = 64;
 
@@ -353,6 +354,7 @@ impl Drive {
         self.mcode.names.retain(|_, meaning| !matches!(meaning, Meaning::Label(address) if address >= from));
         if place.is_none() {
             self.bank.set(Reg::LK, 0);
+            self.save_unlocked(at, out);
         }
         Ok(())
     }

@@ -5,6 +5,7 @@ use core::ops::Range;
 use heapless::Vec;
 
 use super::super::registers::Reg;
+use super::parse::Expression;
 
 /// A name of one or two characters, in capitals; the second of one is a blank.
 pub(in crate::mdrive) type Name = [u8; 2];
@@ -26,7 +27,7 @@ impl Operand {
     }
 }
 
-/// What an expression does with its two operands (MC 4.9).
+/// What an expression does with its operands (MC 4.9).
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(in crate::mdrive) enum Operator {
     Plus,
@@ -39,22 +40,6 @@ pub(in crate::mdrive) enum Operator {
     Xor,
 }
 
-/// An operand and what is done to it.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(in crate::mdrive) struct Expression {
-    /// `!`: of the first operand all bits are turned.
-    pub(in crate::mdrive) not: bool,
-    pub(in crate::mdrive) first: Operand,
-    pub(in crate::mdrive) then: Option<(Operator, Operand)>,
-}
-
-impl Expression {
-    /// Whether it may have a fraction.
-    pub(super) fn is_ratio(&self) -> bool {
-        self.first.is_ratio() || self.then.is_some_and(|(_, second)| second.is_ratio())
-    }
-}
-
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(in crate::mdrive) enum Relation {
     Equal,
@@ -65,11 +50,42 @@ pub(in crate::mdrive) enum Relation {
     AtLeast,
 }
 
-/// The condition of BR and CL; without a relation it holds for what is not 0.
+impl Relation {
+    pub(super) fn holds(self, left: i64, right: i64) -> bool {
+        match self {
+            Self::Equal => left == right,
+            Self::Unequal => left != right,
+            Self::Less => left < right,
+            Self::AtMost => left <= right,
+            Self::Greater => left > right,
+            Self::AtLeast => left >= right,
+        }
+    }
+}
+
+/// What an expression does to the value of all that is left of it, which begins with 0.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(in crate::mdrive) struct Condition {
-    pub(in crate::mdrive) left: Operand,
-    pub(in crate::mdrive) right: Option<(Relation, Operand)>,
+pub(in crate::mdrive) enum Step {
+    Calculate {
+        operator: Operator,
+        /// `!`: of the operand all bits are turned.
+        not: bool,
+        operand: Operand,
+    },
+    /// 1 if it is so, 0 if not.
+    Compare(Relation, Operand),
+}
+
+impl Step {
+    pub(super) fn operand(self) -> Operand {
+        match self {
+            Self::Calculate { operand, .. } | Self::Compare(_, operand) => operand,
+        }
+    }
+
+    pub(super) fn is_logic(self) -> bool {
+        matches!(self, Self::Calculate { operator: Operator::And | Operator::Or | Operator::Xor, .. })
+    }
 }
 
 /// A place in the program.
@@ -155,37 +171,39 @@ pub(in crate::mdrive) enum Statement<'a> {
     /// Nothing but blanks or a comment.
     Empty,
     /// A number alone: the last motion command again, or what IV waits for.
-    Number(Expression),
+    Number(Expression<'a>),
     /// A variable or a flag is set; HM, too.
-    Set(Reg, Expression),
-    SetUser(Name, Expression),
+    Set(Reg, Expression<'a>),
+    SetUser(Name, Expression<'a>),
     SetList(List, Vec<Parameter, 3>),
     /// VA.
-    Declare(Name, Option<Expression>),
+    Declare(Name, Option<Expression<'a>>),
+    /// DN, by the code of its character.
+    Name(i32),
     /// MA or MR: with the name at the end, and going on there.
     Move {
         relative: bool,
-        way: Expression,
+        way: Expression<'a>,
         announces: bool,
         goes_on: bool,
     },
-    Slew(Expression),
-    HomeToIndex(Expression),
+    Slew(Expression<'a>),
+    HomeToIndex(Expression<'a>),
     /// H, with a time in ms.
-    Hold(Option<Expression>),
-    Branch(Place, Option<Condition>),
-    Call(Place, Option<Condition>),
+    Hold(Option<Expression<'a>>),
+    Branch(Place, Option<Expression<'a>>),
+    Call(Place, Option<Expression<'a>>),
     Return,
     End,
     /// EX, with its mode.
-    Execute(Place, Option<Expression>),
+    Execute(Place, Option<Expression<'a>>),
     Pause,
     Resume,
     /// PG.
     Program(Option<Place>),
     Label(Name),
     OnError(Place),
-    BreakPoint(Place, Option<Expression>),
+    BreakPoint(Place, Option<Expression<'a>>),
     ListProgram(Option<Place>),
     Clear(Option<Place>),
     /// PR, with what is behind it.
@@ -199,7 +217,7 @@ pub(in crate::mdrive) enum Statement<'a> {
     /// IP.
     Initialize,
     /// SC, with its mode.
-    Calibrate(Option<Expression>),
+    Calibrate(Option<Expression<'a>>),
     /// CF.
     ClearLocked,
 }

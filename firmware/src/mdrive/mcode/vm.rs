@@ -15,7 +15,7 @@ use crate::device::{Duration, Instant};
 /// How long a line takes, that of a label, too; it is carried out at the end.
 pub(in crate::mdrive) const LINE: Duration = Duration::micros(210);
 
-/// How deep CL, trips and OE's handler may nest. Neither manual says it.
+/// How deep CL and trips may nest. Neither manual says it. OE's handler has a place of its own.
 const DEPTH: usize = 16;
 
 /// What the program is at.
@@ -69,7 +69,8 @@ pub(in crate::mdrive) struct Vm {
     phase: Phase,
     /// The next line.
     address: u16,
-    calls: Vec<Call, DEPTH>,
+    /// One more than [`DEPTH`], for OE's handler.
+    calls: Vec<Call, { DEPTH + 1 }>,
     mode: Mode,
     break_point: Option<BreakPoint>,
     /// What is called when an error comes (OE).
@@ -203,6 +204,10 @@ impl Vm {
     /// # Errors
     /// 43: too many have not returned.
     pub(super) fn call(&mut self, at: Instant, address: u16, handles: bool) -> Result<(), Error> {
+        let callers = self.calls.iter().filter(|call| !call.handles).count();
+        if !handles && callers == DEPTH {
+            return Err(Error::TooManyCalls);
+        }
         let call = Call { address: self.address, phase: self.phase, handles };
         self.calls.push(call).map_err(|_| Error::TooManyCalls)?;
         if self.phase == Phase::Idle {

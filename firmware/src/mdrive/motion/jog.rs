@@ -48,10 +48,12 @@ impl Motion {
         }
     }
 
-    /// JE may be 0: no jog goes on then, and none begins.
-    pub(super) fn forbid_jog(&mut self, at: Instant, out: &mut dyn Sink) {
-        if !self.settings.jogs && matches!(self.activity, Activity::Jogs { .. }) {
-            self.slow(at, false, out);
+    /// JE was as `before`. With 0 no jog goes on, and none begins; with 1 a contact that is held already jogs.
+    pub(super) fn permit_jog(&mut self, at: Instant, before: bool, out: &mut dyn Sink) {
+        match self.activity {
+            Activity::Jogs { .. } if !self.settings.jogs => self.slow(at, false, out),
+            Activity::Rest if self.settings.jogs && !before => self.begin_jog(at, out),
+            _ => {}
         }
     }
 }

@@ -243,7 +243,7 @@ impl Motion {
         {
             self.end_following(at, out);
         }
-        self.forbid_jog(at, out);
+        self.permit_jog(at, before.jogs, out);
         if settings.enabled && !before.enabled {
             self.maintain(at, out);
         }

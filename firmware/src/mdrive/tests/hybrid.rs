@@ -25,6 +25,11 @@ fn bed() -> Bed {
 }
 
 impl Bed {
+    /// AF as MCode reads it.
+    fn flags(&self) -> i64 {
+        self.drive.drive.read_mcode(self.now, Reg::AF).into()
+    }
+
     /// Runs on while something is so, by the tick, for a minute at most. Returns how long that was.
     fn lasts(&mut self, is_so: impl Fn(&Self) -> bool) -> Duration {
         let begin = self.now;
@@ -145,9 +150,12 @@ fn a_rotor_that_cannot_be_calibrated_is_given_up_after_10_s() {
         let counts = bed.get(Reg::C2);
         let begin = bed.now;
         bed.set(Reg::CF, 1);
-        assert_eq!(bed.lasts(|bed| bed.get(Reg::AF) & FAILED == 0), 10.secs(), "{fault}");
+        assert_eq!(bed.lasts(|bed| bed.flags() & FAILED == 0), 10.secs(), "{fault}");
         assert_eq!(bed.now.since(begin), 10.secs());
-        assert_eq!(bed.get(Reg::AF), LOCKED | CALIBRATED | FAILED);
+        assert_eq!(bed.flags(), LOCKED | CALIBRATED | FAILED);
+        // One byte on the bus (FB 5.1).
+        assert_eq!(bed.get(Reg::AF), LOCKED | CALIBRATED);
+        assert_eq!(bed.ask(&[3, 0, 0x8F, 0, 1]), [3, 2, 0, 136]);
         assert_eq!((bed.get(Reg::LR), bed.error()), (1, 109));
         if held {
             assert_eq!(bed.get(Reg::C2), counts);

@@ -90,6 +90,8 @@ fn types_of_inputs_and_outputs() {
         .chain([(1, 16), (2, 17), (3, 18), (4, 19), (1, 20), (2, 23)])
     {
         let mut bed = Bed::plus();
+        // "Ground the input first or a reset will occur" (MC 5-63).
+        bed.drive(n, false);
         let (name, string) = (std::format!("S{n}"), std::format!("={kind},1,1"));
         bed.set_specific(&name, &string);
         assert_eq!(bed.specific(&name), std::format!("{kind}, 1, 1"));

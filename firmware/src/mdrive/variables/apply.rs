@@ -2,7 +2,7 @@
 
 use super::{entry, output_bit, step, user_name};
 use crate::device::{Instant, Sink};
-use crate::mdrive::drive::{Drive, filters, motion_settings};
+use crate::mdrive::drive::{Drive, Model, filters, motion_settings};
 use crate::mdrive::error::Error;
 use crate::mdrive::mcode::statement::{List, Operand, Parameter};
 use crate::mdrive::motion::{self, Contact, Order};
@@ -62,8 +62,10 @@ impl Drive {
                     return Err(Error::IllegalValue);
                 }
                 self.write(at, reg, value.into(), out)?;
-                if reg == Reg::MU && with == 1 {
-                    self.clear_lag(at);
+                match reg {
+                    Reg::CA => self.bank.set(Reg::CalibrationMethod, with.into()),
+                    Reg::MU if with == 1 => self.clear_lag(at),
+                    _ => {}
                 }
                 Ok(())
             }
@@ -125,7 +127,7 @@ impl Drive {
             Reg::C2 => self.motion.set_counts(at, value),
             Reg::P if self.is_closed() => self.motion.set_counts(at, value),
             Reg::P => self.motion.set_steps(at, value),
-            Reg::ER => self.errors.clear(),
+            Reg::ER => self.errors.put((value & 0xFF) as u8),
             Reg::IC | Reg::DC => {
                 let counted = self.counted_by_address(value)?;
                 return self.count(at, counted, step(reg), out);
@@ -161,6 +163,10 @@ impl Drive {
             Reg::D5 | Reg::FC | Reg::FM | Reg::CW => self.set_filters(at, out),
             Reg::D1 | Reg::D2 | Reg::D3 | Reg::D4 | Reg::CM | Reg::CR => {
                 self.set_filters(at, out);
+                self.set_motion(at, out);
+            }
+            Reg::DE if self.model == Model::Plus => {
+                self.hybrid.enable();
                 self.set_motion(at, out);
             }
             _ => self.set_motion(at, out),

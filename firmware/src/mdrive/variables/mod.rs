@@ -55,7 +55,8 @@ impl Drive {
             Reg::V if self.model == Model::Hybrid && self.bank.get(Reg::AS) == TORQUE => 0,
             Reg::V => self.motion.velocity(at),
             Reg::VC => self.motion.is_changing(at).into(),
-            Reg::AF => self.hybrid_status(at).into(),
+            // One byte (FB 5.1).
+            Reg::AF => (self.hybrid_status(at) & 0xFF).into(),
             Reg::LL => self.lag(at),
             Reg::LR => self.hybrid.is_locked().into(),
             Reg::IT => self.hybrid.temperature(at),
@@ -69,10 +70,13 @@ impl Drive {
         }
     }
 
-    /// A variable as MCode reads it: SS and TS in Hz.
+    /// A variable as MCode reads it: SS and TS in Hz, AF with all its bits.
     pub(super) fn read_mcode(&self, at: Instant, reg: Reg) -> i32 {
-        let value = self.read(at, reg);
-        if is_frequency(reg) { frequency(value) } else { value }
+        match reg {
+            Reg::AF => self.hybrid_status(at).into(),
+            _ if is_frequency(reg) => frequency(self.read(at, reg)),
+            _ => self.read(at, reg),
+        }
     }
 
     /// A variable was read: ER is cleared by that.

@@ -198,7 +198,9 @@ fn presets_with_power_act_as_writes() {
     bed.set(Pid::SPEED_LIMIT, 700 << 16 | 3);
     assert_eq!((bed.read(157), bed.read(158)), (3, 700));
     assert_eq!(bed.try_set(Pid::ID, 0x00AA), Err(Refused::OutOfRange));
-    assert_eq!(bed.try_set(Pid::VERSION, 82), Err(Refused::ReadOnly));
+    assert_eq!(bed.try_set(Pid::VERSION, 256), Err(Refused::OutOfRange));
+    bed.set(Pid::VERSION, 13);
+    assert_eq!(bed.read(1), 13);
     assert_eq!(bed.try_set(Pid::MAIN_DATA, 0), Err(Refused::ReadOnly));
     bed.wait(10.millis());
     bed.cycle();

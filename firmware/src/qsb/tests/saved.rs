@@ -226,6 +226,23 @@ fn presets_before_power_are_saved() {
     assert_eq!(bed.ask("R13"), "r 13 00000011 !");
 }
 
+/// A memory of before there was Firmware, whose image is a word shorter.
+#[test]
+fn an_older_memory_is_still_good() {
+    let mut bed = Bed::off(Qsb::m());
+    assert_eq!(bed.poke(Reg::SerialNumber, 12_345), Ok(()));
+    assert_eq!(bed.poke(Reg::IntervalRate, 7), Ok(()));
+    let image = MEMORY - 4;
+    let sum = standin_protocol::modbus::rtu::crc(&bed.world.memory[..image]).to_be_bytes();
+    bed.world.memory[image..].fill(0xFF);
+    bed.world.memory[image..image + 2].copy_from_slice(&sum);
+    bed.power_on(Boot { fast: true, ..Boot::default() });
+    assert_eq!((bed.ask("R14").as_str(), bed.ask("R0C").as_str()), ("r 14 1234510E !", "r 0C 00000007 !"));
+    // It can have a preset.
+    assert_eq!(bed.poke(Reg::Firmware, 0x10), Ok(()));
+    assert_eq!(bed.ask("R14"), "r 14 12345110 !");
+}
+
 #[test]
 fn a_bad_memory_is_that_of_a_new_adapter_and_refuses_presets() {
     let mut bed = Bed::off(Qsb::d());

@@ -5,7 +5,7 @@ use core::iter::repeat;
 use super::{find, name};
 use crate::mdrive::error::Error;
 use crate::mdrive::mcode::mnemonic::Mnemonic;
-use crate::mdrive::mcode::statement::{Condition, Expression, Name, Operand, Operator, Place, Relation};
+use crate::mdrive::mcode::statement::{Name, Operand, Place};
 use crate::mdrive::registers::Reg;
 
 /// What a number may be.
@@ -73,53 +73,6 @@ impl<'a> Scanner<'a> {
         item: impl FnOnce(&mut Self) -> Result<T, Error>,
     ) -> Result<Option<T>, Error> {
         if self.take(b',') { item(self).map(Some) } else { self.end().map(|()| None) }
-    }
-
-    /// An operand, or two with an operator between them (MC 4.9). A minus before a variable is that
-    /// operator.
-    pub(super) fn expression(&mut self, kind: Kind) -> Result<Expression, Error> {
-        if let [b'-', rest @ ..] = self.rest.trim_ascii_start()
-            && rest.trim_ascii_start().first().is_some_and(u8::is_ascii_alphabetic)
-        {
-            self.take(b'-');
-            let less = Some((Operator::Minus, self.operand(kind)?));
-            return Ok(Expression { not: false, first: Operand::Number(0), then: less });
-        }
-        let not = self.take(b'!');
-        let first = self.operand(kind)?;
-        let operator = match self.peek() {
-            Some(b'+') => Operator::Plus,
-            Some(b'-') => Operator::Minus,
-            Some(b'*') => Operator::Times,
-            Some(b'/') => Operator::Over,
-            Some(b'&') => Operator::And,
-            Some(b'|') => Operator::Or,
-            Some(b'^') => Operator::Xor,
-            _ => return Ok(Expression { not, first, then: None }),
-        };
-        self.skip(1);
-        let second = self.operand(kind)?;
-        Ok(Expression { not, first, then: Some((operator, second)) })
-    }
-
-    /// Of BR and CL.
-    pub(super) fn condition(&mut self) -> Result<Condition, Error> {
-        let left = self.operand(Kind::Whole)?;
-        if self.peek().is_none() {
-            return Ok(Condition { left, right: None });
-        }
-        let (relation, count) = match self.rest {
-            [b'<', b'>', ..] => (Relation::Unequal, 2),
-            [b'<', b'=', ..] => (Relation::AtMost, 2),
-            [b'>', b'=', ..] => (Relation::AtLeast, 2),
-            [b'=', ..] => (Relation::Equal, 1),
-            [b'<', ..] => (Relation::Less, 1),
-            [b'>', ..] => (Relation::Greater, 1),
-            _ => return Err(Error::IllegalData),
-        };
-        self.skip(count);
-        let kind = if let Operand::Variable(reg) = left { Kind::of(reg) } else { Kind::Whole };
-        Ok(Condition { left, right: Some((relation, self.operand(kind)?)) })
     }
 
     pub(super) fn operand(&mut self, kind: Kind) -> Result<Operand, Error> {

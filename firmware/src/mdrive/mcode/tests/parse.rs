@@ -8,10 +8,8 @@ use super::super::super::error::Error;
 use super::super::super::registers::{HYBRID, PLUS, Reg};
 use super::super::mnemonic::{Mnemonic, SERIAL, find};
 use super::super::names::{Meaning, Names};
-use super::super::parse::{self, without_comment};
-use super::super::statement::{
-    Condition, Expression, List, Operand, Operator, Parameter, Place, Relation, Statement, Trip,
-};
+use super::super::parse::{self, Expression, without_comment};
+use super::super::statement::{List, Operand, Operator, Parameter, Place, Relation, Statement, Step, Trip};
 
 fn parsed(line: &str) -> Result<Statement<'_>, Error> {
     parse::parse(line.as_bytes(), PLUS, &Names::new())
@@ -21,12 +19,41 @@ fn on_hybrid(line: &str) -> Result<Statement<'_>, Error> {
     parse::parse(line.as_bytes(), HYBRID, &Names::new())
 }
 
-fn just(first: Operand) -> Expression {
-    Expression { not: false, first, then: None }
+/// A value as it is typed.
+fn typed(text: &str) -> Expression<'static> {
+    let line: &'static str = std::format!("R1={text}").leak();
+    match parsed(line) {
+        Ok(Statement::Set(Reg::R1, value)) => value,
+        other => panic!("{text}: {other:?}"),
+    }
 }
 
-fn number(number: i32) -> Expression {
-    just(Operand::Number(number))
+fn number(number: i32) -> Expression<'static> {
+    typed(&std::format!("{number}"))
+}
+
+/// What a line sets a variable to, or goes by.
+fn steps(line: &str) -> Vec<Step> {
+    match parsed(line) {
+        Ok(
+            Statement::Set(_, value)
+            | Statement::SetUser(_, value)
+            | Statement::Number(value)
+            | Statement::Move { way: value, .. }
+            | Statement::Branch(_, Some(value))
+            | Statement::Call(_, Some(value)),
+        ) => value.steps().collect(),
+        other => panic!("{line}: {other:?}"),
+    }
+}
+
+fn step(operator: Operator, operand: Operand) -> Step {
+    Step::Calculate { operator, not: false, operand }
+}
+
+/// The first operand.
+fn first(operand: Operand) -> Step {
+    step(Operator::Plus, operand)
 }
 
 fn values(values: &[i32]) -> heapless::Vec<Parameter, 3> {
@@ -59,9 +86,9 @@ fn a_comment_or_nothing_is_no_statement() {
 }
 
 #[test]
-fn expressions_have_up_to_two_operands() {
-    let two = |first, operator, second| Expression { not: false, first, then: Some((operator, second)) };
-    let (r1, r2) = (Operand::Variable(Reg::R1), Operand::Variable(Reg::R2));
+fn expressions_are_carried_out_from_left_to_right() {
+    use Operand::{Number, User, Variable};
+    let (r1, r2) = (Variable(Reg::R1), Variable(Reg::R2));
     for (text, operator) in [
         ("R1+R2", Operator::Plus),
         ("R1 - R2", Operator::Minus),
@@ -72,31 +99,36 @@ fn expressions_have_up_to_two_operands() {
         ("R1^R2", Operator::Xor),
     ] {
         let line = std::format!("R3={text}");
-        assert_eq!(parsed(&line), Ok(Statement::Set(Reg::R3, two(r1, operator, r2))), "{line}");
+        assert_eq!(steps(&line), [first(r1), step(operator, r2)], "{line}");
     }
-    let product = two(Operand::Number(0), Operator::Times, Operand::Number(51_200));
-    let way = Statement::Move { relative: true, way: product, announces: false, goes_on: false };
-    assert_eq!(parsed("MR 0*51200"), Ok(way), "(MC 8.3)");
-    let difference = two(r1, Operator::Minus, Operand::Number(-5));
-    assert_eq!(parsed("R1=R1--5"), Ok(Statement::Set(Reg::R1, difference)));
-    let turned = Expression { not: true, first: Operand::User(*b"Q1"), then: None };
-    assert_eq!(parsed("R1=!Q1"), Ok(Statement::Set(Reg::R1, turned)));
-    assert_eq!(parsed("Q1=P"), Ok(Statement::SetUser(*b"Q1", just(Operand::Variable(Reg::P)))));
-    assert_eq!(parsed("-5000"), Ok(Statement::Number(number(-5_000))));
+    assert_eq!(steps("VM 5000"), [first(Number(5_000))]);
+    assert_eq!(steps("MR 0*51200"), [first(Number(0)), step(Operator::Times, Number(51_200))], "(MC 8.3)");
+    assert_eq!(steps("R1=R1--5"), [first(r1), step(Operator::Minus, Number(-5))]);
+    let turned = |operator, operand| Step::Calculate { operator, not: true, operand };
+    assert_eq!(steps("R1=!Q1"), [turned(Operator::Plus, User(*b"Q1"))]);
+    assert_eq!(steps("R1=R2 & !Q1"), [first(r2), turned(Operator::And, User(*b"Q1"))]);
+    assert_eq!(steps("Q1=P"), [first(Variable(Reg::P))]);
+    assert_eq!(steps("-5000"), [first(Number(-5_000))]);
+    assert_eq!(steps("100*2"), [first(Number(100)), step(Operator::Times, Number(2))]);
+    assert_eq!(steps("R1=-R2"), [step(Operator::Minus, r2)]);
+    assert_eq!(steps("- R2"), [step(Operator::Minus, r2)]);
+
+    // As many as a line holds.
+    let p = Variable(Reg::P);
     assert_eq!(
-        parsed("100*2"),
-        Ok(Statement::Number(two(Operand::Number(100), Operator::Times, Operand::Number(2))))
+        steps("R2 = P - R1 / 2"),
+        [first(p), step(Operator::Minus, r1), step(Operator::Over, Number(2))]
     );
+    assert_eq!(steps("R1=-R2+R1"), [step(Operator::Minus, r2), step(Operator::Plus, r1)]);
+    let longest = std::format!("R1=1{}", "+1".repeat(30));
+    assert_eq!((longest.len(), steps(&longest).len()), (64, 31));
 
-    let negative = two(Operand::Number(0), Operator::Minus, r2);
-    assert_eq!(parsed("R1=-R2"), Ok(Statement::Set(Reg::R1, negative)));
-    assert_eq!(parsed("- R2"), Ok(Statement::Number(negative)));
-
-    assert_eq!(parsed("R1=R1+R2+R3"), Err(Error::IllegalData), "one operator");
-    assert_eq!(parsed("R1=-R2+R3"), Err(Error::IllegalData), "one operator");
-    for line in ["R1=", "R1=R2+", "R1=*2", "R1==2", "R1=1.5", "R1=2A", "R1>5", "5x", "5,", "R1=$"] {
+    for line in
+        ["R1=", "R1=R2+", "R1=*2", "R1==2", "R1=1.5", "R1=2A", "R1>5", "5x", "5,", "R1=$", "R1=R2+R3 *"]
+    {
         assert_eq!(parsed(line), Err(Error::IllegalData), "{line}");
     }
+    assert_eq!(parsed("R1=R2+5 R3"), Err(Error::MissingSeparator));
 }
 
 #[test]
@@ -112,32 +144,25 @@ fn a_ratio_is_in_thousandths() {
         ("CR=0.001", 1),
         ("CR=-.25", -250),
     ] {
-        let set = Statement::Set(Reg::CR, just(Operand::Ratio(value)));
-        assert_eq!(parsed(line), Ok(set), "{line}");
+        assert!(matches!(parsed(line), Ok(Statement::Set(Reg::CR, _))), "{line}");
+        assert_eq!(steps(line), [first(Operand::Ratio(value))], "{line}");
     }
     // Less than it is kept in.
     assert_eq!(parsed("CR=1.0005"), Err(Error::IllegalValue));
     for line in ["CR=.", "CR=", "CR=1.5.0", "CR=1.5X", "CR=X.5", "CR=1X.5", "R1=.5", "MR 1.5"] {
         assert!(matches!(parsed(line), Err(Error::IllegalData | Error::UnknownLabel)), "{line}");
     }
-    assert_eq!(parsed("1.5"), Ok(Statement::Number(just(Operand::Ratio(1_500)))), "for IV");
-    let whole =
-        Condition { left: Operand::Variable(Reg::CR), right: Some((Relation::Equal, Operand::Ratio(1_000))) };
-    assert_eq!(parsed("BR K1,CR=1.0"), Ok(Statement::Branch(Place::Label(*b"K1"), Some(whole))));
+    assert_eq!(steps("1.5"), [first(Operand::Ratio(1_500))], "for IV");
+    let equal = Step::Compare(Relation::Equal, Operand::Ratio(1_000));
+    assert_eq!(steps("BR K1,CR=1.0"), [first(Operand::Variable(Reg::CR)), equal]);
 }
 
 #[test]
 fn branches_and_calls_have_a_place_and_a_condition() {
-    let condition = |left, relation, right| Some(Condition { left, right: Some((relation, right)) });
-    let number = Operand::Number;
+    use Operand::{Number, User, Variable};
     assert_eq!(parsed("BR G1"), Ok(Statement::Branch(Place::Label(*b"G1"), None)));
-    assert_eq!(
-        parsed("BR 256, I2=1"),
-        Ok(Statement::Branch(
-            Place::Address(256),
-            condition(Operand::Variable(Reg::I2), Relation::Equal, number(1))
-        ))
-    );
+    assert!(matches!(parsed("BR 256, I2=1"), Ok(Statement::Branch(Place::Address(256), Some(_)))));
+    assert_eq!(steps("BR 256, I2=1"), [first(Variable(Reg::I2)), Step::Compare(Relation::Equal, Number(1))]);
     for (text, relation) in [
         ("=", Relation::Equal),
         ("<>", Relation::Unequal),
@@ -147,13 +172,26 @@ fn branches_and_calls_have_a_place_and_a_condition() {
         (">=", Relation::AtLeast),
     ] {
         let line = std::format!("CL k5,Q4{text}-10");
-        let expected = condition(Operand::User(*b"Q4"), relation, number(-10));
-        assert_eq!(parsed(&line), Ok(Statement::Call(Place::Label(*b"K5"), expected)), "{line}");
+        assert!(matches!(parsed(&line), Ok(Statement::Call(Place::Label([b'K', b'5']), Some(_)))), "{line}");
+        assert_eq!(steps(&line), [first(User(*b"Q4")), Step::Compare(relation, Number(-10))], "{line}");
     }
-    let changing = Condition { left: Operand::Variable(Reg::VC), right: None };
-    assert_eq!(parsed("BR K1,VC"), Ok(Statement::Branch(Place::Label(*b"K1"), Some(changing))));
+    assert_eq!(steps("BR K1,VC"), [first(Variable(Reg::VC))]);
+    // "Flags as well as logical functions" (MC 5-6).
+    assert_eq!(steps("BR K1,R1 & 4"), [first(Variable(Reg::R1)), step(Operator::And, Number(4))]);
+    assert_eq!(
+        steps("CL Ya, R1<>1&Mv"),
+        [
+            first(Variable(Reg::R1)),
+            Step::Compare(Relation::Unequal, Number(1)),
+            step(Operator::And, Variable(Reg::MV))
+        ]
+    );
+    assert_eq!(steps("BR K1,P-R1>5").len(), 3);
+    // "Only one condition may exist" (MC 5-6).
+    assert_eq!(parsed("BR K1,R1=1=R2"), Err(Error::IllegalData));
+    assert_eq!(parsed("BR K1,R1=1&R2=2"), Err(Error::IllegalData));
+    assert_eq!(parsed("BR K1,P>R1+5"), Err(Error::IllegalData), "1 + 5 is no condition");
     assert_eq!(parsed("BR K1 VC=1"), Err(Error::MissingSeparator));
-    assert_eq!(parsed("BR K1,I1-1"), Err(Error::IllegalData), "a misprint of MC 3.3");
     assert_eq!(parsed("BR K1,"), Err(Error::IllegalData));
     assert_eq!(parsed("BR"), Err(Error::IllegalData));
     assert_eq!(parsed("BR VM"), Err(Error::UnknownLabel));
@@ -193,7 +231,7 @@ fn instructions_of_programs() {
         ("IP", Statement::Initialize),
         ("H", Statement::Hold(None)),
         ("H250", Statement::Hold(Some(number(250)))),
-        ("H=R1", Statement::Hold(Some(just(Operand::Variable(Reg::R1))))),
+        ("H=R1", Statement::Hold(Some(typed("R1")))),
         ("H 5", Statement::Hold(Some(number(5)))),
         ("H5", Statement::Hold(Some(number(5)))),
         ("EX 1", Statement::Execute(Place::Address(1), None)),
@@ -217,7 +255,7 @@ fn instructions_of_programs() {
         ("VA Q3", Statement::Declare(*b"Q3", None)),
         ("VA Q3=20000", Statement::Declare(*b"Q3", Some(number(20_000)))),
         ("VA Q3 5", Statement::Declare(*b"Q3", Some(number(5)))),
-        ("VA x=P", Statement::Declare(*b"X ", Some(just(Operand::Variable(Reg::P))))),
+        ("VA x=P", Statement::Declare(*b"X ", Some(typed("P")))),
         ("IV R1", Statement::Input(Operand::Variable(Reg::R1))),
         ("IC Q1", Statement::Increment(Operand::User(*b"Q1"))),
         ("DC r2", Statement::Decrement(Operand::Variable(Reg::R2))),
@@ -421,9 +459,9 @@ fn the_serial_sister_has_six_commands_more() {
     assert_eq!(parsed("BD=19"), Ok(Statement::Set(Reg::BD, number(19))));
     assert_eq!(parsed("PY 1"), Ok(Statement::Set(Reg::PY, number(1))));
     for line in ["DN=\"A\"", "DN \"65\"", "dn = \"A\" "] {
-        assert_eq!(parsed(line), Ok(Statement::Set(Reg::DN, number(65))), "{line}");
+        assert_eq!(parsed(line), Ok(Statement::Name(65)), "{line}");
     }
-    assert_eq!(parsed("DN=\"a\""), Ok(Statement::Set(Reg::DN, number(97))));
+    assert_eq!(parsed("DN=\"a\""), Ok(Statement::Name(97)));
     assert_eq!(parsed("DN=A"), Err(Error::IllegalData));
     assert_eq!(parsed("DN=\"\""), Err(Error::IllegalData));
 }

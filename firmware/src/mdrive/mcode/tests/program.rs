@@ -49,7 +49,7 @@ fn what_is_typed_into_a_program_is_judged() {
 #[test]
 fn addresses_and_labels_that_are_not_there() {
     let mut bed = Bed::quiet();
-    for line in ["PG 0", "PG 768", "PG -1", "PG 100000", "L 0", "L 768", "CP 0", "CP 768"] {
+    for line in ["PG 0", "PG 2048", "PG -1", "PG 100000", "L 0", "L 2048", "CP 0", "CP 2048"] {
         assert_eq!(bed.error_of(line), 42, "{line}");
     }
     for line in ["PG K1", "L K1", "CP K1", "L VM"] {
@@ -57,10 +57,38 @@ fn addresses_and_labels_that_are_not_there() {
     }
     bed.types_lines("PG");
     assert_eq!(bed.types("PR P\r"), "0\r\n", "not in program mode");
-    bed.types_lines("PG 767\nE");
+    bed.types_lines("PG 2047\nE");
     assert_eq!(bed.error_of("E"), 45);
     bed.types_lines("PG");
-    assert_eq!(listed(&mut bed, "767"), ["E"]);
+    assert_eq!(listed(&mut bed, "2047"), ["E"]);
+}
+
+/// MC 4.4 ends with 767; programs of real machines have `PG 1000`. Up to 2047 an address is as any other.
+#[test]
+fn addresses_go_on_behind_767() {
+    let mut bed = Bed::quiet();
+    bed.types_lines("PG 767\nR1=1\nR1=R1+10\nE\nPG\nPG 1000\nLB G1\nR2=1\nBR 1003\nR3=1\nE\nPG");
+    let (low, high) = (["R1=1", "R1=R1+10", "E"], ["LB G1", "R2=1", "BR 1003", "R3=1", "E"]);
+    assert_eq!(listed(&mut bed, ""), [&low[..], &high[..]].concat());
+    assert_eq!(listed(&mut bed, "770"), high);
+    assert_eq!(listed(&mut bed, "1000"), high);
+    assert_eq!(bed.types("PR UV\r"), "G1 = 1000\r\n\r\n");
+    bed.cycle();
+    bed.types("EM=2\r");
+    for (line, r) in [("EX 767", [11, 0, 0]), ("EX 1000", [11, 1, 1]), ("R3=0\nEX G1", [11, 1, 1])] {
+        bed.types_lines(line);
+        bed.run_until(bed.now + crate::device::Duration::millis(10));
+        assert_eq!([Reg::R1, Reg::R2, Reg::R3].map(|reg| bed.peek(reg)), r, "{line}");
+    }
+    for line in ["EX 999", "EX 1005", "EX 2048"] {
+        assert_eq!(bed.error_of(line), 42, "{line}");
+    }
+    // Without E it ends behind its last line, and does not go on at the next one of all.
+    bed.types_lines("R2=0\nPG 769\nR1=5\nPG\nEX 769");
+    bed.run_until(bed.now + crate::device::Duration::millis(10));
+    assert_eq!([Reg::R1, Reg::R2, Reg::ER, Reg::BY].map(|reg| bed.peek(reg)), [5, 0, 0, 0]);
+    bed.types_lines("CP 1000");
+    assert_eq!(listed(&mut bed, ""), ["R1=1", "R1=R1+10", "R1=5"]);
 }
 
 #[test]
@@ -97,7 +125,7 @@ fn program_mode_goes_on_at_an_address() {
     bed.types_lines("PG 100\nLB G1\nPG 1\nLB SU\nPG G1\nR1=5\nPG");
     assert_eq!((listed(&mut bed, ""), bed.peek(Reg::R1)), (vec!["LB SU".into(), "R1=5".into()], 0));
     bed.types_lines("PG 1");
-    assert_eq!(bed.error_of("PG 768"), 42);
+    assert_eq!(bed.error_of("PG 2048"), 42);
     bed.types_lines("E\nPG");
     assert_eq!(listed(&mut bed, ""), ["E", "R1=5"]);
 }

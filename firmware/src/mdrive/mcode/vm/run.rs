@@ -89,12 +89,15 @@ impl Drive {
     /// An error has come: the handler of OE is called, if there is one, also without a program, but not while one is
     /// typed (MC 5-52).
     pub(in crate::mdrive) fn call_error_handler(&mut self, at: Instant, out: &mut dyn Sink) {
-        let programming = self.mcode.consoles.is_programming();
-        let vm = &mut self.mcode.vm;
-        if vm.handler.is_some() && !vm.handles() && !programming {
-            vm.handler_is_due = true;
+        if self.calls_error_handler() {
+            self.mcode.vm.handler_is_due = true;
             self.interrupt_program(at, out);
         }
+    }
+
+    fn calls_error_handler(&self) -> bool {
+        let vm = &self.mcode.vm;
+        vm.handler.is_some() && !vm.handles() && !self.mcode.consoles.is_programming()
     }
 
     /// A trip calls its subroutine.
@@ -183,10 +186,11 @@ impl Drive {
         }
     }
 
-    /// A line, or a call, of the program has gone wrong, which may end it.
+    /// A line, or a call, of the program has gone wrong. That may end it, but not where OE's handler is called: "program
+    /// execution continues with the instruction after the one that caused the error" (MC 5-52).
     fn fail_program(&mut self, at: Instant, error: Error, out: &mut dyn Sink) {
         let handles = self.mcode.vm.handles();
-        if error.ends_program() {
+        if error.ends_program() && !self.calls_error_handler() {
             self.end_program();
         }
         // The handler is not called by errors of its own, even if it has ended with them.

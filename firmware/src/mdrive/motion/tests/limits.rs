@@ -142,25 +142,37 @@ fn a_jog_lasts_as_long_as_its_contact() {
     assert_eq!((bench.c1(), bench.is_moving()), (-3_400, false));
 }
 
-/// A contact that is held does not jog for JE alone: a jog begins with an edge.
+/// "Will Jog motor in the positive direction …. The Jog Enable (JE) Flag must be set for this to function" (MC 5-63): a
+/// contact that is held jogs as soon as JE is 1.
 #[test]
 fn je_permits_a_jog() {
     let jogs = Settings { jogs: true, ..SLOW };
     let mut bench = Bench::new(SLOW);
     bench.contact(Contact::JogPlus, true);
-    bench.set(jogs);
     assert!(!bench.is_moving());
-    bench.contact(Contact::JogPlus, false);
-    bench.contact(Contact::JogPlus, true);
-    assert!(bench.is_moving());
+    bench.set(jogs);
     bench.run(1.secs());
+    assert_eq!(bench.v(), 5_000);
     bench.set(SLOW);
     bench.run(400.millis());
     assert!(!bench.is_moving());
     // The contact is held all the time.
     bench.set(jogs);
-    bench.run(400.millis());
+    bench.run(1.secs());
+    assert_eq!(bench.v(), 5_000);
+    // Both ask for nothing, and what moves goes on.
+    bench.set(SLOW);
+    bench.run(1.secs());
+    bench.contact(Contact::JogMinus, true);
+    bench.set(jogs);
     assert!(!bench.is_moving());
+    bench.set(SLOW);
+    bench.contact(Contact::JogMinus, false);
+    bench.order(Order::Slew(-3_000)).unwrap();
+    bench.run(1.secs());
+    bench.set(jogs);
+    bench.run(1.secs());
+    assert_eq!(bench.v(), -3_000);
 }
 
 /// What is held when a jog has come to its end begins then.

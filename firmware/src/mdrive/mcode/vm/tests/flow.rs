@@ -80,6 +80,62 @@ fn conditions() {
     }
 }
 
+/// From left to right, as programs of real machines have it: `R2 = P - R1 / 2` is half of the difference. Each step has 32
+/// bits.
+#[test]
+fn chains_of_operators() {
+    let mut bed = Bed::new(Mdrive::plus());
+    bed.commands("P=100; R1=20; R2 = P - R1 / 2");
+    assert_eq!(bed.get(Reg::R2), 40);
+    bed.commands("R3=NE*2+NE*8+NE/2");
+    assert_eq!(bed.get(Reg::R3), 12, "(2 + 1) * 8 + 1, its half");
+    bed.commands("R3=-R1+5*2");
+    assert_eq!(bed.get(Reg::R3), -30);
+    bed.commands("R3=2147483647+1/2");
+    assert_eq!(bed.get(Reg::R3), -1_073_741_824);
+    bed.commands("R3=6 & !2 | 9");
+    assert_eq!(bed.get(Reg::R3), 13);
+    bed.commands("VA Q1=R1*R1-1; MA R1*100+1");
+    assert_eq!((bed.user(b"Q1"), bed.get(Reg::MA)), (Some(399), 2_001));
+    assert_eq!(bed.command("R3=5+1/0"), Err(Error::IllegalValue));
+}
+
+/// "Flags as well as logical functions that are to be evaluated" (MC 5-6).
+#[test]
+fn conditions_with_logic() {
+    let mut bed = Bed::with("R1=0; BR 4,R2<>3; R1=1; E");
+    for (condition, holds) in [
+        ("R2 & 4", true),
+        ("R2 & 2", false),
+        ("R2 & 4 = 4", true),
+        ("R2 | 8 = 13", true),
+        ("R2=5&NE", true),
+        ("R2=4&NE", false),
+        ("R2<>5&NE", false),
+        ("R2=5&EE", false),
+        ("R2=4|NE", true),
+        ("!R2 & 2", true),
+        ("R2-5", false),
+        ("R2*2-1>8", true),
+    ] {
+        bed.store(2, &std::format!("BR 4,{condition}"));
+        bed.commands("R2=5");
+        bed.run();
+        assert_eq!(bed.get(Reg::R1), i32::from(!holds), "{condition}");
+    }
+}
+
+/// Programs of real machines tell their host of an error of their own. It is not one that calls the handler.
+#[test]
+fn a_program_sets_an_error() {
+    let mut bed = Bed::with("OE K9; ER=83; R1=EF; E; LB K9; R2=1; RT");
+    bed.run();
+    assert_eq!((bed.r(), bed.get(Reg::ER)), ([1, 0, 0, 0], 83));
+    bed.commands("ER=0");
+    assert_eq!((bed.get(Reg::EF), bed.get(Reg::ER)), (0, 0));
+    assert_eq!(bed.command("ER=256"), Err(Error::IllegalValue));
+}
+
 /// It goes on with the instruction after the one that caused the error (MC 5-52).
 #[test]
 fn an_error_calls_its_handler_and_the_program_goes_on() {
@@ -121,9 +177,9 @@ fn a_handler_that_fails_for_good_is_called_once() {
         bed.commands("OE K1");
         let _ = bed.command("XX");
         bed.wait(1.secs());
-        // CL K1 goes as deep as it can, once.
+        // CL K1 goes 16 calls deeper than the handler, once.
         let (calls, error) = if line == "CL K1" {
-            (16, error)
+            (17, error)
         } else if error == 41 {
             (1, 20)
         } else {
@@ -137,24 +193,38 @@ fn a_handler_that_fails_for_good_is_called_once() {
     }
 }
 
-/// A handler for which there is no room is called once there is some, and stays.
+/// The handler has a place of its own on a stack that is full.
 #[test]
-fn a_full_stack_does_not_disable_the_handler() {
+fn a_full_stack_has_room_for_the_handler() {
     let mut bed = Bed::with(
-        "LB G1; OE K2; R1=0; CL K1; E; LB K1; IC R1; CL K1,R1<16; RC=200; RT; LB K2; IC R2; R3=ER; RT",
+        "LB G1; OE K2; R1=0; CL K1; R4=ER; E; LB K1; IC R1; CL K1,R1<16; RC=200; RT; LB K2; IC R2; R3=ER; RT",
     );
-    bed.commands("EX 1");
-    bed.run_to_end();
-    bed.wait(1.millis());
-    assert_eq!(bed.r(), [16, 1, 43, 0]);
-    let _ = bed.command("XX");
-    bed.wait(1.millis());
-    assert_eq!(bed.r(), [16, 2, 20, 0]);
+    bed.run();
+    // RC = 200 on each of 16 levels.
+    assert_eq!(bed.r(), [16, 16, 21, 0]);
 }
 
-/// 30, 41, 42 and 43 end a program; the handler of OE is called all the same.
+/// "Program execution continues with the instruction after the one that caused the error" (MC 5-52), which a handler
+/// that is called for a call too many does, too: the seventeenth CL is left out.
 #[test]
-fn what_cannot_go_on_ends() {
+fn after_an_overflow_the_handler_lets_the_program_go_on() {
+    let mut bed = Bed::with("LB G1; OE K2; CL K1; R4=1; E; LB K1; IC R1; CL K1; RT; LB K2; IC R2; R3=ER; RT");
+    bed.run();
+    assert_eq!((bed.r(), bed.get(Reg::EF)), ([16, 1, 43, 1], 0));
+}
+
+/// A trip whose subroutine cannot be called any more, because it never returned, is an error as any other.
+#[test]
+fn an_overflow_by_trips_calls_the_handler() {
+    let mut bed = Bed::with("LB K1; TT=1,K1; TE=8; LB K2; IC R1; BR K2; LB K9; IC R2; R3=ER; RT");
+    bed.commands("OE K9; CL K1");
+    bed.wait(1.secs());
+    assert_eq!((bed.get(Reg::R2), bed.get(Reg::R3), bed.get(Reg::BY)), (1, 43, 1));
+}
+
+/// 30, 41, 42 and 43 end a program without a handler of OE; with one it goes on (MC 5-52).
+#[test]
+fn what_cannot_go_on_ends_without_a_handler() {
     for (line, error) in
         [("BR Q9", 30), ("CL Q9", 30), ("R1=Q9", 30), ("RT", 41), ("BR 500", 42), ("CL 1", 43)]
     {
@@ -164,7 +234,7 @@ fn what_cannot_go_on_ends() {
         assert_eq!((bed.get(Reg::ER), bed.get(Reg::R2)), (error, 0), "{line}");
         bed.commands("ER=0; OE K9");
         bed.run();
-        assert_eq!((bed.get(Reg::ER), bed.r()), (0, [0, 0, error, 0]), "{line}");
+        assert_eq!((bed.get(Reg::ER), bed.r()), (0, [0, 1, error, 0]), "{line}");
     }
 }
 

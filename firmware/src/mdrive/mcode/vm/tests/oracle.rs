@@ -42,6 +42,8 @@ enum Line {
     Copy(usize, Source),
     Not(usize, Source),
     Calculate(usize, Source, Sign, Source),
+    /// From left to right.
+    Chain(usize, Source, [(Sign, Source); 3]),
     Step(usize, i32),
     /// To a line that may not be there.
     Branch(usize, When),
@@ -56,6 +58,34 @@ impl Source {
             Self::Register(n) => format!("R{n}"),
             Self::Constant(value) => format!("{value}"),
         }
+    }
+}
+
+impl Sign {
+    fn text(self) -> char {
+        match self {
+            Self::Plus => '+',
+            Self::Minus => '-',
+            Self::Times => '*',
+            Self::Over => '/',
+            Self::And => '&',
+            Self::Or => '|',
+            Self::Xor => '^',
+        }
+    }
+
+    /// What two values come to; `None` for a division by 0.
+    fn of(self, left: i128, right: i128) -> Option<i128> {
+        Some(match self {
+            Self::Plus => left + right,
+            Self::Minus => left - right,
+            Self::Times => left * right,
+            Self::Over if right == 0 => return None,
+            Self::Over => left / right,
+            Self::And => left & right,
+            Self::Or => left | right,
+            Self::Xor => left ^ right,
+        })
     }
 }
 
@@ -78,16 +108,11 @@ impl Line {
             Self::Copy(to, from) => format!("R{to}={}", from.text()),
             Self::Not(to, from) => format!("R{to}=!{}", from.text()),
             Self::Calculate(to, left, sign, right) => {
-                let sign = match sign {
-                    Sign::Plus => '+',
-                    Sign::Minus => '-',
-                    Sign::Times => '*',
-                    Sign::Over => '/',
-                    Sign::And => '&',
-                    Sign::Or => '|',
-                    Sign::Xor => '^',
-                };
-                format!("R{to}={} {sign} {}", left.text(), right.text())
+                format!("R{to}={} {} {}", left.text(), sign.text(), right.text())
+            }
+            Self::Chain(to, first, steps) => {
+                let steps = steps.map(|(sign, source)| format!("{}{}", sign.text(), source.text()));
+                format!("R{to}={}{}", first.text(), steps.concat())
             }
             Self::Step(of, 1) => format!("IC R{of}"),
             Self::Step(of, _) => format!("DC R{of}"),
@@ -118,8 +143,7 @@ impl Oracle {
     }
 
     fn keep(&mut self, register: usize, value: i128) {
-        let low = value.rem_euclid(1 << 32);
-        self.registers[register] = if low < 1 << 31 { low } else { low - (1 << 32) };
+        self.registers[register] = in_32_bits(value);
     }
 
     fn is_so(&self, when: When) -> bool {
@@ -150,17 +174,15 @@ impl Oracle {
             Line::Copy(to, from) => self.keep(to, self.value(from)),
             Line::Not(to, from) => self.keep(to, -1 - self.value(from)),
             Line::Calculate(to, left, sign, right) => {
-                let (left, right) = (self.value(left), self.value(right));
-                let result = match sign {
-                    Sign::Plus => left + right,
-                    Sign::Minus => left - right,
-                    Sign::Times => left * right,
-                    Sign::Over if right == 0 => return self.fail(21),
-                    Sign::Over => left / right,
-                    Sign::And => left & right,
-                    Sign::Or => left | right,
-                    Sign::Xor => left ^ right,
-                };
+                let Some(result) = sign.of(self.value(left), self.value(right)) else { return self.fail(21) };
+                self.keep(to, result);
+            }
+            Line::Chain(to, first, steps) => {
+                let mut result = self.value(first);
+                for (sign, source) in steps {
+                    let Some(value) = sign.of(result, self.value(source)) else { return self.fail(21) };
+                    result = in_32_bits(value);
+                }
                 self.keep(to, result);
             }
             Line::Step(of, by) => self.keep(of, self.registers[of] + i128::from(by)),
@@ -190,6 +212,11 @@ impl Oracle {
     }
 }
 
+fn in_32_bits(value: i128) -> i128 {
+    let low = value.rem_euclid(1 << 32);
+    if low < 1 << 31 { low } else { low - (1 << 32) }
+}
+
 fn source() -> impl Strategy<Value = Source> {
     prop_oneof![
         4 => (1..=4_usize).prop_map(Source::Register),
@@ -213,7 +240,9 @@ fn line() -> impl Strategy<Value = Line> {
     prop_oneof![
         2 => (register(), source()).prop_map(|(to, from)| Line::Copy(to, from)),
         1 => (register(), source()).prop_map(|(to, from)| Line::Not(to, from)),
-        8 => (register(), source(), sign, source()).prop_map(|(to, a, sign, b)| Line::Calculate(to, a, sign, b)),
+        8 => (register(), source(), sign.clone(), source()).prop_map(|(to, a, sign, b)| Line::Calculate(to, a, sign, b)),
+        3 => (register(), source(), proptest::array::uniform3((sign.clone(), source())))
+            .prop_map(|(to, first, steps)| Line::Chain(to, first, steps)),
         3 => (register(), prop_oneof![Just(1), Just(-1)]).prop_map(|(of, by)| Line::Step(of, by)),
         4 => (place(), when()).prop_map(|(to, when)| Line::Branch(to, when)),
         3 => (place(), when()).prop_map(|(to, when)| Line::Call(to, when)),

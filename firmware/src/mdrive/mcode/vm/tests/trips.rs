@@ -90,6 +90,7 @@ fn trips_are_defined_before_they_are_enabled() {
         ("TP=5,K9", 30),
         ("TP=5,7", 42),
         ("TP=5,768", 42),
+        ("TP=5,2048", 42),
         ("TR=5,K1,65001", 21),
         ("TR=5,K1,-1", 21),
     ] {

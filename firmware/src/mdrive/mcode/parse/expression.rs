@@ -1,0 +1,145 @@
+//! Values and conditions: operands with operators between them, which are carried out from left to right.
+
+use core::iter::from_fn;
+use core::mem;
+
+use super::scanner::{Kind, Scanner};
+use crate::mdrive::error::Error;
+use crate::mdrive::mcode::mnemonic::Mnemonic;
+use crate::mdrive::mcode::statement::{Operand, Operator, Relation, Step};
+
+/// The text of a value or a condition, which has been judged. It is taken apart again when it is computed, so that it
+/// takes no more room however long it is.
+#[derive(Clone, Copy, Debug)]
+pub(in crate::mdrive) struct Expression<'a> {
+    text: &'a [u8],
+    kind: Kind,
+    variants: u8,
+}
+
+impl<'a> Expression<'a> {
+    /// All that it does, from left to right.
+    pub(in crate::mdrive) fn steps(self) -> impl Iterator<Item = Step> + 'a {
+        let mut scanner = Scanner { rest: self.text, variants: self.variants };
+        let mut begins = true;
+        from_fn(move || {
+            let step = if mem::take(&mut begins) {
+                scanner.first_step(self.kind).map(Some)
+            } else {
+                scanner.step(self.kind)
+            };
+            step.ok().flatten()
+        })
+    }
+
+    /// Whether it may have a fraction.
+    pub(in crate::mdrive) fn is_ratio(&self) -> bool {
+        self.steps().any(|step| step.operand().is_ratio())
+    }
+
+    /// The number that it is, if it is no more than that.
+    pub(in crate::mdrive) fn constant(self) -> Option<i32> {
+        let mut steps = self.steps();
+        match (steps.next()?, steps.next()) {
+            (
+                Step::Calculate {
+                    not: false,
+                    operand: Operand::Number(number) | Operand::Ratio(number),
+                    operator: Operator::Plus,
+                },
+                None,
+            ) => Some(number),
+            _ => None,
+        }
+    }
+}
+
+impl PartialEq for Expression<'_> {
+    fn eq(&self, other: &Self) -> bool {
+        self.steps().eq(other.steps())
+    }
+}
+
+impl Eq for Expression<'_> {}
+
+impl<'a> Scanner<'a> {
+    /// A value (MC 4.9).
+    pub(super) fn expression(&mut self, kind: Kind) -> Result<Expression<'a>, Error> {
+        self.chain(kind, |step| matches!(step, Step::Calculate { .. }))
+    }
+
+    /// The condition of BR and CL: "only one condition may exist" (MC 5-6), so one relation at most, and logic alone
+    /// behind it.
+    pub(super) fn condition(&mut self) -> Result<Expression<'a>, Error> {
+        let word = self.word();
+        let kind = match self.find(word) {
+            Some(Mnemonic::Variable(reg)) => Kind::of(reg),
+            _ => Kind::Whole,
+        };
+        let mut is_compared = false;
+        self.chain(kind, |step| {
+            let permits = !is_compared || step.is_logic();
+            is_compared |= matches!(step, Step::Compare(..));
+            permits
+        })
+    }
+
+    /// As many steps as there are, and as `permits` permits.
+    fn chain(&mut self, kind: Kind, mut permits: impl FnMut(&Step) -> bool) -> Result<Expression<'a>, Error> {
+        let begin = self.rest;
+        self.first_step(kind)?;
+        let mut rest = self.rest;
+        while self.step(kind)?.is_some_and(|step| permits(&step)) {
+            rest = self.rest;
+        }
+        self.rest = rest;
+        let text = begin.get(..begin.len() - rest.len()).unwrap_or(begin);
+        Ok(Expression { text, kind, variants: self.variants })
+    }
+
+    /// The first operand. A minus before a variable is the operator.
+    fn first_step(&mut self, kind: Kind) -> Result<Step, Error> {
+        let is_less = matches!(
+            self.rest.trim_ascii_start(),
+            [b'-', rest @ ..] if rest.trim_ascii_start().first().is_some_and(u8::is_ascii_alphabetic)
+        );
+        if is_less {
+            self.take(b'-');
+        }
+        self.calculation(if is_less { Operator::Minus } else { Operator::Plus }, kind)
+    }
+
+    /// An operator or a relation, if one is next, and its operand.
+    fn step(&mut self, kind: Kind) -> Result<Option<Step>, Error> {
+        use Relation::{AtLeast, AtMost, Equal, Greater, Less, Unequal};
+        let operator = match self.peek() {
+            Some(b'+') => Operator::Plus,
+            Some(b'-') => Operator::Minus,
+            Some(b'*') => Operator::Times,
+            Some(b'/') => Operator::Over,
+            Some(b'&') => Operator::And,
+            Some(b'|') => Operator::Or,
+            Some(b'^') => Operator::Xor,
+            _ => {
+                let (relation, count) = match self.rest {
+                    [b'<', b'>', ..] => (Unequal, 2),
+                    [b'<', b'=', ..] => (AtMost, 2),
+                    [b'>', b'=', ..] => (AtLeast, 2),
+                    [b'=', ..] => (Equal, 1),
+                    [b'<', ..] => (Less, 1),
+                    [b'>', ..] => (Greater, 1),
+                    _ => return Ok(None),
+                };
+                self.skip(count);
+                return Ok(Some(Step::Compare(relation, self.operand(kind)?)));
+            }
+        };
+        self.skip(1);
+        self.calculation(operator, kind).map(Some)
+    }
+
+    fn calculation(&mut self, operator: Operator, kind: Kind) -> Result<Step, Error> {
+        let not = self.take(b'!');
+        Ok(Step::Calculate { operator, not, operand: self.operand(kind)? })
+    }
+}
