@@ -105,9 +105,9 @@ impl Segment {
         let way = long(steps_in(reached.cast_signed())) * long(STEP.cast_unsigned());
         // At `speed` alone it would take way/2·speed; the ramp loses change²/a/2·speed.
         let lost = way.saturating_sub(rest) * long(a.get()) + long(change) * long(change);
-        let half = long(speed) * long(a.get());
         let twice = NonZero::<u64>::MIN.saturating_add(2 * speed - 1);
-        let end = divided(divided(lost + half, a), twice) as u64;
+        // Rounded up, so that no step is taken back where the ramp begins.
+        let end = divided(divided(lost + long(a.get() - 1), a) + long(twice.get() - 1), twice) as u64;
         let stop = change / a;
         let cruise = Self { ticks: end.saturating_sub(stop), a: 0, ..self };
         [cruise, Self { h: last, rest: 0, a: 0, ..self }.ending(way.cast_signed(), stop, down)]

@@ -281,6 +281,17 @@ proptest! {
         let now = at(when);
         let stop = if finishes { slew.finish_step(now) } else { slew.stop_on_step(now, rates) };
         prop_assert_eq!(stop.start(), now);
+        let mut seam = when;
+        let mut position = slew.position_at(now);
+        prop_assert_eq!(stop.position_at(now), position);
+        for segment in stop.segments().iter().filter(|segment| segment.ticks > 0) {
+            seam += segment.ticks;
+            for ticks in [seam.saturating_sub(1), seam].into_iter().filter(|ticks| *ticks >= when) {
+                let next = stop.position_at(at(ticks));
+                prop_assert!(if back { next <= position } else { next >= position }, "no step is taken back");
+                position = next;
+            }
+        }
 
         let (segment, d) = slew.segment_at(now);
         let speed = segment.speed(d) as f64 / 16e6;
@@ -303,9 +314,11 @@ proptest! {
         let (last, d) = (stop.segments().last().unwrap(), stop.segments().last().unwrap().ticks);
         prop_assert_eq!((last.phase(d)) % i128::from(STEP), 0);
         // In its ramp it may be stopped again.
-        let later = at(when + again);
-        if !finishes && seconds * 16e6 > again as f64 + 16e6 / f64::from(start) * 2.0 && ramp > 2.0 {
-            prop_assert_eq!(stop.stop_on_step(later, rates).position_at(Instant::NEVER), stop.position_at(Instant::NEVER));
+        let [cruise, ramp] = stop.segments() else { panic!("{stop:?}") };
+        let later = cruise.ticks + again;
+        if !finishes && again < ramp.ticks / 2 && least > 8.0 {
+            let twice = stop.stop_on_step(at(when + later), rates);
+            prop_assert_eq!(twice.position_at(Instant::NEVER), stop.position_at(Instant::NEVER));
         }
     }
 
