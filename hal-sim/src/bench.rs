@@ -422,6 +422,11 @@ impl Bench {
         &self.trace
     }
 
+    /// All of the [trace](Self::trace) is written, and may be dropped by [`TraceKeep::Written`].
+    pub fn has_written(&mut self) {
+        self.trace.has_written();
+    }
+
     /// What was on the lines.
     #[must_use]
     pub fn capture(&self) -> &Capture {
@@ -672,11 +677,17 @@ impl Bench {
             && !serial.silence
         {
             let character = serial.line_at(at).character();
-            for (n, &byte) in (0..).zip(bytes) {
+            for (n, &byte) in (0..).zip(bytes).skip(1) {
                 self.send_to(at + character * n, seat.0, Fed::Bytes { port, bytes: vec![byte] });
             }
-            return;
+            // The first one keeps its place among what else happens at its instant.
+            let first = bytes.iter().take(1).copied().collect();
+            return self.feed_now(seat, at, &Fed::Bytes { port, bytes: first });
         }
+        self.feed_now(seat, at, fed);
+    }
+
+    fn feed_now(&mut self, seat: Seat, at: Instant, fed: &Fed) {
         let mut tape = tape(&mut self.trace, &mut self.outbox, self.settings, self.now);
         // A preset that is refused does nothing, and is not recorded.
         let _ = self.seats[seat.0 as usize].feed(at, fed, &mut tape);

@@ -254,6 +254,7 @@ impl Host {
         for file in &mut self.files {
             file.follow(&self.bench);
         }
+        self.bench.has_written();
         if self.inbox.grown.receiver_count() > 0 {
             let mark = self.bench.trace().mark();
             self.inbox.grown.send_if_modified(|told| std::mem::replace(told, mark) != mark);
