@@ -84,10 +84,8 @@ pub(crate) fn run(options: &cli::Run) -> Result<(), String> {
 
     let ended = host.run(&stop);
     info!("stopping");
-    for memory in &memories {
-        memory.sync();
-    }
-    let mut failures = host.end_files();
+    let mut failures: Vec<String> = memories.iter().filter_map(|memory| memory.sync().err()).collect();
+    failures.extend(host.end_files());
     failures.extend(ended.err().map(|error| format!("the bench cannot go on: {error}")));
     if failures.is_empty() { Ok(()) } else { Err(failures.join("; ")) }
 }
