@@ -23,6 +23,7 @@ mod tests;
 mod turns;
 mod wires;
 
+use std::collections::HashMap;
 use std::fmt;
 
 use fixed::types::I48F16;
@@ -242,6 +243,8 @@ pub struct Bench {
     settings: Settings,
     now: Instant,
     seats: Vec<Seated>,
+    /// Names of seats, shared lines and motors; of a seat which one.
+    names: HashMap<String, Option<Seat>>,
     /// Seats by name, and the place of each among them.
     order: Vec<u32>,
     ranks: Vec<u32>,
@@ -291,6 +294,7 @@ impl Bench {
             settings,
             now: Instant::ZERO,
             seats: Vec::new(),
+            names: HashMap::new(),
             order: Vec::new(),
             ranks: Vec::new(),
             deadlines: Tournament::new(&[]),
@@ -379,6 +383,7 @@ impl Bench {
             }
         }
         self.seats.push(seated);
+        self.names.insert(name.to_owned(), Some(Seat(place)));
         self.indexed = false;
         self.after(place);
         Ok(Seat(place))
@@ -404,16 +409,14 @@ impl Bench {
     /// The seat of that name.
     #[must_use]
     pub fn seat_named(&self, name: &str) -> Option<Seat> {
-        self.seats.iter().zip(self.seats()).find(|(seated, _)| seated.name == name).map(|(_, seat)| seat)
+        self.names.get(name).copied().flatten()
     }
 
     /// Whether a seat, a shared line or a motor is called so: they have one list of names. That of a line which a
     /// drive has for itself has a dot, which no other name has.
     #[must_use]
     pub fn is_taken(&self, name: &str) -> bool {
-        self.seat_named(name).is_some()
-            || self.buses.iter().any(|wire| wire.port.is_none() && wire.name == name)
-            || self.motors().any(|motor| self.motor_name(motor) == name)
+        self.names.contains_key(name)
     }
 
     /// What has happened.
