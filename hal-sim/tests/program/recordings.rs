@@ -31,7 +31,6 @@ fn old_memories_are_loaded() {
     for (kind, register, value) in [
         ("md3", "UserRegister", 78),
         ("md3-low", "UserRegister", 78),
-        ("qsb-m", "DigIO", 5),
         ("mdrive", "VM", 400_000),
         ("mdrive-hybrid", "VM", 400_000),
         ("rs434544", "", 7),
