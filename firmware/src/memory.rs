@@ -38,6 +38,14 @@ pub fn content(memory: &[u8], words: usize) -> Content {
     }
 }
 
+/// Whether a memory holds an image that was stored whole by a save that did not come to its end.
+#[must_use]
+pub fn is_unfinished(memory: &[u8], words: usize) -> bool {
+    let image = memory.get(..2 * words);
+    let sum = memory.get(2 * words..).and_then(<[u8]>::first_chunk::<2>);
+    image.zip(sum).is_some_and(|(image, sum)| *sum == wrong(crc(image).to_be_bytes()))
+}
+
 /// Brings the saved rows of a bank to their factory values.
 pub fn reset(entries: &Entries, bank: &mut [u16]) {
     for (index, row) in entries.list.iter().enumerate().filter(|(_, row)| row.saved != 0) {

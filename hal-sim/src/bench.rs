@@ -23,6 +23,7 @@ mod tests;
 mod turns;
 mod wires;
 
+use std::collections::HashMap;
 use std::fmt;
 
 use fixed::types::I48F16;
@@ -242,6 +243,8 @@ pub struct Bench {
     settings: Settings,
     now: Instant,
     seats: Vec<Seated>,
+    /// Names of seats, shared lines and motors; of a seat which one.
+    names: HashMap<String, Option<Seat>>,
     /// Seats by name, and the place of each among them.
     order: Vec<u32>,
     ranks: Vec<u32>,
@@ -291,6 +294,7 @@ impl Bench {
             settings,
             now: Instant::ZERO,
             seats: Vec::new(),
+            names: HashMap::new(),
             order: Vec::new(),
             ranks: Vec::new(),
             deadlines: Tournament::new(&[]),
@@ -379,6 +383,7 @@ impl Bench {
             }
         }
         self.seats.push(seated);
+        self.names.insert(name.to_owned(), Some(Seat(place)));
         self.indexed = false;
         self.after(place);
         Ok(Seat(place))
@@ -404,22 +409,25 @@ impl Bench {
     /// The seat of that name.
     #[must_use]
     pub fn seat_named(&self, name: &str) -> Option<Seat> {
-        self.seats.iter().zip(self.seats()).find(|(seated, _)| seated.name == name).map(|(_, seat)| seat)
+        self.names.get(name).copied().flatten()
     }
 
     /// Whether a seat, a shared line or a motor is called so: they have one list of names. That of a line which a
     /// drive has for itself has a dot, which no other name has.
     #[must_use]
     pub fn is_taken(&self, name: &str) -> bool {
-        self.seat_named(name).is_some()
-            || self.buses.iter().any(|wire| wire.port.is_none() && wire.name == name)
-            || self.motors().any(|motor| self.motor_name(motor) == name)
+        self.names.contains_key(name)
     }
 
     /// What has happened.
     #[must_use]
     pub fn trace(&self) -> &Trace {
         &self.trace
+    }
+
+    /// All of the [trace](Self::trace) is written, and may be dropped by [`TraceKeep::Written`].
+    pub fn has_written(&mut self) {
+        self.trace.has_written();
     }
 
     /// What was on the lines.
@@ -674,11 +682,17 @@ impl Bench {
             && !serial.silence
         {
             let character = serial.line_at(at).character();
-            for (n, &byte) in (0..).zip(bytes) {
+            for (n, &byte) in (0..).zip(bytes).skip(1) {
                 self.send_to(at + character * n, seat.0, Fed::Bytes { port, bytes: vec![byte] });
             }
-            return;
+            // The first one keeps its place among what else happens at its instant.
+            let first = bytes.iter().take(1).copied().collect();
+            return self.feed_now(seat, at, &Fed::Bytes { port, bytes: first });
         }
+        self.feed_now(seat, at, fed);
+    }
+
+    fn feed_now(&mut self, seat: Seat, at: Instant, fed: &Fed) {
         let mut tape = tape(&mut self.trace, &mut self.outbox, self.settings, self.now);
         // A preset that is refused does nothing, and is not recorded.
         let _ = self.seats[seat.0 as usize].feed(at, fed, &mut tape);

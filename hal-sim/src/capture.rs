@@ -133,7 +133,7 @@ impl Capture {
         }
         let frame = frame();
         self.bytes += frame.size();
-        if let TraceKeep::Ring(most) = self.keep {
+        if let TraceKeep::Ring(most) | TraceKeep::Written(most) = self.keep {
             while self.bytes > most
                 && let Some(oldest) = self.frames.pop_front()
             {

@@ -1,4 +1,4 @@
-//! `--vcd` and `--pcap`: files that follow the bench.
+//! `--record`, `--vcd` and `--pcap`: files that follow the bench.
 //!
 //! The bench's thread writes them, so it waits for a disk, or for whoever reads a pipe, that is slow: signals and
 //! the control API, too.
@@ -8,6 +8,7 @@ use std::io;
 
 use standin_sim::bench::Bench;
 use standin_sim::pcapng::Pcapng;
+use standin_sim::trace::Recording;
 use standin_sim::vcd::Waves;
 use tracing::error;
 
@@ -18,7 +19,19 @@ trait Writer {
     /// Writes what has happened since the last time.
     fn follow(&mut self, bench: &Bench) -> io::Result<()>;
     /// Ends the file where the bench has come to.
-    fn finish(self: Box<Self>) -> io::Result<()>;
+    fn finish(self: Box<Self>, bench: &Bench) -> io::Result<()>;
+}
+
+impl Writer for Recording<File> {
+    fn follow(&mut self, bench: &Bench) -> io::Result<()> {
+        Self::follow(self, bench.trace())
+    }
+
+    fn finish(self: Box<Self>, bench: &Bench) -> io::Result<()> {
+        let file = Self::finish(*self, bench.trace())?;
+        // A pipe and a device have no disk to wait for.
+        if file.metadata()?.is_file() { file.sync_all() } else { Ok(()) }
+    }
 }
 
 impl Writer for Waves<File> {
@@ -26,7 +39,7 @@ impl Writer for Waves<File> {
         Self::follow(self, bench.trace())
     }
 
-    fn finish(self: Box<Self>) -> io::Result<()> {
+    fn finish(self: Box<Self>, _: &Bench) -> io::Result<()> {
         Self::finish(*self)
     }
 }
@@ -36,7 +49,7 @@ impl Writer for Pcapng<File> {
         Self::follow(self, bench)
     }
 
-    fn finish(self: Box<Self>) -> io::Result<()> {
+    fn finish(self: Box<Self>, _: &Bench) -> io::Result<()> {
         Self::finish(*self)
     }
 }
@@ -49,6 +62,11 @@ pub(crate) struct Followed {
 }
 
 impl Followed {
+    /// Begins a recording.
+    pub(crate) fn recording(output: Output, bench: &Bench) -> Result<Self, String> {
+        Self::begin(output, |file| Ok(Box::new(Recording::new(bench.trace(), file)?)))
+    }
+
     /// Begins a file of the waveforms of the pins.
     pub(crate) fn waves(output: Output, bench: &Bench) -> Result<Self, String> {
         Self::begin(output, |file| Ok(Box::new(Waves::new(bench.trace(), file)?)))
@@ -83,7 +101,7 @@ impl Followed {
     pub(crate) fn finish(mut self, bench: &Bench) -> Result<(), String> {
         self.follow(bench);
         match self.writer {
-            Some(writer) => self.output.fails(writer.finish()),
+            Some(writer) => self.output.fails(writer.finish(bench)),
             None => Err(format!("{} {} is not complete", self.output.option(), self.output.path().display())),
         }
     }

@@ -5,14 +5,20 @@ use std::fmt::Write as _;
 /// So many names can be listed in a sentence.
 const FEW: usize = 16;
 
+/// Characters of a name that are looked at: the time to compare two names grows with both of their lengths, and who asks
+/// may send thousands.
+const MOST: usize = 64;
+
 /// One sentence: there is no `what` of that `name`, and which one comes next to it, or which there are
 /// if none comes near.
 #[must_use]
 pub fn unknown<'a>(what: &str, name: &str, names: impl Iterator<Item = &'a str>) -> String {
-    let mut sentence = format!("there is no {what} '{name}'");
+    let short = cut(name);
+    let dots = if short.len() < name.len() { "…" } else { "" };
+    let mut sentence = format!("there is no {what} '{short}{dots}'");
     let names: Vec<&str> = names.collect();
-    let lower = name.to_lowercase();
-    let distance = |other: &&str| strsim::damerau_levenshtein(&lower, &other.to_lowercase());
+    let lower = short.to_lowercase();
+    let distance = |other: &&str| strsim::damerau_levenshtein(&lower, &cut(other).to_lowercase());
     // Half of the letters is still a slip, as in rs422 for rs485.
     let near = (lower.chars().count() / 2).max(1);
     let nearest = names.iter().copied().min_by_key(distance).filter(|nearest| distance(nearest) <= near);
@@ -22,6 +28,11 @@ pub fn unknown<'a>(what: &str, name: &str, names: impl Iterator<Item = &'a str>)
         let _ = write!(sentence, "; what there is: {}", names.join(", "));
     }
     sentence
+}
+
+/// The beginning of a name.
+fn cut(name: &str) -> &str {
+    name.char_indices().nth(MOST).map_or(name, |(end, _)| &name[..end])
 }
 
 #[cfg(test)]
@@ -36,6 +47,14 @@ mod tests {
             "there is no register 'sped'; the nearest is 'Speed'"
         );
         assert_eq!(unknown("fault", "stall", [].into_iter()), "there is no fault 'stall'");
+    }
+
+    #[test]
+    fn of_a_long_name_only_the_beginning_counts() {
+        let long = "ä".repeat(100_000);
+        let names: Vec<String> = (0..1_000).map(|n| format!("{long}{n}")).collect();
+        let sentence = unknown("drive", &long, names.iter().map(String::as_str));
+        assert!(sentence.starts_with(&format!("there is no drive '{}…'", "ä".repeat(64))));
     }
 
     #[test]

@@ -15,9 +15,12 @@ use rustix::io::Errno;
 /// The file behind a drive's memory.
 pub(crate) struct Nv {
     file: File,
-    /// What the file must become before the first store can go into it: the memory as the drive has
-    /// seen it, where the file itself has another size.
-    first: Option<Vec<u8>>,
+    /// The memory as the drive sees it.
+    memory: Vec<u8>,
+    /// Whether the file holds all of that. It does not while it has another size, nor when it could not be written.
+    whole: bool,
+    /// Whether the drive has stored anything.
+    stored: bool,
 }
 
 impl Nv {
@@ -45,8 +48,8 @@ impl Nv {
         if length > size as u64 {
             spoil(&mut memory);
         }
-        let first = (length != size as u64).then(|| memory.clone());
-        Ok((memory, Self { file, first }))
+        let whole = length == size as u64;
+        Ok((memory.clone(), Self { file, memory, whole, stored: false }))
     }
 
     /// Of the file.
@@ -57,24 +60,41 @@ impl Nv {
         self.file.metadata()
     }
 
-    /// Writes bytes as they are stored.
+    /// Writes bytes as they are stored, with all that an earlier store could not write.
     ///
     /// # Errors
     /// Of the file system.
     pub(crate) fn store(&mut self, offset: u16, bytes: &[u8]) -> io::Result<()> {
-        if let Some(memory) = self.first.take() {
-            // Bad memory stays bad if the process is killed between the two.
-            self.file.write_all_at(&memory, 0)?;
-            self.file.set_len(memory.len() as u64)?;
+        self.stored = true;
+        if let Some(place) =
+            self.memory.get_mut(usize::from(offset)..).and_then(|it| it.get_mut(..bytes.len()))
+        {
+            place.copy_from_slice(bytes);
         }
-        self.file.write_all_at(bytes, u64::from(offset))
+        if !self.whole {
+            return self.write_all();
+        }
+        let written = self.file.write_all_at(bytes, u64::from(offset));
+        self.whole = written.is_ok();
+        written
     }
 
-    /// Waits until the disk has it all.
+    /// Makes the file what the memory is.
+    fn write_all(&mut self) -> io::Result<()> {
+        self.file.write_all_at(&self.memory, 0)?;
+        self.file.set_len(self.memory.len() as u64)?;
+        self.whole = true;
+        Ok(())
+    }
+
+    /// Waits until the disk has all that was stored.
     ///
     /// # Errors
     /// Of the file system.
-    pub(crate) fn sync(&self) -> io::Result<()> {
+    pub(crate) fn sync(&mut self) -> io::Result<()> {
+        if self.stored && !self.whole {
+            self.write_all()?;
+        }
         self.file.sync_all()
     }
 }
@@ -153,6 +173,33 @@ mod tests {
         nv.store(2, &[8, 9]).unwrap();
         nv.sync().unwrap();
         assert_eq!(file.content(), [1, 2, 8, 9]);
+    }
+
+    #[test]
+    fn after_a_store_that_failed_the_next_one_writes_all() {
+        for content in [None, Some(&[1_u8, 2, 3, 4, 5, 6][..])] {
+            let file = Scratch::new("full", content);
+            let (memory, mut nv) = Nv::open(&file.0, 6).unwrap();
+            // As on a full disk, nothing can be written.
+            let writable = std::mem::replace(&mut nv.file, File::open(&file.0).unwrap());
+            assert!(nv.store(0, &[10, 11]).is_err());
+            assert!(nv.sync().is_err());
+            assert_eq!(file.content(), content.unwrap_or(&[]));
+            nv.file = writable;
+            nv.store(4, &[14]).unwrap();
+            assert_eq!(file.content(), [10, 11, memory[2], memory[3], 14, memory[5]]);
+        }
+    }
+
+    #[test]
+    fn a_last_store_that_failed_is_made_up_for_at_the_end() {
+        let file = Scratch::new("end", None);
+        let (_, mut nv) = Nv::open(&file.0, 3).unwrap();
+        let writable = std::mem::replace(&mut nv.file, File::open(&file.0).unwrap());
+        assert!(nv.store(1, &[7]).is_err());
+        nv.file = writable;
+        nv.sync().unwrap();
+        assert_eq!(file.content(), [0xFF, 7, 0xFF]);
     }
 
     #[test]

@@ -4,10 +4,11 @@
 //! moment, and takes what has come: that is an input's stamp. Requests and calls of the control API
 //! are served one at a time.
 
+use std::collections::VecDeque;
 use std::io;
 use std::os::fd::OwnedFd;
 use std::os::unix::net::UnixStream;
-use std::sync::{Arc, mpsc};
+use std::sync::{Arc, Weak, mpsc};
 use std::time::{Duration as WallSpan, Instant as WallInstant};
 
 use rustix::event::EventfdFlags;
@@ -73,11 +74,40 @@ type Answer = Box<dyn FnOnce() + Send>;
 /// A look at the bench, which changes nothing.
 type Look = Box<dyn FnOnce(&Bench) + Send>;
 
+/// Something that was handed in, and whoever waits for it.
+struct Asked<T> {
+    what: T,
+    /// Gone when the caller has left.
+    caller: Weak<()>,
+}
+
+/// What was handed in and is not done yet, the oldest first.
+struct Queue<T> {
+    from: mpsc::Receiver<Asked<T>>,
+    waiting: VecDeque<Asked<T>>,
+}
+
+impl<T> Queue<T> {
+    fn new(from: mpsc::Receiver<Asked<T>>) -> Self {
+        Self { from, waiting: VecDeque::new() }
+    }
+
+    /// Takes what has come, and drops what nobody waits for any more: so there is no more than there are callers.
+    fn tidy(&mut self) {
+        self.waiting.extend(self.from.try_iter());
+        self.waiting.retain(|asked| asked.caller.strong_count() > 0);
+    }
+
+    fn next(&mut self) -> Option<T> {
+        self.waiting.pop_front().map(|asked| asked.what)
+    }
+}
+
 /// Where other threads hand in work for the bench's thread.
 #[derive(Clone)]
 pub(crate) struct Door {
-    jobs: mpsc::Sender<Job>,
-    looks: mpsc::Sender<Look>,
+    jobs: mpsc::Sender<Asked<Job>>,
+    looks: mpsc::Sender<Asked<Look>>,
     bell: Arc<OwnedFd>,
     /// How far the trace has come, told while somebody wants to know.
     grown: Arc<watch::Sender<u64>>,
@@ -85,8 +115,8 @@ pub(crate) struct Door {
 
 /// What was handed in, as the bench's thread finds it.
 pub(crate) struct Inbox {
-    jobs: mpsc::Receiver<Job>,
-    looks: mpsc::Receiver<Look>,
+    jobs: Queue<Job>,
+    looks: Queue<Look>,
     bell: Arc<OwnedFd>,
     grown: Arc<watch::Sender<u64>>,
 }
@@ -101,24 +131,26 @@ pub(crate) fn door() -> io::Result<(Door, Inbox)> {
     let ((to_jobs, jobs), (to_looks, looks)) = (mpsc::channel(), mpsc::channel());
     let grown = Arc::new(watch::Sender::new(0));
     let door = Door { jobs: to_jobs, looks: to_looks, bell: Arc::clone(&bell), grown: Arc::clone(&grown) };
+    let (jobs, looks) = (Queue::new(jobs), Queue::new(looks));
     Ok((door, Inbox { jobs, looks, bell, grown }))
 }
 
 impl Door {
     /// Hands in a piece of work and wakes the thread; without effect when that has ended. What the work returns
-    /// is called when its whole effect is there.
-    pub(crate) fn hand_in<A>(&self, job: impl FnOnce(&mut Host) -> A + Send + 'static)
+    /// is called when its whole effect is there. Work that has not begun when its `caller` is gone is dropped.
+    pub(crate) fn hand_in<A>(&self, caller: Weak<()>, job: impl FnOnce(&mut Host) -> A + Send + 'static)
     where
         A: FnOnce() + Send + 'static,
     {
-        if self.jobs.send(Box::new(|host| Box::new(job(host)))).is_ok() {
+        let what: Job = Box::new(|host| Box::new(job(host)));
+        if self.jobs.send(Asked { what, caller }).is_ok() {
             ring(&self.bell);
         }
     }
 
     /// Hands in a look at the bench. It is let in between two jobs, and also while one of them has its effect.
-    pub(crate) fn look(&self, look: impl FnOnce(&Bench) + Send + 'static) {
-        if self.looks.send(Box::new(look)).is_ok() {
+    pub(crate) fn look(&self, caller: Weak<()>, look: impl FnOnce(&Bench) + Send + 'static) {
+        if self.looks.send(Asked { what: Box::new(look), caller }).is_ok() {
             ring(&self.bell);
         }
     }
@@ -254,6 +286,7 @@ impl Host {
         for file in &mut self.files {
             file.follow(&self.bench);
         }
+        self.bench.has_written();
         if self.inbox.grown.receiver_count() > 0 {
             let mark = self.bench.trace().mark();
             self.inbox.grown.send_if_modified(|told| std::mem::replace(told, mark) != mark);
@@ -383,14 +416,16 @@ impl Host {
     /// whole effect others may look, and jobs wait.
     fn work(&mut self) {
         let _ = rustix::io::read(&*self.inbox.bell, &mut [0; 8]);
-        if let Ok(look) = self.inbox.looks.try_recv() {
+        self.inbox.looks.tidy();
+        self.inbox.jobs.tidy();
+        if let Some(look) = self.inbox.looks.next() {
             look(&self.bench);
             ring(&self.inbox.bell);
         }
         if self.is_busy() {
             return ring(&self.inbox.bell);
         }
-        if let Ok(job) = self.inbox.jobs.try_recv() {
+        if let Some(job) = self.inbox.jobs.next() {
             let answer = job(self);
             if self.settling.is_some() {
                 self.answer = Some(answer);
@@ -416,6 +451,20 @@ fn wall() -> WallInstant {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_nobody_waits_for_is_dropped() {
+        let (to, from) = mpsc::channel();
+        let mut queue = Queue::new(from);
+        let here = Arc::new(());
+        for what in 0..1_000 {
+            to.send(Asked { what, caller: Weak::new() }).unwrap();
+        }
+        to.send(Asked { what: 1_000, caller: Arc::downgrade(&here) }).unwrap();
+        queue.tidy();
+        assert_eq!(queue.waiting.len(), 1);
+        assert_eq!((queue.next(), queue.next()), (Some(1_000), None));
+    }
 
     #[test]
     fn a_clock_shows_bench_time_and_wakes_no_tick_early() {

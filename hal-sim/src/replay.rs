@@ -5,7 +5,7 @@ use std::fmt;
 use standin_firmware::device::{Device, Instant};
 
 use crate::bench::{Bench, Seat, Settings, Setup};
-use crate::trace::{Did, Drive, Entry, Event, Make, ParseError, Trace, TraceKeep, without_comment};
+use crate::trace::{Did, Drive, Entry, Event, Fed, Make, ParseError, Trace, TraceKeep, without_comment};
 
 /// Where a replay differs from its trace.
 #[derive(Clone, PartialEq, Eq, Debug)]
@@ -64,44 +64,44 @@ impl From<ParseError> for Unplayable {
     }
 }
 
-/// Runs a trace on a fresh bench, whose drives `make` makes by their kind, and returns the first
+/// Runs a trace on fresh benches, whose drives `make` makes by their kind, and returns the first
 /// difference.
 ///
 /// # Errors
 /// Why it cannot be run.
 pub fn run(trace: &Trace, make: &Make<'_>) -> Result<Option<Difference>, Unplayable> {
-    Ok(difference(trace, play(trace, make)?.trace()))
+    Ok(difference(trace, &play(trace, make)?))
 }
 
-/// Feeds a fresh bench what the trace says, up to its end.
-fn play(trace: &Trace, make: &Make<'_>) -> Result<Bench, Unplayable> {
+/// Feeds the drives what the trace says, up to its end. What they did to each other is in what each was fed, so each
+/// has a bench of its own, and whatever happens to another at the same instant moves none of its deadlines.
+fn play(trace: &Trace, make: &Make<'_>) -> Result<Vec<Bench>, Unplayable> {
     if trace.lost > 0 {
         return Err(Unplayable::Lost(trace.lost));
     }
+    let mut fed: Vec<Vec<(Instant, &Fed)>> = vec![Vec::new(); trace.drives.len()];
+    for entry in trace.events() {
+        if let Event::Fed(event) = &entry.event {
+            fed[entry.drive].push((entry.at, event));
+        }
+    }
+    trace.drives.iter().zip(fed).map(|(drive, fed)| play_drive(trace, drive, &fed, make)).collect()
+}
+
+/// Feeds one drive.
+fn play_drive(
+    trace: &Trace,
+    drive: &Drive,
+    fed: &[(Instant, &Fed)],
+    make: &Make<'_>,
+) -> Result<Bench, Unplayable> {
     let settings = Settings { seed: trace.seed, trace: TraceKeep::All, ..Settings::default() };
     let mut bench = Bench::with(settings);
-    let mut seats: Vec<Option<Seat>> = vec![None; trace.drives.len()];
-    // Drives take their seats when their time has come.
-    let mut waiting: Vec<(usize, &Drive)> = trace.drives.iter().enumerate().collect();
-    waiting.sort_by_key(|(_, drive)| drive.from);
-    let mut waiting = waiting.into_iter().peekable();
-    let mut fed = trace.events().filter_map(|entry| match &entry.event {
-        Event::Fed(fed) => Some((entry, fed)),
-        Event::Did(_) => None,
-    });
-    loop {
-        let next = fed.next();
-        let until = next.map_or(trace.end, |(entry, _)| entry.at);
-        while let Some((place, drive)) = waiting.next_if(|(_, drive)| drive.from <= until) {
-            // Who is seated at one instant is seated before anything happens at it.
-            if drive.from > bench.now() {
-                bench.run_until(drive.from);
-            }
-            seats[place] = Some(seat(&mut bench, drive, make)?);
-        }
-        let Some((entry, fed)) = next else { break };
-        if let Some(seat) = seats[entry.drive] {
-            bench.feed(seat, entry.at, fed);
+    if drive.from <= trace.end {
+        bench.run_until(drive.from);
+        let seat = seat(&mut bench, drive, make)?;
+        for &(at, fed) in fed {
+            bench.feed(seat, at, fed);
         }
     }
     bench.run_until(trace.end);
@@ -117,13 +117,13 @@ fn seat(bench: &mut Bench, drive: &Drive, make: &Make<'_>) -> Result<Seat, Unpla
     bench.seat(&drive.name, device, setup).map_err(|error| Unplayable::Seat(error.to_string()))
 }
 
-/// The first difference between what a trace expects and what a replay of it recorded. Drives are
-/// compared one by one: at one instant their order among each other means nothing.
-fn difference(expected: &Trace, got: &Trace) -> Option<Difference> {
-    let differences = expected.drives.iter().enumerate().filter_map(|(place, drive)| {
-        let other = got.drives.iter().position(|other| other.name == drive.name);
-        let wanted = outputs(expected, Some(place), expected);
-        let made = outputs(got, other, expected);
+/// The first difference between what a trace expects and what its drives did, each on its bench.
+fn difference(expected: &Trace, got: &[Bench]) -> Option<Difference> {
+    let until = told_until(expected);
+    let differences = got.iter().enumerate().filter_map(|(place, got)| {
+        let got = got.trace();
+        let wanted = outputs(expected, place, expected, until);
+        let made = outputs(got, 0, expected, until);
         let mut pairs = (0..wanted.len().max(made.len())).map(|n| (wanted.get(n), made.get(n)));
         pairs
             .find(|pair| match pair {
@@ -135,7 +135,7 @@ fn difference(expected: &Trace, got: &Trace) -> Option<Difference> {
                 let difference = Difference {
                     line: wanted.map(|(entry, _)| entry.line),
                     expected: wanted.map(|(entry, _)| expected.entry_text(entry)),
-                    got: made.map(|(entry, _)| got.entry_text(entry)),
+                    got: made.map(|(entry, _)| expected.entry_text(&of_drive(entry, place))),
                 };
                 (at, difference)
             })
@@ -143,11 +143,21 @@ fn difference(expected: &Trace, got: &Trace) -> Option<Difference> {
     differences.min_by_key(|(at, _)| *at).map(|(_, difference)| difference)
 }
 
-/// What a drive did and `rules` compare, by stamp.
-fn outputs<'a>(trace: &'a Trace, drive: Option<usize>, rules: &Trace) -> Vec<(&'a Entry, &'a Did)> {
+/// An entry of a bench with one drive, as that of the drive in `place`.
+fn of_drive(entry: &Entry, place: usize) -> Entry {
+    Entry { drive: place, ..entry.clone() }
+}
+
+/// Up to which stamp a trace tells what its drives did: beyond its end, if they had put something for later.
+fn told_until(trace: &Trace) -> Instant {
+    trace.events().map(|entry| entry.at).fold(trace.end, Instant::max)
+}
+
+/// What a drive did with a stamp up to `until` and `rules` compare, by stamp.
+fn outputs<'a>(trace: &'a Trace, drive: usize, rules: &Trace, until: Instant) -> Vec<(&'a Entry, &'a Did)> {
     let mut outputs: Vec<_> = trace
         .events()
-        .filter(|entry| Some(entry.drive) == drive && entry.at <= rules.end)
+        .filter(|entry| entry.drive == drive && entry.at <= until)
         .filter_map(|entry| match &entry.event {
             Event::Did(did) if rules.compare.contains(&did.group()) => Some((entry, did)),
             _ => None,
@@ -164,15 +174,12 @@ fn outputs<'a>(trace: &'a Trace, drive: Option<usize>, rules: &Trace) -> Vec<(&'
 /// Why it cannot be run.
 pub fn rewrite(text: &str, make: &Make<'_>) -> Result<String, Unplayable> {
     let trace = Trace::parse(text, make)?;
-    let bench = play(&trace, make)?;
-    let got = bench.trace();
+    let until = told_until(&trace);
     let mut outputs: Vec<(Instant, String)> = Vec::new();
-    for drive in 0..got.drives.len() {
-        outputs.extend(
-            self::outputs(got, Some(drive), &trace)
-                .iter()
-                .map(|(entry, _)| (entry.at, got.entry_text(entry))),
-        );
+    for (place, bench) in play(&trace, make)?.iter().enumerate() {
+        let text = |entry| trace.entry_text(&of_drive(entry, place));
+        let made = self::outputs(bench.trace(), 0, &trace, until);
+        outputs.extend(made.iter().map(|(entry, _)| (entry.at, text(entry))));
     }
     outputs.sort_by_key(|(at, _)| *at);
     let mut outputs = outputs.into_iter().peekable();

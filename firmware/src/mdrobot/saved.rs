@@ -15,12 +15,16 @@ pub(super) const SAVE: Duration = Duration::millis(10);
 const LATER: [Pid; 3] = [Pid::TAR_POSI_VEL, Pid::POSI_SS, Pid::POSI_SD];
 
 impl Drive {
-    /// Loads what is saved; a bad memory is a new one.
+    /// Loads what is saved, also by a save that power has cut in its 10 ms, since the drive cannot say that its
+    /// memory is bad; any other bad memory is a new one.
     pub(super) fn load(&mut self, out: &dyn Sink) {
         self.bank = Bank::factory();
         match memory::content(out.memory(), Pid::SAVED_WORDS) {
             Content::New => {}
             Content::Good => memory::load(Pid::ENTRIES, out.memory(), self.bank.words_mut()),
+            Content::Bad if memory::is_unfinished(out.memory(), Pid::SAVED_WORDS) => {
+                memory::load(Pid::ENTRIES, out.memory(), self.bank.words_mut());
+            }
             Content::Bad => {
                 if memory::content(out.memory(), Pid::SAVED_WORDS - LATER.len()) == Content::Good {
                     let later = LATER.map(Register::row);

@@ -67,7 +67,9 @@ impl Api {
         work: impl FnOnce(&mut Host) -> T + Send + 'static,
     ) -> Result<T, Problem> {
         let (done, answer) = oneshot::channel();
-        self.door.hand_in(|host| {
+        // Dropped with this call, if its caller leaves.
+        let caller = Arc::new(());
+        self.door.hand_in(Arc::downgrade(&caller), |host| {
             let result = work(host);
             // Nobody may wait for it any more.
             || drop(done.send(result))
@@ -81,7 +83,8 @@ impl Api {
         look: impl FnOnce(&Bench) -> T + Send + 'static,
     ) -> Result<T, Problem> {
         let (done, answer) = oneshot::channel();
-        self.door.look(|bench| {
+        let caller = Arc::new(());
+        self.door.look(Arc::downgrade(&caller), |bench| {
             // Nobody may wait for it any more.
             let _ = done.send(look(bench));
         });

@@ -39,6 +39,7 @@ impl Bench {
             }
         }
         shared.sort_by(|a, b| (self.name(a.0), a.1).cmp(&(self.name(b.0), b.1)));
+        self.names.insert(name.to_owned(), None);
         self.buses.push(Wire::shared(self.settings.seed, name, shared));
         Bus(bus as u32)
     }

@@ -227,6 +227,7 @@ impl Bench {
         let mut told = self.at_mut(drive).turns(axis, place);
         told.extend(self.is_held(drive).then_some(Told::Held(true)));
         motor.inbox.extend(told.into_iter().map(|told| (arrives, told)));
+        self.names.insert(motor.name.clone(), None);
         self.motors.push(motor);
         self.indexed = false;
         self.carry_felt(place as usize);

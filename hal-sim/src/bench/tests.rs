@@ -6,6 +6,7 @@ mod contacts;
 mod faults;
 mod motors;
 mod names;
+mod recordings;
 mod tcp;
 
 use std::cell::RefCell;

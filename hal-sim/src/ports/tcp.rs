@@ -12,7 +12,7 @@ use standin_firmware::device::Instant;
 use standin_sim::bench::{Bench, Client, Ended, MOST_CONNECTIONS, Outlet, TurnedAway};
 use tracing::{info, warn};
 
-use super::unread::{MOST_MIB, Unread};
+use super::unread::{Unread, share_mib};
 use super::web::{Gate, Judged};
 use super::{BACKLOG_BYTES, Came, End, ROOM, interest, may_read, read_some};
 
@@ -112,7 +112,7 @@ pub(super) struct Connection {
     peer: SocketAddr,
     address: SocketAddr,
     /// Its presence at its port.
-    _presence: Rc<()>,
+    presence: Rc<()>,
     outlet: Outlet,
     client: Client,
     /// The beginning that it is judged by, until that is done.
@@ -194,7 +194,7 @@ impl Listener {
                 stream,
                 peer,
                 address: self.address,
-                _presence: Rc::clone(&self.presence),
+                presence: Rc::clone(&self.presence),
                 outlet: self.outlet,
                 client,
                 gate: Some(Gate::default()),
@@ -240,6 +240,11 @@ impl Connection {
         }
         self.gate = None;
         true
+    }
+
+    /// MiB that it may leave unread: the port and each of its clients have a presence.
+    fn most_mib(&self) -> usize {
+        share_mib(Rc::strong_count(&self.presence) - 1)
     }
 
     /// Whether it has said all that it has to say.
@@ -300,8 +305,8 @@ impl End for Connection {
         bench.hold_back(self.client, self.unread.len() >= BACKLOG_BYTES);
         if written.is_err() {
             self.over = true;
-        } else if self.unread.is_too_much() {
-            warn!("{} is disconnected: it has left more than {MOST_MIB} MiB unread", self.peer);
+        } else if self.unread.len() > self.most_mib() << 20 {
+            warn!("{} is disconnected: it has left more than {} MiB unread", self.peer, self.most_mib());
             self.over = true;
         }
         if self.last_words.is_none()

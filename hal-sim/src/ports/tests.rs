@@ -66,7 +66,8 @@ impl Running {
     fn call<T: Send + 'static>(&self, act: impl FnOnce(&mut Bench, Seat) -> T + Send + 'static) -> T {
         let (done, result) = mpsc::channel();
         let seat = self.seat;
-        self.door.hand_in(move |host| {
+        let caller = std::sync::Arc::new(());
+        self.door.hand_in(std::sync::Arc::downgrade(&caller), move |host| {
             let result = act(&mut host.bench, seat);
             host.settle();
             move || done.send(result).unwrap()
@@ -341,7 +342,8 @@ fn while_the_clock_is_advanced_all_is_answered() {
     expect(&mut text, b"T");
     // So far that it never comes there, with a `T` each second.
     let (done, mut there) = tokio::sync::oneshot::channel();
-    running.door.hand_in(move |host| {
+    let caller = std::sync::Arc::new(());
+    running.door.hand_in(std::sync::Arc::downgrade(&caller), move |host| {
         host.advance(standin_firmware::device::Duration::secs(1 << 36), done);
         || ()
     });

@@ -12,6 +12,14 @@ use super::READ_BYTES;
 /// that a test may move the standing clock on so far before it reads.
 pub(super) const MOST_MIB: usize = 16;
 
+/// MiB that may wait for all clients of a port together.
+const MOST_MIB_OF_PORT: usize = 64;
+
+/// MiB that may wait for each of so many clients of a port.
+pub(super) fn share_mib(clients: usize) -> usize {
+    (MOST_MIB_OF_PORT / clients.max(1)).clamp(1, MOST_MIB)
+}
+
 /// Bytes that wait for somebody.
 #[derive(Default)]
 pub(super) struct Unread {
@@ -103,6 +111,14 @@ mod tests {
         drop(far);
         unread.bytes.push(1);
         unread.write(&near).unwrap_err();
+    }
+
+    #[test]
+    fn all_clients_of_a_port_together_are_bounded() {
+        assert_eq!((share_mib(1), share_mib(4)), (16, 16));
+        for clients in 5..=64 {
+            assert!(share_mib(clients) * clients <= 64 && share_mib(clients) >= 1);
+        }
     }
 
     #[test]

@@ -1,7 +1,5 @@
 //! The files that options name for what happens.
 
-use std::fs::File;
-use std::io::{self, BufWriter};
 use std::path::Path;
 
 use standin_sim::bench::Bench;
@@ -45,33 +43,23 @@ impl Files {
     pub(super) fn keep(&self, controlled: bool) -> (TraceKeep, TraceKeep) {
         let ring = |wanted| if wanted { TraceKeep::default() } else { TraceKeep::Off };
         let trace = match self.record {
-            Some(_) => TraceKeep::All,
+            // The control API has what a ring holds; the file itself needs only what is not in it yet.
+            Some(_) => TraceKeep::Written(if controlled { TraceKeep::RING } else { 0 }),
             None => ring(controlled || self.waves.is_some()),
         };
         (trace, ring(controlled || self.frames.is_some()))
     }
 
-    /// Begins them anew; the one that is written at the bench's end, and those that follow it.
+    /// Begins them anew, to follow the bench.
     ///
     /// # Errors
     /// One sentence: which one cannot be written, and why.
-    pub(super) fn begin(self, bench: &Bench) -> Result<(Option<Output>, Vec<Followed>), String> {
-        self.record.as_ref().map_or(Ok(()), Output::begin)?;
+    pub(super) fn begin(self, bench: &Bench) -> Result<Vec<Followed>, String> {
+        let record = self.record.map(|output| Followed::recording(output, bench));
         let waves = self.waves.map(|output| Followed::waves(output, bench));
         let frames = self.frames.map(|output| Followed::frames(output, bench));
-        let followed = waves.into_iter().chain(frames).collect::<Result<Vec<_>, _>>()?;
-        Ok((self.record, followed))
+        record.into_iter().chain(waves).chain(frames).collect()
     }
-}
-
-/// Writes the trace of a bench.
-///
-/// # Errors
-/// Of the file system.
-pub(super) fn write_trace(bench: &Bench, file: &File) -> io::Result<()> {
-    let mut writer = BufWriter::new(file);
-    bench.trace().write(&mut writer)?;
-    writer.into_inner()?.sync_all()
 }
 
 fn open(option: &'static str, path: Option<&Path>, memories: &[Memory]) -> Result<Option<Output>, String> {

@@ -89,11 +89,12 @@ impl Memory {
     }
 
     /// Waits until the disk has it all.
-    pub(super) fn sync(&self) {
-        if let Some(Kept { path, nv }) = &self.file
-            && let Err(error) = nv.borrow().sync()
-        {
-            error!("{} may not be on the disk: {error}", path.display());
-        }
+    ///
+    /// # Errors
+    /// One sentence: the file does not have what the drive stored.
+    pub(super) fn sync(&self) -> Result<(), String> {
+        let Some(Kept { path, nv }) = &self.file else { return Ok(()) };
+        let synced = nv.borrow_mut().sync();
+        synced.map_err(|error| format!("{} does not keep what the drive stored: {error}", path.display()))
     }
 }

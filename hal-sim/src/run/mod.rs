@@ -8,11 +8,12 @@ mod listen;
 mod memory;
 mod told;
 
+use std::fs;
 use std::io;
 use std::os::unix::net::UnixStream;
 
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
-use signal_hook::consts::{SIGINT, SIGTERM};
+use signal_hook::consts::{SIGHUP, SIGINT, SIGQUIT, SIGTERM};
 use standin_sim::bench::{Settings, Setup};
 use standin_sim::layout::Built;
 use standin_sim::pace::Pace;
@@ -22,7 +23,7 @@ use crate::api;
 use crate::cli::{self, Control};
 use crate::ready::Ready;
 use crate::realtime::{self, Host};
-use files::{Files, write_trace};
+use files::Files;
 use listen::Reserved;
 use memory::Memory;
 use told::Told;
@@ -77,18 +78,14 @@ pub(crate) fn run(options: &cli::Run) -> Result<(), String> {
         });
         ready.controlled_at(api.map_err(|error| format!("--control cannot listen: {error}"))?);
     }
-    let (record, followed) = files.begin(&bench)?;
+    let followed = files.begin(&bench)?;
     let mut host = Host::new(bench, ports, layout.time.unwrap_or(Pace::Times(1)), followed, inbox);
     ready.print(options.json).map_err(|error| format!("stdout cannot be written: {error}"))?;
 
     let ended = host.run(&stop);
     info!("stopping");
-    for memory in &memories {
-        memory.sync();
-    }
-    let mut failures = host.end_files();
-    let recorded = record.map(|record| record.fails(write_trace(&host.bench, record.file())));
-    failures.extend(recorded.and_then(Result::err));
+    let mut failures: Vec<String> = memories.iter().filter_map(|memory| memory.sync().err()).collect();
+    failures.extend(host.end_files());
     failures.extend(ended.err().map(|error| format!("the bench cannot go on: {error}")));
     if failures.is_empty() { Ok(()) } else { Err(failures.join("; ")) }
 }
@@ -100,10 +97,23 @@ fn raise_limit_of_descriptors() {
     let _ = setrlimit(Resource::Nofile, Rlimit { current: maximum, maximum });
 }
 
-/// A stream on which Ctrl-C and SIGTERM can be read.
+/// A stream on which can be read that the program is to end: Ctrl-C, SIGTERM, a terminal that is closed, Ctrl-\.
+/// What `nohup` or a shell has it ignore it ignores.
 fn signals() -> io::Result<UnixStream> {
     let (stop, caught) = UnixStream::pair()?;
-    signal_hook::low_level::pipe::register(SIGINT, caught.try_clone()?)?;
-    signal_hook::low_level::pipe::register(SIGTERM, caught)?;
+    let ignored = ignored();
+    for signal in [SIGINT, SIGTERM, SIGHUP, SIGQUIT] {
+        let is_ignored = [SIGHUP, SIGQUIT].contains(&signal) && ignored >> (signal - 1) & 1 == 1;
+        if !is_ignored {
+            signal_hook::low_level::pipe::register(signal, caught.try_clone()?)?;
+        }
+    }
     Ok(stop)
+}
+
+/// The signals that are ignored since before the program began, signal 1 in bit 0; none where the system does not say.
+fn ignored() -> u64 {
+    let status = fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let mask = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
+    mask.and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok()).unwrap_or(0)
 }

@@ -16,7 +16,8 @@
 //!
 //! A stamp is in milliseconds of the bench's time; it means the nearest tick of 62.5 ns. With several
 //! drives the name of one follows it. `>` is fed to the drive, `<` is what it did and is compared;
-//! `end` is how far time went. A drive has power when it is seated. Of the ports of a drive the first
+//! `end` is how far time went, and a drive may have put something for later by then; without `end` time went to the
+//! last stamp. A drive has power when it is seated. Of the ports of a drive the first
 //! is meant unless the word says `rx:mcode`.
 //!
 //! Words may be added within a version of the format: who does not know one says so, in which line. A version
@@ -51,6 +52,7 @@
 //! | `power off` | the cut has come, in the store before |
 
 mod copy;
+mod recording;
 mod ring;
 mod text;
 
@@ -63,6 +65,7 @@ use standin_firmware::device::{
 use standin_firmware::motor::Parameters;
 use standin_protocol::time::Duration;
 
+pub use recording::Recording;
 pub(crate) use ring::{allocated, make_room};
 pub use text::ParseError;
 pub(crate) use text::{is_name, without_comment};
@@ -77,6 +80,8 @@ pub enum TraceKeep {
     Off,
     /// The last so many bytes, in memory.
     Ring(usize),
+    /// The same, and whatever has not been [written](crate::bench::Bench::has_written) yet.
+    Written(usize),
     /// Everything.
     All,
 }
@@ -106,6 +111,8 @@ pub struct Trace {
     pub lost: u64,
     /// How far time went; of a text without `end` its last stamp.
     pub end: Instant,
+    /// How many events have been written, of those that wait for it.
+    written: u64,
     events: VecDeque<Entry>,
     keep: TraceKeep,
     /// Bytes that `events` holds on to.
@@ -425,6 +432,7 @@ impl Trace {
             compare: Group::ALL.to_vec(),
             lost: 0,
             end: Instant::ZERO,
+            written: 0,
             events: VecDeque::new(),
             keep,
             bytes: 0,
@@ -470,8 +478,14 @@ impl Trace {
     fn record(&mut self, at: Instant, drive: u32, event: Event) {
         let entry = Entry { at, drive: drive as usize, event, line: 0 };
         self.bytes += entry.size();
-        if let TraceKeep::Ring(most) = self.keep {
+        let bound = match self.keep {
+            TraceKeep::Ring(most) => Some((most, u64::MAX)),
+            TraceKeep::Written(most) => Some((most, self.written)),
+            TraceKeep::Off | TraceKeep::All => None,
+        };
+        if let Some((most, droppable)) = bound {
             while self.bytes > most
+                && self.lost < droppable
                 && let Some(oldest) = self.events.pop_front()
             {
                 self.bytes -= oldest.size();
@@ -486,6 +500,11 @@ impl Trace {
     #[must_use]
     pub fn mark(&self) -> u64 {
         self.lost + self.events.len() as u64
+    }
+
+    /// All that has happened by now is written.
+    pub(crate) fn has_written(&mut self) {
+        self.written = self.mark();
     }
 
     /// Forgets what was recorded since a [mark](Self::mark).

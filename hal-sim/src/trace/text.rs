@@ -41,7 +41,7 @@ impl Trace {
     /// # Errors
     /// What is wrong, and in which line.
     pub fn parse(text: &str, make: &Make<'_>) -> Result<Self, ParseError> {
-        let mut reader = Reader { trace: Self::new(1, TraceKeep::All), begun: false, fed: Instant::ZERO };
+        let mut reader = Reader::new();
         for (index, line) in text.lines().enumerate() {
             let line_number = index + 1;
             reader.line(line, line_number, make).map_err(|what| ParseError { line: line_number, what })?;
@@ -52,7 +52,7 @@ impl Trace {
                 what: format!("a trace begins with \"standin trace {VERSION}\""),
             });
         }
-        Ok(reader.trace)
+        Ok(reader.finish())
     }
 
     /// The trace as text, header included: drives by name, lines by stamp.
@@ -62,7 +62,7 @@ impl Trace {
         for entry in self.in_order() {
             line(&mut text, format_args!("{}", self.entry_text(entry)));
         }
-        line(&mut text, format_args!("{} end", stamp(self.end)));
+        line(&mut text, format_args!("{}", self.end_text()));
         text
     }
 
@@ -75,7 +75,12 @@ impl Trace {
         for entry in self.in_order() {
             writeln!(to, "{}", self.entry_text(entry))?;
         }
-        writeln!(to, "{} end", stamp(self.end))
+        writeln!(to, "{}", self.end_text())
+    }
+
+    /// The last line of the text.
+    pub(super) fn end_text(&self) -> String {
+        format!("{} end", stamp(self.end))
     }
 
     /// The places of the drives, by name.
@@ -86,7 +91,7 @@ impl Trace {
     }
 
     /// The lines before the first event.
-    fn header(&self) -> String {
+    pub(super) fn header(&self) -> String {
         let mut text = format!("standin trace {VERSION}\nseed {}\n", self.seed);
         for drive in self.by_name().iter().map(|&index| &self.drives[index]) {
             let fast = if drive.boot_fast { " fast" } else { "" };
@@ -333,9 +338,26 @@ struct Reader {
     begun: bool,
     /// The last stamp of what is fed.
     fed: Instant,
+    /// The last stamp of all.
+    last: Instant,
+    /// Whether a line has said how far time went.
+    ended: bool,
 }
 
 impl Reader {
+    fn new() -> Self {
+        let trace = Trace::new(1, TraceKeep::All);
+        Self { trace, begun: false, fed: Instant::ZERO, last: Instant::ZERO, ended: false }
+    }
+
+    /// The trace that was read. Where `end` says how far time went, what a drive put for later was under way then.
+    fn finish(mut self) -> Trace {
+        if !self.ended {
+            self.trace.end = self.last;
+        }
+        self.trace
+    }
+
     fn line(&mut self, text: &str, line: usize, make: &Make<'_>) -> Result<(), String> {
         let mut words = Words { rest: without_comment(text).trim() };
         if words.rest.is_empty() {
@@ -440,6 +462,7 @@ impl Reader {
                 return Err("time ends before the last line".to_owned());
             }
             self.trace.end = self.trace.end.max(at);
+            self.ended = true;
             return words.end();
         }
         let drive = match (named, drives.len()) {
@@ -457,13 +480,14 @@ impl Reader {
                     );
                 }
                 self.fed = at;
+                self.trace.end = self.trace.end.max(at);
                 Event::Fed(fed(spec, words)?)
             }
             "<" => Event::Did(did(spec, words)?),
             _ => return Err(format!("after the stamp comes \">\", \"<\" or \"end\", not \"{word}\"")),
         };
         words.end()?;
-        self.trace.end = self.trace.end.max(at);
+        self.last = self.last.max(at);
         self.trace.events.push_back(Entry { at, drive, event, line });
         Ok(())
     }

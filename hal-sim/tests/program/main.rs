@@ -6,6 +6,7 @@ mod ends;
 mod machinery;
 mod programs;
 mod qsb;
+mod recordings;
 mod running;
 mod runs;
 mod scale;

@@ -135,6 +135,11 @@ impl Running {
         self.child.wait().unwrap().code()
     }
 
+    /// Its exit code, when it has ended; `None` if it was killed.
+    pub(crate) fn wait(mut self) -> Option<i32> {
+        self.child.wait().unwrap().code()
+    }
+
     /// Ends it at once, whatever it does.
     pub(crate) fn kill(mut self) {
         self.signal(Signal::KILL);

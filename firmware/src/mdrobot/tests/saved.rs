@@ -91,18 +91,18 @@ fn a_save_takes_10_ms_and_begins_again() {
 }
 
 #[test]
-fn power_lost_in_a_save_is_a_new_drive() {
+fn power_lost_in_a_save_leaves_the_new_values() {
     let mut bed = Bed::ready();
     bed.set(Pid::CONTROLLER_ID, 9);
     bed.wait(1.secs());
     bed.set(Pid::PV_GAIN, 7);
     bed.wait(10.millis() - Duration::TICK);
     bed.cycle();
-    assert_eq!((bed.read(167), bed.get(Pid::CONTROLLER_ID)), (20, 1));
-    bed.set(Pid::PV_GAIN, 7);
+    assert_eq!((bed.get(Pid::PV_GAIN), bed.get(Pid::CONTROLLER_ID)), (7, 9));
+    bed.set(Pid::PV_GAIN, 8);
     bed.wait(10.millis());
     bed.cycle();
-    assert_eq!(bed.read(167), 7);
+    assert_eq!((bed.get(Pid::PV_GAIN), bed.get(Pid::CONTROLLER_ID)), (8, 9));
 }
 
 #[test]

@@ -1,0 +1,102 @@
+//! A file that is written while a bench goes on.
+
+use std::collections::BTreeMap;
+use std::io::{self, Write};
+
+use standin_firmware::device::Instant;
+
+use super::{Event, Trace};
+
+/// So much text is written at once.
+const CHUNK: usize = 64 << 10;
+
+/// Lines that wait for their stamp, at most. A drive may put far more than a second ahead where characters take no time.
+const MOST_AHEAD: usize = 100_000;
+
+/// A recording: the text of a [`Trace`], written as that grows, in the order of its stamps. It holds only what drives
+/// have put for later.
+pub struct Recording<W> {
+    out: W,
+    /// Whole lines that are not written yet.
+    text: Vec<u8>,
+    /// Events taken from the trace.
+    taken: u64,
+    /// Lines whose stamps lie ahead. What was recorded first is first at its stamp.
+    ahead: BTreeMap<(Instant, u64), String>,
+}
+
+impl<W: Write> Recording<W> {
+    /// Begins the file, about the drives that the trace tells of so far.
+    ///
+    /// # Errors
+    /// Those of the writer.
+    pub fn new(trace: &Trace, mut out: W) -> io::Result<Self> {
+        out.write_all(trace.header().as_bytes())?;
+        Ok(Self { out, text: Vec::new(), taken: 0, ahead: BTreeMap::new() })
+    }
+
+    /// Writes what has happened since the last time.
+    ///
+    /// # Errors
+    /// Those of the writer; or the trace has dropped some of that, which [`TraceKeep::Written`](super::TraceKeep)
+    /// does not.
+    pub fn follow(&mut self, trace: &Trace) -> io::Result<()> {
+        if trace.lost > self.taken {
+            return Err(io::Error::other("events were dropped before they were written"));
+        }
+        for entry in trace.since(self.taken) {
+            match entry.event {
+                Event::Fed(_) => {
+                    self.put_until(entry.at)?;
+                    self.put(&trace.entry_text(entry))?;
+                }
+                Event::Did(_) => {
+                    self.ahead.insert((entry.at, self.taken), trace.entry_text(entry));
+                    if self.ahead.len() > MOST_AHEAD {
+                        self.put_first()?;
+                    }
+                }
+            }
+            self.taken += 1;
+        }
+        self.put_until(trace.end)?;
+        self.write_text()
+    }
+
+    /// Ends the file where the trace has come to.
+    ///
+    /// # Errors
+    /// Those of [`follow`](Self::follow).
+    pub fn finish(mut self, trace: &Trace) -> io::Result<W> {
+        self.follow(trace)?;
+        self.put_until(Instant::NEVER)?;
+        self.put(&trace.end_text())?;
+        self.write_text()?;
+        self.out.flush()?;
+        Ok(self.out)
+    }
+
+    /// Puts the lines with a stamp up to `until`.
+    fn put_until(&mut self, until: Instant) -> io::Result<()> {
+        while self.ahead.first_key_value().is_some_and(|(&(at, _), _)| at <= until) {
+            self.put_first()?;
+        }
+        Ok(())
+    }
+
+    fn put_first(&mut self) -> io::Result<()> {
+        self.ahead.pop_first().map_or(Ok(()), |(_, line)| self.put(&line))
+    }
+
+    fn put(&mut self, line: &str) -> io::Result<()> {
+        self.text.extend_from_slice(line.as_bytes());
+        self.text.push(b'\n');
+        if self.text.len() < CHUNK { Ok(()) } else { self.write_text() }
+    }
+
+    fn write_text(&mut self) -> io::Result<()> {
+        self.out.write_all(&self.text)?;
+        self.text.clear();
+        Ok(())
+    }
+}

@@ -1,0 +1,71 @@
+//! `--record`: what is in the file, and when.
+
+use std::path::Path;
+
+use rustix::process::{Signal, kill_process};
+use standin_protocol::modbus::rtu;
+
+use crate::running::{Running, Scratch, ask, standin};
+
+/// Files that were made by the program at commit 681fd38. They are never made anew.
+fn old(name: &str) -> String {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/recordings/681fd38");
+    folder.join(name).to_str().unwrap().to_owned()
+}
+
+fn assert_replays(file: &str) {
+    let replayed = standin(&["replay", file]);
+    assert_eq!(replayed.status.code(), Some(0), "{replayed:?}");
+}
+
+#[test]
+fn old_recordings_replay() {
+    assert_replays(&old("bench.trace"));
+    assert_replays(&old("answers-ahead.trace"));
+    assert_replays(&old("preset-at-start.trace"));
+}
+
+#[test]
+fn old_memories_are_loaded() {
+    let scratch = Scratch::new("old-memories");
+    for (kind, register, value) in [
+        ("md3", "UserRegister", 78),
+        ("md3-low", "UserRegister", 78),
+        ("mdrive", "VM", 400_000),
+        ("mdrive-hybrid", "VM", 400_000),
+        ("rs434544", "", 7),
+        ("rs434546", "", 7),
+        ("mdrobot", "", 7),
+    ] {
+        let file = scratch.file(kind);
+        std::fs::copy(old(&format!("{kind}.nv")), &file).unwrap();
+        let options = ["--time", "manual", "--fast-boot", "--control", "localhost:0", "--nv", &file];
+        let drive = Running::start(kind, &options, std::process::Stdio::inherit());
+        let registers = &drive.drive()["registers"];
+        // All that have a bus address had 7.
+        let described: serde_json::Value =
+            serde_json::from_slice(&standin(&["describe", kind, "--json"]).stdout).unwrap();
+        let register =
+            described["address_register"].as_str().filter(|_| register.is_empty()).unwrap_or(register);
+        assert_eq!(registers[register], value, "{kind} {register}");
+    }
+}
+
+#[test]
+fn whatever_ends_it_the_recording_is_there() {
+    let scratch = Scratch::new("ends");
+    for signal in [Signal::HUP, Signal::QUIT, Signal::TERM, Signal::KILL] {
+        let file = scratch.file("md3.trace");
+        std::fs::write(&file, "an old recording, which ends".repeat(10_000)).unwrap();
+        let md3 = Running::md3(&["--time", "manual", "--fast-boot", "--record", &file]);
+        ask(&mut md3.connect(), &rtu::write(1, 0x1D, 7), 8);
+        md3.advance(0.5);
+        kill_process(md3.pid(), signal).unwrap();
+        let killed = signal == Signal::KILL;
+        assert_eq!(md3.wait(), if killed { None } else { Some(0) }, "{signal:?}");
+        let text = std::fs::read_to_string(&file).unwrap();
+        assert!(text.contains("< tx 01 06 00 1D 00 07"), "{signal:?}: {text}");
+        assert_eq!(text.trim_end().ends_with(" end"), !killed, "{signal:?}: {text}");
+        assert_replays(&file);
+    }
+}
