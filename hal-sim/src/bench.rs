@@ -527,6 +527,10 @@ impl Bench {
         loop {
             let next = self.next_event();
             if next == Instant::NEVER || (next > settling.hands && self.busy == 0) {
+                // Nobody says more before this is over.
+                if self.end_bursts() {
+                    continue;
+                }
                 return true;
             }
             self.run_until(next.min(at));
