@@ -576,7 +576,7 @@ mod tests {
             behind in request(),
         ) {
             let request = frame(unit, &[&[65], data.as_slice()].concat());
-            let request = by_chance(&request, 2, length).expect("two bytes make any CRC");
+            let request = by_chance(&request, 2, length).unwrap();
             prop_assert!(checked(&request[..length]).is_some() && checked(&request).is_some());
             prop_assert_eq!(frames(&request, &reads, Master), std::slice::from_ref(&request));
             prop_assert_eq!(frames(&request, &[length], Master), std::slice::from_ref(&request));
