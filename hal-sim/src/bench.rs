@@ -535,6 +535,10 @@ impl Bench {
         loop {
             let next = self.next_event();
             if next == Instant::NEVER || (next > settling.hands && self.busy == 0) {
+                // Nobody says more before this is over.
+                if self.end_bursts() {
+                    continue;
+                }
                 return true;
             }
             self.run_until(next.min(at));
@@ -631,6 +635,7 @@ impl Bench {
             What::Said { client, fed } => self.hear(event.seat, client, &fed),
             What::Hand { pin, drive } => self.hand(event.seat, pin, drive),
             What::Wired { wire, level } => self.wired(wire, level),
+            What::Contacts => self.find_contacts(event.seat),
             What::Pulse { pin, number } => self.pulse_edge(event.seat, pin, number),
             What::Encoder { encoder, number } => self.encoder_edge(event.seat, encoder, number),
             What::Wave { pin, number } => self.wave_edge(event.seat, pin, number),
@@ -670,13 +675,19 @@ impl Bench {
     /// Feeds a device as a trace says, at an instant that is not over. Several characters for a port
     /// where each has its time follow back to back.
     pub(crate) fn feed(&mut self, seat: Seat, at: Instant, fed: &Fed) {
-        if matches!(fed, Fed::Poke { .. }) {
+        if matches!(fed, Fed::Poke { .. }) && at > Instant::ZERO {
             self.run_until(at);
         } else if at > Instant::ZERO {
             self.run_until(at - Duration::TICK);
         }
         self.now = self.now.max(at);
         self.index();
+        // At power-on a preset comes after the deadlines of its own drive; others are still told their contacts.
+        if matches!(fed, Fed::Poke { .. }) {
+            while self.at(seat).deadline() <= at {
+                self.wake(self.ranks[seat.0 as usize], self.at(seat).deadline());
+            }
+        }
         if let Fed::Bytes { port, ref bytes } = *fed
             && let Some(serial) = self.at_mut(seat).body.serial(port)
             && !serial.silence

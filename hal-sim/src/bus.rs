@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
 use standin_firmware::device::{Duration, Instant, Line, Port};
 use standin_protocol::line::Parity;
-use standin_protocol::modbus::{self, Burst};
+use standin_protocol::modbus::{self, Burst, Voices};
 
 use crate::bench::Seat;
 use crate::collisions::Air;
@@ -204,6 +204,8 @@ pub(crate) enum Offer {
     Message(usize, Instant),
     /// Half a message, whose rest is waited for until then.
     Half(Instant),
+    /// So many bytes, if no more follow until then.
+    Unsure(usize, Instant),
 }
 
 impl Outside {
@@ -239,16 +241,20 @@ impl Outside {
         let Some(line) = framed else {
             return Offer::Message(1, self.arrivals.front().map_or(now, |arrival| arrival.at));
         };
+        // Behind a port that paces itself is a real line, on which other drives may answer.
+        let voices = if self.paces_itself { Voices::All } else { Voices::Master };
         let left = self.left;
         let Spoken { bytes, last, over } = self.first_burst(patience);
-        match modbus::front(line, bytes) {
+        let ended = || modbus::ended(line, bytes, voices);
+        let until = last + patience;
+        match modbus::front(line, bytes, voices) {
             Burst::Frame(length) => Offer::Message(length, last),
-            Burst::Broken | Burst::Partial if left && !over => Offer::Half(Instant::NEVER),
-            Burst::Broken => Offer::Message(bytes.len(), last),
-            Burst::Partial => match last + patience {
-                until if over || until <= now => Offer::Message(bytes.len(), until.min(now)),
-                until => Offer::Half(until),
-            },
+            Burst::Unsure if left => Offer::Message(ended(), last),
+            Burst::Broken(_) | Burst::Partial if left && !over => Offer::Half(Instant::NEVER),
+            Burst::Broken(length) => Offer::Message(length, last),
+            _ if over || until <= now => Offer::Message(ended(), until.min(now)),
+            Burst::Unsure => Offer::Unsure(ended(), until),
+            Burst::Partial => Offer::Half(until),
         }
     }
 

@@ -10,7 +10,7 @@ use std::sync::mpsc::{Receiver, channel};
 use std::thread;
 use std::time::Duration;
 
-use standin_protocol::modbus::{Burst, rtu};
+use standin_protocol::modbus::{Burst, Voices, rtu};
 use standin_tests::md3::{at, bit};
 
 /// How long a master waits for an answer. The drive's start-up takes 2.5 s.
@@ -83,7 +83,7 @@ impl Board {
             let mut answer = Vec::new();
             while let Ok(byte) = self.heard.recv_timeout(PATIENCE) {
                 answer.push(byte);
-                if rtu::front(&answer) == Burst::Frame(answer.len()) {
+                if rtu::front(&answer, Voices::Slaves) == Burst::Frame(answer.len()) {
                     return answer;
                 }
             }

@@ -11,7 +11,7 @@ use std::time::Duration;
 
 use anyhow::{Context, Result, bail, ensure};
 use standin_firmware::device::Spec;
-use standin_protocol::modbus::{Burst, rtu};
+use standin_protocol::modbus::{Burst, Voices, rtu};
 use xshell::{Shell, cmd};
 
 use crate::board::{LM3S6965, RP2040, spec};
@@ -59,7 +59,7 @@ const MD3_MOTION: u16 = 0x11;
 
 /// Takes a Modbus frame off what has come.
 fn frame(heard: &mut Vec<u8>) -> Option<Vec<u8>> {
-    let whole = rtu::front(heard) == Burst::Frame(heard.len());
+    let whole = rtu::front(heard, Voices::Slaves) == Burst::Frame(heard.len());
     whole.then(|| std::mem::take(heard))
 }
 

@@ -11,7 +11,7 @@ use standin_firmware::device::{
 use standin_firmware::motor::{self, HALL_PINS, Pace, Rotor, STALL, stepper};
 use standin_protocol::time::TICKS_PER_SECOND;
 
-use super::sensors::{Sees, Sensor, Shows};
+use super::sensors::{Sees, Sensor};
 use super::{Bench, Seat};
 use crate::schedule::{Class, What};
 use crate::seat::{Told, Wakes};
@@ -242,24 +242,19 @@ impl Bench {
         self.at(drive).parted
     }
 
-    /// Puts a sensor beside a motor's shaft, whose first wire goes `to` that pin. A switch's first level is on its way
-    /// like all that it will show; an encoder's is there at once, so that a drive that starts now finds it, and no
-    /// edge.
+    /// Puts a sensor beside a motor's shaft, whose first wire goes `to` that pin. A drive that was seated at this
+    /// instant finds its first level at power-on, and no edge.
     pub(super) fn put_sensor(&mut self, motor: Motor, to: (Seat, Pin), sees: Sees) {
         let (now, key) = (self.now, (self.name(to.0).to_owned(), to.1));
         let Fitted { machine, pace, sensors, began, .. } = &mut self.motors[motor.0 as usize];
-        let at_once = matches!(sees, Sees::Encoder { .. });
         let mut sensor = Sensor::new(key, sees, *began);
         sensor.foresee(machine.rotor(), pace, now);
-        let mut shown = Shows::default();
-        if at_once {
-            shown = sensor.seen();
-            sensor.foresee(machine.rotor(), pace, now);
-        }
+        let shown = sensor.seen();
+        sensor.foresee(machine.rotor(), pace, now);
         let place = sensors.partition_point(|other| other.key <= sensor.key);
         sensors.insert(place, sensor);
         for (wire, level) in shown.into_iter().flatten() {
-            self.wired(wire, level);
+            self.stands(wire, level);
         }
         self.foresee_motor(motor.0 as usize);
     }

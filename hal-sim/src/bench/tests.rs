@@ -263,6 +263,56 @@ fn bytes_just_before_patience_ends_complete_a_message() {
 }
 
 #[test]
+fn a_request_is_answered_though_the_crc_of_its_begin_holds_by_chance() {
+    // Function 16 to registers 0x5021 and 0x5022 of an RS 434544 at address 48, and what answers it.
+    let request = [0x30, 0x10, 0x50, 0x21, 0x00, 0x02, 0x04, 0xE3, 0x10, 0x00, 0x00, 0x01, 0xC5];
+    for cut in 1..=request.len() {
+        for paces_itself in [false, true] {
+            let mut bench = Bench::new();
+            let drive = crate::kinds::make("rs434544").unwrap();
+            let address = drive.spec().find("SLAVE_ADDRESS_MODBUS").unwrap().row;
+            let setup = Setup { boot_fast: true, presets: vec![(address, 48)], ..Setup::default() };
+            let seat = bench.seat("x", drive, setup).unwrap();
+            bench.run_until(5.secs());
+            let client = bench.connect(bench.bus(seat, Port(0)).unwrap());
+            if paces_itself {
+                bench.let_pace_itself(client);
+            }
+            bench.send(client, &request[..cut]);
+            bench.run_until(bench.now() + 5.millis());
+            bench.send(client, &request[cut..]);
+            bench.run_until(bench.now() + 200.millis());
+            let statistics = bench.statistics(seat, Port(0));
+            assert_eq!(
+                (statistics.requests + statistics.refused, statistics.dropped()),
+                (1, 0),
+                "cut at {cut}"
+            );
+            assert_eq!(received(&mut bench, client)[..1], [0x30], "cut at {cut}");
+        }
+    }
+}
+
+#[test]
+fn a_request_of_any_length_is_answered_when_silence_has_ended_it() {
+    let request = rtu::frame(1, &[65, 1, 2, 3]);
+    // Of the other one the first seven bytes hold a CRC.
+    let begin = rtu::frame(1, &[65, 0, 0, 0, 0]);
+    let long = rtu::frame(1, &[&begin[1..], &[9, 9]].concat());
+    for request in [&request[..], &long] {
+        let (mut bench, seat, client) = alone(LineMode::Timed);
+        bench.send(client, &request[..request.len() - 4]);
+        bench.run_until(start() + 19.millis());
+        bench.send(client, &request[request.len() - 4..]);
+        bench.run_until(start() + 100.millis());
+        assert_eq!(received(&mut bench, client)[..3], [1, 0xC1, 1]);
+        assert_eq!(bench.statistics(seat, RS485).dropped(), 0);
+        // Where time stands nobody says more before it is answered.
+        assert_eq!(bench.ask(seat, request)[..3], [1, 0xC1, 1]);
+    }
+}
+
+#[test]
 fn two_frames_written_at_once_are_two() {
     let (mut bench, seat, client) = alone(LineMode::Timed);
     let both = [rtu::read(1, 0, 1).as_slice(), rtu::read(1, 1, 1).as_slice()].concat();

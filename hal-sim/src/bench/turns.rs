@@ -18,9 +18,8 @@ impl Bench {
     pub(super) fn serve(&mut self, bus: u32) {
         let framed = self.framed(bus);
         loop {
+            let first = self.first_waiting(bus);
             let wire = &mut self.buses[bus as usize];
-            let waiting = wire.clients.iter().filter_map(|&id| Some((self.clients.get(&id)?.order()?, id)));
-            let first = waiting.min().map(|(_, id)| id);
             let goes_on = framed.is_none() && first == Some(wire.served) && wire.free <= self.now;
             if wire.turn != Turn::Free && !goes_on {
                 return self.speak_into(bus);
@@ -48,12 +47,37 @@ impl Bench {
                     wire.free = wire.free.max(self.now);
                     self.forget(id);
                 }
-                Offer::Half(until) => {
+                Offer::Half(until) | Offer::Unsure(_, until) => {
                     self.turn_until(bus, until);
                     return self.speak_into(bus);
                 }
             }
         }
+    }
+
+    /// The client of a line whose bytes came first.
+    fn first_waiting(&self, bus: u32) -> Option<u32> {
+        let clients = &self.buses[bus as usize].clients;
+        let waiting = clients.iter().filter_map(|&id| Some((self.clients.get(&id)?.order()?, id)));
+        waiting.min().map(|(_, id)| id)
+    }
+
+    /// Sends what only waits for silence to show that it is all. Whether there is such.
+    pub(super) fn end_bursts(&mut self) -> bool {
+        let mut ended = false;
+        for bus in 0..self.buses.len() as u32 {
+            if self.buses[bus as usize].half_until().is_none() {
+                continue;
+            }
+            let framed = self.framed(bus);
+            let Some(id) = self.first_waiting(bus) else { continue };
+            let Some(outside) = self.clients.get_mut(&id) else { continue };
+            if let Offer::Unsure(length, _) = outside.offer(self.now, framed, self.settings.patience) {
+                self.transmit(bus, id, length, self.now);
+                ended = true;
+            }
+        }
+        ended
     }
 
     /// Holds a client back while a drive has more than that to say. Answers are longer than commands, so a

@@ -50,7 +50,8 @@ impl Bench {
         pulses::pulses(&self.trace, seat.0 as usize, axis, self.now)
     }
 
-    /// Wires an output pin to an input pin, for good. What the output does arrives a tick later: the
+    /// Wires an output pin to an input pin, for good. A drive that was seated at this instant finds the output's level at
+    /// power-on, and no edge. What the output does arrives a tick later: the
     /// levels it is set to, each edge of a wave, each step pulse and each change of direction; an
     /// output that floats leaves the input to its pull-up. Edges are made only while a wire is there.
     ///
@@ -75,9 +76,30 @@ impl Bench {
             self.foresee(from.0.0, axis);
         }
         let level = self.at(from.0).driven(now, from.1);
-        self.schedule(now + Duration::TICK, Class::Pin, to.0.0, What::Wired { wire, level });
+        self.stands(wire, level);
         if first {
             self.foresee_wave(from.0.0, from.1);
+        }
+    }
+
+    /// Puts a level on a new wire. A drive that was seated at this instant is told now, before its deadlines, as what
+    /// has stood there at power-on; any other one a tick later, as of a change.
+    pub(super) fn stands(&mut self, wire: u32, level: Level) {
+        let seat = self.wires[wire as usize].to.0;
+        let starts = self.trace.drives[seat.0 as usize].from == self.now;
+        if starts {
+            let at = self.at(seat).free(self.now, Class::Pin);
+            self.put_on_wire(wire, level);
+            self.schedule(at, Class::Pin, seat.0, What::Contacts);
+        } else {
+            self.schedule(self.now + Duration::TICK, Class::Pin, seat.0, What::Wired { wire, level });
+        }
+    }
+
+    /// Tells a device what stands at its pins, in their order, in whatever order wires and sensors were put there.
+    pub(super) fn find_contacts(&mut self, place: u32) {
+        for pin in (0..self.seats[place as usize].spec.pins.len() as u8).map(Pin) {
+            self.look(place, pin);
         }
     }
 
@@ -117,6 +139,13 @@ impl Bench {
 
     /// A level arrives at the end of a wire.
     pub(super) fn wired(&mut self, wire: u32, level: Level) {
+        self.put_on_wire(wire, level);
+        let (seat, pin) = self.wires[wire as usize].to;
+        self.look(seat.0, pin);
+    }
+
+    /// A level is at the end of a wire, and its pin is driven by it.
+    fn put_on_wire(&mut self, wire: u32, level: Level) {
         let PinWire { to: (seat, pin), level: end } = &mut self.wires[wire as usize];
         *end = level;
         let (seat, pin) = (*seat, *pin);
@@ -129,7 +158,6 @@ impl Bench {
         } else {
             Driving::Open
         };
-        self.look(seat.0, pin);
     }
 
     /// Sends the next edge of an axis on its way to whoever is wired to it.

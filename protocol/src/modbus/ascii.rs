@@ -230,7 +230,7 @@ pub fn front(burst: &[u8]) -> Burst {
     match burst.iter().rposition(|&character| character == b':') {
         Some(start) if burst.len() - start < MESSAGE_CHARACTERS => Burst::Partial,
         None if burst.is_empty() => Burst::Partial,
-        _ => Burst::Broken,
+        _ => Burst::Broken(burst.len()),
     }
 }
 
@@ -359,10 +359,10 @@ mod tests {
         assert_eq!(front(&REQUEST[..16]), Burst::Partial);
         assert_eq!(front(b"noise:"), Burst::Partial);
         assert_eq!(front(b""), Burst::Partial);
-        assert_eq!(front(b"noise"), Burst::Broken);
+        assert_eq!(front(b"noise"), Burst::Broken(5));
         let endless = [&b":"[..], &[b'0'; 512]].concat();
         assert_eq!(front(&endless[..512]), Burst::Partial);
-        assert_eq!(front(&endless), Burst::Broken, "an LF would make it 514 characters");
+        assert_eq!(front(&endless), Burst::Broken(513), "an LF would make it 514 characters");
     }
 
     /// Characters among which those that mean something are frequent.
@@ -414,7 +414,8 @@ mod tests {
                     let body = message.and_then(decode).map(|body| body.to_vec());
                     prop_assert_eq!(received(&burst[..length]).and_then(Result::ok), body);
                 }
-                Burst::Partial | Burst::Broken => prop_assert!(!burst.contains(&b'\n')),
+                Burst::Partial | Burst::Broken(_) => prop_assert!(!burst.contains(&b'\n')),
+                Burst::Unsure => prop_assert!(false, "a line feed ends a message"),
             }
         }
 

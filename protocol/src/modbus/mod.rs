@@ -49,12 +49,31 @@ pub enum Burst {
     Frame(usize),
     /// The rest is still to come.
     Partial,
-    /// It can become no frame any more.
-    Broken,
+    /// It may be whole, or is as long as a frame and none: silence decides.
+    Unsure,
+    /// That many bytes can become no frame any more.
+    Broken(usize),
 }
 
-/// Judges the front of a burst on `line`, by the framing that is spoken there.
+/// Who is heard on a line.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Voices {
+    /// A master.
+    Master,
+    /// Slaves that answer it.
+    Slaves,
+    /// A master and slaves.
+    All,
+}
+
+/// Judges the front of a burst on `line`, by the framing that is spoken there, if more may come.
 #[must_use]
-pub fn front(line: Line, burst: &[u8]) -> Burst {
-    if ascii::is_on(line) { ascii::front(burst) } else { rtu::front(burst) }
+pub fn front(line: Line, burst: &[u8], voices: Voices) -> Burst {
+    if ascii::is_on(line) { ascii::front(burst) } else { rtu::front(burst, voices) }
+}
+
+/// How many bytes of a burst go to the drives together when silence has ended it and [`front`] has found no frame.
+#[must_use]
+pub fn ended(line: Line, burst: &[u8], voices: Voices) -> usize {
+    if ascii::is_on(line) { burst.len() } else { rtu::ended(burst, voices) }
 }

@@ -3,10 +3,11 @@
 use crc::{CRC_16_MODBUS, Crc};
 
 use super::pdu::{
-    EXCEPTION_BIT, READ_COILS, READ_DISCRETE_INPUTS, READ_HOLDING_REGISTERS, READ_INPUT_REGISTERS,
-    WRITE_MULTIPLE_COILS, WRITE_MULTIPLE_REGISTERS, WRITE_SINGLE_COIL, WRITE_SINGLE_REGISTER,
+    ENCAPSULATED_INTERFACE, EXCEPTION_BIT, READ_COILS, READ_DISCRETE_INPUTS, READ_HOLDING_REGISTERS,
+    READ_INPUT_REGISTERS, WRITE_MULTIPLE_COILS, WRITE_MULTIPLE_REGISTERS, WRITE_SINGLE_COIL,
+    WRITE_SINGLE_REGISTER,
 };
-use super::{Burst, FRAME_BYTES, Frame, Why};
+use super::{Burst, FRAME_BYTES, Frame, Voices, Why};
 use crate::line::Line;
 use crate::time::{Duration, Instant};
 
@@ -215,46 +216,144 @@ impl Receiver {
     }
 }
 
-/// Judges the front of a burst: a frame is whole when its CRC holds at the length of a request or a
-/// reply of its function, at any length for a function that is not listed.
+/// Judges the front of a burst of which more may come, split into reads by chance. The CRC of a prefix may hold by
+/// chance, too: so a frame is whole where its CRC holds at the longest length that its function may have for those who
+/// are heard, or at another one with a whole frame right behind it.
 #[must_use]
-pub fn front(burst: &[u8]) -> Burst {
-    let whole = |length: usize| burst.get(..length).is_some_and(|frame| checked(frame).is_some());
+pub fn front(burst: &[u8], voices: Voices) -> Burst {
     let Some(&function) = burst.get(1) else { return Burst::Partial };
-    let Some(lengths) = lengths(burst, function) else {
-        let longest = burst.len().min(FRAME_BYTES);
-        // All of it, or else the shortest front: a CRC may hold by chance inside a long frame.
-        let mut tried = core::iter::once(longest).chain(4..longest);
-        return match tried.find(|&length| length >= 4 && whole(length)) {
-            Some(length) => Burst::Frame(length),
-            None if burst.len() > FRAME_BYTES => Burst::Broken,
-            None => Burst::Partial,
-        };
-    };
-    if let Some(length) = lengths.into_iter().flatten().find(|&length| whole(length)) {
+    let lengths = lengths(burst, function, voices);
+    let longest = lengths.longest();
+    let frames = lengths.into_iter().filter(|&length| holds(burst, length));
+    if let Some(length) = frames.clone().find(|&length| begins_whole(after(burst, length), voices)) {
         return Burst::Frame(length);
     }
-    let longest = lengths.into_iter().flatten().max().unwrap_or(0);
-    if burst.len() >= longest { Burst::Broken } else { Burst::Partial }
+    match frames.last() {
+        Some(length) if burst.len() >= longest => Burst::Frame(length),
+        Some(_) => Burst::Unsure,
+        None if burst.len() < longest => Burst::Partial,
+        None if begins_whole(after(burst, longest), voices) => Burst::Broken(longest),
+        None if burst.len() > FRAME_BYTES => Burst::Broken(FRAME_BYTES + 1),
+        None => Burst::Unsure,
+    }
 }
 
-/// Lengths that a request and a reply of `function` may have, as far as `burst` tells; `None` for
-/// any length.
-fn lengths(burst: &[u8], function: u8) -> Option<[Option<usize>; 2]> {
-    // Address, function, a fixed part, as many bytes as a count in it says, CRC.
-    let counted = |at: usize| match burst.get(at) {
-        Some(&count) => Some(at + 1 + usize::from(count) + 2).filter(|&n| count > 0 && n <= FRAME_BYTES),
-        None => Some(FRAME_BYTES),
-    };
-    Some(match function {
-        READ_COILS | READ_DISCRETE_INPUTS => [Some(8), counted(2)],
-        READ_HOLDING_REGISTERS | READ_INPUT_REGISTERS => {
-            [Some(8), counted(2).filter(|_| burst.get(2).is_none_or(|count| count % 2 == 0))]
+/// How many bytes of a burst go to the drives together when silence has ended it, and [`front`] has found no frame: all
+/// of it if its CRC holds; else up to where one holds before a frame; else all of it, as on a line.
+#[must_use]
+pub fn ended(burst: &[u8], voices: Voices) -> usize {
+    let is_whole = |frame: &[u8]| frame.len() <= FRAME_BYTES && checked(frame).is_some();
+    if is_whole(burst) {
+        return burst.len();
+    }
+    let function = burst.get(1).copied().unwrap_or_default();
+    let known = || lengths(burst, function, voices).into_iter().filter(|&length| holds(burst, length)).last();
+    let mut frames = (SHORTEST..=FRAME_BYTES).filter(|&length| holds(burst, length));
+    let before_another = frames.find(|&length| {
+        let rest = after(burst, length);
+        begins_whole(rest, voices) || is_whole(rest)
+    });
+    before_another.or_else(known).unwrap_or(burst.len())
+}
+
+/// Whether there are `length` bytes and the CRC at their end holds.
+fn holds(burst: &[u8], length: usize) -> bool {
+    burst.get(..length).is_some_and(|frame| checked(frame).is_some())
+}
+
+/// What follows `length` bytes.
+fn after(burst: &[u8], length: usize) -> &[u8] {
+    burst.get(length..).unwrap_or_default()
+}
+
+/// Whether a burst begins with a whole frame of a function that has a length.
+fn begins_whole(burst: &[u8], voices: Voices) -> bool {
+    let Some(&function) = burst.get(1) else { return false };
+    let lengths = lengths(burst, function, voices);
+    !matches!(lengths, Lengths::Any) && lengths.into_iter().any(|length| holds(burst, length))
+}
+
+/// Address, function, CRC.
+const SHORTEST: usize = 4;
+
+/// Functions whose requests have a length, and that no drive on a serial line knows (application 6.7 to 6.18).
+const READ_EXCEPTION_STATUS: u8 = 7;
+const GET_EVENT_COUNTER: u8 = 11;
+const GET_EVENT_LOG: u8 = 12;
+const REPORT_SERVER_ID: u8 = 17;
+const READ_FILE: u8 = 20;
+const WRITE_FILE: u8 = 21;
+const MASK_WRITE_REGISTER: u8 = 22;
+const READ_AND_WRITE: u8 = 23;
+const READ_FIFO: u8 = 24;
+
+/// The interface of function 43 that reads the identification (application 6.21).
+const IDENTIFICATION: u8 = 14;
+
+/// Lengths that a frame may have.
+#[derive(Clone, Copy)]
+enum Lengths {
+    /// That of a request, that of a reply.
+    Known([Option<usize>; 2]),
+    /// Any.
+    Any,
+}
+
+impl Lengths {
+    fn longest(self) -> usize {
+        match self {
+            Self::Known(lengths) => lengths.into_iter().flatten().max().unwrap_or(SHORTEST),
+            Self::Any => FRAME_BYTES,
         }
-        WRITE_SINGLE_COIL | WRITE_SINGLE_REGISTER => [Some(8), None],
-        WRITE_MULTIPLE_COILS | WRITE_MULTIPLE_REGISTERS => [Some(8), counted(6)],
-        _ if function & EXCEPTION_BIT != 0 => [Some(5), None],
-        _ => return None,
+    }
+
+    /// From the shortest one up.
+    fn into_iter(self) -> impl Iterator<Item = usize> + Clone {
+        let (mut known, any) = match self {
+            Self::Known(lengths) => (lengths, None),
+            Self::Any => ([None; 2], Some(SHORTEST..=FRAME_BYTES)),
+        };
+        known.sort_unstable();
+        known.into_iter().flatten().chain(any.into_iter().flatten())
+    }
+}
+
+/// Lengths that a frame of `function` may have, as far as `burst` tells (application 6.1 to 6.21).
+fn lengths(burst: &[u8], function: u8, voices: Voices) -> Lengths {
+    // Address, function, a fixed part, as many bytes as a count in it says, CRC. No count is beyond the longest frame.
+    let counted = |at: usize| match burst.get(at) {
+        Some(&count) => (at + 1 + usize::from(count) + 2).min(FRAME_BYTES),
+        None => FRAME_BYTES,
+    };
+    let brings =
+        |at: usize, odd: bool| burst.get(at).is_none_or(|&count| count > 0 && (odd || count % 2 == 0));
+    let (request, reply) = match function {
+        READ_COILS | READ_DISCRETE_INPUTS => (8, Some(counted(2)).filter(|_| brings(2, true))),
+        READ_HOLDING_REGISTERS | READ_INPUT_REGISTERS => (8, Some(counted(2)).filter(|_| brings(2, false))),
+        WRITE_SINGLE_COIL | WRITE_SINGLE_REGISTER => (8, Some(8)),
+        WRITE_MULTIPLE_COILS | WRITE_MULTIPLE_REGISTERS => (counted(6), Some(8)),
+        _ if function & EXCEPTION_BIT != 0 && voices != Voices::Master => {
+            return Lengths::Known([Some(5), None]);
+        }
+        // Of the others of the specification what a master says. The drives refuse most of them.
+        READ_EXCEPTION_STATUS | GET_EVENT_COUNTER | GET_EVENT_LOG | REPORT_SERVER_ID
+            if voices == Voices::Master =>
+        {
+            (4, None)
+        }
+        READ_FIFO if voices == Voices::Master => (6, None),
+        MASK_WRITE_REGISTER if voices == Voices::Master => (10, None),
+        READ_FILE | WRITE_FILE if voices == Voices::Master => (counted(2), None),
+        READ_AND_WRITE if voices == Voices::Master => (counted(10), None),
+        ENCAPSULATED_INTERFACE if voices == Voices::Master && burst.get(2) == Some(&IDENTIFICATION) => {
+            (7, None)
+        }
+        _ => return Lengths::Any,
+    };
+    Lengths::Known(match voices {
+        Voices::Master => [Some(request), None],
+        Voices::Slaves => [None, reply],
+        Voices::All => [Some(request), reply.filter(|&reply| reply != request)],
     })
 }
 
@@ -263,6 +362,8 @@ mod tests {
     use super::*;
     use crate::line::Parity;
     use proptest::prelude::*;
+    use std::vec;
+    use std::vec::Vec;
 
     const LINE: Line = Line::new(9_600, 8, Parity::Even, 1);
 
@@ -287,45 +388,233 @@ mod tests {
         assert_eq!(last_slow.t3_5.ticks(), 32_085);
     }
 
+    use Voices::{All, Master, Slaves};
+
     #[test]
     fn a_burst_is_split_at_whole_frames() {
         let request = read(1, 0, 2);
-        assert_eq!(front(&request), Burst::Frame(8));
-        assert_eq!(front(&request[..7]), Burst::Partial);
-        assert_eq!(front(&[]), Burst::Partial);
-        let two: std::vec::Vec<u8> = request.iter().chain(&request).copied().collect();
-        assert_eq!(front(&two), Burst::Frame(8));
+        assert_eq!(front(&request, Master), Burst::Frame(8));
+        assert_eq!(front(&request[..7], Master), Burst::Partial);
+        assert_eq!(front(&[], Master), Burst::Partial);
+        let two: Vec<u8> = request.iter().chain(&request).copied().collect();
+        assert_eq!(front(&two, Master), Burst::Frame(8));
         // A reply of function 3 has its length in its third byte.
         let reply = frame(1, &[3, 6, 0, 1, 0, 2, 0, 3]);
-        assert_eq!(front(&reply), Burst::Frame(11));
-        assert_eq!(front(&frame(1, &[0x83, 2])), Burst::Frame(5));
-        assert_eq!(front(&frame(1, &[16, 0, 1, 0, 1, 2, 0, 7])), Burst::Frame(11));
-        assert_eq!(front(&frame(1, &[16, 0, 1, 0, 1])), Burst::Frame(8));
+        assert_eq!(front(&reply, Slaves), Burst::Frame(11));
+        assert_eq!(front(&reply, All), Burst::Frame(11));
+        assert_eq!(front(&frame(1, &[0x83, 2]), All), Burst::Frame(5));
+        assert_eq!(front(&frame(1, &[16, 0, 1, 0, 1, 2, 0, 7]), Master), Burst::Frame(11));
+        assert_eq!(front(&frame(1, &[16, 0, 1, 0, 1]), Slaves), Burst::Frame(8));
+    }
+
+    /// A request of function 16 to an RS 434544, whose first eight bytes hold a CRC by chance.
+    const BY_CHANCE: [u8; 13] =
+        [0x30, 0x10, 0x50, 0x21, 0x00, 0x02, 0x04, 0xE3, 0x10, 0x00, 0x00, 0x01, 0xC5];
+
+    #[test]
+    fn the_crc_of_a_prefix_may_hold_by_chance() {
+        assert!(checked(&BY_CHANCE).is_some() && checked(&BY_CHANCE[..8]).is_some());
+        for length in 0..13 {
+            assert_eq!(front(&BY_CHANCE[..length], Master), Burst::Partial, "{length} bytes");
+        }
+        assert_eq!(front(&BY_CHANCE, Master), Burst::Frame(13));
     }
 
     #[test]
-    fn a_burst_with_all_its_length_and_no_crc_is_broken() {
+    fn where_slaves_are_heard_silence_decides_what_is_ambiguous() {
+        assert_eq!(front(&BY_CHANCE[..8], All), Burst::Unsure, "a reply, or the begin of a request");
+        assert_eq!(ended(&BY_CHANCE[..8], All), 8);
+        assert_eq!(front(&BY_CHANCE[..12], All), Burst::Unsure);
+        assert_eq!(front(&BY_CHANCE, All), Burst::Frame(13));
+        // A request right behind tells that it was a reply.
+        let both: Vec<u8> = BY_CHANCE[..8].iter().chain(&read(7, 0, 1)).copied().collect();
+        assert_eq!(front(&both, All), Burst::Frame(8));
+    }
+
+    #[test]
+    fn a_burst_with_all_its_length_and_no_crc_waits_for_silence_or_a_frame() {
         let mut request = read(1, 0, 2);
         request[7] ^= 1;
-        assert_eq!(front(&request), Burst::Broken);
-        assert_eq!(front(&[0x55; 200]), Burst::Partial, "function 0x55 may have any length");
-        assert_eq!(front(&[0x55; 257]), Burst::Broken);
+        assert_eq!(front(&request, Master), Burst::Unsure);
+        assert_eq!(ended(&request, Master), 8);
+        let both: Vec<u8> = request.iter().chain(&read(1, 0, 2)).copied().collect();
+        assert_eq!(front(&both[..15], Master), Burst::Unsure);
+        assert_eq!(front(&both, Master), Burst::Broken(8));
+        assert_eq!(front(&[0x55; 200], Master), Burst::Partial, "function 0x55 may have any length");
+        assert_eq!(front(&[0x55; 257], Master), Burst::Broken(257));
+    }
+
+    #[test]
+    fn a_frame_whose_byte_count_is_wrong_goes_whole_to_the_drive_that_refuses_it() {
+        for count in [2, 6] {
+            let request = frame(1, &[16, 0, 1, 0, 2, count, 0, 7, 0, 8]);
+            for length in 0..=request.len() {
+                assert!(!matches!(front(&request[..length], Master), Burst::Frame(_) | Burst::Broken(_)));
+            }
+            assert_eq!(ended(&request, Master), 13);
+        }
     }
 
     #[test]
     fn a_function_that_is_not_listed_may_have_any_length() {
         for length in 1..250 {
-            let pdu: std::vec::Vec<u8> = core::iter::once(65).chain((0..length).map(|n| n as u8)).collect();
+            let pdu: Vec<u8> = core::iter::once(65).chain((0..length).map(|n| n as u8)).collect();
             let frame = frame(1, &pdu);
-            assert_eq!(front(&frame), Burst::Frame(frame.len()));
+            assert_eq!(ended(&frame, Master), frame.len());
+            let both: Vec<u8> = frame.iter().chain(&read(1, 0, 2)).copied().collect();
+            assert_eq!(front(&both, Master), Burst::Frame(frame.len()));
+        }
+    }
+
+    /// What a host makes of a stream of which it reads so many bytes at once, and behind which the line is silent.
+    fn frames(stream: &[u8], reads: &[usize], voices: Voices) -> Vec<Vec<u8>> {
+        let (mut waiting, mut frames) = (Vec::new(), Vec::new());
+        let mut sizes = reads.iter().copied().cycle();
+        let mut rest = stream;
+        while !rest.is_empty() {
+            let (came, later) = rest.split_at(sizes.next().unwrap_or(1).clamp(1, rest.len()));
+            waiting.extend_from_slice(came);
+            rest = later;
+            while let Burst::Frame(length) | Burst::Broken(length) = front(&waiting, voices) {
+                frames.push(waiting.drain(..length).collect());
+            }
+        }
+        while !waiting.is_empty() {
+            let length = match front(&waiting, voices) {
+                Burst::Frame(length) | Burst::Broken(length) => length,
+                Burst::Partial | Burst::Unsure => ended(&waiting, voices),
+            };
+            frames.push(waiting.drain(..length).collect());
+        }
+        frames
+    }
+
+    /// A request whose first `length` bytes hold a CRC, made of one by another value at `place` and one behind it.
+    fn by_chance(request: &[u8], place: usize, length: usize) -> Option<Vec<u8>> {
+        let body = request.get(..request.len() - 2)?;
+        (0..=u16::MAX).find_map(|value| {
+            let mut body = body.to_vec();
+            body.get_mut(place..place + 2)?.copy_from_slice(&value.to_be_bytes());
+            checked(&body[..length]).map(|_| frame(body[0], &body[1..]).to_vec())
+        })
+    }
+
+    /// A valid request of a function that the specification lists, or of one that it does not.
+    fn request() -> impl Strategy<Value = Vec<u8>> {
+        let pdu = prop_oneof![
+            (1_u8..=6, any::<[u8; 4]>()).prop_map(|(function, data)| { [&[function][..], &data].concat() }),
+            (any::<[u8; 2]>(), proptest::collection::vec(any::<[u8; 2]>(), 1..=123)).prop_map(
+                |(first, values)| {
+                    let count = values.len() as u8;
+                    [&[16][..], &first, &[0, count, 2 * count], &values.concat()].concat()
+                }
+            ),
+            (any::<[u8; 2]>(), proptest::collection::vec(any::<u8>(), 1..=246)).prop_map(
+                |(first, values)| {
+                    let bits = (values.len() as u16 * 8).to_be_bytes();
+                    [&[15][..], &first, &bits, &[values.len() as u8], &values].concat()
+                }
+            ),
+            proptest::sample::select(vec![7_u8, 11, 12, 17]).prop_map(|function| vec![function]),
+            any::<[u8; 6]>().prop_map(|data| [&[22][..], &data].concat()),
+            (any::<[u8; 8]>(), proptest::collection::vec(any::<[u8; 2]>(), 1..=121)).prop_map(
+                |(head, values)| { [&[23][..], &head, &[2 * values.len() as u8], &values.concat()].concat() }
+            ),
+            any::<[u8; 2]>().prop_map(|data| [&[24][..], &data].concat()),
+            any::<[u8; 2]>().prop_map(|data| [&[43, 14][..], &data].concat()),
+            (65_u8..=72, proptest::collection::vec(any::<u8>(), 0..=252))
+                .prop_map(|(function, data)| { [&[function][..], &data].concat() }),
+        ];
+        (0_u8..=247, pdu).prop_map(|(unit, pdu)| frame(unit, &pdu).to_vec())
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(24))]
+
+        #[test]
+        fn a_request_is_whole_though_the_crc_of_its_begin_holds(
+            head in (1_u8..=247, any::<[u8; 2]>()),
+            registers in proptest::collection::vec(any::<[u8; 2]>(), 1..=123),
+            reads in proptest::collection::vec(1_usize..20, 1..8),
+            behind in request(),
+        ) {
+            let (unit, [first, _]) = head;
+            let count = registers.len() as u8;
+            let bytes = 2 * count;
+            let sixteen = frame(unit, &[&[16, first, 0, 0, count, bytes][..], &registers.concat()].concat());
+            let values = &registers.concat()[1..];
+            let bits = values.len() as u16 * 8;
+            let [high, low] = bits.to_be_bytes();
+            let fifteen = frame(unit, &[&[15, first, 0, high, low, values.len() as u8][..], values].concat());
+            // With the low byte of the first address, and its first value, the first eight bytes hold a CRC.
+            for request in [sixteen, fifteen] {
+                let chance = (0..=u8::MAX).find_map(|low| {
+                    let mut request = request.to_vec();
+                    request[3] = low;
+                    let sum = crc(&request[..6]).to_le_bytes();
+                    request[7] = sum[1];
+                    (request[6] == sum[0]).then(|| frame(unit, &request[1..request.len() - 2]).to_vec())
+                });
+                // One of 256 addresses fits on average; where none does there is no such request.
+                let Some(request) = chance else { continue };
+                prop_assert!(checked(&request[..8]).is_some() && checked(&request).is_some());
+                for voices in [Master, All] {
+                    prop_assert_eq!(frames(&request, &reads, voices), std::slice::from_ref(&request));
+                    prop_assert_eq!(frames(&request, &[8], voices), std::slice::from_ref(&request));
+                }
+                let both = [request.as_slice(), &behind].concat();
+                prop_assert_eq!(frames(&both, &reads, Master), [request, behind.clone()]);
+            }
+        }
+
+        #[test]
+        fn a_request_of_an_unlisted_function_is_whole_though_the_crc_of_its_begin_holds(
+            unit in 1_u8..=247,
+            data in proptest::collection::vec(any::<u8>(), 8..=100),
+            length in 6_usize..=10,
+            reads in proptest::collection::vec(1_usize..20, 1..8),
+            behind in request(),
+        ) {
+            let request = frame(unit, &[&[65], data.as_slice()].concat());
+            let request = by_chance(&request, 2, length).unwrap();
+            prop_assert!(checked(&request[..length]).is_some() && checked(&request).is_some());
+            prop_assert_eq!(frames(&request, &reads, Master), std::slice::from_ref(&request));
+            prop_assert_eq!(frames(&request, &[length], Master), std::slice::from_ref(&request));
+            let both = [request.as_slice(), &behind].concat();
+            prop_assert_eq!(frames(&both, &reads, Master), [request, behind]);
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn requests_are_found_whole_in_any_split(
+            one in request(), other in request(), reads in proptest::collection::vec(1_usize..40, 1..8),
+        ) {
+            prop_assert_eq!(frames(&one, &reads, Master), std::slice::from_ref(&one));
+            let both = [one.as_slice(), &other].concat();
+            prop_assert_eq!(frames(&both, &reads, Master), [one, other]);
+        }
+
+        #[test]
+        fn any_split_of_any_bytes_gives_the_same_frames(
+            garbage in proptest::collection::vec(any::<u8>(), 0..40), behind in request(),
+            reads in proptest::collection::vec(1_usize..40, 1..8),
+        ) {
+            let stream = [garbage.as_slice(), &behind].concat();
+            for voices in [Master, All] {
+                prop_assert_eq!(frames(&stream, &reads, voices), frames(&stream, &[stream.len()], voices));
+            }
         }
     }
 
     proptest! {
         #[test]
         fn any_bytes_are_judged(burst in proptest::collection::vec(any::<u8>(), 0..600)) {
-            if let Burst::Frame(length) = front(&burst) {
-                prop_assert!(checked(&burst[..length]).is_some());
+            for voices in [Master, Slaves, All] {
+                if let Burst::Frame(length) = front(&burst, voices) {
+                    prop_assert!(checked(&burst[..length]).is_some());
+                }
+                prop_assert!(ended(&burst, voices) <= burst.len());
             }
         }
 

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use standin_firmware::device::{Axis, Duration, Fault, Port};
+use standin_firmware::device::{Axis, Duration, Fault, Instant, Port};
 use standin_protocol::modbus::rtu;
 use standin_protocol::time::Span;
 use standin_sim::bench::{PowerAction, Setup};
@@ -14,7 +14,7 @@ use standin_sim::listen::Uri;
 use standin_sim::pace::Pace;
 use standin_sim::trace::{Event, Fed};
 
-use super::{built, layout, register, seat};
+use super::{built, layout, moments, register, seat};
 
 #[test]
 fn nothing_but_a_drive_is_a_bench() {
@@ -426,4 +426,45 @@ fn wires_and_faults_are_there_from_the_beginning() {
     bench.ask(z, &rtu::write(1, 0x11, 1));
     bench.run_until(10.secs());
     assert_eq!(bench.motion(z, Axis(0)).position, 0);
+}
+
+/// What stands at power-on is no edge: an MD3 from the factory steps when J2.4 falls (7.8), and does not for a switch
+/// that is closed from the beginning or an output that is low.
+#[test]
+fn a_contact_that_is_closed_at_power_on_is_no_edge() {
+    for fast in [true, false] {
+        let mut built = built(&format!(
+            "drive = [{{ name = 'm', kind = 'md3', address = 2, fast_boot = {fast} }}, \
+             {{ name = 'x', kind = 'md3', fast_boot = {fast} }}, \
+             {{ name = 'y', kind = 'md3', address = 3, fast_boot = {fast} }}]\n\
+             motor = [{{ name = 'shaft', drive = 'm' }}]\n\
+             switch = [{{ motor = 'shaft', closed = {{ below_rev = 1 }}, to = 'x.J2.4' }}]\n\
+             wire = [{{ from = 'm.STEP', to = 'y.J2.4' }}]\n"
+        ));
+        let bench = &mut built.bench;
+        bench.run_until(10.secs());
+        for name in ["x", "y"] {
+            let at = seat(bench, name);
+            assert!(moments(bench, &format!("{name} > pin J2.4 low")).contains(&Instant::ZERO), "{name}");
+            assert_eq!(bench.motion(at, Axis(0)).position, 0, "{name}, fast: {fast}");
+        }
+    }
+}
+
+/// An MDROBOT whose START_STOP is closed at power-on finds it so, before it is ready; its DIR is pulled up by a wire from
+/// another drive.
+#[test]
+fn an_mdrobot_is_told_its_contacts_at_power_on() {
+    let built = built(
+        "drive = [{ name = 'm', kind = 'md3', fast_boot = true }, { name = 'r', kind = 'mdrobot', fast_boot = true }]\n\
+         motor = [{ name = 'shaft', drive = 'm' }]\n\
+         switch = [{ motor = 'shaft', closed = { below_rev = 1 }, to = 'r.START_STOP' }]\n\
+         encoder = [{ motor = 'shaft', cycles_per_rev = 100, to = { a = 'm.J2.10' } }]\n\
+         wire = [{ from = 'm.STEP', to = 'r.DIR' }]\n",
+    );
+    let mut bench = built.bench;
+    bench.run_until(1.millis());
+    assert_eq!(moments(&bench, "r > pin START_STOP low"), [Instant::ZERO]);
+    assert_eq!(moments(&bench, "r > pin DIR low"), [Instant::ZERO]);
+    assert_eq!(moments(&bench, "m > pin J2.10 high"), [Instant::ZERO]);
 }

@@ -86,7 +86,7 @@ fn a_wire_pulls_up_what_it_does_not_drive() {
     bench.wire((toy, toy::OUT), (seat, pin("DIR")));
     assert_eq!(bench.level(seat, pin("DIR")), Level::High);
     bench.run_until(1.millis());
-    assert_eq!(contacts(&bench, Instant::ZERO), ["1 pin DIR high"]);
+    assert_eq!(contacts(&bench, Instant::ZERO), ["0 pin DIR high"]);
     // Hands, then the wire.
     bench.set_pin(seat, pin("DIR"), Driving::Low);
     bench.run_until(2.millis());
@@ -122,5 +122,5 @@ fn a_switch_is_a_contact_that_is_wired() {
         bench.switch(motor, closed, (seat, pin(name)));
     }
     bench.run_until(1.millis());
-    assert_eq!(contacts(&bench, Instant::ZERO), ["1 pin DIR low", "1 pin START_STOP high"]);
+    assert_eq!(contacts(&bench, Instant::ZERO), ["0 pin DIR low", "0 pin START_STOP high"]);
 }
