@@ -1,6 +1,6 @@
 //! Clients: somebody outside who talks and listens on a line, or on a TCP connection.
 
-use standin_firmware::device::{Duration, Port};
+use standin_firmware::device::{Duration, Instant, Port};
 
 use super::{Bench, Bus, Client, Seat};
 use crate::bus::{Mark, Outside, Sender};
@@ -96,12 +96,14 @@ impl Bench {
         }
     }
 
-    /// Sends a frame to the first port of a device, [settles](Self::settle), and returns what came.
+    /// Sends a whole frame to the first port of a device, [settles](Self::settle), and returns what came. Silence ends a
+    /// frame that could be half of a longer one.
     pub fn ask(&mut self, seat: Seat, frame: &[u8]) -> Vec<u8> {
         let mut reply = Vec::new();
         if let Ok(client) = self.connect_to(seat, Port(0)) {
             self.send(client, frame);
-            self.settle();
+            let settling = self.begin_to_settle_halves();
+            self.settle_until(settling, Instant::NEVER);
             self.receive(client, &mut reply);
             self.disconnect(client);
         }

@@ -435,15 +435,22 @@ fn who_knocks_while_there_is_no_descriptor_left_is_let_in_when_there_is_one() {
 fn every_file_that_is_not_complete_is_told_at_the_end() {
     let scratch = Scratch::new("incomplete");
     let (pipe, log) = (scratch.file("md3.vcd"), scratch.file("log"));
-    mknodat(CWD, &pipe, FileType::Fifo, Mode::RUSR | Mode::WUSR, 0).unwrap();
-    let reader = open(Path::new(&pipe));
-    let options = ["--time", "manual", "--vcd", &pipe, "--record", "/dev/full"];
+    let record = scratch.file("md3.trace");
+    for pipe in [&pipe, &record] {
+        mknodat(CWD, pipe, FileType::Fifo, Mode::RUSR | Mode::WUSR, 0).unwrap();
+    }
+    let readers = [&pipe, &record].map(|pipe| open(Path::new(pipe)));
+    let options = ["--time", "manual", "--vcd", &pipe, "--record", &record];
     let md3 = Running::start("md3", &options, File::create(&log).unwrap().into());
-    drop(reader);
+    drop(readers);
     md3.advance(3.0);
     assert_eq!(md3.stop(), Some(2));
     let said = std::fs::read_to_string(&log).unwrap();
     let last = said.lines().last().unwrap();
     assert!(last.contains(&format!("--vcd {pipe} is not complete")), "{said}");
-    assert!(last.contains("--record /dev/full: No space left"), "{said}");
+    assert!(last.contains(&format!("--record {record}")), "{said}");
+    // A disk that is full at the beginning is told then.
+    let full = standin(&["run", "md3", "--record", "/dev/full"]);
+    let said = String::from_utf8(full.stderr).unwrap();
+    assert!(full.status.code() == Some(2) && said.contains("--record /dev/full: No space left"), "{said}");
 }
