@@ -18,8 +18,12 @@ class Drive:
         program = os.environ.get("STANDIN", "standin")
         places = ["--listen", "tcp:127.0.0.1:0", "--time", "manual", "--json"]
         command = [program, "run", kind, "--fast-boot", *places, *options]
-        self.process = subprocess.Popen(command, stdout=subprocess.PIPE)
-        ready = json.loads(self.process.stdout.readline())
+        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        line = self.process.stdout.readline()
+        if not line:
+            _, said = self.process.communicate()
+            pytest.fail(said.strip(), pytrace=False)
+        ready = json.loads(line)
         self.control = ready["control"]
         ((self.uri,),) = ready["devices"][0]["ports"].values()
 

@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
-use std::io::{self, Write as _};
+use std::io;
 use std::net::SocketAddr;
 use std::path::PathBuf;
 
@@ -93,20 +93,18 @@ impl Ready {
         self.outlets.iter().map(|(&outlet, reached)| (outlet, reached.uris())).collect()
     }
 
-    /// Says it: on stdout, if that does not belong to a line.
+    /// What is to be said on stdout. Where that belongs to a line it is said in the log, and nothing is left to say.
     ///
     /// # Errors
-    /// Nobody can hear it.
-    pub(crate) fn print(&self, json: bool) -> io::Result<()> {
+    /// There is no JSON of it.
+    pub(crate) fn said(&self, json: bool) -> io::Result<Option<String>> {
         let text = if json { self.json()? + "\n" } else { self.text() };
         let stdio = Uri::Stdio.to_string();
         if self.outlets.values().any(|reached| reached.uris().contains(&stdio)) {
             log::say(text.as_bytes());
-            return Ok(());
+            return Ok(None);
         }
-        let mut stdout = io::stdout();
-        stdout.write_all(text.as_bytes())?;
-        stdout.flush()
+        Ok(Some(text))
     }
 
     fn json(&self) -> io::Result<String> {

@@ -9,9 +9,11 @@ mod memory;
 mod told;
 
 use std::fs;
-use std::io;
+use std::io::{self, Write as _};
 use std::os::unix::net::UnixStream;
 
+use rustix::event::{PollFd, PollFlags, poll};
+use rustix::io::retry_on_intr;
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGQUIT, SIGTERM};
 use standin_sim::bench::{Settings, Setup};
@@ -80,7 +82,7 @@ pub(crate) fn run(options: &cli::Run) -> Result<(), String> {
     }
     let followed = files.begin(&bench)?;
     let mut host = Host::new(bench, ports, layout.time.unwrap_or(Pace::Times(1)), followed, inbox);
-    ready.print(options.json).map_err(|error| format!("stdout cannot be written: {error}"))?;
+    print(&ready, options.json, &stop).map_err(|error| format!("stdout cannot be written: {error}"))?;
 
     let ended = host.run(&stop);
     info!("stopping");
@@ -88,6 +90,23 @@ pub(crate) fn run(options: &cli::Run) -> Result<(), String> {
     failures.extend(host.end_files());
     failures.extend(ended.err().map(|error| format!("the bench cannot go on: {error}")));
     if failures.is_empty() { Ok(()) } else { Err(failures.join("; ")) }
+}
+
+/// Says that the bench is ready, until somebody has read so much that it fits, or a signal comes.
+fn print(ready: &Ready, json: bool, stop: &UnixStream) -> io::Result<()> {
+    let text = ready.said(json)?;
+    let Some(text) = text else { return Ok(()) };
+    let (written, writes) = UnixStream::pair()?;
+    let writer = std::thread::spawn(move || {
+        let mut stdout = io::stdout();
+        let result = stdout.write_all(text.as_bytes()).and_then(|()| stdout.flush());
+        // Its end tells that it is done.
+        drop(writes);
+        result
+    });
+    let mut both = [PollFd::new(&written, PollFlags::IN), PollFd::new(stop, PollFlags::IN)];
+    retry_on_intr(|| poll(&mut both, None))?;
+    if both[0].revents().is_empty() { Ok(()) } else { writer.join().unwrap_or(Ok(())) }
 }
 
 /// A bench may have thousands of ports, and the usual limit is 1,024 descriptors.

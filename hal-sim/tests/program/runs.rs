@@ -432,6 +432,27 @@ fn who_knocks_while_there_is_no_descriptor_left_is_let_in_when_there_is_one() {
 }
 
 #[test]
+fn sigterm_does_not_wait_for_somebody_who_reads_where_the_ports_are() {
+    let (_reader, mut writer) = pipe().unwrap();
+    // As much as the system keeps for a reader; more would wait for him.
+    writer.write_all(&[b'x'; 65_536]).unwrap();
+    let free = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
+    let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_standin"))
+        .args(["run", "md3", "--json", "--listen", &format!("tcp:{free}")])
+        .stdout(writer)
+        .spawn()
+        .unwrap();
+    // Who may come, may also end it.
+    while std::net::TcpStream::connect(free).is_err() {
+        assert!(child.try_wait().unwrap().is_none(), "it does not listen");
+        std::thread::yield_now();
+    }
+    let pid = rustix::process::Pid::from_child(&child);
+    rustix::process::kill_process(pid, rustix::process::Signal::TERM).unwrap();
+    assert_eq!(child.wait().unwrap().code(), Some(0));
+}
+
+#[test]
 fn every_file_that_is_not_complete_is_told_at_the_end() {
     let scratch = Scratch::new("incomplete");
     let (pipe, log) = (scratch.file("md3.vcd"), scratch.file("log"));
