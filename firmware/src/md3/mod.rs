@@ -189,7 +189,7 @@ impl Md3 {
     /// From `from` on the line is what the registers ask for (7.22).
     fn follow_line(&mut self, from: Instant, out: &mut dyn Sink) {
         let line = registers::line(self.drive.serial_port());
-        self.receiver.set_line(line);
+        self.receiver.set_line(from, line);
         out.put(from, Output::Line { port: RS485, line });
     }
 

@@ -214,7 +214,7 @@ impl Device for Mdrobot {
         self.drive.power_on(at, boot, out);
         let line = self.drive.line();
         self.receiver.clear();
-        self.receiver.set_line(line);
+        self.receiver.set_line(at, line);
         out.put(at, Output::Line { port: RS485, line });
     }
 

@@ -130,11 +130,12 @@ impl Receiver {
         }
     }
 
-    /// From the next character on the line is `line`.
-    pub fn set_line(&mut self, line: Line) {
+    /// From the next character after `at` on the line is `line`. A frame that is over by its silences is so at `at`.
+    pub fn set_line(&mut self, at: Instant, line: Line) {
         self.timing = Timing::of(line);
         if self.state != State::Idle {
             self.heard(self.last);
+            self.over = self.over.max(at);
         }
     }
 
@@ -375,6 +376,21 @@ mod tests {
         assert_eq!(checked(&[0x02, 0x07, 0x41, 0x12]), Some(&[0x02, 0x07][..]));
         assert_eq!(checked(&[0x02, 0x07, 0x12, 0x41]), None);
         assert_eq!(checked(&[0x02]), None);
+    }
+
+    #[test]
+    fn a_faster_line_ends_a_frame_now_and_not_in_the_past() {
+        let slow = Line::new(1_200, 8, Parity::Even, 1);
+        let mut receiver = Receiver::new(slow);
+        let end = Instant::from(Duration::millis(100));
+        receiver.bytes(end, &[1]);
+        // 3.5 and 1 characters of 9.17 ms at 1,200 baud, of 1.15 ms at 9,600.
+        let changes = end + Duration::millis(20);
+        assert!(!receiver.is_over(changes));
+        receiver.set_line(changes, LINE);
+        assert_eq!(receiver.deadline(), changes);
+        receiver.set_line(changes, slow);
+        assert!(receiver.deadline() > changes);
     }
 
     #[test]

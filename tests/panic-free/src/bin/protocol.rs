@@ -135,7 +135,7 @@ fn receive(bytes: &[u8], at: Instant) {
     let mut receiver = opaque(Receiver::new(line));
     receiver.bytes(at, bytes);
     receiver.spoiled(at);
-    receiver.set_line(line);
+    receiver.set_line(at, line);
     opaque((receiver.deadline(), receiver.is_over(at)));
     opaque(receiver.take());
     receiver.clear();
