@@ -69,7 +69,10 @@ impl Preset {
         }
         let fits = (1..=most).contains(&text.len()) && text.bytes().all(|byte| matches!(byte, b' '..=b'~'));
         if !fits {
-            return Some(Err(format!("{name} takes 1 to {most} characters of ASCII, not '{text}'")));
+            let text = text.escape_debug();
+            return Some(Err(format!(
+                "{name} takes 1 to {most} printable characters of ASCII, not '{text}'"
+            )));
         }
         let parts = text.as_bytes().chunks(CHARACTERS).chain(repeat(&[][..]));
         let presets = rows.iter().zip(parts);
@@ -337,9 +340,9 @@ mod tests {
         assert_eq!(set("Name3", "A"), None);
         assert_eq!(set("Nam", "A"), None);
         for (name, value, sentence) in [
-            ("Short", "123456789", "Short takes 1 to 8 characters of ASCII, not '123456789'"),
-            ("Name", "", "Name takes 1 to 16 characters of ASCII, not ''"),
-            ("Name", "a\tb", "Name takes 1 to 16 characters of ASCII, not 'a\tb'"),
+            ("Short", "123456789", "Short takes 1 to 8 printable characters of ASCII, not '123456789'"),
+            ("Name", "", "Name takes 1 to 16 printable characters of ASCII, not ''"),
+            ("Name", "a\tb", "Name takes 1 to 16 printable characters of ASCII, not 'a\\tb'"),
         ] {
             assert_eq!(set(name, value), Some(Err(sentence.into())));
         }

@@ -197,7 +197,7 @@ impl Listener {
                 presence: Rc::clone(&self.presence),
                 outlet: self.outlet,
                 client,
-                gate: Some(Gate::default()),
+                gate: Some(Gate::new(matches!(self.outlet, Outlet::Line(_)))),
                 unread: Unread::default(),
                 unacknowledged: false,
                 last_words: None,
@@ -220,7 +220,7 @@ impl Connection {
         matches!(self.outlet, Outlet::Tcp(..))
     }
 
-    /// Passes to the drive what has come, unless it begins as an HTTP request does. Returns whether something was passed.
+    /// Passes to the drive what has come, unless it begins as a browser's connection does. Returns whether something was passed.
     fn pass(&mut self, bench: &mut Bench, bytes: &[u8]) -> bool {
         let Some(gate) = &mut self.gate else {
             bench.send(self.client, bytes);
@@ -229,9 +229,9 @@ impl Connection {
         match gate.judge(bytes) {
             Judged::Unclear => return false,
             Judged::Ordinary(bytes) => bench.send(self.client, &bytes),
-            Judged::Http => {
+            Judged::Web => {
                 warn!(
-                    "{} is disconnected from tcp:{}: it sent an HTTP request, and this is the port of a drive",
+                    "{} is disconnected from tcp:{}: it speaks as a browser does, and this is the port of a drive",
                     self.peer, self.address
                 );
                 self.over = true;

@@ -1,7 +1,8 @@
 //! Browsers that are led to a drive.
 //!
 //! A web page may send a POST to any port of the machine that shows it, and a drive would carry out the lines or frames in
-//! its body. A connection that begins with the first line of an HTTP request is closed before the drive hears a byte.
+//! its body. A connection that begins with the first line of an HTTP request is closed before the drive hears a byte. So is
+//! one to a TCP port of a drive that begins as TLS does, which a browser may try first: its second byte is Ctrl-C.
 
 /// Methods that a browser sends.
 const METHODS: [&[u8]; 9] =
@@ -13,35 +14,53 @@ const VERSION: &[u8] = b" HTTP/1.";
 /// Bytes of a target, at most. A longer one is a browser's, too.
 const MOST_TARGET: usize = 8_192;
 
-/// The beginning of a connection, as long as it may be that of an HTTP request.
-#[derive(Default)]
-pub(super) struct Gate(Vec<u8>);
+/// A record of a handshake, and the major version (RFC 8446, 5.1); the minor one is not 0, which a header of Modbus/TCP
+/// has there. On a serial line it may be a request to address 22.
+const TLS: &[u8] = &[22, 3];
+
+/// The beginning of a connection, as long as it may be that of a browser's.
+pub(super) struct Gate {
+    beginning: Vec<u8>,
+    /// Whether TLS is refused, too.
+    knows_tls: bool,
+}
 
 /// The judgement of a beginning.
 #[derive(PartialEq, Eq, Debug)]
 pub(super) enum Judged {
     /// The beginning of an HTTP request, so far.
     Unclear,
-    /// No HTTP request: the drive hears these bytes.
+    /// No browser's: the drive hears these bytes.
     Ordinary(Vec<u8>),
-    /// An HTTP request.
-    Http,
+    /// An HTTP request, or a handshake of TLS.
+    Web,
 }
 
 impl Gate {
+    /// Of a connection of which nothing has come: to a TCP port of a drive, or to a line.
+    pub(super) fn new(is_line: bool) -> Self {
+        Self { beginning: Vec::new(), knows_tls: !is_line }
+    }
+
     /// Judges the beginning with these bytes behind it.
     pub(super) fn judge(&mut self, bytes: &[u8]) -> Judged {
-        self.0.extend_from_slice(bytes);
-        match is_request(&self.0) {
+        self.beginning.extend_from_slice(bytes);
+        let is_web = match self.beginning.strip_prefix(TLS) {
+            Some([]) if self.knows_tls => None,
+            Some([1..=4, ..]) if self.knows_tls => Some(true),
+            None if self.knows_tls && TLS.starts_with(&self.beginning) => None,
+            _ => is_request(&self.beginning),
+        };
+        match is_web {
             None => Judged::Unclear,
-            Some(true) => Judged::Http,
-            Some(false) => Judged::Ordinary(std::mem::take(&mut self.0)),
+            Some(true) => Judged::Web,
+            Some(false) => Judged::Ordinary(self.release()),
         }
     }
 
     /// The bytes of a connection that has ended before they were judged.
     pub(super) fn release(&mut self) -> Vec<u8> {
-        std::mem::take(&mut self.0)
+        std::mem::take(&mut self.beginning)
     }
 }
 
@@ -78,7 +97,7 @@ mod tests {
 
     /// The judgements of a beginning that comes a byte at a time, but for `Unclear`, and at which byte.
     fn first(bytes: &[u8]) -> (usize, Judged) {
-        let mut gate = Gate::default();
+        let mut gate = Gate::new(false);
         for (place, byte) in bytes.iter().enumerate() {
             match gate.judge(&[*byte]) {
                 Judged::Unclear => {}
@@ -97,17 +116,13 @@ mod tests {
             "CONNECT localhost:503 HTTP/1.1\r\n",
             "PUT http://localhost:503/ HTTP/1.1\n",
         ] {
-            assert_eq!(
-                first(line.as_bytes()),
-                (line.find(['\r', '\n']).unwrap() + 1, Judged::Http),
-                "{line}"
-            );
-            assert_eq!(Gate::default().judge(line.as_bytes()), Judged::Http);
+            assert_eq!(first(line.as_bytes()), (line.find(['\r', '\n']).unwrap() + 1, Judged::Web), "{line}");
+            assert_eq!(Gate::new(false).judge(line.as_bytes()), Judged::Web);
             let body = format!("{line}Host: localhost:503\r\n\r\nMR 1000\r");
-            assert_eq!(Gate::default().judge(body.as_bytes()), Judged::Http);
+            assert_eq!(Gate::new(false).judge(body.as_bytes()), Judged::Web);
         }
         let long = format!("GET /{} HTTP/1.1\r\n", "a".repeat(10_000));
-        assert_eq!(first(long.as_bytes()), (MOST_TARGET + 5, Judged::Http));
+        assert_eq!(first(long.as_bytes()), (MOST_TARGET + 5, Judged::Web));
     }
 
     #[test]
@@ -135,9 +150,15 @@ mod tests {
             (b"\r", 1),
         ] {
             assert_eq!(first(bytes), (at, Judged::Ordinary(bytes[..at].to_vec())), "{bytes:?}");
-            assert_eq!(Gate::default().judge(bytes), Judged::Ordinary(bytes.to_vec()));
+            assert_eq!(Gate::new(false).judge(bytes), Judged::Ordinary(bytes.to_vec()));
         }
-        let mut gate = Gate::default();
+        // TLS on a TCP port; on a line a request to address 22.
+        let hello = [0x16, 3, 1, 2, 0, 1];
+        assert_eq!(first(&hello), (3, Judged::Web));
+        let transaction = [0x16, 3, 0, 0, 0, 6];
+        assert_eq!(first(&transaction), (3, Judged::Ordinary(transaction[..3].to_vec())));
+        assert_eq!(Gate::new(true).judge(&hello), Judged::Ordinary(hello.to_vec()));
+        let mut gate = Gate::new(false);
         assert_eq!(gate.judge(b"P"), Judged::Unclear);
         assert_eq!(gate.release(), b"P");
     }

@@ -150,18 +150,18 @@ fn what_is_refused() {
         (
             "mdrive",
             "PartNumber = 'MDI3CRL23A7-EQ-123'",
-            "PartNumber takes 1 to 16 characters of ASCII, not 'MDI3CRL23A7-EQ-123'",
+            "PartNumber takes 1 to 16 printable characters of ASCII, not 'MDI3CRL23A7-EQ-123'",
         ),
-        ("mdrive", "SerialNumber = ''", "SerialNumber takes 1 to 16 characters of ASCII, not ''"),
+        ("mdrive", "SerialNumber = ''", "SerialNumber takes 1 to 16 printable characters of ASCII, not ''"),
         (
             "mdrive",
             "FirmwareVersion = '3\u{e4}'",
-            "FirmwareVersion takes 1 to 16 characters of ASCII, not '3\u{e4}'",
+            "FirmwareVersion takes 1 to 16 printable characters of ASCII, not '3\u{e4}'",
         ),
         (
             "mdrive",
             "EthernetVersion = '1.0.0.200'",
-            "EthernetVersion takes 1 to 8 characters of ASCII, not '1.0.0.200'",
+            "EthernetVersion takes 1 to 8 printable characters of ASCII, not '1.0.0.200'",
         ),
         ("mdrive", "SerialNumber = 5", "SerialNumber takes a string, not 5"),
         (

@@ -127,6 +127,18 @@ fn it_can_be_too_hot() {
     assert_eq!(rig.value("ER"), 71);
     rig.wait(60.secs(), 100.millis(), |rig| rig.value("ER") == 72);
     assert_eq!(rig.motion().current_ma, 0, "the bridge");
+    // DE is 1 all the time. Writing it brings the bridge back once it is cool, and calibrates (MC 5-9).
+    rig.set(&["DE=1"]);
+    rig.after(CALIBRATION);
+    assert_eq!(rig.motion().current_ma, 0, "the bridge while it is hot");
+    rig.fault("over_temperature", false);
+    rig.after(120.secs());
+    assert_eq!(rig.motion().current_ma, 0, "the bridge when it has cooled");
+    rig.heard();
+    rig.set(&["DE=1"]);
+    rig.refused("MR 100", 88);
+    rig.after(CALIBRATION);
+    assert_eq!(rig.motion().current_ma, 150, "5 % of 3 A");
 }
 
 /// MC 9.4: "Startup Calibration failed (Hybrid only)". At power-on it is not 109, that of a later one.

@@ -194,7 +194,7 @@ impl Drive {
     }
 
     /// Whether there is current, but for what the circuitry has switched off.
-    fn has_bridge(&self) -> bool {
+    pub(super) fn has_bridge(&self) -> bool {
         self.bank.word(Reg::DE) != 0 && !self.hybrid.is_disabled
     }
 

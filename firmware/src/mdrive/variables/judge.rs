@@ -88,7 +88,9 @@ impl Drive {
     /// Whether a write has a Hybrid calibrate (FB 5.1, CA).
     pub(in crate::mdrive) fn calibrates(&self, reg: Reg, value: i32) -> bool {
         let calibrates = match reg {
-            Reg::AS | Reg::DE => self.held(reg) == 0 && value != 0,
+            Reg::AS => self.held(reg) == 0 && value != 0,
+            // "Bridge is re-enabled after being disabled" (MC 5-9), also by heat or a locked rotor.
+            Reg::DE => !self.has_bridge() && value != 0,
             Reg::MS => value != self.held(reg),
             // It takes MS to 256.
             Reg::EE => value != 0 && self.held(Reg::MS) != CLOSED_MICROSTEPS,

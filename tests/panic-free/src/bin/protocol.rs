@@ -8,7 +8,7 @@ use standin_protocol::modbus::pdu::{Exception, Request};
 use standin_protocol::modbus::rtu::{self, Receiver, Timing};
 use standin_protocol::modbus::server::{Map, Rules, Values, serve_rtu, serve_serial, serve_tcp};
 use standin_protocol::modbus::tcp::{self, Adu, Header, Splitter};
-use standin_protocol::modbus::{Frame, Reply, ascii, front, identification};
+use standin_protocol::modbus::{Frame, Reply, Voices, ascii, front, identification};
 use standin_protocol::registers::{Bank, Register, Space};
 use standin_protocol::time::{Duration, Instant};
 
@@ -131,7 +131,7 @@ fn map(slave: &mut Slave, bytes: &[u8]) {
 
 fn receive(bytes: &[u8], at: Instant) {
     let line: Line = opaque(Line::new(9_600, 8, standin_protocol::line::Parity::Even, 1));
-    opaque((line.character(), Timing::of(line), front(line, bytes)));
+    opaque((line.character(), Timing::of(line), front(line, bytes, opaque(Voices::All))));
     let mut receiver = opaque(Receiver::new(line));
     receiver.bytes(at, bytes);
     receiver.spoiled(at);
