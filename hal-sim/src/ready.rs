@@ -153,6 +153,10 @@ impl Ready {
                     for uri in reached.uris() {
                         let _ = writeln!(text, "    {uri}");
                     }
+                    if let Some(socket) = reached.without_parity() {
+                        let _ =
+                            writeln!(text, "    pyserial cannot set a parity on a pty; it takes {socket}");
+                    }
                 }
             }
         }
@@ -188,6 +192,15 @@ impl Ready {
 }
 
 impl Reached {
+    /// An URL for pyserial, and what is built on it, where a line with a parity is reached by a pty (decision 2 of the host).
+    fn without_parity(&self) -> Option<String> {
+        let has_pty = self.addresses.iter().any(|address| matches!(address, Address::Pty(_)));
+        let uris = self.uris();
+        let tcp = uris.iter().find_map(|uri| uri.strip_prefix("tcp:"))?;
+        let has_parity = self.line.is_some_and(|line| line.parity != Parity::None);
+        (has_pty && has_parity).then(|| format!("socket://{tcp}"))
+    }
+
     fn uris(&self) -> Vec<String> {
         self.addresses.iter().map(Address::uri).collect()
     }

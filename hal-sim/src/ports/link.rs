@@ -1,6 +1,7 @@
 //! A link to a pty, under a name that stays.
 
 use std::io;
+use std::os::unix::fs::MetadataExt as _;
 use std::path::{Path, PathBuf};
 
 use rustix::fs::Access;
@@ -12,7 +13,7 @@ pub(super) struct Link {
 }
 
 impl Link {
-    /// A link at `place` to `target`, instead of an old link that may be there.
+    /// A link at `place` to `target`, instead of one to a pty that is gone.
     ///
     /// # Errors
     /// Something else is there, or nothing can be.
@@ -35,13 +36,29 @@ impl Drop for Link {
     }
 }
 
-/// Whether a link can be made at `place`: nothing is there, or an old link.
+/// Folder of all ptys.
+const PTYS: &str = "/dev/pts";
+
+/// Whether a link can be made at `place`: nothing is there, or a link to a pty that is gone.
 ///
 /// # Errors
-/// Something else is there, or nothing can be.
+/// Something else is there, or a link to a pty that somebody has open, or nothing can be there.
 pub(crate) fn check_link(place: &Path) -> io::Result<()> {
     match place.symlink_metadata() {
-        Ok(there) if there.is_symlink() => Ok(()),
+        Ok(there) if there.is_symlink() => {
+            let target = std::fs::read_link(place)?;
+            let refused = |why: &str| {
+                let sentence = format!("a link to {} is there, {why}", target.display());
+                Err(io::Error::new(io::ErrorKind::AlreadyExists, sentence))
+            };
+            if !target.starts_with(PTYS) {
+                return refused("which is no pty");
+            }
+            // A number that was given to another pty since is younger than the link.
+            let made = |of: &std::fs::Metadata| (of.ctime(), of.ctime_nsec());
+            let lives = target.metadata().is_ok_and(|pty| made(&pty) <= made(&there));
+            if lives { refused("and a program has it open") } else { Ok(()) }
+        }
         Ok(_) => Err(io::Error::new(io::ErrorKind::AlreadyExists, "something else than a link is there")),
         Err(error) if error.kind() == io::ErrorKind::NotFound => {
             let folder = place.parent().filter(|folder| !folder.as_os_str().is_empty());

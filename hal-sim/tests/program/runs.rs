@@ -301,7 +301,7 @@ fn a_pty_is_linked_answers_and_is_ready_for_the_next_opener() {
     let scratch = Scratch::new("pty");
     let link = scratch.file("md3.tty");
     // A link left behind by somebody who was killed.
-    std::os::unix::fs::symlink("/nowhere", &link).unwrap();
+    std::os::unix::fs::symlink("/dev/pts/4000000", &link).unwrap();
     let listen = format!("pty:{link}");
     let md3 = Running::md3(&["--time", "manual", "--fast-boot", "--listen", &listen]);
     assert_eq!(std::fs::read_link(&link).unwrap(), md3.pty());
@@ -429,6 +429,32 @@ fn who_knocks_while_there_is_no_descriptor_left_is_let_in_when_there_is_one() {
     assert_eq!(reply, *request);
     assert_eq!(md3.stop(), Some(0));
     assert!(!told(), "it is said again and again");
+}
+
+#[test]
+fn a_link_of_somebody_else_stays() {
+    let scratch = Scratch::new("links");
+    let link = scratch.file("md3.tty");
+    let listen = format!("pty:{link}");
+    let arguments = ["run", "md3", "--listen", &listen];
+    std::os::unix::fs::symlink(scratch.file("elsewhere"), &link).unwrap();
+    assert!(refused(&arguments).contains("elsewhere is there, which is no pty"));
+    std::fs::remove_file(&link).unwrap();
+
+    let md3 = Running::md3(&["--listen", &listen]);
+    let pty = std::fs::read_link(&link).unwrap();
+    let said = refused(&arguments);
+    assert!(
+        said.contains(&format!("a link to {} is there, and a program has it open", pty.display())),
+        "{said}"
+    );
+    assert_eq!(std::fs::read_link(&link).unwrap(), pty);
+
+    // What was left behind by one that was killed is no link of anybody.
+    md3.kill();
+    assert!(Path::new(&link).is_symlink());
+    let next = Running::md3(&["--listen", &listen]);
+    assert_eq!(std::fs::read_link(&link).unwrap(), next.pty());
 }
 
 #[test]
