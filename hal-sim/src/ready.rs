@@ -154,8 +154,10 @@ impl Ready {
                         let _ = writeln!(text, "    {uri}");
                     }
                     if let Some(socket) = reached.without_parity() {
-                        let _ =
-                            writeln!(text, "    pyserial cannot set a parity on a pty; it takes {socket}");
+                        let _ = writeln!(
+                            text,
+                            "    pymodbus and others cannot set a parity on a pty; {socket} works"
+                        );
                     }
                 }
             }
