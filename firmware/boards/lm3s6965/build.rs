@@ -13,8 +13,8 @@ const STACKS: [(&str, u32); 10] = [
     ("rs434544", 14_848),
     ("rs434546", 14_848),
     ("mdrobot", 6_656),
-    ("mdrive", 16_384),
-    ("mdrive-hybrid", 16_384),
+    ("mdrive", 22_016),
+    ("mdrive-hybrid", 22_016),
 ];
 
 /// Images with a network. The TCP/IP stack can panic, as far as the linker knows: there that is a fault.

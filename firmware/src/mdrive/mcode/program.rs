@@ -175,10 +175,12 @@ impl Program {
     fn store(&mut self, at: Instant, address: u16, line: &[u8], out: &mut dyn Sink) -> Result<(), Error> {
         let record = record(address, line);
         let has_room = |taken: usize| taken + record.len() < BYTES;
-        if !is_address(address) || !has_room(self.bytes_beside(address, out.memory())) {
+        // The lines that hold take no more than the log: they are counted only where that has no room.
+        let fits = has_room(self.end.into());
+        if !is_address(address) || !fits && !has_room(self.bytes_beside(address, out.memory())) {
             return Err(Error::ProgramFull);
         }
-        if has_room(self.end.into()) {
+        if fits {
             self.append(at, address, &record, out);
         } else {
             self.put(address, NOWHERE);
