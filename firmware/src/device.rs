@@ -658,7 +658,7 @@ pub trait Device {
     /// Something happens.
     fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Sink);
 
-    /// Whether a TCP port accepts connections; only an input or a timeout changes it.
+    /// Returns whether a TCP port accepts connections; only an input or a timeout changes it.
     fn accepts(&self, _port: Port) -> bool {
         true
     }

@@ -38,7 +38,7 @@ pub fn content(memory: &[u8], words: usize) -> Content {
     }
 }
 
-/// Whether a memory holds an image that was stored whole by a save that did not come to its end.
+/// Returns whether a memory holds an image that was stored whole by a save that did not come to its end.
 #[must_use]
 pub fn is_unfinished(memory: &[u8], words: usize) -> bool {
     let image = memory.get(..2 * words);

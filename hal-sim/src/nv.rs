@@ -17,9 +17,9 @@ pub(crate) struct Nv {
     file: File,
     /// The memory as the drive sees it.
     memory: Vec<u8>,
-    /// Whether the file holds all of that. It does not while it has another size, nor when it could not be written.
+    /// True if the file holds all of that. It does not while it has another size, nor when it could not be written.
     whole: bool,
-    /// Whether the drive has stored anything.
+    /// True if the drive has stored anything.
     stored: bool,
 }
 

@@ -93,7 +93,7 @@ impl Ready {
         self.outlets.iter().map(|(&outlet, reached)| (outlet, reached.uris())).collect()
     }
 
-    /// What is to be said on stdout. Where that belongs to a line it is said in the log, and nothing is left to say.
+    /// Text for stdout. Where that belongs to a line it is said in the log, and nothing is left to say.
     ///
     /// # Errors
     /// There is no JSON of it.

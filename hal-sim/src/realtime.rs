@@ -74,14 +74,14 @@ type Answer = Box<dyn FnOnce() + Send>;
 /// A look at the bench, which changes nothing.
 type Look = Box<dyn FnOnce(&Bench) + Send>;
 
-/// Something that was handed in, and whoever waits for it.
+/// Work that was handed in, and whoever waits for it.
 struct Asked<T> {
     what: T,
     /// Gone when the caller has left.
     caller: Weak<()>,
 }
 
-/// What was handed in and is not done yet, the oldest first.
+/// Work that was handed in and is not done yet, the oldest first.
 struct Queue<T> {
     from: mpsc::Receiver<Asked<T>>,
     waiting: VecDeque<Asked<T>>,

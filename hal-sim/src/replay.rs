@@ -153,7 +153,7 @@ fn told_until(trace: &Trace) -> Instant {
     trace.events().map(|entry| entry.at).fold(trace.end, Instant::max)
 }
 
-/// What a drive did with a stamp up to `until` and `rules` compare, by stamp.
+/// Events of a drive with a stamp up to `until` and `rules` compare, by stamp.
 fn outputs<'a>(trace: &'a Trace, drive: usize, rules: &Trace, until: Instant) -> Vec<(&'a Entry, &'a Did)> {
     let mut outputs: Vec<_> = trace
         .events()

@@ -81,7 +81,7 @@ pub(crate) enum What {
     Said { client: u32, fed: Fed },
     /// What hands do to a pin.
     Hand { pin: Pin, drive: Driving },
-    /// What stands at the pins of a device that was seated at this instant.
+    /// Levels at the pins of a device that was seated at this instant.
     Contacts,
     /// The other end of a wire takes a level.
     Wired { wire: u32, level: Level },

@@ -191,7 +191,7 @@ pub fn characters(value: i64) -> impl Iterator<Item = u8> {
     value.to_be_bytes().into_iter().filter(|&character| character != 0)
 }
 
-/// Whether it is a value of [`Legal::Text`].
+/// Returns whether it is a value of [`Legal::Text`].
 const fn is_text(value: i64) -> bool {
     let (mut rest, mut left, mut has_ended) = (value, 8, true);
     // From the last one on.

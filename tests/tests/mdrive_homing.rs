@@ -169,7 +169,7 @@ struct Scene {
     rates: Rates,
     mt: i64,
     debounce_ms: i64,
-    /// Where it begins, in turns.
+    /// Position where it begins, in turns.
     from: f64,
     switch: Switch,
     /// Below the first and above the second, in turns; and LM.

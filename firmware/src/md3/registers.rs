@@ -212,7 +212,7 @@ impl Version {
         }
     }
 
-    /// Whether ProductInformation may be this: with another version of the firmware in its low byte.
+    /// Returns whether ProductInformation may be this: with another version of the firmware in its low byte.
     pub(super) const fn is_product(self, value: i64) -> bool {
         value & !0xFF == self.product() & !0xFF
     }

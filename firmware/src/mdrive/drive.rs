@@ -156,7 +156,7 @@ impl Drive {
         if is_number(reg) { self.read(at, reg).into() } else { self.bank.get(reg) }
     }
 
-    /// What identifies it, in halves: [`PART_NUMBER`](super::registers::PART_NUMBER) and others.
+    /// Identification, in halves: [`PART_NUMBER`](super::registers::PART_NUMBER) and others.
     pub(super) fn text(&self, halves: &[Reg]) -> heapless::Vec<u8, 16> {
         let mut text = heapless::Vec::new();
         for character in halves.iter().flat_map(|&half| characters(self.bank.get(half))) {
@@ -299,7 +299,7 @@ impl Drive {
     }
 }
 
-/// What the motion goes by. Without an I/O it follows no clock, and has no home switch.
+/// Settings of the motion. Without an I/O it follows no clock, and has no home switch.
 pub(super) fn motion_settings(bank: &Bank<Reg, { Reg::WORDS }>, io: Option<&Io>) -> motion::Settings {
     let long = |reg| u32::try_from(bank.get(reg)).unwrap_or(0);
     let byte = |reg| (bank.word(reg) & 0xFF) as u8;

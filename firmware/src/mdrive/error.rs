@@ -60,7 +60,7 @@ pub(super) enum Error {
 
     IllegalBaud = 61,
     InputPending = 62,
-    /// Of a Hybrid.
+    /// A Hybrid's.
     StartupCalibration = 64,
 
     Flash = 70,
@@ -69,7 +69,7 @@ pub(super) enum Error {
     SaveInMotion = 73,
     /// IP or CP in motion.
     ClearInMotion = 74,
-    /// Of a unit without a sensor of its temperature.
+    /// A unit's without a sensor of its temperature.
     LinearOverTemperature = 75,
 
     NoHomeSwitch = 80,

@@ -279,15 +279,15 @@ standin_protocol::registers! {
 
         /// PN, and object 1 of the device identification. `PartNumber` presets both halves.
         PartNumber1 = setting(13, "MC 5-56").text().reset(text(b"MDI3CRL2")),
-        /// Its second half.
+        /// Second half.
         PartNumber2 = setting(17, "MC 5-56").text().reset(text(b"3A7-EQ")),
         /// SN, and object 5. `SerialNumber` presets both halves.
         SerialNumber1 = setting(21, "MC 5-69").text().reset(text(b"12345678")),
-        /// Its second half.
+        /// Second half.
         SerialNumber2 = setting(25, "MC 5-69").text().reset(text(b"9")),
         /// VR, and the end of object 6. `FirmwareVersion` presets both halves.
         FirmwareVersion1 = setting(29, "MC 5-80").text().reset(text(b"3.0.0.9")),
-        /// Its second half.
+        /// Second half.
         FirmwareVersion2 = setting(33, "MC 5-80").text(),
         /// The second value of VR; "1.8+" calibrates as MC 5-8 says.
         HardwareVersion = setting(37, "MC 5-80").text().reset(text(b"1.8")).only(HYBRID),
@@ -314,14 +314,14 @@ pub(super) const LASTING: [Reg; 14] = [
     Reg::EthernetVersion,
 ];
 
-/// What identifies a drive, in its halves.
+/// Identification of a drive, in halves.
 pub(super) const PART_NUMBER: &[Reg] = &[Reg::PartNumber1, Reg::PartNumber2];
 pub(super) const SERIAL_NUMBER: &[Reg] = &[Reg::SerialNumber1, Reg::SerialNumber2];
 pub(super) const FIRMWARE: &[Reg] = &[Reg::FirmwareVersion1, Reg::FirmwareVersion2];
 pub(super) const HARDWARE: &[Reg] = &[Reg::HardwareVersion];
 pub(super) const ETHERNET: &[Reg] = &[Reg::EthernetVersion];
 
-/// Whether MCode takes a value: one that the row accepts, whose range is that of FB 5, and of four rows more.
+/// Returns whether MCode takes a value: one that the row accepts, whose range is that of FB 5, and of four rows more.
 pub(super) fn mcode_accepts(reg: Reg, value: i64) -> bool {
     let most = match reg {
         // (MC 5-11)

@@ -92,7 +92,7 @@ impl Response {
     }
 }
 
-/// What the variant of this letter says when it has started, with that firmware.
+/// Banner of the variant of this letter when it has started, with that firmware.
 pub(super) fn banner(letter: u8, firmware: u8) -> [u8; 12] {
     let (high, low) = (digit(firmware >> 4), digit(firmware));
     [b'Q', b'S', b'B', b'-', letter, b' ', b' ', high, low, b'!', b'\r', b'\n']

@@ -14,7 +14,7 @@ const SAVE: Duration = Duration::millis(10);
 /// Rows of one word each that the first memories did not have: such a memory is still good.
 const LATER: [Reg; 1] = [Reg::Firmware];
 
-/// Whether a memory is one of those.
+/// Returns whether a memory is one of those.
 fn is_older(memory: &[u8]) -> bool {
     memory::content(memory, Reg::SAVED_WORDS - LATER.len()) == Content::Good
 }

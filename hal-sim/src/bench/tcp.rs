@@ -92,7 +92,7 @@ struct Connection {
     inbox: Vec<u8>,
     /// Whether what it has taken is not read where it goes.
     held_back: bool,
-    /// Whether it is gone, and only what it has said before is still to be heard.
+    /// True if it is gone, and only what it has said before is still to be heard.
     is_gone: bool,
     ended: Option<Ended>,
 }
@@ -162,7 +162,7 @@ impl Connections {
         }
     }
 
-    /// Nobody is there any more.
+    /// The client has gone.
     fn forget(&mut self, client: u32) {
         self.all.remove(&client);
         self.audible.remove(&client);

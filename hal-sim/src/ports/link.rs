@@ -39,7 +39,7 @@ impl Drop for Link {
 /// Folder of all ptys.
 const PTYS: &str = "/dev/pts";
 
-/// Whether a link can be made at `place`: nothing is there, or a link to a pty that is gone.
+/// Returns whether a link can be made at `place`: nothing is there, or a link to a pty that is gone.
 ///
 /// # Errors
 /// Something else is there, or a link to a pty that somebody has open, or nothing can be there.

@@ -143,7 +143,7 @@ impl Listener {
         self.address
     }
 
-    /// Whether the next one who knocks can be let in, or turned away; until then he waits.
+    /// Returns whether the next one who knocks can be let in, or turned away; until then he waits.
     pub(super) fn is_open(&self, bench: &Bench) -> bool {
         bench.accepts(self.outlet)
     }

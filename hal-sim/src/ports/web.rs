@@ -21,7 +21,7 @@ const TLS: &[u8] = &[22, 3];
 /// The beginning of a connection, as long as it may be that of a browser's.
 pub(super) struct Gate {
     beginning: Vec<u8>,
-    /// Whether TLS is refused, too.
+    /// True if TLS is refused, too.
     knows_tls: bool,
 }
 
@@ -37,7 +37,7 @@ pub(super) enum Judged {
 }
 
 impl Gate {
-    /// Of a connection of which nothing has come: to a TCP port of a drive, or to a line.
+    /// The gate of a new connection: to a TCP port of a drive, or to a line.
     pub(super) fn new(is_line: bool) -> Self {
         Self { beginning: Vec::new(), knows_tls: !is_line }
     }

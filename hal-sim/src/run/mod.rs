@@ -117,7 +117,7 @@ fn raise_limit_of_descriptors() {
 }
 
 /// A stream on which can be read that the program is to end: Ctrl-C, SIGTERM, a terminal that is closed, Ctrl-\.
-/// What `nohup` or a shell has it ignore it ignores.
+/// A signal that `nohup` or a shell has it ignore is ignored.
 fn signals() -> io::Result<UnixStream> {
     let (stop, caught) = UnixStream::pair()?;
     let ignored = ignored();

@@ -103,12 +103,12 @@ impl Seated {
         std::iter::once(microsteps).chain(state.told()).collect()
     }
 
-    /// Whether a TCP port accepts connections.
+    /// Returns whether a TCP port accepts connections.
     pub(crate) fn accepts(&self, port: Port) -> bool {
         self.device.accepts(port)
     }
 
-    /// Whether it takes what comes on the connections of a TCP port.
+    /// Returns whether it takes what comes on the connections of a TCP port.
     pub(crate) fn takes(&self, port: Port) -> bool {
         !self.body.powered || self.device.takes(port)
     }

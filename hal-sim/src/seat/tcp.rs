@@ -19,9 +19,9 @@ pub(crate) struct Tcp {
     coming: Vec<u32>,
     /// Whose message the device is busy with, while it takes no other one.
     pub(crate) busy_with: Option<Option<u32>>,
-    /// Who was heard last.
+    /// Client that was heard last.
     pub(crate) heard: Option<u32>,
-    /// Who has more to say, or wants to leave, once the device takes it: the one who waits longest first.
+    /// Clients that have more to say, or want to leave, once the device takes it: the one who waits longest first.
     held: VecDeque<u32>,
 }
 
@@ -71,7 +71,7 @@ impl Tcp {
         self.number(link).is_some_and(|number| number.given.take_if(|given| *given == client).is_some())
     }
 
-    /// Somebody waits until the device takes more.
+    /// A client waits until the device takes more.
     pub(crate) fn hold(&mut self, client: u32) {
         if !self.held.contains(&client) {
             self.held.push_back(client);

@@ -111,7 +111,7 @@ pub struct Trace {
     pub lost: u64,
     /// How far time went; of a text without `end` its last stamp.
     pub end: Instant,
-    /// How many events have been written, of those that wait for it.
+    /// Number of events written, of those that wait for it.
     written: u64,
     events: VecDeque<Entry>,
     keep: TraceKeep,

@@ -29,7 +29,7 @@ impl<W: Write> Recording<W> {
     /// Begins the file, about the drives that the trace tells of so far.
     ///
     /// # Errors
-    /// Those of the writer.
+    /// Errors of the writer.
     pub fn new(trace: &Trace, mut out: W) -> io::Result<Self> {
         out.write_all(trace.header().as_bytes())?;
         Ok(Self { out, text: Vec::new(), taken: 0, ahead: BTreeMap::new() })
@@ -38,7 +38,7 @@ impl<W: Write> Recording<W> {
     /// Writes what has happened since the last time.
     ///
     /// # Errors
-    /// Those of the writer; or the trace has dropped some of that, which [`TraceKeep::Written`](super::TraceKeep)
+    /// Errors of the writer; or the trace has dropped some of that, which [`TraceKeep::Written`](super::TraceKeep)
     /// does not.
     pub fn follow(&mut self, trace: &Trace) -> io::Result<()> {
         if trace.lost > self.taken {
@@ -66,7 +66,7 @@ impl<W: Write> Recording<W> {
     /// Ends the file where the trace has come to.
     ///
     /// # Errors
-    /// Those of [`follow`](Self::follow).
+    /// Errors of [`follow`](Self::follow).
     pub fn finish(mut self, trace: &Trace) -> io::Result<W> {
         self.follow(trace)?;
         self.put_until(Instant::NEVER)?;

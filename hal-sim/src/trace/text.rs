@@ -340,7 +340,7 @@ struct Reader {
     fed: Instant,
     /// The last stamp of all.
     last: Instant,
-    /// Whether a line has said how far time went.
+    /// True if a line has said how far time went.
     ended: bool,
 }
 

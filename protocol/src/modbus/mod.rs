@@ -51,11 +51,11 @@ pub enum Burst {
     Partial,
     /// It may be whole, or is as long as a frame and none: silence decides.
     Unsure,
-    /// That many bytes can become no frame any more.
+    /// Length of a front that can become no frame any more.
     Broken(usize),
 }
 
-/// Who is heard on a line.
+/// Speakers that are heard on a line.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Voices {
     /// A master.

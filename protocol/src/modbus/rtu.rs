@@ -257,17 +257,17 @@ pub fn ended(burst: &[u8], voices: Voices) -> usize {
     before_another.or_else(known).unwrap_or(burst.len())
 }
 
-/// Whether there are `length` bytes and the CRC at their end holds.
+/// Returns whether there are `length` bytes and the CRC at their end holds.
 fn holds(burst: &[u8], length: usize) -> bool {
     burst.get(..length).is_some_and(|frame| checked(frame).is_some())
 }
 
-/// What follows `length` bytes.
+/// Bytes behind the first `length`.
 fn after(burst: &[u8], length: usize) -> &[u8] {
     burst.get(length..).unwrap_or_default()
 }
 
-/// Whether a burst begins with a whole frame of a function that has a length.
+/// Returns whether a burst begins with a whole frame of a function that has a length.
 fn begins_whole(burst: &[u8], voices: Voices) -> bool {
     let Some(&function) = burst.get(1) else { return false };
     let lengths = lengths(burst, function, voices);
@@ -294,7 +294,7 @@ const IDENTIFICATION: u8 = 14;
 /// Lengths that a frame may have.
 #[derive(Clone, Copy)]
 enum Lengths {
-    /// That of a request, that of a reply.
+    /// Lengths of a request and of a reply.
     Known([Option<usize>; 2]),
     /// Any.
     Any,

@@ -9,7 +9,7 @@ use crate::expected::Expected;
 /// and the next ones are for the speed of its code: the instructions that take so long at 16 ns each. Longest is a
 /// reply while the servo of an MDROBOT or RS drive runs: 329 µs.
 const LATENCY: Duration = Duration::micros(450);
-/// How long where it is told by the network: frames, each answered by others, and all of their check sums. Longest is the
+/// Lateness where the network tells it: frames, each answered by others, and all of their check sums. Longest is the
 /// list of a whole program of an MDrive (L), line by line: 764 µs.
 const ON_NETWORK: Duration = Duration::micros(850);
 /// How long if the motor is given a new plan then, which the loop computes before it does anything else.

@@ -27,7 +27,7 @@ use super::registers::Reg;
 use super::{LAG_LIMIT, LEAD_LIMIT, LOCKED_ROTOR, OVER_TEMPERATURE};
 use crate::device::{Fault, Instant, Sink};
 
-/// What is printed where WT is exceeded; MC 5-81 does not give the text.
+/// Text printed where WT is exceeded; MC 5-81 does not give the text.
 const WARNING: &[u8] = b"Error 71\r\n";
 
 /// Values of AS.
@@ -86,7 +86,7 @@ pub(super) struct Hybrid {
     heat_due: Instant,
     has_warned: bool,
     is_overheated: bool,
-    /// When C1 comes to an end of its range.
+    /// Instant at which C1 comes to an end of its range.
     position_due: Instant,
     causes: Causes,
 }
@@ -184,7 +184,7 @@ impl Drive {
         self.hybrid.position_due = dues.min().unwrap_or(Instant::NEVER);
     }
 
-    /// Its electronics are too hot: the bridge is off.
+    /// The electronics are too hot: the bridge is off.
     fn overheat(&mut self, at: Instant, error: Error, out: &mut dyn Sink) {
         if !self.hybrid.is_overheated {
             (self.hybrid.is_overheated, self.hybrid.is_disabled) = (true, true);

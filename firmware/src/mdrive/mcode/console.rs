@@ -231,7 +231,7 @@ impl Drive {
         self.call(link, next);
     }
 
-    /// Whether a line prints something.
+    /// Returns whether a line prints something.
     fn prints(&self, line: &[u8]) -> bool {
         matches!(self.parse(line), Ok(Statement::Print(_) | Statement::ListProgram(_)))
     }

@@ -173,7 +173,7 @@ impl Drive {
         if ratio { self.thousandths(at, operand) } else { self.operand(at, operand).map(i64::from) }
     }
 
-    /// Whether a condition holds, which it does if it is not 0; none always does.
+    /// Returns whether a condition holds, which it does if it is not 0; none always does.
     fn holds(&mut self, at: Instant, condition: Option<&Expression<'_>>) -> Result<bool, Error> {
         let Some(condition) = condition else { return Ok(true) };
         self.compute(at, condition, condition.is_ratio()).map(|value| value != 0)
@@ -270,7 +270,7 @@ impl Drive {
 }
 
 impl Operator {
-    /// What two values come to, in 32 bits that wrap, or in thousandths for a `ratio`.
+    /// Result of two values, in 32 bits that wrap, or in thousandths for a `ratio`.
     ///
     /// # Errors
     /// 21: a division by 0.

@@ -27,7 +27,7 @@ impl Operand {
     }
 }
 
-/// What an expression does with its operands (MC 4.9).
+/// Operator of an expression (MC 4.9).
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(in crate::mdrive) enum Operator {
     Plus,
@@ -63,7 +63,7 @@ impl Relation {
     }
 }
 
-/// What an expression does to the value of all that is left of it, which begins with 0.
+/// Step of an expression from the value of all that is left of it, which begins with 0.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(in crate::mdrive) enum Step {
     Calculate {

@@ -15,7 +15,7 @@ use crate::device::{Duration, Instant};
 /// How long a line takes, that of a label, too; it is carried out at the end.
 pub(in crate::mdrive) const LINE: Duration = Duration::micros(210);
 
-/// How deep CL and trips may nest. Neither manual says it. OE's handler has a place of its own.
+/// Depth to which CL and trips may nest. Neither manual says it. OE's handler has a place of its own.
 const DEPTH: usize = 16;
 
 /// What the program is at.
@@ -69,7 +69,7 @@ pub(in crate::mdrive) struct Vm {
     phase: Phase,
     /// The next line.
     address: u16,
-    /// One more than [`DEPTH`], for OE's handler.
+    /// [`DEPTH`] and one more, for OE's handler.
     calls: Vec<Call, { DEPTH + 1 }>,
     mode: Mode,
     break_point: Option<BreakPoint>,

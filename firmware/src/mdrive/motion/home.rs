@@ -35,7 +35,7 @@ pub(super) struct Homing {
     back: bool,
     /// A limit has turned it, and it has not come to the mark since.
     turned: bool,
-    /// It has been back to the mark's end already.
+    /// The mark's end was returned to already.
     is_near: bool,
     /// Position of the mark's end that it came to last.
     edge: i32,
@@ -119,7 +119,7 @@ impl Homing {
         }
     }
 
-    /// It stands, and MT has passed.
+    /// MT has passed at standstill.
     fn settled(&mut self, on_mark: bool) -> Course {
         match self.stage {
             Stage::Turn => self.begin(on_mark),

@@ -163,7 +163,7 @@ impl Bed {
         assert_eq!(self.error(), error, "{pdu:02x?}");
     }
 
-    /// What is typed on a connection of MCode, and what comes back until its last line is executed.
+    /// Types on a connection of MCode; returns what comes back until its last line is executed.
     fn type_in(&mut self, link: Link, text: &str) -> String {
         let before = self.world.said.len();
         for line in text.split_inclusive('\r') {

@@ -91,7 +91,7 @@ impl TxToken for Room {
 /// The drive, as its network sees it.
 pub(crate) struct Drive {
     pub(crate) accepts: bool,
-    /// Whether it takes what comes on its port of MCode.
+    /// True if it takes what comes on its port of MCode.
     pub(crate) takes: bool,
 }
 

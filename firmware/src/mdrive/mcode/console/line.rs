@@ -40,7 +40,7 @@ pub(in crate::mdrive) struct Consoles {
     pub(super) party: Party,
     /// Whose line is being executed, and until when: one at a time.
     executing: Option<(Link, Instant)>,
-    /// What has come meanwhile, in its order.
+    /// Characters that have come meanwhile, in their order.
     waiting: Deque<(Link, u8), WAITING>,
 }
 
@@ -49,7 +49,7 @@ impl Consoles {
         Self { list: Vec::new(), party: Party::Off, executing: None, waiting: Deque::new() }
     }
 
-    /// Somebody connects.
+    /// Opens a connection.
     ///
     /// # Errors
     /// There is no room.
@@ -57,7 +57,7 @@ impl Consoles {
         self.list.push(Console::new(link, self.first_called()))
     }
 
-    /// Somebody has gone, and with him what he has typed.
+    /// Closes a connection, with what was typed on it.
     pub(super) fn close(&mut self, link: Link) {
         self.list.retain(|console| console.link != link);
         self.executing.take_if(|(executing, _)| *executing == link);
@@ -115,12 +115,12 @@ impl Consoles {
         self.list.iter_mut().find(|console| console.link == link)
     }
 
-    /// Whether no line is being executed.
+    /// Returns whether no line is being executed.
     pub(in crate::mdrive) fn takes(&self) -> bool {
         self.executing.is_none()
     }
 
-    /// When the line that is being executed has its effect.
+    /// Instant at which the line that is being executed has its effect.
     pub(in crate::mdrive) fn deadline(&self) -> Instant {
         self.executing.map_or(Instant::NEVER, |(_, due)| due)
     }
@@ -141,7 +141,7 @@ impl Consoles {
         let _ = self.waiting.push_back((link, character));
     }
 
-    /// What has waited longest, once no line is being executed.
+    /// The character that has waited longest, once no line is being executed.
     pub(super) fn waited(&mut self) -> Option<(Link, u8)> {
         if self.takes() { self.waiting.pop_front() } else { None }
     }

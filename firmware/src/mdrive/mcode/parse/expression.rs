@@ -32,7 +32,7 @@ impl<'a> Expression<'a> {
         })
     }
 
-    /// Whether it may have a fraction.
+    /// Returns whether it may have a fraction.
     pub(in crate::mdrive) fn is_ratio(&self) -> bool {
         self.steps().any(|step| step.operand().is_ratio())
     }

@@ -74,7 +74,7 @@ impl Sign {
         }
     }
 
-    /// What two values come to; `None` for a division by 0.
+    /// Result of two values; `None` for a division by 0.
     fn of(self, left: i128, right: i128) -> Option<i128> {
         Some(match self {
             Self::Plus => left + right,
