@@ -134,7 +134,7 @@ pub(crate) const BUDGETS: &[Budget] = &[
     most("mdrobot: bus's interrupt, at worst", [NO_BUDGET, 460], HOST),
     most("mdrobot: clock's interrupt, at worst", [40, NO_BUDGET], REACHED),
     most("mdrobot: pins' interrupt, at worst", [NO_BUDGET, 600], REACHED),
-    most("mdrive: stack in use, bytes", [15_872, NO_BUDGET], DEPTH),
+    most("mdrive: stack in use, bytes", [21_504, NO_BUDGET], DEPTH),
     most("mdrive: network's interrupt, at worst", [100, NO_BUDGET], REACHED),
     most("mdrive: clock's interrupt, at worst", [40, NO_BUDGET], REACHED),
     most("step, one of the first 100 at 10,000 steps/s²", [240, 415], REACHED),
