@@ -396,6 +396,8 @@ pub struct Boot {
     pub seed: u64,
     /// No start-up delay.
     pub fast: bool,
+    /// Characters take no time on its serial lines (`--line fast`): what it sends has left at once.
+    pub fast_line: bool,
 }
 
 /// Why a register cannot be preset.

@@ -347,7 +347,7 @@ impl Bench {
             seated.part();
         }
         let apart = seated.halls.is_some();
-        let mut tape = tape(&mut self.trace, &mut self.outbox, self.settings, self.now);
+        let mut tape = tape(&mut self.trace, &mut self.outbox, self.settings);
         let mut result = Ok(());
         for &(row, value) in presets.iter().filter(|(row, _)| saved(*row)) {
             result = result.and_then(|()| {
@@ -372,6 +372,7 @@ impl Bench {
             name: name.to_owned(),
             spec,
             boot_fast,
+            fast_line: self.settings.line == LineMode::Fast,
             apart,
             from: now,
             memory,
@@ -516,30 +517,25 @@ impl Bench {
     }
 
     /// Begins to [settle](Self::settle) with all that has been said, because nobody will say the rest of
-    /// [half a message](Self::half_said) any more.
+    /// half a message any more.
     pub fn begin_to_settle_halves(&mut self) -> Settling {
         let Settling { hands } = self.begin_to_settle();
         let halves = self.buses.iter().filter_map(Wire::half_until).max();
         Settling { hands: halves.map_or(hands, |until| hands.max(until)) }
     }
 
-    /// Whether half a message waits for its rest on some line.
-    #[must_use]
-    pub fn half_said(&self) -> bool {
-        self.buses.iter().any(|wire| wire.half_until().is_some())
-    }
-
     /// Goes on to [settle](Self::settle), but not beyond `at`; whether that is over. In how many pieces it is done
     /// makes no difference, as long as nothing is done to the bench in between.
     pub fn settle_until(&mut self, settling: Settling, at: Instant) -> bool {
         loop {
-            let next = self.next_event();
+            let mut next = self.next_event();
             if next == Instant::NEVER || (next > settling.hands && self.busy == 0) {
                 // Nobody says more before this is over.
                 if self.end_bursts() {
                     continue;
                 }
-                return true;
+                let Some(until) = self.half_in_the_way() else { return true };
+                next = until;
             }
             self.run_until(next.min(at));
             if next > at {
@@ -552,7 +548,7 @@ impl Bench {
     fn wake(&mut self, rank: u32, due: Instant) {
         let place = self.order[rank as usize];
         let seated = &mut self.seats[place as usize];
-        let next = seated.wake(due, &mut tape(&mut self.trace, &mut self.outbox, self.settings, self.now));
+        let next = seated.wake(due, &mut tape(&mut self.trace, &mut self.outbox, self.settings));
         let off = !seated.body.powered;
         self.deadlines.set(rank, next);
         self.tell_motors(place);
@@ -659,7 +655,7 @@ impl Bench {
         let comes = matches!(fed, Fed::Power(Power::On)) && !seated.body.powered;
         let reports = if comes { self.motors_report(place) } else { Vec::new() };
         let seated = &mut self.seats[place as usize];
-        let mut tape = tape(&mut self.trace, &mut self.outbox, self.settings, self.now);
+        let mut tape = tape(&mut self.trace, &mut self.outbox, self.settings);
         // Only a preset can be refused, and it does not come this way.
         let _ = seated.feed(now, fed, &mut tape);
         if comes {
@@ -688,23 +684,28 @@ impl Bench {
                 self.wake(self.ranks[seat.0 as usize], self.at(seat).deadline());
             }
         }
+        let serial = |port| self.at(seat).serial(port).filter(|serial| !serial.silence);
         if let Fed::Bytes { port, ref bytes } = *fed
-            && let Some(serial) = self.at_mut(seat).body.serial(port)
-            && !serial.silence
+            && let Some(serial) = serial(port)
         {
-            let character = serial.line_at(at).character();
-            for (n, &byte) in (0..).zip(bytes).skip(1) {
-                self.send_to(at + character * n, seat.0, Fed::Bytes { port, bytes: vec![byte] });
+            let character = self.takes(serial.line_at(at), 1);
+            let single = |&byte| Fed::Bytes { port, bytes: vec![byte] };
+            // Those of the same instant keep their place among what else happens at it.
+            let count = if character == Duration::ZERO { bytes.len() } else { 1 };
+            let (now, later) = bytes.split_at(count.min(bytes.len()));
+            for (n, byte) in (1..).zip(later) {
+                self.send_to(at + character * n, seat.0, single(byte));
             }
-            // The first one keeps its place among what else happens at its instant.
-            let first = bytes.iter().take(1).copied().collect();
-            return self.feed_now(seat, at, &Fed::Bytes { port, bytes: first });
+            for byte in now {
+                self.feed_now(seat, at, &single(byte));
+            }
+            return;
         }
         self.feed_now(seat, at, fed);
     }
 
     fn feed_now(&mut self, seat: Seat, at: Instant, fed: &Fed) {
-        let mut tape = tape(&mut self.trace, &mut self.outbox, self.settings, self.now);
+        let mut tape = tape(&mut self.trace, &mut self.outbox, self.settings);
         // A preset that is refused does nothing, and is not recorded.
         let _ = self.seats[seat.0 as usize].feed(at, fed, &mut tape);
         self.after(seat.0);
@@ -712,6 +713,6 @@ impl Bench {
 }
 
 /// What the outputs of a device go to.
-fn tape<'a>(trace: &'a mut Trace, outbox: &'a mut Outbox, settings: Settings, now: Instant) -> Tape<'a> {
-    Tape { trace, outbox, now, fast: settings.line == LineMode::Fast }
+fn tape<'a>(trace: &'a mut Trace, outbox: &'a mut Outbox, settings: Settings) -> Tape<'a> {
+    Tape { trace, outbox, fast: settings.line == LineMode::Fast }
 }

@@ -58,6 +58,8 @@ pub(crate) struct Wire {
     pub(crate) until: Instant,
     /// From when a client's character may begin.
     pub(crate) free: Instant,
+    /// Where each character has its time, until when the client that was served last keeps the line.
+    pub(crate) kept_until: Instant,
     /// When the last character of a drive has left.
     pub(crate) sends_until: Instant,
     pub(crate) disturbance: Disturbance,
@@ -96,6 +98,15 @@ pub(crate) enum Turn {
     Asked,
     /// A drive answers.
     Answering,
+    /// All is answered and nobody waits, but the client served last keeps the line and may go on.
+    Kept,
+}
+
+impl Turn {
+    /// Something is still under way to its end.
+    pub(crate) fn is_busy(self) -> bool {
+        matches!(self, Self::Asked | Self::Answering)
+    }
 }
 
 impl Wire {
@@ -110,6 +121,7 @@ impl Wire {
             served: 0,
             until: Instant::NEVER,
             free: Instant::ZERO,
+            kept_until: Instant::ZERO,
             sends_until: Instant::ZERO,
             disturbance: Disturbance::new(seed, name),
             behind: VecDeque::new(),

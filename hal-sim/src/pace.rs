@@ -6,7 +6,7 @@ use std::str::FromStr;
 use standin_firmware::device::Duration;
 
 /// How long half a message may wait for its rest, in ms of the wall clock.
-pub const PATIENCE_MS: u64 = 20;
+const PATIENCE_MS: u64 = 20;
 
 /// The greatest factor of [`Pace::Times`].
 const FASTEST: u32 = 1000;

@@ -15,7 +15,7 @@ use rustix::event::EventfdFlags;
 use standin_firmware::device::{Duration, Instant};
 use standin_protocol::time::TICKS_PER_SECOND;
 use standin_sim::bench::{Bench, Settling};
-use standin_sim::pace::{PATIENCE_MS, Pace};
+use standin_sim::pace::Pace;
 use tokio::sync::{oneshot, watch};
 use tracing::warn;
 
@@ -182,8 +182,6 @@ pub(crate) struct Host {
     settling: Option<Settling>,
     /// Who waits for that, if it was no port.
     answer: Option<Answer>,
-    /// In manual time, until when half a message may wait for its rest.
-    patient_until: Option<WallInstant>,
     /// When the thread wakes though nothing comes.
     alarm: Option<WallInstant>,
     inbox: Inbox,
@@ -201,7 +199,6 @@ impl Host {
             advance: None,
             settling: None,
             answer: None,
-            patient_until: None,
             alarm: None,
             inbox,
         };
@@ -329,12 +326,9 @@ impl Host {
         self.ports.wait(false)
     }
 
-    /// When something is to be done though nothing comes; `None`: never.
+    /// When something is to be done though nothing comes; `None`: never, as in manual time.
     fn due(&self) -> Option<WallInstant> {
-        match &self.clock {
-            Some(clock) => clock.when(self.next().min(self.ports.deadline())),
-            None => self.patient_until,
-        }
+        self.clock.as_ref()?.when(self.next().min(self.ports.deadline()))
     }
 
     /// Brings the bench to where it should be now, or as near as a slice of time gets it.
@@ -361,12 +355,6 @@ impl Host {
             if let Some(answer) = self.answer.take() {
                 answer();
             }
-            let waits = self.clock.is_none() && self.bench.half_said();
-            self.patient_until = waits.then(|| wall() + WallSpan::from_millis(PATIENCE_MS));
-        }
-        if self.patient_until.is_some_and(|until| until <= wall()) {
-            self.patient_until = None;
-            self.settling = self.clock.is_none().then(|| self.bench.begin_to_settle_halves());
         }
         let next = self.next();
         let Some(clock) = &mut self.clock else { return };

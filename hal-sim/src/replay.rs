@@ -5,6 +5,7 @@ use std::fmt;
 use standin_firmware::device::{Device, Instant};
 
 use crate::bench::{Bench, Seat, Settings, Setup};
+use crate::bus::LineMode;
 use crate::trace::{Did, Drive, Entry, Event, Fed, Make, ParseError, Trace, TraceKeep, without_comment};
 
 /// Where a replay differs from its trace.
@@ -95,7 +96,8 @@ fn play_drive(
     fed: &[(Instant, &Fed)],
     make: &Make<'_>,
 ) -> Result<Bench, Unplayable> {
-    let settings = Settings { seed: trace.seed, trace: TraceKeep::All, ..Settings::default() };
+    let line = if drive.fast_line { LineMode::Fast } else { LineMode::Timed };
+    let settings = Settings { seed: trace.seed, line, trace: TraceKeep::All, ..Settings::default() };
     let mut bench = Bench::with(settings);
     if drive.from <= trace.end {
         bench.run_until(drive.from);

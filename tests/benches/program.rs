@@ -50,7 +50,7 @@ fn start(work: &Work) -> (Box<dyn Device>, World) {
     let mut world = World { memory: vec![0xFF; MEMORY] };
     world.memory[MEMORY - image.len()..].copy_from_slice(&image);
     let mut drive: Box<dyn Device> = black_box(Box::new(rs434544()));
-    drive.power_on(Instant::ZERO, Boot { seed: 1, fast: true }, &mut world);
+    drive.power_on(Instant::ZERO, Boot { seed: 1, fast: true, ..Boot::default() }, &mut world);
     drive.timeout(Instant::ZERO, &mut world);
     let at = Instant::from(Duration::secs(1));
     let row = row(&*drive, "MODE_USER_PROGRAM");

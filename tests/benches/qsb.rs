@@ -33,7 +33,7 @@ impl Adapter {
     fn new() -> Self {
         let mut qsb: Box<dyn Device> = black_box(Box::new(Qsb::m()));
         let mut world = World::default();
-        qsb.power_on(Instant::ZERO, Boot { seed: 1, fast: true }, &mut world);
+        qsb.power_on(Instant::ZERO, Boot { seed: 1, fast: true, ..Boot::default() }, &mut world);
         qsb.timeout(Instant::ZERO, &mut world);
         Self { qsb, world, at: Instant::from(Duration::secs(1)) }
     }

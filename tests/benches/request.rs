@@ -56,7 +56,7 @@ impl Slave for Standin {
     fn new() -> Self {
         let mut md3: Box<dyn Device> = black_box(Box::new(Md3::new()));
         let mut world = World::default();
-        md3.power_on(Instant::ZERO, Boot { seed: 1, fast: true }, &mut world);
+        md3.power_on(Instant::ZERO, Boot { seed: 1, fast: true, ..Boot::default() }, &mut world);
         let request = rtu::read(1, FIRST, COUNT).to_vec();
         Self { md3, world, request, at: Instant::from(Duration::secs(1)) }
     }

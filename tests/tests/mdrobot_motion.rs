@@ -31,7 +31,7 @@ struct Rig<D> {
 impl<D: Device> Rig<D> {
     fn new(mut drive: D) -> Self {
         let mut out = Nowhere(vec![0xFF; usize::from(drive.spec().memory)]);
-        drive.power_on(Instant::ZERO, Boot { seed: 0, fast: true }, &mut out);
+        drive.power_on(Instant::ZERO, Boot { fast: true, ..Boot::default() }, &mut out);
         let mut rig = Self { drive, out, now: Instant::ZERO };
         rig.run_ms(500);
         rig

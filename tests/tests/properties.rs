@@ -456,7 +456,7 @@ fn run(
             let _ = drive.poke(Instant::ZERO, row, value, &mut log);
         }
         if !powered {
-            drive.power_on(Instant::ZERO, Boot { seed: 1, fast: *fast }, &mut log);
+            drive.power_on(Instant::ZERO, Boot { seed: 1, fast: *fast, ..Boot::default() }, &mut log);
         }
     }
     if silence {
@@ -548,7 +548,7 @@ proptest! {
                     prop_assert!(!taken || row.accepts(value) || drive.spec().kind == "toy");
                 }
                 if !powered {
-                    drive.power_on(Instant::ZERO, Boot { seed: 1, fast }, &mut log);
+                    drive.power_on(Instant::ZERO, Boot { seed: 1, fast, ..Boot::default() }, &mut log);
                 }
             }
             advance(&mut *drive, Instant::ZERO + Duration::secs(30), core::iter::empty(), &mut log);
@@ -562,7 +562,7 @@ proptest! {
             let mut kept = memory.clone();
             kept.resize(usize::from(drive.spec().memory), 0xFF);
             let mut log = Log::new(kept.clone());
-            drive.power_on(Instant::ZERO, Boot { seed: 1, fast: false }, &mut log);
+            drive.power_on(Instant::ZERO, Boot { seed: 1, fast: false, ..Boot::default() }, &mut log);
             advance(&mut *drive, Instant::ZERO + Duration::secs(30), core::iter::empty(), &mut log);
             prop_assert_eq!(&log.memory, &kept, "nothing is stored without a save");
         }
@@ -589,7 +589,7 @@ proptest! {
             }
             memory.truncate(usize::from(spec.memory));
             let mut log = Log::new(memory);
-            drive.power_on(Instant::ZERO, Boot { seed: 1, fast }, &mut log);
+            drive.power_on(Instant::ZERO, Boot { seed: 1, fast, ..Boot::default() }, &mut log);
             advance(&mut *drive, Instant::ZERO + Duration::secs(2), core::iter::empty(), &mut log);
         }
     }

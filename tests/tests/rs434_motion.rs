@@ -35,7 +35,7 @@ proptest! {
         let mut drive = rs434544();
         let mut out = Nowhere(vec![0xFF; usize::from(drive.spec().memory)]);
         let mut now = Instant::ZERO;
-        drive.power_on(now, Boot { seed: 0, fast: true }, &mut out);
+        drive.power_on(now, Boot { fast: true, ..Boot::default() }, &mut out);
         now += Duration::millis(1);
         advance(&mut drive, now, std::iter::empty(), &mut out);
         for (name, value) in [

@@ -13,7 +13,7 @@ use super::serial::Serial;
 use super::stream::{self, Streams};
 use super::{A, B, I, Words};
 use crate::counter::{Channel, Ls7366r, status};
-use crate::device::{Duration, Input, Instant, LOGIC_HIGH_MV, Sink};
+use crate::device::{Boot, Duration, Input, Instant, LOGIC_HIGH_MV, Sink};
 use crate::memory::Save;
 
 /// From a reset to the banner; the list does not say.
@@ -79,7 +79,7 @@ impl Adapter {
             pins: Pins::OPEN,
             bank: Bank::factory(),
             clock: Clock::new(at),
-            serial: Serial::new(at),
+            serial: Serial::new(at, false),
             counter: Ls7366r::new(true, true, true),
             pwm: Pwm::default(),
             pulled: 0,
@@ -91,8 +91,9 @@ impl Adapter {
     }
 
     /// Power comes.
-    pub(super) fn power_on(&mut self, at: Instant, fast: bool, out: &mut dyn Sink) {
-        *self = Self { motor: Motor::new(at), fast, ..Self::new(self.variant) };
+    pub(super) fn power_on(&mut self, at: Instant, boot: Boot, out: &mut dyn Sink) {
+        let serial = Serial::new(Instant::ZERO, boot.fast_line);
+        *self = Self { motor: Motor::new(at), fast: boot.fast, serial, ..Self::new(self.variant) };
         self.start(at, out);
     }
 

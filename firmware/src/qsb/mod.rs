@@ -163,7 +163,7 @@ impl Device for Qsb {
 
     fn power_on(&mut self, at: Instant, boot: Boot, out: &mut dyn Sink) {
         self.lines.clear();
-        self.adapter.power_on(at, boot.fast, out);
+        self.adapter.power_on(at, boot, out);
     }
 
     fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Sink) {

@@ -2,21 +2,28 @@
 
 use super::USB;
 use super::registers::{FACTORY_LINE, line};
-use crate::device::{Duration, Instant, Output, Sink};
+use crate::device::{Duration, Instant, Line, Output, Sink};
 
 /// The sending half of the port.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Serial {
     /// The rate of command A that was set.
     rate: Option<u8>,
+    /// The time of a character; none on a line on which characters take none.
     character: Duration,
+    fast: bool,
     /// When all that was put has left.
     sent: Instant,
 }
 
 impl Serial {
-    pub(super) fn new(at: Instant) -> Self {
-        Self { rate: None, character: FACTORY_LINE.character(), sent: at }
+    /// A free line; `fast`: characters take no time on it.
+    pub(super) fn new(at: Instant, fast: bool) -> Self {
+        Self { rate: None, character: Self::character(FACTORY_LINE, fast), fast, sent: at }
+    }
+
+    fn character(line: Line, fast: bool) -> Duration {
+        if fast { Duration::ZERO } else { line.character() }
     }
 
     /// When the line is free.
@@ -43,7 +50,7 @@ impl Serial {
         }
         self.rate = Some(rate);
         let line = line(rate);
-        self.character = line.character();
+        self.character = Self::character(line, self.fast);
         out.put(self.sent.max(at), Output::Line { port: USB, line });
     }
 }

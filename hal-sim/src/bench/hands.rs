@@ -236,7 +236,7 @@ impl Bench {
         if !self.powered(seat) {
             return Err(Refused::ReadOnly);
         }
-        let mut tape = tape(&mut self.trace, &mut self.outbox, self.settings, self.now);
+        let mut tape = tape(&mut self.trace, &mut self.outbox, self.settings);
         let result = self.seats[seat.0 as usize].feed(self.now, &Fed::Poke { row, value }, &mut tape);
         self.after(seat.0);
         self.run_until(self.now);

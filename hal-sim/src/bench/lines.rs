@@ -6,7 +6,7 @@ use standin_protocol::modbus::ascii;
 use standin_protocol::modbus::rtu::Timing;
 
 use super::{Bench, Bus, Seat};
-use crate::bus::{LineMode, Turn, Wire};
+use crate::bus::{LineMode, Wire};
 use crate::schedule::Class;
 use crate::trace::{self, Fed};
 
@@ -91,10 +91,10 @@ impl Bench {
         first.unwrap_or(Line::new(9_600, 8, Parity::None, 1))
     }
 
-    /// Whether a line is nobody's now. Half a message may wait for its rest there.
+    /// Whether all that was said on a line is answered. Half a message may wait for its rest there.
     #[must_use]
-    pub fn is_free(&self, bus: Bus) -> bool {
-        self.buses[bus.0 as usize].turn == Turn::Free
+    pub fn is_answered(&self, bus: Bus) -> bool {
+        !self.buses[bus.0 as usize].turn.is_busy()
     }
 
     /// Somebody opens or leaves the port at the other end of a line (DTR, a pty).

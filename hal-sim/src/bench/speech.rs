@@ -93,7 +93,6 @@ impl Bench {
         wire.refusal = refused.as_ref().map(|&(refusal, _)| refusal).or(wire.refusal);
         wire.free = wire.free.max(last);
         let free = wire.turn == Turn::Free;
-        self.busy += usize::from(free);
         // What follows a character is looked for when it has ended.
         let mut until = if framed { judged } else { last };
         if let Some(air) = &mut wire.air {
@@ -103,7 +102,8 @@ impl Bench {
                 until = until.max(wire.until);
             }
         }
-        (wire.turn, wire.served) = (Turn::Asked, client);
+        wire.served = client;
+        self.set_turn(bus, Turn::Asked);
         self.turn_until(bus, until);
     }
 

@@ -291,7 +291,7 @@ impl Bench {
                 let executed = tcp.is_none_or(|tcp| tcp.busy_with != Some(Some(client.0)));
                 executed && connection.under_way == 0 && connection.unheard.is_empty()
             }
-            (None, Some(outside)) => self.is_free(Bus(outside.bus)),
+            (None, Some(outside)) => self.is_answered(Bus(outside.bus)),
             (None, None) => true,
         }
     }

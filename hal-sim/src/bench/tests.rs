@@ -178,14 +178,26 @@ fn half_a_message_whose_rest_does_not_come_is_judged() {
     let (mut bench, seat, client) = alone(LineMode::Timed);
     bench.send(client, &rtu::read(1, 0, 1)[..3]);
     bench.settle();
-    assert!(bench.half_said());
+    assert_eq!(bench.now(), start());
     let settling = bench.begin_to_settle_halves();
     assert!(bench.settle_until(settling, Instant::NEVER));
-    assert!(!bench.half_said());
     // Patience, and three characters on the line with the silence behind them.
     assert_eq!(bench.now(), start() + 20.millis() + CHARACTER * 3 + T3_5 + CHARACTER);
     assert_eq!(bench.statistics(seat, RS485).dropped(), 1);
     assert_eq!(bench.ask(seat, &rtu::read(1, 0, 1)).len(), 7);
+}
+
+#[test]
+fn half_a_message_does_not_keep_another_client_waiting_in_manual_time() {
+    let (mut bench, seat, client) = alone(LineMode::Timed);
+    bench.send(client, &rtu::read(1, 0, 1)[..3]);
+    bench.settle();
+    let other = bench.connect(bench.bus(seat, RS485).unwrap());
+    bench.send(other, &rtu::read(1, 0, 1));
+    bench.settle();
+    assert!(bench.now() > start() + 20.millis());
+    assert_eq!(received(&mut bench, other).len(), 7);
+    assert_eq!(bench.statistics(seat, RS485).dropped(), 1);
 }
 
 #[test]

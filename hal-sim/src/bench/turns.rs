@@ -4,7 +4,7 @@ use standin_firmware::device::{Duration, Instant};
 
 use super::lines::{judgement, silence_after};
 use super::{Bench, Bus};
-use crate::bus::{Offer, Request, Turn};
+use crate::bus::{Offer, Request, Turn, Wire};
 use crate::faults::Text;
 use crate::schedule::{Class, What};
 
@@ -22,6 +22,9 @@ impl Bench {
             let wire = &mut self.buses[bus as usize];
             let goes_on = framed.is_none() && first == Some(wire.served) && wire.free <= self.now;
             if wire.turn != Turn::Free && !goes_on {
+                if wire.turn == Turn::Kept && first.is_some() {
+                    self.set_turn(bus, Turn::Asked);
+                }
                 return self.speak_into(bus);
             }
             let Some(id) = first else {
@@ -80,6 +83,13 @@ impl Bench {
         ended
     }
 
+    /// When patience ends with half a message for whose end another client waits.
+    pub(super) fn half_in_the_way(&self) -> Option<Instant> {
+        let waits = |id: &&u32| self.clients.get(id).is_some_and(|client| client.backlog() > 0);
+        let several = |wire: &&Wire| wire.clients.iter().filter(waits).nth(1).is_some();
+        self.buses.iter().filter(several).filter_map(Wire::half_until).min()
+    }
+
     /// Holds a client back while a drive has more than that to say. Answers are longer than commands, so a
     /// client that does not wait for them would make an endless queue. Whether it does; the turn waits with it.
     fn holds_back(&mut self, bus: u32, client: u32) -> bool {
@@ -89,8 +99,8 @@ impl Bench {
             return false;
         }
         let until = wire.sends_until - ahead;
-        self.busy += usize::from(wire.turn == Turn::Free);
-        (wire.turn, wire.served) = (Turn::Asked, client);
+        wire.served = client;
+        self.set_turn(bus, Turn::Asked);
         self.turn_until(bus, until);
         true
     }
@@ -114,6 +124,14 @@ impl Bench {
         });
         let request = if self.framed(bus).is_some() { self.disturbed_request(bus, request) } else { request };
         self.put(bus, start, &request);
+    }
+
+    /// Whose turn it is from now on.
+    pub(super) fn set_turn(&mut self, bus: u32, turn: Turn) {
+        let wire = &mut self.buses[bus as usize];
+        let before = std::mem::replace(&mut wire.turn, turn);
+        self.busy += usize::from(turn.is_busy());
+        self.busy -= usize::from(before.is_busy());
     }
 
     /// The present turn, or the patience with half a message, ends at `at`.
@@ -162,8 +180,8 @@ impl Bench {
     }
 
     /// Where each character has its time: the client goes on; or, held back, tries again; or it has said all.
-    /// Then the turn is its own for as long as silence would take to end a message: programs write a command
-    /// in pieces, and those of two clients must not mix.
+    /// Then it keeps the line for as long as silence would take to end a message: programs write a command in
+    /// pieces, and those of two clients must not mix. An answer that begins at once ends the exchange before that.
     fn turn_ends_of_characters(&mut self, bus: u32, at: Instant) {
         let wire = &mut self.buses[bus as usize];
         let spoke = wire.turn == Turn::Asked && wire.free == at;
@@ -175,7 +193,17 @@ impl Bench {
         }
         if spoke && !self.fast() {
             let quiet = self.lines(bus).map(judgement).max().unwrap_or(Duration::ZERO);
-            return self.turn_until(bus, at + quiet);
+            self.buses[bus as usize].kept_until = at + quiet;
+            if !self.answers(bus, at) {
+                self.turn_until(bus, at + quiet);
+            }
+            return;
+        }
+        let kept_until = self.buses[bus as usize].kept_until;
+        if answered && at < kept_until {
+            let turn = if self.first_waiting(bus).is_some() { Turn::Asked } else { Turn::Kept };
+            self.set_turn(bus, turn);
+            return self.turn_until(bus, kept_until);
         }
         // Once: streams never end, and both directions run at once.
         if answered || !self.answers(bus, at) {
@@ -189,7 +217,7 @@ impl Bench {
         let until = wire.sends_until;
         let answers = until > at;
         if answers {
-            wire.turn = Turn::Answering;
+            self.set_turn(bus, Turn::Answering);
             self.turn_until(bus, until);
         }
         answers
@@ -206,12 +234,12 @@ impl Bench {
     fn free(&mut self, bus: u32, from: Instant) {
         let from = self.heard_by_all(bus, from);
         let wire = &mut self.buses[bus as usize];
-        (wire.turn, wire.free, wire.refusal) = (Turn::Free, from, None);
+        (wire.free, wire.refusal) = (from, None);
         if let Some(air) = &mut wire.air {
             air.spoke.clear();
             air.free = from;
         }
-        self.busy -= 1;
+        self.set_turn(bus, Turn::Free);
         self.serve(bus);
     }
 }

@@ -100,7 +100,7 @@ impl End for Stdio {
         } else if self.unread.lose() {
             warn!("stdout has left more than {MOST_MIB} MiB unread; what follows is lost");
         }
-        if self.stage == Stage::Asked && self.unread.is_empty() && bench.is_free(self.bus) {
+        if self.stage == Stage::Asked && self.unread.is_empty() && bench.is_answered(self.bus) {
             // The writing thread ends when it has written all before that.
             let _ = self.near.shutdown(Shutdown::Write);
             self.stage = Stage::Answered;

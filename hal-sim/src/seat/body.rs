@@ -134,7 +134,6 @@ impl Outbox {
 pub(crate) struct Tape<'a> {
     pub(crate) trace: &'a mut Trace,
     pub(crate) outbox: &'a mut Outbox,
-    pub(crate) now: Instant,
     /// Whether characters take no time.
     pub(crate) fast: bool,
 }
@@ -237,14 +236,13 @@ impl Body {
         match output {
             Output::Bytes { port, bytes } => {
                 let Some(serial) = self.serial(port) else { return };
-                let at = serial.leaves(at, tape);
                 let (start, line) = serial.send(at, bytes.len(), tape.fast);
                 tape.outbox.sent.push(Sent { seat: self.seat, port, start, line, count: bytes.len() });
                 tape.outbox.bytes.extend_from_slice(bytes);
             }
             Output::Line { port, line } => {
                 if let Some(serial) = self.serial(port) {
-                    serial.change(serial.leaves(at, tape), line);
+                    serial.change(at, line);
                 }
             }
             Output::Level { pin, level } => self.drive(pin, at, Drives::Level(level), tape.outbox),

@@ -144,7 +144,7 @@ impl Seated {
 
     /// Powers it on, untold by the trace: at the beginning that goes without saying.
     pub(crate) fn power_on(&mut self, at: Instant, tape: &mut Tape<'_>) {
-        let boot = Boot { seed: self.dice.next(), fast: self.boot_fast };
+        let boot = Boot { seed: self.dice.next(), fast: self.boot_fast, fast_line: tape.fast };
         self.body.power_on(at);
         self.device.power_on(at, boot, &mut Hand { body: &mut self.body, tape });
         self.done(at, Class::Power, tape);

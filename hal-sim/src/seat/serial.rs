@@ -2,7 +2,6 @@
 
 use standin_firmware::device::{Duration, Ends, Instant, Line, PortSpec};
 
-use super::body::Tape;
 use super::tcp::Tcp;
 use crate::bench::Statistics;
 
@@ -61,12 +60,6 @@ impl Serial {
     /// The settings of a character that begins at `at`.
     pub(crate) fn line_at(&self, at: Instant) -> Line {
         self.later.iter().rev().find(|(from, _)| *from <= at).map_or(self.line, |&(_, line)| line)
-    }
-
-    /// When something put for `at` leaves. Where each character has its time a device puts it behind all that
-    /// it is still sending, which is nothing if characters take none.
-    pub(super) fn leaves(&self, at: Instant, tape: &Tape<'_>) -> Instant {
-        if tape.fast && !self.silence { tape.now } else { at }
     }
 
     /// Other settings, when all has left.

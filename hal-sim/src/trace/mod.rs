@@ -4,7 +4,8 @@
 //! standin trace 1                     the format, before anything else
 //! seed 1                              of every random choice; 1 if not given
 //! drive md3 md3                       name and kind; `fast`: no start-up delay; `from 12.5`: seated then;
-//!                                     `apart`: without the motor that it brings
+//!                                     `apart`: without the motor that it brings; `untimed`: on a line on which
+//!                                     characters take no time
 //! memory md3 0x0000 01 00 9A          what its memory held; 0xFF where nothing is said
 //! compare tx pins                     which outputs count: tx line pins motion stores; all if not given
 //!
@@ -128,6 +129,8 @@ pub struct Drive {
     pub spec: &'static Spec,
     /// Whether it has no start-up delay.
     pub boot_fast: bool,
+    /// Characters take no time on its serial lines.
+    pub fast_line: bool,
     /// Whether it has parted from the motor that it brings.
     pub apart: bool,
     /// When it was seated and powered on.

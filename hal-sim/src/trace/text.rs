@@ -96,11 +96,15 @@ impl Trace {
         for drive in self.by_name().iter().map(|&index| &self.drives[index]) {
             let fast = if drive.boot_fast { " fast" } else { "" };
             let apart = if drive.apart { " apart" } else { "" };
+            let untimed = if drive.fast_line { " untimed" } else { "" };
             let from = match drive.from {
                 Instant::ZERO => String::new(),
                 later => format!(" from {}", stamp(later)),
             };
-            line(&mut text, format_args!("drive {} {}{fast}{apart}{from}", drive.name, drive.spec.kind));
+            line(
+                &mut text,
+                format_args!("drive {} {}{fast}{apart}{untimed}{from}", drive.name, drive.spec.kind),
+            );
             for (row, bytes) in drive.memory.chunks(MEMORY_ROW).enumerate() {
                 if bytes.iter().any(|&byte| byte != 0xFF) {
                     let offset = row * MEMORY_ROW;
@@ -433,6 +437,7 @@ impl Reader {
             name,
             spec,
             boot_fast: false,
+            fast_line: false,
             apart: false,
             from: Instant::ZERO,
             memory: vec![0xFF; usize::from(spec.memory)],
@@ -441,8 +446,12 @@ impl Reader {
             match word {
                 "fast" => drive.boot_fast = true,
                 "apart" => drive.apart = true,
+                "untimed" => drive.fast_line = true,
                 "from" => drive.from = Instant::from_ticks(words.millis()?),
-                _ => return Err(format!("\"{word}\" is not known here: \"fast\", \"apart\" or \"from\"")),
+                _ => {
+                    let words = ["fast", "apart", "untimed", "from"];
+                    return Err(format!("\"{word}\" is not known here: {}", known(words)));
+                }
             }
         }
         self.trace.drives.push(drive);

@@ -78,7 +78,7 @@ fn play(mut drive: impl Device, orders: &[(&str, i64)], acts: &[(Act, u64)]) {
     drive.part();
     let mut out = Nowhere(vec![0xFF; usize::from(drive.spec().memory)]);
     let mut now = Instant::ZERO;
-    drive.power_on(now, Boot { seed: 0, fast: true }, &mut out);
+    drive.power_on(now, Boot { fast: true, ..Boot::default() }, &mut out);
     let orders = rows(orders, &drive);
     for (act, ticks) in acts {
         now += Duration::from_ticks(*ticks);

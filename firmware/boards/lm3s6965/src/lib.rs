@@ -103,7 +103,7 @@ fn start<D: Device, const MEMORY: usize, const CHARACTERS: usize, const WIRES: u
     FAST.pulled(true);
     // Time for the pull-ups: 20 µs.
     asm::delay(1_000);
-    let boot = Boot { seed: 0, fast: !FAST.is_high() };
+    let boot = Boot { fast: !FAST.is_high(), ..Boot::default() };
     inputs::begin();
     // Not before: the stack is nowhere as deep as while the drive is put on the board, and what the inputs are goes
     // before all that interrupts catch.

@@ -88,7 +88,11 @@ fn a_stream_does_not_keep_manual_time_going() {
     assert_eq!(answers, 2 * 20);
     let gone = bench.now().since(Instant::ZERO + CHARACTER).ticks() / toy::INTERVAL.ticks();
     assert!(dots as u64 == gone || dots as u64 + 1 == gone, "{dots} dots in {gone} intervals");
-    assert_eq!(volumes(&bench.ask(seat, b"s")), [0; 0], "it is over");
+    bench.ask(seat, b"s");
+    bench.run_until(bench.now() + CHARACTER);
+    received(&mut bench, client);
+    bench.run_until(bench.now() + toy::INTERVAL * 10);
+    assert!(received(&mut bench, client).is_empty(), "it is over");
 }
 
 #[test]
@@ -155,6 +159,37 @@ fn clients_take_turns_in_the_order_of_arrival() {
 }
 
 #[test]
+fn an_exchange_ends_with_its_answer() {
+    let mut bench = Bench::new();
+    let setup = Setup { boot_fast: true, ..Setup::default() };
+    let qsb = bench.seat("qsb", Box::new(Qsb::d()), setup).unwrap();
+    let bus = bench.bus(qsb, Port(0)).unwrap();
+    let (client, other) = (bench.connect(bus), bench.connect(bus));
+    bench.run_until(10.millis());
+    received(&mut bench, client);
+    received(&mut bench, other);
+    let begin = bench.now();
+    bench.send(client, b"R0E\r");
+    bench.settle();
+    let answer = b"r 0E 00000000 !\r\n";
+    assert_eq!(received(&mut bench, client), answer);
+    // 4 and 17 characters of 10 bits at 230,400 baud: 0.911 ms.
+    let character = bench.line(bus).character();
+    assert_eq!(bench.now(), begin + character * 21);
+    // The line is still kept for the client: it goes on at once, another one waits for the silence of t3.5, which
+    // manual time goes to its end.
+    bench.send(client, b"R0E\r");
+    bench.settle();
+    assert_eq!(bench.now(), begin + character * 42);
+    received(&mut bench, other);
+    bench.send(other, b"R0E\r");
+    bench.settle();
+    assert_eq!(received(&mut bench, other), answer);
+    let quiet = Timing::of(bench.line(bus)).t3_5 + character;
+    assert_eq!(bench.now(), begin + character * (21 + 4) + quiet + character * 21);
+}
+
+#[test]
 fn fast_takes_no_time_but_that_of_the_drive() {
     let (mut bench, seat, bus) = toy(LineMode::Fast);
     let client = bench.connect(bus);
@@ -195,6 +230,33 @@ fn fast_takes_no_time_where_a_drive_puts_its_answers_ahead() {
         bench.run_until(now);
         assert_eq!(bench.bus(qsb, Port(0)).map(|bus| bench.line(bus).baud), Some(19_200));
     }
+}
+
+#[test]
+fn fast_lets_a_polled_drive_stream() {
+    let mut bench = Bench::with(Settings { line: LineMode::Fast, ..Settings::default() });
+    let setup = Setup { boot_fast: true, ..Setup::default() };
+    let qsb = bench.seat("qsb", Box::new(Qsb::d()), setup).unwrap();
+    let client = bench.connect(bench.bus(qsb, Port(0)).unwrap());
+    // A record every 5/512 s, whatever the count is.
+    bench.send(client, b"W0B0\rW0C5\rS0E\r");
+    bench.settle();
+    received(&mut bench, client);
+    let begin = bench.now();
+    // More polls in a second than 230,400 baud carries.
+    for n in 1..=20_000 {
+        bench.run_until(begin + 50.micros() * n);
+        bench.send(client, b"R0B\r");
+    }
+    bench.settle();
+    let heard = received(&mut bench, client);
+    let count =
+        |start: &[u8]| heard.split(|byte| *byte == b'\n').filter(|line| line.starts_with(start)).count();
+    assert_eq!((count(b"s 0E"), count(b"r 0B")), (102, 20_000));
+    let make = |_: &str| Some(Box::new(Qsb::d()) as Box<dyn Device>);
+    let text = bench.trace().to_text();
+    assert!(text.contains("\ndrive qsb qsb-d fast untimed\n"), "{}", &text[..200]);
+    assert_eq!(replay::run(&Trace::parse(&text, &make).unwrap(), &make), Ok(None));
 }
 
 #[test]

@@ -18,9 +18,8 @@ fn fast() -> Setup {
     Setup { boot_fast: true, ..Setup::default() }
 }
 
-fn bench() -> (Bench, Seat, Bus) {
-    let mut bench =
-        Bench::with(Settings { line: LineMode::Fast, trace: TraceKeep::All, ..Settings::default() });
+fn bench(line: LineMode) -> (Bench, Seat, Bus) {
+    let mut bench = Bench::with(Settings { line, trace: TraceKeep::All, ..Settings::default() });
     let qsb = bench.seat("q", Box::new(Qsb::d()), fast()).unwrap();
     let bus = bench.bus(qsb, Port(0)).unwrap();
     (bench, qsb, bus)
@@ -41,7 +40,7 @@ fn replays(bench: &Bench) -> String {
 
 #[test]
 fn answers_that_are_under_way_at_the_end_move_no_other_drive() {
-    let (mut bench, _, bus) = bench();
+    let (mut bench, _, bus) = bench(LineMode::Timed);
     let md3 = bench.seat("x", Box::new(Md3::new()), fast()).unwrap();
     let client = bench.connect(bus);
     let row = |name| bench.spec(md3).find(name).unwrap().row;
@@ -50,7 +49,7 @@ fn answers_that_are_under_way_at_the_end_move_no_other_drive() {
     bench.poke(md3, control, 1).unwrap();
     // Each answer takes 17 characters of its line, so the last one lies behind the end of the move.
     bench.send(client, &b"R0E\r".repeat(1_000));
-    bench.settle();
+    bench.run_until(bench.now() + 200.millis());
     let text = replays(&bench);
     let stamp = |line: &str| line.split(' ').next().unwrap().parse::<f64>().unwrap();
     let end = text.lines().find_map(|line| line.strip_suffix(" end")).unwrap().parse::<f64>().unwrap();
@@ -60,7 +59,7 @@ fn answers_that_are_under_way_at_the_end_move_no_other_drive() {
 
 #[test]
 fn what_comes_at_one_instant_comes_in_its_order() {
-    let (mut bench, qsb, bus) = bench();
+    let (mut bench, qsb, bus) = bench(LineMode::Fast);
     bench.run_until(1.secs());
     let noise = LineFaults { noise: 1.0, ..LineFaults::default() };
     bench.disturb(bus, noise);
@@ -72,7 +71,7 @@ fn what_comes_at_one_instant_comes_in_its_order() {
     let text = replays(&bench);
     assert!(text.contains("> spoiled"), "{text}");
 
-    let (mut bench, qsb_again, bus) = self::bench();
+    let (mut bench, qsb_again, bus) = self::bench(LineMode::Fast);
     assert_eq!(qsb, qsb_again);
     bench.run_until(1.secs());
     let client = bench.connect(bus);

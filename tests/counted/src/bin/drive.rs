@@ -59,7 +59,7 @@ fn measure<D: Device>(make: impl FnOnce() -> D) {
     }
     .expect("there is something to read");
     let board = Board::default();
-    let boot = Boot { seed: 0, fast: true };
+    let boot = Boot { fast: true, ..Boot::default() };
     let mut shell = DriveShell::<D>::new(&mut drive, &board, Hands(&board));
     shell.power_on(Instant::ZERO, boot);
     while shell.deadline() <= Instant::ZERO + STARTED {

@@ -30,7 +30,7 @@ fn main() -> ! {
 fn lines(name: &CStr, program: &Program, flash: &'static Flash) {
     let mut drive = rs434544();
     let out = &mut Hands(flash);
-    drive.power_on(Instant::ZERO, Boot { seed: 1, fast: true }, out);
+    drive.power_on(Instant::ZERO, Boot { seed: 1, fast: true, ..Boot::default() }, out);
     drive.timeout(Instant::ZERO, out);
     let started = drive.poke(Instant::from(Duration::secs(1)), Reg::MODE_USER_PROGRAM as usize, 2, out);
     assert!(started.is_ok());

@@ -28,7 +28,7 @@ fn main() -> ! {
 fn turn(name: &CStr, mut drive: impl Device, orders: &[(usize, i64)]) {
     let out = &mut Hands;
     let mut now = Instant::ZERO;
-    drive.power_on(now, Boot { seed: 1, fast: true }, out);
+    drive.power_on(now, Boot { seed: 1, fast: true, ..Boot::default() }, out);
     pass(&mut drive, &mut now, out);
     for &(row, value) in orders {
         assert!(drive.poke(now, row, value, out).is_ok());
