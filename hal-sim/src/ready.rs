@@ -290,7 +290,7 @@ mod tests {
             [(bench.outlet(md3, Port(0)), vec![Address::Pty { path, link }])].into()
         };
         let ready = Ready::new(&bench, &[md3], address(Some("md3.tty")));
-        let text = "md3: US Digital MD3
+        let text = "md3: US Digital MD3 stepper drive, 7 A
   rs485, 9600 8E1, address 1
     pty:/dev/pts/4
     pty:md3.tty
