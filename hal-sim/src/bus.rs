@@ -54,6 +54,8 @@ pub(crate) struct Wire {
     pub(crate) turn: Turn,
     /// The client that was served last.
     pub(crate) served: u32,
+    /// The place of what it said in the order of arrival.
+    pub(crate) said: u64,
     /// When `turn`, or the patience with half a message, ends.
     pub(crate) until: Instant,
     /// From when a client's character may begin.
@@ -77,6 +79,8 @@ pub(crate) struct Wire {
 #[derive(Clone, Default)]
 pub(crate) struct Request {
     pub(crate) client: u32,
+    /// Its place in the order of arrival.
+    pub(crate) order: u64,
     pub(crate) sender: Sender,
     /// How many characters it takes.
     pub(crate) count: usize,
@@ -119,6 +123,7 @@ impl Wire {
             clients: Vec::new(),
             turn: Turn::Free,
             served: 0,
+            said: 0,
             until: Instant::NEVER,
             free: Instant::ZERO,
             kept_until: Instant::ZERO,
@@ -146,6 +151,8 @@ impl Wire {
 #[derive(Default)]
 pub(crate) struct Outside {
     pub(crate) bus: u32,
+    /// The place of what arrived last before it came.
+    since: u64,
     /// Whether it has left, and only its whole messages are still sent.
     pub(crate) left: bool,
     /// Whether its port gives characters their time itself, so that it gets what a drive says whole.
@@ -221,8 +228,9 @@ pub(crate) enum Offer {
 }
 
 impl Outside {
-    pub(crate) fn new(bus: u32) -> Self {
-        Self { bus, ..Self::default() }
+    /// Somebody on `bus` who comes when so much has arrived.
+    pub(crate) fn new(bus: u32, since: u64) -> Self {
+        Self { bus, since, ..Self::default() }
     }
 
     /// Bytes arrive.
@@ -365,6 +373,11 @@ impl Clients {
         let outside = self.all.remove(id)?;
         self.audible.remove(&(outside.due(), *id));
         Some(outside)
+    }
+
+    /// Whether a client came when what has that place in the order of arrival had been said.
+    pub(crate) fn came_after(&self, id: u32, order: u64) -> bool {
+        self.all.get(&id).is_some_and(|outside| outside.since >= order)
     }
 
     /// A client hears nothing more, and is here only until its whole messages are sent.

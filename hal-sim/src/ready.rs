@@ -21,15 +21,23 @@ use crate::log;
 pub(crate) enum Address {
     /// By what a whole URI says.
     Uri(String),
-    /// By the pty of that name.
-    Pty(PathBuf),
+    /// By a pty.
+    Pty {
+        /// The system's name for it.
+        path: PathBuf,
+        /// The link that leads there.
+        link: Option<PathBuf>,
+    },
 }
 
 impl Address {
-    fn uri(&self) -> String {
+    fn uris(&self) -> Vec<String> {
         match self {
-            Self::Uri(uri) => uri.clone(),
-            Self::Pty(path) => format!("pty:{}", path.display()),
+            Self::Uri(uri) => vec![uri.clone()],
+            Self::Pty { path, link } => {
+                let names = std::iter::once(path).chain(link);
+                names.map(|name| Uri::Pty(Some(name.clone())).to_string()).collect()
+            }
         }
     }
 }
@@ -196,7 +204,7 @@ impl Ready {
 impl Reached {
     /// An URL for pyserial, and what is built on it, where a line with a parity is reached by a pty (decision 2 of the host).
     fn without_parity(&self) -> Option<String> {
-        let has_pty = self.addresses.iter().any(|address| matches!(address, Address::Pty(_)));
+        let has_pty = self.addresses.iter().any(|address| matches!(address, Address::Pty { .. }));
         let uris = self.uris();
         let tcp = uris.iter().find_map(|uri| uri.strip_prefix("tcp:"))?;
         let has_parity = self.line.is_some_and(|line| line.parity != Parity::None);
@@ -204,7 +212,7 @@ impl Reached {
     }
 
     fn uris(&self) -> Vec<String> {
-        self.addresses.iter().map(Address::uri).collect()
+        self.addresses.iter().flat_map(Address::uris).collect()
     }
 }
 
@@ -219,7 +227,7 @@ impl Drive {
         let ends = self.spec.ports.get(usize::from(port.0))?.ends;
         let Some(line) = reached.line else { return self.command_by_tcp(ends, reached) };
         let pty = reached.addresses.iter().find_map(|address| match address {
-            Address::Pty(path) => Some(path.display()),
+            Address::Pty { path, link } => Some(link.as_ref().unwrap_or(path).display()),
             Address::Uri(_) => None,
         })?;
         let Line { baud, parity, stop, .. } = line;
@@ -271,6 +279,30 @@ impl Drive {
 mod tests {
     use super::*;
     use crate::echo::{Echo, MCODE, MODBUS};
+    use standin_firmware::md3::Md3;
+
+    #[test]
+    fn a_pty_is_told_by_both_its_names_and_tried_by_that_which_stays() {
+        let mut bench = Bench::new();
+        let md3 = bench.add::<Md3>("md3");
+        let address = |link: Option<&str>| {
+            let (path, link) = ("/dev/pts/4".into(), link.map(PathBuf::from));
+            [(bench.outlet(md3, Port(0)), vec![Address::Pty { path, link }])].into()
+        };
+        let ready = Ready::new(&bench, &[md3], address(Some("md3.tty")));
+        let text = "md3: US Digital MD3 stepper drive, 7 A
+  rs485, 9600 8E1, address 1
+    pty:/dev/pts/4
+    pty:md3.tty
+Try:
+  mbpoll -m rtu -a 1 -b 9600 -P even -t 4:hex -r 1 -c 32 md3.tty
+Ctrl-C ends it.
+";
+        assert_eq!(ready.text(), text);
+        assert!(ready.json().unwrap().contains(r#""rs485":["pty:/dev/pts/4","pty:md3.tty"]"#));
+        let ready = Ready::new(&bench, &[md3], address(None));
+        assert_eq!(ready.text(), text.replace("    pty:md3.tty\n", "").replace("md3.tty", "/dev/pts/4"));
+    }
 
     #[test]
     fn tcp_ports_are_told_as_lines_are() {

@@ -15,7 +15,7 @@ impl Bench {
     /// Somebody joins a line.
     pub fn connect(&mut self, bus: Bus) -> Client {
         self.connected += 1;
-        self.clients.insert(self.connected, Outside::new(bus.0));
+        self.clients.insert(self.connected, Outside::new(bus.0, self.arrivals));
         self.buses[bus.0 as usize].clients.push(self.connected);
         Client(self.connected)
     }

@@ -69,7 +69,7 @@ struct Said {
 impl Bench {
     /// Puts a message, or noise, on a line from `start` on.
     pub(super) fn put(&mut self, bus: u32, start: Instant, request: &Request) {
-        let &Request { client, count, ref text, ref refused, noise, .. } = request;
+        let &Request { client, order, count, ref text, ref refused, noise, .. } = request;
         let baud = self.buses[bus as usize].disturbance.faults().baud.filter(|_| !noise);
         let voice = Voice::Client(Sender { baud: baud.or(request.sender.baud), ..request.sender });
         let bytes = refused.as_ref().map_or(&text.bytes, |(_, instead)| instead);
@@ -102,7 +102,7 @@ impl Bench {
                 until = until.max(wire.until);
             }
         }
-        wire.served = client;
+        (wire.served, wire.said) = (client, order);
         self.set_turn(bus, Turn::Asked);
         self.turn_until(bus, until);
     }
@@ -230,7 +230,9 @@ impl Bench {
         self.record(bus, start, sent.line, Source::Drive(Seat(sent.seat)), bytes, number);
     }
 
-    /// Characters reach all clients, from `start` on; `from` is the drive that says them, if one does.
+    /// Characters reach all clients, from `start` on; `from` is the drive that says them, if one does. What it answers to
+    /// somebody who has left does not reach those who have come since that was asked: one of them may have taken over the
+    /// port.
     pub(super) fn reach_clients(
         &mut self,
         bus: u32,
@@ -243,7 +245,13 @@ impl Bench {
         let told = Told { start, character: self.takes(line, 1), bytes, from };
         let wire = &self.buses[bus as usize];
         let air = wire.air.as_ref().zip(number);
+        let asker_left = self.clients.get(&wire.served).is_none_or(|asker| asker.left);
+        let is_framed = self.framed(bus).is_some();
+        let has_left = from.is_some() && is_framed && asker_left;
         for &id in &wire.clients {
+            if has_left && self.clients.came_after(id, wire.said) {
+                continue;
+            }
             self.clients.hear(id, told, |end, byte| {
                 let (air, _) = air.filter(|(air, number)| air.spoils(*number, end))?;
                 Some(air.garbage(line, end, byte))

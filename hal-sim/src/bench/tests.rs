@@ -398,6 +398,22 @@ fn a_line_belongs_to_a_client_until_its_reply_is_out() {
 }
 
 #[test]
+fn who_comes_when_the_asker_has_left_does_not_hear_the_reply() {
+    let (mut bench, seat, client) = alone(LineMode::Timed);
+    let bus = bench.bus(seat, RS485).unwrap();
+    let other = bench.connect(bus);
+    bench.send(client, &rtu::read(1, 0, 1));
+    bench.run_until(start() + 1.millis());
+    bench.disconnect(client);
+    let next = bench.connect(bus);
+    bench.send(next, &rtu::read(1, 0, 2));
+    bench.run_until(start() + 200.millis());
+    assert_eq!(received(&mut bench, other).len(), 7 + 9);
+    assert_eq!(received(&mut bench, next)[2..].len(), 7);
+    assert_eq!(bench.statistics(seat, RS485).requests, 2);
+}
+
+#[test]
 fn replies_are_lost_while_nobody_is_connected() {
     let (mut bench, seat, client) = alone(LineMode::Timed);
     bench.send(client, &rtu::read(1, 0, 1));

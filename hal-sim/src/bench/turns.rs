@@ -109,13 +109,15 @@ impl Bench {
     /// when the line is free.
     pub(super) fn transmit(&mut self, bus: u32, client: u32, length: usize, came: Instant) {
         let Some(outside) = self.clients.get_mut(&client) else { return };
-        let (mark, bytes, sender) = (outside.mark(), outside.take(length), outside.sender);
+        let (mark, order) = (outside.mark(), outside.order().unwrap_or_default());
+        let (bytes, sender) = (outside.take(length), outside.sender);
         if outside.left && outside.backlog() == 0 {
             self.forget(client);
         }
         let unreadable = if mark.unreadable { vec![0] } else { Vec::new() };
         let text = Text { bytes, unreadable };
-        let request = Request { client, sender, count: length, text, refused: None, noise: mark.noise };
+        let request =
+            Request { client, order, sender, count: length, text, refused: None, noise: mark.noise };
         let wire = &self.buses[bus as usize];
         let start = came.max(match &wire.air {
             // It speaks into what others say.

@@ -8,6 +8,7 @@
 //! (elsewhere), and one that sends faster than its line is read only as fast as the line.
 
 mod link;
+mod openings;
 mod pty;
 mod serial;
 mod stdio;
@@ -19,21 +20,23 @@ mod unread;
 mod watch;
 mod web;
 
+use std::cell::RefCell;
 use std::collections::btree_map::Entry;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::io;
 use std::mem::MaybeUninit;
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 use std::path::PathBuf;
+use std::rc::Rc;
 use std::time::Duration;
 
 use rustix::event::epoll::EventFlags;
-use rustix::fs::inotify;
 use standin_firmware::device::Instant;
 use standin_sim::bench::{Bench, Bus, Client, Outlet};
 use tracing::error;
 
 pub(crate) use link::check_link;
+use openings::Openings;
 pub(crate) use pty::PtyError;
 pub(crate) use serial::Device;
 pub(crate) use tcp::{Bound, bind};
@@ -87,8 +90,10 @@ trait End {
     /// Looks at what nothing tells.
     fn look(&mut self, _bench: &mut Bench) {}
 
-    /// Somebody opens or closes it, as far as openings tell.
-    fn opened_or_closed(&mut self, _bench: &mut Bench, _events: inotify::ReadFlags) {}
+    /// Somebody has opened, left or written to it. Takes what has come, as [`End::take`] does.
+    fn opened_or_closed(&mut self, _bench: &mut Bench, _manual: bool) -> bool {
+        false
+    }
 
     /// It is of no use any more: who talks there leaves.
     fn leave(&mut self, bench: &mut Bench);
@@ -128,7 +133,7 @@ pub(crate) struct Ports {
     ending: BTreeSet<(Instant, u64)>,
     rounds: BTreeMap<Duration, Round>,
     /// Tells who opens a pty.
-    openings: OwnedFd,
+    openings: Rc<RefCell<Openings>>,
     /// The ptys by their watches among the openings.
     ptys: BTreeMap<i32, u64>,
     /// The place of standard input and output.
@@ -143,7 +148,7 @@ impl Ports {
     /// # Errors
     /// The system gives no epoll or inotify instance, or no timer.
     pub(crate) fn new() -> io::Result<Self> {
-        let openings = inotify::init(inotify::CreateFlags::NONBLOCK | inotify::CreateFlags::CLOEXEC)?;
+        let openings = Rc::new(RefCell::new(Openings::new()?));
         let mut ports = Self {
             watch: Watch::new()?,
             ready: VecDeque::new(),
@@ -160,7 +165,7 @@ impl Ports {
             last: 0,
         };
         let number = ports.number();
-        ports.watch.add(number, &ports.openings, EventFlags::IN)?;
+        ports.watch.add(number, &*ports.openings.borrow(), EventFlags::IN)?;
         Ok(ports)
     }
 
@@ -183,11 +188,17 @@ impl Ports {
     ///
     /// # Errors
     /// There is no pty to be had, or no link to be made.
-    pub(crate) fn add_pty(&mut self, bus: Bus, link: Option<PathBuf>) -> Result<PathBuf, PtyError> {
-        let pty = pty::Pty::new(bus, link, &self.openings)?;
+    pub(crate) fn add_pty(
+        &mut self,
+        bench: &Bench,
+        bus: Bus,
+        link: Option<PathBuf>,
+    ) -> Result<PathBuf, PtyError> {
+        let pty = pty::Pty::new(bench, bus, link, Rc::clone(&self.openings))?;
         let (path, watch) = (pty.path().to_owned(), pty.watch());
         let number = self.place(Box::new(pty));
         self.ptys.insert(watch, number);
+        self.note(bench, number);
         Ok(path)
     }
 
@@ -262,9 +273,13 @@ impl Ports {
     pub(crate) fn take(&mut self, bench: &mut Bench, manual: bool) -> bool {
         // What somebody sent who came a moment ago is his, not his predecessor's.
         if !self.ready.is_empty() && !self.ptys.is_empty() {
-            self.note_openings(bench);
+            self.openings.borrow_mut().hear();
         }
-        while let Some((number, flags)) = self.ready.pop_front() {
+        loop {
+            if self.note_openings(bench, manual) {
+                return true;
+            }
+            let Some((number, flags)) = self.ready.pop_front() else { return false };
             if let Some(place) = self.places.get_mut(&number) {
                 let said = place.end.take(bench, flags, manual);
                 let goes_on = flags.contains(EventFlags::OUT) && place.end.deliver(bench);
@@ -281,7 +296,6 @@ impl Ports {
                 self.go_round(bench, number);
             }
         }
-        false
     }
 
     /// Hands out what the drives have sent by now. Whether a drive is to hear something because of that: more of who
@@ -473,19 +487,21 @@ impl Ports {
         self.look_every(number, place.pause, None);
     }
 
-    /// Tells each pty who opened or left it.
-    fn note_openings(&mut self, bench: &mut Bench) {
-        let mut told = Vec::new();
-        let mut buffer = [MaybeUninit::uninit(); 1024];
-        let mut events = inotify::Reader::new(&self.openings, &mut buffer);
-        while let Ok(event) = events.next() {
-            told.push((event.wd(), event.events()));
-        }
-        for (watch, events) in told {
-            let Some(&number) = self.ptys.get(&watch) else { continue };
-            if let Some(place) = self.places.get_mut(&number) {
-                place.end.opened_or_closed(bench, events);
-                self.note(bench, number);
+    /// Tells each pty that somebody opened or left it, or wrote there, up to the first where something is said. Whether
+    /// there is such.
+    fn note_openings(&mut self, bench: &mut Bench, manual: bool) -> bool {
+        loop {
+            let Some(watch) = self.openings.borrow().next() else { return false };
+            let place =
+                self.ptys.get(&watch).and_then(|&number| Some((number, self.places.get_mut(&number)?)));
+            let Some((number, place)) = place else {
+                self.openings.borrow_mut().of(watch);
+                continue;
+            };
+            let said = place.end.opened_or_closed(bench, manual);
+            self.note(bench, number);
+            if said {
+                return true;
             }
         }
     }

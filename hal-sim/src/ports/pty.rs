@@ -7,41 +7,54 @@
 //! and again a moment after somebody has cleared them, together with the other value of a third one
 //! (`ECHOK`), because the C library compares what was before with what it finds after that. A program
 //! that takes its second step within that moment still gets `EINVAL`.
+//!
+//! The next one may open a pty before the last one is seen to have left it. Then what he wrote lies in one queue with what
+//! the last one wrote, so nothing of that queue is dropped: it is read to its end, and [`Openings`] tell whose it is.
 
+use std::cell::RefCell;
 use std::ffi::OsStr;
 use std::fmt;
 use std::io;
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 use std::os::unix::ffi::OsStrExt;
 use std::path::{Path, PathBuf};
+use std::rc::Rc;
 use std::time::Duration;
 
 use rustix::event::epoll::EventFlags;
-use rustix::fs::{OFlags, inotify};
-use rustix::pty::OpenptFlags;
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::fs::OFlags;
+use rustix::fs::inotify::ReadFlags;
+use rustix::pty::{OpenptFlags, ioctl_tiocgptpeer};
 use rustix::termios::{
-    ControlModes, LocalModes, OptionalActions, OutputModes, QueueSelector, tcflush, tcgetattr, tcsetattr,
+    Action, ControlModes, InputModes, LocalModes, OptionalActions, OutputModes, QueueSelector, tcflow,
+    tcflush, tcgetattr, tcsetattr,
 };
+use standin_firmware::device::Line;
+use standin_protocol::modbus::{Burst, Voices, ascii, rtu};
 use standin_sim::bench::{Bench, Bus, Client};
 use standin_sim::bus::Sender;
 use tracing::{info, warn};
 
 use super::link::Link;
+use super::openings::{Openers, Openings};
 use super::unread::{MOST_MIB, Unread};
-use super::{Came, End, ROOM, interest, may_read, read_some};
+use super::{Came, End, READ_BYTES, ROOM, interest, may_read, read_some};
 
 /// A pty of a line.
 pub(super) struct Pty {
     master: OwnedFd,
     path: PathBuf,
-    _link: Option<Link>,
+    link: Option<Link>,
+    openings: Rc<RefCell<Openings>>,
     /// Its watch among the openings.
     watch: i32,
     bus: Bus,
+    /// The baud rate of the drive that it was last given.
+    baud: u32,
     /// Who talks there, while somebody has it open.
     client: Option<Client>,
-    /// How many have it open, as far as is known.
-    openers: u32,
+    openers: Openers,
     /// The present value of [`OTHER`].
     other: bool,
     /// What the drives sent and nobody has taken.
@@ -55,6 +68,9 @@ const WAITING: LocalModes = LocalModes::ECHOE.union(LocalModes::IEXTEN);
 
 /// The flag that makes them different each time.
 const OTHER: LocalModes = LocalModes::ECHOK;
+
+/// More bytes than the system keeps of those who have left.
+const ALL: usize = 128 << 10;
 
 /// Time between two looks at the settings of an open pty, which does not tell when they change.
 const LOOK: Duration = Duration::from_millis(10);
@@ -78,34 +94,36 @@ impl fmt::Display for PtyError {
 }
 
 impl Pty {
-    /// A new pty of `bus`, linked at `link`, whose openings `openings` tells.
+    /// A new pty of `bus`, linked at `link`, with the baud rate of its drive.
     ///
     /// # Errors
     /// There is none to be had, or no link to be made.
-    pub(super) fn new(bus: Bus, link: Option<PathBuf>, openings: &OwnedFd) -> Result<Self, PtyError> {
+    pub(super) fn new(
+        bench: &Bench,
+        bus: Bus,
+        link: Option<PathBuf>,
+        openings: Rc<RefCell<Openings>>,
+    ) -> Result<Self, PtyError> {
         let (master, path) = open().map_err(PtyError::None)?;
-        let watch = inotify::add_watch(
-            openings,
-            &path,
-            inotify::WatchFlags::OPEN | inotify::WatchFlags::CLOSE_WRITE | inotify::WatchFlags::CLOSE_NOWRITE,
-        );
-        let watch = watch.map_err(|error| PtyError::None(error.into()))?;
-        let link =
-            link.map(|link| Link::new(link.clone(), &path).map_err(|error| PtyError::Link(link, error)));
-        let link = link.transpose()?;
-        let pty = Self {
+        let mut pty = Self {
             master,
             path,
-            _link: link,
-            watch,
+            link: None,
+            openings,
+            watch: 0,
             bus,
+            baud: 0,
             client: None,
-            openers: 0,
+            openers: Openers::default(),
             other: false,
             unread: Unread::default(),
             warned: None,
         };
-        pty.reset().map_err(PtyError::None)?;
+        pty.reset().and_then(|()| pty.follow(bench)).map_err(PtyError::None)?;
+        pty.watch = pty.openings.borrow().watch(&pty.path).map_err(PtyError::None)?;
+        let link =
+            link.map(|link| Link::new(link.clone(), &pty.path).map_err(|error| PtyError::Link(link, error)));
+        pty.link = link.transpose()?;
         Ok(pty)
     }
 
@@ -124,18 +142,148 @@ impl Pty {
         self.client.is_some_and(|client| !may_read(bench, client, &self.unread))
     }
 
-    /// The last one has left, and nobody inherits what he left behind.
-    fn clear(&mut self, bench: &mut Bench) {
-        self.leave(bench);
-        if let Err(error) = self.reset() {
-            warn!("{} cannot be made ready again: {error}", self.path.display());
-        }
-    }
-
     fn arrive(&mut self, bench: &mut Bench) {
         info!("{} is opened", self.path.display());
         self.client = Some(bench.connect(self.bus));
         bench.attach(self.bus, true);
+    }
+
+    /// Notes what the openings tell.
+    fn hear(&mut self) {
+        let told = self.openings.borrow_mut().of(self.watch);
+        self.openers.hear(&told);
+    }
+
+    /// Reads what is there, up to `most` bytes. Whether nobody has the pty open.
+    fn read(&mut self, bytes: &mut Vec<u8>, most: usize) -> bool {
+        while bytes.len() < most {
+            let mut room = ROOM;
+            match read_some(&self.master, &mut room) {
+                Came::Bytes(came) => bytes.extend_from_slice(came),
+                Came::Nothing => return false,
+                Came::End => return true,
+            }
+        }
+        // There may be more.
+        self.openers.wrote = true;
+        false
+    }
+
+    /// What has come is said, and who came and left is noted; he is `gone` if nobody had the pty open a moment ago.
+    /// Whether something was said.
+    fn go_on(&mut self, bench: &mut Bench, gone: bool, manual: bool) -> bool {
+        self.hear();
+        if self.client.is_none() {
+            if !self.openers.changed {
+                return false;
+            }
+            self.arrive(bench);
+            if !self.openers.left_wrote {
+                self.openers.note();
+                return false;
+            }
+        }
+        self.look(bench);
+        let full = self.is_full(bench);
+        if full && !gone && !self.openers.changed {
+            return false;
+        }
+        let (mut bytes, mut nobody) = (Vec::new(), false);
+        loop {
+            let changed = self.openers.changed;
+            // What is told of by now is read here, unless another one wrote it.
+            let wrote = !changed && std::mem::take(&mut self.openers.wrote);
+            nobody |= self.read(&mut bytes, if gone || changed { ALL } else { READ_BYTES });
+            self.hear();
+            if self.openers.changed == changed {
+                break;
+            }
+            self.openers.left_wrote |= wrote;
+        }
+        let changed = self.openers.changed;
+        let (own, next) = bytes.split_at(if changed { self.of_who_left(bench, &bytes) } else { bytes.len() });
+        // Of somebody who is gone the line takes no more than it would have.
+        let most = match (gone || changed, full) {
+            (true, true) if !manual => 0,
+            (true, false) if !manual => READ_BYTES,
+            _ => own.len(),
+        };
+        self.say(bench, &own[..most.min(own.len())]);
+        if changed || nobody {
+            self.leave(bench);
+            self.openers.note();
+            self.renew(!changed);
+        }
+        if changed {
+            self.arrive(bench);
+            self.say(bench, next);
+        }
+        // Another one may have come meanwhile.
+        (self.openers.changed && self.go_on(bench, false, manual)) || !bytes.is_empty()
+    }
+
+    /// How many bytes are of those who have left, where somebody else came behind them: where both wrote, what is before
+    /// the last message.
+    fn of_who_left(&self, bench: &Bench, bytes: &[u8]) -> usize {
+        match (self.openers.left_wrote, self.openers.wrote) {
+            (false, _) => 0,
+            (true, false) => bytes.len(),
+            (true, true) => last_message(bench.line(self.bus), bytes),
+        }
+    }
+
+    fn say(&mut self, bench: &mut Bench, bytes: &[u8]) {
+        let Some(client) = self.client.filter(|_| !bytes.is_empty()) else { return };
+        let sender = self.sender(bench);
+        bench.send_from(client, bytes, sender);
+    }
+
+    /// Nobody inherits what those left who had the pty open: replies, stopped output, settings that suit no drive.
+    /// Somebody may be there by now, who is another one if nobody was before.
+    fn renew(&mut self, nobody: bool) {
+        if let Err(error) = self.reset() {
+            warn!("{} cannot be made ready again: {error}", self.path.display());
+        }
+        // The openings tell of the other end that was opened here, too, so the master tells who is there.
+        let mut changed = nobody;
+        loop {
+            let here = !self.is_left();
+            let told = self.openings.borrow_mut().of(self.watch);
+            if told.is_empty() {
+                return self.openers.are(here, changed);
+            }
+            changed |= told.iter().any(|event| event.contains(ReadFlags::CLOSE_WRITE));
+        }
+    }
+
+    /// Whether nobody has it open.
+    fn is_left(&self) -> bool {
+        let mut master = [PollFd::new(&self.master, PollFlags::empty())];
+        let polled = poll(&mut master, Some(&Timespec::default()));
+        polled.is_ok() && master[0].revents().contains(PollFlags::HUP)
+    }
+
+    /// Drops what the drives sent and nobody has read, lets stopped output go on, and puts the flags that no opener is to
+    /// care for into the state that the next one needs. All other settings are his, and he may be there already.
+    fn reset(&mut self) -> io::Result<()> {
+        tcflush(&self.master, QueueSelector::OFlush)?;
+        let far = ioctl_tiocgptpeer(&self.master, OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC)?;
+        tcflow(&far, Action::OOn)?;
+        tcflush(&far, QueueSelector::IFlush)?;
+        drop(far);
+        let settings = tcgetattr(&self.master)?;
+        let unfit = settings.local_modes.intersects(LocalModes::ECHO | LocalModes::ICANON)
+            || settings.output_modes.contains(OutputModes::OPOST)
+            || settings.input_modes.contains(InputModes::IXON);
+        if unfit {
+            let mut settings = settings;
+            settings.local_modes.remove(LocalModes::ECHO | LocalModes::ICANON);
+            settings.output_modes.remove(OutputModes::OPOST);
+            // Output that Ctrl-S has stopped goes on with that.
+            settings.input_modes.remove(InputModes::IXON);
+            tcsetattr(&self.master, OptionalActions::Now, &settings)?;
+        }
+        self.keep_waiting()
     }
 
     /// Sets the flags that wait to be changed, if somebody has cleared them.
@@ -150,17 +298,14 @@ impl Pty {
         Ok(())
     }
 
-    /// Empties both queues and puts the flags that no opener is to care for into the state that the
-    /// next one needs. All others are his, and he may be there already.
-    fn reset(&self) -> io::Result<()> {
-        tcflush(&self.master, QueueSelector::IOFlush)?;
-        let mut settings = tcgetattr(&self.master)?;
-        settings.local_modes.remove(LocalModes::ECHO | LocalModes::ICANON);
-        settings.local_modes.insert(WAITING);
-        settings.local_modes.set(OTHER, self.other);
-        settings.output_modes.remove(OutputModes::OPOST);
-        // Only so the replies go that have reached the other end.
-        tcsetattr(&self.master, OptionalActions::Flush, &settings)?;
+    /// Gives it the baud rate of the drive, if that is another one than before.
+    fn follow(&mut self, bench: &Bench) -> io::Result<()> {
+        let baud = bench.line(self.bus).baud;
+        if std::mem::replace(&mut self.baud, baud) != baud {
+            let mut settings = tcgetattr(&self.master)?;
+            settings.set_speed(baud)?;
+            tcsetattr(&self.master, OptionalActions::Now, &settings)?;
+        }
         Ok(())
     }
 
@@ -204,42 +349,17 @@ impl End for Pty {
     }
 
     fn take(&mut self, bench: &mut Bench, ready: EventFlags, manual: bool) -> bool {
-        let Some(client) = self.client else { return false };
-        self.look(bench);
-        if !ready.intersects(EventFlags::IN | EventFlags::HUP | EventFlags::ERR) {
-            return false;
-        }
-        let gone = ready.contains(EventFlags::HUP);
-        let mut said = false;
-        // Of somebody who is gone all is taken at once, lest the next one adds to it.
-        loop {
-            // Where time waits the line can take it all.
-            if self.is_full(bench) && !(manual && said) {
-                // `HUP` is told unasked: he sent more than the line can take.
-                self.clear(bench);
-                return said;
-            }
-            let mut room = ROOM;
-            match read_some(&self.master, &mut room) {
-                Came::Bytes(bytes) => {
-                    let sender = self.sender(bench);
-                    bench.send_from(client, bytes, sender);
-                    said = true;
-                    if !gone {
-                        return said;
-                    }
-                }
-                Came::End => {
-                    self.clear(bench);
-                    return said;
-                }
-                Came::Nothing => return said,
-            }
-        }
+        ready.intersects(EventFlags::IN | EventFlags::HUP | EventFlags::ERR)
+            && self.go_on(bench, ready.contains(EventFlags::HUP), manual)
     }
 
     fn deliver(&mut self, bench: &mut Bench) -> bool {
-        let Some(client) = self.client else { return false };
+        let Some(client) = self.client else {
+            if let Err(error) = self.follow(bench) {
+                warn!("{} cannot have {} baud: {error}", self.path.display(), self.baud);
+            }
+            return false;
+        };
         self.unread.receive(bench, client);
         // A failure here is the other end going away, which the next read tells.
         let _ = self.unread.write(&self.master);
@@ -253,6 +373,11 @@ impl End for Pty {
         false
     }
 
+    /// The drive's baud rate changes when it says so.
+    fn goes_with_time(&self) -> bool {
+        self.client.is_none()
+    }
+
     /// An open pty does not tell when its settings change; while nobody is there nobody changes them.
     fn pause(&self) -> Option<Duration> {
         self.client.map(|_| LOOK)
@@ -264,23 +389,8 @@ impl End for Pty {
         }
     }
 
-    /// Whether anybody is there at all the next read tells for certain; what is seen here only is
-    /// somebody who leaves and comes back between two looks.
-    fn opened_or_closed(&mut self, bench: &mut Bench, events: inotify::ReadFlags) {
-        if events.contains(inotify::ReadFlags::OPEN) {
-            if self.openers == 0 {
-                if self.is_full(bench) {
-                    self.clear(bench);
-                }
-                self.leave(bench);
-            }
-            if self.client.is_none() {
-                self.arrive(bench);
-            }
-            self.openers += 1;
-        } else if events.intersects(inotify::ReadFlags::CLOSE_WRITE | inotify::ReadFlags::CLOSE_NOWRITE) {
-            self.openers = self.openers.saturating_sub(1);
-        }
+    fn opened_or_closed(&mut self, bench: &mut Bench, manual: bool) -> bool {
+        self.go_on(bench, false, manual)
     }
 
     fn leave(&mut self, bench: &mut Bench) {
@@ -289,9 +399,20 @@ impl End for Pty {
             bench.disconnect(client);
             bench.attach(self.bus, false);
         }
-        self.openers = 0;
         self.unread.clear();
     }
+}
+
+/// Where the last message of a master begins, of Modbus RTU or ASCII; at the front where there is no such.
+fn last_message(line: Line, bytes: &[u8]) -> usize {
+    if ascii::is_on(line) {
+        return bytes.iter().rposition(|&byte| byte == b':').unwrap_or(0);
+    }
+    let is_message = |from: &usize| match bytes.get(*from..) {
+        Some(rest) => rtu::front(rest, Voices::Master) == Burst::Frame(rest.len()),
+        None => false,
+    };
+    (0..bytes.len()).find(is_message).unwrap_or(0)
 }
 
 /// A new pty: its master, and the name of the other end.
@@ -308,4 +429,53 @@ fn open() -> io::Result<(OwnedFd, PathBuf)> {
 fn set_nonblocking(fd: impl AsFd) -> io::Result<()> {
     let flags = rustix::fs::fcntl_getfl(&fd)?;
     Ok(rustix::fs::fcntl_setfl(&fd, flags | OFlags::NONBLOCK)?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use standin_firmware::device::{Duration, Instant, Port};
+    use standin_firmware::md3::Md3;
+    use standin_protocol::line::Parity;
+
+    const USER_REGISTER: u16 = 0x1D;
+
+    #[test]
+    fn the_last_of_several_messages() {
+        let line = Line::new(9_600, 8, Parity::Even, 1);
+        let (first, second) = (rtu::write(1, USER_REGISTER, 1), rtu::read(1, 0, 32));
+        assert_eq!(last_message(line, &first), 0);
+        assert_eq!(last_message(line, &[&first[..], &second].concat()), 8);
+        assert_eq!(last_message(line, &[&first[3..], &first, &second].concat()), 13);
+        assert_eq!(last_message(line, b"junk"), 0);
+        let ascii = Line { data: 7, ..line };
+        assert_eq!(last_message(ascii, b":010300000001FB\r\n:010300000002FA\r\n"), 17);
+        assert_eq!(last_message(ascii, b""), 0);
+    }
+
+    #[test]
+    fn what_the_next_one_wrote_before_the_last_one_is_seen_to_leave_is_answered() {
+        let mut bench = Bench::new();
+        let md3 = bench.add::<Md3>("md3");
+        bench.run_until(Instant::ZERO + Duration::secs(3));
+        let bus = bench.bus(md3, Port(0)).unwrap();
+        let openings = Rc::new(RefCell::new(Openings::new().unwrap()));
+        let mut pty = Pty::new(&bench, bus, None, openings).unwrap();
+        let open = || {
+            let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::CLOEXEC | OFlags::NONBLOCK;
+            rustix::fs::open(pty.path(), flags, rustix::fs::Mode::empty()).unwrap()
+        };
+        drop(open());
+        let next = open();
+        let request = rtu::write(1, USER_REGISTER, 7);
+        assert_eq!(rustix::io::write(&next, &request), Ok(8));
+        pty.renew(true);
+        assert!(!pty.go_on(&mut bench, false, true), "it is noted that he is there");
+        assert!(pty.go_on(&mut bench, false, true), "it is read what he wrote");
+        bench.settle();
+        pty.deliver(&mut bench);
+        let mut came = [0; 64];
+        let count = rustix::io::read(&next, &mut came).unwrap();
+        assert_eq!(came[..count], request[..]);
+    }
 }

@@ -85,7 +85,10 @@ impl Reserved {
                 ),
                 Place::Pty(link) => {
                     let bus = line()?;
-                    Address::Pty(ports.add_pty(bus, link).map_err(|error| error.to_string())?)
+                    Address::Pty {
+                        path: ports.add_pty(bench, bus, link.clone()).map_err(|error| error.to_string())?,
+                        link,
+                    }
                 }
                 Place::Serial(device) => {
                     let bus = line()?;

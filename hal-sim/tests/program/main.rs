@@ -5,6 +5,7 @@ mod control;
 mod ends;
 mod machinery;
 mod programs;
+mod ptys;
 mod qsb;
 mod recordings;
 mod running;

@@ -1,0 +1,140 @@
+//! Who opens, leaves and writes to the ptys.
+//!
+//! The system tells it in order, but apart from the bytes: those of one program lie beside those of the next. It may tell
+//! two openings, or two closings, one right behind the other, as one; so the last closing is told for certain by the pty's
+//! master only.
+
+use std::collections::BTreeMap;
+use std::io;
+use std::mem::MaybeUninit;
+use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
+use std::path::Path;
+
+use rustix::fs::inotify::{self, CreateFlags, ReadFlags, WatchFlags};
+
+/// All openings of ptys that are still to be noted.
+pub(super) struct Openings {
+    inotify: OwnedFd,
+    told: BTreeMap<i32, Vec<ReadFlags>>,
+}
+
+impl Openings {
+    /// None yet.
+    ///
+    /// # Errors
+    /// The system gives no inotify instance.
+    pub(super) fn new() -> io::Result<Self> {
+        let inotify = inotify::init(CreateFlags::NONBLOCK | CreateFlags::CLOEXEC)?;
+        Ok(Self { inotify, told: BTreeMap::new() })
+    }
+
+    /// Tells of the pty at `path`, too, by the number that is returned.
+    ///
+    /// # Errors
+    /// The system cannot tell of it.
+    pub(super) fn watch(&self, path: &Path) -> io::Result<i32> {
+        let events =
+            WatchFlags::OPEN | WatchFlags::MODIFY | WatchFlags::CLOSE_WRITE | WatchFlags::CLOSE_NOWRITE;
+        Ok(inotify::add_watch(&self.inotify, path, events)?)
+    }
+
+    /// A pty of which something is told that it has not noted yet.
+    pub(super) fn next(&self) -> Option<i32> {
+        self.told.keys().next().copied()
+    }
+
+    /// Lets a pty note what is told of it.
+    pub(super) fn of(&mut self, watch: i32) -> Vec<ReadFlags> {
+        self.hear();
+        self.told.remove(&watch).unwrap_or_default()
+    }
+
+    /// Hears what is told of all ptys by now.
+    pub(super) fn hear(&mut self) {
+        let mut buffer = [MaybeUninit::uninit(); 1024];
+        let mut events = inotify::Reader::new(&self.inotify, &mut buffer);
+        while let Ok(event) = events.next() {
+            self.told.entry(event.wd()).or_default().push(event.events());
+        }
+    }
+}
+
+impl AsFd for Openings {
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        self.inotify.as_fd()
+    }
+}
+
+/// Who has a pty open, as far as openings tell.
+#[derive(Default)]
+pub(super) struct Openers {
+    count: u32,
+    /// Whether some of what they wrote may still be unread.
+    pub(super) wrote: bool,
+    /// Whether somebody opened it after all others had left, and is not noted yet.
+    pub(super) changed: bool,
+    /// Whether some of what those who left then wrote may still be unread.
+    pub(super) left_wrote: bool,
+}
+
+impl Openers {
+    pub(super) fn hear(&mut self, events: &[ReadFlags]) {
+        for event in events {
+            if event.contains(ReadFlags::MODIFY) {
+                self.wrote = true;
+            } else if event.contains(ReadFlags::OPEN) {
+                if self.count == 0 {
+                    self.changed = true;
+                    self.left_wrote |= std::mem::take(&mut self.wrote);
+                }
+                self.count += 1;
+            } else if is_closing(*event) {
+                self.count = self.count.saturating_sub(1);
+            }
+        }
+    }
+
+    /// Notes who came last.
+    pub(super) fn note(&mut self) {
+        (self.changed, self.left_wrote) = (false, false);
+    }
+
+    /// It is certain now whether somebody is there, though not what he wrote; and whether he is another one.
+    pub(super) fn are(&mut self, here: bool, changed: bool) {
+        *self = Self { count: here.into(), wrote: here, changed: here && changed, left_wrote: false };
+    }
+}
+
+fn is_closing(event: ReadFlags) -> bool {
+    event.intersects(ReadFlags::CLOSE_WRITE | ReadFlags::CLOSE_NOWRITE)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const OPEN: ReadFlags = ReadFlags::OPEN;
+    const WRITE: ReadFlags = ReadFlags::MODIFY;
+    const CLOSE: ReadFlags = ReadFlags::CLOSE_WRITE;
+
+    /// Whether somebody new is there, whether he wrote, and whether the one before did.
+    fn told(events: &[ReadFlags]) -> (bool, bool, bool) {
+        let mut openers = Openers::default();
+        openers.hear(&[OPEN]);
+        openers.note();
+        openers.hear(events);
+        (openers.changed, openers.wrote, openers.left_wrote)
+    }
+
+    #[test]
+    fn who_comes_when_all_have_left_is_another_one() {
+        assert_eq!(told(&[]), (false, false, false));
+        assert_eq!(told(&[WRITE]), (false, true, false));
+        assert_eq!(told(&[CLOSE, OPEN]), (true, false, false));
+        assert_eq!(told(&[WRITE, CLOSE, OPEN]), (true, false, true));
+        assert_eq!(told(&[CLOSE, OPEN, WRITE]), (true, true, false));
+        assert_eq!(told(&[WRITE, CLOSE, OPEN, CLOSE, OPEN, WRITE]), (true, true, true));
+        // Two programs at once, as a shell's `cat` and `echo`, are one opener.
+        assert_eq!(told(&[OPEN, WRITE, CLOSE]), (false, true, false));
+    }
+}

@@ -1,0 +1,217 @@
+//! Ptys that go from one program to the next.
+
+use std::os::fd::OwnedFd;
+use std::path::Path;
+
+use crate::running::{Running, Scratch, ask};
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::fs::{Mode, OFlags};
+use rustix::process::{Signal, WaitOptions, kill_process, waitpid};
+use rustix::termios::{Action, InputModes, OptionalActions, tcflow, tcgetattr, tcsetattr};
+use standin_protocol::modbus::rtu;
+
+const USER_REGISTER: u16 = 0x1D;
+const SERIAL_PORT_CONFIGURATION: u16 = 0x1C;
+
+/// Opens a pty as a serial program does, at 9,600 baud.
+fn open(path: &Path) -> OwnedFd {
+    let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::CLOEXEC | OFlags::NONBLOCK;
+    let port = rustix::fs::open(path, flags, Mode::empty()).unwrap();
+    let mut settings = tcgetattr(&port).unwrap();
+    settings.make_raw();
+    settings.set_speed(9_600).unwrap();
+    tcsetattr(&port, OptionalActions::Now, &settings).unwrap();
+    port
+}
+
+/// Writes a request that differs from those of others by `value`.
+fn request(port: &OwnedFd, value: u16) {
+    assert_eq!(rustix::io::write(port, &rtu::write(1, USER_REGISTER, value)), Ok(8), "the output is stopped");
+}
+
+/// Waits until there is something to read, longer than anything takes here.
+fn wait(port: &OwnedFd) {
+    let minute = Timespec { tv_sec: 60, tv_nsec: 0 };
+    let came = poll(&mut [PollFd::new(port, PollFlags::IN)], Some(&minute)).unwrap();
+    assert_eq!(came, 1, "there is no answer");
+}
+
+/// Reads the answer to the request with `value`, and nothing else.
+fn answer(port: &OwnedFd, value: u16) {
+    let mut came = Vec::new();
+    while came.len() < 8 {
+        wait(port);
+        let mut bytes = [0; 64];
+        let count = rustix::io::read(port, &mut bytes).unwrap();
+        came.extend_from_slice(&bytes[..count]);
+    }
+    assert_eq!(came, *rtu::write(1, USER_REGISTER, value));
+}
+
+/// Lets the process stand still meanwhile, so it sees all of it at once.
+fn unseen<T>(md3: &Running, act: impl FnOnce() -> T) -> T {
+    kill_process(md3.pid(), Signal::STOP).unwrap();
+    let (_, status) = waitpid(Some(md3.pid()), WaitOptions::UNTRACED).unwrap().unwrap();
+    assert!(status.stopped());
+    let result = act();
+    kill_process(md3.pid(), Signal::CONT).unwrap();
+    result
+}
+
+#[test]
+fn a_pty_that_changes_hands_again_and_again_answers_each() {
+    let md3 = Running::md3(&["--fast-boot", "--time", "manual"]);
+    for value in 0..500 {
+        let port = open(&md3.pty());
+        request(&port, value);
+        answer(&port, value);
+    }
+}
+
+#[test]
+fn who_opens_a_pty_reads_nothing_that_was_meant_for_the_one_before() {
+    let md3 = Running::md3(&["--fast-boot"]);
+    // The last one's request is taken, unless the reply is on its way already.
+    let port = open(&md3.pty());
+    request(&port, 1);
+    md3.notice();
+    let next = unseen(&md3, || {
+        drop(port);
+        let next = open(&md3.pty());
+        request(&next, 2);
+        next
+    });
+    answer(&next, 2);
+    drop(next);
+
+    // It lies in one queue with that of the next one.
+    let port = open(&md3.pty());
+    md3.notice();
+    let next = unseen(&md3, || {
+        request(&port, 3);
+        drop(port);
+        let next = open(&md3.pty());
+        request(&next, 4);
+        next
+    });
+    answer(&next, 4);
+    drop(next);
+
+    // It lies there alone, and the next one writes later.
+    let port = open(&md3.pty());
+    md3.notice();
+    let next = unseen(&md3, || {
+        request(&port, 5);
+        drop(port);
+        open(&md3.pty())
+    });
+    md3.notice();
+    request(&next, 6);
+    answer(&next, 6);
+    drop(next);
+
+    // Nobody has seen the last one come, either.
+    md3.notice();
+    let next = unseen(&md3, || {
+        request(&open(&md3.pty()), 9);
+        let next = open(&md3.pty());
+        request(&next, 10);
+        next
+    });
+    answer(&next, 10);
+    drop(next);
+
+    // Its reply has come, and nobody has read it.
+    let port = open(&md3.pty());
+    request(&port, 7);
+    wait(&port);
+    let next = unseen(&md3, || {
+        drop(port);
+        open(&md3.pty())
+    });
+    md3.notice();
+    request(&next, 8);
+    answer(&next, 8);
+}
+
+#[test]
+fn two_programs_that_have_a_pty_open_are_one() {
+    let md3 = Running::md3(&["--fast-boot"]);
+    // As `cat` and `echo` of a shell.
+    let reader = open(&md3.pty());
+    md3.notice();
+    unseen(&md3, || request(&open(&md3.pty()), 1));
+    answer(&reader, 1);
+}
+
+#[test]
+fn output_that_a_program_stopped_does_not_outlive_it() {
+    let md3 = Running::md3(&["--fast-boot"]);
+    let port = open(&md3.pty());
+    tcflow(&port, Action::OOff).unwrap();
+    drop(port);
+    md3.notice();
+    let port = open(&md3.pty());
+    request(&port, 1);
+    answer(&port, 1);
+
+    // Its reply has Ctrl-S in it, which is 0x13.
+    let mut settings = tcgetattr(&port).unwrap();
+    settings.input_modes.insert(InputModes::IXON);
+    tcsetattr(&port, OptionalActions::Now, &settings).unwrap();
+    request(&port, 0x1313);
+    wait(&port);
+    md3.notice();
+    drop(port);
+    md3.notice();
+    let port = open(&md3.pty());
+    request(&port, 2);
+    answer(&port, 2);
+
+    // The next one is there before the last one is seen to leave.
+    md3.notice();
+    let port = unseen(&md3, || {
+        tcflow(&port, Action::OOff).unwrap();
+        drop(port);
+        open(&md3.pty())
+    });
+    md3.notice();
+    request(&port, 3);
+    answer(&port, 3);
+}
+
+/// The baud rate that a pty has when nobody has set one.
+fn baud(path: &Path) -> u32 {
+    let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::CLOEXEC;
+    tcgetattr(rustix::fs::open(path, flags, Mode::empty()).unwrap()).unwrap().output_speed()
+}
+
+#[test]
+fn a_pty_has_the_baud_rate_of_its_drive() {
+    let md3 = Running::md3(&["--fast-boot", "--time", "manual"]);
+    assert_eq!(baud(&md3.pty()), 9_600);
+    md3.notice();
+    // Baud rate 2 (MD3 User Guide, 7.22).
+    let mut line = md3.connect();
+    let faster = rtu::write(1, SERIAL_PORT_CONFIGURATION, 0x22);
+    assert_eq!(ask(&mut line, &faster, 8), *faster);
+    md3.notice();
+    assert_eq!(baud(&md3.pty()), 19_200);
+    // What an opener sets stays, as on a port of hardware.
+    drop(open(&md3.pty()));
+    md3.notice();
+    assert_eq!(baud(&md3.pty()), 9_600);
+
+    let qsb = Running::start("qsb-d", &["--fast-boot"], std::process::Stdio::inherit());
+    assert_eq!(baud(&qsb.pty()), 230_400);
+}
+
+#[test]
+fn a_pty_is_told_by_the_name_of_its_link_too() {
+    let scratch = Scratch::new("told");
+    let link = scratch.file("md3.tty");
+    let md3 = Running::md3(&["--listen", &format!("pty:{link}")]);
+    let pty = std::fs::read_link(&link).unwrap();
+    let told = [format!("pty:{}", pty.display()), format!("pty:{link}")];
+    assert_eq!(md3.ready["devices"][0]["ports"]["rs485"], serde_json::json!(told));
+}
