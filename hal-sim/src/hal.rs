@@ -515,7 +515,10 @@ mod tests {
         let boot = Boot { fast: true, ..Boot::default() };
         let later = Instant::ZERO + Duration::TICK;
         let steps = steps_of_a_contact(boot, later);
-        assert!(matches!(steps[..], [(at, 1 | -1)] if at == later), "one that closes then is an edge: {steps:?}");
+        assert!(
+            matches!(steps[..], [(at, 1 | -1)] if at == later),
+            "one that closes then is an edge: {steps:?}"
+        );
     }
 
     /// Asks a QSB-M for its version, so many times without a pause, with a loop that comes only when all has been
