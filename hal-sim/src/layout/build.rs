@@ -101,10 +101,12 @@ impl Layout {
     fn cannot_seat(&self, place: usize, error: &SeatError) -> String {
         let drive = &self.drives[place];
         let SeatError::Preset { row, why } = *error else { return error.to_string() };
-        let spec = kinds::specs().find(|spec| spec.kind == drive.kind);
-        let name = spec.and_then(|spec| spec.registers.rows.get(row)).map_or("", |row| row.name);
+        let Some(spec) = kinds::specs().find(|spec| spec.kind == drive.kind) else {
+            return error.to_string();
+        };
+        let name = spec.registers.rows.get(row).map_or("", |row| row.name);
         let kept = drive.nv.as_ref().map(|path| format!(" ({})", path.display())).unwrap_or_default();
-        format!("{}: {name} cannot be preset: {}{kept}", drive.name, preset::why(why))
+        format!("{}: {}{kept}", drive.name, preset::refusal(spec, row, name, why))
     }
 
     /// What the motor of a drive says of what feeds both, in 0.1 V.
