@@ -3,6 +3,8 @@
 //! The image is the words of the saved rows, in the order of the table, high byte first; behind it
 //! comes their CRC-16. A save stores the image with a CRC that is certainly wrong, and the right one
 //! when its time is over: power lost in between leaves a memory that does not pass.
+//!
+//! A drive that cannot report a bad memory has two copies ([`latest`]), and a save stores one over the older of them.
 
 use standin_protocol::modbus::rtu::crc;
 use standin_protocol::registers::Entries;
@@ -65,6 +67,63 @@ pub fn load_without(entries: &Entries, later: &[usize], memory: &[u8], bank: &mu
             *target = u16::from_be_bytes(*word) & mask;
         }
     }
+}
+
+/// Bytes of a memory of two copies of `words` saved words.
+#[must_use]
+pub const fn two_copies(words: usize) -> u16 {
+    (2 * copy(words)) as u16
+}
+
+/// Bytes of a copy: a count, the words, a CRC of both, and the count again.
+#[must_use]
+pub const fn copy(words: usize) -> usize {
+    2 * words + 4
+}
+
+/// The words of the copy that was saved last, of those that are whole; `None` if neither is.
+#[must_use]
+pub fn latest(memory: &[u8], words: usize) -> Option<&[u8]> {
+    latest_copy(memory, copy(words)).map(|copy| copy.words)
+}
+
+/// Saves the words of a bank over the older of two copies of `COPY` bytes ([`copy`]). Power that is lost meanwhile leaves
+/// the other: as long as the store has not come to its end, the two counts of its copy differ.
+pub fn save_copy<const COPY: usize>(entries: &Entries, bank: &[u16], at: Instant, out: &mut dyn Sink) {
+    let last = latest_copy(out.memory(), COPY);
+    // The first save leaves the beginning alone, where a memory of one image has it.
+    let (is_first, count) = last.map_or((true, 0), |copy| (copy.is_first, copy.count.wrapping_add(1)));
+    let mut bytes = [count; COPY];
+    if let Some((summed, [sum @ .., _])) = bytes.split_last_chunk_mut::<3>() {
+        let words = summed.get_mut(1..).unwrap_or_default().as_chunks_mut().0;
+        for ((place, mask), word) in saved_words(entries, &[]).zip(words) {
+            *word = (bank.get(place).copied().unwrap_or(0) & mask).to_be_bytes();
+        }
+        *sum = crc(summed).to_be_bytes();
+    }
+    out.put(at, Output::Store { offset: if is_first { COPY as u16 } else { 0 }, bytes: &bytes });
+}
+
+/// A copy that is whole.
+struct Copy<'a> {
+    is_first: bool,
+    count: u8,
+    words: &'a [u8],
+}
+
+fn latest_copy(memory: &[u8], bytes: usize) -> Option<Copy<'_>> {
+    let (first, second) = memory.split_at_checked(bytes)?;
+    match (whole_copy(first, true), whole_copy(second, false)) {
+        (Some(first), Some(second)) if second.count == first.count.wrapping_add(1) => Some(second),
+        (first, second) => first.or(second),
+    }
+}
+
+fn whole_copy(bytes: &[u8], is_first: bool) -> Option<Copy<'_>> {
+    let (summed, &[high, low, again]) = bytes.split_last_chunk()?;
+    let (&count, words) = summed.split_first()?;
+    let is_whole = count == again && crc(summed) == u16::from_be_bytes([high, low]);
+    is_whole.then_some(Copy { is_first, count, words })
 }
 
 /// A save that has begun: its image is stored, and behind it a CRC that is certainly wrong.

@@ -390,6 +390,22 @@ impl Bench {
         Ok(Seat(place))
     }
 
+    /// Presets rows that are not saved, now and after every power-on, in place of those it was seated with. At the instant
+    /// of its power-on that is after what stands at its pins, which a preset of [`Setup`] comes before: nobody knows its
+    /// wires then.
+    ///
+    /// # Errors
+    /// A preset is refused; those before it are set.
+    pub fn preset(&mut self, seat: Seat, presets: Vec<(usize, i64)>) -> Result<(), SeatError> {
+        self.run_until(self.now);
+        let mut tape = tape(&mut self.trace, &mut self.outbox, self.settings, self.now);
+        let seated = &mut self.seats[seat.0 as usize];
+        seated.presets = presets;
+        let result = seated.preset_again(self.now, &mut tape);
+        self.after(seat.0);
+        result.map_err(|(row, why)| SeatError::Preset { row, why })
+    }
+
     /// All seats, in the order in which they were added.
     pub fn seats(&self) -> impl ExactSizeIterator<Item = Seat> + use<> {
         (0..self.trace.drives.len() as u32).map(Seat)

@@ -422,6 +422,7 @@ mod tests {
     use standin_firmware::qsb::Qsb;
     use standin_firmware::shell::{ANSWERS, ONE_ANSWER, Shell};
     use standin_protocol::modbus::rtu;
+    use standin_protocol::time::Span;
 
     fn md3_board() -> Board {
         let spec = Md3::new().spec();
@@ -483,6 +484,41 @@ mod tests {
         assert!(matches!(sent[..], [(at, Done::Sent(Port(0), bytes))]
             if *at == reply && bytes.len() == 25 && rtu::checked(bytes).is_some()));
         assert_eq!(shell.failures(), 0);
+    }
+
+    /// Steps that an MD3 from the factory makes of its J2.4, on a board where that pin is low from an instant on.
+    fn steps_of_a_contact(boot: Boot, closed: Instant) -> Vec<(Instant, i32)> {
+        let j2_4 = Md3::new().spec().pin("J2.4").unwrap();
+        let board = md3_board();
+        let mut shell: Shell<_, _, _> = Shell::new(Md3::new(), board.clone(), board.outputs());
+        // As the images do: the pins are read before power-on and stamped 0, and the loop begins then.
+        board.catch(closed, Caught::Edge(j2_4, false));
+        shell.power_on(Instant::ZERO, boot);
+        for now in [Instant::ZERO, closed, Instant::from(10.secs())] {
+            board.set_now(now);
+            while shell.turn().is_ok() {}
+        }
+        let done = board.done();
+        let steps = done.iter().filter_map(|(at, done)| match done {
+            Done::Stepped(_, steps) => Some((*at, *steps)),
+            _ => None,
+        });
+        steps.collect()
+    }
+
+    #[test]
+    fn a_contact_that_is_closed_at_power_on_is_told_before_the_drive_is_ready() {
+        for fast in [true, false] {
+            let boot = Boot { fast, ..Boot::default() };
+            assert_eq!(steps_of_a_contact(boot, Instant::ZERO), [], "fast: {fast}");
+        }
+        let boot = Boot { fast: true, ..Boot::default() };
+        let later = Instant::ZERO + Duration::TICK;
+        let steps = steps_of_a_contact(boot, later);
+        assert!(
+            matches!(steps[..], [(at, 1 | -1)] if at == later),
+            "one that closes then is an edge: {steps:?}"
+        );
     }
 
     /// Asks a QSB-M for its version, so many times without a pause, with a loop that comes only when all has been

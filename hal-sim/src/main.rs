@@ -20,7 +20,7 @@ use std::path::Path;
 use std::process::ExitCode;
 
 use clap::Parser as _;
-use standin_sim::trace::Trace;
+use standin_sim::trace::{Trace, whole_lines};
 use standin_sim::{kinds, nearest, replay};
 
 use crate::cli::{Cli, Command};
@@ -90,9 +90,14 @@ fn list(json: bool) -> String {
 
 fn replay(file: &Path) -> Result<ExitCode, String> {
     let place = file.display();
-    let text = std::fs::read_to_string(file).map_err(|error| format!("{place}: {error}"))?;
+    let bytes = std::fs::read(file).map_err(|error| format!("{place}: {error}"))?;
+    let (lines, is_cut) = whole_lines(&bytes);
+    let text = std::str::from_utf8(lines).map_err(|_| format!("{place} is no text"))?;
     let make = |kind: &str| kinds::make(kind).ok();
-    let trace = Trace::parse(&text, &make).map_err(|error| format!("{place}: {error}"))?;
+    let trace = Trace::parse(text, &make).map_err(|error| format!("{place}: {error}"))?;
+    if is_cut {
+        print(&format!("{place}: its last line has no end, so it is left out\n"))?;
+    }
     match replay::run(&trace, &make).map_err(|error| format!("{place}: {error}"))? {
         None => {
             print(&format!("{place}: as expected\n"))?;

@@ -31,33 +31,32 @@ impl Preset {
     /// # Errors
     /// One sentence: there is no such register, or it does not take the value.
     pub fn new(spec: &Spec, name: &str, value: &Number) -> Result<Self, String> {
-        let rows = spec.registers.rows;
-        let found = spec.find(name);
-        let (named, row) = found.and_then(|named| Some((named, rows.get(named.row)?))).ok_or_else(|| {
-            if spec.registers.find(name).is_some() {
-                return format!("{name} is a register of other variants; {} does not have it", spec.kind);
-            }
-            let what = format!("register of {}", spec.kind);
-            // With the prefix if that was typed.
-            let prefix = if name.starts_with(spec.prefix) { spec.prefix } else { "" };
-            let names: Vec<_> = spec.rows().map(|(_, row)| format!("{prefix}{}", row.name)).collect();
-            nearest::unknown(&what, name, names.iter().map(String::as_str))
-        })?;
-        let half = named.word.map(|word| {
-            let first_is_high = spec.registers.layout.order == Order::HighFirst;
-            if (word == 0) == first_is_high { Half::High } else { Half::Low }
-        });
-        let shape = if half.is_some() { Shape::U16 } else { row.shape };
+        let Place { row, half, shape, is } = Place::find(spec, name)?;
         let (least, greatest) = shape.limits();
         let legal = |&value: &i64| match half {
             Some(_) => least <= value && value <= greatest,
-            None => row.accepts(value),
+            None => is.accepts(value),
         };
         let value = value.shaped(spec.registers, shape).filter(legal).ok_or_else(|| {
-            let takes = if half.is_some() { span(least, greatest) } else { takes(row) };
-            format!("{name} takes {takes}, not {}", value.shown(spec.registers, shape))
+            let value = value.shown(spec.registers, shape);
+            format!("{name} takes {}, not {value}", takes(is, half))
         })?;
-        Ok(Self { row: named.row, half, value })
+        Ok(Self { row, half, value })
+    }
+
+    /// `text`, as somebody typed it, for the register or the rows of text called `name`.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn typed(spec: &Spec, name: &str, text: &str) -> Result<Vec<Self>, String> {
+        if let Some(presets) = Self::text(spec, name, text) {
+            return presets;
+        }
+        let Some(number) = Number::parse(text) else {
+            let Place { half, is, .. } = Place::find(spec, name)?;
+            return Err(format!("{name} takes {}, not '{}'", takes(is, half), text.escape_debug()));
+        };
+        Self::new(spec, name, &number).map(|preset| vec![preset])
     }
 
     /// `text` for the rows of text called `name`, or `name` with 1, 2 and so on behind it; `None` if there are none.
@@ -111,6 +110,38 @@ impl Preset {
         };
         let signed = spec.registers.rows.get(self.row).is_some_and(|row| row.shape == Shape::I32);
         if signed { i64::from(pair as i32) } else { pair }
+    }
+}
+
+/// What a name means.
+struct Place {
+    row: usize,
+    half: Option<Half>,
+    /// Of the half, or of the whole.
+    shape: Shape,
+    is: &'static Row,
+}
+
+impl Place {
+    fn find(spec: &Spec, name: &str) -> Result<Self, String> {
+        let found = spec.find(name);
+        let rows = spec.registers.rows;
+        let (named, is) = found.and_then(|named| Some((named, rows.get(named.row)?))).ok_or_else(|| {
+            if spec.registers.find(name).is_some() {
+                return format!("{name} is a register of other variants; {} does not have it", spec.kind);
+            }
+            let what = format!("register of {}", spec.kind);
+            // With the prefix if that was typed.
+            let prefix = if name.starts_with(spec.prefix) { spec.prefix } else { "" };
+            let names: Vec<_> = spec.rows().map(|(_, row)| format!("{prefix}{}", row.name)).collect();
+            nearest::unknown(&what, name, names.iter().map(String::as_str))
+        })?;
+        let half = named.word.map(|word| {
+            let first_is_high = spec.registers.layout.order == Order::HighFirst;
+            if (word == 0) == first_is_high { Half::High } else { Half::Low }
+        });
+        let shape = if half.is_some() { Shape::U16 } else { is.shape };
+        Ok(Self { row: named.row, half, shape, is })
     }
 }
 
@@ -199,8 +230,12 @@ fn bits_of(word: i64) -> Option<u16> {
     u16::try_from(word).ok().or_else(|| i16::try_from(word).ok().map(i16::cast_unsigned))
 }
 
-/// What a row takes, in words.
-fn takes(row: &Row) -> String {
+/// What a row, or a half of it, takes, in words.
+fn takes(row: &Row, half: Option<Half>) -> String {
+    if half.is_some() {
+        let (least, greatest) = Shape::U16.limits();
+        return span(least, greatest);
+    }
     let (least, greatest) = row.shape.limits();
     match (row.legal, row.shape) {
         (Legal::Any, Shape::Words(count)) => format!("{count} words, each {}", span(0, u16::MAX.into())),
@@ -222,15 +257,22 @@ fn span(least: i64, greatest: i64) -> String {
     format!("{least} to {greatest}")
 }
 
-/// Why a drive does not take a preset, as the end of a sentence.
-pub fn why(refused: Refused) -> &'static str {
-    match refused {
+/// Why a drive does not take a preset of that row, which is called `name` here, in one sentence.
+pub fn refusal(spec: &Spec, row: usize, name: &str, refused: Refused) -> String {
+    let is_optional = spec.registers.rows.get(row).is_some_and(|row| row.optional);
+    let why = match refused {
+        Refused::NoSuchRegister if is_optional => {
+            "it is there once a client or a program of the drive has declared it"
+        }
         Refused::NoSuchRegister => "the drive has no such register",
         Refused::ReadOnly => "the drive sets it itself",
         Refused::OutOfRange => "the drive does not take the value",
         Refused::BadMemory => "the drive's memory is bad, so what is saved there cannot be changed",
-        Refused::Busy => "the drive cannot do that while it does what it does now",
-    }
+        Refused::Busy => {
+            "other settings, or what the drive does now, do not allow it; preset before it what it needs"
+        }
+    };
+    format!("{name} cannot be preset: {why}")
 }
 
 #[cfg(test)]
@@ -361,6 +403,20 @@ mod tests {
         );
         assert_eq!(check("Speed", "-1"), Ok(()));
         assert_eq!(check("Mode", "3"), Ok(()), "it is set after every power-on");
+    }
+
+    #[test]
+    fn what_is_no_number_is_said_with_what_the_row_takes() {
+        let typed = |name: &str, text: &str| Preset::typed(&spec(), name, text);
+        assert_eq!(typed("Speed", "0x10"), Ok(vec![preset("Speed", "16").unwrap()]));
+        for (name, text, sentence) in [
+            ("DeviceAddress", "a", "DeviceAddress takes 1 to 247, not 'a'"),
+            ("Mode", "", "Mode takes one of 0, 3, not ''"),
+            ("SpeedLow", "5.0", "SpeedLow takes 0 to 65535, not '5.0'"),
+            ("Sped", "fast", "there is no register of toy 'Sped'; the nearest is 'Speed'"),
+        ] {
+            assert_eq!(typed(name, text).unwrap_err(), sentence);
+        }
     }
 
     #[test]

@@ -130,6 +130,7 @@ fn difference(expected: &Trace, got: &[Bench]) -> Option<Difference> {
         pairs
             .find(|pair| match pair {
                 (Some((a, a_did)), Some((b, b_did))) => (a.at, a_did.told(a.at)) != (b.at, b_did.told(b.at)),
+                (None, Some((more, _))) => expected.ended || more.at < until,
                 _ => true,
             })
             .map(|(wanted, made)| {

@@ -117,9 +117,12 @@ impl Drive {
             As(pid) => self.written(at, pid, out),
             Set(pid, value) => self.set(at, pid, value, out),
             Erase(pids) => {
+                // All of them first, so that power lost in the first save leaves none of them erased, not one.
                 for &pid in pids {
-                    let factory = Pid::ENTRIES.list.get(pid.row()).map_or(0, |row| row.reset);
-                    self.set(at, pid, factory, out);
+                    self.bank.set(pid, Pid::ENTRIES.list.get(pid.row()).map_or(0, |row| row.reset));
+                }
+                for &pid in pids {
+                    self.written(at, pid, out);
                 }
             }
             Switch(pin, level) => out.put(at, Output::Level { pin, level }),

@@ -20,7 +20,6 @@ use super::reference::Reference;
 use super::registers::{self, Pid, SUPPLY, function};
 use super::servo::{Servo, Settings};
 use crate::device::{Boot, Instant, Line, Refused, Sink};
-use crate::memory::Save;
 use crate::motor::Parameters;
 
 /// The most that RPM_DATA shows, either way (p. 12).
@@ -61,7 +60,6 @@ pub(super) enum State {
 pub(super) struct Drive {
     pub(super) state: State,
     pub(super) bank: Bank<Pid, { Pid::WORDS }>,
-    pub(super) save: Option<Save>,
     /// The address on which it answers: as it was saved when power came.
     pub(super) unit: u8,
     pub(super) alarms: Alarms,
@@ -84,7 +82,6 @@ impl Drive {
             servo: Servo::new(servo_settings(&bank)),
             poles: hall_poles(&bank),
             bank,
-            save: None,
             unit: 1,
             alarms: Alarms::NONE,
             inputs: Inputs::REST,
@@ -96,7 +93,6 @@ impl Drive {
     /// Power comes: what is around the drive will be told anew.
     pub(super) fn power_on(&mut self, at: Instant, boot: Boot, out: &mut dyn Sink) {
         self.load(out);
-        self.save = None;
         self.unit = (self.bank.word(Pid::CONTROLLER_ID) & 0xFF) as u8;
         self.alarms = Alarms::NONE;
         self.inputs = Inputs::REST;
@@ -107,15 +103,12 @@ impl Drive {
     }
 
     pub(super) fn deadline(&self) -> Instant {
-        self.startup_due().min(self.save_due()).min(self.sources_due()).min(self.servo.deadline())
+        self.startup_due().min(self.sources_due()).min(self.servo.deadline())
     }
 
     pub(super) fn timeout(&mut self, at: Instant, out: &mut dyn Sink) {
         if self.startup_due() <= at {
             self.ready(at, out);
-        }
-        if self.save_due() <= at {
-            self.finish_save(at, out);
         }
         if self.sources_due() <= at {
             self.sources_timeout(at, out);

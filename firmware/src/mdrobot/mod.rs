@@ -62,7 +62,7 @@ const CTRL_FAIL: Fault = Fault(7);
 const REGEN_OVER_TEMPERATURE: Fault = Fault(8);
 
 /// Bytes of the non-volatile memory.
-pub const MEMORY: usize = memory::bytes(Pid::SAVED_WORDS) as usize;
+pub const MEMORY: usize = memory::two_copies(Pid::SAVED_WORDS) as usize;
 
 const fn pin(name: &'static str, role: Role, rest: Level) -> PinSpec {
     PinSpec::new(name, role, rest)

@@ -2,35 +2,32 @@
 
 use standin_protocol::registers::{Bank, Register, Space};
 
-use super::MEMORY;
 use super::drive::{Drive, kept};
 use super::registers::Pid;
-use crate::device::{Duration, Instant, Refused, Sink};
-use crate::memory::{self, Content, Save};
+use crate::device::{Instant, Refused, Sink};
+use crate::memory::{self, Content};
 
-/// How long a save takes; the manual does not say.
-pub(super) const SAVE: Duration = Duration::millis(10);
+/// Bytes of one of the two copies.
+const COPY: usize = memory::copy(Pid::SAVED_WORDS);
 
 /// PIDs of one word each that the first memories did not have: such a memory is still good.
 const LATER: [Pid; 3] = [Pid::TAR_POSI_VEL, Pid::POSI_SS, Pid::POSI_SD];
 
 impl Drive {
-    /// Loads what is saved, also by a save that power has cut in its 10 ms, since the drive cannot say that its
-    /// memory is bad; any other bad memory is a new one.
+    /// Loads what is saved: the younger copy, or the one image of the memories before there were two, also where its
+    /// save did not come to its end. Any other memory is a new one, since the drive cannot say that it is bad.
     pub(super) fn load(&mut self, out: &dyn Sink) {
         self.bank = Bank::factory();
-        match memory::content(out.memory(), Pid::SAVED_WORDS) {
-            Content::New => {}
-            Content::Good => memory::load(Pid::ENTRIES, out.memory(), self.bank.words_mut()),
-            Content::Bad if memory::is_unfinished(out.memory(), Pid::SAVED_WORDS) => {
-                memory::load(Pid::ENTRIES, out.memory(), self.bank.words_mut());
-            }
-            Content::Bad => {
-                if memory::content(out.memory(), Pid::SAVED_WORDS - LATER.len()) == Content::Good {
-                    let later = LATER.map(Register::row);
-                    memory::load_without(Pid::ENTRIES, &later, out.memory(), self.bank.words_mut());
-                }
-            }
+        let later = LATER.map(Register::row);
+        let is_image = |later: &[usize]| {
+            let words = Pid::SAVED_WORDS - later.len();
+            memory::content(out.memory(), words) == Content::Good
+                || memory::is_unfinished(out.memory(), words)
+        };
+        if let Some(words) = memory::latest(out.memory(), Pid::SAVED_WORDS) {
+            memory::load(Pid::ENTRIES, words, self.bank.words_mut());
+        } else if let Some(later) = [&[][..], &later].into_iter().find(|later| is_image(later)) {
+            memory::load_without(Pid::ENTRIES, later, out.memory(), self.bank.words_mut());
         }
         // A memory of nobody may hold what no write could bring.
         for (row, entry) in Pid::ENTRIES.list.iter().enumerate() {
@@ -43,20 +40,9 @@ impl Drive {
         }
     }
 
-    /// Begins to save; a save that runs begins again.
-    pub(super) fn save(&mut self, at: Instant, out: &mut dyn Sink) {
-        self.save = Some(Save::of_rows::<MEMORY>(Pid::ENTRIES, self.bank.words(), at, SAVE, out));
-    }
-
-    pub(super) fn save_due(&self) -> Instant {
-        self.save.map_or(Instant::NEVER, Save::due)
-    }
-
-    /// Ends the save that runs.
-    pub(super) fn finish_save(&mut self, at: Instant, out: &mut dyn Sink) {
-        if let Some(save) = self.save.take() {
-            save.finish(at, out);
-        }
+    /// Saves all that is saved, at once.
+    pub(super) fn save(&self, at: Instant, out: &mut dyn Sink) {
+        memory::save_copy::<COPY>(Pid::ENTRIES, self.bank.words(), at, out);
     }
 
     /// Brings every PID that is saved to its factory value. Id, baud and the volume are no PIDs.
@@ -79,7 +65,6 @@ impl Drive {
         self.load(out);
         self.bank.set(pid, kept(pid, value));
         self.save(at, out);
-        self.finish_save(at, out);
         Ok(())
     }
 }

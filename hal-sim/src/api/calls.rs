@@ -144,7 +144,7 @@ pub(super) async fn preset(
         }
         let value = preset.onto(spec, host.bench.peek(seat, preset.row));
         host.bench.poke(seat, preset.row, value).map_err(|refused: Refused| {
-            Problem::refused(format!("{register} cannot be preset: {}", preset::why(refused)))
+            Problem::refused(preset::refusal(spec, preset.row, &register, refused))
         })?;
         host.settle();
         Ok(StatusCode::NO_CONTENT)

@@ -78,7 +78,7 @@ impl Reader {
             let preset = presets.iter().find(|preset| preset.is.row == row);
             let name = spec.registers.rows.get(row).map_or("", |row| row.name);
             let at = preset.map_or(table.at, |preset| preset.at);
-            return Err(Wrong { at, what: format!("{name} cannot be preset: {}", preset::why(why)) });
+            return Err(Wrong { at, what: preset::refusal(spec, row, name, why) });
         }
         self.layout.drives.push(drive);
         self.specs.push(spec);

@@ -38,15 +38,25 @@ impl Layout {
         let mut bench = Bench::with(settings);
         let mut given: Vec<Setup> = given;
         given.resize_with(self.drives.len(), Setup::default);
+        let by_name = sorted(&self.drives, |drive| drive.name.clone());
         let mut seats = vec![None; self.drives.len()];
-        for place in sorted(&self.drives, |drive| drive.name.clone()) {
+        let mut later = vec![Vec::new(); self.drives.len()];
+        for &place in &by_name {
             let setup = std::mem::take(&mut given[place]);
-            seats[place] = Some(self.seat(&mut bench, place, setup)?);
+            let (seat, not_saved) = self.seat(&mut bench, place, setup)?;
+            (seats[place], later[place]) = (Some(seat), not_saved);
         }
         let seats: Vec<Seat> = seats.into_iter().flatten().collect();
         let buses = self.share(&mut bench, &seats);
-        let motors = self.fit(&mut bench, &seats)?;
+        let motors = self.fit(&mut bench, &seats, &later)?;
         self.put_up(&mut bench, &seats, &motors);
+        // Once all are connected, since a preset makes a drive with a fast start ready.
+        for place in by_name {
+            let presets = std::mem::take(&mut later[place]);
+            if !presets.is_empty() {
+                bench.preset(seats[place], presets).map_err(|error| self.cannot_seat(place, &error))?;
+            }
+        }
         for disturbed in &self.faults {
             let bus = bench.find_bus(&disturbed.bus);
             let bus = bus.ok_or_else(|| format!("there is no bus '{}'", disturbed.bus))?;
@@ -55,7 +65,13 @@ impl Layout {
         Ok(Built { bench, seats, buses, motors })
     }
 
-    fn seat(&self, bench: &mut Bench, place: usize, mut setup: Setup) -> Result<Seat, String> {
+    /// Seats a drive with what is saved of its presets, and returns the others.
+    fn seat(
+        &self,
+        bench: &mut Bench,
+        place: usize,
+        mut setup: Setup,
+    ) -> Result<(Seat, Vec<(usize, i64)>), String> {
         let drive = &self.drives[place];
         let device = kinds::make(drive.kind)?;
         let spec = device.spec();
@@ -69,20 +85,28 @@ impl Layout {
         setup.presets.extend(spec.supply.zip(self.supply(place)));
         setup.apart |=
             self.motors.iter().any(|motor| motor.drive == place && matches!(motor.is, MotorKind::Brush(_)));
-        let seat = bench.seat(&drive.name, device, setup).map_err(|error| match error {
-            SeatError::Preset { row, why } => {
-                let name = spec.registers.rows.get(row).map_or("", |row| row.name);
-                let kept = drive.nv.as_ref().map(|path| format!(" ({})", path.display())).unwrap_or_default();
-                format!("{}: {name} cannot be preset: {}{kept}", drive.name, preset::why(why))
-            }
-            SeatError::Name(_) | SeatError::Taken(_) => error.to_string(),
-        })?;
+        let saved = |&(row, _): &(usize, i64)| spec.registers.rows.get(row).is_some_and(|row| row.saved != 0);
+        let (now, later) = std::mem::take(&mut setup.presets).into_iter().partition(saved);
+        setup.presets = now;
+        let seat = bench.seat(&drive.name, device, setup).map_err(|error| self.cannot_seat(place, &error))?;
         let mut faults = drive.faults.clone();
         faults.sort_unstable();
         for fault in faults {
             bench.fault(seat, fault, true);
         }
-        Ok(seat)
+        Ok((seat, later))
+    }
+
+    /// Why a drive cannot be seated, in one sentence.
+    fn cannot_seat(&self, place: usize, error: &SeatError) -> String {
+        let drive = &self.drives[place];
+        let SeatError::Preset { row, why } = *error else { return error.to_string() };
+        let Some(spec) = kinds::specs().find(|spec| spec.kind == drive.kind) else {
+            return error.to_string();
+        };
+        let name = spec.registers.rows.get(row).map_or("", |row| row.name);
+        let kept = drive.nv.as_ref().map(|path| format!(" ({})", path.display())).unwrap_or_default();
+        format!("{}: {}{kept}", drive.name, preset::refusal(spec, row, name, why))
     }
 
     /// What the motor of a drive says of what feeds both, in 0.1 V.
@@ -106,18 +130,43 @@ impl Layout {
         buses.into_iter().flatten().collect()
     }
 
-    fn fit(&self, bench: &mut Bench, seats: &[Seat]) -> Result<Vec<Motor>, String> {
+    fn fit(
+        &self,
+        bench: &mut Bench,
+        seats: &[Seat],
+        presets: &[Vec<(usize, i64)>],
+    ) -> Result<Vec<Motor>, String> {
         let mut motors = vec![None; self.motors.len()];
         for place in sorted(&self.motors, |motor| motor.name.clone()) {
             let motor = &self.motors[place];
             let seat = seats[motor.drive];
             let is = match &motor.is {
                 MotorKind::Stepper(parameters) => Fitting::Stepper(*parameters),
-                MotorKind::Brush(keys) => Fitting::Brush(brush(bench, seat, keys)?),
+                MotorKind::Brush(keys) => {
+                    let own = self.described(bench, motor.drive, seat, &presets[motor.drive])?;
+                    Fitting::Brush(brush(bench, seat, own, keys)?)
+                }
             };
             motors[place] = Some(bench.fit(&motor.name, seat, motor.axis, is)?);
         }
         Ok(motors.into_iter().flatten().collect())
+    }
+
+    /// The motor from which a drive has parted, as its registers describe it once these presets are set, which they are
+    /// not yet.
+    fn described(
+        &self,
+        bench: &Bench,
+        place: usize,
+        seat: Seat,
+        presets: &[(usize, i64)],
+    ) -> Result<Option<motor::Parameters>, String> {
+        let drive = &self.drives[place];
+        let mut other = Bench::new();
+        let (memory, presets) = (Some(bench.memory(seat).to_vec()), presets.to_vec());
+        let setup = Setup { boot_fast: true, apart: true, memory, presets, ..Setup::default() };
+        let seat = other.seat(&drive.name, kinds::make(drive.kind)?, setup);
+        Ok(other.parted(seat.map_err(|error| self.cannot_seat(place, &error))?))
     }
 
     /// Encoders, switches and wires.
@@ -179,9 +228,14 @@ fn own_stepper(is: &stepper::Parameters, spec: &Spec) -> impl Iterator<Item = (u
 
 /// A brush motor, or a brushless one: what is not said of it is as its drive describes it, or nominal where the drive
 /// knows nothing of it.
-fn brush(bench: &Bench, seat: Seat, keys: &BrushKeys) -> Result<motor::Parameters, String> {
+fn brush(
+    bench: &Bench,
+    seat: Seat,
+    own: Option<motor::Parameters>,
+    keys: &BrushKeys,
+) -> Result<motor::Parameters, String> {
     let nominal = bench.spec(seat).dc_motor.map(|_| motor::Parameters::NOMINAL);
-    let own = bench.parted(seat).or(nominal);
+    let own = own.or(nominal);
     let own = own.ok_or_else(|| format!("{} turns no brush motor", bench.name(seat)))?;
     Ok(motor::Parameters {
         supply_mv: keys.supply_mv.unwrap_or(own.supply_mv),

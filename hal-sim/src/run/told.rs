@@ -157,11 +157,9 @@ fn presets(spec: &Spec, options: &cli::Run) -> Result<Vec<Preset>, String> {
             .push(Preset::new(spec, row.name, address).map_err(|sentence| format!("--address: {sentence}"))?);
     }
     for set in &options.set {
-        let told = Preset::text(spec, &set.register, &set.value).unwrap_or_else(|| {
-            let value = cli::number(&set.value)?;
-            let preset = Preset::new(spec, &set.register, &value)?;
-            preset.check_saved(spec)?;
-            Ok(vec![preset])
+        let told = Preset::typed(spec, &set.register, &set.value).and_then(|presets| {
+            presets.iter().try_for_each(|preset| preset.check_saved(spec))?;
+            Ok(presets)
         });
         presets.extend(told.map_err(|sentence| format!("--set: {sentence}"))?);
     }

@@ -18,7 +18,7 @@
 //! A stamp is in milliseconds of the bench's time; it means the nearest tick of 62.5 ns. With several
 //! drives the name of one follows it. `>` is fed to the drive, `<` is what it did and is compared;
 //! `end` is how far time went, and a drive may have put something for later by then; without `end` time went to the
-//! last stamp. A drive has power when it is seated. Of the ports of a drive the first
+//! last stamp, and what else came at that one is not compared. A drive has power when it is seated. Of the ports of a drive the first
 //! is meant unless the word says `rx:mcode`.
 //!
 //! Words may be added within a version of the format: who does not know one says so, in which line. A version
@@ -68,7 +68,7 @@ use standin_protocol::time::Duration;
 
 pub use recording::Recording;
 pub(crate) use ring::{allocated, make_room};
-pub use text::ParseError;
+pub use text::{ParseError, whole_lines};
 pub(crate) use text::{is_name, without_comment};
 
 /// Makes a device of a kind; `None` if there is no such kind.
@@ -112,6 +112,8 @@ pub struct Trace {
     pub lost: u64,
     /// How far time went; of a text without `end` its last stamp.
     pub end: Instant,
+    /// True if it tells all until then. A text without `end` may break off within its last stamp.
+    pub ended: bool,
     /// Number of events written, of those that wait for it.
     written: u64,
     events: VecDeque<Entry>,
@@ -435,6 +437,7 @@ impl Trace {
             compare: Group::ALL.to_vec(),
             lost: 0,
             end: Instant::ZERO,
+            ended: true,
             written: 0,
             events: VecDeque::new(),
             keep,

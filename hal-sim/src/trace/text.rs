@@ -35,6 +35,17 @@ impl fmt::Display for ParseError {
 
 impl std::error::Error for ParseError {}
 
+/// The whole lines of a file, and whether half a line behind them is left out: what a program leaves that is killed while
+/// it writes. An `end` is whole without a line feed, too.
+#[must_use]
+pub fn whole_lines(file: &[u8]) -> (&[u8], bool) {
+    let whole = file.iter().rposition(|&byte| byte == b'\n').map_or(0, |last| last + 1);
+    match file.split_at(whole) {
+        (_, last) if last.is_empty() || last.ends_with(b" end") => (file, false),
+        (lines, _) => (lines, true),
+    }
+}
+
 impl Trace {
     /// Reads a trace. `make` says what the kinds in it are.
     ///
@@ -344,19 +355,17 @@ struct Reader {
     fed: Instant,
     /// The last stamp of all.
     last: Instant,
-    /// True if a line has said how far time went.
-    ended: bool,
 }
 
 impl Reader {
     fn new() -> Self {
-        let trace = Trace::new(1, TraceKeep::All);
-        Self { trace, begun: false, fed: Instant::ZERO, last: Instant::ZERO, ended: false }
+        let trace = Trace { ended: false, ..Trace::new(1, TraceKeep::All) };
+        Self { trace, begun: false, fed: Instant::ZERO, last: Instant::ZERO }
     }
 
     /// The trace that was read. Where `end` says how far time went, what a drive put for later was under way then.
     fn finish(mut self) -> Trace {
-        if !self.ended {
+        if !self.trace.ended {
             self.trace.end = self.last;
         }
         self.trace
@@ -471,7 +480,7 @@ impl Reader {
                 return Err("time ends before the last line".to_owned());
             }
             self.trace.end = self.trace.end.max(at);
-            self.ended = true;
+            self.trace.ended = true;
             return words.end();
         }
         let drive = match (named, drives.len()) {

@@ -4,8 +4,10 @@ use std::path::Path;
 
 use rustix::process::{Signal, kill_process};
 use standin_protocol::modbus::rtu;
+use standin_sim::trace::{Trace, whole_lines};
+use standin_sim::{kinds, replay};
 
-use crate::running::{Running, Scratch, ask, standin};
+use crate::running::{Running, Scratch, ask, refused, standin};
 
 /// Files that were made by the program at commit 681fd38. They are never made anew.
 fn old(name: &str) -> String {
@@ -71,4 +73,44 @@ fn whatever_ends_it_the_recording_is_there() {
         assert_eq!(text.trim_end().ends_with(" end"), !killed, "{signal:?}: {text}");
         assert_replays(&file);
     }
+}
+
+/// A kill in the middle of a write leaves half a line, and perhaps half of what happened at an instant.
+#[test]
+fn a_recording_replays_wherever_it_is_cut() {
+    for name in ["answers-ahead", "preset-at-start"] {
+        let file = std::fs::read(old(&format!("{name}.trace"))).unwrap();
+        let first_line = file.iter().position(|&byte| byte == b'\n').unwrap();
+        for length in first_line + 1..file.len() {
+            let (lines, is_cut) = whole_lines(&file[..length]);
+            assert_eq!(
+                is_cut,
+                file[length - 1] != b'\n' && length < file.len() - 1,
+                "{name}, {length} bytes"
+            );
+            let trace = Trace::parse(std::str::from_utf8(lines).unwrap(), &|kind| kinds::make(kind).ok());
+            let difference = replay::run(&trace.unwrap(), &|kind| kinds::make(kind).ok());
+            assert_eq!(difference, Ok(None), "{name}, {length} bytes");
+        }
+    }
+}
+
+#[test]
+fn half_a_line_is_left_out_at_the_end_of_a_recording_only() {
+    let scratch = Scratch::new("half");
+    let file = scratch.file("md3.trace");
+    let text = "standin trace 1\ndrive md3 md3 fast\ncompare tx\n1000.000000 > rx 01 03 00 14 00 01 C4 0E\n";
+    std::fs::write(&file, format!("{text}1006.1 < tx 01 0")).unwrap();
+    let replayed = standin(&["replay", &file]);
+    let said = String::from_utf8(replayed.stdout).unwrap();
+    let expected = format!("{file}: its last line has no end, so it is left out\n{file}: as expected\n");
+    assert_eq!((replayed.status.code(), said), (Some(0), expected));
+    // With a letter of several bytes, of which half is there.
+    std::fs::write(&file, [text.as_bytes(), b"# \xC3"].concat()).unwrap();
+    assert_replays(&file);
+    std::fs::write(&file, format!("{text}1006.1 < tx 01 0\n2000 end\n")).unwrap();
+    assert!(refused(&["replay", &file]).contains("line 5"));
+    std::fs::write(&file, format!("{text}2000 end")).unwrap();
+    let replayed = standin(&["replay", &file]);
+    assert_eq!(replayed.status.code(), Some(1), "the answer is missing: {replayed:?}");
 }

@@ -85,6 +85,15 @@ fn what_is_wrong_with_options_is_told_in_one_sentence() {
         ),
         (vec!["run", "md3", "--set", "SpeedHigh=65536"], "SpeedHigh takes 0 to 65535, not 65536"),
         (vec!["run", "md3", "--set", "Speed"], "REG=VALUE"),
+        (
+            vec!["run", "mdrive", "--set", "V1=3"],
+            "V1 cannot be preset: it is there once a client or a program of the drive has declared it",
+        ),
+        (
+            vec!["run", "mdrive", "--set", "HM=1"],
+            "HM cannot be preset: other settings, or what the drive does now, do not allow it; preset before it what it needs",
+        ),
+        (vec!["run", "mdrive", "--set", "DN=a"], "DN takes 33 to 122, not 'a'"),
         (vec!["run", "md3", "--nv", "/"], "--nv: /: "),
         (vec!["run", "md3", "--nv", "/nowhere/md3.nv"], "--nv: /nowhere/md3.nv: "),
         (vec!["run", "md3", "--record", "/nowhere/md3.trace"], "--record /nowhere/md3.trace: "),

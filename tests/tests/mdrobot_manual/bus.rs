@@ -7,7 +7,7 @@ use standin_protocol::time::{Duration, Span};
 use standin_sim::bench::{Bench, Client, Seat, Setup};
 
 use crate::pid;
-use crate::rig::{BOOT, SAVE, SILENCE, timed};
+use crate::rig::{BOOT, SILENCE, timed};
 
 /// A character at 19,200 8N1: 10 bits are 8,333⅓ ticks, a whole number by rounding.
 const CHARACTER: u64 = 8_333;
@@ -110,7 +110,6 @@ fn page_12_an_id_on_a_shared_line() {
     let (mut bench, [left, right]) = two();
     let frame = rtu::write(2, pid::ID, 9 << 8 | 0xAA);
     assert_eq!(bench.ask(left, &frame), frame[..]);
-    bench.run_until(bench.now() + SAVE);
     bench.power(right, standin_sim::bench::PowerAction::Cycle);
     bench.run_until(bench.now() + BOOT + 10.millis());
     assert_eq!(bench.ask(left, &rtu::read(2, pid::VERSION, 1)), SILENCE);

@@ -4,7 +4,7 @@ use standin_firmware::device::{Level, Port};
 use standin_protocol::time::Span;
 
 use crate::pid;
-use crate::rig::{Rig, SAVE};
+use crate::rig::Rig;
 use crate::table::{TABLE, Type};
 
 /// All that is read and written.
@@ -162,7 +162,6 @@ fn page_6_what_is_erased() {
     ];
     for (code, brings) in erased {
         let mut rig = Rig::with(&filled);
-        rig.after(SAVE);
         rig.command(code);
         let check = |rig: &mut Rig| {
             for (pid, value) in filled {
@@ -172,7 +171,6 @@ fn page_6_what_is_erased() {
             }
         };
         check(&mut rig);
-        rig.after(SAVE);
         rig.power_cycle();
         check(&mut rig);
     }

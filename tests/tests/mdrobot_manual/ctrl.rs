@@ -5,7 +5,7 @@ use standin_protocol::time::Span;
 use standin_sim::bench::{Driving, PowerAction};
 
 use crate::pid;
-use crate::rig::{BOOT, Rig, SAVE};
+use crate::rig::{BOOT, Rig};
 
 /// PID_DI: bits by name (p. 11).
 const BITS: [(&str, u16); 7] = [
@@ -236,7 +236,6 @@ fn page_8_inv_alarm() {
         rig.write(pid::ALARM_RESET, 0);
         rig.after(1.millis());
         assert_eq!(rig.level("ALARM"), normal);
-        rig.after(SAVE);
         rig.power_cycle();
         assert_eq!(rig.level("ALARM"), normal, "from power-on on");
     }
@@ -246,7 +245,6 @@ fn page_8_inv_alarm() {
 #[test]
 fn page_11_contacts_at_power_on() {
     let mut rig = at_500(&[]);
-    rig.after(SAVE);
     rig.bench.power(rig.seat, PowerAction::Off);
     rig.after(1.secs());
     rig.bench.power(rig.seat, PowerAction::On);

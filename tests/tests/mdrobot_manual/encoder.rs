@@ -5,7 +5,7 @@ use standin_protocol::time::Span;
 use standin_sim::bench::Motor;
 
 use crate::pid;
-use crate::rig::{Rig, SAVE};
+use crate::rig::Rig;
 
 /// A motor of the bench whose encoder has so many cycles a turn.
 fn with_encoder(cycles: u32, ppr: u16) -> (Rig, Motor) {
@@ -136,7 +136,6 @@ fn page_11_encoder_inputs() {
     let mut seen = [0; 4];
     rig.watch(2.secs(), 1.millis(), |rig, _| seen[usize::from(rig.read(pid::DI) >> 5 & 3)] += 1);
     assert!(seen.iter().all(|&count| count > 100), "{seen:?}");
-    rig.after(SAVE);
     rig.power_cycle();
     assert_eq!(rig.read(pid::ENC_PPR), 100);
 }

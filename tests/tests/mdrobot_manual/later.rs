@@ -5,7 +5,7 @@ use standin_protocol::time::Span;
 use standin_sim::kinds;
 
 use crate::pid;
-use crate::rig::{Rig, SAVE};
+use crate::rig::Rig;
 
 const TQ_RATIO: u16 = 66;
 const TAR_POSI_VEL: u16 = 176;
@@ -84,7 +84,6 @@ fn position_ramps_are_erased() {
     for (code, left) in [(71, [0, 20]), (72, [10, 0])] {
         let mut rig = Rig::with(&[(POSI_SS, 10), (POSI_SD, 20)]);
         rig.command(code);
-        rig.after(SAVE);
         rig.power_cycle();
         assert_eq!([rig.read(POSI_SS), rig.read(POSI_SD)], left, "CMD {code}");
     }

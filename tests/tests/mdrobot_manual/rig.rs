@@ -13,9 +13,6 @@ use crate::pid;
 /// From power-on to the first request that is heard (decision 11).
 pub(crate) const BOOT: Duration = Duration::millis(300);
 
-/// Longer than a save takes (10 ms, decision 6).
-pub(crate) const SAVE: Duration = Duration::millis(20);
-
 /// What comes where no reply comes.
 pub(crate) const SILENCE: [u8; 0] = [];
 
@@ -80,7 +77,6 @@ impl Rig {
     /// One whose motor has other poles, by HALL_TYPE at power-on (p. 8).
     pub(crate) fn with_poles(hall_type: u16, poles: f64, settings: &[(u16, u16)]) -> Self {
         let mut rig = Self::with(&[(pid::HALL_TYPE, hall_type)]);
-        rig.after(SAVE);
         rig.power_cycle();
         rig.poles = poles;
         rig.set(settings);

@@ -7,7 +7,7 @@ use standin_protocol::time::Span;
 
 use crate::pid;
 use crate::pids::rows;
-use crate::rig::{Rig, SAVE, SILENCE, line, request, timed};
+use crate::rig::{Rig, SILENCE, line, request, timed};
 use crate::table::Row;
 
 /// A value that differs from the factory's for every PID that is saved, beside those that are the same thing.
@@ -33,7 +33,6 @@ fn change_everything(rig: &mut Rig) {
         assert_ne!(words, row.reset, "PID {} {}", row.pid, row.name);
         rig.write_words(row.pid, &words);
     }
-    rig.after(SAVE);
 }
 
 /// Decision 6: saved at once, all but 78, 100, 130, 180.
@@ -53,7 +52,6 @@ fn page_6_what_outlives_the_power() {
     for row in rows(|row| row.saved) {
         let mut rig = Rig::default();
         rig.write_words(row.pid, &changed(row));
-        rig.after(SAVE);
         rig.power_cycle();
         assert_eq!(rig.words(row.pid, row.count()), changed(row), "PID {} {}", row.pid, row.name);
     }
@@ -68,7 +66,6 @@ fn page_6_one_write_after_the_other() {
         rig.write(pid::P_GAIN, value);
         rig.after(1.millis());
     }
-    rig.after(SAVE);
     rig.power_cycle();
     assert_eq!((rig.read(pid::MAX_RPM), rig.read(pid::P_GAIN)), (1_099, 99));
 }
@@ -78,14 +75,12 @@ fn page_6_one_write_after_the_other() {
 fn page_6_power_lost_in_a_save() {
     let mut rig = Rig::default();
     rig.write(pid::MAX_RPM, 1_000);
-    rig.after(SAVE);
     rig.write(pid::MAX_RPM, 2_000);
     rig.after(5.millis());
     rig.power_cycle();
     // The new value, neither the old one nor that of the factory.
     assert_eq!(rig.read(pid::MAX_RPM), 2_000);
     rig.write(pid::MAX_RPM, 2_500);
-    rig.after(SAVE);
     rig.power_cycle();
     assert_eq!(rig.read(pid::MAX_RPM), 2_500);
 }
@@ -106,7 +101,6 @@ fn page_6_default_set() {
     for row in rows(|row| row.saved) {
         assert_eq!(rig.words(row.pid, row.count()), row.reset, "PID {} {}", row.pid, row.name);
     }
-    rig.after(SAVE);
     rig.power_cycle();
     assert_eq!(rig.ask(&request(3, pid::VERSION, 1)), SILENCE, "its id is 7 now");
     for row in rows(|row| row.saved) {
@@ -122,7 +116,6 @@ fn page_12_id() {
     for id in [1, 2, 100, 247, 248, 253] {
         let mut rig = Rig::default();
         rig.write(pid::ID, u16::from(id) << 8 | 0xAA);
-        rig.after(SAVE);
         assert_eq!(rig.read(pid::VERSION), 81, "still 1");
         rig.power_cycle();
         let reply = rig.bench.ask(rig.seat, &rtu::read(id, pid::VERSION, 1));
@@ -142,7 +135,6 @@ fn page_12_id() {
     for word in [0x0200, 0x0255, 0x02AB, 0x00A9, 0xFF00, 0xAA02] {
         let mut rig = Rig::default();
         rig.write(pid::ID, word);
-        rig.after(SAVE);
         rig.power_cycle();
         assert_eq!(rig.read(pid::VERSION), 81, "{word:04X}h");
     }
@@ -156,7 +148,6 @@ fn page_12_baudrate() {
     for (code, baud) in (1..).zip(bauds) {
         let mut rig = timed();
         rig.write(pid::BAUDRATE, code << 8 | 0xAA);
-        rig.after(SAVE);
         assert_eq!(line(&rig).baud, 19_200);
         assert_eq!(rig.read(pid::VERSION), 81);
         rig.power_cycle();
@@ -172,7 +163,6 @@ fn page_12_baudrate() {
     for word in [0x0500, 0x0555, 0x00AB, 0xAA05] {
         let mut rig = timed();
         rig.write(pid::BAUDRATE, word);
-        rig.after(SAVE);
         rig.power_cycle();
         assert_eq!(line(&rig).baud, 19_200, "{word:04X}h");
     }

@@ -114,9 +114,11 @@ impl<'a, F: NorFlash + Copy, const SECTORS: usize> Saved<'a, F, SECTORS> {
     fn recall(&mut self) -> Result<(), Unreadable> {
         let mut item = [0; ITEM];
         for (number, piece) in (0..).zip(self.bytes.chunks_mut(PIECE)) {
-            match self.items.find(number, &mut item)? {
-                Some(stored) if stored.len() == piece.len() => piece.copy_from_slice(stored),
-                _ => piece.fill(0xFF),
+            piece.fill(0xFF);
+            // What an image stored whose memory was smaller is the beginning of this one.
+            let stored = self.items.find(number, &mut item)?.unwrap_or_default();
+            if let Some(begin) = piece.get_mut(..stored.len()) {
+                begin.copy_from_slice(stored);
             }
         }
         Ok(())

@@ -171,3 +171,13 @@ fn flash_with_something_else_makes_a_new_drive() {
         assert_eq!(found(&chip, "kind"), [1; 112]);
     }
 }
+
+#[test]
+fn what_an_image_with_a_smaller_memory_stored_is_the_beginning() {
+    let chip = Chip::<4, 4_096, 1>::new(0xFF);
+    assert!(store(&chip, "kind", [7; 64], usize::MAX));
+    let mut larger = [0xFF; 144];
+    larger[..64].fill(7);
+    assert_eq!(found(&chip, "kind"), larger);
+    assert_eq!(found(&chip, "kind"), [0xFF; 32], "of a larger one nothing is taken");
+}

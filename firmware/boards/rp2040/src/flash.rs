@@ -19,8 +19,9 @@ const CAPACITY: usize = 2 << 20;
 /// Where it is read.
 const WINDOW: usize = 0x1000_0000;
 
-/// A memory of more bytes is a large one. An item of a small one has been like that ever since there are images.
-const MOST_SMALL: usize = 112;
+/// A memory of more bytes, which is more than one piece, is a large one. An item of a small one has been like that ever
+/// since there are images.
+const MOST_SMALL: usize = 256;
 
 /// The last sectors, for small memories: they need not wait until the pieces of a large one are moved.
 const SMALL: Range<u32> = sectors(4, CAPACITY as u32);

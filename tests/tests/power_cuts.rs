@@ -1,0 +1,210 @@
+//! Power that is lost at any byte of any store of a save, in every kind of drive: an MDROBOT wakes up with the old or the
+//! new values; others have those of the factory, too, and say that their memory is bad, if they can.
+#![allow(missing_docs, reason = "a test")]
+
+use standin_firmware::device::{Boot, Device, Instant, Output, Sink, advance};
+use standin_protocol::time::Span;
+use standin_sim::kinds;
+
+/// A memory that holds what comes before power is lost.
+struct Memory {
+    bytes: Vec<u8>,
+    /// Bytes that it still takes.
+    left: usize,
+    /// Bytes that it has taken.
+    taken: usize,
+}
+
+impl Memory {
+    fn of(bytes: &[u8], left: usize) -> Self {
+        Self { bytes: bytes.to_vec(), left, taken: 0 }
+    }
+}
+
+impl Sink for Memory {
+    fn put(&mut self, _at: Instant, output: Output<'_>) {
+        if let Output::Store { offset, bytes } = output {
+            let count = bytes.len().min(self.left);
+            self.bytes[usize::from(offset)..][..count].copy_from_slice(&bytes[..count]);
+            self.left -= count;
+            self.taken += count;
+        }
+    }
+
+    fn memory(&self) -> &[u8] {
+        &self.bytes
+    }
+}
+
+/// How a kind of drive saves.
+struct Kind {
+    kind: &'static str,
+    /// Two registers far apart in its memory, and what a save may bring there.
+    values: [(&'static str, [i64; 4]); 2],
+    /// What makes it save what was written; `None` if it saves each value as it is written.
+    save: Option<(&'static str, i64)>,
+    bad: Bad,
+}
+
+/// What a save may leave that power cut short, beside the old and the new values.
+enum Bad {
+    /// Nothing else.
+    Never,
+    /// The factory's values; a QSB cannot say so (its decision 8).
+    Silent,
+    /// The same, and bits of a register that say it: which, and what they are then.
+    Said { register: &'static str, mask: i64, is: i64 },
+}
+
+const KINDS: [Kind; 10] = [
+    md3("md3"),
+    md3("md3-low"),
+    qsb("qsb-d"),
+    qsb("qsb-m"),
+    qsb("qsb-s"),
+    rs434("rs434544"),
+    rs434("rs434546"),
+    Kind {
+        kind: "mdrobot",
+        values: [("USE_LIMIT_SW", [0, 1, 0, 1]), ("MAX_RPM", [1, 0x1234, 400, 2])],
+        save: None,
+        bad: Bad::Never,
+    },
+    mdrive("mdrive"),
+    mdrive("mdrive-hybrid"),
+];
+
+const fn md3(kind: &'static str) -> Kind {
+    Kind {
+        kind,
+        values: [("Speed", [1, -2, 31_234, 5_000]), ("UserRegister", [1, 2, 0xFFFF, 78])],
+        save: Some(("EEPROMControl", 1)),
+        bad: Bad::Said { register: "EEPROMControl", mask: 0xFF00, is: 0xF100 },
+    }
+}
+
+const fn qsb(kind: &'static str) -> Kind {
+    Kind {
+        kind,
+        values: [("Mode", [1, 2, 4, 18]), ("Eor", [1, 2, 0, 3])],
+        save: Some(("Command", 3)),
+        bad: Bad::Silent,
+    }
+}
+
+const fn rs434(kind: &'static str) -> Kind {
+    Kind {
+        kind,
+        values: [("SPEED", [30, 31, 0x0F0F, 14_999]), ("TARGET_POSITION3", [1, -1, 0x0102_0304, 7])],
+        save: Some(("FLAG_SAVE_INI", 0x37FA)),
+        bad: Bad::Said { register: "ERROR", mask: 1 << 9, is: 1 << 9 },
+    }
+}
+
+const fn mdrive(kind: &'static str) -> Kind {
+    Kind {
+        kind,
+        values: [("A", [91, 92, 0x0102_0304, 1_000]), ("R4", [1, -1, 0x0102_0304, 7])],
+        save: Some(("S", 1)),
+        bad: Bad::Said { register: "ER", mask: 0xFFFF, is: 70 },
+    }
+}
+
+/// A drive that runs on a memory.
+struct Drive {
+    device: Box<dyn Device>,
+    memory: Memory,
+    now: Instant,
+}
+
+impl Drive {
+    fn wake(kind: &Kind, memory: Memory) -> Self {
+        let device = kinds::make(kind.kind).unwrap();
+        let mut drive = Self { device, memory, now: Instant::ZERO };
+        drive.device.power_on(drive.now, Boot { fast: true, ..Boot::default() }, &mut drive.memory);
+        // A bad memory may make a start longer.
+        drive.run(20_000);
+        drive
+    }
+
+    fn run(&mut self, ms: u64) {
+        self.now = self.now + ms.millis();
+        advance(&mut *self.device, self.now, core::iter::empty(), &mut self.memory);
+    }
+
+    fn row(&self, name: &str) -> usize {
+        self.device.spec().find(name).unwrap_or_else(|| panic!("{name}")).row
+    }
+
+    fn get(&self, name: &str) -> i64 {
+        self.device.peek(self.now, self.row(name))
+    }
+
+    fn set(&mut self, name: &str, value: i64) {
+        let row = self.row(name);
+        let set = self.device.poke(self.now, row, value, &mut self.memory);
+        assert_eq!(set, Ok(()), "{name} = {value}");
+    }
+
+    /// Writes some values and saves them.
+    fn save(&mut self, kind: &Kind, values: &[(&str, i64)]) {
+        for &(name, value) in values {
+            self.set(name, value);
+        }
+        if let Some((name, value)) = kind.save {
+            self.set(name, value);
+        }
+        self.run(100);
+    }
+
+    fn values(&self, kind: &Kind) -> [i64; 2] {
+        kind.values.map(|(name, _)| self.get(name))
+    }
+
+    /// Whether it may have the factory's values after a cut, as far as it says.
+    fn may_be_new(&self, kind: &Kind) -> bool {
+        match kind.bad {
+            Bad::Never => false,
+            Bad::Silent => true,
+            Bad::Said { register, mask, is } => self.get(register) & mask == is,
+        }
+    }
+}
+
+/// What is written before each of the saves: both registers, or one after the other where each is saved by itself.
+fn written(kind: &Kind) -> Vec<Vec<(&'static str, i64)>> {
+    let both = |n: usize| kind.values.map(|(name, values)| (name, values[n])).to_vec();
+    let each = |n: usize| both(n).into_iter().map(|one| vec![one]).collect();
+    (0..4).flat_map(|n| if kind.save.is_some() { vec![both(n)] } else { each(n) }).collect()
+}
+
+#[test]
+fn power_lost_at_any_byte_of_a_save_mixes_nothing() {
+    assert!(KINDS.iter().map(|kind| kind.kind).eq(kinds::specs().map(|spec| spec.kind)), "a kind is missing");
+    for kind in &KINDS {
+        let size = usize::from(kinds::make(kind.kind).unwrap().spec().memory);
+        let mut memory = vec![0xFF; size];
+        let factory = Drive::wake(kind, Memory::of(&memory, 0)).values(kind);
+        let mut old = factory;
+        for values in written(kind) {
+            let mut whole = Drive::wake(kind, Memory::of(&memory, usize::MAX));
+            assert_eq!(whole.values(kind), old, "{}", kind.kind);
+            whole.save(kind, &values);
+            let (new, stored) = (whole.values(kind), whole.memory.taken);
+            assert!(new != old && stored > 0, "{}: {values:?}", kind.kind);
+            for left in 0..stored {
+                let mut cut = Drive::wake(kind, Memory::of(&memory, left));
+                cut.save(kind, &values);
+                let again = Drive::wake(kind, Memory::of(&cut.memory.bytes, usize::MAX));
+                let found = again.values(kind);
+                assert!(
+                    found == old || found == new || (found == factory && again.may_be_new(kind)),
+                    "{}: {found:?} after {left} of {stored} bytes, from {old:?} to {new:?}",
+                    kind.kind
+                );
+            }
+            memory = whole.memory.bytes;
+            old = new;
+        }
+    }
+}
