@@ -398,7 +398,7 @@ impl Bench {
     /// A preset is refused; those before it are set.
     pub fn preset(&mut self, seat: Seat, presets: Vec<(usize, i64)>) -> Result<(), SeatError> {
         self.run_until(self.now);
-        let mut tape = tape(&mut self.trace, &mut self.outbox, self.settings, self.now);
+        let mut tape = tape(&mut self.trace, &mut self.outbox, self.settings);
         let seated = &mut self.seats[seat.0 as usize];
         seated.presets = presets;
         let result = seated.preset_again(self.now, &mut tape);
