@@ -128,7 +128,7 @@ impl Drive {
     }
 
     fn run(&mut self, ms: u64) {
-        self.now = self.now + ms.millis();
+        self.now += ms.millis();
         advance(&mut *self.device, self.now, core::iter::empty(), &mut self.memory);
     }
 
