@@ -13,14 +13,40 @@ use rustix::fs::FlockOperation;
 use rustix::io::Errno;
 
 /// The file behind a drive's memory.
-pub(crate) struct Nv {
-    file: File,
+pub(crate) struct Nv<D = File> {
+    file: D,
     /// The memory as the drive sees it.
     memory: Vec<u8>,
     /// True if the file holds all of that. It does not while it has another size, nor when it could not be written.
     whole: bool,
+    /// True if the file is longer than the memory.
+    longer: bool,
     /// True if the drive has stored anything.
     stored: bool,
+}
+
+/// The layer below the file, where a system may fail.
+trait Disk {
+    /// Writes all of `bytes` from `offset` on.
+    fn write_all_at(&self, bytes: &[u8], offset: u64) -> io::Result<()>;
+    /// Cuts or fills up the file to a length.
+    fn set_len(&self, length: u64) -> io::Result<()>;
+    /// Waits until all is on the disk.
+    fn sync_all(&self) -> io::Result<()>;
+}
+
+impl Disk for File {
+    fn write_all_at(&self, bytes: &[u8], offset: u64) -> io::Result<()> {
+        FileExt::write_all_at(self, bytes, offset)
+    }
+
+    fn set_len(&self, length: u64) -> io::Result<()> {
+        Self::set_len(self, length)
+    }
+
+    fn sync_all(&self) -> io::Result<()> {
+        Self::sync_all(self)
+    }
 }
 
 impl Nv {
@@ -45,11 +71,8 @@ impl Nv {
         let mut memory = vec![0xFF; size];
         let there = usize::try_from(length).unwrap_or(usize::MAX).min(size);
         file.read_exact_at(&mut memory[..there], 0)?;
-        if length > size as u64 {
-            spoil(&mut memory);
-        }
-        let whole = length == size as u64;
-        Ok((memory.clone(), Self { file, memory, whole, stored: false }))
+        let nv = Self::holding(file, memory, length);
+        Ok((nv.memory.clone(), nv))
     }
 
     /// Of the file.
@@ -58,6 +81,19 @@ impl Nv {
     /// Of the file system.
     pub(crate) fn metadata(&self) -> io::Result<Metadata> {
         self.file.metadata()
+    }
+}
+
+#[expect(private_bounds, reason = "nobody outside has another disk than a file")]
+impl<D: Disk> Nv<D> {
+    /// The memory of a file of `length` bytes that begins with these.
+    fn holding(file: D, mut memory: Vec<u8>, length: u64) -> Self {
+        let size = memory.len() as u64;
+        let longer = length > size;
+        if longer {
+            spoil(&mut memory);
+        }
+        Self { file, memory, whole: length == size, longer, stored: false }
     }
 
     /// Writes bytes as they are stored, with all that an earlier store could not write.
@@ -81,8 +117,12 @@ impl Nv {
 
     /// Makes the file what the memory is.
     fn write_all(&mut self) -> io::Result<()> {
+        // A longer file goes at once: changed in part, its beginning could be what it was before it was spoiled.
+        if self.longer {
+            self.file.set_len(0)?;
+            self.longer = false;
+        }
         self.file.write_all_at(&self.memory, 0)?;
-        self.file.set_len(self.memory.len() as u64)?;
         self.whole = true;
         Ok(())
     }
@@ -109,6 +149,7 @@ fn spoil(memory: &mut [u8]) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::cell::{Cell, RefCell};
     use std::path::PathBuf;
 
     /// A file that is gone when the test is over.
@@ -200,6 +241,152 @@ mod tests {
         nv.file = writable;
         nv.sync().unwrap();
         assert_eq!(file.content(), [0xFF, 7, 0xFF]);
+    }
+
+    /// What a disk does when the bytes that it still takes are used up.
+    #[derive(Clone, Copy, PartialEq, Debug)]
+    enum Failure {
+        /// It takes a part of a write (`ENOSPC`).
+        Full,
+        /// It takes none of it (`EIO`).
+        Broken,
+    }
+
+    /// A disk in memory that fails after so many bytes; a cut to a length counts as one.
+    struct FailingDisk {
+        content: RefCell<Vec<u8>>,
+        takes: Cell<usize>,
+        failure: Failure,
+    }
+
+    impl FailingDisk {
+        fn new(content: &[u8], takes: usize, failure: Failure) -> Self {
+            Self { content: RefCell::new(content.to_vec()), takes: Cell::new(takes), failure }
+        }
+
+        /// How much is taken of so many bytes, and whether that is all.
+        fn take(&self, count: usize) -> (usize, io::Result<()>) {
+            let takes = self.takes.get();
+            if count <= takes {
+                self.takes.set(takes - count);
+                return (count, Ok(()));
+            }
+            self.takes.set(0);
+            match self.failure {
+                Failure::Full => (takes, Err(Errno::NOSPC.into())),
+                Failure::Broken => (0, Err(Errno::IO.into())),
+            }
+        }
+    }
+
+    impl Disk for FailingDisk {
+        fn write_all_at(&self, bytes: &[u8], offset: u64) -> io::Result<()> {
+            let (count, result) = self.take(bytes.len());
+            let (mut content, offset) = (self.content.borrow_mut(), offset as usize);
+            let length = content.len().max(offset + count);
+            // As a file system fills a hole.
+            content.resize(length, 0);
+            content[offset..offset + count].copy_from_slice(&bytes[..count]);
+            result
+        }
+
+        fn set_len(&self, length: u64) -> io::Result<()> {
+            let (count, result) = self.take(1);
+            if count == 1 {
+                self.content.borrow_mut().resize(length as usize, 0);
+            }
+            result
+        }
+
+        fn sync_all(&self) -> io::Result<()> {
+            self.take(0).1
+        }
+    }
+
+    const SIZE: usize = 8;
+    const STORES: [(u16, &[u8]); 3] = [(2, &[20, 21, 22]), (0, &[10, 11]), (5, &[30, 31, 32])];
+
+    /// What a drive finds in a file.
+    fn found(content: &[u8]) -> Vec<u8> {
+        let mut memory = vec![0xFF; SIZE];
+        let there = content.len().min(SIZE);
+        memory[..there].copy_from_slice(&content[..there]);
+        Nv::holding(FailingDisk::new(content, 0, Failure::Full), memory, content.len() as u64).memory
+    }
+
+    /// The memory after each byte of [`STORES`], as a drive whose power fails there leaves it.
+    fn states(content: &[u8]) -> Vec<Vec<u8>> {
+        let mut states = vec![found(content)];
+        for (offset, bytes) in STORES {
+            for (place, byte) in (usize::from(offset)..).zip(bytes) {
+                let mut next = states.last().unwrap().clone();
+                next[place] = *byte;
+                states.push(next);
+            }
+        }
+        states
+    }
+
+    fn stores(nv: &mut Nv<FailingDisk>) -> [bool; 3] {
+        STORES.map(|(offset, bytes)| nv.store(offset, bytes).is_ok())
+    }
+
+    #[test]
+    fn a_file_whose_process_is_killed_in_any_write_is_a_memory_whose_power_failed() {
+        for content in [&[][..], &[1, 2, 3], &[1, 2, 3, 4, 5, 6, 7, 8]] {
+            let states = states(content);
+            let mut last = 0;
+            for takes in 0..=SIZE + 8 {
+                // A killed process does nothing behind the write that does not end.
+                let disk = FailingDisk::new(content, takes, Failure::Full);
+                let mut nv = Nv::holding(disk, states[0].clone(), content.len() as u64);
+                for (offset, bytes) in STORES {
+                    if nv.store(offset, bytes).is_err() {
+                        break;
+                    }
+                }
+                let left = found(&nv.file.content.borrow());
+                let state = states.iter().position(|state| *state == left);
+                last = state.unwrap_or_else(|| panic!("{left:?} after {takes} bytes over {content:?}"));
+            }
+            assert_eq!(last, states.len() - 1, "all is stored at last");
+        }
+    }
+
+    #[test]
+    fn a_longer_file_whose_process_is_killed_in_any_write_never_comes_back() {
+        let content = [1, 2, 3, 4, 5, 6, 7, 8, 9];
+        for takes in 0..=SIZE + 8 {
+            let disk = FailingDisk::new(&content, takes, Failure::Full);
+            let mut nv = Nv::holding(disk, content[..SIZE].to_vec(), content.len() as u64);
+            let _ = nv.store(7, &[80]);
+            let left = found(&nv.file.content.borrow());
+            assert!(left.iter().zip(content).all(|(&left, was)| left != was), "{left:?} after {takes} bytes");
+        }
+    }
+
+    #[test]
+    fn a_disk_that_recovers_gets_all_that_it_missed() {
+        for content in [&[][..], &[1, 2, 3], &[1, 2, 3, 4, 5, 6, 7, 8], &[1, 2, 3, 4, 5, 6, 7, 8, 9]] {
+            let mut whole = states(content).pop().unwrap();
+            for (takes, failure) in (0..SIZE).flat_map(|n| [(n, Failure::Full), (n, Failure::Broken)]) {
+                let mut memory = vec![0xFF; SIZE];
+                let there = content.len().min(SIZE);
+                memory[..there].copy_from_slice(&content[..there]);
+                let disk = FailingDisk::new(content, takes, failure);
+                let mut nv = Nv::holding(disk, memory, content.len() as u64);
+                assert!(stores(&mut nv).contains(&false), "{takes} bytes are too few for all of it");
+                nv.file.takes.set(100);
+                if takes % 2 == 0 {
+                    nv.sync().unwrap();
+                    assert_eq!(found(&nv.file.content.borrow()), whole, "{failure:?} after {takes} bytes");
+                }
+                nv.store(6, &[60]).unwrap();
+                whole[6] = 60;
+                assert_eq!(*nv.file.content.borrow(), whole, "{failure:?} after {takes} bytes");
+                whole[6] = 31;
+            }
+        }
     }
 
     #[test]
