@@ -18,8 +18,8 @@
 //! A stamp is in milliseconds of the bench's time; it means the nearest tick of 62.5 ns. With several
 //! drives the name of one follows it. `>` is fed to the drive, `<` is what it did and is compared;
 //! `end` is how far time went, and a drive may have put something for later by then; without `end` time went to the
-//! last stamp, and what else came at that one is not compared. A drive has power when it is seated. Of the ports of a drive the first
-//! is meant unless the word says `rx:mcode`.
+//! last stamp, and what else came at that one is not compared. A drive has power when it is seated. Of the ports of a
+//! drive the first is meant unless the word says `rx:mcode`.
 //!
 //! Words may be added within a version of the format: who does not know one says so, in which line. A version
 //! ends when what there is comes to mean something else.
