@@ -187,7 +187,8 @@ fn a_request_that_tells_its_length_is_never_cut_wherever_a_crc_can_hold() {
             assert_eq!(frame.len(), whole);
             forced[usize::from(frame[1])] += 1;
             assert_never_cut(&frame, length, Voices::Master);
-            // It goes, whatever follows.
+            // It goes as soon as it is whole, whatever follows.
+            assert_eq!(front(RTU, &frame, Voices::Master), Burst::Frame(whole), "{frame:02x?}");
             let burst = [&frame[..], &behind].concat();
             assert_eq!(front(RTU, &burst, Voices::Master), Burst::Frame(whole), "{burst:02x?}");
         }
