@@ -586,6 +586,67 @@ mod tests {
         }
     }
 
+    #[test]
+    fn a_frame_whose_byte_count_is_wrong_ends_where_another_one_begins() {
+        let wrong = frame(1, &[16, 0, 1, 0, 2, 2, 0, 7, 0, 8]);
+        let other = frame(1, &[65, 1, 2, 3]);
+        let alone = [&wrong[..], &other].concat();
+        assert_eq!(ended(&alone, Master), 13, "a frame that may have any length is all of the rest");
+        let begun = [&wrong[..], &read(1, 0, 1), &[1, 3, 0]].concat();
+        assert_eq!(ended(&begun, Master), 13, "one that has a length is there");
+        let neither = [&wrong[..], &other, &[1, 3, 0]].concat();
+        assert_eq!(ended(&neither, Master), neither.len());
+    }
+
+    #[test]
+    fn a_reply_brings_a_byte_at_least_and_of_registers_whole_words() {
+        for (function, count, is_reply) in [
+            (1, 0, false),
+            (1, 1, true),
+            (2, 3, true),
+            (3, 0, false),
+            (3, 1, false),
+            (3, 2, true),
+            (4, 5, false),
+            (4, 4, true),
+        ] {
+            let reply = frame(1, &[&[function, count][..], &vec![7; usize::from(count)]].concat());
+            let found = front(&reply, Slaves) == Burst::Frame(reply.len());
+            assert_eq!(found, is_reply, "function {function}, {count} bytes");
+        }
+    }
+
+    #[test]
+    fn where_slaves_are_heard_a_function_that_no_drive_knows_may_have_any_length() {
+        // Requests of 6.7 to 6.21 that have a length, and a function that is not listed.
+        let requests: [&[u8]; 10] = [
+            &[7],
+            &[11],
+            &[12],
+            &[17],
+            &[20, 7, 6, 0, 4, 0, 1, 0, 2],
+            &[21, 9, 6, 0, 4, 0, 7, 0, 1, 6, 0xAF],
+            &[22, 0, 4, 0, 0xF2, 0, 0x25],
+            &[23, 0, 3, 0, 6, 0, 14, 0, 1, 2, 0, 0xFF],
+            &[24, 4, 0xDE],
+            &[43, 14, 1, 0],
+        ];
+        for pdu in requests {
+            let request = frame(1, pdu);
+            assert_eq!(front(&request, Master), Burst::Frame(request.len()), "function {}", pdu[0]);
+            for voices in [Slaves, All] {
+                assert_eq!(front(&request, voices), Burst::Unsure, "function {}", pdu[0]);
+                assert_eq!(ended(&request, voices), request.len(), "function {}", pdu[0]);
+            }
+        }
+        for voices in [Slaves, All] {
+            assert_eq!(front(&frame(1, &[65, 1, 2, 3, 4, 5])[..7], voices), Burst::Partial);
+            // An exception has five bytes.
+            assert_eq!(front(&frame(1, &[0xC1, 1]), voices), Burst::Frame(5));
+        }
+        assert_eq!(front(&frame(1, &[0xC1, 1]), Master), Burst::Unsure, "no master says it");
+    }
+
     /// What a host makes of a stream of which it reads so many bytes at once, and behind which the line is silent.
     fn frames(stream: &[u8], reads: &[usize], voices: Voices) -> Vec<Vec<u8>> {
         let (mut waiting, mut frames) = (Vec::new(), Vec::new());
