@@ -149,7 +149,7 @@ mod tests {
             Motion = rw(1, "2").reset(7),
             /// A pair, saved.
             Speed = rw(2, "3").u32().reset(0xA1A2_A3A4).saved(),
-            /// Of which four bits are saved.
+            /// Four of its bits are saved.
             Pins = rw(4, "4").reset(0xF).saved_bits(0xF0),
         }
     }

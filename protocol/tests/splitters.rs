@@ -148,7 +148,7 @@ fn noise(seed: u64) -> impl FnMut() -> u8 {
     }
 }
 
-/// What a burst becomes if no more follows it.
+/// Bytes that go together off the front of a burst that no more follows.
 fn silent(burst: &[u8], voices: Voices) -> usize {
     match front(RTU, burst, voices) {
         Burst::Frame(length) | Burst::Broken(length) => length,
@@ -267,7 +267,7 @@ fn split<'a>(mut stream: &'a [u8], reads: &[usize]) -> Vec<&'a [u8]> {
     parts
 }
 
-/// What a host makes of what comes without a gap, and behind which the line is silent.
+/// Messages that a host cuts out of what comes without a gap, and behind which the line is silent.
 fn of_host(line: Line, parts: &[&[u8]], voices: Voices) -> Vec<Vec<u8>> {
     let (mut waiting, mut messages) = (Vec::new(), Vec::new());
     for part in parts {
@@ -286,7 +286,7 @@ fn of_host(line: Line, parts: &[&[u8]], voices: Voices) -> Vec<Vec<u8>> {
     messages
 }
 
-/// What a drive's receiver makes of messages with a silence behind each.
+/// Frames that a drive's receiver hears of messages with a silence behind each.
 fn with_silences(messages: &[Vec<u8>]) -> Vec<Result<Vec<u8>, Why>> {
     let mut receiver = rtu::Receiver::new(RTU);
     let mut at = Instant::from(Duration::secs(1));
@@ -319,7 +319,7 @@ proptest! {
     }
 }
 
-/// What comes out of a receiver of ASCII for messages with a silence of `gap` before each.
+/// Bodies that a receiver of ASCII hears of messages with a silence of `gap` before each.
 fn ascii_with_silences(messages: &[Vec<u8>], gap: Duration) -> Vec<Result<Vec<u8>, Why>> {
     let mut receiver = ascii::Receiver::new(ASCII);
     let mut at = Instant::from(Duration::secs(1));
@@ -354,7 +354,7 @@ fn adu() -> impl Strategy<Value = Vec<u8>> {
         .prop_map(|(transaction, unit, pdu)| tcp::frame(tcp::Header { transaction, unit }, &pdu).to_vec())
 }
 
-/// What a drive makes of lines whose characters come as `parts`.
+/// Lines that a drive hears whose characters come as `parts`, and whether something is wrong with them.
 fn lines(parts: &[&[u8]]) -> Vec<(Vec<u8>, bool)> {
     let mut lines = Lines::<16>::new();
     let ended = parts.concat().into_iter().filter_map(|character| lines.push(character));

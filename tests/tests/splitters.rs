@@ -1,5 +1,5 @@
-//! What a host cuts out of bytes without gaps does to every drive what the same does with a silence behind each message:
-//! requests of RTU with a CRC that holds too early, pipelined ADUs, lines of MCode and of a QSB, in any reads.
+//! Messages without gaps, which a host cuts, do to every drive what they do with a silence behind each: requests of RTU
+//! with a CRC that holds too early, pipelined ADUs, lines of MCode and of a QSB, in any reads.
 #![allow(missing_docs, reason = "a test")]
 
 use proptest::prelude::*;
@@ -27,7 +27,7 @@ fn kinds_of(ends: Ends) -> Vec<&'static str> {
     kinds
 }
 
-/// What a drive says at its serial port.
+/// Bytes that a drive says at its serial port.
 struct Said {
     memory: Vec<u8>,
     bytes: Vec<u8>,
@@ -50,7 +50,7 @@ impl Sink for Said {
     }
 }
 
-/// What a drive answers to each frame where silences are as long as an answer: there is no host.
+/// Answers of a drive to each frame with a second of silence behind it: there is no host.
 fn with_silences(kind: &str, frames: &[Vec<u8>]) -> Vec<Vec<u8>> {
     let mut drive = kinds::make(kind).expect("a kind");
     let mut said = Said { memory: vec![0xFF; usize::from(drive.spec().memory)], bytes: Vec::new() };
@@ -89,7 +89,7 @@ fn client(bench: &mut Bench, ends: Ends) -> Client {
     }
 }
 
-/// What a client hears when it has said this: a part, a pause, a part, and at last nothing for as long as answers take.
+/// Bytes that a client hears who says a part, pauses, says a part, and at last nothing for as long as answers take.
 fn said(bench: &mut Bench, client: Client, parts: &[&[u8]], pause: Duration, answers: usize) -> Vec<u8> {
     for part in parts {
         bench.send(client, part);
@@ -119,7 +119,7 @@ fn reads() -> impl Strategy<Value = Vec<usize>> {
     prop::collection::vec(prop_oneof![1_usize..12, 1_usize..300], 1..8)
 }
 
-/// Where no drive has a register: a write there is refused, and nothing becomes different with time.
+/// Addresses where no drive has a register: a write is refused, and nothing becomes different with time.
 const NOWHERE: std::ops::RangeInclusive<u16> = 0x9000..=0xFFFF;
 
 /// A PDU that the drives refuse, and that changes nothing.
