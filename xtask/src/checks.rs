@@ -24,7 +24,7 @@ pub(crate) fn all(sh: &Shell) -> Result<bool> {
     });
     report.check("clippy for the boards", &[Tool::Clippy, Tool::ThumbTargets], |sh| board::clippy(sh, &BARE));
     report.check("licences and origins of crates", &[Tool::Deny], |sh| {
-        Ok(cmd!(sh, "cargo deny --log-level error check bans licenses sources").run()?)
+        Ok(cmd!(sh, "cargo deny check --hide-inclusion-graph bans licenses sources").run()?)
     });
     report.check("rustdoc", &[], |sh| {
         let host = bare("--exclude");
