@@ -192,3 +192,138 @@ fn saved_words<'a>(entries: &'a Entries, without: &'a [usize]) -> impl Iterator<
         (0..usize::from(row.shape.words())).map(move |n| (place + n, row.saved))
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use standin_protocol::registers::{Bank, Register as _};
+    use std::vec::Vec;
+
+    standin_protocol::registers! {
+        /// Saved and other rows.
+        enum Reg: HighFirst {
+            /// Saved.
+            Address = rw(0, "1").reset(0x1234).saved(),
+            /// Not saved.
+            Motion = rw(1, "2").reset(7),
+            /// A pair, saved.
+            Speed = rw(2, "3").u32().reset(0xA1A2_A3A4).saved(),
+            /// Four of its bits are saved.
+            Pins = rw(4, "4").reset(0xF).saved_bits(0xF0),
+        }
+    }
+
+    const WORDS: usize = 4;
+    const BYTES: usize = 10;
+    /// 12 34, A1 A2 A3 A4, and of 000F the bits of F0h.
+    const FACTORY: [u8; 8] = [0x12, 0x34, 0xA1, 0xA2, 0xA3, 0xA4, 0, 0];
+    const START: Instant = Instant::from_ticks(5);
+    const TIME: Duration = Duration::millis(3);
+
+    /// A memory, when something was stored last, and where everything was.
+    struct Memory {
+        bytes: Vec<u8>,
+        at: Instant,
+        places: Vec<u16>,
+    }
+
+    impl Memory {
+        fn new(size: usize) -> Self {
+            Self { bytes: std::vec![0xFF; size], at: Instant::ZERO, places: Vec::new() }
+        }
+    }
+
+    impl Sink for Memory {
+        fn put(&mut self, at: Instant, output: Output<'_>) {
+            let Output::Store { offset, bytes } = output else {
+                panic!("a save stores and does nothing else")
+            };
+            let place = usize::from(offset);
+            self.bytes[place..place + bytes.len()].copy_from_slice(bytes);
+            self.at = at;
+            self.places.push(offset);
+        }
+
+        fn memory(&self) -> &[u8] {
+            &self.bytes
+        }
+    }
+
+    /// A memory of these bytes and their CRC, high byte first.
+    fn sealed(image: &[u8]) -> Vec<u8> {
+        [image, &crc(image).to_be_bytes()].concat()
+    }
+
+    #[test]
+    fn a_memory_is_new_good_or_bad() {
+        assert_eq!(bytes(WORDS), 10);
+        assert_eq!(content(&[0xFF; BYTES], WORDS), Content::New);
+        assert_eq!(content(&sealed(&FACTORY), WORDS), Content::Good);
+        // What is behind it belongs to somebody else.
+        assert_eq!(content(&[&sealed(&FACTORY)[..], &[1, 2, 3]].concat(), WORDS), Content::Good);
+        for place in 0..BYTES {
+            let mut memory = sealed(&FACTORY);
+            memory[place] ^= 0x40;
+            assert_eq!(content(&memory, WORDS), Content::Bad, "byte {place}");
+            let mut almost_new = [0xFF; BYTES];
+            almost_new[place] = 0;
+            assert_eq!(content(&almost_new, WORDS), Content::Bad, "byte {place}");
+            assert_eq!(content(&sealed(&FACTORY)[..place], WORDS), Content::Bad, "{place} bytes");
+        }
+        assert_eq!(content(&[0; BYTES], WORDS), Content::Bad);
+    }
+
+    #[test]
+    fn a_save_passes_when_its_time_is_over_and_not_before() {
+        let mut bank: Bank<Reg, { Reg::WORDS }> = Bank::factory();
+        bank.set(Reg::Speed, 0x0102_0304);
+        bank.set(Reg::Pins, 0xFFFF);
+        let mut memory = Memory::new(BYTES + 2);
+        let save = Save::of_rows::<BYTES>(Reg::ENTRIES, bank.words(), START, TIME, &mut memory);
+        assert_eq!((memory.at, save.due()), (START, START + TIME));
+        assert_eq!(memory.bytes[..8], [0x12, 0x34, 1, 2, 3, 4, 0, 0xF0]);
+        assert_eq!(memory.bytes[10..], [0xFF; 2], "somebody else's");
+        assert_eq!(content(&memory.bytes, WORDS), Content::Bad);
+        assert!(is_unfinished(&memory.bytes, WORDS));
+        save.finish(START + TIME, &mut memory);
+        assert_eq!(memory.at, START + TIME);
+        assert_eq!(memory.bytes[..10], sealed(&[0x12, 0x34, 1, 2, 3, 4, 0, 0xF0]));
+        assert_eq!(content(&memory.bytes, WORDS), Content::Good);
+        assert!(!is_unfinished(&memory.bytes, WORDS));
+        assert!(!is_unfinished(&[0xFF; BYTES], WORDS) && !is_unfinished(&[0; 3], WORDS));
+    }
+
+    #[test]
+    fn what_was_saved_comes_back_and_nothing_else() {
+        let image = [0xAB, 0xCD, 1, 2, 3, 4, 0xFF, 0xFF];
+        let mut bank: Bank<Reg, { Reg::WORDS }> = Bank::factory();
+        bank.set(Reg::Motion, 99);
+        load(Reg::ENTRIES, &sealed(&image), bank.words_mut());
+        let values = [Reg::Address, Reg::Motion, Reg::Speed, Reg::Pins].map(|row| bank.get(row));
+        assert_eq!(values, [0xABCD, 99, 0x0102_0304, 0xF0]);
+        reset(Reg::ENTRIES, bank.words_mut());
+        let values = [Reg::Address, Reg::Motion, Reg::Speed, Reg::Pins].map(|row| bank.get(row));
+        assert_eq!(values, [0x1234, 99, 0xA1A2_A3A4, 0xF]);
+        // An image from before the pair was there.
+        load_without(Reg::ENTRIES, &[Reg::Speed.row()], &sealed(&[0xAB, 0xCD, 0, 0x30]), bank.words_mut());
+        let values = [Reg::Address, Reg::Motion, Reg::Speed, Reg::Pins].map(|row| bank.get(row));
+        assert_eq!(values, [0xABCD, 99, 0xA1A2_A3A4, 0x30]);
+    }
+
+    #[test]
+    fn bytes_of_another_kind_are_saved_behind_the_rows() {
+        let mut memory = Memory::new(20);
+        memory.bytes[..BYTES].copy_from_slice(&sealed(&FACTORY));
+        let program = [7, 6, 5, 4];
+        let save = Save::of_bytes(&program, 12, START, TIME, &mut memory);
+        assert_eq!((memory.at, save.due()), (START, START + TIME));
+        assert_eq!(memory.bytes[..12], [&sealed(&FACTORY)[..], &[0xFF; 2]].concat());
+        assert_eq!(memory.bytes[12..16], program);
+        assert_eq!(memory.places, [16, 12], "never a right sum behind half an image");
+        assert_eq!(content(&memory.bytes[12..], 2), Content::Bad);
+        assert!(is_unfinished(&memory.bytes[12..], 2));
+        save.finish(START + TIME, &mut memory);
+        assert_eq!(memory.bytes[12..18], sealed(&program));
+        assert_eq!(memory.bytes[18..], [0xFF; 2]);
+    }
+}

@@ -6,6 +6,7 @@
 pub struct Readme;
 
 pub mod exact;
+pub mod fuzzed;
 pub mod md3;
 pub mod on_shell;
 pub mod ramps;

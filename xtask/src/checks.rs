@@ -23,6 +23,9 @@ pub(crate) fn all(sh: &Shell) -> Result<bool> {
         Ok(cmd!(sh, "cargo clippy --workspace {host...} --all-targets -- -D warnings").run()?)
     });
     report.check("clippy for the boards", &[Tool::Clippy, Tool::ThumbTargets], |sh| board::clippy(sh, &BARE));
+    report.check("licences and origins of crates", &[Tool::Deny], |sh| {
+        Ok(cmd!(sh, "cargo deny check --hide-inclusion-graph bans licenses sources").run()?)
+    });
     report.check("rustdoc", &[], |sh| {
         let host = bare("--exclude");
         let doc = cmd!(sh, "cargo doc --workspace {host...} --features standin-board/network --no-deps --document-private-items");

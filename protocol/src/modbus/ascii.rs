@@ -360,6 +360,11 @@ mod tests {
         assert_eq!(front(b"noise:"), Burst::Partial);
         assert_eq!(front(b""), Burst::Partial);
         assert_eq!(front(b"noise"), Burst::Broken(5));
+        assert_eq!(
+            front(&[&[b'.'; 300][..], b":", &[b'0'; 300]].concat()),
+            Burst::Partial,
+            "the colon counts"
+        );
         let endless = [&b":"[..], &[b'0'; 512]].concat();
         assert_eq!(front(&endless[..512]), Burst::Partial);
         assert_eq!(front(&endless), Burst::Broken(513), "an LF would make it 514 characters");

@@ -379,6 +379,109 @@ mod tests {
     }
 
     #[test]
+    fn requests_of_a_master() {
+        // Application 6.3 and 6.6 to slave 0x11.
+        assert_eq!(read(0x11, 0x6B, 3)[..], [0x11, 0x03, 0x00, 0x6B, 0x00, 0x03, 0x76, 0x87]);
+        assert_eq!(write(0x11, 1, 3)[..], [0x11, 0x06, 0x00, 0x01, 0x00, 0x03, 0x9A, 0x9B]);
+        // Serial 2.5.1: at most 256 bytes, of which 253 are the PDU.
+        assert_eq!(frame(1, &[0x5A; 253]).len(), 256);
+        assert_eq!(frame(1, &[0x5A; 254]), frame(1, &[0x5A; 253]));
+    }
+
+    /// A request, and when its first character ends.
+    const REQUEST: [u8; 8] = [0x11, 0x03, 0x00, 0x6B, 0x00, 0x03, 0x76, 0x87];
+    const START: Instant = Instant::from_ticks(1_000_000);
+    /// 11 bits at 9,600 baud, and 1.5 and 3.5 characters, in ticks of 62.5 ns.
+    const CHARACTER: Duration = Duration::from_ticks(18_333);
+    const T1_5: Duration = Duration::from_ticks(27_500);
+    const T3_5: Duration = Duration::from_ticks(64_166);
+
+    #[test]
+    fn a_silence_of_3_5_characters_ends_a_frame() {
+        let mut receiver = Receiver::new(LINE);
+        assert_eq!((receiver.deadline(), receiver.take()), (Instant::NEVER, None));
+        for start in [START, START + Duration::secs(1)] {
+            receiver.bytes(start, &[]);
+            assert_eq!(receiver.deadline(), Instant::NEVER, "nothing has come");
+            receiver.bytes(start, &REQUEST);
+            // A character that begins within the silence ends one character later.
+            let over = start + CHARACTER * 7 + T3_5 + CHARACTER;
+            assert_eq!(receiver.deadline(), over);
+            assert!(!receiver.is_over(over - Duration::TICK) && receiver.is_over(over));
+            assert_eq!(receiver.take(), Some(Ok(&REQUEST[..])));
+            assert_eq!((receiver.deadline(), receiver.take()), (Instant::NEVER, None));
+        }
+    }
+
+    #[test]
+    fn a_silence_of_more_than_1_5_characters_inside_a_frame_spoils_it() {
+        for (silence, frame) in [(T1_5, Ok(&REQUEST[..])), (T1_5 + Duration::TICK, Err(Why::Gap))] {
+            for cut in 1..7 {
+                let mut receiver = Receiver::new(LINE);
+                receiver.bytes(START, &REQUEST[..cut]);
+                let next = START + CHARACTER * cut as u64 + silence;
+                receiver.bytes(next, &REQUEST[cut..7]);
+                let last = next + CHARACTER * (7 - cut as u64);
+                receiver.bytes(last, &REQUEST[7..]);
+                assert_eq!(receiver.deadline(), last + T3_5 + CHARACTER, "before character {cut}");
+                assert_eq!(receiver.take(), Some(frame), "before character {cut}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_character_that_nobody_could_read_spoils_a_frame_and_no_other() {
+        let mut receiver = Receiver::new(LINE);
+        let mut start = START;
+        for cut in 0..8 {
+            receiver.bytes(start, &REQUEST[..cut]);
+            let spoiled = start + CHARACTER * cut as u64;
+            receiver.spoiled(spoiled);
+            assert_eq!(receiver.deadline(), spoiled + T3_5 + CHARACTER);
+            receiver.bytes(spoiled + CHARACTER, &REQUEST[cut + 1..]);
+            assert_eq!(receiver.take(), Some(Err(Why::Spoiled)), "character {cut}");
+            start += Duration::secs(1);
+            receiver.bytes(start, &REQUEST);
+            assert_eq!(receiver.take(), Some(Ok(&REQUEST[..])));
+            start += Duration::secs(1);
+        }
+    }
+
+    #[test]
+    fn the_longest_frame_has_256_bytes() {
+        let mut receiver = Receiver::new(LINE);
+        receiver.bytes(START, &[0x5A; 256]);
+        assert_eq!(receiver.take(), Some(Ok(&[0x5A; 256][..])));
+        let mut receiver = Receiver::new(LINE);
+        receiver.bytes(START, &[0x5A; 256]);
+        receiver.bytes(START + CHARACTER * 256, &[0x5A]);
+        assert_eq!(receiver.deadline(), START + CHARACTER * 256 + T3_5 + CHARACTER);
+        assert_eq!(receiver.take(), Some(Err(Why::Length)));
+    }
+
+    #[test]
+    fn a_receiver_forgets_what_is_cleared() {
+        let mut receiver = Receiver::new(LINE);
+        receiver.bytes(START, &REQUEST[..4]);
+        receiver.clear();
+        assert_eq!((receiver.deadline(), receiver.take()), (Instant::NEVER, None));
+        receiver.bytes(START + CHARACTER * 4, &REQUEST);
+        assert_eq!(receiver.take(), Some(Ok(&REQUEST[..])));
+    }
+
+    #[test]
+    fn another_line_has_other_silences() {
+        let fast = Line::new(38_400, 8, Parity::Even, 1);
+        let mut receiver = Receiver::new(LINE);
+        receiver.set_line(START, fast);
+        assert_eq!((receiver.timing(), receiver.deadline()), (Timing::of(fast), Instant::NEVER));
+        receiver.bytes(START, &REQUEST[..1]);
+        // 11 bits at 38,400 baud, and 1.75 ms above 19,200.
+        let over = START + Duration::micros(1_750) + Duration::from_ticks(4_583);
+        assert_eq!(receiver.deadline(), over);
+    }
+
+    #[test]
     fn a_faster_line_ends_a_frame_now_and_not_in_the_past() {
         let slow = Line::new(1_200, 8, Parity::Even, 1);
         let mut receiver = Receiver::new(slow);
@@ -457,6 +560,7 @@ mod tests {
         assert_eq!(front(&both[..15], Master), Burst::Unsure);
         assert_eq!(front(&both, Master), Burst::Broken(8));
         assert_eq!(front(&[0x55; 200], Master), Burst::Partial, "function 0x55 may have any length");
+        assert_eq!(front(&[0x55; 256], Master), Burst::Unsure, "a frame may be as long");
         assert_eq!(front(&[0x55; 257], Master), Burst::Broken(257));
     }
 
@@ -480,6 +584,67 @@ mod tests {
             let both: Vec<u8> = frame.iter().chain(&read(1, 0, 2)).copied().collect();
             assert_eq!(front(&both, Master), Burst::Frame(frame.len()));
         }
+    }
+
+    #[test]
+    fn a_frame_whose_byte_count_is_wrong_ends_where_another_one_begins() {
+        let wrong = frame(1, &[16, 0, 1, 0, 2, 2, 0, 7, 0, 8]);
+        let other = frame(1, &[65, 1, 2, 3]);
+        let alone = [&wrong[..], &other].concat();
+        assert_eq!(ended(&alone, Master), 13, "a frame that may have any length is all of the rest");
+        let begun = [&wrong[..], &read(1, 0, 1), &[1, 3, 0]].concat();
+        assert_eq!(ended(&begun, Master), 13, "one that has a length is there");
+        let neither = [&wrong[..], &other, &[1, 3, 0]].concat();
+        assert_eq!(ended(&neither, Master), neither.len());
+    }
+
+    #[test]
+    fn a_reply_brings_a_byte_at_least_and_of_registers_whole_words() {
+        for (function, count, is_reply) in [
+            (1, 0, false),
+            (1, 1, true),
+            (2, 3, true),
+            (3, 0, false),
+            (3, 1, false),
+            (3, 2, true),
+            (4, 5, false),
+            (4, 4, true),
+        ] {
+            let reply = frame(1, &[&[function, count][..], &vec![7; usize::from(count)]].concat());
+            let found = front(&reply, Slaves) == Burst::Frame(reply.len());
+            assert_eq!(found, is_reply, "function {function}, {count} bytes");
+        }
+    }
+
+    #[test]
+    fn where_slaves_are_heard_a_function_that_no_drive_knows_may_have_any_length() {
+        // Requests of 6.7 to 6.21 that have a length, and a function that is not listed.
+        let requests: [&[u8]; 10] = [
+            &[7],
+            &[11],
+            &[12],
+            &[17],
+            &[20, 7, 6, 0, 4, 0, 1, 0, 2],
+            &[21, 9, 6, 0, 4, 0, 7, 0, 1, 6, 0xAF],
+            &[22, 0, 4, 0, 0xF2, 0, 0x25],
+            &[23, 0, 3, 0, 6, 0, 14, 0, 1, 2, 0, 0xFF],
+            &[24, 4, 0xDE],
+            &[43, 14, 1, 0],
+        ];
+        for pdu in requests {
+            let request = frame(1, pdu);
+            assert_eq!(front(&request, Master), Burst::Frame(request.len()), "function {}", pdu[0]);
+            for voices in [Slaves, All] {
+                assert_eq!(front(&request, voices), Burst::Unsure, "function {}", pdu[0]);
+                assert_eq!(ended(&request, voices), request.len(), "function {}", pdu[0]);
+            }
+        }
+        for voices in [Slaves, All] {
+            assert_eq!(front(&frame(1, &[65, 1, 2, 3, 4, 5])[..7], voices), Burst::Partial);
+            // An exception has five bytes.
+            assert_eq!(front(&frame(1, &[0xC1, 1]), voices), Burst::Frame(5));
+        }
+        assert_eq!(front(&frame(1, &[0xC1, 1]), Master), Burst::Unsure, "no master says it");
     }
 
     /// What a host makes of a stream of which it reads so many bytes at once, and behind which the line is silent.

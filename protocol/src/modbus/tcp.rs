@@ -251,6 +251,13 @@ mod tests {
     }
 
     #[test]
+    fn the_log_says_why_a_connection_is_closed() {
+        let said = [Broken::Protocol, Broken::Length].map(|broken| std::format!("{broken}"));
+        assert_eq!(said[0], "a header with a protocol identifier other than 0, which is no Modbus");
+        assert_eq!(said[1], "a header whose length is not from 2 to 254");
+    }
+
+    #[test]
     fn the_shortest_adu_has_a_function_and_nothing_else() {
         let shortest = [0, 1, 0, 0, 0, 2, 0xFF, 7];
         assert_eq!(parse(&shortest), Some((Header { transaction: 1, unit: 255 }, &[7][..])));
