@@ -7,7 +7,7 @@ use xshell::{Shell, cmd};
 
 use crate::report::Report;
 use crate::tools::{self, Tool};
-use crate::{board, docs, panic_free, pico, size};
+use crate::{board, crates, docs, panic_free, pico, size};
 
 /// The crates that only a board, or a linker, can build.
 const BARE: [&str; 5] = ["counted", "panic-free", "standin-lm3s6965", "standin-rp2040", "standin-stm32f4"];
@@ -23,9 +23,7 @@ pub(crate) fn all(sh: &Shell) -> Result<bool> {
         Ok(cmd!(sh, "cargo clippy --workspace {host...} --all-targets -- -D warnings").run()?)
     });
     report.check("clippy for the boards", &[Tool::Clippy, Tool::ThumbTargets], |sh| board::clippy(sh, &BARE));
-    report.check("licences and origins of crates", &[Tool::Deny], |sh| {
-        Ok(cmd!(sh, "cargo deny check --hide-inclusion-graph bans licenses sources").run()?)
-    });
+    report.check("licences and origins of crates", &[], crates::check);
     report.check("rustdoc", &[], |sh| {
         let host = bare("--exclude");
         let doc = cmd!(sh, "cargo doc --workspace {host...} --features standin-board/network --no-deps --document-private-items");

@@ -13,6 +13,7 @@ mod board;
 mod budgets;
 mod checks;
 mod counted;
+mod crates;
 mod docs;
 mod image;
 mod interrupts;

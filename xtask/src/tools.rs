@@ -1,8 +1,8 @@
 //! What the checks need beside Rust, and how it gets here.
 //!
-//! Rust's own parts come by rustup, its tools by `cargo install`, Debian packages by apt-get where this
-//! process may install them, Python packages into an environment of their own under `target/`. What cannot
-//! be brought is reported in one line, with what to install.
+//! Rust's own parts come by rustup, Debian packages by apt-get where this process may install them,
+//! Python packages into an environment of their own under `target/`. What cannot be brought is
+//! reported in one line, with what to install.
 
 use std::path::PathBuf;
 
@@ -22,8 +22,6 @@ pub(crate) enum Tool {
     Rustfmt,
     /// The linter.
     Clippy,
-    /// Judges licences and origins of crates.
-    Deny,
     /// The standard libraries of [`THUMB_TARGETS`].
     ThumbTargets,
     /// Emulates the LM3S6965 board.
@@ -41,10 +39,9 @@ pub(crate) enum Tool {
     Node,
 }
 
-const ALL: [Tool; 10] = [
+const ALL: [Tool; 9] = [
     Tool::Rustfmt,
     Tool::Clippy,
-    Tool::Deny,
     Tool::ThumbTargets,
     Tool::Qemu,
     Tool::Mbpoll,
@@ -101,7 +98,6 @@ impl Tool {
         match self {
             Self::Rustfmt => "rustfmt",
             Self::Clippy => "clippy",
-            Self::Deny => "cargo-deny",
             Self::ThumbTargets => "Rust for Cortex-M",
             Self::Qemu => "qemu-system-arm",
             Self::Mbpoll => "mbpoll",
@@ -117,7 +113,6 @@ impl Tool {
         match self {
             Self::Rustfmt => "rustup component add rustfmt",
             Self::Clippy => "rustup component add clippy",
-            Self::Deny => "cargo install cargo-deny --locked",
             Self::ThumbTargets => {
                 "rustup target add thumbv6m-none-eabi thumbv7m-none-eabi thumbv7em-none-eabihf"
             }
@@ -134,7 +129,6 @@ impl Tool {
         match self {
             Self::Rustfmt => runs(sh, "cargo-fmt"),
             Self::Clippy => runs(sh, "cargo-clippy"),
-            Self::Deny => runs(sh, "cargo-deny"),
             Self::ThumbTargets => THUMB_TARGETS.iter().all(|target| has_target(sh, target)),
             Self::Qemu => runs(sh, "qemu-system-arm"),
             Self::Mbpoll => cmd!(sh, "mbpoll -V").quiet().ignore_status().output().is_ok(),
@@ -149,7 +143,6 @@ impl Tool {
         match self {
             Self::Rustfmt => Ok(cmd!(sh, "rustup component add rustfmt").run()?),
             Self::Clippy => Ok(cmd!(sh, "rustup component add clippy").run()?),
-            Self::Deny => Ok(cmd!(sh, "cargo install cargo-deny --locked").run()?),
             Self::ThumbTargets => Ok(cmd!(sh, "rustup target add {THUMB_TARGETS...}").run()?),
             Self::Qemu => apt.install(sh, "qemu-system-arm"),
             Self::Mbpoll => apt.install(sh, "mbpoll"),
