@@ -1,6 +1,7 @@
 //! The program `standin`, started as people start it.
 
 mod benches;
+mod ceilings;
 mod control;
 mod ends;
 mod machinery;

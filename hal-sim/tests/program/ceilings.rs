@@ -1,0 +1,151 @@
+//! Memory of a program under clients that behave badly. The bounds are several times what it takes.
+
+use std::io::{Read as _, Write as _};
+use std::net::TcpStream;
+
+use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
+use standin_protocol::modbus::rtu;
+
+use crate::running::{Running, ask};
+
+/// A register of the MD3 for whatever its user likes.
+const USER_REGISTER: u16 = 0x1D;
+
+const MIB: usize = 1 << 20;
+
+/// How much memory a program has, in bytes.
+fn memory(program: &Running) -> usize {
+    let status = std::fs::read_to_string(format!("/proc/{}/status", program.pid().as_raw_nonzero())).unwrap();
+    let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:")).unwrap();
+    line.trim().trim_end_matches(" kB").parse::<usize>().unwrap() << 10
+}
+
+/// What it has more by now is at most `most`.
+#[track_caller]
+fn grew_at_most(program: &Running, before: usize, most: usize) {
+    let grown = memory(program).saturating_sub(before);
+    assert!(grown <= most, "{} KiB more, {} are allowed", grown >> 10, most >> 10);
+}
+
+#[test]
+fn calls_whose_callers_have_left_are_not_kept() {
+    const CALLS: usize = 3_000;
+    // While the clock is advanced jobs wait; each has a body of 1 KiB.
+    let md3 = Running::md3(&["--time", "manual", "--fast-boot"]);
+    md3.drive();
+    let before = memory(&md3);
+    let advance = "{\"seconds\":86400}";
+    let mut waiting = md3.control();
+    let post = |path: &str, body: &str| {
+        let length = body.len();
+        format!(
+            "POST {path} HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\nContent-Length: {length}\r\n\r\n{body}"
+        )
+    };
+    waiting.write_all(post("/api/time/advance", advance).as_bytes()).unwrap();
+    let pulses = format!("{{\"count\":1,\"hz\":1000,\"duty\":0.5{}}}", " ".repeat(1_024));
+    for _ in 0..CALLS {
+        let mut leaving = md3.control();
+        leaving.write_all(post("/api/drives/md3/pins/J2.5/pulses", &pulses).as_bytes()).unwrap();
+    }
+    drop(waiting);
+    assert_eq!(md3.call("GET", "/api/bench", "").ok()["time"]["mode"], "manual");
+    grew_at_most(&md3, before, 64 * MIB);
+    assert_eq!(md3.stop(), Some(0));
+}
+
+#[test]
+fn clients_that_never_read_are_bounded_together() {
+    let options = ["--time", "manual", "--fast-boot", "--line", "fast"];
+    let qsb = Running::start("qsb-d", &options, std::process::Stdio::null());
+    let deaf: Vec<TcpStream> = (0..31).map(|_| qsb.connect()).collect();
+    let mut polls = qsb.connect();
+    let before = memory(&qsb);
+    // Each one hears all answers: 31 times 1 MiB.
+    let (command, answer) = (b"R0E\r".repeat(1_000), 17 * 1_000);
+    for _ in 0..MIB.div_ceil(answer) {
+        ask(&mut polls, &command, answer);
+    }
+    // 64 MiB may wait for the clients of a port.
+    grew_at_most(&qsb, before, 96 * MIB);
+    drop(deaf);
+    assert_eq!(ask(&mut polls, b"R0E\r", 17), b"r 0E 00000000 !\r\n");
+    assert_eq!(qsb.stop(), Some(0));
+}
+
+#[test]
+fn five_thousand_connections_leave_the_first_one_served() {
+    let Rlimit { maximum, .. } = getrlimit(Resource::Nofile);
+    setrlimit(Resource::Nofile, Rlimit { current: maximum, maximum }).unwrap();
+    let md3 = Running::start("md3", &["--time", "manual", "--fast-boot"], std::process::Stdio::null());
+    let mut first = md3.connect();
+    let request = rtu::write(1, USER_REGISTER, 7);
+    ask(&mut first, &request, 8);
+    let before = memory(&md3);
+    let mut others: Vec<TcpStream> = Vec::new();
+    for number in 0..5_000 {
+        let mut other = md3.connect();
+        // Half a request of those that are let in, and all stay.
+        let _ = other.write_all(&request[..3]);
+        others.push(other);
+        if number % 500 == 0 {
+            assert_eq!(ask(&mut first, &request, 8), *request, "beside {number} others");
+        }
+    }
+    grew_at_most(&md3, before, 32 * MIB);
+    // 64 are let in, and whoever is not is told so by the end of his connection.
+    assert_eq!(others.pop().unwrap().read(&mut [0]).unwrap_or(0), 0);
+    drop(others);
+    assert_eq!(ask(&mut first, &request, 8), *request);
+    while md3.drive()["ports"]["rs485"]["dropped"].as_u64() > Some(1_000) {}
+    assert_eq!(ask(&mut md3.connect(), &request, 8), *request, "there is room again");
+    assert_eq!(md3.stop(), Some(0));
+}
+
+#[test]
+fn slow_and_half_open_callers_leave_others_served() {
+    let md3 = Running::md3(&["--time", "manual", "--fast-boot"]);
+    md3.drive();
+    let before = memory(&md3);
+    // One byte each, and half of a body that is told to be long.
+    let slow: Vec<TcpStream> = (0..30)
+        .map(|_| {
+            let mut slow = md3.control();
+            slow.write_all(b"G").unwrap();
+            slow
+        })
+        .collect();
+    let half: Vec<TcpStream> = (0..30)
+        .map(|_| {
+            let mut half = md3.control();
+            let head = "PUT /api/time HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\n";
+            half.write_all(format!("{head}Content-Length: 1000000000\r\n\r\n{{\"mode\":").as_bytes())
+                .unwrap();
+            half
+        })
+        .collect();
+    assert_eq!(md3.drive()["registers"]["DeviceAddress"], 1);
+    grew_at_most(&md3, before, 32 * MIB);
+    drop((slow, half));
+    assert_eq!(md3.stop(), Some(0));
+}
+
+#[test]
+fn long_names_cost_nothing() {
+    let md3 = Running::md3(&["--time", "manual", "--fast-boot"]);
+    md3.drive();
+    let before = memory(&md3);
+    for length in [1_000, 30_000, 300_000] {
+        let name = "x".repeat(length);
+        let answer = md3.call("GET", &format!("/api/drives/{name}"), "");
+        assert!([404, 414, 431].contains(&answer.status), "{}", answer.status);
+        let said = answer.body.len();
+        assert!(said < 1_000, "{said} bytes are answered to a name of {length}");
+    }
+    let preset = format!("{{\"value\":\"{}\"}}", "9".repeat(1_000_000));
+    let answer = md3.call("PUT", "/api/drives/md3/registers/Speed", &preset);
+    assert!([413, 422].contains(&answer.status), "{}", answer.status);
+    assert!(answer.body.len() < 1_000, "{}", answer.body.len());
+    grew_at_most(&md3, before, 32 * MIB);
+    assert_eq!(md3.stop(), Some(0));
+}
