@@ -25,6 +25,16 @@ pub(crate) struct Block {
     pub(crate) count: u16,
 }
 
+impl Block {
+    /// The CRC of the head of its write, if that ends with the number of bytes: behind it the CRC of the shorter reply of
+    /// that function holds in the request, if the first byte is right, too.
+    pub(crate) fn treacherous(self, address: u8) -> Option<[u8; 2]> {
+        let ([a, b], [c, d]) = (self.first.to_be_bytes(), self.count.to_be_bytes());
+        let sum = rtu::crc(&[address, 16, a, b, c, d]).to_le_bytes();
+        (u16::from(sum[0]) == 2 * self.count).then_some(sum)
+    }
+}
+
 /// Registers of a QSB with such values, and their digits: DTR and THRESHOLD.
 pub(crate) const QSB: [(u16, u32); 2] = [(0x08, u32::MAX), (0x0B, 0xFFFF)];
 
@@ -41,29 +51,21 @@ impl Family {
     }
 
     /// Blocks of plain values; the first of them is saved, all of it at once.
-    pub(crate) fn blocks(self) -> &'static [Block] {
+    pub(crate) fn blocks(self) -> Vec<Block> {
+        let block = |first, count| Block { first, count };
         match self {
             // PreHomeOffset and HomeOffset (7.6, 7.7), UserRegister (7.23).
-            Self::Md3 => &[
-                Block { first: 0x05, count: 4 },
-                Block { first: 0x07, count: 2 },
-                Block { first: 0x1D, count: 1 },
-            ],
-            Self::Qsb => &[Block { first: 0, count: 2 }],
-            // TARGET_POSITION1 to 3 (6.5).
-            Self::Rs434 => &[
-                Block { first: 0x501B, count: 6 },
-                Block { first: 0x501D, count: 2 },
-                Block { first: 0x501F, count: 2 },
-            ],
+            Self::Md3 => vec![block(0x05, 4), block(0x07, 2), block(0x1D, 1)],
+            Self::Qsb => vec![block(0, 2)],
+            // TARGET_POSITION1 to 3 (6.5), or a part of them.
+            Self::Rs434 => {
+                let parts = |count| (0x501B..=0x5021 - count).map(move |first| block(first, count));
+                (1..=6).rev().flat_map(parts).collect()
+            }
             // FUNC_POSI (p. 17), FUNC_SPEED (p. 16).
-            Self::Mdrobot => &[Block { first: 250, count: 2 }, Block { first: 239, count: 2 }],
+            Self::Mdrobot => vec![block(250, 2), block(239, 2)],
             // R1 to R4 (FB 5).
-            Self::Mdrive => &[
-                Block { first: 0x5F, count: 8 },
-                Block { first: 0x61, count: 4 },
-                Block { first: 0x65, count: 2 },
-            ],
+            Self::Mdrive => vec![block(0x5F, 8), block(0x61, 4), block(0x65, 2)],
         }
     }
 
@@ -136,6 +138,11 @@ const IDENTITY: [u16; 12] = [
     0x76,
 ];
 
+/// Whether clients that misbehave, and hands, leave a register alone.
+pub(crate) fn is_identity(address: u16) -> bool {
+    IDENTITY.contains(&address)
+}
+
 /// One of several.
 pub(crate) fn one_of<T: Copy>(rng: &mut Rng, of: &[T]) -> T {
     of[rng.usize(..of.len())]
@@ -157,9 +164,7 @@ fn pdu(family: Family, rng: &mut Rng) -> Vec<u8> {
     let words = |function: u8, words: &[u16]| {
         std::iter::once(function).chain(words.iter().flat_map(|word| word.to_be_bytes())).collect::<Vec<u8>>()
     };
-    let touched = |count: u16| {
-        IDENTITY.iter().any(|&register| (first..first.saturating_add(count)).contains(&register))
-    };
+    let touched = |count: u16| (first..first.saturating_add(count)).any(is_identity);
     match rng.u8(..10) {
         0..3 => words(rng.u8(1..5), &[first, count]),
         3..6 if !touched(1) => words(6, &[first, value]),

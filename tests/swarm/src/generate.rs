@@ -2,7 +2,7 @@
 
 use fastrand::Rng;
 use standin_firmware::device::{Duration, Encoder, Ends, Fault, Pin, Role, Spec};
-use standin_protocol::modbus::rtu;
+use standin_protocol::registers::{Row, Space};
 use standin_protocol::time::Span;
 use standin_sim::bench::{Driving, PowerAction};
 use standin_sim::faults::LineFaults;
@@ -26,7 +26,8 @@ struct Drive {
 pub(crate) fn plan(seed: u64) -> Plan {
     let mut rng = Rng::with_seed(seed);
     let specs: Vec<&Spec> = kinds::specs().collect();
-    let mut plan = Plan { seed: rng.u32(..).into(), parts: Vec::new(), steps: Vec::new() };
+    let mut plan =
+        Plan { seed: rng.u32(..).into(), fast: rng.u8(..6) == 0, parts: Vec::new(), steps: Vec::new() };
     let count = 1 + rng.usize(..NAMES.len()).min(rng.usize(..NAMES.len()));
     let drives: Vec<Drive> =
         NAMES[..count].iter().map(|name| drive(&mut plan, name, &specs, &mut rng)).collect();
@@ -36,6 +37,13 @@ pub(crate) fn plan(seed: u64) -> Plan {
         happen(&mut plan.steps, drive, &mut rng);
     }
     plan.steps.extend(drives.iter().map(|drive| Step::Ask(drive.name, rng.u64(..))));
+    if rng.bool() {
+        // The end comes in the middle of something.
+        for drive in &drives {
+            say(&mut plan.steps, *drive, &mut rng);
+        }
+        plan.steps.push(Step::Wait(pause(&mut rng)));
+    }
     plan
 }
 
@@ -70,16 +78,11 @@ fn drive(plan: &mut Plan, name: Name, specs: &[&'static Spec], rng: &mut Rng) ->
     Drive { name, spec, address, ascii, as_made }
 }
 
-/// An address that no other place has. Half of those of drives with blocks are so that the CRC of the head of a write
-/// ends with the number of its bytes: the shorter reply of that function, whose CRC would hold in the request.
+/// An address that no other place has; of half of the drives one with a [treacherous](dialect::Block::treacherous) block.
 fn address(family: Family, place: u8, rng: &mut Rng) -> u8 {
-    let mine = |address: &u8| address % NAMES.len() as u8 == place;
-    let block = one_of(rng, family.blocks());
-    let treacherous = |address: &u8| {
-        let ([a, b], [c, d]) = (block.first.to_be_bytes(), block.count.to_be_bytes());
-        rtu::crc(&[*address, 16, a, b, c, d]).to_le_bytes()[0] == 2 * block.count as u8
-    };
-    let any: Vec<u8> = (2..248).filter(mine).collect();
+    let blocks = family.blocks();
+    let any: Vec<u8> = (2..248).filter(|address| address % NAMES.len() as u8 == place).collect();
+    let treacherous = |address: &u8| blocks.iter().any(|block| block.treacherous(*address).is_some());
     let some: Vec<u8> = any.iter().copied().filter(treacherous).collect();
     if some.is_empty() || rng.bool() { one_of(rng, &any) } else { one_of(rng, &some) }
 }
@@ -173,7 +176,7 @@ fn output(spec: &Spec, rng: &mut Rng) -> Option<Pin> {
 /// One thing that happens, with the time behind it.
 fn happen(steps: &mut Vec<Step>, drive: Drive, rng: &mut Rng) {
     let Drive { name, spec, .. } = drive;
-    match rng.u8(..40) {
+    match rng.u8(..41) {
         0..18 => say(steps, drive, rng),
         18 => steps.push(Step::Leave(who(drive, rng))),
         19..23 => {
@@ -212,11 +215,21 @@ fn happen(steps: &mut Vec<Step>, drive: Drive, rng: &mut Rng) {
             one_of(rng, &[Failing::Amid, Failing::Amid, Failing::Later]),
         )),
         38 => steps.push(Step::Restart),
+        39 => steps.extend(preset(name, spec, rng)),
         _ => {}
     }
     if rng.u8(..3) > 0 {
         steps.push(Step::Wait(pause(rng)));
     }
+}
+
+/// A register is set past the bus, to a value that it takes or not.
+fn preset(name: Name, spec: &Spec, rng: &mut Rng) -> Option<Step> {
+    let on_bus = |row: &Row| !matches!(row.space, Space::Variable | Space::Setting);
+    let rows = spec.rows().filter(|(_, row)| on_bus(row) && !dialect::is_identity(row.address));
+    let rows: Vec<usize> = rows.map(|(place, _)| place).collect();
+    let value = if rng.bool() { rng.i64(0..4) } else { i64::from(rng.i32(..)) >> rng.u8(..32) };
+    (!rows.is_empty()).then(|| Step::Preset(name, one_of(rng, &rows), value))
 }
 
 /// From a tick to half a second, as many short ones as long ones.
@@ -301,6 +314,7 @@ mod tests {
             "is open",
             "the line of",
             "is asked",
+            "is preset",
             "fails Amid",
             "fails Later",
             "begin again",

@@ -16,7 +16,7 @@ use crate::run::{self, Happened, Life, Mode};
 static ALLOCATED: PeakAlloc = PeakAlloc;
 
 /// Bytes that a bench may take with a [ring](run::RING) of its trace, and all that clients have heard.
-const MOST_BYTES: usize = 2 << 20;
+const MOST_BYTES: usize = 4 << 20;
 
 /// What does not hold.
 #[derive(Clone, PartialEq, Eq, Debug)]

@@ -17,6 +17,8 @@ pub(crate) const NAMES: [Name; 4] = ["a", "b", "c", "d"];
 pub(crate) struct Plan {
     /// Of every random choice that the bench makes.
     pub(crate) seed: u64,
+    /// Whether characters take no time.
+    pub(crate) fast: bool,
     /// Tables of a bench file, each of which may be taken away.
     pub(crate) parts: Vec<String>,
     pub(crate) steps: Vec<Step>,
@@ -25,7 +27,8 @@ pub(crate) struct Plan {
 impl Plan {
     /// What `standin run` takes, too.
     pub(crate) fn bench_file(&self) -> String {
-        format!("seed = {}\n\n{}", self.seed, self.parts.join("\n"))
+        let line = if self.fast { "fast" } else { "timed" };
+        format!("seed = {}\nline = \"{line}\"\n\n{}", self.seed, self.parts.join("\n"))
     }
 }
 
@@ -51,6 +54,8 @@ pub(crate) enum Step {
     /// So many counts of an encoder, so many a second.
     Turn(Name, Encoder, i32, u32),
     Cause(Name, Fault, bool),
+    /// A register, by its place in the table, is set past the bus.
+    Preset(Name, usize, i64),
     Power(Name, PowerAction),
     /// Somebody opens the port at the other end of its line, or leaves.
     Attach(Name, bool),
@@ -97,6 +102,7 @@ impl fmt::Display for Step {
                 write!(f, "encoder {} of {drive} turns {counts} counts at {hz} Hz", encoder.0)
             }
             Self::Cause(drive, fault, on) => write!(f, "fault {} of {drive}: {on}", fault.0),
+            Self::Preset(drive, row, value) => write!(f, "row {row} of {drive} is preset to {value}"),
             Self::Power(drive, action) => write!(f, "power of {drive}: {action:?}"),
             Self::Attach(drive, here) => write!(f, "the port of {drive} is open: {here}"),
             Self::Disturb(drive, faults) => write!(f, "the line of {drive}: {faults:?}"),

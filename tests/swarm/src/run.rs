@@ -21,7 +21,7 @@ pub(crate) enum Mode {
     Whole,
     /// Waits in pieces of any lengths, in which clients of lines read, or do not.
     Pieces,
-    /// As `Whole`, but only a ring of the trace is kept.
+    /// Waits in short pieces, behind each of which clients of lines read, as programs do; only a ring of the trace is kept.
     Lean,
 }
 
@@ -46,6 +46,9 @@ pub(crate) struct Life {
 
 /// The ring of [`Mode::Lean`].
 pub(crate) const RING: usize = 64 << 10;
+
+/// Between two looks of a program at its port.
+const READS: Duration = Duration::millis(20);
 
 /// So many events are enough: the rest of a plan is left out. Pulses in wires may make millions.
 const MOST_EVENTS: u64 = 30_000;
@@ -148,6 +151,11 @@ impl Runner<'_> {
                 self.with(name, |bench, seat| _ = bench.encoder(seat, encoder, counts, hz.into()));
             }
             Step::Cause(name, fault, on) => self.with(name, |bench, seat| bench.fault(seat, fault, on)),
+            Step::Preset(name, row, value) => {
+                self.kept.remove(name);
+                // Refused is as good.
+                self.with(name, |bench, seat| _ = bench.poke(seat, row, value));
+            }
             Step::Power(name, action) => self.with(name, |bench, seat| bench.power(seat, action)),
             Step::Attach(name, here) => self.with(name, |bench, seat| {
                 if let Some(bus) = bench.bus(seat, Port(0)) {
@@ -206,6 +214,10 @@ impl Runner<'_> {
     /// Time passes.
     pub(crate) fn pass(&mut self, time: Duration) -> Result<(), Failure> {
         let until = self.bench.now() + time;
+        while self.mode == Mode::Lean && until.since(self.bench.now()) > READS {
+            self.go_on(self.bench.now() + READS)?;
+            self.read_lines();
+        }
         while self.mode == Mode::Pieces && self.dice.u8(..4) > 0 {
             let left = until.since(self.bench.now()).ticks();
             if left == 0 {
