@@ -1,6 +1,6 @@
 //! Random benches under an oracle: `tests/swarm`.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, ensure};
@@ -28,13 +28,17 @@ pub(crate) fn planted(sh: &Shell) -> Result<()> {
     let root = sh.current_dir();
     let mut patches = sh.read_dir("tests/swarm/planted")?;
     patches.sort();
-    let tree = root.join("target/planted");
+    let (tree, commit) = (root.join("target/planted"), cmd!(sh, "git rev-parse HEAD").read()?);
     if !sh.path_exists(&tree) {
         cmd!(sh, "git worktree add --detach --force {tree} HEAD").run()?;
     }
     let rows: Vec<(String, Option<Found>)> = patches
         .iter()
-        .map(|patch| Ok((name(patch), plant(sh, &root, &tree, patch)?)))
+        .map(|patch| {
+            let _there = sh.push_dir(&tree);
+            cmd!(sh, "git reset --quiet --hard {commit}").run()?;
+            Ok((name(patch), plant(sh, &root.join("target"), patch)?))
+        })
         .collect::<Result<_>>()?;
     cmd!(sh, "git worktree remove --force {tree}").run()?;
     println!("\n| planted | found after | by |\n|---|---|---|");
@@ -49,7 +53,7 @@ pub(crate) fn planted(sh: &Shell) -> Result<()> {
     Ok(())
 }
 
-/// How soon a defect was found, and what was said.
+/// A defect that was found: the time it took, and the words of the swarm.
 struct Found {
     after: Duration,
     said: String,
@@ -59,15 +63,12 @@ fn name(patch: &Path) -> String {
     patch.file_stem().unwrap_or_default().to_string_lossy().into_owned()
 }
 
-/// Plants one defect and lets the swarm look for it; `None` if it is not found.
-fn plant(sh: &Shell, root: &Path, tree: &PathBuf, patch: &Path) -> Result<Option<Found>> {
+/// Plants one defect where the shell is, and lets the swarm look for it; `None` if it is not found. It is built in
+/// `target`, where crates that are not of this repository are built already.
+fn plant(sh: &Shell, target: &Path, patch: &Path) -> Result<Option<Found>> {
     println!("=== {}", name(patch));
-    let _there = sh.push_dir(tree);
-    cmd!(sh, "git reset --quiet --hard HEAD").run()?;
     cmd!(sh, "git apply {patch}").run().with_context(|| format!("{} does not fit", name(patch)))?;
-    // Crates that are not of this repository are built already.
-    let target = root.join("target");
-    let _target = sh.push_env("CARGO_TARGET_DIR", &target);
+    let _target = sh.push_env("CARGO_TARGET_DIR", target);
     cmd!(sh, "cargo build --quiet --profile soak --package swarm").run()?;
     let swarm = target.join("soak/swarm");
     let start = now();

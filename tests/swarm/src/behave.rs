@@ -148,7 +148,7 @@ impl Runner<'_> {
         Ok(())
     }
 
-    /// What was saved in a former life is there.
+    /// Reads back values that were saved in a former life.
     pub(crate) fn expect_kept(&mut self, name: Name, values: &[u32]) -> Result<(), Failure> {
         let Some(family) = self.family(name) else { return Ok(()) };
         self.expect(name, family.blocks()[0], values).map_err(|failure| failure.of("saved values lost"))

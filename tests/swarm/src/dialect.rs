@@ -1,5 +1,5 @@
-//! What clients know of drives: plain values and how they are saved, typed from the manuals; and what clients say that
-//! do not behave.
+//! The knowledge of clients: plain values of drives and how they are saved, typed from the manuals; and the words of
+//! clients that do not behave.
 
 use fastrand::Rng;
 use standin_protocol::modbus::tcp::{self, Header};
@@ -87,7 +87,7 @@ impl Family {
         }
     }
 
-    /// What the factory has put into the first block.
+    /// Factory values of the first block.
     pub(crate) fn factory(self) -> &'static [u32] {
         match self {
             Self::Md3 => &[0; 4],
@@ -138,7 +138,7 @@ const IDENTITY: [u16; 12] = [
     0x76,
 ];
 
-/// Whether clients that misbehave, and hands, leave a register alone.
+/// Returns whether clients that misbehave, and hands, leave a register alone.
 pub(crate) fn is_identity(address: u16) -> bool {
     IDENTITY.contains(&address)
 }
@@ -208,7 +208,7 @@ fn spoiled(mut bytes: Vec<u8>, rng: &mut Rng) -> Vec<u8> {
     bytes
 }
 
-/// What is said on a line of Modbus by a client that does not behave.
+/// A message on a line of Modbus from a client that does not behave.
 pub(crate) fn modbus_mischief(family: Family, address: u8, ascii: bool, rng: &mut Rng) -> Vec<u8> {
     let unit = match rng.u8(..10) {
         0 => 0,
@@ -221,7 +221,7 @@ pub(crate) fn modbus_mischief(family: Family, address: u8, ascii: bool, rng: &mu
     spoiled(message, rng)
 }
 
-/// What is said on a connection of Modbus/TCP by a client that does not behave.
+/// A message on a connection of Modbus/TCP from a client that does not behave.
 pub(crate) fn tcp_mischief(rng: &mut Rng) -> Vec<u8> {
     let header = Header { transaction: rng.u16(..), unit: rng.u8(..) };
     let message = tcp::frame(header, &pdu(Family::Mdrive, rng)).to_vec();
@@ -272,7 +272,7 @@ const MCODE: [&str; 40] = [
     "TE=1\r",
 ];
 
-/// What is said on a port of MCode by a client that does not behave.
+/// Text on a port of MCode from a client that does not behave.
 pub(crate) fn mcode_mischief(rng: &mut Rng) -> Vec<u8> {
     let lines = (0..rng.u8(1..6)).map(|_| one_of(rng, &MCODE));
     let text = lines.collect::<String>().into_bytes();
@@ -318,7 +318,7 @@ const ORDERS: [&str; 30] = [
     "W167\r",
 ];
 
-/// What is said to a QSB by a client that does not behave.
+/// Commands to a QSB from a client that does not behave.
 pub(crate) fn qsb_mischief(rng: &mut Rng) -> Vec<u8> {
     let text = (0..rng.u8(1..5)).map(|_| match rng.u8(..4) {
         0 => format!("{}{:02X}{:X}\r", one_of(rng, b"RSQr") as char, rng.u8(..0x18), rng.u32(..)),

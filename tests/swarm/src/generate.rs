@@ -18,7 +18,7 @@ struct Drive {
     spec: &'static Spec,
     address: u8,
     ascii: bool,
-    /// Whether its line is as the factory has set it.
+    /// True if its line is as the factory has set it.
     as_made: bool,
 }
 
@@ -262,7 +262,7 @@ fn say(steps: &mut Vec<Step>, drive: Drive, rng: &mut Rng) {
     }
 }
 
-/// What disturbs a line; often nothing any more.
+/// Faults of a line; often none any more.
 fn faults(spec: &Spec, rng: &mut Rng) -> LineFaults {
     let mut faults = LineFaults::NONE;
     if rng.u8(..3) == 0 {

@@ -31,15 +31,57 @@ impl Sink for Log {
 /// Timeouts of a drive at one instant.
 const MOST_TIMEOUTS: u32 = 100_000;
 
-/// A drive, its deadlines watched.
-struct Watched {
+/// A drive by itself.
+struct Alone<'a> {
     device: Box<dyn Device>,
     log: Log,
-    name: String,
+    name: &'a str,
+    powered: bool,
+    /// Chances of a drive that is called late.
+    late: Option<Rng>,
+    /// Inputs that it is told late.
+    waiting: Vec<(Instant, Input<'a>)>,
+    /// The last instant at which something came to it.
+    last: Instant,
 }
 
-impl Watched {
-    /// Wakes it at each deadline before `at`, or at it, too.
+impl<'a> Alone<'a> {
+    /// Tells it an input, or lets that wait.
+    fn hear(&mut self, at: Instant, input: Input<'a>) -> Result<(), Failure> {
+        if let Some(rng) = &mut self.late {
+            if at > self.last && rng.u8(..4) == 0 {
+                self.come_to(at, false)?;
+            }
+            self.waiting.push((at, input));
+        } else {
+            self.come_to(at, false)?;
+            self.device.input(at, input, &mut self.log);
+            self.look(at)?;
+        }
+        self.last = at;
+        Ok(())
+    }
+
+    /// All that is due before `at`, or at it, too.
+    fn come_to(&mut self, at: Instant, inclusive: bool) -> Result<(), Failure> {
+        let device = &mut *self.device;
+        if self.late.is_none() {
+            return self.wake(at, inclusive);
+        }
+        if inclusive {
+            advance(device, at, self.waiting.drain(..), &mut self.log);
+        } else if at > self.last {
+            advance(device, at - Duration::TICK, self.waiting.drain(..), &mut self.log);
+        } else {
+            for (at, input) in self.waiting.drain(..) {
+                let due = device.deadline();
+                feed(device, due, at, input, &mut self.log);
+            }
+        }
+        Ok(())
+    }
+
+    /// Calls it at each deadline before `at`, or at it, too.
     fn wake(&mut self, at: Instant, inclusive: bool) -> Result<(), Failure> {
         let mut again = 0;
         loop {
@@ -50,16 +92,14 @@ impl Watched {
             self.device.timeout(due, &mut self.log);
             again = if self.device.deadline() > due { 0 } else { again + 1 };
             if again > MOST_TIMEOUTS {
-                return Err(Failure::new(
-                    "stuck clock",
-                    format!("{}: a deadline at {due:?} again and again", self.name),
-                ));
+                let detail = format!("{}: a deadline at {due:?} again and again", self.name);
+                return Err(Failure::new("stuck clock", detail));
             }
             self.look(due)?;
         }
     }
 
-    /// Whether it wants to be woken in the past.
+    /// Fails if it wants to be woken before `at`, which is now.
     fn look(&self, at: Instant) -> Result<(), Failure> {
         let due = self.device.deadline();
         if due >= at {
@@ -83,82 +123,43 @@ pub(crate) fn judge(trace: &Trace) -> Result<(), Failure> {
     })
 }
 
-/// Feeds a drive what a trace says, punctually, or `late`, and returns what it puts.
-fn play(trace: &Trace, place: usize, mut late: Option<Rng>) -> Result<Vec<String>, Failure> {
+/// Feeds a drive what a trace says, punctually or `late`, and returns what it puts.
+fn play(trace: &Trace, place: usize, late: Option<Rng>) -> Result<Vec<String>, Failure> {
     let drive = &trace.drives[place];
     let device = kinds::make(drive.spec.kind).map_err(|error| Failure::new("no such kind", error))?;
     let log = Log { memory: drive.memory.clone(), lines: Vec::new() };
-    let mut watched = Watched { device, log, name: drive.name.clone() };
+    let (powered, waiting, last) = (true, Vec::new(), drive.from);
+    let mut alone = Alone { device, log, name: &drive.name, powered, late, waiting, last };
     if drive.apart {
-        watched.device.part();
+        alone.device.part();
     }
+    // Any seed will do, as long as both times have the same one.
     let boot = Boot { seed: trace.seed, fast: drive.boot_fast };
-    watched.device.power_on(drive.from, boot, &mut watched.log);
-    let mut powered = true;
-    let mut waiting: Vec<(Instant, Input<'_>)> = Vec::new();
+    alone.device.power_on(drive.from, boot, &mut alone.log);
     for entry in trace.events().filter(|entry| entry.drive == place) {
         let at = entry.at;
-        let power = match &entry.event {
-            Event::Fed(Fed::Power(Power::On)) => Some(true),
-            Event::Fed(Fed::Power(Power::Off)) | Event::Did(Did::PowerOff) => Some(false),
-            _ => None,
-        };
-        let preset = match entry.event {
-            Event::Fed(Fed::Poke { row, value }) => Some((row, value)),
-            _ => None,
-        };
-        let input = match &entry.event {
-            Event::Fed(fed) if powered => fed.input(),
-            _ => None,
-        };
-        // What has waited is heard now, or waits on.
-        let ends = power.is_some() || preset.is_some();
-        if late.as_mut().is_some_and(|rng| powered && (ends || (input.is_some() && rng.u8(..4) == 0))) {
-            let last = waiting.last().map_or(drive.from, |(at, _)| *at);
-            if preset.is_some() {
-                advance(&mut *watched.device, at, waiting.drain(..), &mut watched.log);
-            } else if at > last {
-                advance(&mut *watched.device, at - Duration::TICK, waiting.drain(..), &mut watched.log);
-            } else if ends {
-                for (at, input) in waiting.drain(..) {
-                    let due = watched.device.deadline();
-                    feed(&mut *watched.device, due, at, input, &mut watched.log);
-                }
+        match &entry.event {
+            Event::Fed(Fed::Power(Power::On)) if !alone.powered => {
+                alone.device.power_on(at, boot, &mut alone.log);
+                (alone.powered, alone.last) = (true, at);
             }
-        }
-        match (power, preset, input) {
-            (Some(true), ..) if !powered => {
-                watched.device.power_on(at, boot, &mut watched.log);
-                powered = true;
+            _ if !alone.powered => {}
+            Event::Fed(Fed::Power(Power::Off)) | Event::Did(Did::PowerOff) => {
+                alone.come_to(at, false)?;
+                alone.powered = false;
             }
-            (Some(false), ..) => {
-                if powered && late.is_none() {
-                    watched.wake(at, false)?;
-                }
-                powered = false;
+            // It comes behind all else of its instant.
+            &Event::Fed(Fed::Poke { row, value }) => {
+                alone.come_to(at, true)?;
+                let _ = alone.device.poke(at, row, value, &mut alone.log);
+                alone.last = at;
             }
-            (_, Some((row, value)), _) if powered => {
-                if late.is_none() {
-                    watched.wake(at, true)?;
-                }
-                let _ = watched.device.poke(at, row, value, &mut watched.log);
-            }
-            (.., Some(input)) => {
-                if late.is_some() {
-                    waiting.push((at, input));
-                } else {
-                    watched.wake(at, false)?;
-                    watched.device.input(at, input, &mut watched.log);
-                    watched.look(at)?;
-                }
-            }
-            _ => {}
+            Event::Fed(fed) => fed.input().map_or(Ok(()), |input| alone.hear(at, input))?,
+            Event::Did(_) => {}
         }
     }
-    if powered && late.is_some() {
-        advance(&mut *watched.device, trace.end, waiting.into_iter(), &mut watched.log);
-    } else if powered {
-        watched.wake(trace.end, true)?;
+    if alone.powered {
+        alone.come_to(trace.end, true)?;
     }
-    Ok(watched.log.lines)
+    Ok(alone.log.lines)
 }

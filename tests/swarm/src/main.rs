@@ -20,6 +20,7 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 use clap::Parser;
 
 use oracle::Tally;
+use plan::Plan;
 
 /// Random benches under an oracle.
 #[derive(Parser)]
@@ -95,7 +96,8 @@ fn show(seed: u64) -> bool {
         }
         Err(failure) => {
             println!("seed {seed}: {failure}\n\nmade smaller:\n");
-            let small = shrink::shrink(plan, &failure);
+            let alike = |plan: &Plan| oracle::judge(plan).is_err_and(|other| other.what == failure.what);
+            let small = shrink::shrink(plan, alike);
             println!("{small}");
             if let Err(failure) = oracle::judge(&small) {
                 println!("{failure}");

@@ -1,4 +1,4 @@
-//! What must hold of every plan.
+//! The judge of plans: all that must hold of each.
 
 use std::cell::RefCell;
 use std::fmt;
@@ -18,7 +18,7 @@ static ALLOCATED: PeakAlloc = PeakAlloc;
 /// Bytes that a bench may take with a [ring](run::RING) of its trace, and all that clients have heard.
 const MOST_BYTES: usize = 4 << 20;
 
-/// What does not hold.
+/// Something that does not hold.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub(crate) struct Failure {
     /// By which plans that fail in the same way are known.
@@ -43,7 +43,7 @@ impl fmt::Display for Failure {
     }
 }
 
-/// What was looked at.
+/// Counts of things that were looked at.
 #[derive(Clone, Copy, Default, Debug)]
 pub(crate) struct Tally {
     pub(crate) answered: u64,
@@ -64,7 +64,7 @@ impl Tally {
 }
 
 thread_local! {
-    /// Where the last panic was, and what it said.
+    /// The place and the words of the last panic.
     static PANIC: RefCell<Option<(String, String)>> = const { RefCell::new(None) };
 }
 
@@ -113,7 +113,7 @@ fn judge_all(plan: &Plan) -> Result<Tally, Failure> {
     Ok(tally)
 }
 
-/// Whether a plan that is run in pieces, or again, does the same.
+/// Compares a plan that was run whole with the same in pieces.
 fn alike(whole: &Happened, pieces: &Happened) -> Result<(), Failure> {
     let what = "pieces of time change something";
     for (one, other) in whole.lives.iter().zip(&pieces.lives) {
@@ -143,7 +143,7 @@ fn differ(what: &str, one: &str, other: &str) -> Result<(), Failure> {
     Err(Failure::new(what, format!("{one:?} and {other:?}")))
 }
 
-/// Whether a recording is all that the trace is, and whether it replays.
+/// Compares a recording with the trace, and replays it.
 fn recorded(life: &Life) -> Result<(), Failure> {
     let sorted = |text: &str| {
         let mut lines: Vec<&str> = text.lines().collect();

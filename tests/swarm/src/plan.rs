@@ -15,9 +15,9 @@ pub(crate) const NAMES: [Name; 4] = ["a", "b", "c", "d"];
 /// All that a run depends on.
 #[derive(Clone, PartialEq, Debug)]
 pub(crate) struct Plan {
-    /// Of every random choice that the bench makes.
+    /// Seed of every random choice that the bench makes.
     pub(crate) seed: u64,
-    /// Whether characters take no time.
+    /// True if characters take no time.
     pub(crate) fast: bool,
     /// Tables of a bench file, each of which may be taken away.
     pub(crate) parts: Vec<String>,
@@ -25,7 +25,7 @@ pub(crate) struct Plan {
 }
 
 impl Plan {
-    /// What `standin run` takes, too.
+    /// The bench file, which `standin run` takes, too.
     pub(crate) fn bench_file(&self) -> String {
         let line = if self.fast { "fast" } else { "timed" };
         format!("seed = {}\nline = \"{line}\"\n\n{}", self.seed, self.parts.join("\n"))

@@ -14,7 +14,7 @@ use crate::dialect::Family;
 use crate::oracle::Failure;
 use crate::plan::{NAMES, Name, Plan, Step, Who};
 
-/// How a plan is run; what happens is the same.
+/// A way to run a plan; the same happens in each.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum Mode {
     /// Each wait in one piece, clients read behind each step.
@@ -25,7 +25,7 @@ pub(crate) enum Mode {
     Lean,
 }
 
-/// What happened.
+/// The outcome of a run.
 pub(crate) struct Happened {
     /// One life from each beginning.
     pub(crate) lives: Vec<Life>,
@@ -181,7 +181,7 @@ impl Runner<'_> {
         }
     }
 
-    /// What a drive is.
+    /// The family of a drive, if that is on the bench.
     pub(crate) fn family(&self, name: Name) -> Option<Family> {
         Some(Family::of(self.bench.spec(self.bench.seat_named(name)?).kind))
     }
@@ -205,7 +205,7 @@ impl Runner<'_> {
         self.bench.send(self.clients[&who], bytes);
     }
 
-    /// Whether two drives are the same, or on one line.
+    /// Returns whether two drives are the same, or on one line.
     pub(crate) fn shares(&self, a: Name, b: Name) -> bool {
         let line = |name| self.bench.seat_named(name).and_then(|seat| self.bench.bus(seat, Port(0)));
         a == b || (line(a).is_some() && line(a) == line(b))

@@ -2,15 +2,15 @@
 
 use standin_firmware::device::Duration;
 
-use crate::oracle::{self, Failure};
 use crate::plan::{Plan, Step};
 
 /// Plans that are tried at most.
 const MOST_TRIED: u32 = 1_500;
 
-/// A plan that fails in the same way, and that is no smaller by any part, step, byte or wait that is taken away alone.
-pub(crate) fn shrink(plan: Plan, failure: &Failure) -> Plan {
-    let mut shrinking = Shrinking { plan, failure, tried: 0 };
+/// A smaller plan that `fails`: no part, step or half of a wait can be taken away from it alone, unless too many plans
+/// were tried before.
+pub(crate) fn shrink(plan: Plan, fails: impl Fn(&Plan) -> bool) -> Plan {
+    let mut shrinking = Shrinking { plan, fails, tried: 0 };
     loop {
         let before = shrinking.plan.clone();
         shrinking.take_away(|plan| &mut plan.steps);
@@ -22,22 +22,21 @@ pub(crate) fn shrink(plan: Plan, failure: &Failure) -> Plan {
     }
 }
 
-struct Shrinking<'a> {
+struct Shrinking<F> {
     plan: Plan,
-    failure: &'a Failure,
+    fails: F,
     tried: u32,
 }
 
-impl Shrinking<'_> {
-    /// Takes a plan if it fails in the same way; whether it does.
+impl<F: Fn(&Plan) -> bool> Shrinking<F> {
+    /// Takes a plan if it fails, and returns whether it does.
     fn try_plan(&mut self, plan: Plan) -> bool {
         self.tried += 1;
-        let same = self.tried <= MOST_TRIED
-            && oracle::judge(&plan).is_err_and(|other| other.what == self.failure.what);
-        if same {
+        let fails = self.tried <= MOST_TRIED && (self.fails)(&plan);
+        if fails {
             self.plan = plan;
         }
-        same
+        fails
     }
 
     /// Takes away runs of a list, long ones first.
@@ -71,7 +70,7 @@ impl Shrinking<'_> {
     }
 }
 
-/// What a step may become.
+/// Simpler forms of a step.
 fn simpler(step: &Step) -> Vec<Step> {
     match step {
         Step::Wait(time) if *time > Duration::TICK => {
@@ -85,5 +84,23 @@ fn simpler(step: &Step) -> Vec<Step> {
         }
         Step::Pulse(drive, pin, count, hz) if *count > 1 => vec![Step::Pulse(drive, *pin, 1, *hz)],
         _ => Vec::new(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::plan::Who;
+
+    #[test]
+    fn what_makes_a_plan_fail_is_left() {
+        let who = Who { drive: "a", port: 0, number: 0 };
+        let wait = Step::Wait(Duration::from_ticks(1_000));
+        let mut steps = vec![wait.clone(); 20];
+        steps[7] = Step::Say(who, vec![1, 2, 3, 4, 5]);
+        let plan = Plan { seed: 1, fast: false, parts: vec![String::new(); 5], steps };
+        let says = |step: &Step| matches!(step, Step::Say(_, bytes) if bytes.contains(&4));
+        let small = shrink(plan, |plan| plan.steps.iter().any(says) && plan.steps.last() == Some(&wait));
+        assert_eq!((small.parts, small.steps), (Vec::new(), vec![Step::Say(who, vec![4]), wait]));
     }
 }
