@@ -54,7 +54,9 @@ fn main() -> ExitCode {
         ["qemu", kind] => shell().and_then(|sh| qemu::run(&sh, kind)).map(|()| true),
         ["size"] => shell().and_then(|sh| size::print(&sh)).map(|()| true),
         ["soak", cases] => shell().and_then(|sh| checks::soak(&sh, cases)).map(|()| true),
-        ["swarm", "--planted"] => shell().and_then(|sh| swarm::planted(&sh)).map(|()| true),
+        ["swarm", "--planted", names @ ..] => {
+            shell().and_then(|sh| swarm::planted(&sh, names)).map(|()| true)
+        }
         ["swarm", options @ ..] => shell().and_then(|sh| swarm::run(&sh, options)).map(|()| true),
         [] | ["help" | "--help" | "-h"] => {
             print!("{USAGE}");

@@ -23,11 +23,14 @@ pub(crate) fn check(sh: &Shell) -> Result<()> {
     Ok(cmd!(sh, "cargo run --package swarm -- --first {FIRST} --count {COUNT} --jobs 2").run()?)
 }
 
-/// Plants each defect of `tests/swarm/planted` in a copy of the last commit, and measures how soon it is found.
-pub(crate) fn planted(sh: &Shell) -> Result<()> {
+/// Plants each defect of `tests/swarm/planted`, or those with these names, in a copy of the last commit, and measures
+/// how soon it is found.
+pub(crate) fn planted(sh: &Shell, names: &[&str]) -> Result<()> {
     let root = sh.current_dir();
     let mut patches = sh.read_dir("tests/swarm/planted")?;
+    patches.retain(|patch| names.is_empty() || names.contains(&name(patch).as_str()));
     patches.sort();
+    ensure!(!patches.is_empty(), "tests/swarm/planted has none of these");
     let (tree, commit) = (root.join("target/planted"), cmd!(sh, "git rev-parse HEAD").read()?);
     if !sh.path_exists(&tree) {
         cmd!(sh, "git worktree add --detach --force {tree} HEAD").run()?;

@@ -181,10 +181,13 @@ impl Runner<'_> {
         let Some(family) = self.family(name) else { return Ok(()) };
         if family == Family::Qsb {
             let client = self.qsb_terminal(name)?;
-            self.qsb_write(client, values)?;
             // COMMAND 3 (command list): saves.
-            self.qsb_command(client, "W163", "w 16 00000003 !")?;
+            let saved = self
+                .qsb_write(client, values)
+                .and_then(|()| self.qsb_command(client, "W163", "w 16 00000003 !"));
+            // A client that stays and never reads would be kept all for.
             self.bench.disconnect(client);
+            saved?;
         } else {
             for write in writing(family, block, values, rng) {
                 self.exchange(name, &[write], rng)?;

@@ -158,8 +158,9 @@ fn pdu(family: Family, rng: &mut Rng) -> Vec<u8> {
         Family::Mdrobot => (1, 251),
         Family::Mdrive => (0, 0xB8),
     };
-    let first = rng.u16(from..to);
-    let count = if rng.u8(..8) == 0 { rng.u16(..) } else { rng.u16(0..12) };
+    let first = if rng.u8(..10) == 0 { rng.u16(0xFFF0..) } else { rng.u16(from..to) };
+    let count =
+        if rng.u8(..6) == 0 { one_of(rng, &[0x7F, 0x800, 0x7FFF, 0x8000, 0xFFFF]) } else { rng.u16(0..12) };
     let value = if rng.bool() { rng.u16(..4) } else { rng.u16(..) };
     let words = |function: u8, words: &[u16]| {
         std::iter::once(function).chain(words.iter().flat_map(|word| word.to_be_bytes())).collect::<Vec<u8>>()
