@@ -231,8 +231,8 @@ impl Runner<'_> {
     /// Time passes.
     pub(crate) fn pass(&mut self, time: Duration) -> Result<(), Failure> {
         let until = self.bench.now() + time;
-        while self.mode == Mode::Lean && until.since(self.bench.now()) > READS {
-            self.go_on(self.bench.now() + READS)?;
+        while self.mode == Mode::Lean && self.bench.now() < until {
+            self.go_on(until.min(self.bench.now() + READS))?;
             self.read_lines();
         }
         while self.mode == Mode::Pieces && self.dice.u8(..4) > 0 {
