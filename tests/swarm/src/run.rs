@@ -313,7 +313,14 @@ impl Runner<'_> {
                 bench.disturb(bus, standin_sim::faults::LineFaults::NONE);
             }
         });
-        self.pass(1.secs())?;
+        // At 1,200 baud, and doubled, garbage takes some seconds.
+        for _ in 0..10 {
+            self.pass(1.secs())?;
+            let bus = self.bench.seat_named(name).and_then(|seat| self.bench.bus(seat, Port(0)));
+            if bus.is_none_or(|bus| self.bench.is_free(bus)) {
+                break;
+            }
+        }
         let starts = self.bench.seat_named(name).is_some_and(|seat| !self.bench.powered(seat));
         if starts || !self.boots_fast(name) { self.power_on(name) } else { Ok(()) }
     }
