@@ -179,7 +179,7 @@ fn mcode_lines(mut bytes: &[u8]) {
     assert_eq!(lines(&cut), lines(&[bytes]));
     let mut drive = kinds::make("mdrive").expect("a kind");
     let mut log = Log::new(vec![0xFF; usize::from(drive.spec().memory)]);
-    drive.power_on(Instant::ZERO, Boot { seed: 1, fast: true }, &mut log);
+    drive.power_on(Instant::ZERO, Boot { seed: 1, fast: true, ..Boot::default() }, &mut log);
     let mut at = Instant::ZERO + Duration::secs(2);
     let port = port(&*drive, Ends::Return).expect("a port of MCode");
     feed_at(&mut *drive, at, Input::Opened { port, link: Link(0) }, &mut log);
@@ -202,7 +202,7 @@ fn qsb_lines(mut bytes: &[u8]) {
     let Some(kind) = take(&mut bytes) else { return };
     let mut drive = kinds::make(["qsb-d", "qsb-m", "qsb-s"][usize::from(kind) % 3]).expect("a kind");
     let mut log = Log::new(vec![0xFF; usize::from(drive.spec().memory)]);
-    drive.power_on(Instant::ZERO, Boot { seed: 1, fast: true }, &mut log);
+    drive.power_on(Instant::ZERO, Boot { seed: 1, fast: true, ..Boot::default() }, &mut log);
     let mut at = Instant::ZERO + Duration::secs(1);
     for byte in bytes.iter().take(400) {
         at += Duration::millis(1);
@@ -260,7 +260,7 @@ fn memory(mut bytes: &[u8]) {
     }
     let mut drive = kinds::make(spec.kind).expect("a kind");
     let mut log = Log::new(memory.clone());
-    drive.power_on(Instant::ZERO, Boot { seed: 1, fast: how & 1 != 0 }, &mut log);
+    drive.power_on(Instant::ZERO, Boot { seed: 1, fast: how & 1 != 0, ..Boot::default() }, &mut log);
     settle(&mut *drive, Instant::ZERO + Duration::secs(1), &mut log);
     // A program that starts by itself may save.
     assert!(spec.registers.rows.iter().any(|row| row.name == "MODE_USER_PROGRAM") || log.memory == memory);
@@ -365,7 +365,7 @@ const LONGEST: Duration = Duration::secs(2);
 /// silence. Being called late changes nothing, and no deadline lies in the past.
 fn drive(kind: &str, mut bytes: &[u8]) {
     let Some(how) = take(&mut bytes) else { return };
-    let boot = Boot { seed: 1, fast: how & 1 != 0 };
+    let boot = Boot { seed: 1, fast: how & 1 != 0, ..Boot::default() };
     let new = || {
         let mut drive = kinds::make(kind).unwrap_or_else(|error| panic!("{error}"));
         let mut log = Log::new(vec![0xFF; usize::from(drive.spec().memory)]);

@@ -54,7 +54,7 @@ impl Sink for Said {
 fn with_silences(kind: &str, frames: &[Vec<u8>]) -> Vec<Vec<u8>> {
     let mut drive = kinds::make(kind).expect("a kind");
     let mut said = Said { memory: vec![0xFF; usize::from(drive.spec().memory)], bytes: Vec::new() };
-    drive.power_on(Instant::ZERO, Boot { seed: 1, fast: true }, &mut said);
+    drive.power_on(Instant::ZERO, Boot { seed: 1, fast: true, ..Boot::default() }, &mut said);
     let mut at = Instant::ZERO + START;
     advance(&mut *drive, at, core::iter::empty(), &mut said);
     let answers = frames.iter().map(|frame| {

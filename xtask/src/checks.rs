@@ -7,7 +7,7 @@ use xshell::{Shell, cmd};
 
 use crate::report::Report;
 use crate::tools::{self, Tool};
-use crate::{board, crates, docs, panic_free, pico, size};
+use crate::{board, crates, docs, panic_free, pico, size, swarm};
 
 /// The crates that only a board, or a linker, can build.
 const BARE: [&str; 5] = ["counted", "panic-free", "standin-lm3s6965", "standin-rp2040", "standin-stm32f4"];
@@ -34,8 +34,9 @@ pub(crate) fn all(sh: &Shell) -> Result<bool> {
         Ok(cmd!(sh, "cargo test --no-fail-fast").env("PROPTEST_RNG_SEED", seed).run()?)
     });
     report.check("tests of the tools", &[], |sh| {
-        Ok(cmd!(sh, "cargo test --package insncount --package xtask").run()?)
+        Ok(cmd!(sh, "cargo test --package insncount --package swarm --package xtask").run()?)
     });
+    report.check("swarm", &[], swarm::check);
     report.check("build", &[], build);
     report.check("generated documents", &[], docs::check);
     report.check("foreign masters", &[Tool::Python], |sh| {

@@ -7,6 +7,7 @@
 //! cargo xtask qemu    run a drive on an emulated LM3S6965 board
 //! cargo xtask size    measure what each drive costs on each board, and print it
 //! cargo xtask soak    run the property tests with many new cases
+//! cargo xtask swarm   run random benches under an oracle
 //! ```
 
 mod board;
@@ -22,6 +23,7 @@ mod pico;
 mod qemu;
 mod report;
 mod size;
+mod swarm;
 mod tools;
 
 use std::path::Path;
@@ -39,6 +41,8 @@ usage: cargo xtask <command>
   qemu    run a drive on an LM3S6965 board under QEMU, its serial line on a TCP port: `qemu md3`
   size    print what each drive costs on each board; fail if one costs too much
   soak    run the property tests with so many new cases each: `soak 20000`
+  swarm   run random benches under an oracle: `swarm --minutes 10`, `swarm --seed 7`, `swarm --help`;
+          `swarm --planted`: how soon it finds each of the defects in tests/swarm/planted
 ";
 
 fn main() -> ExitCode {
@@ -51,6 +55,10 @@ fn main() -> ExitCode {
         ["qemu", kind] => shell().and_then(|sh| qemu::run(&sh, kind)).map(|()| true),
         ["size"] => shell().and_then(|sh| size::print(&sh)).map(|()| true),
         ["soak", cases] => shell().and_then(|sh| checks::soak(&sh, cases)).map(|()| true),
+        ["swarm", "--planted", names @ ..] => {
+            shell().and_then(|sh| swarm::planted(&sh, names)).map(|()| true)
+        }
+        ["swarm", options @ ..] => shell().and_then(|sh| swarm::run(&sh, options)).map(|()| true),
         [] | ["help" | "--help" | "-h"] => {
             print!("{USAGE}");
             Ok(true)

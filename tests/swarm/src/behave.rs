@@ -1,0 +1,352 @@
+//! Clients that behave: they ask with good frames on a quiet line, and know what the answer is.
+
+use fastrand::Rng;
+use standin_firmware::device::{Duration, Port};
+use standin_protocol::modbus::tcp::{self, Header};
+use standin_protocol::modbus::{ascii, rtu};
+use standin_protocol::time::Span;
+use standin_sim::bench::{Client, PowerAction};
+
+use crate::dialect::{Block, Family, QSB, one_of};
+use crate::oracle::Failure;
+use crate::plan::{Failing, NAMES, Name};
+use crate::run::Runner;
+
+/// Ports of an MDrive.
+const MODBUS: Port = Port(0);
+const MCODE: Port = Port(1);
+
+/// Illegal data address (application 7), and an address that no drive has.
+const ILLEGAL_ADDRESS: u8 = 2;
+const NOWHERE: u16 = 0xF000;
+
+/// The failure of a drive that is not heard.
+const NO_ANSWER: &str = "no answer";
+
+/// A request and its reply.
+type Exchange = (Vec<u8>, Vec<u8>);
+
+/// A function and the words behind it.
+fn pdu(function: u8, words: &[u16]) -> Vec<u8> {
+    std::iter::once(function).chain(words.iter().flat_map(|word| word.to_be_bytes())).collect()
+}
+
+/// The parts of a block that one request of a family takes: first registers, and values.
+fn parts<'a>(
+    family: Family,
+    block: Block,
+    values: &'a [u32],
+) -> impl Iterator<Item = (u16, Vec<u16>)> + use<'a> {
+    let most = family.words_at_once().min(values.len());
+    let words = |values: &[u32]| values.iter().map(|&value| value as u16).collect();
+    (block.first..).step_by(most).zip(values.chunks(most)).map(move |(first, values)| (first, words(values)))
+}
+
+/// Writes a block (application 6.6, 6.12), a single word in one of two ways.
+fn writing(family: Family, block: Block, values: &[u32], rng: &mut Rng) -> Vec<Exchange> {
+    let write = |(first, words): (u16, Vec<u16>)| match words[..] {
+        [word] if one_of(rng, family.writes_a_word()) == 6 => {
+            (pdu(6, &[first, word]), pdu(6, &[first, word]))
+        }
+        _ => {
+            let head = pdu(16, &[first, words.len() as u16]);
+            let data = pdu(2 * words.len() as u8, &words);
+            ([&head[..], &data].concat(), head)
+        }
+    };
+    parts(family, block, values).map(write).collect()
+}
+
+/// Reads a block that holds these values (application 6.3).
+fn reading(family: Family, block: Block, values: &[u32]) -> Vec<Exchange> {
+    let read = |(first, words): (u16, Vec<u16>)| {
+        let data = pdu(2 * words.len() as u8, &words);
+        (pdu(3, &[first, words.len() as u16]), [&[3], &data[..]].concat())
+    };
+    parts(family, block, values).map(read).collect()
+}
+
+impl Runner<'_> {
+    /// A client that behaves writes plain values, reads them back, and asks for what is not there.
+    pub(crate) fn ask_step(&mut self, name: Name, seed: u64) -> Result<(), Failure> {
+        let Some(family) = self.family(name) else { return Ok(()) };
+        let mut rng = Rng::with_seed(seed);
+        let block = self.block(name, family, &mut rng);
+        let values = self.values(name, block, &mut rng);
+        self.quiet(name)?;
+        if family == Family::Mdrobot {
+            // It saves what it is written.
+            self.kept.remove(name);
+        }
+        if family == Family::Qsb {
+            let client = self.qsb_terminal(name)?;
+            self.qsb_write(client, &values)?;
+            self.qsb_read(client, &values)?;
+            self.bench.disconnect(client);
+            return Ok(());
+        }
+        let nowhere = (pdu(3, &[NOWHERE, 1]), vec![0x83, ILLEGAL_ADDRESS]);
+        let write = writing(family, block, &values, &mut rng);
+        let asked = [write, reading(family, block, &values), vec![nowhere]].concat();
+        let at_once = if rng.bool() { asked.len() } else { 1 };
+        for asked in asked.chunks(at_once) {
+            self.exchange(name, asked, &mut rng)?;
+        }
+        if family == Family::Mdrive { self.ask_mcode(name, &mut rng) } else { Ok(()) }
+    }
+
+    /// A client that behaves saves values, twice where power fails amid the second save, and reads them back when power
+    /// has come again: those of the save before or after, or the factory's.
+    pub(crate) fn save_step(&mut self, name: Name, seed: u64, failing: Failing) -> Result<(), Failure> {
+        let (Some(family), Some(seat)) = (self.family(name), self.bench.seat_named(name)) else {
+            return Ok(());
+        };
+        let mut rng = Rng::with_seed(seed);
+        let block = family.blocks()[0];
+        // Whatever others have set going is over.
+        self.quiet(name)?;
+        self.bench.power(seat, PowerAction::Off);
+        self.pass(1.millis())?;
+        self.power_on(name)?;
+        let mut saved = self.values(name, block, &mut rng);
+        self.save(name, block, &saved, &mut rng)?;
+        // The factory's address may be another one's.
+        let alone = NAMES.iter().filter(|other| self.shares(name, other)).count() == 1;
+        let mut may_be = vec![saved.clone()];
+        if failing == Failing::Amid && alone {
+            for _ in 0..4 {
+                let new = self.values(name, block, &mut rng);
+                self.bench.power(seat, PowerAction::Cut);
+                // Power may fail before an answer is over.
+                let _ = self.save(name, block, &new, &mut rng);
+                may_be = vec![saved, new.clone(), family.factory().to_vec()];
+                saved = new;
+                if !self.bench.powered(seat) {
+                    break;
+                }
+            }
+            if self.bench.powered(seat) {
+                return Err(Failure::new("no power cut", name));
+            }
+        }
+        self.bench.power(seat, PowerAction::Off);
+        self.pass(10.millis())?;
+        self.power_on(name)?;
+        let found = match self.find(name, block, &may_be) {
+            // A drive with the factory's values has its address, too.
+            Err(failure) if failure.what == NO_ANSWER && may_be.len() > 1 => {
+                self.addresses.insert(name, 1);
+                self.find(name, block, &may_be)
+            }
+            found => found,
+        };
+        let found = found.map_err(|failure| failure.of("saved values lost or mixed"))?;
+        self.kept.insert(name, may_be.swap_remove(found));
+        self.happened.saved += 1;
+        Ok(())
+    }
+
+    /// Reads a block, and returns which of these values it holds.
+    fn find(&mut self, name: Name, block: Block, may_be: &[Vec<u32>]) -> Result<usize, Failure> {
+        let mut failure = Failure::new("nothing to find", name);
+        for (place, values) in may_be.iter().enumerate().rev() {
+            match self.expect(name, block, values) {
+                Ok(()) => return Ok(place),
+                Err(other) => failure = other,
+            }
+        }
+        Err(failure)
+    }
+
+    /// Reads back values that were saved in a former life.
+    pub(crate) fn expect_kept(&mut self, name: Name, values: &[u32]) -> Result<(), Failure> {
+        let Some(family) = self.family(name) else { return Ok(()) };
+        self.expect(name, family.blocks()[0], values).map_err(|failure| failure.of("saved values lost"))
+    }
+
+    /// One of a family's blocks; often one whose write the CRC may cut.
+    fn block(&self, name: Name, family: Family, rng: &mut Rng) -> Block {
+        let blocks = family.blocks();
+        let address = self.addresses.get(name).copied().unwrap_or_default();
+        let some: Vec<Block> =
+            blocks.iter().copied().filter(|block| block.treacherous(address).is_some()).collect();
+        if some.is_empty() || rng.bool() { one_of(rng, &blocks) } else { one_of(rng, &some) }
+    }
+
+    /// Random values of a block. Of a write whose CRC may hold too soon the first byte is often the one that it needs.
+    fn values(&self, name: Name, block: Block, rng: &mut Rng) -> Vec<u32> {
+        if self.family(name) == Some(Family::Qsb) {
+            return QSB.iter().map(|(_, most)| rng.u32(..) & most).collect();
+        }
+        let mut values: Vec<u32> = (0..block.count).map(|_| rng.u16(..).into()).collect();
+        let address = self.addresses.get(name).copied().unwrap_or_default();
+        if let Some([_, first]) = block.treacherous(address).filter(|_| rng.u8(..4) > 0) {
+            values[0] = u32::from(first) << 8 | values[0] & 0xFF;
+        }
+        values
+    }
+
+    /// Writes a block and saves it.
+    fn save(&mut self, name: Name, block: Block, values: &[u32], rng: &mut Rng) -> Result<(), Failure> {
+        let Some(family) = self.family(name) else { return Ok(()) };
+        if family == Family::Qsb {
+            let client = self.qsb_terminal(name)?;
+            // COMMAND 3 (command list): saves.
+            let saved = self
+                .qsb_write(client, values)
+                .and_then(|()| self.qsb_command(client, "W163", "w 16 00000003 !"));
+            // A client that stays and never reads would be kept all for.
+            self.bench.disconnect(client);
+            saved?;
+        } else {
+            for write in writing(family, block, values, rng) {
+                self.exchange(name, &[write], rng)?;
+            }
+            if let Some((register, value)) = family.save() {
+                let block = Block { first: register, count: 1 };
+                let write = writing(family, block, &[value.into()], rng);
+                self.exchange(name, &write, rng)?;
+            }
+        }
+        self.pass(100.millis())
+    }
+
+    /// Reads a block that holds these values.
+    fn expect(&mut self, name: Name, block: Block, values: &[u32]) -> Result<(), Failure> {
+        let Some(family) = self.family(name) else { return Ok(()) };
+        if family == Family::Qsb {
+            let client = self.qsb_terminal(name)?;
+            let read = self.qsb_read(client, values);
+            self.bench.disconnect(client);
+            return read;
+        }
+        let mut reads = reading(family, block, values).into_iter();
+        reads.try_for_each(|read| self.exchange(name, &[read], &mut Rng::with_seed(0)))
+    }
+
+    /// Says requests in one burst, in any pieces, and hears their replies and nothing else.
+    fn exchange(&mut self, name: Name, asked: &[Exchange], rng: &mut Rng) -> Result<(), Failure> {
+        let Some(seat) = self.bench.seat_named(name) else { return Ok(()) };
+        let client =
+            self.bench.connect_to(seat, MODBUS).map_err(|error| Failure::new("nobody let in", error))?;
+        let framed = |n: usize, pdu: &[u8]| self.framed(name, n as u16, pdu);
+        let request: Vec<u8> = asked.iter().enumerate().flat_map(|(n, (ask, _))| framed(n, ask)).collect();
+        let expected: Vec<u8> =
+            asked.iter().enumerate().flat_map(|(n, (_, reply))| framed(n, reply)).collect();
+        let mut rest = &request[..];
+        while !rest.is_empty() {
+            let (piece, behind) =
+                rest.split_at(if rng.bool() { rest.len() } else { rng.usize(1..=rest.len()) });
+            self.bench.send(client, piece);
+            // Half a message is waited for 20 ms.
+            self.pass(Duration::from_ticks(rng.u64(0..5.millis().ticks())))?;
+            rest = behind;
+        }
+        let heard = self.hear(client, expected.len())?;
+        self.bench.disconnect(client);
+        self.happened.answered += asked.len() as u64;
+        judge(name, &request, &expected, &heard)
+    }
+
+    /// Hears as much as is expected, or what comes in some seconds; and then nothing more.
+    fn hear(&mut self, client: Client, expected: usize) -> Result<Vec<u8>, Failure> {
+        let mut heard = Vec::new();
+        for _ in 0..150 {
+            self.bench.receive(client, &mut heard);
+            if heard.len() >= expected {
+                break;
+            }
+            self.pass(20.millis())?;
+        }
+        self.pass(20.millis())?;
+        self.bench.receive(client, &mut heard);
+        Ok(heard)
+    }
+
+    /// A PDU as it goes to a drive and back.
+    fn framed(&self, name: Name, transaction: u16, pdu: &[u8]) -> Vec<u8> {
+        let bus = self.bench.seat_named(name).and_then(|seat| self.bench.bus(seat, MODBUS));
+        let unit = self.addresses.get(name).copied().unwrap_or(1);
+        match bus {
+            None => tcp::frame(Header { transaction, unit }, pdu).to_vec(),
+            Some(bus) if ascii::is_on(self.bench.line(bus)) => ascii::frame(unit, pdu).to_vec(),
+            Some(_) => rtu::frame(unit, pdu).to_vec(),
+        }
+    }
+
+    /// A variable over MCode (MC 5-60): what is set is printed, on a line of its own.
+    fn ask_mcode(&mut self, name: Name, rng: &mut Rng) -> Result<(), Failure> {
+        let Some(seat) = self.bench.seat_named(name) else { return Ok(()) };
+        let Ok(client) = self.bench.connect_to(seat, MCODE) else { return Ok(()) };
+        // Esc stops a program.
+        self.bench.send(client, b"\x1b\r");
+        self.hear(client, usize::MAX)?;
+        let value = rng.i32(..);
+        let lines = format!("R4={value}\rPR R4\r");
+        self.bench.send(client, lines.as_bytes());
+        self.pass(200.millis())?;
+        let mut heard = Vec::new();
+        self.bench.receive(client, &mut heard);
+        self.bench.disconnect(client);
+        self.happened.answered += 1;
+        let printed = format!("\r\n{value}\r\n").into_bytes();
+        if heard.windows(printed.len()).any(|part| part == printed) {
+            return Ok(());
+        }
+        judge(name, lines.as_bytes(), &printed, &heard)
+    }
+
+    /// A terminal at a QSB that says nothing by itself, and formats its replies as the factory has it.
+    fn qsb_terminal(&mut self, name: Name) -> Result<Client, Failure> {
+        let seat = self.bench.seat_named(name).ok_or_else(|| Failure::new("no drive", name))?;
+        let client =
+            self.bench.connect_to(seat, Port(0)).map_err(|error| Failure::new("nobody let in", error))?;
+        // It ends half a line, and all streams: by COMMAND 1, or by reading.
+        for command in ["\r\r", "W161\r", "R01\r", "R05\r", "R06\r", "R0E\r", "R13\r", "W15B\r"] {
+            self.bench.send(client, command.as_bytes());
+            self.pass(20.millis())?;
+        }
+        // Answers may be a second behind.
+        self.pass(1_500.millis())?;
+        self.bench.receive(client, &mut Vec::new());
+        Ok(client)
+    }
+
+    fn qsb_write(&mut self, client: Client, values: &[u32]) -> Result<(), Failure> {
+        QSB.iter().zip(values).try_for_each(|((register, _), value)| {
+            self.qsb_command(
+                client,
+                &format!("W{register:02X}{value:08X}"),
+                &format!("w {register:02X} {value:08X} !"),
+            )
+        })
+    }
+
+    fn qsb_read(&mut self, client: Client, values: &[u32]) -> Result<(), Failure> {
+        QSB.iter().zip(values).try_for_each(|((register, _), value)| {
+            self.qsb_command(client, &format!("R{register:02X}"), &format!("r {register:02X} {value:08X} !"))
+        })
+    }
+
+    /// A command, and its answer alone.
+    fn qsb_command(&mut self, client: Client, command: &str, answer: &str) -> Result<(), Failure> {
+        self.bench.send(client, format!("{command}\r").as_bytes());
+        let expected = format!("{answer}\r\n");
+        let heard = self.hear(client, expected.len())?;
+        self.happened.answered += 1;
+        judge("a QSB", command.as_bytes(), expected.as_bytes(), &heard)
+    }
+}
+
+fn judge(name: &str, request: &[u8], expected: &[u8], heard: &[u8]) -> Result<(), Failure> {
+    if expected == heard {
+        return Ok(());
+    }
+    let what = if heard.is_empty() { NO_ANSWER } else { "wrong answer" };
+    let [request, expected, heard] =
+        [request, expected, heard].map(|bytes| match std::str::from_utf8(bytes) {
+            Ok(text) if text.is_ascii() && !text.is_empty() && !text.contains('\0') => format!("{text:?}"),
+            _ => format!("{bytes:02X?}"),
+        });
+    Err(Failure::new(what, format!("{name} is asked {request}; expected {expected}; heard {heard}")))
+}

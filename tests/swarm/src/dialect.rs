@@ -1,0 +1,330 @@
+//! The knowledge of clients: plain values of drives and how they are saved, typed from the manuals; and the words of
+//! clients that do not behave.
+
+use fastrand::Rng;
+use standin_protocol::modbus::tcp::{self, Header};
+use standin_protocol::modbus::{ascii, rtu};
+use standin_protocol::time::{Duration, Span};
+
+/// Drives of one manual.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) enum Family {
+    Md3,
+    Qsb,
+    Rs434,
+    Mdrobot,
+    Mdrive,
+}
+
+/// Values that a master may write at any time, that mean nothing before it says more, and that are read back as they
+/// were written.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) struct Block {
+    /// The first register; of a QSB one of those in [`QSB`].
+    pub(crate) first: u16,
+    pub(crate) count: u16,
+}
+
+impl Block {
+    /// The CRC of the head of its write, if that ends with the number of bytes: behind it the CRC of the shorter reply of
+    /// that function holds in the request, if the first byte is right, too.
+    pub(crate) fn treacherous(self, address: u8) -> Option<[u8; 2]> {
+        let ([a, b], [c, d]) = (self.first.to_be_bytes(), self.count.to_be_bytes());
+        let sum = rtu::crc(&[address, 16, a, b, c, d]).to_le_bytes();
+        (u16::from(sum[0]) == 2 * self.count).then_some(sum)
+    }
+}
+
+/// Registers of a QSB with such values, and their digits: DTR and THRESHOLD.
+pub(crate) const QSB: [(u16, u32); 2] = [(0x08, u32::MAX), (0x0B, 0xFFFF)];
+
+impl Family {
+    pub(crate) fn of(kind: &str) -> Self {
+        match kind {
+            "md3" | "md3-low" => Self::Md3,
+            "qsb-d" | "qsb-m" | "qsb-s" => Self::Qsb,
+            "rs434544" | "rs434546" => Self::Rs434,
+            "mdrobot" => Self::Mdrobot,
+            "mdrive" | "mdrive-hybrid" => Self::Mdrive,
+            other => panic!("swarm: {other} is no kind that dialect.rs knows"),
+        }
+    }
+
+    /// Blocks of plain values; the first of them is saved, all of it at once.
+    pub(crate) fn blocks(self) -> Vec<Block> {
+        let block = |first, count| Block { first, count };
+        match self {
+            // PreHomeOffset and HomeOffset (7.6, 7.7), UserRegister (7.23).
+            Self::Md3 => vec![block(0x05, 4), block(0x07, 2), block(0x1D, 1)],
+            Self::Qsb => vec![block(0, 2)],
+            // TARGET_POSITION1 to 3 (6.5), or a part of them.
+            Self::Rs434 => {
+                let parts = |count| (0x501B..=0x5021 - count).map(move |first| block(first, count));
+                (1..=6).rev().flat_map(parts).collect()
+            }
+            // FUNC_POSI (p. 17), FUNC_SPEED (p. 16).
+            Self::Mdrobot => vec![block(250, 2), block(239, 2)],
+            // R1 to R4 (FB 5).
+            Self::Mdrive => vec![block(0x5F, 8), block(0x61, 4), block(0x65, 2)],
+        }
+    }
+
+    /// Words that one request writes: of an MDrive those of a variable (FB 4.2).
+    pub(crate) fn words_at_once(self) -> usize {
+        match self {
+            Self::Md3 => 1,
+            Self::Mdrive => 2,
+            Self::Qsb | Self::Rs434 | Self::Mdrobot => usize::MAX,
+        }
+    }
+
+    /// Functions that write a single word: an MD3 knows 6 alone (6.2), an MDrive 16 alone (FB 4).
+    pub(crate) fn writes_a_word(self) -> &'static [u8] {
+        match self {
+            Self::Md3 => &[6],
+            Self::Mdrive => &[16],
+            Self::Qsb | Self::Rs434 | Self::Mdrobot => &[6, 16],
+        }
+    }
+
+    /// Factory values of the first block.
+    pub(crate) fn factory(self) -> &'static [u32] {
+        match self {
+            Self::Md3 => &[0; 4],
+            Self::Qsb => &[499, 0],
+            Self::Rs434 => &[0; 6],
+            Self::Mdrobot => &[1_500, 240],
+            Self::Mdrive => &[0; 8],
+        }
+    }
+
+    /// The register and the value that save; `None` where there is none, since all is saved at once.
+    pub(crate) fn save(self) -> Option<(u16, u16)> {
+        match self {
+            // EEPROMControl: write to EEPROM (7.20).
+            Self::Md3 => Some((0x1A, 1)),
+            // FLAG_SAVE_INI (6.5).
+            Self::Rs434 => Some((0x5024, 0x37FA)),
+            // S (FB 5).
+            Self::Mdrive => Some((0x76, 1)),
+            Self::Qsb | Self::Mdrobot => None,
+        }
+    }
+
+    /// Longer than the drive takes from power-on to its first answer: MD3 4, RS 434 decision 9, MDROBOT decision 11, QSB
+    /// decision 6; a Hybrid calibrates for 3.12 s (MC 5-9).
+    pub(crate) fn boot(self) -> Duration {
+        match self {
+            // Behind a bad memory 5 s later (MD3 7.4, decision 13).
+            Self::Md3 => 7_600.millis(),
+            Self::Qsb => 100.millis(),
+            Self::Rs434 => 1.secs(),
+            Self::Mdrobot => 400.millis(),
+            Self::Mdrive => 4.secs(),
+        }
+    }
+}
+
+/// Registers that say how a drive is reached, that take it off its line for long, or that start a user program, which
+/// may write any other: of all families, since a broadcast reaches all.
+const IDENTITY: [u16; 12] = [
+    // MD3: DeviceAddress, StartupDelay, SerialPortConfiguration.
+    0x00, 0x03, 0x1C, //
+    // MDROBOT: ID, BAUDRATE.
+    133, 135, //
+    // RS: address, type, bit rate, delay of replies, MODE_USER_PROGRAM, FLAG_SAVE_USER_PROGRAM.
+    0x5000, 0x5001, 0x5002, 0x5003, 0x5005, 0x5025, //
+    // MDrive: S, for what is saved in torque mode can never be saved again.
+    0x76,
+];
+
+/// Returns whether clients that misbehave, and hands, leave a register alone.
+pub(crate) fn is_identity(address: u16) -> bool {
+    IDENTITY.contains(&address)
+}
+
+/// One of several.
+pub(crate) fn one_of<T: Copy>(rng: &mut Rng, of: &[T]) -> T {
+    of[rng.usize(..of.len())]
+}
+
+/// A PDU that a client says that does not behave, or not quite.
+fn pdu(family: Family, rng: &mut Rng) -> Vec<u8> {
+    let (from, to) = match family {
+        Family::Md3 | Family::Qsb => (0, 0x22),
+        Family::Rs434 => {
+            one_of(rng, &[(0x1000, 0x1004), (0x2000, 0x2005), (0x5003, 0x5028), (0x6000, 0x6007)])
+        }
+        Family::Mdrobot => (1, 251),
+        Family::Mdrive => (0, 0xB8),
+    };
+    let first = if rng.u8(..10) == 0 { rng.u16(0xFFF0..) } else { rng.u16(from..to) };
+    let count =
+        if rng.u8(..6) == 0 { one_of(rng, &[0x7F, 0x800, 0x7FFF, 0x8000, 0xFFFF]) } else { rng.u16(0..12) };
+    let value = if rng.bool() { rng.u16(..4) } else { rng.u16(..) };
+    let words = |function: u8, words: &[u16]| {
+        std::iter::once(function).chain(words.iter().flat_map(|word| word.to_be_bytes())).collect::<Vec<u8>>()
+    };
+    let touched = |count: u16| (first..first.saturating_add(count)).any(is_identity);
+    match rng.u8(..10) {
+        0..3 => words(rng.u8(1..5), &[first, count]),
+        3..6 if !touched(1) => words(6, &[first, value]),
+        6..8 => {
+            let count = rng.u16(0..9);
+            if touched(count.max(1)) {
+                return words(3, &[first, count]);
+            }
+            let mut pdu = words(16, &[first, count]);
+            let bytes = if rng.u8(..8) == 0 { rng.u8(..20) } else { 2 * count as u8 };
+            pdu.push(bytes);
+            pdu.extend((0..bytes).map(|_| if rng.bool() { 0 } else { rng.u8(..) }));
+            pdu
+        }
+        8 => words(5, &[0x2000 + rng.u16(..5), if rng.bool() { 0xFF00 } else { 0 }]),
+        _ => {
+            let function = one_of(rng, &[7_u8, 8, 11, 15, 17, 20, 22, 23, 24, 43, 65, 66, 100, 0x83, 0]);
+            (0..rng.u8(1..9)).fold(vec![function], |mut pdu, _| {
+                pdu.push(rng.u8(..));
+                pdu
+            })
+        }
+    }
+}
+
+/// A message spoiled in one of many ways, or not.
+fn spoiled(mut bytes: Vec<u8>, rng: &mut Rng) -> Vec<u8> {
+    match rng.u8(..12) {
+        0 => {
+            let place = rng.usize(..bytes.len().max(1));
+            if let Some(byte) = bytes.get_mut(place) {
+                *byte ^= 1 << rng.u8(..8);
+            }
+        }
+        1 => bytes.truncate(rng.usize(..=bytes.len())),
+        2 => bytes.extend((0..rng.u8(1..10)).map(|_| rng.u8(..))),
+        3 => bytes = bytes.repeat(rng.usize(2..5)),
+        4 => bytes = (0..rng.usize(1..300)).map(|_| rng.u8(..)).collect(),
+        _ => {}
+    }
+    bytes
+}
+
+/// A message on a line of Modbus from a client that does not behave.
+pub(crate) fn modbus_mischief(family: Family, address: u8, ascii: bool, rng: &mut Rng) -> Vec<u8> {
+    let unit = match rng.u8(..10) {
+        0 => 0,
+        1 => 0xFE,
+        2 => rng.u8(..),
+        _ => address,
+    };
+    let pdu = pdu(family, rng);
+    let message = if ascii { ascii::frame(unit, &pdu).to_vec() } else { rtu::frame(unit, &pdu).to_vec() };
+    spoiled(message, rng)
+}
+
+/// A message on a connection of Modbus/TCP from a client that does not behave.
+pub(crate) fn tcp_mischief(rng: &mut Rng) -> Vec<u8> {
+    let header = Header { transaction: rng.u16(..), unit: rng.u8(..) };
+    let message = tcp::frame(header, &pdu(Family::Mdrive, rng)).to_vec();
+    spoiled(message, rng)
+}
+
+/// Lines of MCode that leave the ways of talking as they are: no EM, ES, PY, S.
+const MCODE: [&str; 40] = [
+    "PR P\r",
+    "PR R2,\" \",V\r",
+    "MR 1000\r",
+    "MA -500\r",
+    "SL 2000\r",
+    "SL 0\r",
+    "P=0\r",
+    "VM=50000\r",
+    "A=91\r",
+    "A=5\r",
+    "R1=R1+1\r",
+    "R2=7\r",
+    "MS=8\r",
+    "PR AL\r",
+    "PR ER\r",
+    "ER=0\r",
+    "HM 1\r",
+    "HI 2\r",
+    "S1=1,0,0\r",
+    "S2=16,1,1\r",
+    "VA Q5=12\r",
+    "PG 100\r",
+    "LB AA\r",
+    "R3=R3+1\r",
+    "PR R3\r",
+    "H 10\r",
+    "BR AA,R3<5\r",
+    "E\r",
+    "PG\r",
+    "EX 100\r",
+    "CP\r",
+    "L\r",
+    "\x1b",
+    "\x03",
+    "\x08\x08PR P",
+    "\r\r",
+    "X\r",
+    "TI 1,AA\r",
+    "O1=1\r",
+    "TE=1\r",
+];
+
+/// Text on a port of MCode from a client that does not behave.
+pub(crate) fn mcode_mischief(rng: &mut Rng) -> Vec<u8> {
+    let lines = (0..rng.u8(1..6)).map(|_| one_of(rng, &MCODE));
+    let text = lines.collect::<String>().into_bytes();
+    // No noise of letters: it might say EM.
+    match rng.u8(..8) {
+        0 => text[..rng.usize(..=text.len())].to_vec(),
+        1 => (0..rng.usize(1..300)).map(|_| one_of(rng, b"0123456789 =,.\"'*/\r\n\x08")).collect(),
+        _ => text,
+    }
+}
+
+/// Commands of a QSB that leave its rate as it is.
+const ORDERS: [&str; 30] = [
+    "W0C0\r",
+    "W0C1\r",
+    "W0CFFFF\r",
+    "W0B3\r",
+    "S0E\r",
+    "S01\r",
+    "S05\r",
+    "S06\r",
+    "S13\r",
+    "W15F\r",
+    "W154\r",
+    "W161\r",
+    "W162\r",
+    "W160\r",
+    "W168\r",
+    "W169\r",
+    "W164\r",
+    "W165\r",
+    "W0F3E8\r",
+    "W1140\r",
+    "W12FFFFFF00\r",
+    "W0001\r",
+    "W0002\r",
+    "W02F0\r",
+    "W02100F\r",
+    "W021100\r",
+    "W040F0\r",
+    "R0E\r",
+    "R14\r",
+    "W167\r",
+];
+
+/// Commands to a QSB from a client that does not behave.
+pub(crate) fn qsb_mischief(rng: &mut Rng) -> Vec<u8> {
+    let text = (0..rng.u8(1..5)).map(|_| match rng.u8(..4) {
+        0 => format!("{}{:02X}{:X}\r", one_of(rng, b"RSQr") as char, rng.u8(..0x18), rng.u32(..)),
+        1 => format!("W{:02X}{:X}\r\n", rng.u8(..0x16), rng.u16(..)),
+        _ => one_of(rng, &ORDERS).to_owned(),
+    });
+    spoiled(text.collect::<String>().into_bytes(), rng)
+}

@@ -1,0 +1,327 @@
+//! A seed becomes a plan. It depends on nothing else, on any machine of 64 bits.
+
+use fastrand::Rng;
+use standin_firmware::device::{Duration, Encoder, Ends, Fault, Pin, Role, Spec};
+use standin_protocol::registers::{Row, Space};
+use standin_protocol::time::Span;
+use standin_sim::bench::{Driving, PowerAction};
+use standin_sim::faults::LineFaults;
+use standin_sim::{file, kinds};
+
+use crate::dialect::{self, Family, one_of};
+use crate::plan::{Failing, NAMES, Name, Plan, Step, Who};
+
+/// A drive of the plan.
+#[derive(Clone, Copy)]
+struct Drive {
+    name: Name,
+    spec: &'static Spec,
+    address: u8,
+    ascii: bool,
+    /// True if its line is as the factory has set it.
+    as_made: bool,
+}
+
+/// The plan of a seed.
+pub(crate) fn plan(seed: u64) -> Plan {
+    let mut rng = Rng::with_seed(seed);
+    let specs: Vec<&Spec> = kinds::specs().collect();
+    let mut plan =
+        Plan { seed: rng.u32(..).into(), fast: rng.u8(..6) == 0, parts: Vec::new(), steps: Vec::new() };
+    let count = 1 + rng.usize(..NAMES.len()).min(rng.usize(..NAMES.len()));
+    let drives: Vec<Drive> =
+        NAMES[..count].iter().map(|name| drive(&mut plan, name, &specs, &mut rng)).collect();
+    furnish(&mut plan, &drives, &mut rng);
+    for _ in 0..rng.usize(4..30) {
+        let drive = one_of(&mut rng, &drives);
+        happen(&mut plan.steps, drive, &mut rng);
+    }
+    plan.steps.extend(drives.iter().map(|drive| Step::Ask(drive.name, rng.u64(..))));
+    if rng.bool() {
+        // The end comes in the middle of something.
+        for drive in &drives {
+            say(&mut plan.steps, *drive, &mut rng);
+        }
+        plan.steps.push(Step::Wait(pause(&mut rng)));
+    }
+    plan
+}
+
+/// Adds a part, if the bench file is still one.
+fn add(plan: &mut Plan, part: String) {
+    plan.parts.push(part);
+    if file::parse(&plan.bench_file()).is_err() {
+        plan.parts.pop();
+    }
+}
+
+fn drive(plan: &mut Plan, name: Name, specs: &[&'static Spec], rng: &mut Rng) -> Drive {
+    let spec = one_of(rng, specs);
+    let place = NAMES.iter().position(|other| *other == name).unwrap_or_default() as u8;
+    let family = Family::of(spec.kind);
+    let address = address(family, place, rng);
+    let mut part =
+        format!("[[drive]]\nname = \"{name}\"\nkind = \"{}\"\nfast_boot = {}\n", spec.kind, rng.u8(..5) > 0);
+    if spec.address.is_some() {
+        part += &format!("address = {address}\n");
+    }
+    let (mut ascii, mut as_made) = (false, true);
+    if family == Family::Rs434 && rng.bool() {
+        let (mode, rate) = (rng.u8(1..6), rng.u8(3..11));
+        (ascii, as_made) = (mode < 3, false);
+        part += &format!("set = {{ TYPE_MODBUS = {mode}, BITRATE_MODBUS = {rate} }}\n");
+    }
+    if !spec.faults.is_empty() && rng.u8(..8) == 0 {
+        part += &format!("faults = [\"{}\"]\n", one_of(rng, spec.faults));
+    }
+    plan.parts.push(part);
+    Drive { name, spec, address, ascii, as_made }
+}
+
+/// An address that no other place has; of half of the drives one with a [treacherous](dialect::Block::treacherous) block.
+fn address(family: Family, place: u8, rng: &mut Rng) -> u8 {
+    let blocks = family.blocks();
+    let any: Vec<u8> = (2..248).filter(|address| address % NAMES.len() as u8 == place).collect();
+    let treacherous = |address: &u8| blocks.iter().any(|block| block.treacherous(*address).is_some());
+    let some: Vec<u8> = any.iter().copied().filter(treacherous).collect();
+    if some.is_empty() || rng.bool() { one_of(rng, &any) } else { one_of(rng, &some) }
+}
+
+/// Lines, motors, what is on their shafts, wires, faults.
+fn furnish(plan: &mut Plan, drives: &[Drive], rng: &mut Rng) {
+    let names = |drives: &[Drive]| {
+        drives.iter().map(|drive| format!("\"{}\"", drive.name)).collect::<Vec<_>>().join(", ")
+    };
+    if rng.bool() {
+        // A line has one framing.
+        let ascii = rng.u8(..3) == 0;
+        let on_lines = drives
+            .iter()
+            .copied()
+            .filter(|drive| drive.spec.address.is_some() && drive.ascii == ascii && rng.u8(..4) > 0);
+        let on_lines: Vec<Drive> = on_lines.collect();
+        if let [first, others @ ..] = &on_lines[..] {
+            // A client has the rate of whom it asks. Others would take longer to hear it than it takes to speak.
+            let line = |drive: &Drive| drive.spec.ports.first().and_then(|port| port.line);
+            let alike =
+                others.iter().all(|other| other.as_made && first.as_made && line(other) == line(first));
+            let (names, collide) = (names(&on_lines), alike && rng.bool());
+            add(plan, format!("[[bus]]\nname = \"line\"\ndrives = [{names}]\ncollisions = {collide}\n"));
+        }
+    }
+    let turning: Vec<Drive> = drives.iter().copied().filter(|_| rng.bool()).collect();
+    for drive in &turning {
+        let load = rng.i16(-50..50);
+        add(
+            plan,
+            format!(
+                "[[motor]]\nname = \"motor-{}\"\ndrive = \"{}\"\nload_mnm = {load}\n",
+                drive.name, drive.name
+            ),
+        );
+    }
+    for drive in &turning {
+        let to = one_of(rng, drives);
+        if let Some(encoder) = to.spec.encoders.first().filter(|_| rng.bool()) {
+            let pin = |pin: Pin| format!("\"{}.{}\"", to.name, to.spec.pins[usize::from(pin.0)].name);
+            let (motor, cycles) = (drive.name, rng.u16(1..200));
+            let (a, b) = (pin(encoder.a), pin(encoder.b));
+            add(
+                plan,
+                format!(
+                    "[[encoder]]\nmotor = \"motor-{motor}\"\ncycles_per_rev = {cycles}\nto = {{ a = {a}, b = {b} }}\n"
+                ),
+            );
+        }
+        let end = one_of(rng, drives);
+        if let Some(pin) = input(end.spec, rng).filter(|_| rng.bool()) {
+            let side = one_of(rng, &["above_rev", "below_rev"]);
+            let (motor, at, to) = (drive.name, f64::from(rng.i16(-300..300)) / 100.0, pin_name(end, pin));
+            add(
+                plan,
+                format!(
+                    "[[switch]]\nmotor = \"motor-{motor}\"\nclosed = {{ {side} = {at:.2} }}\nto = {to}\n"
+                ),
+            );
+        }
+    }
+    for _ in 0..rng.usize(..4) {
+        let (from, to) = (one_of(rng, drives), one_of(rng, drives));
+        if let (Some(out), Some(pin)) = (output(from.spec, rng), input(to.spec, rng)) {
+            add(plan, format!("[[wire]]\nfrom = {}\nto = {}\n", pin_name(from, out), pin_name(to, pin)));
+        }
+    }
+}
+
+fn pin_name(drive: Drive, pin: Pin) -> String {
+    format!("\"{}.{}\"", drive.name, drive.spec.pins[usize::from(pin.0)].name)
+}
+
+/// A pin that a drive reads; not the contact of an RS that brings back the factory's values.
+fn input(spec: &Spec, rng: &mut Rng) -> Option<Pin> {
+    let reads = |role| matches!(role, Role::Input | Role::Both | Role::Mixed | Role::Analogue);
+    let pins = (0..).map(Pin).zip(spec.pins).filter(|(_, pin)| reads(pin.role) && pin.name != "CLR_FLASH");
+    let pins: Vec<Pin> = pins.map(|(pin, _)| pin).collect();
+    (!pins.is_empty()).then(|| one_of(rng, &pins))
+}
+
+/// A pin that a drive can drive.
+fn output(spec: &Spec, rng: &mut Rng) -> Option<Pin> {
+    let drives = |role| matches!(role, Role::Output | Role::Both | Role::Led);
+    let pins: Vec<Pin> =
+        (0..).map(Pin).zip(spec.pins).filter(|(_, pin)| drives(pin.role)).map(|(pin, _)| pin).collect();
+    (!pins.is_empty()).then(|| one_of(rng, &pins))
+}
+
+/// One thing that happens, with the time behind it.
+fn happen(steps: &mut Vec<Step>, drive: Drive, rng: &mut Rng) {
+    let Drive { name, spec, .. } = drive;
+    match rng.u8(..41) {
+        0..18 => say(steps, drive, rng),
+        18 => steps.push(Step::Leave(who(drive, rng))),
+        19..23 => {
+            if let Some(pin) = input(spec, rng) {
+                let analogue = matches!(spec.pins[usize::from(pin.0)].role, Role::Analogue | Role::Mixed);
+                let driving = match rng.u8(..4) {
+                    0 if analogue => Driving::Millivolts(rng.i32(-1_000..11_000)),
+                    0 | 1 => Driving::Low,
+                    2 => Driving::High,
+                    _ => Driving::Open,
+                };
+                steps.push(Step::Hand(name, pin, driving));
+            }
+        }
+        23 => {
+            if let Some(pin) = input(spec, rng) {
+                steps.push(Step::Pulse(name, pin, rng.u32(1..60), rng.u32(1..30_000)));
+            }
+        }
+        24 if !spec.encoders.is_empty() => {
+            steps.push(Step::Turn(name, Encoder(0), rng.i32(-400..400), rng.u32(1..100_000)));
+        }
+        25 if !spec.faults.is_empty() => {
+            steps.push(Step::Cause(name, Fault(rng.u8(..spec.faults.len() as u8)), rng.bool()));
+        }
+        26..28 => {
+            let action = one_of(rng, &[PowerAction::Off, PowerAction::On, PowerAction::Cycle]);
+            steps.push(Step::Power(name, action));
+        }
+        28 => steps.push(Step::Attach(name, rng.bool())),
+        29..31 => steps.push(Step::Disturb(name, Box::new(faults(spec, rng)))),
+        31..35 => steps.push(Step::Ask(name, rng.u64(..))),
+        35..38 => steps.push(Step::Save(
+            name,
+            rng.u64(..),
+            one_of(rng, &[Failing::Amid, Failing::Amid, Failing::Later]),
+        )),
+        38 => steps.push(Step::Restart),
+        39 => steps.extend(preset(name, spec, rng)),
+        _ => {}
+    }
+    if rng.u8(..3) > 0 {
+        steps.push(Step::Wait(pause(rng)));
+    }
+}
+
+/// A register is set past the bus, to a value that it takes or not.
+fn preset(name: Name, spec: &Spec, rng: &mut Rng) -> Option<Step> {
+    let on_bus = |row: &Row| !matches!(row.space, Space::Variable | Space::Setting);
+    let rows = spec.rows().filter(|(_, row)| on_bus(row) && !dialect::is_identity(row.address));
+    let rows: Vec<usize> = rows.map(|(place, _)| place).collect();
+    let value = if rng.bool() { rng.i64(0..4) } else { i64::from(rng.i32(..)) >> rng.u8(..32) };
+    (!rows.is_empty()).then(|| Step::Preset(name, one_of(rng, &rows), value))
+}
+
+/// From a tick to half a second, as many short ones as long ones.
+fn pause(rng: &mut Rng) -> Duration {
+    let most = 1 << rng.u32(1..23);
+    Duration::from_ticks(rng.u64(1..=most))
+}
+
+fn who(drive: Drive, rng: &mut Rng) -> Who {
+    Who { drive: drive.name, port: rng.u8(..drive.spec.ports.len().max(1) as u8), number: rng.u8(..3) }
+}
+
+/// A client says something, in one piece or in several.
+fn say(steps: &mut Vec<Step>, drive: Drive, rng: &mut Rng) {
+    let who = who(drive, rng);
+    let family = Family::of(drive.spec.kind);
+    let bytes = match drive.spec.ports[usize::from(who.port)].ends {
+        Ends::Silence => dialect::modbus_mischief(family, drive.address, drive.ascii, rng),
+        Ends::Character => dialect::qsb_mischief(rng),
+        Ends::Mbap => dialect::tcp_mischief(rng),
+        Ends::Return => dialect::mcode_mischief(rng),
+    };
+    if rng.bool() && bytes.len() > 1 {
+        let (head, tail) = bytes.split_at(rng.usize(1..bytes.len()));
+        steps.push(Step::Say(who, head.to_vec()));
+        steps.push(Step::Wait(Duration::from_ticks(rng.u64(1..40.millis().ticks()))));
+        steps.push(Step::Say(who, tail.to_vec()));
+    } else if !bytes.is_empty() {
+        steps.push(Step::Say(who, bytes));
+    }
+}
+
+/// Faults of a line; often none any more.
+fn faults(spec: &Spec, rng: &mut Rng) -> LineFaults {
+    let mut faults = LineFaults::NONE;
+    if rng.u8(..3) == 0 {
+        return faults;
+    }
+    for (_, share) in faults.shares() {
+        if rng.u8(..3) == 0 {
+            *share = f64::from(rng.u8(0..=10)) / 10.0;
+        }
+    }
+    if spec.ports.first().is_none_or(|port| port.ends != Ends::Silence) {
+        (faults.exception, faults.wrong_address) = (0.0, 0.0);
+    }
+    if rng.u8(..4) == 0 {
+        faults.delay = pause(rng);
+    }
+    faults.mute = rng.u8(..16) == 0;
+    faults.baud = (rng.u8(..16) == 0).then(|| one_of(rng, &[1_200, 9_600, 19_200, 115_200]));
+    faults
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// As many as `cargo xtask test` runs.
+    const SEEDS: std::ops::RangeInclusive<u64> = 1..=200;
+
+    #[test]
+    fn a_seed_is_a_plan() {
+        assert_eq!(plan(7), plan(7));
+        assert_ne!(plan(7), plan(8));
+    }
+
+    #[test]
+    fn plans_have_all_kinds_and_tables_and_steps() {
+        let plans: Vec<String> = SEEDS.map(|seed| plan(seed).to_string()).collect();
+        let kinds = kinds::specs().map(|spec| format!("kind = \"{}\"", spec.kind));
+        let tables = ["bus", "motor", "encoder", "switch", "wire"].map(|table| format!("[[{table}]]"));
+        let steps = [
+            "wait",
+            "says",
+            "leaves",
+            "pin",
+            "pulses",
+            "turns",
+            "fault",
+            "power of",
+            "is open",
+            "the line of",
+            "is asked",
+            "is preset",
+            "fails Amid",
+            "fails Later",
+            "begin again",
+        ];
+        for part in kinds.chain(tables).chain(steps.map(|step| format!(" {step}"))) {
+            let count = plans.iter().filter(|plan| plan.contains(&part)).count();
+            assert!(count >= 5, "{part}: {count}");
+        }
+    }
+}

@@ -1,0 +1,175 @@
+//! A swarm of random benches: `cargo xtask swarm --minutes 1`.
+//!
+//! A seed is all that a run depends on. It becomes a [plan](plan::Plan), which is run in several ways, and the
+//! [oracle](oracle::judge) says what must hold of all of them. A seed that fails is printed with the command that shows
+//! it: the plan made as small as it fails in the same way. After FoundationDB's simulation and TigerBeetle's VOPR.
+
+mod behave;
+mod dialect;
+mod generate;
+mod late;
+mod oracle;
+mod plan;
+mod run;
+mod shrink;
+
+use std::process::{Command, ExitCode};
+use std::sync::mpsc::{self, RecvTimeoutError, Sender};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+
+use clap::Parser;
+
+use oracle::Tally;
+use plan::Plan;
+
+/// Random benches under an oracle.
+#[derive(Parser)]
+#[command(name = "cargo xtask swarm")]
+struct Options {
+    /// Runs this seed alone, and prints its plan: if it fails, as small as it fails in the same way.
+    #[arg(long, conflicts_with_all = ["minutes", "count", "first", "jobs"])]
+    seed: Option<u64>,
+    /// For so many minutes; 1 if nothing else is said.
+    #[arg(long)]
+    minutes: Option<f64>,
+    /// So many seeds.
+    #[arg(long, conflicts_with = "minutes")]
+    count: Option<u64>,
+    /// The first seed; the seconds since 1970, times 2^24, if nothing is said.
+    #[arg(long)]
+    first: Option<u64>,
+    /// So many processes, of which each takes every so-manieth seed.
+    #[arg(long, default_value_t = 1)]
+    jobs: u64,
+    /// From one seed to the next.
+    #[arg(long, default_value_t = 1, hide = true)]
+    stride: u64,
+    /// Ends with the first seed that fails.
+    #[arg(long)]
+    until_failure: bool,
+}
+
+/// Seeds that are reported at most: what fails that often needs no more of them.
+const MOST_FAILURES: u64 = 20;
+
+fn main() -> ExitCode {
+    let options = Options::parse();
+    oracle::keep_panics();
+    let fails = match (options.seed, options.jobs) {
+        (Some(seed), _) => show(seed),
+        (None, 0..=1) => hunt(&options),
+        (None, jobs) => spread(&options, jobs),
+    };
+    if fails { ExitCode::FAILURE } else { ExitCode::SUCCESS }
+}
+
+/// A plan takes a fraction of a second; in that time it hangs where nothing else can tell.
+const LONGEST: Duration = Duration::from_secs(600);
+
+/// Ends the program if no seed begins for too long.
+fn watch() -> Sender<u64> {
+    let (begins, seeds) = mpsc::channel();
+    std::thread::spawn(move || {
+        let mut last = None;
+        loop {
+            match seeds.recv_timeout(LONGEST) {
+                Ok(seed) => last = Some(seed),
+                Err(RecvTimeoutError::Disconnected) => return,
+                Err(RecvTimeoutError::Timeout) => {
+                    let seed = last.unwrap_or_default();
+                    println!("seed {seed}: hangs\n  cargo xtask swarm --seed {seed}");
+                    std::process::exit(1);
+                }
+            }
+        }
+    });
+    begins
+}
+
+/// Runs one seed and prints its plan; whether it fails.
+fn show(seed: u64) -> bool {
+    let plan = generate::plan(seed);
+    match oracle::judge(&plan) {
+        Ok(tally) => {
+            println!("{plan}\nseed {seed} holds: {tally:?}");
+            false
+        }
+        Err(failure) => {
+            println!("seed {seed}: {failure}\n\nmade smaller:\n");
+            let alike = |plan: &Plan| oracle::judge(plan).is_err_and(|other| other.what == failure.what);
+            let small = shrink::shrink(plan, alike);
+            println!("{small}");
+            if let Err(failure) = oracle::judge(&small) {
+                println!("{failure}");
+            }
+            true
+        }
+    }
+}
+
+/// Runs one seed after the other; whether one fails.
+#[expect(
+    clippy::disallowed_methods,
+    reason = "for how long, and from which seed on, is said in time of the wall clock"
+)]
+fn hunt(options: &Options) -> bool {
+    let begun = Instant::now();
+    let minutes = options.minutes.unwrap_or(if options.count.is_some() { f64::INFINITY } else { 1.0 });
+    let first = options.first.unwrap_or_else(fresh);
+    let begins = watch();
+    let (mut seeds, mut failures, mut all) = (0, 0, Tally::default());
+    for seed in
+        (0..options.count.unwrap_or(u64::MAX)).map(|n| first.wrapping_add(n.wrapping_mul(options.stride)))
+    {
+        if begun.elapsed().as_secs_f64() >= 60.0 * minutes || failures >= MOST_FAILURES {
+            break;
+        }
+        seeds += 1;
+        let _ = begins.send(seed);
+        match oracle::judge(&generate::plan(seed)) {
+            Ok(tally) => all.add(tally),
+            Err(failure) => {
+                failures += 1;
+                println!("seed {seed}: {failure}\n  cargo xtask swarm --seed {seed}");
+                if options.until_failure {
+                    break;
+                }
+            }
+        }
+    }
+    let seconds = begun.elapsed().as_secs_f64();
+    let Tally { answered, saved, events, bytes } = all;
+    println!("swarm: {seeds} seeds from {first} in {seconds:.0} s, {failures} failed");
+    println!("  {answered} answers, {saved} saves, {events} events, at most {} KiB a bench", bytes >> 10);
+    failures > 0
+}
+
+/// A seed that nobody has run.
+#[expect(clippy::disallowed_methods, reason = "another one each second")]
+fn fresh() -> u64 {
+    SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or(Duration::ZERO).as_secs() << 24
+}
+
+/// Shares the seeds among processes; whether one fails.
+fn spread(options: &Options, jobs: u64) -> bool {
+    let first = options.first.unwrap_or_else(fresh);
+    let this = std::env::current_exe().expect("a running program has a file");
+    let children: Vec<_> = (0..jobs)
+        .map(|job| {
+            let mut command = Command::new(&this);
+            command.args(["--first", &(first + job).to_string(), "--stride", &jobs.to_string()]);
+            if let Some(count) = options.count {
+                command.args(["--count", &((count + jobs - 1 - job) / jobs).to_string()]);
+            }
+            if let Some(minutes) = options.minutes {
+                command.args(["--minutes", &minutes.to_string()]);
+            }
+            if options.until_failure {
+                command.arg("--until-failure");
+            }
+            command.spawn().expect("a process can be started")
+        })
+        .collect();
+    let ended = children.into_iter().map(|mut child| child.wait().is_ok_and(|status| status.success()));
+    ended.fold(false, |fails, holds| fails | !holds)
+}

@@ -1,0 +1,121 @@
+//! A plan: what is on a bench, and what happens there, as data that can be printed and made smaller.
+
+use std::fmt;
+
+use standin_firmware::device::{Duration, Encoder, Fault, Pin};
+use standin_sim::bench::{Driving, PowerAction};
+use standin_sim::faults::LineFaults;
+
+/// The name of a drive; also of its motor, behind `motor-`.
+pub(crate) type Name = &'static str;
+
+/// Names of drives.
+pub(crate) const NAMES: [Name; 4] = ["a", "b", "c", "d"];
+
+/// All that a run depends on.
+#[derive(Clone, PartialEq, Debug)]
+pub(crate) struct Plan {
+    /// Seed of every random choice that the bench makes.
+    pub(crate) seed: u64,
+    /// True if characters take no time.
+    pub(crate) fast: bool,
+    /// Tables of a bench file, each of which may be taken away.
+    pub(crate) parts: Vec<String>,
+    pub(crate) steps: Vec<Step>,
+}
+
+impl Plan {
+    /// The bench file, which `standin run` takes, too.
+    pub(crate) fn bench_file(&self) -> String {
+        let line = if self.fast { "fast" } else { "timed" };
+        format!("seed = {}\nline = \"{line}\"\n\n{}", self.seed, self.parts.join("\n"))
+    }
+}
+
+/// Somebody outside at a port of a drive.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
+pub(crate) struct Who {
+    pub(crate) drive: Name,
+    pub(crate) port: u8,
+    pub(crate) number: u8,
+}
+
+/// Something that happens. What it needs and is not on the bench makes it nothing.
+#[derive(Clone, PartialEq, Debug)]
+pub(crate) enum Step {
+    /// Time passes.
+    Wait(Duration),
+    /// A client says something, whatever it is, and does not care for answers.
+    Say(Who, Vec<u8>),
+    Leave(Who),
+    Hand(Name, Pin, Driving),
+    /// So many pulses, so many a second.
+    Pulse(Name, Pin, u32, u32),
+    /// So many counts of an encoder, so many a second.
+    Turn(Name, Encoder, i32, u32),
+    Cause(Name, Fault, bool),
+    /// A register, by its place in the table, is set past the bus.
+    Preset(Name, usize, i64),
+    Power(Name, PowerAction),
+    /// Somebody opens the port at the other end of its line, or leaves.
+    Attach(Name, bool),
+    Disturb(Name, Box<LineFaults>),
+    /// A client that behaves writes, reads back, and asks for what is not there. The number says what, and in what pieces.
+    Ask(Name, u64),
+    /// A client that behaves saves values; power fails in that, or goes later; the values are read back.
+    Save(Name, u64, Failing),
+    /// The program ends, and begins again with the memories of all drives.
+    Restart,
+}
+
+/// Power, while values are saved.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) enum Failing {
+    /// Fails at some byte.
+    Amid,
+    /// Goes when they are.
+    Later,
+}
+
+impl fmt::Display for Who {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "client {} of {}:{}", self.number, self.drive, self.port)
+    }
+}
+
+impl fmt::Display for Step {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Wait(time) => write!(f, "wait {:.4} ms", time.ticks() as f64 / 16_000.0),
+            Self::Say(who, bytes)
+                if bytes.iter().all(|byte| byte.is_ascii_graphic() || b" \r\n".contains(byte)) =>
+            {
+                write!(f, "{who} says \"{}\"", bytes.escape_ascii())
+            }
+            Self::Say(who, bytes) => write!(f, "{who} says {bytes:02X?}"),
+            Self::Leave(who) => write!(f, "{who} leaves"),
+            Self::Hand(drive, pin, driving) => write!(f, "pin {} of {drive} is {driving:?}", pin.0),
+            Self::Pulse(drive, pin, count, hz) => {
+                write!(f, "{count} pulses at {hz} Hz on pin {} of {drive}", pin.0)
+            }
+            Self::Turn(drive, encoder, counts, hz) => {
+                write!(f, "encoder {} of {drive} turns {counts} counts at {hz} Hz", encoder.0)
+            }
+            Self::Cause(drive, fault, on) => write!(f, "fault {} of {drive}: {on}", fault.0),
+            Self::Preset(drive, row, value) => write!(f, "row {row} of {drive} is preset to {value}"),
+            Self::Power(drive, action) => write!(f, "power of {drive}: {action:?}"),
+            Self::Attach(drive, here) => write!(f, "the port of {drive} is open: {here}"),
+            Self::Disturb(drive, faults) => write!(f, "the line of {drive}: {faults:?}"),
+            Self::Ask(drive, seed) => write!(f, "{drive} is asked ({seed})"),
+            Self::Save(drive, seed, failing) => write!(f, "{drive} saves ({seed}), power fails {failing:?}"),
+            Self::Restart => f.write_str("all begin again with their memories"),
+        }
+    }
+}
+
+impl fmt::Display for Plan {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "{}", self.bench_file())?;
+        self.steps.iter().enumerate().try_for_each(|(n, step)| writeln!(f, "{:3}  {step}", n + 1))
+    }
+}

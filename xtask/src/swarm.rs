@@ -1,0 +1,90 @@
+//! Random benches under an oracle: `tests/swarm`.
+
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, Result, ensure};
+use xshell::{Shell, cmd};
+
+/// Seeds that every commit runs: the same ones, so that it passes or does not.
+const FIRST: &str = "1";
+const COUNT: &str = "200";
+
+/// So many seconds are enough to find a planted defect.
+const MOST_SECONDS: &str = "60";
+
+/// Runs the swarm with these options.
+pub(crate) fn run(sh: &Shell, options: &[&str]) -> Result<()> {
+    Ok(cmd!(sh, "cargo run --quiet --profile soak --package swarm -- {options...}").run()?)
+}
+
+/// Runs the seeds of a commit. It builds as the tests do: optimising takes longer than that saves.
+pub(crate) fn check(sh: &Shell) -> Result<()> {
+    Ok(cmd!(sh, "cargo run --package swarm -- --first {FIRST} --count {COUNT} --jobs 2").run()?)
+}
+
+/// Plants each defect of `tests/swarm/planted`, or those with these names, in a copy of the last commit, and measures
+/// how soon it is found.
+pub(crate) fn planted(sh: &Shell, names: &[&str]) -> Result<()> {
+    let root = sh.current_dir();
+    let mut patches = sh.read_dir("tests/swarm/planted")?;
+    patches.retain(|patch| names.is_empty() || names.contains(&name(patch).as_str()));
+    patches.sort();
+    ensure!(!patches.is_empty(), "tests/swarm/planted has none of these");
+    let (tree, commit) = (root.join("target/planted"), cmd!(sh, "git rev-parse HEAD").read()?);
+    if !sh.path_exists(&tree) {
+        cmd!(sh, "git worktree add --detach --force {tree} HEAD").run()?;
+    }
+    let rows: Vec<(String, Option<Found>)> = patches
+        .iter()
+        .map(|patch| {
+            let _there = sh.push_dir(&tree);
+            cmd!(sh, "git reset --quiet --hard {commit}").run()?;
+            Ok((name(patch), plant(sh, &root.join("target"), patch)?))
+        })
+        .collect::<Result<_>>()?;
+    cmd!(sh, "git worktree remove --force {tree}").run()?;
+    println!("\n| planted | found after | by |\n|---|---|---|");
+    for (name, found) in &rows {
+        match found {
+            Some(Found { after, said }) => println!("| {name} | {:.1} s | {said} |", after.as_secs_f64()),
+            None => println!("| {name} | not in {MOST_SECONDS} s | |"),
+        }
+    }
+    let missed = rows.iter().filter(|(_, found)| found.is_none()).count();
+    ensure!(missed == 0, "{missed} planted defects were not found");
+    Ok(())
+}
+
+/// A defect that was found: the time it took, and the words of the swarm.
+struct Found {
+    after: Duration,
+    said: String,
+}
+
+fn name(patch: &Path) -> String {
+    patch.file_stem().unwrap_or_default().to_string_lossy().into_owned()
+}
+
+/// Plants one defect where the shell is, and lets the swarm look for it; `None` if it is not found. It is built in
+/// `target`, where crates that are not of this repository are built already.
+fn plant(sh: &Shell, target: &Path, patch: &Path) -> Result<Option<Found>> {
+    println!("=== {}", name(patch));
+    cmd!(sh, "git apply {patch}").run().with_context(|| format!("{} does not fit", name(patch)))?;
+    let _target = sh.push_env("CARGO_TARGET_DIR", target);
+    cmd!(sh, "cargo build --quiet --profile soak --package swarm").run()?;
+    let swarm = target.join("soak/swarm");
+    let start = now();
+    let found = cmd!(sh, "timeout {MOST_SECONDS} {swarm} --first {FIRST} --minutes 1 --until-failure");
+    let output = found.quiet().ignore_status().output()?;
+    let after = now() - start;
+    let text = String::from_utf8_lossy(&output.stdout);
+    let said = text.lines().find(|line| line.starts_with("seed "));
+    println!("{}", said.unwrap_or("not found"));
+    Ok(said.map(|said| Found { after, said: said.chars().take(70).collect() }))
+}
+
+#[expect(clippy::disallowed_methods, reason = "how soon a defect is found is a matter of the wall clock")]
+fn now() -> Instant {
+    Instant::now()
+}
