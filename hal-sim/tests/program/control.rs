@@ -33,8 +33,11 @@ fn in_manual_time_half_a_request_outlasts_the_wall_clock() {
     let mut line = md3.connect();
     let request = rtu::read(1, 0x11, 1);
     line.write_all(&request[..3]).expect("a connection");
-    // Longer than half a request waits in real time, 20 ms.
-    std::thread::sleep(std::time::Duration::from_millis(60));
+    // Nothing comes, for longer than half a request waits in real time: 20 ms.
+    let patience = line.read_timeout().expect("a connection");
+    line.set_read_timeout(Some(std::time::Duration::from_millis(60))).expect("a connection");
+    line.read(&mut [0]).expect_err("half a request is not answered");
+    line.set_read_timeout(patience).expect("a connection");
     ask(&mut line, &request[3..], 7);
     assert_eq!(md3.drive()["ports"]["rs485"]["requests"], 1);
     // Bench time ends it: the drive drops it. It has come if what was written with it is answered.
