@@ -87,14 +87,15 @@ impl Family {
         }
     }
 
-    /// Factory values of the first block.
-    pub(crate) fn factory(self) -> &'static [u32] {
+    /// Factory values of the first block, where a save that power has cut may bring them back; an MDROBOT keeps two
+    /// copies (decision 6).
+    pub(crate) fn factory(self) -> Option<&'static [u32]> {
         match self {
-            Self::Md3 => &[0; 4],
-            Self::Qsb => &[499, 0],
-            Self::Rs434 => &[0; 6],
-            Self::Mdrobot => &[1_500, 240],
-            Self::Mdrive => &[0; 8],
+            Self::Md3 => Some(&[0; 4]),
+            Self::Qsb => Some(&[499, 0]),
+            Self::Rs434 => Some(&[0; 6]),
+            Self::Mdrobot => None,
+            Self::Mdrive => Some(&[0; 8]),
         }
     }
 
