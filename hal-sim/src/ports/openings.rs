@@ -73,6 +73,8 @@ pub(super) struct Openers {
     pub(super) wrote: bool,
     /// Whether somebody opened it after all others had left, and is not noted yet.
     pub(super) changed: bool,
+    /// Whether somebody else came and left since the last one was noted.
+    pub(super) unseen: bool,
     /// Whether some of what those who left then wrote may still be unread.
     pub(super) left_wrote: bool,
 }
@@ -84,7 +86,7 @@ impl Openers {
                 self.wrote = true;
             } else if event.contains(ReadFlags::OPEN) {
                 if self.count == 0 {
-                    self.changed = true;
+                    self.unseen |= std::mem::replace(&mut self.changed, true);
                     self.left_wrote |= std::mem::take(&mut self.wrote);
                 }
                 self.count += 1;
@@ -96,12 +98,12 @@ impl Openers {
 
     /// Notes who came last.
     pub(super) fn note(&mut self) {
-        (self.changed, self.left_wrote) = (false, false);
+        (self.changed, self.unseen, self.left_wrote) = (false, false, false);
     }
 
     /// It is certain now whether somebody is there, though not what he wrote; and whether he is another one.
     pub(super) fn are(&mut self, here: bool, changed: bool) {
-        *self = Self { count: here.into(), wrote: here, changed: here && changed, left_wrote: false };
+        *self = Self { count: here.into(), wrote: here, changed: here && changed, ..Self::default() };
     }
 }
 
@@ -134,6 +136,11 @@ mod tests {
         assert_eq!(told(&[WRITE, CLOSE, OPEN]), (true, false, true));
         assert_eq!(told(&[CLOSE, OPEN, WRITE]), (true, true, false));
         assert_eq!(told(&[WRITE, CLOSE, OPEN, CLOSE, OPEN, WRITE]), (true, true, true));
+        let mut openers = Openers::default();
+        openers.hear(&[OPEN, CLOSE]);
+        assert!(!openers.unseen);
+        openers.hear(&[OPEN]);
+        assert!(openers.changed && openers.unseen);
         // Two programs at once, as a shell's `cat` and `echo`, are one opener.
         assert_eq!(told(&[OPEN, WRITE, CLOSE]), (false, true, false));
     }

@@ -34,7 +34,7 @@ use standin_firmware::device::Line;
 use standin_protocol::modbus::{Burst, Voices, ascii, rtu};
 use standin_sim::bench::{Bench, Bus, Client};
 use standin_sim::bus::Sender;
-use tracing::{info, warn};
+use tracing::{error, info, warn};
 
 use super::link::Link;
 use super::openings::{Openers, Openings};
@@ -68,6 +68,16 @@ const WAITING: LocalModes = LocalModes::ECHOE.union(LocalModes::IEXTEN);
 
 /// The flag that makes them different each time.
 const OTHER: LocalModes = LocalModes::ECHOK;
+
+/// What a terminal does with lines and keys, and no serial port.
+const COOKED: LocalModes = LocalModes::ECHO.union(LocalModes::ICANON).union(LocalModes::ISIG);
+
+/// What changes, drops or holds up characters of a drive.
+const CHANGING: InputModes = InputModes::ICRNL
+    .union(InputModes::INLCR)
+    .union(InputModes::IGNCR)
+    .union(InputModes::ISTRIP)
+    .union(InputModes::IXON);
 
 /// More bytes than the system keeps of those who have left.
 const ALL: usize = 128 << 10;
@@ -174,6 +184,9 @@ impl Pty {
     fn go_on(&mut self, bench: &mut Bench, gone: bool, manual: bool) -> bool {
         self.hear();
         if self.client.is_none() {
+            if self.openers.changed && self.openers.unseen && !self.openers.left_wrote {
+                self.renew(true);
+            }
             if !self.openers.changed {
                 return false;
             }
@@ -241,8 +254,14 @@ impl Pty {
     /// Nobody inherits what those left who had the pty open: replies, stopped output, settings that suit no drive.
     /// Somebody may be there by now, who is another one if nobody was before.
     fn renew(&mut self, nobody: bool) {
-        if let Err(error) = self.reset() {
-            warn!("{} cannot be made ready again: {error}", self.path.display());
+        let made_ready = self.reset();
+        let path = self.path.display();
+        match made_ready {
+            Err(error) if error.kind() == io::ErrorKind::ResourceBusy => {
+                error!("{path} was left exclusive (TIOCEXCL), so only root can open it; start standin again");
+            }
+            Err(error) => warn!("{path} cannot be made ready again: {error}"),
+            Ok(()) => {}
         }
         // The openings tell of the other end that was opened here, too, so the master tells who is there.
         let mut changed = nobody;
@@ -272,15 +291,15 @@ impl Pty {
         tcflush(&far, QueueSelector::IFlush)?;
         drop(far);
         let settings = tcgetattr(&self.master)?;
-        let unfit = settings.local_modes.intersects(LocalModes::ECHO | LocalModes::ICANON)
+        let unfit = settings.local_modes.intersects(COOKED)
             || settings.output_modes.contains(OutputModes::OPOST)
-            || settings.input_modes.contains(InputModes::IXON);
+            || settings.input_modes.intersects(CHANGING);
         if unfit {
             let mut settings = settings;
-            settings.local_modes.remove(LocalModes::ECHO | LocalModes::ICANON);
+            settings.local_modes.remove(COOKED);
             settings.output_modes.remove(OutputModes::OPOST);
-            // Output that Ctrl-S has stopped goes on with that.
-            settings.input_modes.remove(InputModes::IXON);
+            // Output that Ctrl-S has stopped goes on without IXON.
+            settings.input_modes.remove(CHANGING);
             tcsetattr(&self.master, OptionalActions::Now, &settings)?;
         }
         self.keep_waiting()

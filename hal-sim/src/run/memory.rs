@@ -10,7 +10,7 @@ use std::rc::Rc;
 use standin_sim::bench::Keep;
 use standin_sim::kinds;
 use standin_sim::rsasm::Image;
-use tracing::error;
+use tracing::{error, warn};
 
 use super::told::Told;
 use crate::nv::Nv;
@@ -43,6 +43,12 @@ impl Memory {
                 |error: &dyn std::fmt::Display| told.of(place, "nv", &format!("{}: {error}", path.display()));
             let (content, nv) = Nv::open(path, size).map_err(|error| wrong(&error))?;
             let length = nv.metadata().map_err(|error| wrong(&error))?.len();
+            if length > u64::from(spec.memory) {
+                let (path, kind) = (path.display(), spec.kind);
+                warn!(
+                    "{path} is longer than the memory of {kind}, so it is another one's; the first save replaces it"
+                );
+            }
             if program.is_some() && length > u64::from(spec.memory) {
                 let longer = format!("{} is longer than the memory of {}", path.display(), spec.kind);
                 return Err(told.of(place, "program", &longer));

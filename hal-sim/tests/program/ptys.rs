@@ -7,7 +7,7 @@ use crate::running::{Running, Scratch, ask};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fs::{Mode, OFlags};
 use rustix::process::{Signal, WaitOptions, kill_process, waitpid};
-use rustix::termios::{Action, InputModes, OptionalActions, tcflow, tcgetattr, tcsetattr};
+use rustix::termios::{Action, InputModes, LocalModes, OptionalActions, tcflow, tcgetattr, tcsetattr};
 use standin_protocol::modbus::rtu;
 
 const USER_REGISTER: u16 = 0x1D;
@@ -147,6 +147,17 @@ fn two_programs_that_have_a_pty_open_are_one() {
 #[test]
 fn output_that_a_program_stopped_does_not_outlive_it() {
     let md3 = Running::md3(&["--fast-boot"]);
+    // The first one comes and goes unseen.
+    let port = unseen(&md3, || {
+        tcflow(open(&md3.pty()), Action::OOff).unwrap();
+        open(&md3.pty())
+    });
+    md3.notice();
+    request(&port, 4);
+    answer(&port, 4);
+    drop(port);
+    md3.notice();
+
     let port = open(&md3.pty());
     tcflow(&port, Action::OOff).unwrap();
     drop(port);
@@ -178,6 +189,25 @@ fn output_that_a_program_stopped_does_not_outlive_it() {
     md3.notice();
     request(&port, 3);
     answer(&port, 3);
+}
+
+#[test]
+fn a_pty_that_nobody_has_set_changes_no_character() {
+    let md3 = Running::md3(&["--fast-boot"]);
+    let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::CLOEXEC | OFlags::NONBLOCK;
+    // Ctrl-C, Ctrl-\\, Ctrl-Z, Ctrl-S, Ctrl-Q, Ctrl-D, CR and LF, both ways.
+    for value in [0x031C, 0x1A13, 0x1104, 0x0D0A] {
+        let port = rustix::fs::open(md3.pty(), flags, Mode::empty()).unwrap();
+        request(&port, value);
+        answer(&port, value);
+        // The next one inherits none of what a terminal does.
+        let mut settings = tcgetattr(&port).unwrap();
+        settings.local_modes |= LocalModes::ECHO | LocalModes::ICANON | LocalModes::ISIG;
+        settings.input_modes |= InputModes::ICRNL | InputModes::ISTRIP | InputModes::IXON;
+        tcsetattr(&port, OptionalActions::Now, &settings).unwrap();
+        drop(port);
+        md3.notice();
+    }
 }
 
 /// The baud rate that a pty has when nobody has set one.

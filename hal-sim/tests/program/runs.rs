@@ -280,6 +280,19 @@ fn a_memory_is_kept_by_one_drive_at_a_time() {
 }
 
 #[test]
+fn a_memory_of_another_drive_is_told_of() {
+    let scratch = Scratch::new("longer");
+    let memory = scratch.file("mdrive.nv");
+    std::fs::write(&memory, [0; 4_096]).unwrap();
+    let (log, its_end) = pipe().unwrap();
+    let drive = Running::start("mdrobot", &["--nv", &memory], its_end.into());
+    assert_eq!(drive.stop(), Some(0));
+    let said: Vec<String> = BufReader::new(log).lines().map(Result::unwrap).collect();
+    assert!(said.iter().any(|line| line.contains("is longer than the memory of mdrobot")), "{said:?}");
+    assert_eq!(std::fs::read(&memory).unwrap(), [0; 4_096], "no save has replaced it");
+}
+
+#[test]
 fn a_bad_memory_is_what_the_manual_says_and_stays_as_it_is_until_a_save() {
     let scratch = Scratch::new("bad");
     let memory = scratch.file("md3.nv");
