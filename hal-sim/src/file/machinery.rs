@@ -140,10 +140,18 @@ impl Reader {
         if to.keys().is_empty() {
             return Err(Wrong { at: to.at, what: "to takes a, b, index or some of them".to_owned() });
         }
-        let pin = |key| to.text(key)?.map(|text| self.input(&text)).transpose();
-        let encoder =
-            Encoder { motor, cycles_per_rev: cycles.is, a: pin("a")?, b: pin("b")?, index: pin("index")? };
-        self.layout.encoders.push(encoder);
+        let mut taken = Vec::new();
+        let mut pin = |key| {
+            let Some(text) = to.text(key)? else { return Ok(None) };
+            let pin = self.input(&text)?;
+            if let Some((other, _)) = taken.iter().find(|(_, other)| *other == pin) {
+                return Err(text.wrong(format!("'{}' has '{other}' of this encoder already", text.is)));
+            }
+            taken.push((key, pin));
+            Ok(Some(pin))
+        };
+        let [a, b, index] = [pin("a")?, pin("b")?, pin("index")?];
+        self.layout.encoders.push(Encoder { motor, cycles_per_rev: cycles.is, a, b, index });
         Ok(())
     }
 

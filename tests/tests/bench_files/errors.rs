@@ -329,6 +329,10 @@ fn what_is_on_a_shaft() {
             ),
             ("[[encoder]]\nmotor = 'm'\ncycles_per_rev = 1", "line 3, column 1: [[encoder]] needs 'to'"),
             (
+                "[[encoder]]\nmotor = 'm'\ncycles_per_rev = 1\nto = { a = 'q.A', b = 'q.A' }",
+                "line 6, column 23: 'q.A' has 'a' of this encoder already",
+            ),
+            (
                 "[[encoder]]\nmotor = 'm'\ncycles_per_rev = 1\nto = {}",
                 "line 6, column 6: to takes a, b, index or some of them",
             ),
