@@ -60,7 +60,7 @@ pub(crate) struct Wire {
     pub(crate) until: Instant,
     /// From when a client's character may begin.
     pub(crate) free: Instant,
-    /// Where each character has its time, until when the client that was served last keeps the line.
+    /// The end of the time for which the client served last keeps a line on which each character has its time.
     pub(crate) kept_until: Instant,
     /// When the last character of a drive has left.
     pub(crate) sends_until: Instant,
@@ -228,7 +228,7 @@ pub(crate) enum Offer {
 }
 
 impl Outside {
-    /// Somebody on `bus` who comes when so much has arrived.
+    /// A client on `bus` that comes when so much has arrived.
     pub(crate) fn new(bus: u32, since: u64) -> Self {
         Self { bus, since, ..Self::default() }
     }
@@ -375,7 +375,7 @@ impl Clients {
         Some(outside)
     }
 
-    /// Whether a client came when what has that place in the order of arrival had been said.
+    /// Returns whether a client came behind that place in the order of arrival.
     pub(crate) fn came_after(&self, id: u32, order: u64) -> bool {
         self.all.get(&id).is_some_and(|outside| outside.since >= order)
     }

@@ -243,12 +243,12 @@ mod tests {
         assert_eq!(file.content(), [0xFF, 7, 0xFF]);
     }
 
-    /// What a disk does when the bytes that it still takes are used up.
+    /// The failure of a disk that takes no more bytes.
     #[derive(Clone, Copy, PartialEq, Debug)]
     enum Failure {
-        /// It takes a part of a write (`ENOSPC`).
+        /// A part of a write is taken (`ENOSPC`).
         Full,
-        /// It takes none of it (`EIO`).
+        /// No part of a write is taken (`EIO`).
         Broken,
     }
 
@@ -264,7 +264,7 @@ mod tests {
             Self { content: RefCell::new(content.to_vec()), takes: Cell::new(takes), failure }
         }
 
-        /// How much is taken of so many bytes, and whether that is all.
+        /// Takes so many bytes, or a part of them; the number taken, and the error.
         fn take(&self, count: usize) -> (usize, io::Result<()>) {
             let takes = self.takes.get();
             if count <= takes {
@@ -306,7 +306,7 @@ mod tests {
     const SIZE: usize = 8;
     const STORES: [(u16, &[u8]); 3] = [(2, &[20, 21, 22]), (0, &[10, 11]), (5, &[30, 31, 32])];
 
-    /// What a drive finds in a file.
+    /// The memory that a drive finds in a file.
     fn found(content: &[u8]) -> Vec<u8> {
         let mut memory = vec![0xFF; SIZE];
         let there = content.len().min(SIZE);

@@ -113,11 +113,11 @@ impl Preset {
     }
 }
 
-/// What a name means.
+/// Meaning of a name.
 struct Place {
     row: usize,
     half: Option<Half>,
-    /// Of the half, or of the whole.
+    /// Value of the half, or of the whole.
     shape: Shape,
     is: &'static Row,
 }
@@ -230,7 +230,7 @@ fn bits_of(word: i64) -> Option<u16> {
     u16::try_from(word).ok().or_else(|| i16::try_from(word).ok().map(i16::cast_unsigned))
 }
 
-/// What a row, or a half of it, takes, in words.
+/// Values that a row, or a half of it, takes, in words.
 fn takes(row: &Row, half: Option<Half>) -> String {
     if half.is_some() {
         let (least, greatest) = Shape::U16.limits();
@@ -257,7 +257,7 @@ fn span(least: i64, greatest: i64) -> String {
     format!("{least} to {greatest}")
 }
 
-/// Why a drive does not take a preset of that row, which is called `name` here, in one sentence.
+/// The reason why a drive does not take a preset of that row, called `name` here, in one sentence.
 pub fn refusal(spec: &Spec, row: usize, name: &str, refused: Refused) -> String {
     let is_optional = spec.registers.rows.get(row).is_some_and(|row| row.optional);
     let why = match refused {

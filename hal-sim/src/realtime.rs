@@ -326,7 +326,7 @@ impl Host {
         self.ports.wait(false)
     }
 
-    /// When something is to be done though nothing comes; `None`: never, as in manual time.
+    /// The time at which something is to be done though nothing comes; `None`: never, as in manual time.
     fn due(&self) -> Option<WallInstant> {
         self.clock.as_ref()?.when(self.next().min(self.ports.deadline()))
     }

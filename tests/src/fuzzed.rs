@@ -197,7 +197,7 @@ fn lines(parts: &[&[u8]]) -> Vec<(Vec<u8>, bool)> {
     ended.map(|line| (line.text.to_vec(), line.flaw.is_some())).collect()
 }
 
-/// Which QSB, and what is typed, a character of it after the other.
+/// A kind of QSB, and the characters that are typed.
 fn qsb_lines(mut bytes: &[u8]) {
     let Some(kind) = take(&mut bytes) else { return };
     let mut drive = kinds::make(["qsb-d", "qsb-m", "qsb-s"][usize::from(kind) % 3]).expect("a kind");

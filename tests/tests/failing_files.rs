@@ -19,7 +19,7 @@ struct Failing<'a> {
     content: &'a mut Vec<u8>,
     takes: usize,
     interrupted: bool,
-    /// What it says when it takes no more.
+    /// Error of a write that it does not take.
     kind: io::ErrorKind,
 }
 

@@ -36,17 +36,17 @@ impl Sink for Memory {
     }
 }
 
-/// How a kind of drive saves.
+/// The way in which a kind of drive saves.
 struct Kind {
     kind: &'static str,
     /// Two registers far apart in its memory, and what a save may bring there.
     values: [(&'static str, [i64; 4]); 2],
-    /// What makes it save what was written; `None` if it saves each value as it is written.
+    /// Register and value that save what was written; `None` if it saves each value as it is written.
     save: Option<(&'static str, i64)>,
     bad: Bad,
 }
 
-/// What a save may leave that power cut short, beside the old and the new values.
+/// Result of a save that power cut short, beside the old and the new values.
 enum Bad {
     /// Nothing else.
     Never,
@@ -161,7 +161,7 @@ impl Drive {
         kind.values.map(|(name, _)| self.get(name))
     }
 
-    /// Whether it may have the factory's values after a cut, as far as it says.
+    /// Returns whether it may have the factory's values after a cut, as far as it says.
     fn may_be_new(&self, kind: &Kind) -> bool {
         match kind.bad {
             Bad::Never => false,
@@ -171,7 +171,7 @@ impl Drive {
     }
 }
 
-/// What is written before each of the saves: both registers, or one after the other where each is saved by itself.
+/// Writes before each of the saves: both registers, or one after the other where each is saved by itself.
 fn written(kind: &Kind) -> Vec<Vec<(&'static str, i64)>> {
     let both = |n: usize| kind.values.map(|(name, values)| (name, values[n])).to_vec();
     let each = |n: usize| both(n).into_iter().map(|one| vec![one]).collect();

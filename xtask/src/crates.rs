@@ -1,4 +1,4 @@
-//! What the crates that we use may be.
+//! Licences and origins of the crates that we use.
 //!
 //! cargo-deny does that and more, but takes minutes to build on a fresh machine; the two libraries that it reads a
 //! workspace with take seconds.
@@ -24,7 +24,7 @@ pub(crate) fn check(sh: &Shell) -> Result<()> {
     Ok(())
 }
 
-/// What is wrong with a crate, in one sentence.
+/// The objection to a crate, in one sentence.
 fn objection(package: &Package) -> Option<String> {
     let name = &package.name;
     if let Some((_, reason)) = BANNED.iter().find(|(banned, _)| *banned == name.as_str()) {

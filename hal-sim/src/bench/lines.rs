@@ -91,7 +91,7 @@ impl Bench {
         first.unwrap_or(Line::new(9_600, 8, Parity::None, 1))
     }
 
-    /// Whether all that was said on a line is answered. Half a message may wait for its rest there.
+    /// Returns whether all that was said on a line is answered. Half a message may wait for its rest there.
     #[must_use]
     pub fn is_answered(&self, bus: Bus) -> bool {
         !self.buses[bus.0 as usize].turn.is_busy()

@@ -83,7 +83,7 @@ impl Bench {
         ended
     }
 
-    /// When patience ends with half a message for whose end another client waits.
+    /// The end of the patience with half a message behind which another client waits.
     pub(super) fn half_in_the_way(&self) -> Option<Instant> {
         let waits = |id: &&u32| self.clients.get(id).is_some_and(|client| client.backlog() > 0);
         let several = |wire: &&Wire| wire.clients.iter().filter(waits).nth(1).is_some();
@@ -128,7 +128,7 @@ impl Bench {
         self.put(bus, start, &request);
     }
 
-    /// Whose turn it is from now on.
+    /// Changes the turn on a line.
     pub(super) fn set_turn(&mut self, bus: u32, turn: Turn) {
         let wire = &mut self.buses[bus as usize];
         let before = std::mem::replace(&mut wire.turn, turn);

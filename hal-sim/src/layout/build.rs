@@ -97,7 +97,7 @@ impl Layout {
         Ok((seat, later))
     }
 
-    /// Why a drive cannot be seated, in one sentence.
+    /// The reason why a drive cannot be seated, in one sentence.
     fn cannot_seat(&self, place: usize, error: &SeatError) -> String {
         let drive = &self.drives[place];
         let SeatError::Preset { row, why } = *error else { return error.to_string() };

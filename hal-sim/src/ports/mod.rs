@@ -90,7 +90,7 @@ trait End {
     /// Looks at what nothing tells.
     fn look(&mut self, _bench: &mut Bench) {}
 
-    /// Somebody has opened, left or written to it. Takes what has come, as [`End::take`] does.
+    /// Called when a program has opened, left or written to it. Takes what has come, as [`End::take`] does.
     fn opened_or_closed(&mut self, _bench: &mut Bench, _manual: bool) -> bool {
         false
     }

@@ -1,4 +1,4 @@
-//! Who opens, leaves and writes to the ptys.
+//! Openings, closings and writes of the programs at the ptys.
 //!
 //! The system tells it in order, but apart from the bytes: those of one program lie beside those of the next. It may tell
 //! two openings, or two closings, one right behind the other, as one; so the last closing is told for certain by the pty's
@@ -65,17 +65,17 @@ impl AsFd for Openings {
     }
 }
 
-/// Who has a pty open, as far as openings tell.
+/// The programs that have a pty open, as far as openings tell.
 #[derive(Default)]
 pub(super) struct Openers {
     count: u32,
-    /// Whether some of what they wrote may still be unread.
+    /// True while some of their bytes may still be unread.
     pub(super) wrote: bool,
-    /// Whether somebody opened it after all others had left, and is not noted yet.
+    /// True if a program opened it after all others had left, and is not noted yet.
     pub(super) changed: bool,
-    /// Whether somebody else came and left since the last one was noted.
+    /// True if another one came and left since the last one was noted.
     pub(super) unseen: bool,
-    /// Whether some of what those who left then wrote may still be unread.
+    /// True while bytes of those who left then may still be unread.
     pub(super) left_wrote: bool,
 }
 
@@ -101,7 +101,7 @@ impl Openers {
         (self.changed, self.unseen, self.left_wrote) = (false, false, false);
     }
 
-    /// It is certain now whether somebody is there, though not what he wrote; and whether he is another one.
+    /// Notes for certain whether a program is there, and whether it is another one; it may have written.
     pub(super) fn are(&mut self, here: bool, changed: bool) {
         *self = Self { count: here.into(), wrote: here, changed: here && changed, ..Self::default() };
     }
@@ -119,7 +119,7 @@ mod tests {
     const WRITE: ReadFlags = ReadFlags::MODIFY;
     const CLOSE: ReadFlags = ReadFlags::CLOSE_WRITE;
 
-    /// Whether somebody new is there, whether he wrote, and whether the one before did.
+    /// New program there; it wrote; the one before wrote.
     fn told(events: &[ReadFlags]) -> (bool, bool, bool) {
         let mut openers = Openers::default();
         openers.hear(&[OPEN]);

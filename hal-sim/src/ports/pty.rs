@@ -69,10 +69,10 @@ const WAITING: LocalModes = LocalModes::ECHOE.union(LocalModes::IEXTEN);
 /// The flag that makes them different each time.
 const OTHER: LocalModes = LocalModes::ECHOK;
 
-/// What a terminal does with lines and keys, and no serial port.
+/// Flags of a terminal's lines and keys, which no serial port has.
 const COOKED: LocalModes = LocalModes::ECHO.union(LocalModes::ICANON).union(LocalModes::ISIG);
 
-/// What changes, drops or holds up characters of a drive.
+/// Flags that change, drop or hold up characters of a drive.
 const CHANGING: InputModes = InputModes::ICRNL
     .union(InputModes::INLCR)
     .union(InputModes::IGNCR)
@@ -179,8 +179,8 @@ impl Pty {
         false
     }
 
-    /// What has come is said, and who came and left is noted; he is `gone` if nobody had the pty open a moment ago.
-    /// Whether something was said.
+    /// Says what has come and notes who came and left; `gone`: nobody had the pty open a moment ago. Returns whether
+    /// something was said.
     fn go_on(&mut self, bench: &mut Bench, gone: bool, manual: bool) -> bool {
         self.hear();
         if self.client.is_none() {
@@ -235,7 +235,7 @@ impl Pty {
         (self.openers.changed && self.go_on(bench, false, manual)) || !bytes.is_empty()
     }
 
-    /// How many bytes are of those who have left, where somebody else came behind them: where both wrote, what is before
+    /// The number of bytes of those who have left, where another one came behind them: where both wrote, those before
     /// the last message.
     fn of_who_left(&self, bench: &Bench, bytes: &[u8]) -> usize {
         match (self.openers.left_wrote, self.openers.wrote) {
@@ -251,8 +251,8 @@ impl Pty {
         bench.send_from(client, bytes, sender);
     }
 
-    /// Nobody inherits what those left who had the pty open: replies, stopped output, settings that suit no drive.
-    /// Somebody may be there by now, who is another one if nobody was before.
+    /// Clears what the last one left: replies, stopped output, settings that suit no drive. A program that is there by
+    /// now is another one if `nobody` was before.
     fn renew(&mut self, nobody: bool) {
         let made_ready = self.reset();
         let path = self.path.display();
@@ -275,7 +275,7 @@ impl Pty {
         }
     }
 
-    /// Whether nobody has it open.
+    /// Returns whether nobody has it open.
     fn is_left(&self) -> bool {
         let mut master = [PollFd::new(&self.master, PollFlags::empty())];
         let polled = poll(&mut master, Some(&Timespec::default()));
@@ -422,7 +422,7 @@ impl End for Pty {
     }
 }
 
-/// Where the last message of a master begins, of Modbus RTU or ASCII; at the front where there is no such.
+/// The place of a master's last message, of Modbus RTU or ASCII; 0 where there is none.
 fn last_message(line: Line, bytes: &[u8]) -> usize {
     if ascii::is_on(line) {
         return bytes.iter().rposition(|&byte| byte == b':').unwrap_or(0);

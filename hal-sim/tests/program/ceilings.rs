@@ -13,14 +13,14 @@ const USER_REGISTER: u16 = 0x1D;
 
 const MIB: usize = 1 << 20;
 
-/// How much memory a program has, in bytes.
+/// Memory of a program, in bytes.
 fn memory(program: &Running) -> usize {
     let status = std::fs::read_to_string(format!("/proc/{}/status", program.pid().as_raw_nonzero())).unwrap();
     let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:")).unwrap();
     line.trim().trim_end_matches(" kB").parse::<usize>().unwrap() << 10
 }
 
-/// What it has more by now is at most `most`.
+/// Asserts that its memory has grown by at most `most` bytes.
 #[track_caller]
 fn grew_at_most(program: &Running, before: usize, most: usize) {
     let grown = memory(program).saturating_sub(before);

@@ -32,7 +32,7 @@ impl Plan {
     }
 }
 
-/// Somebody outside at a port of a drive.
+/// A client at a port of a drive.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
 pub(crate) struct Who {
     pub(crate) drive: Name,
@@ -57,7 +57,7 @@ pub(crate) enum Step {
     /// A register, by its place in the table, is set past the bus.
     Preset(Name, usize, i64),
     Power(Name, PowerAction),
-    /// Somebody opens the port at the other end of its line, or leaves.
+    /// A program opens the port at the other end of its line, or leaves.
     Attach(Name, bool),
     Disturb(Name, Box<LineFaults>),
     /// A client that behaves writes, reads back, and asks for what is not there. The number says what, and in what pieces.

@@ -280,7 +280,7 @@ impl Runner<'_> {
         self.read(|_| true);
     }
 
-    /// Those on lines read: on a TCP connection a drive is told no more until its answers are read.
+    /// Lets clients on lines read: on a TCP connection a drive is told no more until its answers are read.
     fn read_lines(&mut self) {
         let tcp = NAMES.map(|name| (name, self.family(name) == Some(Family::Mdrive)));
         self.read(|who| !tcp.contains(&(who.drive, true)));
