@@ -67,6 +67,9 @@ pub(crate) const RING: usize = 64 << 10;
 /// Between two looks of a program at its port.
 const READS: Duration = Duration::millis(20);
 
+/// Longer than any drive saves: power fails amid a save only where a client that behaves knows of it.
+const A_SAVE: Duration = Duration::millis(100);
+
 /// So many events are enough: the rest of a plan is left out. Pulses in wires may make millions.
 const MOST_EVENTS: u64 = 30_000;
 
@@ -173,7 +176,10 @@ impl Runner<'_> {
                 // Refused is as good.
                 self.with(name, |bench, seat| _ = bench.poke(seat, row, value));
             }
-            Step::Power(name, action) => self.with(name, |bench, seat| bench.power(seat, action)),
+            Step::Power(name, action) => {
+                self.pass(A_SAVE)?;
+                self.with(name, |bench, seat| bench.power(seat, action));
+            }
             Step::Attach(name, here) => self.with(name, |bench, seat| {
                 if let Some(bus) = bench.bus(seat, Port(0)) {
                     bench.attach(bus, here);
@@ -327,6 +333,7 @@ impl Runner<'_> {
 
     /// The program ends and begins again with what the memories hold.
     fn restart(&mut self) -> Result<(), Failure> {
+        self.pass(A_SAVE)?;
         let names = self.layout.drives.iter().map(|drive| drive.name.clone());
         let seats: Vec<Option<Seat>> = names.map(|name| self.bench.seat_named(&name)).collect();
         let memory = |seat: &Option<Seat>| seat.map(|seat| self.bench.memory(seat).to_vec());
