@@ -310,6 +310,59 @@ mod tests {
         assert_eq!(values, [0xABCD, 99, 0xA1A2_A3A4, 0x30]);
     }
 
+    const COPY: usize = 12;
+
+    /// A copy as it is in a memory: count, words, CRC, count.
+    fn counted(count: u8, image: &[u8]) -> Vec<u8> {
+        [&sealed(&[&[count], image].concat())[..], &[count]].concat()
+    }
+
+    #[test]
+    fn two_copies_are_written_in_turn() {
+        assert_eq!((copy(WORDS), two_copies(WORDS)), (COPY, 24));
+        let mut bank: Bank<Reg, { Reg::WORDS }> = Bank::factory();
+        let mut memory = Memory::new(2 * COPY);
+        assert_eq!(latest(&memory.bytes, WORDS), None, "a new memory has none");
+        for save in 0_u16..600 {
+            bank.set(Reg::Address, save.into());
+            bank.set(Reg::Pins, 0xFFFF);
+            save_copy::<COPY>(Reg::ENTRIES, bank.words(), START, &mut memory);
+            let [high, low] = save.to_be_bytes();
+            let image = [high, low, 0xA1, 0xA2, 0xA3, 0xA4, 0, 0xF0];
+            assert_eq!(latest(&memory.bytes, WORDS), Some(&image[..]));
+            // The first one goes behind a memory of one image.
+            let place = if save % 2 == 0 { COPY } else { 0 };
+            assert_eq!(memory.bytes[place..place + COPY], counted(low, &image));
+        }
+        assert_eq!(memory.at, START);
+        assert_eq!(memory.places[..4], [12, 0, 12, 0]);
+    }
+
+    #[test]
+    fn the_copy_that_was_saved_last_counts_if_it_is_whole() {
+        const OLD: [u8; 8] = [1; 8];
+        const NEW: [u8; 8] = [2; 8];
+        for (old, new) in [(0, 1), (7, 8), (255, 0)] {
+            for memory in [[counted(old, &OLD), counted(new, &NEW)], [counted(new, &NEW), counted(old, &OLD)]]
+            {
+                let is_new = |copy: &[u8]| copy[1] == NEW[0];
+                let behind = is_new(&memory[1]);
+                let memory = memory.concat();
+                assert_eq!(latest(&memory, WORDS), Some(&NEW[..]));
+                for place in 0..COPY {
+                    let mut damaged = memory.clone();
+                    damaged[place + if behind { COPY } else { 0 }] ^= 0x40;
+                    assert_eq!(latest(&damaged, WORDS), Some(&OLD[..]), "byte {place}");
+                    damaged[place + if behind { 0 } else { COPY }] ^= 0x40;
+                    assert_eq!(latest(&damaged, WORDS), None, "byte {place}");
+                }
+            }
+        }
+        // Its counts may be alike and its sum may not.
+        assert_eq!(latest(&[[3; COPY], [4; COPY]].concat(), WORDS), None);
+        assert_eq!(latest(&[5; COPY - 1], WORDS), None);
+    }
+
     #[test]
     fn bytes_of_another_kind_are_saved_behind_the_rows() {
         let mut memory = Memory::new(20);
