@@ -310,6 +310,13 @@ mod tests {
         assert_eq!(values, [0xABCD, 99, 0xA1A2_A3A4, 0x30]);
     }
 
+    #[test]
+    fn a_wrong_crc_is_another_one() {
+        for crc in (0..=u16::MAX).map(u16::to_be_bytes) {
+            assert_ne!(wrong(crc), crc);
+        }
+    }
+
     const COPY: usize = 12;
 
     /// A copy as it is in a memory: count, words, CRC, count.
