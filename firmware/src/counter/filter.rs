@@ -74,3 +74,57 @@ impl Filter {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const LASTING: Duration = Duration::micros(10);
+
+    fn at(micros: u64) -> Instant {
+        Instant::ZERO + Duration::micros(micros)
+    }
+
+    /// A filter that holds these back, each since some µs.
+    fn holding(levels: &[(Channel, u64)]) -> Filter {
+        let mut filter = Filter::new();
+        for &(channel, micros) in levels {
+            assert!(!filter.passes(at(micros), channel, true, LASTING));
+        }
+        filter
+    }
+
+    #[test]
+    fn levels_come_in_the_order_in_which_they_have_lasted() {
+        for index_first in [false, true] {
+            let mut filter = holding(&[(Channel::A, 1), (Channel::B, 2), (Channel::Index, 3)]);
+            assert_eq!(filter.take(at(10), index_first), None);
+            assert_eq!(filter.deadline(), at(11));
+            let order = [11, 12, 13].map(|micros| filter.take(at(micros), index_first));
+            assert_eq!(order, [Some(Channel::A), Some(Channel::B), Some(Channel::Index)]);
+            assert_eq!((filter.deadline(), filter.take(Instant::NEVER, index_first)), (Instant::NEVER, None));
+        }
+    }
+
+    #[test]
+    fn levels_of_one_instant_come_a_before_b_and_the_index_first_or_last() {
+        let all = [(Channel::Index, 0), (Channel::B, 0), (Channel::A, 0)];
+        let mut filter = holding(&all);
+        assert_eq!(filter.take(at(10), false), Some(Channel::A));
+        assert_eq!(filter.take(at(10), true), Some(Channel::Index));
+        assert_eq!(filter.take(at(10), true), Some(Channel::B));
+        assert_eq!(filter.take(at(10), true), None);
+    }
+
+    #[test]
+    fn a_level_that_does_not_last_is_forgotten() {
+        let mut filter = holding(&[(Channel::A, 0), (Channel::B, 1), (Channel::Index, 2)]);
+        assert!(!filter.passes(at(5), Channel::B, true, LASTING), "it is held back since 1 µs");
+        assert!(!filter.passes(at(9), Channel::A, false, LASTING));
+        assert_eq!(filter.deadline(), at(11));
+        filter.forget_a_and_b();
+        assert_eq!(filter.deadline(), at(12));
+        assert!(filter.passes(at(9), Channel::A, true, Duration::ZERO), "without a filter it passes");
+        assert_eq!(filter.take(at(12), false), Some(Channel::Index));
+    }
+}
