@@ -96,6 +96,11 @@ impl<D: Disk> Nv<D> {
         Self { file, memory, whole: length == size, longer, stored: false }
     }
 
+    /// Returns whether the file is longer than the memory, so that it is another drive's.
+    pub(crate) fn is_longer(&self) -> bool {
+        self.longer
+    }
+
     /// Writes bytes as they are stored, with all that an earlier store could not write.
     ///
     /// # Errors

@@ -43,12 +43,6 @@ impl Memory {
                 |error: &dyn std::fmt::Display| told.of(place, "nv", &format!("{}: {error}", path.display()));
             let (content, nv) = Nv::open(path, size).map_err(|error| wrong(&error))?;
             let length = nv.metadata().map_err(|error| wrong(&error))?.len();
-            if length > u64::from(spec.memory) {
-                let (path, kind) = (path.display(), spec.kind);
-                warn!(
-                    "{path} is longer than the memory of {kind}, so it is another one's; the first save replaces it"
-                );
-            }
             if program.is_some() && length > u64::from(spec.memory) {
                 let longer = format!("{} is longer than the memory of {}", path.display(), spec.kind);
                 return Err(told.of(place, "program", &longer));
@@ -85,6 +79,17 @@ impl Memory {
                 error!("{} does not keep what the drive stores: {error}", path.display());
             }
         }))
+    }
+
+    /// Warns of a file that is another drive's.
+    pub(super) fn warn(&self) {
+        let Some(Kept { path, nv }) = &self.file else { return };
+        if nv.borrow().is_longer() {
+            let path = path.display();
+            warn!(
+                "{path} is longer than the memory of its drive, so it is another one's; the first save replaces it"
+            );
+        }
     }
 
     /// Whether it is in that file.

@@ -81,6 +81,7 @@ pub(crate) fn run(options: &cli::Run) -> Result<(), String> {
         ready.controlled_at(api.map_err(|error| format!("--control cannot listen: {error}"))?);
     }
     let followed = files.begin(&bench)?;
+    memories.iter().for_each(Memory::warn);
     let mut host = Host::new(bench, ports, layout.time.unwrap_or(Pace::Times(1)), followed, inbox);
     print(&ready, options.json, &stop).map_err(|error| format!("stdout cannot be written: {error}"))?;
 

@@ -71,7 +71,7 @@ fn a_pty_that_changes_hands_again_and_again_answers_each() {
 #[test]
 fn who_opens_a_pty_reads_nothing_that_was_meant_for_the_one_before() {
     let md3 = Running::md3(&["--fast-boot"]);
-    // The last one's request is taken, unless the reply is on its way already.
+    // The last one's request is taken. A part of its reply may have come by now, so the next one waits with reading.
     let port = open(&md3.pty());
     request(&port, 1);
     md3.notice();
@@ -81,6 +81,7 @@ fn who_opens_a_pty_reads_nothing_that_was_meant_for_the_one_before() {
         request(&next, 2);
         next
     });
+    md3.notice();
     answer(&next, 2);
     drop(next);
 

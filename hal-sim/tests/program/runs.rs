@@ -288,7 +288,7 @@ fn a_memory_of_another_drive_is_told_of() {
     let drive = Running::start("mdrobot", &["--nv", &memory], its_end.into());
     assert_eq!(drive.stop(), Some(0));
     let said: Vec<String> = BufReader::new(log).lines().map(Result::unwrap).collect();
-    assert!(said.iter().any(|line| line.contains("is longer than the memory of mdrobot")), "{said:?}");
+    assert!(said.iter().any(|line| line.contains("is longer than the memory of its drive")), "{said:?}");
     assert_eq!(std::fs::read(&memory).unwrap(), [0; 4_096], "no save has replaced it");
 }
 
