@@ -101,9 +101,18 @@ impl Openers {
         (self.changed, self.unseen, self.left_wrote) = (false, false, false);
     }
 
-    /// Notes for certain whether a program is there, and whether it is another one; it may have written.
-    pub(super) fn are(&mut self, here: bool, changed: bool) {
-        *self = Self { count: here.into(), wrote: here, changed: here && changed, ..Self::default() };
+    /// Notes for certain whether a program is there. It is another one if `nobody` was there before, or if one that can
+    /// write has closed the pty meanwhile; the events do not tell which of the openings was our own.
+    pub(super) fn are(&mut self, here: bool, nobody: bool, events: &[ReadFlags]) {
+        let closed = events.iter().rposition(|event| event.contains(ReadFlags::CLOSE_WRITE));
+        let before = closed.and_then(|last| events.get(..last)).unwrap_or_default();
+        *self = Self {
+            count: here.into(),
+            wrote: here,
+            changed: here && (nobody || closed.is_some()),
+            left_wrote: here && before.iter().any(|event| event.contains(ReadFlags::MODIFY)),
+            ..Self::default()
+        };
     }
 }
 
@@ -141,6 +150,11 @@ mod tests {
         assert!(!openers.unseen);
         openers.hear(&[OPEN]);
         assert!(openers.changed && openers.unseen);
+        // One wrote and left, and another one came, while the other end was opened and closed here.
+        openers.are(true, false, &[OPEN, WRITE, CLOSE, OPEN, ReadFlags::CLOSE_NOWRITE, WRITE]);
+        assert!(openers.changed && openers.left_wrote && openers.wrote);
+        openers.are(true, false, &[OPEN, WRITE, ReadFlags::CLOSE_NOWRITE]);
+        assert!(!openers.changed && !openers.left_wrote && openers.wrote);
         // Two programs at once, as a shell's `cat` and `echo`, are one opener.
         assert_eq!(told(&[OPEN, WRITE, CLOSE]), (false, true, false));
     }

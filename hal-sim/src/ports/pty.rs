@@ -24,7 +24,6 @@ use std::time::Duration;
 use rustix::event::epoll::EventFlags;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fs::OFlags;
-use rustix::fs::inotify::ReadFlags;
 use rustix::pty::{OpenptFlags, ioctl_tiocgptpeer};
 use rustix::termios::{
     Action, ControlModes, InputModes, LocalModes, OptionalActions, OutputModes, QueueSelector, tcflow,
@@ -264,14 +263,14 @@ impl Pty {
             Ok(()) => {}
         }
         // The openings tell of the other end that was opened here, too, so the master tells who is there.
-        let mut changed = nobody;
+        let mut events = Vec::new();
         loop {
             let here = !self.is_left();
             let told = self.openings.borrow_mut().of(self.watch);
             if told.is_empty() {
-                return self.openers.are(here, changed);
+                return self.openers.are(here, nobody, &events);
             }
-            changed |= told.iter().any(|event| event.contains(ReadFlags::CLOSE_WRITE));
+            events.extend(told);
         }
     }
 

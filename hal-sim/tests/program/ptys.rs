@@ -50,6 +50,9 @@ fn answer(port: &OwnedFd, value: u16) {
 
 /// Lets the process stand still meanwhile, so it sees all of it at once.
 fn unseen<T>(md3: &Running, act: impl FnOnce() -> T) -> T {
+    // Its thread of the bench sleeps: it is not amid something that it has seen.
+    let stat = format!("/proc/{}/stat", md3.pid().as_raw_nonzero());
+    while !std::fs::read_to_string(&stat).unwrap().contains(") S ") {}
     kill_process(md3.pid(), Signal::STOP).unwrap();
     let (_, status) = waitpid(Some(md3.pid()), WaitOptions::UNTRACED).unwrap().unwrap();
     assert!(status.stopped());
