@@ -79,7 +79,7 @@ pub(crate) struct Wire {
 #[derive(Clone, Default)]
 pub(crate) struct Request {
     pub(crate) client: u32,
-    /// Its place in the order of arrival.
+    /// Place in the order of arrival.
     pub(crate) order: u64,
     pub(crate) sender: Sender,
     /// How many characters it takes.

@@ -166,7 +166,7 @@ impl Runner<'_> {
         self.expect(name, family.blocks()[0], values).map_err(|failure| failure.of("saved values lost"))
     }
 
-    /// One of a family's blocks; often one whose write the CRC may cut.
+    /// Picks one of a family's blocks; often one whose write the CRC may cut.
     fn block(&self, name: Name, family: Family, rng: &mut Rng) -> Block {
         let blocks = family.blocks();
         let address = self.addresses.get(name).copied().unwrap_or_default();

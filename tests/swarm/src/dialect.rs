@@ -144,7 +144,7 @@ pub(crate) fn is_identity(address: u16) -> bool {
     IDENTITY.contains(&address)
 }
 
-/// One of several.
+/// Picks one of several.
 pub(crate) fn one_of<T: Copy>(rng: &mut Rng, of: &[T]) -> T {
     of[rng.usize(..of.len())]
 }

@@ -173,7 +173,7 @@ fn output(spec: &Spec, rng: &mut Rng) -> Option<Pin> {
     (!pins.is_empty()).then(|| one_of(rng, &pins))
 }
 
-/// One thing that happens, with the time behind it.
+/// Makes a step and the time behind it.
 fn happen(steps: &mut Vec<Step>, drive: Drive, rng: &mut Rng) {
     let Drive { name, spec, .. } = drive;
     match rng.u8(..41) {

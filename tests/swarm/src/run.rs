@@ -27,7 +27,7 @@ pub(crate) enum Mode {
 
 /// The outcome of a run.
 pub(crate) struct Happened {
-    /// One life from each beginning.
+    /// Lives, one from each beginning.
     pub(crate) lives: Vec<Life>,
     /// All that clients heard.
     pub(crate) heard: BTreeMap<Who, Heard>,

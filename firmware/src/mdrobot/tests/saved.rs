@@ -176,7 +176,7 @@ fn a_memory_of_one_image_is_left_alone_by_the_first_save() {
     assert_eq!(loaded(&bed.world.memory), [34, 7]);
 }
 
-/// Such a memory, of which the check sum is still the wrong one: power was lost in the 10 ms that a save took then.
+/// A memory of one image whose check sum is still the wrong one: power was lost in the 10 ms that a save took then.
 #[test]
 fn an_image_whose_save_did_not_end_is_loaded() {
     let mut memory = include_bytes!("../../../../tests/recordings/681fd38/mdrobot.nv").to_vec();
@@ -327,7 +327,7 @@ fn a_memory_of_somebody_else_brings_what_may_be() {
     assert_eq!(bed.read(167), 7);
 }
 
-/// A memory of one image with 31 words, before TAR_POSI_VEL, POSI_SS and POSI_SD were there: COM_TAR_SPEED and the gains are found,
+/// A memory of one image with 31 words, before TAR_POSI_VEL, POSI_SS and POSI_SD: COM_TAR_SPEED and the gains are found,
 /// and the three have their factory values.
 #[test]
 fn a_memory_without_the_later_pids_is_good() {
