@@ -1,4 +1,4 @@
-"""A drive for your tests: `standin` in a process of its own, its clock in your hands."""
+"""A drive for your tests: `drivetwin` in a process of its own, its clock in your hands."""
 
 import json
 import os
@@ -15,7 +15,7 @@ class Drive:
 
     def __init__(self, kind, *options):
         self.name = kind
-        program = os.environ.get("STANDIN", "standin")
+        program = os.environ.get("DRIVETWIN", "drivetwin")
         places = ["--listen", "tcp:127.0.0.1:0", "--time", "manual", "--json"]
         command = [program, "run", kind, "--fast-boot", *places, *options]
         self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)

@@ -5,12 +5,12 @@
 //! tells it what happens and when, wakes it at its [deadline](Device::deadline), and does what it
 //! puts into the [`Sink`]. [`advance`] is the one place where inputs and deadlines are merged.
 
+pub use drivetwin_protocol::line::Line;
+pub use drivetwin_protocol::modbus::Why;
+use drivetwin_protocol::modbus::server::Outcome;
+use drivetwin_protocol::registers::{Named, Row, Table};
+pub use drivetwin_protocol::time::{Duration, Instant};
 use fixed::types::I48F16;
-pub use standin_protocol::line::Line;
-pub use standin_protocol::modbus::Why;
-use standin_protocol::modbus::server::Outcome;
-use standin_protocol::registers::{Named, Row, Table};
-pub use standin_protocol::time::{Duration, Instant};
 
 pub use crate::motion::Plan;
 use crate::motor::Parameters;
@@ -96,7 +96,7 @@ pub enum Input<'a> {
         link: Link,
     },
     /// Of a TCP connection: a whole Modbus ADU; of MCode what came, cut behind the end of each
-    /// line, as [`next_line`](standin_protocol::text::next_line) does.
+    /// line, as [`next_line`](drivetwin_protocol::text::next_line) does.
     Message {
         /// Where.
         port: Port,
@@ -559,7 +559,7 @@ pub struct Spec {
     pub memory: u16,
     /// Its registers, with those of all variants of the product.
     pub registers: &'static Table,
-    /// Which variant it is, as in [`Entry::variants`](standin_protocol::registers::Entry::variants).
+    /// Which variant it is, as in [`Entry::variants`](drivetwin_protocol::registers::Entry::variants).
     pub variant: u8,
     /// Whether its manual counts registers in decimal, and not in hexadecimal.
     pub decimal: bool,

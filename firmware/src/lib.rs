@@ -1,4 +1,4 @@
-//! The drives of standin, and what they share.
+//! The drives of drivetwin, and what they share.
 //!
 //! | module | what it holds |
 //! |---|---|

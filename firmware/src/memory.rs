@@ -6,8 +6,8 @@
 //!
 //! A drive that cannot report a bad memory has two copies ([`latest`]), and a save stores one over the older of them.
 
-use standin_protocol::modbus::rtu::crc;
-use standin_protocol::registers::Entries;
+use drivetwin_protocol::modbus::rtu::crc;
+use drivetwin_protocol::registers::Entries;
 
 use crate::device::{Duration, Instant, Output, Sink};
 
@@ -196,10 +196,10 @@ fn saved_words<'a>(entries: &'a Entries, without: &'a [usize]) -> impl Iterator<
 #[cfg(test)]
 mod tests {
     use super::*;
-    use standin_protocol::registers::{Bank, Register as _};
+    use drivetwin_protocol::registers::{Bank, Register as _};
     use std::vec::Vec;
 
-    standin_protocol::registers! {
+    drivetwin_protocol::registers! {
         /// Saved and other rows.
         enum Reg: HighFirst {
             /// Saved.

@@ -12,11 +12,11 @@
 
 use core::convert::Infallible;
 
+use drivetwin_protocol::modbus::tcp::Adu;
 use embedded_hal::digital::{OutputPin, PinState};
 use embedded_io::{Write, WriteReady};
 use embedded_storage::Storage;
 use heapless::{Deque, Vec};
-use standin_protocol::modbus::tcp::Adu;
 
 use crate::device::{
     Axis, Boot, Device, Duration, Encoder, Fault, Input, Instant, Level, Line, Link, Note, Output, Pin, Plan,

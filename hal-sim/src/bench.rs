@@ -26,8 +26,8 @@ mod wires;
 use std::collections::HashMap;
 use std::fmt;
 
+use drivetwin_firmware::device::{Device, Duration, Instant, Port, Refused, Shaft, Spec};
 use fixed::types::I48F16;
-use standin_firmware::device::{Device, Duration, Instant, Port, Refused, Shaft, Spec};
 
 use crate::bus::{Clients, LineMode, Wire};
 use crate::capture::Capture;

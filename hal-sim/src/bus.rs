@@ -2,9 +2,9 @@
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
-use standin_firmware::device::{Duration, Instant, Line, Port};
-use standin_protocol::line::Parity;
-use standin_protocol::modbus::{self, Burst, Voices};
+use drivetwin_firmware::device::{Duration, Instant, Line, Port};
+use drivetwin_protocol::line::Parity;
+use drivetwin_protocol::modbus::{self, Burst, Voices};
 
 use crate::bench::Seat;
 use crate::collisions::Air;

@@ -3,7 +3,7 @@
 
 use std::collections::VecDeque;
 
-use standin_firmware::device::{Duration, Instant, Line, Link, Port};
+use drivetwin_firmware::device::{Duration, Instant, Line, Link, Port};
 
 use crate::bench::{Bus, Seat};
 use crate::trace::{TraceKeep, allocated, make_room};

@@ -6,13 +6,13 @@ use std::str::FromStr;
 use clap::error::ErrorKind;
 use clap::{ArgAction, Args, CommandFactory as _, Parser, Subcommand, ValueEnum};
 
-use standin_sim::listen::{Listen, is_host_and_port};
-use standin_sim::pace::Pace;
-use standin_sim::preset::Number;
+use drivetwin_sim::listen::{Listen, is_host_and_port};
+use drivetwin_sim::pace::Pace;
+use drivetwin_sim::preset::Number;
 
 /// Emulated motion drives: on a pty, a TCP port or a serial port, as their manuals say, without the drives.
 #[derive(Parser)]
-#[command(name = "standin", version, disable_help_subcommand = true, arg_required_else_help = false)]
+#[command(name = "drivetwin", version, disable_help_subcommand = true, arg_required_else_help = false)]
 pub(crate) struct Cli {
     #[command(subcommand)]
     pub(crate) command: Command,
@@ -36,7 +36,7 @@ pub(crate) enum Command {
     },
     /// Show a kind's ports, pins, registers, and what is not modelled
     Describe {
-        /// Which kind (see `standin list`)
+        /// Which kind (see `drivetwin list`)
         kind: String,
         /// As JSON
         #[arg(long, conflicts_with = "markdown")]
@@ -47,14 +47,14 @@ pub(crate) enum Command {
     },
     /// Run a golden trace; exit code 1 and the first difference if there is one
     Replay {
-        /// A recording (see `standin run --record`)
+        /// A recording (see `drivetwin run --record`)
         file: PathBuf,
     },
     /// Assemble a user program of an RS drive
     Asm(Asm),
     /// Show a user program of an RS drive as text that assembles to the same
     Disasm {
-        /// An assembled program (see `standin asm`)
+        /// An assembled program (see `drivetwin asm`)
         file: PathBuf,
     },
 }
@@ -73,7 +73,7 @@ pub(crate) struct Asm {
 
 #[derive(Args)]
 pub(crate) struct Run {
-    /// Which kind (see `standin list`), or a bench file of several drives, whose name ends in .toml
+    /// Which kind (see `drivetwin list`), or a bench file of several drives, whose name ends in .toml
     #[arg(value_name = "KIND|BENCH.toml")]
     pub(crate) what: String,
     /// Where a port of the drive, the first if none is named, is reached, [PORT=]URI: pty:, pty:LINK,
@@ -189,7 +189,7 @@ pub(crate) fn sentence(error: &clap::Error) -> String {
         let cli = Cli::command();
         let commands = cli.get_subcommands().filter(|command| !command.is_hide_set());
         let names: Vec<&str> = commands.map(clap::Command::get_name).collect();
-        return format!("a command is missing: {}; `standin --help` tells more", names.join(", "));
+        return format!("a command is missing: {}; `drivetwin --help` tells more", names.join(", "));
     }
     let text = error.to_string();
     let told = text.split("\nUsage:").next().unwrap_or(&text);
@@ -205,7 +205,7 @@ mod tests {
     use super::*;
 
     fn run(arguments: &[&str]) -> Result<Run, String> {
-        let all = ["standin", "run", "md3"].iter().chain(arguments);
+        let all = ["drivetwin", "run", "md3"].iter().chain(arguments);
         match Cli::try_parse_from(all).map_err(|error| sentence(&error))?.command {
             Command::Run(run) => Ok(*run),
             _ => unreachable!("the arguments begin with `run`"),

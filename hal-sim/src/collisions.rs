@@ -1,6 +1,6 @@
 //! Characters that overlap on a line.
 
-use standin_firmware::device::{Duration, Instant, Line};
+use drivetwin_firmware::device::{Duration, Instant, Line};
 
 use crate::dice::Dice;
 use crate::faults::data_bits;

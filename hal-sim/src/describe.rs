@@ -1,13 +1,13 @@
-//! What a kind of drive is: `standin describe`, for people, as the reference in docs/, as JSON.
+//! What a kind of drive is: `drivetwin describe`, for people, as the reference in docs/, as JSON.
 //!
 //! All of it comes from the drive's [`Spec`]; the same kind always gives the same text.
 
 use std::fmt::Write as _;
 
+use drivetwin_firmware::device::{self, Ends, Level, Pin, PinSpec, Role, Spec};
+use drivetwin_protocol::registers::{Legal, Row, Shape, Space, Table, characters};
+use drivetwin_sim::value::Value;
 use serde::Serialize;
-use standin_firmware::device::{self, Ends, Level, Pin, PinSpec, Role, Spec};
-use standin_protocol::registers::{Legal, Row, Shape, Space, Table, characters};
-use standin_sim::value::Value;
 
 /// As JSON, on one line.
 pub(crate) fn json(spec: &Spec) -> String {
@@ -189,7 +189,7 @@ pub(crate) fn text(spec: &Spec) -> String {
 /// The reference in docs/.
 pub(crate) fn markdown(spec: &Spec) -> String {
     let mut text = format!(
-        "<!-- Made by `standin describe {kind} --markdown`; not to be edited. -->\n\n# {product} (`{kind}`)\n\n\
+        "<!-- Made by `drivetwin describe {kind} --markdown`; not to be edited. -->\n\n# {product} (`{kind}`)\n\n\
          After {manual}. The column § names its sections.\n",
         kind = spec.kind,
         product = spec.product,

@@ -1,6 +1,6 @@
 //! What a device does with a pin, at any instant.
 
-use standin_firmware::device::{Duration, Instant, Level};
+use drivetwin_firmware::device::{Duration, Instant, Level};
 
 /// What a device does with a pin.
 #[derive(Clone, Copy, Debug)]

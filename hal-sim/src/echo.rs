@@ -1,7 +1,7 @@
 //! A device for tests with two TCP ports: of Modbus/TCP, where it sends each ADU back, and of lines of text, where it
 //! does the same with characters, except some.
 
-use standin_firmware::device::{
+use drivetwin_firmware::device::{
     Boot, Device, Duration, Ends, Input, Instant, Link, Note, Output, Port, PortSpec, Refused, Sink, Spec,
 };
 

@@ -1,9 +1,9 @@
 //! What disturbs a line: frames lost, changed, doubled, cut, delayed, and noise between them.
 
-use standin_firmware::device::{Duration, Ends, Line, PortSpec};
-use standin_protocol::line::Parity;
-use standin_protocol::modbus::pdu::EXCEPTION_BIT;
-use standin_protocol::modbus::{ascii, rtu};
+use drivetwin_firmware::device::{Duration, Ends, Line, PortSpec};
+use drivetwin_protocol::line::Parity;
+use drivetwin_protocol::modbus::pdu::EXCEPTION_BIT;
+use drivetwin_protocol::modbus::{ascii, rtu};
 
 use crate::dice::Dice;
 

@@ -18,8 +18,8 @@ use crate::layout::{Disturbed, Layout};
 use crate::listen::Uri;
 use crate::trace;
 use drives::{BUS, DRIVE};
+use drivetwin_firmware::device::{Duration, Spec};
 use machinery::{ENCODER, MOTOR, SWITCH, WIRE};
-use standin_firmware::device::{Duration, Spec};
 use table::{Said, Table, Wrong};
 
 /// What is wrong with a bench file.

@@ -6,10 +6,10 @@
 use std::fs::File;
 use std::io;
 
-use standin_sim::bench::Bench;
-use standin_sim::pcapng::Pcapng;
-use standin_sim::trace::Recording;
-use standin_sim::vcd::Waves;
+use drivetwin_sim::bench::Bench;
+use drivetwin_sim::pcapng::Pcapng;
+use drivetwin_sim::trace::Recording;
+use drivetwin_sim::vcd::Waves;
 use tracing::error;
 
 use crate::output::Output;

@@ -1,5 +1,5 @@
 //! The hardware of a board that is not there: a clock, UARTs, pins and a memory that implement
-//! embedded-hal, embedded-io and embedded-storage, so that the [shell](standin_firmware::shell) of a
+//! embedded-hal, embedded-io and embedded-storage, so that the [shell](drivetwin_firmware::shell) of a
 //! board runs on the host, on virtual time, with everything it does on record.
 //!
 //! A [`Board`] is a handle; clones of it, its UARTs, pins and memory share one state.
@@ -9,12 +9,12 @@ use std::collections::VecDeque;
 use std::convert::Infallible;
 use std::rc::Rc;
 
+use drivetwin_firmware::device::{Axis, Device, Duration, Instant, Line, Link, Pin, Plan, Port, Spec};
+use drivetwin_firmware::shell::{Came, Caught, Inputs, Links, Outputs};
+use drivetwin_protocol::modbus::tcp::Adu;
 use embedded_hal::digital;
 use embedded_io::ErrorType;
 use embedded_storage::{ReadStorage, Storage};
-use standin_firmware::device::{Axis, Device, Duration, Instant, Line, Link, Pin, Plan, Port, Spec};
-use standin_firmware::shell::{Came, Caught, Inputs, Links, Outputs};
-use standin_protocol::modbus::tcp::Adu;
 
 /// Characters that a UART takes before the first of them has left.
 const FIFO: usize = 16;
@@ -82,7 +82,7 @@ impl Board {
         })))
     }
 
-    /// What a [`Shell`](standin_firmware::shell::Shell) is given to act with.
+    /// What a [`Shell`](drivetwin_firmware::shell::Shell) is given to act with.
     #[must_use]
     pub fn outputs(&self) -> SimOutputs {
         let state = self.0.borrow();
@@ -416,13 +416,13 @@ impl Storage for Memory {
 mod tests {
     use super::*;
     use crate::echo::{Echo, MCODE};
+    use drivetwin_firmware::device::{Boot, Device};
+    use drivetwin_firmware::md3::Md3;
+    use drivetwin_firmware::qsb::Qsb;
+    use drivetwin_firmware::shell::{ANSWERS, ONE_ANSWER, Shell};
+    use drivetwin_protocol::modbus::rtu;
+    use drivetwin_protocol::time::Span;
     use embedded_io::{Write, WriteReady};
-    use standin_firmware::device::{Boot, Device};
-    use standin_firmware::md3::Md3;
-    use standin_firmware::qsb::Qsb;
-    use standin_firmware::shell::{ANSWERS, ONE_ANSWER, Shell};
-    use standin_protocol::modbus::rtu;
-    use standin_protocol::time::Span;
 
     fn md3_board() -> Board {
         let spec = Md3::new().spec();
@@ -524,7 +524,7 @@ mod tests {
     /// Asks a QSB-M for its version, so many times without a pause, with a loop that comes only when all has been
     /// caught; so many characters may wait. Returns what left its UART, once the banner is gone, and the failures.
     fn ask_at_once<const CHARACTERS: usize>(commands: usize) -> (Vec<(Instant, Vec<u8>)>, u32) {
-        let board = Board::new(Qsb::m().spec(), vec![0xFF; standin_firmware::qsb::MEMORY]);
+        let board = Board::new(Qsb::m().spec(), vec![0xFF; drivetwin_firmware::qsb::MEMORY]);
         let boot = Boot { fast: true, ..Boot::default() };
         let mut shell: Shell<_, _, _, CHARACTERS> = Shell::new(Qsb::m(), board.clone(), board.outputs());
         shell.power_on(Instant::ZERO, boot);
@@ -639,7 +639,7 @@ mod tests {
 
     #[test]
     fn messages_of_a_drive_on_a_board_without_a_network_are_counted() {
-        use standin_firmware::shell::NoLinks;
+        use drivetwin_firmware::shell::NoLinks;
 
         const HOUR: Duration = Duration::secs(3_600);
 

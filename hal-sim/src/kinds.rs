@@ -1,6 +1,6 @@
 //! The kinds of drive there are, from the one list in the firmware.
 
-use standin_firmware::device::{Device, Spec};
+use drivetwin_firmware::device::{Device, Spec};
 
 use crate::nearest;
 
@@ -12,7 +12,7 @@ macro_rules! boxed {
         const ALL: &[Make] = &[$(|| Box::new($make())),*];
     };
 }
-standin_firmware::devices!(boxed);
+drivetwin_firmware::devices!(boxed);
 
 /// What each kind is, in the order of the list.
 pub fn specs() -> impl Iterator<Item = &'static Spec> {

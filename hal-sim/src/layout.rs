@@ -7,8 +7,8 @@ mod build;
 
 use std::path::{Path, PathBuf};
 
-use standin_firmware::device::{Axis, Fault, Pin, Port, Spec};
-use standin_firmware::motor;
+use drivetwin_firmware::device::{Axis, Fault, Pin, Port, Spec};
+use drivetwin_firmware::motor;
 
 pub use self::build::Built;
 use crate::bench::{Closed, Settings};

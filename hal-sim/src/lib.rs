@@ -1,4 +1,4 @@
-//! The host side of standin: drives on a bench of virtual time, and everything around them.
+//! The host side of drivetwin: drives on a bench of virtual time, and everything around them.
 //!
 //! | module | what it holds |
 //! |---|---|

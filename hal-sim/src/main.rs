@@ -1,4 +1,4 @@
-//! `standin`: emulated motion drives on ptys and TCP ports.
+//! `drivetwin`: emulated motion drives on ptys and TCP ports.
 
 mod api;
 mod cli;
@@ -20,8 +20,8 @@ use std::path::Path;
 use std::process::ExitCode;
 
 use clap::Parser as _;
-use standin_sim::trace::{Trace, whole_lines};
-use standin_sim::{kinds, nearest, replay};
+use drivetwin_sim::trace::{Trace, whole_lines};
+use drivetwin_sim::{kinds, nearest, replay};
 
 use crate::cli::{Cli, Command};
 
@@ -31,12 +31,12 @@ const DIFFERENT: u8 = 1;
 const BAD_USAGE: u8 = 2;
 
 fn main() -> ExitCode {
-    let code = standin();
+    let code = drivetwin();
     log::finish();
     code
 }
 
-fn standin() -> ExitCode {
+fn drivetwin() -> ExitCode {
     let cli = match Cli::try_parse() {
         Ok(cli) => cli,
         Err(error) if error.use_stderr() => return fail(&cli::sentence(&error)),
@@ -112,7 +112,7 @@ fn replay(file: &Path) -> Result<ExitCode, String> {
 
 fn print(text: &str) -> Result<(), String> {
     match io::stdout().write_all(text.as_bytes()) {
-        // Who has read enough, as in `standin list | head -1`, is content.
+        // Who has read enough, as in `drivetwin list | head -1`, is content.
         Err(error) if error.kind() != io::ErrorKind::BrokenPipe => {
             Err(format!("stdout cannot be written: {error}"))
         }
@@ -121,6 +121,6 @@ fn print(text: &str) -> Result<(), String> {
 }
 
 fn fail(sentence: &str) -> ExitCode {
-    log::say(format!("standin: {sentence}\n").as_bytes());
+    log::say(format!("drivetwin: {sentence}\n").as_bytes());
     ExitCode::from(BAD_USAGE)
 }

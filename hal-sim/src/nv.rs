@@ -162,7 +162,7 @@ mod tests {
 
     impl Scratch {
         fn new(name: &str, content: Option<&[u8]>) -> Self {
-            let path = std::env::temp_dir().join(format!("standin-nv-{}-{name}", std::process::id()));
+            let path = std::env::temp_dir().join(format!("drivetwin-nv-{}-{name}", std::process::id()));
             let _ = std::fs::remove_file(&path);
             if let Some(content) = content {
                 std::fs::write(&path, content).unwrap();

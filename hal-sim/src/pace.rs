@@ -3,7 +3,7 @@
 use std::fmt;
 use std::str::FromStr;
 
-use standin_firmware::device::Duration;
+use drivetwin_firmware::device::Duration;
 
 /// How long half a message may wait for its rest, in ms of the wall clock.
 const PATIENCE_MS: u64 = 20;

@@ -19,8 +19,8 @@ mod blocks;
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::{self, Write};
 
-use standin_firmware::device::{Duration, Ends, Instant, Line};
-use standin_protocol::modbus::ascii;
+use drivetwin_firmware::device::{Duration, Ends, Instant, Line};
+use drivetwin_protocol::modbus::ascii;
 
 pub use self::blocks::{Blocks, Packet, Protocol, Way};
 use crate::bench::{Bench, Outlet};
@@ -330,8 +330,8 @@ fn protocol(ends: Option<Ends>, frame: &Frame) -> Protocol {
 
 #[cfg(test)]
 mod tests {
-    use standin_firmware::md3::Md3;
-    use standin_protocol::modbus::rtu;
+    use drivetwin_firmware::md3::Md3;
+    use drivetwin_protocol::modbus::rtu;
 
     use super::*;
     use crate::bench::{Seat, Settings};

@@ -2,8 +2,8 @@
 
 use std::iter::repeat;
 
-use standin_firmware::device::{Refused, Spec};
-use standin_protocol::registers::{self, Entries, Legal, Order, Row, Shape};
+use drivetwin_firmware::device::{Refused, Spec};
+use drivetwin_protocol::registers::{self, Entries, Legal, Order, Row, Shape};
 
 use crate::nearest;
 use crate::value::Value;
@@ -279,7 +279,7 @@ pub fn refusal(spec: &Spec, row: usize, name: &str, refused: Refused) -> String 
 mod tests {
     use super::*;
 
-    standin_protocol::registers! {
+    drivetwin_protocol::registers! {
         /// A toy's map.
         enum Reg: HighFirst {
             /// Bus address.
@@ -296,7 +296,7 @@ mod tests {
     }
 
     fn spec() -> Spec {
-        use standin_protocol::registers::Register;
+        use drivetwin_protocol::registers::Register;
         let _ = (Reg::WORDS, Reg::DeviceAddress, Reg::Speed, Reg::Mode, Reg::Control, Reg::Jog);
         Spec { kind: "toy", registers: Reg::TABLE, variant: 1, address: Some(0), ..Spec::BARE }
     }
@@ -325,8 +325,8 @@ mod tests {
 
     #[test]
     fn words_are_a_list() {
-        use standin_firmware::mdrobot::Pid;
-        use standin_protocol::registers::Register;
+        use drivetwin_firmware::mdrobot::Pid;
+        use drivetwin_protocol::registers::Register;
         let spec = Spec { kind: "toy", registers: Pid::TABLE, prefix: "PID_", ..Spec::BARE };
         let set = |name: &str, value: &str| {
             let preset = Preset::new(&spec, name, &Number::parse(value).unwrap())?;
@@ -350,8 +350,8 @@ mod tests {
 
     #[test]
     fn text_fills_the_rows_of_its_name() {
-        use standin_protocol::registers::{Register, text};
-        standin_protocol::registers! {
+        use drivetwin_protocol::registers::{Register, text};
+        drivetwin_protocol::registers! {
             /// A map with a name of two halves.
             enum Named: HighFirst {
                 /// A half.

@@ -1,12 +1,12 @@
-//! User programs of the RS drives in files: `standin asm`, `standin disasm`, `standin run --program`.
+//! User programs of the RS drives in files: `drivetwin asm`, `drivetwin disasm`, `drivetwin run --program`.
 
 use std::fs::{self, File};
 use std::io::Read as _;
 use std::path::Path;
 
-use standin_firmware::device::Spec;
-use standin_firmware::rs434::LINES;
-use standin_sim::rsasm::{self, Image};
+use drivetwin_firmware::device::Spec;
+use drivetwin_firmware::rs434::LINES;
+use drivetwin_sim::rsasm::{self, Image};
 
 use crate::{cli, kinds};
 

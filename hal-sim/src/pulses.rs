@@ -12,8 +12,8 @@
 //!
 //! There is no clock here: whoever listens says how far time has come.
 
-use standin_firmware::device::{Axis, Duration, Instant, Level, Pin, Plan};
-use standin_firmware::motion::{CYCLE, DIR_SETUP, HIGH, SETUP, Step, Walker};
+use drivetwin_firmware::device::{Axis, Duration, Instant, Level, Pin, Plan};
+use drivetwin_firmware::motion::{CYCLE, DIR_SETUP, HIGH, SETUP, Step, Walker};
 
 use crate::trace::{Did, Event, Fed, Power, Trace};
 

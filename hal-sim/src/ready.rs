@@ -1,4 +1,4 @@
-//! What `standin run` says when it is ready: where to connect, and a command to try.
+//! What `drivetwin run` says when it is ready: where to connect, and a command to try.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
@@ -6,13 +6,13 @@ use std::io;
 use std::net::SocketAddr;
 use std::path::PathBuf;
 
+use drivetwin_firmware::device::{Ends, Line, Port, Spec};
+use drivetwin_protocol::line::Parity;
+use drivetwin_protocol::modbus::ascii;
+use drivetwin_protocol::registers::Space;
+use drivetwin_sim::bench::{Bench, Outlet, Seat};
+use drivetwin_sim::listen::Uri;
 use serde::{Serialize, Serializer};
-use standin_firmware::device::{Ends, Line, Port, Spec};
-use standin_protocol::line::Parity;
-use standin_protocol::modbus::ascii;
-use standin_protocol::registers::Space;
-use standin_sim::bench::{Bench, Outlet, Seat};
-use standin_sim::listen::Uri;
 
 use crate::api::Places;
 use crate::log;
@@ -279,7 +279,7 @@ impl Drive {
 mod tests {
     use super::*;
     use crate::echo::{Echo, MCODE, MODBUS};
-    use standin_firmware::md3::Md3;
+    use drivetwin_firmware::md3::Md3;
 
     #[test]
     fn a_pty_is_told_by_both_its_names_and_tried_by_that_which_stays() {

@@ -11,11 +11,11 @@ use std::os::unix::net::UnixStream;
 use std::sync::{Arc, Weak, mpsc};
 use std::time::{Duration as WallSpan, Instant as WallInstant};
 
+use drivetwin_firmware::device::{Duration, Instant};
+use drivetwin_protocol::time::TICKS_PER_SECOND;
+use drivetwin_sim::bench::{Bench, Settling};
+use drivetwin_sim::pace::Pace;
 use rustix::event::EventfdFlags;
-use standin_firmware::device::{Duration, Instant};
-use standin_protocol::time::TICKS_PER_SECOND;
-use standin_sim::bench::{Bench, Settling};
-use standin_sim::pace::Pace;
 use tokio::sync::{oneshot, watch};
 use tracing::warn;
 

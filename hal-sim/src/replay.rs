@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use standin_firmware::device::{Device, Instant};
+use drivetwin_firmware::device::{Device, Instant};
 
 use crate::bench::{Bench, Seat, Settings, Setup};
 use crate::bus::LineMode;

@@ -3,7 +3,7 @@
 use std::cmp::{Ordering, Reverse};
 use std::collections::BinaryHeap;
 
-use standin_firmware::device::{Axis, Encoder, Instant, Level, Pin};
+use drivetwin_firmware::device::{Axis, Encoder, Instant, Level, Pin};
 
 use crate::bench::Driving;
 use crate::trace::Fed;

@@ -4,8 +4,8 @@ use std::cell::{RefCell, RefMut};
 use std::convert::Infallible;
 use std::rc::Rc;
 
+use drivetwin_firmware::counter::{Ls7366r, Transmission};
 use embedded_hal::spi::{ErrorType, Operation, SpiDevice};
-use standin_firmware::counter::{Ls7366r, Transmission};
 
 /// An LS7366R with a slave select of its own; clones are the same chip.
 ///

@@ -1,16 +1,16 @@
 //! A device for tests that does a little of everything an MD3 does not: characters that each have
 //! their time, a stream, a save of two stores, waves, steps, analogue inputs.
 
-use standin_firmware::device::{
+use drivetwin_firmware::device::{
     Axis, AxisSpec, Boot, Device, Duration, Ends, Fault, Input, Instant, Level, Line, Output, Pin, PinSpec,
     Port, PortSpec, Refused, Role, Sink, Spec,
 };
-use standin_protocol::line::Parity;
-use standin_protocol::registers::Register;
+use drivetwin_protocol::line::Parity;
+use drivetwin_protocol::registers::Register;
 
 use crate::drives::level_of;
 
-standin_protocol::registers! {
+drivetwin_protocol::registers! {
     /// What a toy remembers.
     pub(crate) enum Reg: HighFirst {
         /// Sent as the answer to `r`; 7 is refused.

@@ -2,8 +2,8 @@
 
 use std::fmt;
 
+use drivetwin_protocol::registers::{Entries, Shape};
 use serde::{Deserialize, Serialize};
-use standin_protocol::registers::{Entries, Shape};
 use utoipa::ToSchema;
 
 /// A number, or its words, each 0 to 65,535 and in bus order, where a register has words with a meaning each.
@@ -50,8 +50,8 @@ mod tests {
 
     #[test]
     fn words_are_in_bus_order() {
-        use standin_firmware::{md3, mdrobot};
-        use standin_protocol::registers::Register;
+        use drivetwin_firmware::{md3, mdrobot};
+        use drivetwin_protocol::registers::Register;
         let words = |first: i64, second: i64| Value::Words(vec![first, second]);
         // A run time of 1 s behind 1,000 rpm (p. 16); the MD3 has the high word first.
         assert_eq!(Value::of(mdrobot::Pid::ENTRIES, Shape::Words(2), 10 << 16 | 1_000), words(1_000, 10));

@@ -18,7 +18,7 @@ use std::fmt;
 use std::io::{self, Write};
 use std::ops::Range;
 
-use standin_firmware::device::{Axis, HIGH_MV, Instant, LOGIC_HIGH_MV, Level, Pin, PinSpec, Role};
+use drivetwin_firmware::device::{Axis, HIGH_MV, Instant, LOGIC_HIGH_MV, Level, Pin, PinSpec, Role};
 
 use crate::drives::{Drives, level_of};
 use crate::pulses::{Lent, Shaper, StepDir};
@@ -114,7 +114,7 @@ impl<W: Write> Waves<W> {
         let (mut wires, mut motors, mut drives) = (Vec::new(), Vec::new(), Vec::new());
         let mut header = Vec::new();
         let version = env!("CARGO_PKG_VERSION");
-        writeln!(header, "$version standin {version} $end\n$timescale {TIMESCALE} $end")?;
+        writeln!(header, "$version drivetwin {version} $end\n$timescale {TIMESCALE} $end")?;
         let scopes = names(trace.drives.iter().map(|drive| drive.name.as_str()));
         for (drive, scope) in trace.drives.iter().zip(scopes) {
             writeln!(header, "$scope module {scope} $end")?;
@@ -463,12 +463,12 @@ fn names<'a>(given: impl Iterator<Item = &'a str>) -> Vec<String> {
 
 #[cfg(test)]
 mod tests {
+    use drivetwin_firmware::device::Device;
+    use drivetwin_firmware::md3::Md3;
+    use drivetwin_firmware::mdrobot::mdrobot;
+    use drivetwin_protocol::modbus::rtu;
+    use drivetwin_protocol::time::Span;
     use proptest::prelude::*;
-    use standin_firmware::device::Device;
-    use standin_firmware::md3::Md3;
-    use standin_firmware::mdrobot::mdrobot;
-    use standin_protocol::modbus::rtu;
-    use standin_protocol::time::Span;
 
     use super::*;
     use crate::bench::{Bench, Driving, PowerAction, Settings, Setup};
@@ -501,7 +501,7 @@ mod tests {
         bench.power(toy, PowerAction::On);
         bench.run_until(3_500.micros());
         let version = env!("CARGO_PKG_VERSION");
-        let header = format!("$version standin {version} $end\n");
+        let header = format!("$version drivetwin {version} $end\n");
         let expected = "\
 $timescale 100 ps $end
 $scope module a_toy $end

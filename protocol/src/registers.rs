@@ -1086,7 +1086,7 @@ const fn begins_a_run(rows: &[Row], i: usize, view: View, layout: Layout) -> boo
 /// Declares a register map: an enum with a variant a row, and its [`Table`].
 ///
 /// ```
-/// standin_protocol::registers! {
+/// drivetwin_protocol::registers! {
 ///     /// A drive's guide, chapter 7.
 ///     pub enum Reg: HighFirst {
 ///         /// Bus address.
@@ -1096,7 +1096,7 @@ const fn begins_a_run(rows: &[Row], i: usize, view: View, layout: Layout) -> boo
 ///     }
 /// }
 /// # fn main() {
-/// use standin_protocol::registers::{Bank, Register};
+/// use drivetwin_protocol::registers::{Bank, Register};
 /// let bank = Bank::<Reg, { Reg::WORDS }>::factory();
 /// assert_eq!(bank.get(Reg::Speed), 5_000);
 /// assert_eq!(Reg::TABLE.rows[1].section, "7.17");
@@ -1106,7 +1106,7 @@ const fn begins_a_run(rows: &[Row], i: usize, view: View, layout: Layout) -> boo
 /// Two rows at one address do not compile:
 ///
 /// ```compile_fail
-/// standin_protocol::registers! {
+/// drivetwin_protocol::registers! {
 ///     /// A map.
 ///     pub enum Reg: HighFirst {
 ///         /// Two words.
@@ -1121,7 +1121,7 @@ const fn begins_a_run(rows: &[Row], i: usize, view: View, layout: Layout) -> boo
 /// Nor does a factory value that its own row refuses:
 ///
 /// ```compile_fail
-/// standin_protocol::registers! {
+/// drivetwin_protocol::registers! {
 ///     /// A map.
 ///     pub enum Reg: HighFirst {
 ///         /// Bus address.
@@ -1134,7 +1134,7 @@ const fn begins_a_run(rows: &[Row], i: usize, view: View, layout: Layout) -> boo
 /// Nor does a register that is a coil too, where another coil is:
 ///
 /// ```compile_fail
-/// standin_protocol::registers! {
+/// drivetwin_protocol::registers! {
 ///     /// A map.
 ///     pub enum Reg: HighFirst {
 ///         /// Start.

@@ -3,14 +3,14 @@
 //! What the tests assert is typed from the manuals, not taken from the tables.
 #![allow(missing_docs, clippy::unwrap_used, clippy::indexing_slicing, reason = "a test")]
 
-use standin_protocol::modbus::pdu::Exception;
-use standin_protocol::modbus::server::{Map, Rules, serve_rtu};
-use standin_protocol::modbus::{Frame, rtu};
-use standin_protocol::registers::{Bank, Register, Shape, Space};
+use drivetwin_protocol::modbus::pdu::Exception;
+use drivetwin_protocol::modbus::server::{Map, Rules, serve_rtu};
+use drivetwin_protocol::modbus::{Frame, rtu};
+use drivetwin_protocol::registers::{Bank, Register, Shape, Space};
 
 /// US Digital MD3: one space, no gaps, pairs with the high word first.
 mod md3 {
-    standin_protocol::registers! {
+    drivetwin_protocol::registers! {
         /// MD3 User Guide V1.7, chapter 7.
         pub enum Reg: HighFirst {
             /// Address on the bus.
@@ -42,7 +42,7 @@ mod qsb {
     pub(crate) const D: u8 = 1;
     pub(crate) const M: u8 = 2;
 
-    standin_protocol::registers! {
+    drivetwin_protocol::registers! {
         /// QSB Command List.
         pub enum Reg: ObjectsHighFirst {
             /// Encoder mode.
@@ -71,7 +71,7 @@ mod qsb {
 
 /// RS 434544: four spaces with gaps, pairs with the low word first, keys.
 mod rs434 {
-    standin_protocol::registers! {
+    drivetwin_protocol::registers! {
         /// RS 434544 manual, chapter 6.
         pub enum Reg: LowFirst {
             /// Contact IN1 closed.
@@ -100,7 +100,7 @@ mod rs434 {
 
 /// MDROBOT MD: a PID is a whole value of one or more words; 243 has two and 244 exists.
 mod mdrobot {
-    standin_protocol::registers! {
+    drivetwin_protocol::registers! {
         /// Modbus Protocol on the MD Controller V1.1, 2.6.
         pub enum Pid: ObjectsLowFirst {
             /// Version.

@@ -4,17 +4,17 @@
 //! What the tests assert is typed from the fieldbus manual ("FB"), not taken from the table.
 #![allow(missing_docs, clippy::unwrap_used, clippy::indexing_slicing, reason = "a test")]
 
+use drivetwin_protocol::modbus::pdu::Exception;
+use drivetwin_protocol::modbus::server::{Map, Outcome, Rules, Values, refuse_tcp, serve_tcp};
+use drivetwin_protocol::modbus::tcp::{self, Adu, Header};
+use drivetwin_protocol::modbus::{Reply, Why, identification};
+use drivetwin_protocol::registers::{Bank, Legal, Register, Space};
 use proptest::prelude::*;
-use standin_protocol::modbus::pdu::Exception;
-use standin_protocol::modbus::server::{Map, Outcome, Rules, Values, refuse_tcp, serve_tcp};
-use standin_protocol::modbus::tcp::{self, Adu, Header};
-use standin_protocol::modbus::{Reply, Why, identification};
-use standin_protocol::registers::{Bank, Legal, Register, Space};
 
 const PLUS: u8 = 1;
 const HYBRID: u8 = 2;
 
-standin_protocol::registers! {
+drivetwin_protocol::registers! {
     /// FB chapter 5.
     pub enum Reg: HighFirst {
         /// Acceleration in steps/s².

@@ -5,13 +5,13 @@
 //! any place are found by solving a system of equations.
 #![allow(missing_docs, clippy::unwrap_used, clippy::indexing_slicing, reason = "a test")]
 
+use drivetwin_protocol::line::{Line, Parity};
+use drivetwin_protocol::modbus::rtu::{self, checked, crc};
+use drivetwin_protocol::modbus::tcp::{self, Splitter};
+use drivetwin_protocol::modbus::{Burst, Voices, Why, ascii, ended, front};
+use drivetwin_protocol::text::{Lines, next_line};
+use drivetwin_protocol::time::{Duration, Instant};
 use proptest::prelude::*;
-use standin_protocol::line::{Line, Parity};
-use standin_protocol::modbus::rtu::{self, checked, crc};
-use standin_protocol::modbus::tcp::{self, Splitter};
-use standin_protocol::modbus::{Burst, Voices, Why, ascii, ended, front};
-use standin_protocol::text::{Lines, next_line};
-use standin_protocol::time::{Duration, Instant};
 
 const RTU: Line = Line::new(9_600, 8, Parity::Even, 1);
 const ASCII: Line = Line::new(9_600, 7, Parity::Even, 1);

@@ -6,10 +6,10 @@
 #[path = "support/mod.rs"]
 mod support;
 
-use standin_protocol::time::Span;
-use standin_sim::bench::{Bench, Settings};
-use standin_sim::trace::TraceKeep;
-use standin_tests::toy::Toy;
+use drivetwin_protocol::time::Span;
+use drivetwin_sim::bench::{Bench, Settings};
+use drivetwin_sim::trace::TraceKeep;
+use drivetwin_tests::toy::Toy;
 
 use support::{line, took};
 

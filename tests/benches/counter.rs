@@ -9,9 +9,9 @@ mod support;
 
 use std::hint::black_box;
 
-use standin_firmware::counter::Channel::{A, B};
-use standin_firmware::counter::Ls7366r;
-use standin_firmware::device::{Duration, Instant};
+use drivetwin_firmware::counter::Channel::{A, B};
+use drivetwin_firmware::counter::Ls7366r;
+use drivetwin_firmware::device::{Duration, Instant};
 
 use support::{line, took};
 

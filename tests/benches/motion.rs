@@ -6,13 +6,13 @@
 #[path = "support/mod.rs"]
 mod support;
 
-use standin_firmware::device::{
+use drivetwin_firmware::device::{
     Axis, Boot, Device, Encoder, Input, Instant, Level, Pin, PinSpec, Refused, Role, Sink, Spec,
 };
-use standin_firmware::md3::{Md3, Reg};
-use standin_protocol::registers::Register;
-use standin_protocol::time::{Duration, Span};
-use standin_sim::bench::{Bench, Driving, Seat, Setup};
+use drivetwin_firmware::md3::{Md3, Reg};
+use drivetwin_protocol::registers::Register;
+use drivetwin_protocol::time::{Duration, Span};
+use drivetwin_sim::bench::{Bench, Driving, Seat, Setup};
 
 use support::{line, took};
 
@@ -29,7 +29,7 @@ const HZ: u64 = 250_000;
 const J2_4: Pin = Pin(2);
 const STEP: Pin = Pin(9);
 
-standin_protocol::registers! {
+drivetwin_protocol::registers! {
     /// What a counter shows.
     enum Show: HighFirst {
         /// Nothing.

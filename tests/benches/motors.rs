@@ -3,13 +3,13 @@
 #[path = "support/mod.rs"]
 mod support;
 
-use standin_firmware::device::{Axis, Port};
-use standin_firmware::md3::{Md3, Reg, motion_control};
-use standin_firmware::motor::stepper::Parameters;
-use standin_firmware::qsb::Qsb;
-use standin_protocol::time::Span;
-use standin_sim::bench::{Bench, Closed, Fitting, Settings, Setup};
-use standin_sim::trace::TraceKeep;
+use drivetwin_firmware::device::{Axis, Port};
+use drivetwin_firmware::md3::{Md3, Reg, motion_control};
+use drivetwin_firmware::motor::stepper::Parameters;
+use drivetwin_firmware::qsb::Qsb;
+use drivetwin_protocol::time::Span;
+use drivetwin_sim::bench::{Bench, Closed, Fitting, Settings, Setup};
+use drivetwin_sim::trace::TraceKeep;
 
 use support::{line, took};
 

@@ -12,9 +12,9 @@ mod support;
 
 use std::hint::black_box;
 
-use standin_firmware::device::{Boot, Device, Duration, Instant, Output, Sink};
-use standin_firmware::rs434::program::image;
-use standin_firmware::rs434::{MEMORY, rs434544};
+use drivetwin_firmware::device::{Boot, Device, Duration, Instant, Output, Sink};
+use drivetwin_firmware::rs434::program::image;
+use drivetwin_firmware::rs434::{MEMORY, rs434544};
 
 use programs::{JMP_1, MOV_AX_0, Program};
 use support::{line, took};

@@ -12,8 +12,8 @@ mod world;
 
 use std::hint::black_box;
 
-use standin_firmware::device::{Boot, Device, Duration, Input, Instant, Pin, Port, Sink};
-use standin_firmware::qsb::Qsb;
+use drivetwin_firmware::device::{Boot, Device, Duration, Input, Instant, Pin, Port, Sink};
+use drivetwin_firmware::qsb::Qsb;
 
 use support::{line, took};
 use world::World;

@@ -1,7 +1,7 @@
 //! How far from its exact instant the worst step of a move is, and the last one: the table of
 //! docs/motion.md.
 
-use standin_tests::ramps::{rows, table};
+use drivetwin_tests::ramps::{rows, table};
 
 fn main() {
     print!("{}", table(&rows()));

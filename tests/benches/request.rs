@@ -12,13 +12,13 @@ mod world;
 
 use std::hint::black_box;
 
+use drivetwin_firmware::device::{Boot, Device, Duration, Input, Instant, Port, Sink};
+use drivetwin_firmware::md3::Md3;
+use drivetwin_protocol::modbus::rtu;
 use rmodbus::server::ModbusFrame;
 use rmodbus::server::context::ModbusContext;
 use rmodbus::server::storage::ModbusStorage;
 use rmodbus::{ModbusFrameBuf, ModbusProto};
-use standin_firmware::device::{Boot, Device, Duration, Input, Instant, Port, Sink};
-use standin_firmware::md3::Md3;
-use standin_protocol::modbus::rtu;
 
 use support::{line, took};
 use world::World;
@@ -43,15 +43,15 @@ trait Slave {
 }
 
 /// An MD3 of which the compiler knows nothing here.
-struct Standin {
+struct Drivetwin {
     md3: Box<dyn Device>,
     world: World,
     request: Vec<u8>,
     at: Instant,
 }
 
-impl Slave for Standin {
-    const NAME: &'static str = "standin, an MD3";
+impl Slave for Drivetwin {
+    const NAME: &'static str = "drivetwin, an MD3";
 
     fn new() -> Self {
         let mut md3: Box<dyn Device> = black_box(Box::new(Md3::new()));
@@ -124,7 +124,7 @@ fn serve<S: Slave>(requests: u64) {
 
 fn serve_named(name: &str, requests: u64) {
     match name {
-        Standin::NAME => serve::<Standin>(requests),
+        Drivetwin::NAME => serve::<Drivetwin>(requests),
         Rmodbus::NAME => serve::<Rmodbus>(requests),
         _ => panic!("nobody is called {name}"),
     }
@@ -153,12 +153,12 @@ fn main() {
         return;
     }
     println!("one request: function 3, {COUNT} registers");
-    let (ours, our_instructions) = measure::<Standin>();
+    let (ours, our_instructions) = measure::<Drivetwin>();
     let (theirs, their_instructions) = measure::<Rmodbus>();
     let ratio = match (our_instructions, their_instructions) {
         (Some(ours), Some(theirs)) => format!(", {:.2} of its instructions", ours / theirs),
         _ => String::new(),
     };
-    line("standin : rmodbus", &format!("{:.2} of its time{ratio}", ours / theirs));
+    line("drivetwin : rmodbus", &format!("{:.2} of its time{ratio}", ours / theirs));
     count::warn_unless(our_instructions.is_some());
 }

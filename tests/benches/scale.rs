@@ -11,8 +11,8 @@ use std::io::{Read as _, Write as _};
 use std::net::TcpStream;
 use std::time::Duration;
 
+use drivetwin_protocol::modbus::rtu;
 use running::{Running, build, wait};
-use standin_protocol::modbus::rtu;
 use support::{line, took};
 
 /// How long idle drives are watched.
@@ -23,7 +23,7 @@ const ROUNDS: u32 = 10;
 const DRIVES: usize = 1_000;
 
 fn main() {
-    let standin = build();
+    let drivetwin = build();
     let kinds = ["md3", "md3-low", "qsb-d", "qsb-m", "qsb-s", "rs434544", "rs434546"];
     let mut all = String::new();
     for number in 0..DRIVES {
@@ -31,7 +31,7 @@ fn main() {
         let _ = write!(all, "[[drive]]\nname = 'd{number}'\nkind = '{kind}'\nfast_boot = true\n");
     }
     println!("{DRIVES} drives of all kinds, each on its own TCP port");
-    let bench = Running::start(&standin, &all, &["--line", "fast"]);
+    let bench = Running::start(&drivetwin, &all, &["--line", "fast"]);
     idle(&bench);
     let mut lines: Vec<TcpStream> = bench.places.iter().map(connect).collect();
     // Those on Modbus: a register that each of them has.
@@ -65,7 +65,7 @@ fn main() {
     }
     let names: Vec<String> = (1..=247).map(|address| format!("'d{address}'")).collect();
     let _ = write!(shared, "[[bus]]\nname = 'line'\ndrives = [{}]\n", names.join(", "));
-    let bench = Running::start(&standin, &shared, &["--line", "fast"]);
+    let bench = Running::start(&drivetwin, &shared, &["--line", "fast"]);
     idle(&bench);
     let mut connection = [connect(&bench.places[0])];
     let requests: Vec<_> = (1..=247).map(|address| rtu::read(address, 0, 1)).collect();

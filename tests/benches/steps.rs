@@ -9,9 +9,9 @@ mod support;
 
 use std::hint::black_box;
 
+use drivetwin_firmware::device::{Instant, Plan};
+use drivetwin_firmware::motion::Walker;
 use fixed::types::I24F8;
-use standin_firmware::device::{Instant, Plan};
-use standin_firmware::motion::Walker;
 
 use support::{line, took};
 

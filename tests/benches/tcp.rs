@@ -16,8 +16,8 @@ use std::net::TcpStream;
 use std::process::Command;
 use std::time::Duration;
 
+use drivetwin_protocol::modbus::tcp::{self, HEADER_BYTES, Header};
 use running::{Running, build, wait};
-use standin_protocol::modbus::tcp::{self, HEADER_BYTES, Header};
 use support::{line, took};
 use tokio_modbus::server::Service;
 use tokio_modbus::server::tcp::{Server, accept_tcp_connection};
@@ -49,14 +49,14 @@ fn main() {
     if std::env::args().nth(1).as_deref() == Some(SERVE) {
         return serve();
     }
-    let standin = build();
+    let drivetwin = build();
     let start = |drives: usize| {
         let mut file = String::new();
         for drive in 0..drives {
             let _ = write!(file, "[[drive]]\nname = 'd{drive}'\nkind = '{KIND}'\nfast_boot = true\n");
         }
-        let mut bench = Running::start(&standin, &file, &[]);
-        assert_eq!(bench.places.len(), drives * PORTS, "standin has started no {KIND}");
+        let mut bench = Running::start(&drivetwin, &file, &[]);
+        assert_eq!(bench.places.len(), drives * PORTS, "drivetwin has started no {KIND}");
         bench.places = std::mem::take(&mut bench.places).into_iter().step_by(PORTS).collect();
         bench
     };
@@ -71,15 +71,15 @@ fn main() {
                 ours = ours.best(turn(&bench, connections));
                 theirs = theirs.best(turn(&server, connections));
             }
-            line("standin", &ours.to_string());
+            line("drivetwin", &ours.to_string());
             line("tokio-modbus", &theirs.to_string());
             let (speed, cpu) = (ours.rate / theirs.rate, ours.cpu_us / theirs.cpu_us);
-            line("standin is", &format!("{speed:.2} times as fast, and takes {cpu:.2} times the CPU time"));
+            line("drivetwin is", &format!("{speed:.2} times as fast, and takes {cpu:.2} times the CPU time"));
         }
     }
     println!("{} connections on which nothing is said", DRIVES * EACH);
     let bench = start(DRIVES);
-    idle(&format!("standin, {DRIVES} drives"), &bench, EACH);
+    idle(&format!("drivetwin, {DRIVES} drives"), &bench, EACH);
     idle("tokio-modbus", &server, DRIVES * EACH);
 }
 

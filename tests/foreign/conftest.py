@@ -1,6 +1,6 @@
 """The running binary, as masters and people meet it.
 
-`STANDIN` is the path of the binary; `cargo xtask test` sets it. Nothing here asserts how fast this
+`DRIVETWIN` is the path of the binary; `cargo xtask test` sets it. Nothing here asserts how fast this
 machine is: instants come from the bench's own clock, and `PATIENCE` only ends a test that hangs.
 """
 
@@ -21,14 +21,14 @@ PATIENCE = 30.0
 """Seconds of wall time after which something hangs."""
 
 
-class Standin:
-    """A `standin run` that is ready: of a drive, or of a bench file."""
+class Drivetwin:
+    """A `drivetwin run` that is ready: of a drive, or of a bench file."""
 
     def __init__(self, *options, kind="md3"):
         self.kind = kind
         self.log = tempfile.TemporaryFile()
         self.process = subprocess.Popen(
-            [os.environ["STANDIN"], "run", kind, "--json", *map(str, options)],
+            [os.environ["DRIVETWIN"], "run", kind, "--json", *map(str, options)],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=self.log,
@@ -53,7 +53,7 @@ class Standin:
         """The one line that says where everything is."""
         readable, _, _ = select.select([self.process.stdout], [], [], PATIENCE)
         line = self.process.stdout.readline() if readable else b""
-        assert line, f"standin did not start: {self.said()}"
+        assert line, f"drivetwin did not start: {self.said()}"
         return line
 
     def said(self):
@@ -132,12 +132,12 @@ def run():
     running = []
 
     def start(*options, kind="md3"):
-        running.append(Standin(*options, kind=kind))
+        running.append(Drivetwin(*options, kind=kind))
         return running[-1]
 
     yield start
-    for standin in running:
-        standin.kill()
+    for drivetwin in running:
+        drivetwin.kill()
 
 
 def receive(sock, length):

@@ -86,8 +86,8 @@ class WriteSpecific(ModbusPDU):
 class Terminal:
     """A program on port 503 that waits for each prompt."""
 
-    def __init__(self, standin, drive=None):
-        self.socket = standin.socket("mcode", drive)
+    def __init__(self, drivetwin, drive=None):
+        self.socket = drivetwin.socket("mcode", drive)
 
     def receive_until(self, end):
         """All that comes up to an end."""

@@ -33,8 +33,8 @@ def tcp(run):
     """pymodbus over TCP."""
     clients = []
 
-    def connect(standin, framer=FramerType.RTU):
-        host, port = standin.tcp
+    def connect(drivetwin, framer=FramerType.RTU):
+        host, port = drivetwin.tcp
         client = ModbusTcpClient(host, port=port, framer=framer, timeout=PATIENCE, retries=0)
         assert client.connect()
         clients.append(client)
@@ -55,10 +55,10 @@ def serial(run):
     """
     clients = []
 
-    def connect(standin, framer=FramerType.RTU, baudrate=9600):
-        standin.notice()
+    def connect(drivetwin, framer=FramerType.RTU, baudrate=9600):
+        drivetwin.notice()
         client = ModbusSerialClient(
-            standin.pty, framer=framer, baudrate=baudrate, parity="N", stopbits=1, timeout=PATIENCE, retries=0
+            drivetwin.pty, framer=framer, baudrate=baudrate, parity="N", stopbits=1, timeout=PATIENCE, retries=0
         )
         assert client.connect()
         clients.append(client)
@@ -69,7 +69,7 @@ def serial(run):
         client.close()
 
 
-def serial_port(standin, baudrate=9600, bytesize=8, parity="E", stopbits=1, timeout=PATIENCE):
+def serial_port(drivetwin, baudrate=9600, bytesize=8, parity="E", stopbits=1, timeout=PATIENCE):
     """The pty, opened with all its settings at once; see `serial` for why they cannot change later."""
-    standin.notice()
-    return Serial(standin.pty, baudrate, bytesize, parity, stopbits, timeout)
+    drivetwin.notice()
+    return Serial(drivetwin.pty, baudrate, bytesize, parity, stopbits, timeout)

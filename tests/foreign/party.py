@@ -45,14 +45,14 @@ def party_line(*ports):
             os.close(end)
 
 
-def set_up(standin, drive, lines):
+def set_up(drivetwin, drive, lines):
     """Downloads lines to a drive as a terminal does, one behind the prompt of the other, puts it into party mode and
     activates that."""
-    terminal = Terminal(standin, drive)
+    terminal = Terminal(drivetwin, drive)
     for line in lines:
         terminal.ask(line)
     terminal.socket.sendall(b"PY 1\r")
     terminal.receive_until(b">")
     terminal.socket.sendall(b"\n")
-    standin.notice()
+    drivetwin.notice()
     terminal.close()

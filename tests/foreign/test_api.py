@@ -20,9 +20,9 @@ MOVE = bytes.fromhex("01 06 00 11 00 01 18 0F")
 """Function 6: MotionControl (0x11) to 1, which moves (7.15)."""
 
 
-def connect(standin):
+def connect(drivetwin):
     """A connection of its own."""
-    address = urllib.parse.urlsplit(standin.control).netloc
+    address = urllib.parse.urlsplit(drivetwin.control).netloc
     return http.client.HTTPConnection(address, timeout=PATIENCE)
 
 
@@ -53,8 +53,8 @@ def when_there_is_room(do, meanwhile):
 class Events:
     """Somebody who follows the bench."""
 
-    def __init__(self, standin, query="", **headers):
-        self.connection = connect(standin)
+    def __init__(self, drivetwin, query="", **headers):
+        self.connection = connect(drivetwin)
         self.connection.request("GET", "/api/events" + query, headers=headers)
         self.answer = answered(self.connection)
         assert self.answer.getheader("Content-Type") == "text/event-stream"
@@ -81,35 +81,35 @@ class Events:
         self.connection.close()
 
 
-def level(standin, pin, to):
-    standin.call("PUT", f"/api/drives/md3/pins/{pin}", {"level": to})
+def level(drivetwin, pin, to):
+    drivetwin.call("PUT", f"/api/drives/md3/pins/{pin}", {"level": to})
 
 
-def refused(standin, method, path, body=None):
+def refused(drivetwin, method, path, body=None):
     """The problem document of a call."""
     with pytest.raises(urllib.error.HTTPError) as error:
-        standin.call(method, path, body)
+        drivetwin.call(method, path, body)
     assert error.value.headers["Content-Type"] == "application/problem+json"
     problem = json.loads(error.value.read())
     assert problem["status"] == error.value.code
     return problem
 
 
-def text(standin, query=""):
+def text(drivetwin, query=""):
     """What happened."""
-    connection = connect(standin)
+    connection = connect(drivetwin)
     connection.request("GET", "/api/trace" + query)
     return answered(connection).read().decode()
 
 
 def test_events_tell_what_the_trace_tells(run):
-    standin = run("--fast-boot", "--time", "manual")
-    events = Events(standin)
-    level(standin, "J2.2", "low")
-    with standin.socket() as line:
+    drivetwin = run("--fast-boot", "--time", "manual")
+    events = Events(drivetwin)
+    level(drivetwin, "J2.2", "low")
+    with drivetwin.socket() as line:
         assert ask(line, MOVE, len(MOVE)) == MOVE
-    standin.advance(2.5)
-    level(standin, "J2.2", "high")
+    drivetwin.advance(2.5)
+    level(drivetwin, "J2.2", "high")
     seen = [events.next()]
     while seen[-1][2]["words"] != "pin J2.2 high":
         seen.append(events.next())
@@ -123,45 +123,45 @@ def test_events_tell_what_the_trace_tells(run):
     first = seen[0][1]
     assert [number for _, number, _ in seen] == list(range(first, first + len(seen)))
     told = {f"{data['seconds'] * 1000:.6f} {'>' if kind == 'fed' else '<'} {data['words']}" for kind, _, data in seen}
-    assert told <= set(text(standin).splitlines())
+    assert told <= set(text(drivetwin).splitlines())
 
 
 def test_events_go_on_where_they_broke_off(run):
-    standin = run("--fast-boot", "--time", "manual")
-    events = Events(standin)
+    drivetwin = run("--fast-boot", "--time", "manual")
+    events = Events(drivetwin)
     for to in ["low", "high", "low"]:
-        level(standin, "J2.2", to)
+        level(drivetwin, "J2.2", to)
     seen = [events.next() for _ in range(3)]
     events.close()
-    level(standin, "J2.2", "high")
-    events = Events(standin, **{"Last-Event-ID": str(seen[0][1])})
+    level(drivetwin, "J2.2", "high")
+    events = Events(drivetwin, **{"Last-Event-ID": str(seen[0][1])})
     assert [events.next(), events.next()] == seen[1:]
     kind, number, data = events.next()
     assert (kind, number, data["words"]) == ("fed", seen[-1][1] + 1, "pin J2.2 high")
 
 
 def test_events_come_while_the_clock_is_advanced(run):
-    standin = run("--fast-boot", "--time", "manual")
-    standin.call("POST", "/api/drives/md3/pins/J2.5/pulses", {"count": 4_000_000_000, "hz": 50_000})
-    events = Events(standin)
+    drivetwin = run("--fast-boot", "--time", "manual")
+    drivetwin.call("POST", "/api/drives/md3/pins/J2.5/pulses", {"count": 4_000_000_000, "hz": 50_000})
+    events = Events(drivetwin)
     # A day of pulses: the advance ends only when it is given up.
-    day = connect(standin)
+    day = connect(drivetwin)
     day.request("POST", "/api/time/advance", json.dumps({"seconds": 86_400}), JSON)
     # The bench is faster than any reader: it may be told of events that it has missed.
     told = [events.next() for _ in range(1_000)]
     kinds = {data["words"] for kind, _, data in told if kind != "lost"}
     assert kinds >= {"pin J2.5 low", "pin J2.5 high"}
-    assert refused(standin, "POST", "/api/time/advance", {"seconds": 1})["status"] == 409
+    assert refused(drivetwin, "POST", "/api/time/advance", {"seconds": 1})["status"] == 409
     day.close()
-    assert 0 < standin.seconds() < 86_400
+    assert 0 < drivetwin.seconds() < 86_400
 
 
 def test_who_is_too_slow_is_told_and_goes_on(run):
     """Nothing is taken until the ring of 64 MiB has been filled: an event takes 64 bytes of it or more."""
-    standin = run("--fast-boot", "--time", "manual")
-    events = Events(standin)
-    standin.call("POST", "/api/drives/md3/pins/J2.5/pulses", {"count": 1_500_000, "hz": 5_000_000})
-    standin.advance(1)
+    drivetwin = run("--fast-boot", "--time", "manual")
+    events = Events(drivetwin)
+    drivetwin.call("POST", "/api/drives/md3/pins/J2.5/pulses", {"count": 1_500_000, "hz": 5_000_000})
+    drivetwin.advance(1)
     seen = [events.next()]
     while seen[-1][0] != "lost":
         seen.append(events.next())
@@ -169,54 +169,54 @@ def test_who_is_too_slow_is_told_and_goes_on(run):
     assert number == seen[-2][1] + data["events"]
     kind, following, _ = events.next()
     assert (kind in ("fed", "did"), following) == (True, number + 1)
-    assert text(standin).splitlines()[3].startswith("lost ")
+    assert text(drivetwin).splitlines()[3].startswith("lost ")
 
 
 def test_who_follows_a_quiet_drive_on_a_busy_bench_hears_that_somebody_is_there(run, tmp_path):
     bench = tmp_path / "bench.toml"
     drives = [f"[[drive]]\nname = '{name}'\nkind = 'md3'\n" for name in ("busy", "quiet")]
     bench.write_text("".join(drives))
-    standin = run("--fast-boot", kind=bench)
-    standin.call("POST", "/api/drives/busy/pins/J2.5/pulses", {"count": 1_000_000, "hz": 1_000})
-    quiet, busy = Events(standin, "?drive=quiet"), Events(standin, "?drive=busy")
+    drivetwin = run("--fast-boot", kind=bench)
+    drivetwin.call("POST", "/api/drives/busy/pins/J2.5/pulses", {"count": 1_000_000, "hz": 1_000})
+    quiet, busy = Events(drivetwin, "?drive=quiet"), Events(drivetwin, "?drive=busy")
     assert quiet.piece() == {}
     assert busy.next()[2]["words"] in ("pin J2.5 low", "pin J2.5 high")
 
 
 def test_only_so_many_follow_the_bench(run):
-    standin = run("--fast-boot", "--time", "manual")
-    readers = [Events(standin) for _ in range(16)]
-    problem = refused(standin, "GET", "/api/events")
+    drivetwin = run("--fast-boot", "--time", "manual")
+    readers = [Events(drivetwin) for _ in range(16)]
+    problem = refused(drivetwin, "GET", "/api/events")
     assert (problem["status"], problem["detail"]) == (
         503,
         "nobody more can follow the bench now; wait until somebody leaves",
     )
-    standin.seconds()
+    drivetwin.seconds()
     readers.pop().close()
-    last = when_there_is_room(lambda: Events(standin), lambda: level(standin, "J2.4", "low"))
-    level(standin, "J2.4", "high")
+    last = when_there_is_room(lambda: Events(drivetwin), lambda: level(drivetwin, "J2.4", "low"))
+    level(drivetwin, "J2.4", "high")
     for reader in [*readers, last]:
         while reader.next()[2]["words"] != "pin J2.4 high":
             pass
 
 
 def test_the_trace_can_be_replayed(run, tmp_path):
-    standin = run("--fast-boot", "--time", "manual")
-    with standin.socket() as line:
+    drivetwin = run("--fast-boot", "--time", "manual")
+    with drivetwin.socket() as line:
         ask(line, MOVE, len(MOVE))
-        standin.advance(1.0)
+        drivetwin.advance(1.0)
     file = tmp_path / "bench.trace"
-    file.write_text(text(standin, "?format=trace"))
-    replayed = subprocess.run([os.environ["STANDIN"], "replay", file], capture_output=True, text=True)
+    file.write_text(text(drivetwin, "?format=trace"))
+    replayed = subprocess.run([os.environ["DRIVETWIN"], "replay", file], capture_output=True, text=True)
     assert replayed.returncode == 0, replayed.stdout + replayed.stderr
 
 
 def test_frames_of_the_lines(run):
     """A section of pcapng, whose blocks are as long as they say: the line, a request, a reply."""
-    standin = run("--fast-boot", "--time", "manual")
-    with standin.socket() as line:
+    drivetwin = run("--fast-boot", "--time", "manual")
+    with drivetwin.socket() as line:
         ask(line, MOVE, len(MOVE))
-    connection = connect(standin)
+    connection = connect(drivetwin)
     connection.request("GET", "/api/trace?format=pcapng")
     answer = connection.getresponse()
     assert (answer.status, answer.getheader("Content-Type")) == (200, "application/x-pcapng")
@@ -234,49 +234,49 @@ def test_frames_of_the_lines(run):
 
 def test_waveforms_have_every_step(run):
     """10,000 steps (7.15): as many rising edges of STEP."""
-    standin = run("--fast-boot", "--time", "manual")
-    with standin.socket() as line:
+    drivetwin = run("--fast-boot", "--time", "manual")
+    with drivetwin.socket() as line:
         ask(line, MOVE, len(MOVE))
-    standin.advance(3.0)
-    waves = text(standin, "?format=vcd")
+    drivetwin.advance(3.0)
+    waves = text(drivetwin, "?format=vcd")
     head, changes = waves.split("$enddefinitions $end\n")
     (code,) = [words[3] for words in map(str.split, head.splitlines()) if words[4:5] == ["STEP"]]
     assert changes.splitlines().count(f"1{code}") == 10_000
-    assert standin.drive()["motion"]["position"] == 10_000
+    assert drivetwin.drive()["motion"]["position"] == 10_000
 
 
 def test_waveforms_without_end_hold_nobody_up(run):
     """A jog for a day at 8,000 steps/s is a few events and some 15 GB of waveforms, which are made as they are read."""
-    standin = run("--fast-boot", "--time", "manual", "--set", "Speed=8000")
-    with standin.socket() as line:
+    drivetwin = run("--fast-boot", "--time", "manual", "--set", "Speed=8000")
+    with drivetwin.socket() as line:
         ask(line, bytes.fromhex("01 06 00 11 00 02 58 0E"), 8)
-    standin.advance(86_400)
-    readers = [connect(standin), connect(standin)]
+    drivetwin.advance(86_400)
+    readers = [connect(drivetwin), connect(drivetwin)]
     for reader in readers:
         reader.request("GET", "/api/trace?format=vcd")
     pieces = [reader.getresponse().read(1 << 20) for reader in readers]
     assert pieces[0] == pieces[1] and len(pieces[0]) == 1 << 20
-    assert refused(standin, "GET", "/api/trace")["status"] == 503
-    assert standin.drive()["motion"]["moving"]
+    assert refused(drivetwin, "GET", "/api/trace")["status"] == 503
+    assert drivetwin.drive()["motion"]["moving"]
     for reader in readers:
         reader.close()
-    when_there_is_room(lambda: text(standin), standin.seconds)
-    assert standin.stop() == 0
+    when_there_is_room(lambda: text(drivetwin), drivetwin.seconds)
+    assert drivetwin.stop() == 0
 
 
 def test_sixty_five_connections_and_half_bodies(run):
     """All that is there is taken; what comes too slowly ends."""
-    standin = run("--fast-boot", "--time", "manual")
+    drivetwin = run("--fast-boot", "--time", "manual")
     halves = []
     for _ in range(64):
-        half = connect(standin)
+        half = connect(drivetwin)
         half.putrequest("PUT", "/api/time")
         half.putheader("Content-Type", "application/json")
         half.putheader("Content-Length", "17")
         half.endheaders(b'{"mode":')
         halves.append(half)
     # There is no room until the halves are given up.
-    assert standin.seconds() == 0
+    assert drivetwin.seconds() == 0
     given_up = 0
     for half in halves:
         try:
@@ -291,8 +291,8 @@ def test_sixty_five_connections_and_half_bodies(run):
 
 
 def test_a_body_that_is_too_long_is_not_read(run):
-    standin = run("--fast-boot", "--time", "manual")
-    endless = connect(standin)
+    drivetwin = run("--fast-boot", "--time", "manual")
+    endless = connect(drivetwin)
     endless.putrequest("PUT", "/api/time")
     endless.putheader("Content-Type", "application/json")
     endless.putheader("Content-Length", str(1 << 40))
@@ -302,14 +302,14 @@ def test_a_body_that_is_too_long_is_not_read(run):
 
 
 def test_calls_at_once_are_all_answered(run):
-    standin = run("--fast-boot")
+    drivetwin = run("--fast-boot")
     failed = []
 
     def work():
         try:
             for _ in range(20):
-                standin.drive()
-                level(standin, "J2.4", "low")
+                drivetwin.drive()
+                level(drivetwin, "J2.4", "low")
         except Exception as error:
             failed.append(error)
 
@@ -337,10 +337,10 @@ def test_a_motor_is_seen_turning(run, tmp_path):
         steps_per_rev = 200
         """
     )
-    standin = run("--fast-boot", "--time", "manual", kind=bench)
-    standin.call("PUT", "/api/drives/x/registers/MotionControl", {"value": 1})
-    standin.call("POST", "/api/time/advance", {"seconds": 1.5})
-    (motor,) = standin.call("GET", "/api/bench")["motors"]
+    drivetwin = run("--fast-boot", "--time", "manual", kind=bench)
+    drivetwin.call("PUT", "/api/drives/x/registers/MotionControl", {"value": 1})
+    drivetwin.call("POST", "/api/time/advance", {"seconds": 1.5})
+    (motor,) = drivetwin.call("GET", "/api/bench")["motors"]
     assert (motor["name"], motor["drive"], motor["stalled"]) == ("m", "x", False)
     assert motor["revolutions"] == pytest.approx(6_250 / 1_600, abs=1e-3)
     assert motor["rpm"] == pytest.approx(5_000 / 1_600 * 60)

@@ -44,7 +44,7 @@ class Played:
         file, capture = tmp_path / "bench.toml", tmp_path / "lines.pcapng"
         file.write_text(BENCH)
         options = ["--time", "manual", "--seed", str(seed), "--json", "--pcap", capture]
-        command = [os.environ["STANDIN"], "run", file, *options]
+        command = [os.environ["DRIVETWIN"], "run", file, *options]
         with subprocess.Popen(command, stdout=subprocess.PIPE) as process:
             try:
                 ready = json.loads(process.stdout.readline())

@@ -7,8 +7,8 @@ ENCODER_COUNT = 0x10
 
 
 def test_an_encoder_turns_there_and_back(run, tcp):
-    standin = run("--fast-boot", "--time", "manual")
-    client = tcp(standin)
+    drivetwin = run("--fast-boot", "--time", "manual")
+    client = tcp(drivetwin)
 
     def pins():
         (port,) = client.read_holding_registers(IO_PORT_DATA).registers
@@ -19,8 +19,8 @@ def test_an_encoder_turns_there_and_back(run, tcp):
         return count
 
     def turn(counts):
-        standin.call("POST", "/api/drives/md3/encoder", {"counts": counts, "hz": 10_000})
-        standin.advance(abs(counts) / 10_000)
+        drivetwin.call("POST", "/api/drives/md3/encoder", {"counts": counts, "hz": 10_000})
+        drivetwin.advance(abs(counts) / 10_000)
 
     assert (pins(), count()) == (0, 0)
     # A leads B: a cycle is A, A and B, B, none. Each of its four edges counts (7.11).

@@ -20,18 +20,18 @@ def test_pymodbus_over_tcp(run, tcp):
 
 
 def test_the_drive_answers_after_its_start_up(run, tcp):
-    standin = run("--time", "manual")
-    with standin.socket() as early:
+    drivetwin = run("--time", "manual")
+    with drivetwin.socket() as early:
         early.sendall(frame(1, 3, 0, 0, 0, 1))
-        standin.advance(2.6)
+        drivetwin.advance(2.6)
         # Had it heard the first request, its answer would come before the second one's.
         assert ask(early, frame(1, 3, 0, 0x15, 0, 1), 7) == frame(1, 3, 2, 0x13, 0x88)
 
 
 def test_pymodbus_on_a_pty_opened_twice(run, serial):
-    standin = run("--fast-boot")
+    drivetwin = run("--fast-boot")
     for value in (1, 2):
-        client = serial(standin)
+        client = serial(drivetwin)
         assert client.read_holding_registers(0, count=32).registers == [
             *DEFAULTS[:USER_REGISTER], value - 1, *DEFAULTS[USER_REGISTER + 1 :]
         ]  # fmt: skip
@@ -40,9 +40,9 @@ def test_pymodbus_on_a_pty_opened_twice(run, serial):
 
 
 def test_minimalmodbus_on_a_pty_opened_twice_with_parity(run):
-    standin = run("--fast-boot")
+    drivetwin = run("--fast-boot")
     for value in (1, 2):
-        with serial_port(standin, parity="E", timeout=3) as port:
+        with serial_port(drivetwin, parity="E", timeout=3) as port:
             master = Instrument(port, 1)
             assert master.read_registers(0, 32) == [
                 *DEFAULTS[:USER_REGISTER], value - 1, *DEFAULTS[USER_REGISTER + 1 :]
@@ -84,22 +84,22 @@ def test_exceptions(run, tcp, request_, code):
 
 
 def test_broadcast_is_obeyed_and_not_answered(run, tcp):
-    standin = run("--fast-boot", "--time", "manual")
-    with standin.socket() as master:
+    drivetwin = run("--fast-boot", "--time", "manual")
+    with drivetwin.socket() as master:
         master.sendall(write(0, USER_REGISTER, 7))
         # An answer to the broadcast would come before this one.
         assert ask(master, frame(1, 3, 0, USER_REGISTER, 0, 1), 7) == frame(1, 3, 2, 0, 7)
-    client = tcp(standin)
+    client = tcp(drivetwin)
     client.write_register(USER_REGISTER, 8, device_id=0, no_response_expected=True)
     assert client.read_holding_registers(USER_REGISTER).registers == [8]
 
 
 def test_a_change_of_address_holds_from_the_next_frame(run, tcp):
-    standin = run("--fast-boot", "--time", "manual")
-    client = tcp(standin)
+    drivetwin = run("--fast-boot", "--time", "manual")
+    client = tcp(drivetwin)
     changed = client.write_register(0, 5, device_id=1)
     assert not changed.isError() and changed.dev_id == 1
-    with standin.socket() as master:
+    with drivetwin.socket() as master:
         master.sendall(frame(1, 3, 0, 0, 0, 1))
         assert ask(master, frame(5, 3, 0, 0, 0, 1), 7) == frame(5, 3, 2, 0, 5)
 
@@ -115,19 +115,19 @@ def test_a_change_of_address_holds_from_the_next_frame(run, tcp):
 )
 def test_a_change_of_the_line_holds_from_the_next_frame(run, setting, line):
     """7.22, on the pty, whose speed, stop bits and odd parity a master sets."""
-    standin = run("--fast-boot")
-    with serial_port(standin, timeout=3) as port:
+    drivetwin = run("--fast-boot")
+    with serial_port(drivetwin, timeout=3) as port:
         Instrument(port, 1).write_register(SERIAL_PORT, setting, functioncode=6)
         with pytest.raises(NoResponseError):
             Instrument(port, 1).read_register(SERIAL_PORT)
-    with serial_port(standin, **line) as port:
+    with serial_port(drivetwin, **line) as port:
         assert Instrument(port, 1).read_register(SERIAL_PORT) == setting
 
 
 def test_several_clients_share_the_line(run):
     """Each gets the answers to its own requests; all hear everything that the drive says."""
-    standin = run("--fast-boot")
-    rounds, clients = 10, [standin.socket() for _ in range(4)]
+    drivetwin = run("--fast-boot")
+    rounds, clients = 10, [drivetwin.socket() for _ in range(4)]
     requests = [frame(1, 3, 0, 0, 0, count) for count in (1, 3, 5, 7)]
     replies = [
         frame(1, 3, 2 * count, *b"".join(word.to_bytes(2, "big") for word in DEFAULTS[:count]))
@@ -160,9 +160,9 @@ def test_several_clients_share_the_line(run):
 
 
 def test_noise_does_not_spoil_the_next_frame(run):
-    standin = run("--fast-boot", "--time", "manual")
+    drivetwin = run("--fast-boot", "--time", "manual")
     good, reply = frame(1, 3, 0, 0x15, 0, 1), frame(1, 3, 2, 0x13, 0x88)
-    with standin.socket() as master:
+    with drivetwin.socket() as master:
         for noise in (
             frame(2, 3, 0, 0, 0, 1),
             frame(1, 3, 0, 0, 0, 1)[:-1] + b"\x00",
@@ -172,5 +172,5 @@ def test_noise_does_not_spoil_the_next_frame(run):
         ):
             assert crc(noise[:-2]) != noise[-2:] or noise[0] != 1
             master.sendall(noise)
-            standin.advance(1)
+            drivetwin.advance(1)
             assert ask(master, good, len(reply)) == reply

@@ -11,14 +11,14 @@ from md3 import DEFAULTS
 from rs434 import SLAVE_ADDRESS_MODBUS
 
 
-def poll(standin, baud, first, count):
+def poll(drivetwin, baud, first, count):
     """Holding registers that mbpoll lists."""
     # It counts them from 1.
     reference = first + 1
     command = f"mbpoll -m rtu -a 1 -b {baud} -P even -t 4:hex -r {reference} -c {count}".split()
     # It polls until it is ended, and buffers what it prints unless a terminal reads it.
     terminal, its_end = pty.openpty()
-    mbpoll = subprocess.Popen([*command, standin.pty], stdin=subprocess.DEVNULL, stdout=its_end, stderr=its_end)
+    mbpoll = subprocess.Popen([*command, drivetwin.pty], stdin=subprocess.DEVNULL, stdout=its_end, stderr=its_end)
     os.close(its_end)
     try:
         registers, printed = {}, ""
@@ -43,6 +43,6 @@ def test_lists_the_defaults_of_chapter_7(run):
 
 
 def test_lists_the_settings_of_an_rs434(run):
-    standin = run("--fast-boot", kind="rs434546")
+    drivetwin = run("--fast-boot", kind="rs434546")
     # Address 1, RTU with even parity, 115,200 baud (6).
-    assert poll(standin, 115_200, SLAVE_ADDRESS_MODBUS, 0x27)[:3] == [1, 3, 9]
+    assert poll(drivetwin, 115_200, SLAVE_ADDRESS_MODBUS, 0x27)[:3] == [1, 3, 9]

@@ -29,9 +29,9 @@ def drive(run):
     """A drive whose clock stands between two requests."""
 
     def start(*options, kind="mdrive"):
-        standin = run("--time", "manual", "--fast-boot", *options, kind=kind)
-        standin.advance(1)
-        return standin
+        drivetwin = run("--time", "manual", "--fast-boot", *options, kind=kind)
+        drivetwin.advance(1)
+        return drivetwin
 
     return start
 
@@ -48,8 +48,8 @@ def opened():
 class Master:
     """pymodbus that insists on good answers, and knows functions 65 and 66."""
 
-    def __init__(self, standin, opened):
-        host, port = standin.ports["modbus"]
+    def __init__(self, drivetwin, opened):
+        host, port = drivetwin.ports["modbus"]
         self.client = ModbusTcpClient(host, port=port, timeout=PATIENCE, retries=0)
         assert self.client.connect()
         self.client.register(ReadSpecificResponse)
@@ -93,8 +93,8 @@ def master(drive, opened):
     """A drive, and pymodbus on its port 502."""
 
     def start(*options, kind="mdrive"):
-        standin = drive(*options, kind=kind)
-        return standin, Master(standin, opened)
+        drivetwin = drive(*options, kind=kind)
+        return drivetwin, Master(drivetwin, opened)
 
     return start
 
@@ -179,48 +179,48 @@ def test_identification(master, kind, version):
 
 def test_a_move(master):
     """3,840,000 steps in 5.767 s (MCode manual, 7.3.5), 2.5 ms after the command."""
-    standin, master = master()
+    drivetwin, master = master()
     master.write_long(MR, 3_840_000)
     assert (master.word(MV), master.word(MP)) == (1, 1)
-    standin.advance(3)
+    drivetwin.advance(3)
     assert (master.long(V), master.word(VC)) == (768_000, 0)
-    standin.advance(2.75)
+    drivetwin.advance(2.75)
     assert master.word(MV) == 1
-    standin.advance(0.03)
+    drivetwin.advance(0.03)
     assert (master.word(MV), master.long(P), master.long(C1)) == (0, 3_840_000, 3_840_000)
 
 
 def test_a_program_through_both_ports(master, opened):
-    standin, master = master()
-    terminal = Terminal(standin)
+    drivetwin, master = master()
+    terminal = Terminal(drivetwin)
     opened.append(terminal)
     terminal.program(COUNTER)
     refused(master.client.read_holding_registers(V1, count=2), 2)
     master.write_specific(EX, b"A3")
-    standin.advance(0.6)
+    drivetwin.advance(0.6)
     assert 5_003 <= master.long(V1) <= 5_007
     master.write_long(V2, 77)
     assert terminal.ask("PR V2") == "77"
-    standin.advance(2)
+    drivetwin.advance(2)
     assert (master.long(V1), terminal.ask("PR BY")) == (5_010, "0")
     assert master.read_specific(EX, b"A3") == ""
-    standin.advance(0.3)
+    drivetwin.advance(0.3)
     assert master.read_specific(END) == ""
     frozen = master.long(V1)
     assert 5_001 <= frozen <= 5_005
-    standin.advance(1)
+    drivetwin.advance(1)
     assert (master.long(V1), terminal.ask("PR BY")) == (frozen, "0")
     assert "A3 = 200" in terminal.ask("PR UV")
 
 
 def test_two_terminals(drive, opened):
-    standin = drive()
-    terminal, other = Terminal(standin), Terminal(standin)
+    drivetwin = drive()
+    terminal, other = Terminal(drivetwin), Terminal(drivetwin)
     opened += [terminal, other]
     assert terminal.ask("PR VM") == "768000"
     assert terminal.ask("MR 20000") == ""
     assert terminal.ask("PR MV") == "1"
-    standin.advance(1)
+    drivetwin.advance(1)
     assert terminal.ask("PR P") == "20000"
     assert other.ask("PR P") == "20000"
     terminal.ask("RC=101", prompt=b"?")
@@ -230,22 +230,22 @@ def test_two_terminals(drive, opened):
     # A segment ends anywhere, and may have several lines.
     for piece in (b"R1=7\rIC R1\rPR ", b"R", b"1\r"):
         terminal.socket.sendall(piece)
-        standin.notice()
+        drivetwin.notice()
     expected = b"R1=7\r\n>IC R1\r\n>PR R1\r\n8\r\n>"
     assert receive(terminal.socket, len(expected)) == expected
     assert other.ask("PR R1") == "8"
 
 
 def test_transactions_are_pipelined_and_cut_anywhere(drive, opened):
-    standin = drive()
-    raw = standin.socket("modbus")
+    drivetwin = drive()
+    raw = drivetwin.socket("modbus")
     opened.append(raw)
     requests = [header(n, n % 256, *ASK) for n in range(300)]
     replies = b"".join(header(n, n % 256, *ANSWER) for n in range(300))
     assert ask(raw, b"".join(requests), len(replies)) == replies
     for byte in b"".join(requests[:3]):
         raw.sendall(bytes([byte]))
-        standin.notice()
+        drivetwin.notice()
     assert receive(raw, 33) == replies[:33]
 
 
@@ -261,8 +261,8 @@ def test_transactions_are_pipelined_and_cut_anywhere(drive, opened):
     ],
 )
 def test_what_is_no_modbus_ends_its_connection_and_no_other(master, opened, bad):
-    standin, master = master()
-    raw = standin.socket("modbus")
+    drivetwin, master = master()
+    raw = drivetwin.socket("modbus")
     opened.append(raw)
     raw.sendall(bad)
     try:
@@ -273,24 +273,24 @@ def test_what_is_no_modbus_ends_its_connection_and_no_other(master, opened, bad)
 
 
 def test_half_a_request_disturbs_nobody(master, opened):
-    standin, master = master()
-    slow = standin.socket("modbus")
+    drivetwin, master = master()
+    slow = drivetwin.socket("modbus")
     opened.append(slow)
     whole = header(1, 1, *ASK)
     slow.sendall(whole[:7])
     assert master.word(HC) == 5
-    standin.advance(3_600)
+    drivetwin.advance(3_600)
     assert master.word(HC) == 5
     assert ask(slow, whole[7:], 11) == header(1, 1, *ANSWER)
     # Who goes in the middle of one is forgotten, however he goes.
     for reset in (False, True):
-        gone = standin.socket("modbus")
+        gone = drivetwin.socket("modbus")
         gone.sendall(whole[:5])
-        standin.notice()
+        drivetwin.notice()
         if reset:
             gone.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, b"\1\0\0\0\0\0\0\0")
         gone.close()
-        standin.notice()
+        drivetwin.notice()
     assert master.word(HC) == 5
 
 
@@ -306,8 +306,8 @@ def test_half_a_connection_is_served_and_then_closed(drive, opened):
 
 def test_who_does_not_read_disturbs_nobody(master, opened):
     """Answers that nobody takes are bounded: the drive hears no more from there, or ends the connection."""
-    standin, master = master()
-    deaf = standin.socket("modbus")
+    drivetwin, master = master()
+    deaf = drivetwin.socket("modbus")
     opened.append(deaf)
     deaf.setblocking(False)
     requests = header(1, 1, 0x2B, 0x0E, 2, 0) * 1_000
@@ -318,7 +318,7 @@ def test_who_does_not_read_disturbs_nobody(master, opened):
             stuck = 0
         except BlockingIOError:
             stuck += 1
-            standin.notice()
+            drivetwin.notice()
         except (BrokenPipeError, ConnectionResetError):
             break
     assert sent < most, "it takes everything"
@@ -326,8 +326,8 @@ def test_who_does_not_read_disturbs_nobody(master, opened):
 
 
 def test_more_connections_than_there_is_room_for(drive, opened):
-    standin = drive()
-    opened += [standin.socket("modbus") for _ in range(80)]
+    drivetwin = drive()
+    opened += [drivetwin.socket("modbus") for _ in range(80)]
     served = []
     for number, raw in enumerate(opened):
         try:
@@ -341,43 +341,43 @@ def test_more_connections_than_there_is_room_for(drive, opened):
     assert len(served) == 64
     # Room again as soon as one has gone.
     served[5].close()
-    standin.notice()
-    raw = standin.socket("modbus")
+    drivetwin.notice()
+    raw = drivetwin.socket("modbus")
     opened.append(raw)
     assert ask(raw, header(9, 9, *ASK), 11) == header(9, 9, *ANSWER)
 
 
 def test_connections_are_accepted_once_it_has_booted(run, opened):
     """300 ms after power-on; who has come before is served then, and hears no sign-on."""
-    standin = run("--time", "manual", kind="mdrive")
+    drivetwin = run("--time", "manual", kind="mdrive")
     for _ in range(2):
-        modbus, mcode = (standin.socket(port) for port in ("modbus", "mcode"))
+        modbus, mcode = (drivetwin.socket(port) for port in ("modbus", "mcode"))
         opened += [modbus, mcode]
         modbus.sendall(header(1, 1, *ASK))
         mcode.sendall(b"PR HC\r")
-        standin.advance(0.299)
+        drivetwin.advance(0.299)
         for early in (modbus, mcode):
             early.setblocking(False)
             with pytest.raises(BlockingIOError):
                 early.recv(1)
             early.settimeout(PATIENCE)
-        standin.advance(0.001)
+        drivetwin.advance(0.001)
         assert receive(modbus, 11) == header(1, 1, *ANSWER)
         assert receive(mcode, 11) == b"PR HC\r\n5\r\n>"
-        standin.call("POST", "/api/drives/mdrive/power", {"action": "cycle"})
+        drivetwin.call("POST", "/api/drives/mdrive/power", {"action": "cycle"})
         assert mcode.recv(1) == b""
 
 
 def test_a_typed_line_takes_its_time(drive, opened):
     """MC 7.1: 1 to 5 ms, and nothing that is typed meanwhile is lost."""
-    standin = drive()
-    terminals = [Terminal(standin) for _ in range(2)]
+    drivetwin = drive()
+    terminals = [Terminal(drivetwin) for _ in range(2)]
     opened += terminals
-    start = standin.seconds()
+    start = drivetwin.seconds()
     for line, ms in (("PR HC", 2), ("R1=0", 2), ('PR P,"_"V,"_"MV,"_"VC', 5), ("", 1), ("L", 5)):
         terminals[0].ask(line)
-        assert round((standin.seconds() - start) * 1_000, 3) == ms, line
-        start = standin.seconds()
+        assert round((drivetwin.seconds() - start) * 1_000, 3) == ms, line
+        start = drivetwin.seconds()
     for terminal in terminals:
         terminal.socket.sendall(b"IC R1\r\n" * 1_000)
     for terminal in terminals:
@@ -386,8 +386,8 @@ def test_a_typed_line_takes_its_time(drive, opened):
 
 
 def test_who_types_faster_than_the_drive_executes_is_read_no_further(run, opened):
-    standin = run("--fast-boot", kind="mdrive")
-    flood = standin.socket("mcode")
+    drivetwin = run("--fast-boot", kind="mdrive")
+    flood = drivetwin.socket("mcode")
     opened.append(flood)
     flood.setblocking(False)
     lines = b"IC R1\r" * 10_000
@@ -398,25 +398,25 @@ def test_who_types_faster_than_the_drive_executes_is_read_no_further(run, opened
             stuck = 0
         except BlockingIOError:
             stuck += 1
-            standin.notice()
+            drivetwin.notice()
     assert sent < most, "it takes everything"
     # The others take turns with it, and the bus does not wait at all.
-    terminal = Terminal(standin)
+    terminal = Terminal(drivetwin)
     opened.append(terminal)
     assert terminal.ask("PR HC") == "5"
-    assert Master(standin, opened).word(HC) == 5
+    assert Master(drivetwin, opened).word(HC) == 5
 
 
 def test_any_bytes_on_port_503(drive, opened):
     """Errors, and nothing else; also a line without an end."""
-    standin = drive()
-    raw = standin.socket("mcode")
+    drivetwin = drive()
+    raw = drivetwin.socket("mcode")
     noise = bytes(byte for byte in range(256) if byte not in (3, 5, 10, 13, 27))
     raw.sendall(noise * 200)
-    standin.notice()
+    drivetwin.notice()
     raw.close()
-    standin.notice()
-    terminal = Terminal(standin)
+    drivetwin.notice()
+    terminal = Terminal(drivetwin)
     opened.append(terminal)
     terminal.ask("ER=0")
     assert terminal.ask("PR VM") == "768000"
@@ -424,32 +424,32 @@ def test_any_bytes_on_port_503(drive, opened):
 
 
 def test_connections_end_with_the_power_and_not_with_a_restart(drive, opened):
-    standin = drive()
-    terminal, raw = Terminal(standin), standin.socket("modbus")
+    drivetwin = drive()
+    terminal, raw = Terminal(drivetwin), drivetwin.socket("modbus")
     opened += [terminal, raw]
     terminal.ask("RC=99")
     terminal.socket.sendall(b"\x03")
-    standin.advance(1)
+    drivetwin.advance(1)
     banner = b""
     while not banner.endswith(b">"):
         banner += receive(terminal.socket, 1)
     assert b"Copyright 2001-2010 by Schneider Electric Motion USA.\r\n" in banner
     assert terminal.ask("PR RC") == "25"
     assert ask(raw, header(1, 1, 3, 0, RC, 0, 1), 11) == header(1, 1, 3, 2, 0, 25)
-    standin.call("POST", "/api/drives/mdrive/power", {"action": "off"})
+    drivetwin.call("POST", "/api/drives/mdrive/power", {"action": "off"})
     assert raw.recv(1) == b""
     assert terminal.socket.recv(1) == b""
 
 
 def test_the_hybrid_calibrates_before_it_moves(master):
-    standin, master = master(kind="mdrive-hybrid")
+    drivetwin, master = master(kind="mdrive-hybrid")
     assert master.word(AS) == 2
     assert master.word(AF) & 128
     master.write(0xA1, 1)
     refused(master.client.write_registers(MR, halves(1_000)), 4)
     assert master.word(ER) == 88
-    standin.advance(4)
+    drivetwin.advance(4)
     assert master.word(AF) & 128
     master.write_long(MR, 1_000)
-    standin.advance(1)
+    drivetwin.advance(1)
     assert master.long(P) == 1_000

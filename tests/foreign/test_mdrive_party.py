@@ -91,9 +91,9 @@ def complaints(capsys):
 
 
 def test_dvg_devices_finds_and_moves_a_motor(run, complaints):
-    standin = run("--set", "SerialCommands=1", kind="mdrive")
-    set_up(standin, None, example("x"))
-    with party_line(standin.ports["mcode"]) as path:
+    drivetwin = run("--set", "SerialCommands=1", kind="mdrive")
+    set_up(drivetwin, None, example("x"))
+    with party_line(drivetwin.ports["mcode"]) as path:
         mdrive = controller(path, "wx0")
         (motor,) = mdrive.motors
         config = motor.config
@@ -133,10 +133,10 @@ def test_dvg_devices_finds_and_moves_a_motor(run, complaints):
 def test_dvg_devices_homes_two_motors_on_one_line(run, tmp_path, complaints):
     bench = tmp_path / "stages.toml"
     bench.write_text(SWITCHES)
-    standin = run(kind=bench)
+    drivetwin = run(kind=bench)
     for name in ("x", "z"):
-        set_up(standin, name, example(name))
-    with party_line(*(standin.drives[name]["mcode"] for name in ("x", "z"))) as path:
+        set_up(drivetwin, name, example(name))
+    with party_line(*(drivetwin.drives[name]["mcode"] for name in ("x", "z"))) as path:
         mdrive = controller(path, "wxyz")
         x, z = mdrive.motors
         assert (x.device_name, z.device_name) == ("x", "z")
@@ -150,7 +150,7 @@ def test_dvg_devices_homes_two_motors_on_one_line(run, tmp_path, complaints):
             wait_still(motor)
             assert (motor.state.position, motor.state.error, motor.state.is_home_known) == (0, 0, True)
         # Homing ends beside the switch.
-        turns = [motor["revolutions"] for motor in revolutions(standin)]
+        turns = [motor["revolutions"] for motor in revolutions(drivetwin)]
         assert -0.5 < turns[0] < -0.4 and -0.1 < turns[1] < 0.2, turns
 
         assert x.move_absolute_mm(1) and z.move_absolute_mm(2)
@@ -168,9 +168,9 @@ def test_dvg_devices_homes_two_motors_on_one_line(run, tmp_path, complaints):
         mdrive.close()
 
 
-def revolutions(standin):
+def revolutions(drivetwin):
     """The motors of the bench."""
-    return standin.call("GET", "/api/bench")["motors"]
+    return drivetwin.call("GET", "/api/bench")["motors"]
 
 
 pytestmark = pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
@@ -197,8 +197,8 @@ def play(caplog):
 
 
 def test_pymdrive_stops_a_motor(run, play):
-    standin = run("--set", "SerialCommands=1", kind="mdrive")
-    set_up(standin, None, ['DN="X"'])
+    drivetwin = run("--set", "SerialCommands=1", kind="mdrive")
+    set_up(drivetwin, None, ['DN="X"'])
 
     async def session(comm):
         x = MdriveAxis(comm, "X")
@@ -210,15 +210,15 @@ def test_pymdrive_stops_a_motor(run, play):
 
     # The second connection needs no Ctrl-J of its own.
     for _ in range(2):
-        play(session, standin.ports["mcode"])
+        play(session, drivetwin.ports["mcode"])
 
 
 def test_pymdrive_moves_two_motors(run, play, tmp_path):
     bench = tmp_path / "stages.toml"
     bench.write_text(SWITCHES)
-    standin = run(kind=bench)
+    drivetwin = run(kind=bench)
     for drive, name in (("x", "X"), ("z", "Z")):
-        set_up(standin, drive, [f'DN="{name}"', "VM=100000", "S1=3,1,0" if name == "X" else "S1=3,0,0"])
+        set_up(drivetwin, drive, [f'DN="{name}"', "VM=100000", "S1=3,1,0" if name == "X" else "S1=3,0,0"])
 
     async def session(comm):
         x, z = MdriveAxis(comm, "X"), MdriveAxis(comm, "Z")
@@ -250,4 +250,4 @@ def test_pymdrive_moves_two_motors(run, play, tmp_path):
         x.disable()
         assert (await x.read_all_parameters()).count("DE = 0") == 1
 
-    play(session, *(standin.drives[name]["mcode"] for name in ("x", "z")))
+    play(session, *(drivetwin.drives[name]["mcode"] for name in ("x", "z")))

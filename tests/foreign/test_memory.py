@@ -15,13 +15,13 @@ BAD_DEFAULTS = [*DEFAULTS[:EEPROM_CONTROL], FAILED, *DEFAULTS[EEPROM_CONTROL + 1
 
 def test_a_save_survives_sigkill(run, tcp, tmp_path):
     nv = tmp_path / "md3.nv"
-    standin = run("--fast-boot", "--time", "manual", "--nv", nv)
-    client = tcp(standin)
+    drivetwin = run("--fast-boot", "--time", "manual", "--nv", nv)
+    client = tcp(drivetwin)
     client.write_register(USER_REGISTER, 0x1234)
     client.write_register(EEPROM_CONTROL, SAVE)
-    standin.advance(0.02)
+    drivetwin.advance(0.02)
     assert client.read_holding_registers(EEPROM_CONTROL).registers == [SAVED]
-    standin.kill()
+    drivetwin.kill()
     client = tcp(run("--fast-boot", "--nv", nv))
     assert client.read_holding_registers(EEPROM_CONTROL).registers == [PASSED]
     assert client.read_holding_registers(USER_REGISTER).registers == [0x1234]
@@ -30,19 +30,19 @@ def test_a_save_survives_sigkill(run, tcp, tmp_path):
 def test_sigkill_inside_a_save_leaves_bad_memory(run, tcp, tmp_path):
     """The clock stands right behind the answer, before the 20 ms of the save are over."""
     nv = tmp_path / "md3.nv"
-    standin = run("--fast-boot", "--time", "manual", "--nv", nv)
-    client = tcp(standin)
+    drivetwin = run("--fast-boot", "--time", "manual", "--nv", nv)
+    client = tcp(drivetwin)
     client.write_register(USER_REGISTER, 0x1234)
     client.write_register(EEPROM_CONTROL, SAVE)
-    standin.kill()
+    drivetwin.kill()
     bad = nv.read_bytes()
-    standin = run("--fast-boot", "--time", "manual", "--nv", nv)
-    client = tcp(standin)
+    drivetwin = run("--fast-boot", "--time", "manual", "--nv", nv)
+    client = tcp(drivetwin)
     assert client.read_holding_registers(0, count=32).registers == BAD_DEFAULTS
     assert nv.read_bytes() == bad, "bad memory stays as it is until a save"
     client.write_register(EEPROM_CONTROL, SAVE)
-    standin.advance(1)
-    standin.kill()
+    drivetwin.advance(1)
+    drivetwin.kill()
     client = tcp(run("--fast-boot", "--nv", nv))
     assert client.read_holding_registers(0, count=32).registers == DEFAULTS
 
@@ -51,10 +51,10 @@ def test_sigkill_inside_a_save_leaves_bad_memory(run, tcp, tmp_path):
 def test_sigkill_at_any_instant_of_a_loop_of_saves(run, tcp, tmp_path, seed):
     """The old registers, the new ones, or bad memory; never anything else."""
     nv = tmp_path / "md3.nv"
-    standin = run("--fast-boot", "--line", "fast", "--nv", nv)
-    killer = threading.Timer(0.05 + 0.037 * seed, standin.process.kill)
+    drivetwin = run("--fast-boot", "--line", "fast", "--nv", nv)
+    killer = threading.Timer(0.05 + 0.037 * seed, drivetwin.process.kill)
     asked = answered = 0
-    with standin.socket() as master:
+    with drivetwin.socket() as master:
         killer.start()
         try:
             while True:
@@ -64,7 +64,7 @@ def test_sigkill_at_any_instant_of_a_loop_of_saves(run, tcp, tmp_path, seed):
                     assert receive(master, 8) == request
                 answered = asked
         except (OSError, AssertionError):
-            assert standin.process.wait(30) == -9
+            assert drivetwin.process.wait(30) == -9
     client = tcp(run("--fast-boot", "--nv", nv))
     (status,) = client.read_holding_registers(EEPROM_CONTROL).registers
     (value,) = client.read_holding_registers(USER_REGISTER).registers
@@ -80,10 +80,10 @@ def test_sigkill_at_any_instant_of_a_loop_of_saves(run, tcp, tmp_path, seed):
 def test_a_corrupt_file_is_bad_memory(run, tcp, tmp_path, content):
     nv = tmp_path / "md3.nv"
     nv.write_bytes(content)
-    standin = run("--fast-boot", "--time", "manual", "--nv", nv)
-    client = tcp(standin)
+    drivetwin = run("--fast-boot", "--time", "manual", "--nv", nv)
+    client = tcp(drivetwin)
     assert client.read_holding_registers(0, count=32).registers == BAD_DEFAULTS
-    assert standin.stop() == 0
+    assert drivetwin.stop() == 0
     assert nv.read_bytes() == content
 
 
@@ -91,11 +91,11 @@ def test_bad_memory_delays_the_first_answer(run, tcp, tmp_path):
     """Red flashes for 5 s before the 2.5 s of every start (2, 7.20)."""
     nv = tmp_path / "md3.nv"
     nv.write_bytes(bytes(64))
-    standin = run("--time", "manual", "--nv", nv)
-    with standin.socket() as master:
-        standin.advance(7.4)
+    drivetwin = run("--time", "manual", "--nv", nv)
+    with drivetwin.socket() as master:
+        drivetwin.advance(7.4)
         master.sendall(frame(1, 3, 0, 0, 0, 1))
-        standin.advance(0.2)
+        drivetwin.advance(0.2)
         master.sendall(frame(1, 3, 0, 0, 0, 2))
         assert receive(master, 9) == frame(1, 3, 4, 0, 1, 0x03, 0x0A)
 

@@ -9,7 +9,7 @@ SCRIPT = pathlib.Path(__file__).parent / "node" / "mdrive.mjs"
 
 
 def test_mdrive(run):
-    standin = run("--time", "real", "--fast-boot", kind="mdrive")
-    host, port = standin.ports["modbus"]
+    drivetwin = run("--time", "real", "--fast-boot", kind="mdrive")
+    host, port = drivetwin.ports["modbus"]
     done = subprocess.run(["node", SCRIPT, host, str(port)], capture_output=True, text=True, timeout=PATIENCE)
     assert done.returncode == 0, done.stderr

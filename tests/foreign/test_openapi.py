@@ -15,7 +15,7 @@ from schemathesis.specs.openapi.checks import (
     status_code_conformance,
 )
 
-from conftest import PATIENCE, Standin
+from conftest import PATIENCE, Drivetwin
 
 CHECKS = (
     not_a_server_error,
@@ -91,18 +91,18 @@ def tame(case):
 
 
 @pytest.fixture(scope="module")
-def standin(tmp_path_factory):
+def drivetwin(tmp_path_factory):
     bench = tmp_path_factory.mktemp("bench") / "bench.toml"
     bench.write_text(BENCH)
-    standin = Standin("--fast-boot", "--time", "manual", kind=bench)
-    yield standin
-    assert standin.stop() == 0
-    standin.kill()
+    drivetwin = Drivetwin("--fast-boot", "--time", "manual", kind=bench)
+    yield drivetwin
+    assert drivetwin.stop() == 0
+    drivetwin.kill()
 
 
 @pytest.fixture(scope="module")
-def described(standin):
-    with urllib.request.urlopen(standin.control + "/openapi.json", timeout=PATIENCE) as answer:
+def described(drivetwin):
+    with urllib.request.urlopen(drivetwin.control + "/openapi.json", timeout=PATIENCE) as answer:
         document = json.load(answer)
     # It never ends; test_api.py follows it.
     del document["paths"]["/api/events"]
@@ -115,7 +115,7 @@ def described(standin):
 
 
 @pytest.mark.parametrize("mode", list(GenerationMode), ids=lambda mode: mode.value)
-def test_no_call_surprises(standin, described, mode):
+def test_no_call_surprises(drivetwin, described, mode):
     calls, made = set(), set()
     for found in described.get_all_operations():
         operation = found.ok()
@@ -127,7 +127,7 @@ def test_no_call_surprises(standin, described, mode):
         @settings(SETTINGS)
         def call(case):
             tame(case)
-            answer = case.call(base_url=standin.control, timeout=PATIENCE)
+            answer = case.call(base_url=drivetwin.control, timeout=PATIENCE)
             case.validate_response(answer, checks=CHECKS)
             made.add((operation.label, answer.status_code))
 

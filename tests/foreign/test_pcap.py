@@ -38,10 +38,10 @@ def fields(file, *names, options=()):
 def captured(run, tmp_path, talk, *options, kind="md3"):
     """The file that a drive leaves after a talk on its line, with the clock standing."""
     file = tmp_path / "line.pcapng"
-    standin = run("--fast-boot", "--time", "manual", "--pcap", file, *options, kind=kind)
-    with standin.socket() as sock:
-        talk(standin, sock)
-    assert standin.stop() == 0
+    drivetwin = run("--fast-boot", "--time", "manual", "--pcap", file, *options, kind=kind)
+    with drivetwin.socket() as sock:
+        talk(drivetwin, sock)
+    assert drivetwin.stop() == 0
     return file
 
 
@@ -80,9 +80,9 @@ def test_requests_and_replies_are_modbus_rtu(run, tmp_path):
 def test_stamps_are_the_time_of_the_bench(run, tmp_path):
     began = []
 
-    def talk(standin, sock):
-        standin.advance(1.25)
-        began.append(standin.seconds())
+    def talk(drivetwin, sock):
+        drivetwin.advance(1.25)
+        began.append(drivetwin.seconds())
         ask(sock, frame(1, 3, 0, MOVE_STEPS, 0, 2), 9)
 
     file = captured(run, tmp_path, talk)
@@ -106,9 +106,9 @@ def test_single_writes_are_told_apart_by_their_way_or_by_the_port(run, tmp_path)
 def test_a_frame_with_a_wrong_crc_is_data(run, tmp_path):
     good = frame(1, 3, 0, MOVE_STEPS, 0, 2)
 
-    def talk(standin, sock):
+    def talk(drivetwin, sock):
         sock.sendall(good[:-1] + bytes([good[-1] ^ 1]))
-        standin.advance(0.1)
+        drivetwin.advance(0.1)
         ask(sock, good, 9)
 
     file = captured(run, tmp_path, talk)
@@ -128,9 +128,9 @@ def texts(file):
 def test_text_is_lines(run, tmp_path):
     banner = b"QSB-D  0E!\r\n"
 
-    def talk(standin, sock):
+    def talk(drivetwin, sock):
         # It was sent before anybody was there.
-        standin.advance(0.1)
+        drivetwin.advance(0.1)
         ask(sock, b"R0E\r\n", len(b"r 0E 00000000 !\r\n"))
 
     file = captured(run, tmp_path, talk, kind="qsb-d")
@@ -147,9 +147,9 @@ def test_messages_in_ascii_are_lines(run, tmp_path):
     request, reply = b":01048001000179\r\n", b":01040203E90D\r\n"
     broken = b":01048001000178\r\n"
 
-    def talk(standin, sock):
+    def talk(drivetwin, sock):
         sock.sendall(broken)
-        standin.advance(0.1)
+        drivetwin.advance(0.1)
         assert ask(sock, request, len(reply)) == reply
 
     file = captured(run, tmp_path, talk, "--set", "TYPE_MODBUS=1", kind="rs434544")

@@ -23,10 +23,10 @@ from conftest import PATIENCE, receive
 class Terminal(Serial):
     """A program on the pty; each reply is a line."""
 
-    def __init__(self, standin, baudrate=230_400):
-        self.standin = standin
-        standin.notice()
-        super().__init__(standin.pty, baudrate=baudrate, timeout=PATIENCE)
+    def __init__(self, drivetwin, baudrate=230_400):
+        self.drivetwin = drivetwin
+        drivetwin.notice()
+        super().__init__(drivetwin.pty, baudrate=baudrate, timeout=PATIENCE)
 
     def line(self):
         """The next line of the device."""
@@ -36,7 +36,7 @@ class Terminal(Serial):
 
     def silent(self):
         """Whether nothing more has come by now."""
-        self.standin.notice()
+        self.drivetwin.notice()
         return self.in_waiting == 0
 
     def ask(self, command):
@@ -51,11 +51,11 @@ def opened(run):
     with contextlib.ExitStack() as terminals:
 
         def start(*options, kind="qsb-m"):
-            standin = run("--time", "manual", *options, kind=kind)
-            terminal = terminals.enter_context(Terminal(standin))
-            standin.advance(0.06)
+            drivetwin = run("--time", "manual", *options, kind=kind)
+            terminal = terminals.enter_context(Terminal(drivetwin))
+            drivetwin.advance(0.06)
             assert terminal.line() == f"QSB-{kind[-1].upper()}  0E!"
-            return standin, terminal
+            return drivetwin, terminal
 
         yield start
 
@@ -125,14 +125,14 @@ def test_every_example(opened):
 
 def test_a_session_at_a_terminal(opened):
     """A command grows character by character, and the clock with it."""
-    standin, terminal = opened()
-    began = standin.seconds()
+    drivetwin, terminal = opened()
+    began = drivetwin.seconds()
     for key in b"R08":
         terminal.write(bytes([key]))
     assert terminal.silent(), "nothing is answered before the command ends"
     terminal.write(b"\r")
     assert terminal.line() == reply("r", 0x08, 499)
-    assert 5 * 10 / 230_400 <= standin.seconds() - began < 1
+    assert 5 * 10 / 230_400 <= drivetwin.seconds() - began < 1
     # Any of CR and LF, or both; both are one end.
     for end in (b"\n", b"\r\n", b"\n\r", b"\r"):
         terminal.write(b"R08" + end)
@@ -159,11 +159,11 @@ def test_many_commands_in_one_write(opened):
 @pytest.mark.parametrize("options", [(), ("--time", "x10"), ("--line", "fast"), ("--time", "manual")])
 def test_a_flood_loses_nothing(run, options):
     """More than the line takes in a second, from one client; another one hears the same."""
-    standin = run("--fast-boot", *options, kind="qsb-m")
+    drivetwin = run("--fast-boot", *options, kind="qsb-m")
     count = 3_000
     expected = b"".join(b"w 08 %08X !\r\n" % n for n in range(count))
-    with standin.socket() as flooding, standin.socket() as other:
-        standin.notice()
+    with drivetwin.socket() as flooding, drivetwin.socket() as other:
+        drivetwin.notice()
         writer = subprocess.Popen(
             [sys.executable, "-c", f"import sys\nfor n in range({count}): sys.stdout.write(f'W08{{n:X}}\\r')"],
             stdout=flooding,
@@ -181,28 +181,28 @@ def test_a_flood_loses_nothing(run, options):
 
 
 def test_opening_the_pty_resets_and_nothing_else_does(run):
-    standin = run("--time", "manual", kind="qsb-m")
-    standin.advance(0.06)
-    with standin.socket() as client:
+    drivetwin = run("--time", "manual", kind="qsb-m")
+    drivetwin.advance(0.06)
+    with drivetwin.socket() as client:
         written = reply("w", 0x08, 0x123).encode() + b"\r\n"
         client.sendall(b"W08123\r")
         assert receive(client, len(written)) == written
-    with Terminal(standin) as first:
+    with Terminal(drivetwin) as first:
         # The banner begins 50 ms after the opening.
-        standin.advance(0.049)
+        drivetwin.advance(0.049)
         assert first.silent()
-        standin.advance(0.005)
+        drivetwin.advance(0.005)
         assert first.line() == "QSB-M  0E!"
         assert first.ask("R08") == reply("r", 0x08, 499)
         assert first.ask("W0877") == reply("w", 0x08, 0x77)
         # Somebody else opens it, and comes by TCP: DTR is high already.
-        with Terminal(standin) as second, standin.socket():
-            standin.advance(0.1)
+        with Terminal(drivetwin) as second, drivetwin.socket():
+            drivetwin.advance(0.1)
             second.write(b"R08\r")
             assert first.line() == reply("r", 0x08, 0x77)
         assert first.ask("R08") == reply("r", 0x08, 0x77)
-    with Terminal(standin) as again:
-        standin.advance(0.06)
+    with Terminal(drivetwin) as again:
+        drivetwin.advance(0.06)
         assert again.line() == "QSB-M  0E!"
         assert again.ask("R08") == reply("r", 0x08, 499)
 
@@ -222,9 +222,9 @@ def stream(terminal):
 
 
 def test_a_second_of_a_stream(opened):
-    standin, terminal = opened()
+    drivetwin, terminal = opened()
     first = stream(terminal)
-    standin.advance(1.0)
+    drivetwin.advance(1.0)
     stamps = [stamped(terminal.line(), "s") for _ in range(511)]
     assert stamps == list(range(first + 1, first + 512))
     # A read ends it.
@@ -232,30 +232,30 @@ def test_a_second_of_a_stream(opened):
     while (line := terminal.line())[0] == "s":
         pass
     stamped(line, "r")
-    standin.advance(0.1)
+    drivetwin.advance(0.1)
     assert terminal.silent()
 
 
 def test_a_second_of_a_stream_in_real_time(run):
-    standin = run(kind="qsb-d")
-    with Terminal(standin) as terminal:
+    drivetwin = run(kind="qsb-d")
+    with Terminal(drivetwin) as terminal:
         assert terminal.line() == "QSB-D  0E!"
-        began = standin.seconds()
+        began = drivetwin.seconds()
         first = stream(terminal)
         stamps = [stamped(terminal.line(), "s") for _ in range(512)]
         assert stamps == list(range(first + 1, first + 513))
         # The first interval began with a tick, at most one of them before the stream.
-        assert standin.seconds() - began >= 511 / 512
+        assert drivetwin.seconds() - began >= 511 / 512
 
 
 def test_noise_and_half_lines_in_a_stream(opened):
     """Every octet once: 09 LF, 0B 0C CR and the rest, too long, are three lines that nobody understands."""
-    standin, terminal = opened()
+    drivetwin, terminal = opened()
     first = stream(terminal)
     terminal.write(bytes(range(256)) + b"\rW0C")
-    standin.advance(0.5)
+    drivetwin.advance(0.5)
     terminal.write(b"\bR08\r")
-    standin.advance(0.5)
+    drivetwin.advance(0.5)
     lines = []
     while len([line for line in lines if line[0] == "s"]) < 511:
         lines.append(terminal.line())
@@ -266,14 +266,14 @@ def test_noise_and_half_lines_in_a_stream(opened):
 
 
 def test_it_streams_what_the_encoder_does(opened):
-    standin, terminal = opened()
+    drivetwin, terminal = opened()
     assert terminal.ask("W0C5") == reply("w", 0x0C, 5)
     assert terminal.ask("W0B1") == reply("w", 0x0B, 1)
     assert terminal.ask("S0E") == reply("s", 0x0E, 0)
-    standin.advance(0.5)
+    drivetwin.advance(0.5)
     assert terminal.silent(), "it stands, and the threshold is 1"
-    standin.call("POST", "/api/drives/qsb-m/encoder", {"counts": 400, "hz": 400})
-    standin.advance(1.1)
+    drivetwin.call("POST", "/api/drives/qsb-m/encoder", {"counts": 400, "hz": 400})
+    drivetwin.advance(1.1)
     counts = []
     while not counts or counts[-1] != 400:
         line = terminal.line()
@@ -281,8 +281,8 @@ def test_it_streams_what_the_encoder_does(opened):
         counts.append(int(line[5:13], 16))
     # About four edges in five ticks of 1/512 s, each record further on than the one before.
     assert counts == sorted(set(counts)) and 95 <= len(counts) <= 105
-    standin.call("POST", "/api/drives/qsb-m/encoder", {"counts": -401, "hz": 100_000})
-    standin.advance(0.1)
+    drivetwin.call("POST", "/api/drives/qsb-m/encoder", {"counts": -401, "hz": 100_000})
+    drivetwin.advance(0.1)
     # The factory's MDR0 counts modulo DTR + 1, which is 500.
     while (line := terminal.line()) != reply("s", 0x0E, 499):
         assert line.startswith("s 0E ")
@@ -290,23 +290,23 @@ def test_it_streams_what_the_encoder_does(opened):
 
 def test_analogue_and_digital_at_one_contact(opened):
     """Bits 9:0 of the packet: the voltage, of which 5 V would be 1024. The first digits are its time."""
-    standin, terminal = opened(kind="qsb-s")
+    drivetwin, terminal = opened(kind="qsb-s")
     pin = "/api/drives/qsb-s/pins/A"
-    standin.call("PUT", pin, {"level": "low"})
+    drivetwin.call("PUT", pin, {"level": "low"})
     # With B high a falling A is a step forward.
     assert terminal.ask("R0E") == reply("r", 0x0E, 1)
     assert terminal.ask("W0002") == reply("w", 0x00, 2)
     for volts, value in ((2.5, 512), (5, 1023), (7, 1023), (0, 0), (1.22, 249)):
-        standin.call("PUT", pin, {"volts": volts})
+        drivetwin.call("PUT", pin, {"volts": volts})
         assert int(terminal.ask("R0E")[5:13], 16) & 0xFFF == value
 
 
-def spoil(standin, terminal, text):
+def spoil(drivetwin, terminal, text):
     """Writes at the wrong rate, and waits until the drive has met it: the system hands it over when it gets round to
     it, and the rate of a pty is that of then."""
 
     def spoiled():
-        with urllib.request.urlopen(standin.control + "/api/trace", timeout=PATIENCE) as trace:
+        with urllib.request.urlopen(drivetwin.control + "/api/trace", timeout=PATIENCE) as trace:
             return trace.read().count(b" > spoiled")
 
     end = time.monotonic() + PATIENCE
@@ -317,53 +317,53 @@ def spoil(standin, terminal, text):
 
 def test_another_rate_is_kept_and_needed(opened, run, tmp_path):
     nv = tmp_path / "qsb.nv"
-    standin, terminal = opened("--nv", nv)
+    drivetwin, terminal = opened("--nv", nv)
     # Answered at the old rate.
     assert terminal.ask("W1640A") == reply("w", 0x16, 0x40A)
-    spoil(standin, terminal, b"R08\r")
-    standin.advance(0.1)
+    spoil(drivetwin, terminal, b"R08\r")
+    drivetwin.advance(0.1)
     assert terminal.silent(), "nobody reads 230,400 baud any more"
     terminal.baudrate = 115_200
     # What the drive could not read spoils the line it was in.
     assert terminal.ask("") == reply("x", 0x00, 0)
     assert terminal.ask("R08") == reply("r", 0x08, 499)
     terminal.close()
-    with Terminal(standin, baudrate=115_200) as terminal:
-        standin.advance(0.06)
+    with Terminal(drivetwin, baudrate=115_200) as terminal:
+        drivetwin.advance(0.06)
         assert terminal.line() == "QSB-M  0E!"
         assert terminal.ask("R08") == reply("r", 0x08, 499)
-    standin.kill()
-    standin = run("--time", "manual", "--fast-boot", "--nv", nv, kind="qsb-m")
-    assert standin.call("GET", "/api/bench")["buses"][0]["line"] == "115200 8N1"
+    drivetwin.kill()
+    drivetwin = run("--time", "manual", "--fast-boot", "--nv", nv, kind="qsb-m")
+    assert drivetwin.call("GET", "/api/bench")["buses"][0]["line"] == "115200 8N1"
 
 
 def test_what_is_saved_is_there_after_a_restart(opened, tmp_path):
     nv = tmp_path / "qsb.nv"
-    standin, terminal = opened("--nv", nv)
+    drivetwin, terminal = opened("--nv", nv)
     assert terminal.ask("W0877") == reply("w", 0x08, 0x77)
     assert terminal.ask("W163") == reply("w", 0x16, 3)
-    standin.advance(0.1)
+    drivetwin.advance(0.1)
     assert terminal.ask("W0C5") == reply("w", 0x0C, 5)
-    standin.kill()
-    standin, terminal = opened("--nv", nv)
+    drivetwin.kill()
+    drivetwin, terminal = opened("--nv", nv)
     assert terminal.ask("R08") == reply("r", 0x08, 0x77)
     assert terminal.ask("R0C") == reply("r", 0x0C, 0xFFFF)
     # It wakes up streaming, when it was saved so.
     assert terminal.ask("W0C200") == reply("w", 0x0C, 0x200)
     assert terminal.ask("S0E") == reply("s", 0x0E, 0)
     assert terminal.ask("W163") == reply("w", 0x16, 3)
-    standin.advance(0.1)
-    standin.kill()
-    standin, terminal = opened("--nv", nv)
-    standin.advance(1.1)
+    drivetwin.advance(0.1)
+    drivetwin.kill()
+    drivetwin, terminal = opened("--nv", nv)
+    drivetwin.advance(1.1)
     assert terminal.line() == reply("s", 0x0E, 0)
 
 
 def test_a_terminal_program(run):
-    """miniterm, as `standin run` proposes it, with somebody at its keyboard."""
-    standin = run(kind="qsb-d")
+    """miniterm, as `drivetwin run` proposes it, with somebody at its keyboard."""
+    drivetwin = run(kind="qsb-d")
     keyboard, its_end = pty.openpty()
-    command = [sys.executable, "-m", "serial.tools.miniterm", standin.pty, "230400"]
+    command = [sys.executable, "-m", "serial.tools.miniterm", drivetwin.pty, "230400"]
     terminal = subprocess.Popen(command, stdin=its_end, stdout=its_end, stderr=its_end)
     os.close(its_end)
     shown = ""

@@ -30,17 +30,17 @@ def ascii(*body):
 def master(request, run, tcp, serial):
     """A drive, and pymodbus that speaks with it in either framing over TCP or on the pty."""
     way, framing = request.param
-    standin = drive(run, framing)
+    drivetwin = drive(run, framing)
     framer = {"rtu": FramerType.RTU, "ascii": FramerType.ASCII}[framing]
-    return standin, tcp(standin, framer) if way == "tcp" else serial(standin, framer, BAUD)
+    return drivetwin, tcp(drivetwin, framer) if way == "tcp" else serial(drivetwin, framer, BAUD)
 
 
 @pytest.fixture(params=FRAMINGS)
 def instrument(request, run):
     """A drive, and minimalmodbus that speaks with it on the pty in either framing."""
-    standin = drive(run, request.param)
-    with serial_port(standin, BAUD, bytesize=7 if request.param == "ascii" else 8) as port:
-        yield standin, Instrument(port, 1, request.param)
+    drivetwin = drive(run, request.param)
+    with serial_port(drivetwin, BAUD, bytesize=7 if request.param == "ascii" else 8) as port:
+        yield drivetwin, Instrument(port, 1, request.param)
 
 
 def test_pymodbus_reads_and_writes_all_four_spaces(master):
@@ -80,7 +80,7 @@ def test_exceptions(master, request_, code):
 
 
 def test_pymodbus_loads_runs_pauses_and_reads_back_a_program(master):
-    standin, client = master
+    drivetwin, client = master
 
     def status():
         (status,) = client.read_input_registers(STATUS_USER_PROGRAM).registers
@@ -102,38 +102,38 @@ def test_pymodbus_loads_runs_pauses_and_reads_back_a_program(master):
         else:
             write(WRITE_CMD, line, *instruction)
     assert not client.write_register(FLAG_SAVE_USER_PROGRAM, PROGRAM_TO_FLASH).isError()
-    standin.advance(1)
+    drivetwin.advance(1)
     # The buffer is not the program.
     write(WRITE_CMD, 0, 0x0D, 0)
     assert not client.write_register(FLAG_SAVE_USER_PROGRAM, PROGRAM_TO_BUFFER).isError()
-    standin.advance(1)
+    drivetwin.advance(1)
     for line, instruction in enumerate([*COUNTER, [0, 0]]):
         assert not client.write_register(READ_CMD, line).isError()
         assert client.read_holding_registers(CMD_R, count=2).registers == instruction
 
     assert not client.write_register(MODE_USER_PROGRAM, START).isError()
-    standin.advance(0.1)
+    drivetwin.advance(0.1)
     assert (status(), read(PC_REG), read(AX_REG)) == (RUNS, 1, 7)
-    standin.advance(1)
+    drivetwin.advance(1)
     assert (read(PC_REG), read(AX_REG)) == (3, 8)
-    standin.advance(1)
+    drivetwin.advance(1)
     assert (read(PC_REG), read(AX_REG)) == (1, 8)
     # The program sees what the bus writes.
     write(AX_REG, 100)
-    standin.advance(1)
+    drivetwin.advance(1)
     assert (read(PC_REG), read(AX_REG)) == (3, 101)
 
     assert not client.write_register(MODE_USER_PROGRAM, STOP).isError()
-    standin.advance(10)
+    drivetwin.advance(10)
     assert (status(), read(AX_REG)) == (STOPPED, 101)
     assert not client.write_register(MODE_USER_PROGRAM, START).isError()
-    standin.advance(0.1)
+    drivetwin.advance(0.1)
     assert (status(), read(PC_REG), read(AX_REG)) == (RUNS, 1, 7)
     assert read(ERROR) == 0
 
 
 def test_minimalmodbus_loads_runs_and_pauses_a_program(instrument):
-    standin, master = instrument
+    drivetwin, master = instrument
     assert master.read_register(HW_MAJOR, functioncode=4) == 1001
     assert master.read_bit(IN_HARD_STOP_BIT) == 1
     master.write_bit(CLR_POSITION_BIT, 1)
@@ -142,12 +142,12 @@ def test_minimalmodbus_loads_runs_and_pauses_a_program(instrument):
     for line, instruction in enumerate(COUNTER):
         master.write_registers(WRITE_CMD, [line, *instruction])
     master.write_register(FLAG_SAVE_USER_PROGRAM, PROGRAM_TO_FLASH, functioncode=6)
-    standin.advance(1)
+    drivetwin.advance(1)
     for line, instruction in enumerate(COUNTER):
         master.write_register(READ_CMD, line, functioncode=6)
         assert master.read_registers(CMD_R, 2) == instruction
     master.write_register(MODE_USER_PROGRAM, START, functioncode=6)
-    standin.advance(1.5)
+    drivetwin.advance(1.5)
     assert master.read_register(STATUS_USER_PROGRAM, functioncode=4) == RUNS
     assert (master.read_register(PC_REG), master.read_register(AX_REG)) == (3, 8)
     master.write_register(MODE_USER_PROGRAM, STOP, functioncode=6)
@@ -155,42 +155,42 @@ def test_minimalmodbus_loads_runs_and_pauses_a_program(instrument):
 
 
 def test_ascii_after_a_save_and_a_restart(run, tcp):
-    standin = run("--time", "manual", kind="rs434544")
-    standin.advance(1)
-    client = tcp(standin)
+    drivetwin = run("--time", "manual", kind="rs434544")
+    drivetwin.advance(1)
+    client = tcp(drivetwin)
     assert not client.write_register(TYPE_MODBUS, 1).isError()
     # Nothing has changed yet (6.4).
     assert client.read_holding_registers(TYPE_MODBUS).registers == [1]
     assert not client.write_register(FLAG_SAVE_INI, SAVE).isError()
-    standin.advance(0.1)
+    drivetwin.advance(0.1)
     assert not client.write_register(FLAG_RESTART, RESTART).isError()
-    standin.advance(1)
-    client = tcp(standin, FramerType.ASCII)
+    drivetwin.advance(1)
+    client = tcp(drivetwin, FramerType.ASCII)
     assert client.read_holding_registers(TYPE_MODBUS).registers == [1]
     # A new speed holds after a save and a restart, too; and RTU again.
     assert not client.write_registers(TYPE_MODBUS, [5, 3]).isError()
     assert not client.write_register(FLAG_SAVE_INI, SAVE).isError()
-    standin.advance(0.1)
+    drivetwin.advance(0.1)
     assert not client.write_register(FLAG_RESTART, RESTART).isError()
-    standin.advance(1)
-    with serial_port(standin, BAUD, parity="N", stopbits=2, timeout=3) as port:
+    drivetwin.advance(1)
+    with serial_port(drivetwin, BAUD, parity="N", stopbits=2, timeout=3) as port:
         with pytest.raises(NoResponseError):
             Instrument(port, 1).read_register(BITRATE_MODBUS)
-    with serial_port(standin, 4_800, parity="N", stopbits=2) as port:
+    with serial_port(drivetwin, 4_800, parity="N", stopbits=2) as port:
         assert Instrument(port, 1).read_registers(TYPE_MODBUS, 2) == [5, 3]
 
 
 def test_settings_hold_when_power_fails(run, tcp, tmp_path):
     nv = tmp_path / "rs434.nv"
-    standin = drive(run, "rtu", "--nv", nv)
-    client = tcp(standin)
+    drivetwin = drive(run, "rtu", "--nv", nv)
+    client = tcp(drivetwin)
     assert not client.write_registers(SLAVE_ADDRESS_MODBUS, [9, 1]).isError()
     assert not client.write_registers(WRITE_CMD, [3, 0x19, 1]).isError()
     assert not client.write_register(FLAG_SAVE_USER_PROGRAM, PROGRAM_TO_FLASH).isError()
-    standin.advance(1)
+    drivetwin.advance(1)
     assert not client.write_register(FLAG_SAVE_INI, SAVE).isError()
-    standin.advance(1)
-    standin.kill()
+    drivetwin.advance(1)
+    drivetwin.kill()
     client = tcp(run("--fast-boot", "--nv", nv, kind="rs434544"), FramerType.ASCII)
     assert client.read_holding_registers(SLAVE_ADDRESS_MODBUS, count=2, device_id=9).registers == [9, 1]
     assert not client.write_register(FLAG_SAVE_USER_PROGRAM, PROGRAM_TO_BUFFER, device_id=9).isError()
@@ -199,9 +199,9 @@ def test_settings_hold_when_power_fails(run, tcp, tmp_path):
 
 
 def test_noise_in_ascii_ends_at_the_next_colon(run):
-    standin = drive(run, "ascii")
+    drivetwin = drive(run, "ascii")
     good, reply = ascii(1, 3, 0x50, 1, 0, 1), ascii(1, 3, 2, 0, 1)
-    with standin.socket() as master:
+    with drivetwin.socket() as master:
         for noise in (
             b":",
             b"0103500100",
@@ -215,11 +215,11 @@ def test_noise_in_ascii_ends_at_the_next_colon(run):
             ascii(2, 3, 0x50, 1, 0, 1),
         ):
             master.sendall(noise)
-            standin.advance(0.5)
+            drivetwin.advance(0.5)
             assert ask(master, good, len(reply)) == reply, noise
         # Half a message may wait for a second, in which others may not speak; small digits are digits.
         master.sendall(good[:5])
-        standin.advance(0.9)
+        drivetwin.advance(0.9)
         assert ask(master, good[5:].lower(), len(reply)) == reply
         # Nobody answers a broadcast.
         master.sendall(ascii(0, 6, 0x50, 0x0B, 0x01, 0x02))
@@ -227,9 +227,9 @@ def test_noise_in_ascii_ends_at_the_next_colon(run):
 
 
 def test_several_clients_share_a_line_of_ascii(run):
-    standin = drive(run, "ascii")
-    first, second = standin.socket(), standin.socket()
-    standin.notice()
+    drivetwin = drive(run, "ascii")
+    first, second = drivetwin.socket(), drivetwin.socket()
+    drivetwin.notice()
     request, reply = ascii(1, 3, 0x50, 1, 0, 1), ascii(1, 3, 2, 0, 1)
     first.sendall(request + request)
     second.sendall(request)
@@ -241,8 +241,8 @@ def test_several_clients_share_a_line_of_ascii(run):
 def test_ascii_while_time_goes_on(run, tcp):
     """In real time and without any: what a request waits for does not depend on silences."""
     for options in ([], ["--line", "fast"], ["--time", "x10"]):
-        standin = run("--fast-boot", "--set", "TYPE_MODBUS=1", *options, kind="rs434544")
-        client = tcp(standin, FramerType.ASCII)
+        drivetwin = run("--fast-boot", "--set", "TYPE_MODBUS=1", *options, kind="rs434544")
+        client = tcp(drivetwin, FramerType.ASCII)
         for value in range(100, 110):
             assert not client.write_register(SPEED, value).isError()
             assert client.read_holding_registers(SPEED).registers == [value]

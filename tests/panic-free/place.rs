@@ -1,4 +1,4 @@
-use standin_firmware::device::Device;
+use drivetwin_firmware::device::Device;
 
 /// Tells the program the place in the list of drives of the one that `DRIVE` names; the first if it is not
 /// set. Of more than one build script.
@@ -6,7 +6,7 @@ fn tell_place_of_drive() {
     macro_rules! kinds {
         ($($make:expr),* $(,)?) => { [$(($make)().spec().kind),*] };
     }
-    let kinds: Vec<&str> = standin_firmware::devices!(kinds).into_iter().collect();
+    let kinds: Vec<&str> = drivetwin_firmware::devices!(kinds).into_iter().collect();
     let place = match std::env::var("DRIVE") {
         Ok(kind) => kinds.iter().position(|&known| known == kind),
         Err(_) => Some(0),

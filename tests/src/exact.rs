@@ -4,9 +4,9 @@
 //! With *h* = speed · ticks/s and a step of 2·(ticks/s)², way and speed are tied by
 //! h² = h₀² + a·way, and a change of speed by Δh takes Δh/a ticks.
 
+use drivetwin_firmware::motion::Rates;
+use drivetwin_protocol::time::{Duration, TICKS_PER_SECOND};
 use fixed::types::{I24F8, U24F8};
-use standin_firmware::motion::Rates;
-use standin_protocol::time::{Duration, TICKS_PER_SECOND};
 
 /// A step in the unit of a way.
 pub const STEP: u128 = 2 * (TICKS_PER_SECOND as u128) * (TICKS_PER_SECOND as u128);
@@ -189,7 +189,7 @@ impl Jog {
 #[cfg(test)]
 mod tests {
     use super::step_instants;
-    use standin_protocol::time::{Duration, Span};
+    use drivetwin_protocol::time::{Duration, Span};
 
     #[test]
     fn the_factory_move_of_an_md3() {

@@ -1,17 +1,17 @@
 //! Bodies of the fuzz targets: each takes any bytes, and panics where something does not hold. `fuzz/` finds bytes, and
 //! `tests/fuzzed.rs` replays those that are kept in `fuzz/corpus`.
 
-use standin_firmware::device::{
+use drivetwin_firmware::device::{
     Boot, Device, Duration, Encoder, Ends, Fault, Input, Instant, Line, Link, Output, Pin, Port, Sink,
     advance, feed,
 };
-use standin_protocol::line::Parity;
-use standin_protocol::modbus::rtu::{self, checked, crc};
-use standin_protocol::modbus::tcp::{self, Splitter};
-use standin_protocol::modbus::{self, Burst, Voices, Why, ascii};
-use standin_protocol::text::{Lines, next_line};
-use standin_sim::trace::Trace;
-use standin_sim::{file, kinds, rsasm};
+use drivetwin_protocol::line::Parity;
+use drivetwin_protocol::modbus::rtu::{self, checked, crc};
+use drivetwin_protocol::modbus::tcp::{self, Splitter};
+use drivetwin_protocol::modbus::{self, Burst, Voices, Why, ascii};
+use drivetwin_protocol::text::{Lines, next_line};
+use drivetwin_sim::trace::Trace;
+use drivetwin_sim::{file, kinds, rsasm};
 
 /// A target takes bytes.
 pub type Target = fn(&[u8]);

@@ -1,7 +1,7 @@
 //! What tests say to an MD3: its registers and bits as the manual has them, and writes over the bus.
 
-use standin_protocol::modbus::rtu;
-use standin_sim::bench::{Bench, Seat};
+use drivetwin_protocol::modbus::rtu;
+use drivetwin_sim::bench::{Bench, Seat};
 
 /// First addresses of the registers, as the table at the head of chapter 7 has them. A pair has its high
 /// half first.

@@ -1,9 +1,9 @@
 //! A golden trace on the shell of a board, over the simulated hardware.
 
-use standin_firmware::device::{Boot, Device, Duration, Ends, Instant, Level, Line, Pin};
-use standin_firmware::shell::{ANSWERS, Came, Caught, Inputs, ONE_ANSWER, Shell};
-use standin_sim::hal::{Board, Done, SimOutputs};
-use standin_sim::trace::{Course, Did, Drive, Event, Fed, Power, Trace};
+use drivetwin_firmware::device::{Boot, Device, Duration, Ends, Instant, Level, Line, Pin};
+use drivetwin_firmware::shell::{ANSWERS, Came, Caught, Inputs, ONE_ANSWER, Shell};
+use drivetwin_sim::hal::{Board, Done, SimOutputs};
+use drivetwin_sim::trace::{Course, Did, Drive, Event, Fed, Power, Trace};
 
 /// What a drive did, as a board shows it: pins as the levels they take, one after the other.
 #[derive(Clone, PartialEq, Debug)]

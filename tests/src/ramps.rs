@@ -3,10 +3,10 @@
 //!
 //! All begin at the instant 0 and count from there; nobody's interrupt is ever late.
 
+use drivetwin_firmware::device::{Instant, Plan};
+use drivetwin_firmware::motion::{Rates, Walker};
+use drivetwin_protocol::time::TICKS_PER_SECOND;
 use fixed::types::{I24F8, U24F8};
-use standin_firmware::device::{Instant, Plan};
-use standin_firmware::motion::{Rates, Walker};
-use standin_protocol::time::TICKS_PER_SECOND;
 
 use crate::exact::{Jog, Move, TICK};
 
@@ -59,8 +59,9 @@ impl std::fmt::Display for Error {
 /// The rows as they are in docs/motion.md.
 #[must_use]
 pub fn table(rows: &[Row]) -> String {
-    let mut table =
-        String::from("| error in ticks of 1/16 µs | standin | AVR446 | AccelStepper |\n|---|---|---|---|\n");
+    let mut table = String::from(
+        "| error in ticks of 1/16 µs | drivetwin | AVR446 | AccelStepper |\n|---|---|---|---|\n",
+    );
     for Row { name, ours, avr446, accelstepper } in rows {
         let [avr446, accelstepper] =
             [avr446, accelstepper].map(|error| error.map_or("-".to_owned(), |error| error.to_string()));

@@ -1,12 +1,12 @@
 //! What tests say to an RS 434544 or 434546: its registers as the manual has them, requests over the bus, a
 //! hand on every pin. "Decision 9" is the ninth under "RS 434544 / 434546" in docs/decisions.md.
 
-use standin_firmware::device::{Axis, Device, Fault, Level, Pin};
-use standin_firmware::rs434::{rs434544, rs434546};
-use standin_protocol::modbus::rtu;
-use standin_protocol::time::{Duration, Instant, Span};
-use standin_sim::bench::{Bench, Driving, Motion, PowerAction, Seat, Settings, Setup};
-use standin_sim::bus::LineMode;
+use drivetwin_firmware::device::{Axis, Device, Fault, Level, Pin};
+use drivetwin_firmware::rs434::{rs434544, rs434546};
+use drivetwin_protocol::modbus::rtu;
+use drivetwin_protocol::time::{Duration, Instant, Span};
+use drivetwin_sim::bench::{Bench, Driving, Motion, PowerAction, Seat, Settings, Setup};
+use drivetwin_sim::bus::LineMode;
 
 /// Both models, as users type them.
 pub const KINDS: [&str; 2] = ["rs434544", "rs434546"];

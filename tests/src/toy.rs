@@ -1,14 +1,14 @@
 //! A device that is nothing like a Modbus drive, so that the contract fits more than those: it sends
 //! the level of its input every 10 ms and obeys single characters.
 
-use standin_firmware::device::{
+use drivetwin_firmware::device::{
     Boot, Device, Duration, Ends, Input, Instant, Level, Line, Output, Pin, PinSpec, Port, PortSpec, Refused,
     Role, Sink, Spec,
 };
-use standin_protocol::line::Parity;
-use standin_protocol::registers::Register;
+use drivetwin_protocol::line::Parity;
+use drivetwin_protocol::registers::Register;
 
-standin_protocol::registers! {
+drivetwin_protocol::registers! {
     /// The toy's only register.
     pub enum Reg: HighFirst {
         /// Level of the output.

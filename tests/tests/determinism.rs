@@ -4,15 +4,15 @@
 
 use std::sync::LazyLock;
 
+use drivetwin_firmware::device::{Axis, Instant, Pin, Port};
+use drivetwin_firmware::motor::stepper::Parameters;
+use drivetwin_protocol::modbus::rtu;
+use drivetwin_protocol::time::{Duration, Span};
+use drivetwin_sim::bench::{Bench, Closed, Driving, Fitting, PowerAction, Settings, Setup};
+use drivetwin_sim::file;
+use drivetwin_sim::trace::TraceKeep;
+use drivetwin_sim::{kinds, pcapng};
 use proptest::prelude::*;
-use standin_firmware::device::{Axis, Instant, Pin, Port};
-use standin_firmware::motor::stepper::Parameters;
-use standin_protocol::modbus::rtu;
-use standin_protocol::time::{Duration, Span};
-use standin_sim::bench::{Bench, Closed, Driving, Fitting, PowerAction, Settings, Setup};
-use standin_sim::file;
-use standin_sim::trace::TraceKeep;
-use standin_sim::{kinds, pcapng};
 
 /// The parts of a bench file.
 const PARTS: [&str; 16] = [

@@ -3,16 +3,16 @@
 
 use std::io::{self, Write};
 
-use standin_firmware::device::Port;
-use standin_firmware::md3::Md3;
-use standin_protocol::modbus::rtu;
-use standin_protocol::time::Span;
-use standin_sim::bench::{Bench, Settings};
-use standin_sim::kinds;
-use standin_sim::pcapng::Pcapng;
-use standin_sim::replay;
-use standin_sim::trace::{Recording, Trace, TraceKeep, whole_lines};
-use standin_sim::vcd::Waves;
+use drivetwin_firmware::device::Port;
+use drivetwin_firmware::md3::Md3;
+use drivetwin_protocol::modbus::rtu;
+use drivetwin_protocol::time::Span;
+use drivetwin_sim::bench::{Bench, Settings};
+use drivetwin_sim::kinds;
+use drivetwin_sim::pcapng::Pcapng;
+use drivetwin_sim::replay;
+use drivetwin_sim::trace::{Recording, Trace, TraceKeep, whole_lines};
+use drivetwin_sim::vcd::Waves;
 
 /// A file that takes so many bytes, a few at a time, and is interrupted in between.
 struct Failing<'a> {

@@ -2,18 +2,18 @@
 //! frames of the manuals, reproducible, and whatever order the drives were added in.
 #![allow(missing_docs, reason = "a test")]
 
-use standin_firmware::device::{Device, Ends, Port};
-use standin_firmware::md3::Md3;
-use standin_firmware::qsb::Qsb;
-use standin_firmware::rs434::rs434544;
-use standin_protocol::modbus::rtu;
-use standin_protocol::time::{Duration, Instant, Span};
-use standin_sim::bench::{Bench, Client, PowerAction, Seat, Settings, Setup};
-use standin_sim::bus::LineMode;
-use standin_sim::capture::{Frame, Medium, Source};
-use standin_sim::faults::LineFaults;
-use standin_sim::trace::TraceKeep;
-use standin_tests::{md3, rs434};
+use drivetwin_firmware::device::{Device, Ends, Port};
+use drivetwin_firmware::md3::Md3;
+use drivetwin_firmware::qsb::Qsb;
+use drivetwin_firmware::rs434::rs434544;
+use drivetwin_protocol::modbus::rtu;
+use drivetwin_protocol::time::{Duration, Instant, Span};
+use drivetwin_sim::bench::{Bench, Client, PowerAction, Seat, Settings, Setup};
+use drivetwin_sim::bus::LineMode;
+use drivetwin_sim::capture::{Frame, Medium, Source};
+use drivetwin_sim::faults::LineFaults;
+use drivetwin_sim::trace::TraceKeep;
+use drivetwin_tests::{md3, rs434};
 
 /// When all drives are ready: an RS takes half a second (RS, decision 9).
 const READY: Duration = Duration::secs(1);

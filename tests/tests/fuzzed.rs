@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use std::fs;
 use std::path::Path;
 
-use standin_tests::fuzzed;
+use drivetwin_tests::fuzzed;
 
 fn corpus() -> std::path::PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../fuzz/corpus")
@@ -32,6 +32,6 @@ fn every_target_is_in_the_folder_of_the_fuzzer() {
     let bins: BTreeSet<_> =
         manifest.lines().filter_map(|line| line.strip_prefix("name = \"")?.strip_suffix('"')).collect();
     let mut wanted: BTreeSet<_> = fuzzed::names().collect();
-    wanted.insert("standin-fuzz");
+    wanted.insert("drivetwin-fuzz");
     assert_eq!(bins, wanted);
 }

@@ -1,16 +1,16 @@
 //! Golden traces of every kind: replayed on the bench, and once more through the shell of a board.
 //!
-//! `UPDATE=1 cargo test -p standin-tests --test golden` rewrites what the drives do; read the
+//! `UPDATE=1 cargo test -p drivetwin-tests --test golden` rewrites what the drives do; read the
 //! difference before you keep it.
 #![allow(missing_docs, reason = "a test")]
 
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use standin_firmware::device::{Device, Instant};
-use standin_sim::replay;
-use standin_sim::trace::{Event, Fed, Power, Trace};
-use standin_tests::on_shell::{self, Seen};
+use drivetwin_firmware::device::{Device, Instant};
+use drivetwin_sim::replay;
+use drivetwin_sim::trace::{Event, Fed, Power, Trace};
+use drivetwin_tests::on_shell::{self, Seen};
 
 /// A kind of drive, as its traces need it.
 struct Kind {
@@ -24,7 +24,7 @@ macro_rules! kinds {
     };
 }
 
-static KINDS: &[Kind] = standin_firmware::devices!(kinds);
+static KINDS: &[Kind] = drivetwin_firmware::devices!(kinds);
 
 fn make(kind: &str) -> Option<Box<dyn Device>> {
     KINDS.iter().map(|kind| (kind.make)()).find(|device| device.spec().kind == kind)

@@ -5,12 +5,12 @@
 
 use std::f64::consts::TAU;
 
-use standin_firmware::device::Fault;
-use standin_protocol::modbus::rtu;
-use standin_protocol::time::{Duration, Span};
-use standin_sim::bench::{Bench, Driving, Motor, PowerAction, Seat};
-use standin_sim::file;
-use standin_tests::md3::{self, at, bit};
+use drivetwin_firmware::device::Fault;
+use drivetwin_protocol::modbus::rtu;
+use drivetwin_protocol::time::{Duration, Span};
+use drivetwin_sim::bench::{Bench, Driving, Motor, PowerAction, Seat};
+use drivetwin_sim::file;
+use drivetwin_tests::md3::{self, at, bit};
 
 /// Bits of QuadratureEncoderConfiguration: x4, counts to MaxCount (7.11).
 const X4_MAX: u16 = 3 << 1;
@@ -200,7 +200,7 @@ fn current_that_comes_back_holds_the_shaft_where_it_is() {
 #[test]
 fn each_kind_says_what_is_not_modelled_of_its_motor() {
     let says = |kind: &str, what: &str| {
-        let device = standin_sim::kinds::make(kind).unwrap();
+        let device = drivetwin_sim::kinds::make(kind).unwrap();
         device.spec().not_modelled.iter().any(|line| line.contains(what))
     };
     for kind in ["md3", "md3-low", "mdrive", "mdrive-hybrid"] {

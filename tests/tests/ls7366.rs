@@ -10,17 +10,17 @@
 
 use std::convert::Infallible;
 
+use drivetwin_firmware::counter::Channel::{self, A, B, Index};
+use drivetwin_firmware::counter::Ls7366r;
+use drivetwin_firmware::counter::status::{BW, CEN, CMP, CY, IDX, PLS, S, UP};
+use drivetwin_protocol::time::Instant;
+use drivetwin_sim::spi::Counter;
 use embedded_hal::spi::SpiDevice as _;
 use embedded_hal_02::blocking::spi;
 use ls7366::ir::InstructionRegister;
 use ls7366::mdr0::{CycleCountMode, FilterClockDivisionFactor, IndexMode, Mdr0, QuadCountMode};
 use ls7366::mdr1::{CounterMode, Mdr1};
 use ls7366::{Action, Encodable as _, Error, Ls7366, Target};
-use standin_firmware::counter::Channel::{self, A, B, Index};
-use standin_firmware::counter::Ls7366r;
-use standin_firmware::counter::status::{BW, CEN, CMP, CY, IDX, PLS, S, UP};
-use standin_protocol::time::Instant;
-use standin_sim::spi::Counter;
 
 /// A device of embedded-hal 1.0 for drivers of embedded-hal 0.2.
 struct Eh02(Counter);

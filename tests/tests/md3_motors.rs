@@ -1,19 +1,19 @@
 //! An MD3 with a motor of the bench: loads, DC motors, encoders, and its own STEP and DIR (MD3 User Guide V1.7).
 #![allow(missing_docs, reason = "a test")]
 
-use standin_firmware::device::{Axis, Device, Duration, Instant, Pin};
-use standin_protocol::modbus::rtu;
-use standin_protocol::time::Span;
-use standin_sim::bench::{Bench, Driving, Motor, PowerAction, Seat, Settings};
-use standin_sim::file;
-use standin_sim::layout::Built;
-use standin_sim::pulses::Pulse;
-use standin_sim::replay;
-use standin_sim::trace::{Event, Fed, Trace, TraceKeep};
-use standin_tests::md3::{at, bit};
+use drivetwin_firmware::device::{Axis, Device, Duration, Instant, Pin};
+use drivetwin_protocol::modbus::rtu;
+use drivetwin_protocol::time::Span;
+use drivetwin_sim::bench::{Bench, Driving, Motor, PowerAction, Seat, Settings};
+use drivetwin_sim::file;
+use drivetwin_sim::layout::Built;
+use drivetwin_sim::pulses::Pulse;
+use drivetwin_sim::replay;
+use drivetwin_sim::trace::{Event, Fed, Trace, TraceKeep};
+use drivetwin_tests::md3::{at, bit};
 
 fn make(kind: &str) -> Option<Box<dyn Device>> {
-    standin_sim::kinds::make(kind).ok()
+    drivetwin_sim::kinds::make(kind).ok()
 }
 
 /// A bench of the drive `x`, an MD3 that has just started, with the motor `m`.
@@ -36,12 +36,12 @@ impl Rig {
 
     #[track_caller]
     fn write(&mut self, address: u16, value: u16) {
-        standin_tests::md3::write(&mut self.bench, self.drive, address, value);
+        drivetwin_tests::md3::write(&mut self.bench, self.drive, address, value);
     }
 
     #[track_caller]
     fn write_pair(&mut self, address: u16, value: i32) {
-        standin_tests::md3::write_pair(&mut self.bench, self.drive, address, value.cast_unsigned());
+        drivetwin_tests::md3::write_pair(&mut self.bench, self.drive, address, value.cast_unsigned());
     }
 
     fn wait_ms(&mut self, ms: u64) {

@@ -4,12 +4,12 @@
 //! expected end is worked out from the geometry alone: which mark is found, and on which side of it the shaft stands.
 #![allow(missing_docs, reason = "a test")]
 
+use drivetwin_firmware::device::{Axis, Pin, Port};
+use drivetwin_firmware::mdrive::Mdrive;
+use drivetwin_firmware::motor::stepper::Parameters;
+use drivetwin_protocol::time::{Duration, Span};
+use drivetwin_sim::bench::{Bench, Closed, Fitting, Motor, Seat, Setup};
 use proptest::prelude::*;
-use standin_firmware::device::{Axis, Pin, Port};
-use standin_firmware::mdrive::Mdrive;
-use standin_firmware::motor::stepper::Parameters;
-use standin_protocol::time::{Duration, Span};
-use standin_sim::bench::{Bench, Closed, Fitting, Motor, Seat, Setup};
 
 /// Full steps of a turn.
 const FULL_STEPS: f64 = 200.0;

@@ -2,13 +2,13 @@
 //! fast as it says; with other motors, too.
 #![allow(missing_docs, reason = "a test")]
 
+use drivetwin_firmware::device::{Axis, Boot, Device, Duration, Fault, Instant, Output, Sink, advance};
+use drivetwin_firmware::mdrobot::mdrobot;
+use drivetwin_firmware::motor::Parameters;
+use drivetwin_protocol::time::Span;
+use drivetwin_sim::bench::{Bench, Fitting, Motor, Seat, Settings, Setup};
+use drivetwin_sim::bus::LineMode;
 use proptest::prelude::*;
-use standin_firmware::device::{Axis, Boot, Device, Duration, Fault, Instant, Output, Sink, advance};
-use standin_firmware::mdrobot::mdrobot;
-use standin_firmware::motor::Parameters;
-use standin_protocol::time::Span;
-use standin_sim::bench::{Bench, Fitting, Motor, Seat, Settings, Setup};
-use standin_sim::bus::LineMode;
 
 /// New memory, and nobody else.
 struct Nowhere(Vec<u8>);

@@ -2,12 +2,12 @@
 //! others do against what we do.
 #![allow(missing_docs, reason = "a test")]
 
+use drivetwin_firmware::device::{Duration, Instant, Plan};
+use drivetwin_firmware::motion::{Rates, Step, Walker};
+use drivetwin_protocol::time::TICKS_PER_SECOND;
+use drivetwin_tests::exact::{Jog, Move, STEP, TICK, h};
+use drivetwin_tests::ramps;
 use fixed::types::{I24F8, U24F8};
-use standin_firmware::device::{Duration, Instant, Plan};
-use standin_firmware::motion::{Rates, Step, Walker};
-use standin_protocol::time::TICKS_PER_SECOND;
-use standin_tests::exact::{Jog, Move, STEP, TICK, h};
-use standin_tests::ramps;
 
 fn at(ticks: u64) -> Instant {
     Instant::from_ticks(ticks)

@@ -1,20 +1,20 @@
 //! Drives that turn motors of the bench, and what looks at their shafts: encoders, switches, the drives themselves.
 #![allow(missing_docs, reason = "a test")]
 
-use standin_firmware::device::{Axis, Device, Duration, Fault, Instant, Level, Pin, Port};
-use standin_firmware::md3::{Md3, Reg, motion_control};
-use standin_firmware::motor;
-use standin_firmware::motor::stepper::Parameters;
-use standin_firmware::qsb::Qsb;
-use standin_firmware::rs434::rs434544;
-use standin_protocol::modbus::rtu;
-use standin_protocol::time::Span;
-use standin_sim::bench::{
+use drivetwin_firmware::device::{Axis, Device, Duration, Fault, Instant, Level, Pin, Port};
+use drivetwin_firmware::md3::{Md3, Reg, motion_control};
+use drivetwin_firmware::motor;
+use drivetwin_firmware::motor::stepper::Parameters;
+use drivetwin_firmware::qsb::Qsb;
+use drivetwin_firmware::rs434::rs434544;
+use drivetwin_protocol::modbus::rtu;
+use drivetwin_protocol::time::Span;
+use drivetwin_sim::bench::{
     Bench, CYCLES_PER_REV, Client, Closed, FURTHEST_REV, Fitting, Motor, PowerAction, Seat, Settings, Setup,
 };
-use standin_sim::replay;
-use standin_sim::trace::{Did, Event, Fed, Trace, TraceKeep};
-use standin_tests::rs434::{BOOT, at};
+use drivetwin_sim::replay;
+use drivetwin_sim::trace::{Did, Event, Fed, Trace, TraceKeep};
+use drivetwin_tests::rs434::{BOOT, at};
 
 const AXIS: Axis = Axis(0);
 

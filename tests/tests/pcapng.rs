@@ -2,16 +2,16 @@
 //! `tests/foreign/test_pcap.py`; that one also reads what the program writes.
 #![allow(missing_docs, reason = "a test")]
 
+use drivetwin_firmware::device::{Instant, Port};
+use drivetwin_firmware::md3::Md3;
+use drivetwin_firmware::qsb::Qsb;
+use drivetwin_protocol::modbus::rtu;
+use drivetwin_protocol::time::{Duration, Span};
+use drivetwin_sim::bench::{Bench, Bus, PowerAction, Seat, Settings, Setup};
+use drivetwin_sim::capture::Source;
+use drivetwin_sim::pcapng::{self, Blocks, Packet, Pcapng, Protocol, Way};
+use drivetwin_sim::trace::TraceKeep;
 use proptest::prelude::*;
-use standin_firmware::device::{Instant, Port};
-use standin_firmware::md3::Md3;
-use standin_firmware::qsb::Qsb;
-use standin_protocol::modbus::rtu;
-use standin_protocol::time::{Duration, Span};
-use standin_sim::bench::{Bench, Bus, PowerAction, Seat, Settings, Setup};
-use standin_sim::capture::Source;
-use standin_sim::pcapng::{self, Blocks, Packet, Pcapng, Protocol, Way};
-use standin_sim::trace::TraceKeep;
 
 /// A packet as it is found in a file.
 #[derive(Clone, PartialEq, Eq, Debug)]

@@ -2,9 +2,9 @@
 //! new values; others have those of the factory, too, and say that their memory is bad, if they can.
 #![allow(missing_docs, reason = "a test")]
 
-use standin_firmware::device::{Boot, Device, Instant, Output, Sink, advance};
-use standin_protocol::time::Span;
-use standin_sim::kinds;
+use drivetwin_firmware::device::{Boot, Device, Instant, Output, Sink, advance};
+use drivetwin_protocol::time::Span;
+use drivetwin_sim::kinds;
 
 /// A memory that holds what comes before power is lost.
 struct Memory {

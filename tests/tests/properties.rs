@@ -2,15 +2,15 @@
 //! a burst of characters changes nothing, and no input stops it.
 #![allow(missing_docs, reason = "a test")]
 
-use proptest::prelude::*;
-use standin_firmware::device::{
+use drivetwin_firmware::device::{
     Boot, Device, Duration, Encoder, Ends, Fault, Input, Instant, Link, Output, Pin, Port, Sink, advance,
 };
-use standin_protocol::line::{Line, Parity};
-use standin_protocol::modbus::{ascii, rtu, tcp};
-use standin_protocol::text::next_line;
-use standin_tests::md3::at;
-use standin_tests::toy::Toy;
+use drivetwin_protocol::line::{Line, Parity};
+use drivetwin_protocol::modbus::{ascii, rtu, tcp};
+use drivetwin_protocol::text::next_line;
+use drivetwin_tests::md3::at;
+use drivetwin_tests::toy::Toy;
+use proptest::prelude::*;
 
 /// Everything a drive puts, as text.
 struct Log {
@@ -70,7 +70,7 @@ macro_rules! boxed {
     ($($new:expr,)*) => { &[$(|| Box::new($new()),)* || Box::new(Toy::default())] };
 }
 
-static DRIVES: &[Make] = standin_firmware::devices!(boxed);
+static DRIVES: &[Make] = drivetwin_firmware::devices!(boxed);
 
 /// A drive without power, as it comes or with one register saved before its first power-on.
 #[derive(Clone, Copy)]
@@ -82,7 +82,7 @@ struct Subject {
 /// Every drive as it comes, and one that speaks ASCII.
 fn subjects() -> impl Iterator<Item = Subject> {
     let ascii = Subject {
-        make: || Box::new(standin_firmware::rs434::rs434544()),
+        make: || Box::new(drivetwin_firmware::rs434::rs434544()),
         // 7 data bits, even parity (6.4).
         saved: Some(("TYPE_MODBUS", 1)),
     };
@@ -511,7 +511,7 @@ fn run(
             Event::Closed(ends, link) => Input::Closed { port: tcp(*ends), link: Link(*link) },
         };
         let due = drive.deadline();
-        standin_firmware::device::feed(&mut *drive, due, *at, input, &mut log);
+        drivetwin_firmware::device::feed(&mut *drive, due, *at, input, &mut log);
     }
     advance(&mut *drive, at + longest, core::iter::empty(), &mut log);
     log.lines

@@ -2,17 +2,17 @@
 //! that knows nothing of plans.
 #![allow(missing_docs, reason = "a test")]
 
+use drivetwin_firmware::device::{Axis, Duration, Instant, Pin};
+use drivetwin_firmware::md3::Md3;
+use drivetwin_protocol::time::Span;
+use drivetwin_sim::bench::{Bench, Seat, Settings, Setup};
+use drivetwin_sim::bus::LineMode;
+use drivetwin_sim::pulses::Pulse;
+use drivetwin_sim::trace::TraceKeep;
+use drivetwin_tests::exact::step_instants;
+use drivetwin_tests::md3::{at, bit, write, write_pair};
 use proptest::prelude::Rng;
 use proptest::test_runner::{RngAlgorithm, TestRng};
-use standin_firmware::device::{Axis, Duration, Instant, Pin};
-use standin_firmware::md3::Md3;
-use standin_protocol::time::Span;
-use standin_sim::bench::{Bench, Seat, Settings, Setup};
-use standin_sim::bus::LineMode;
-use standin_sim::pulses::Pulse;
-use standin_sim::trace::TraceKeep;
-use standin_tests::exact::step_instants;
-use standin_tests::md3::{at, bit, write, write_pair};
 
 const MOVES: usize = 100;
 const STEPS: u32 = 100_000;
@@ -207,6 +207,6 @@ fn what_is_not_kept_cannot_be_counted() {
 #[should_panic(expected = "toy has no STEP output")]
 fn what_has_no_step_output_has_no_pulses() {
     let mut bench = Bench::new();
-    let toy = bench.add::<standin_tests::toy::Toy>("toy");
+    let toy = bench.add::<drivetwin_tests::toy::Toy>("toy");
     let _ = bench.pulses(toy.step()).count();
 }

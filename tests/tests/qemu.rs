@@ -1,6 +1,6 @@
 //! The image of the LM3S6965 board under QEMU: the very firmware, asked over its UART.
 //!
-//! `cargo xtask test` builds the image, names it in `STANDIN_BOARD`, and runs this. UARTs there pace
+//! `cargo xtask test` builds the image, names it in `DRIVETWIN_BOARD`, and runs this. UARTs there pace
 //! no bytes, so nothing is said of gaps; a master that hears nothing asks again, as masters do.
 
 use std::io::{BufRead, BufReader, Read, Write};
@@ -10,8 +10,8 @@ use std::sync::mpsc::{Receiver, channel};
 use std::thread;
 use std::time::Duration;
 
-use standin_protocol::modbus::{Burst, Voices, rtu};
-use standin_tests::md3::{at, bit};
+use drivetwin_protocol::modbus::{Burst, Voices, rtu};
+use drivetwin_tests::md3::{at, bit};
 
 /// How long a master waits for an answer. The drive's start-up takes 2.5 s.
 const PATIENCE: Duration = Duration::from_secs(3);
@@ -36,7 +36,7 @@ impl Board {
         let control = TcpListener::bind("127.0.0.1:0").expect("a port is free");
         let qtest = format!("tcp:{}", control.local_addr().expect("it is bound"));
         let action = if watchdog { "watchdog=reset" } else { "watchdog=none" };
-        let image = std::env::var("STANDIN_BOARD").expect("STANDIN_BOARD names the image");
+        let image = std::env::var("DRIVETWIN_BOARD").expect("DRIVETWIN_BOARD names the image");
         let mut qemu = Command::new("setpriv")
             .args(["--pdeathsig", "KILL", "qemu-system-arm", "-M", "lm3s6965evb", "-display", "none"])
             .args(["-monitor", "none", "-serial", "stdio", "-serial", "file:/dev/stderr", "-kernel", &image])

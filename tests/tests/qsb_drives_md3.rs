@@ -2,13 +2,13 @@
 //! other makes.
 #![allow(missing_docs, reason = "a test")]
 
-use standin_firmware::device::{Axis, Duration, Instant, Level, Pin, Port};
-use standin_firmware::md3::Md3;
-use standin_firmware::qsb::Qsb;
-use standin_protocol::time::Span;
-use standin_sim::bench::{Bench, Client, Seat, Settings, Setup};
-use standin_sim::pulses::Pulse;
-use standin_sim::trace::TraceKeep;
+use drivetwin_firmware::device::{Axis, Duration, Instant, Level, Pin, Port};
+use drivetwin_firmware::md3::Md3;
+use drivetwin_firmware::qsb::Qsb;
+use drivetwin_protocol::time::Span;
+use drivetwin_sim::bench::{Bench, Client, Seat, Settings, Setup};
+use drivetwin_sim::pulses::Pulse;
+use drivetwin_sim::trace::TraceKeep;
 
 const AXIS: Axis = Axis(0);
 

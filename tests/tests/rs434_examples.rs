@@ -1,11 +1,11 @@
 //! The user programs in `examples/`, each on a drive with a motor, and what `docs/rs434-programs.md` says of the
 //! language.
 
-use standin_firmware::device::{Device, Instant};
-use standin_firmware::rs434::rs434544;
-use standin_protocol::time::{Duration, Span};
-use standin_sim::bench::{Bench, Driving, Seat, Setup};
-use standin_sim::rsasm::{self, Image};
+use drivetwin_firmware::device::{Device, Instant};
+use drivetwin_firmware::rs434::rs434544;
+use drivetwin_protocol::time::{Duration, Span};
+use drivetwin_sim::bench::{Bench, Driving, Seat, Setup};
+use drivetwin_sim::rsasm::{self, Image};
 
 const IN1: &str = "IN1";
 const HARD_STOP: &str = "HARD_STOP";

@@ -1,9 +1,9 @@
 //! Moves of an RS 434544 with its motor, by its registers: whatever they say, it ends on its count.
 #![allow(missing_docs, reason = "a test")]
 
+use drivetwin_firmware::device::{Axis, Boot, Device, Duration, Instant, Output, Sink, advance};
+use drivetwin_firmware::rs434::rs434544;
 use proptest::prelude::*;
-use standin_firmware::device::{Axis, Boot, Device, Duration, Instant, Output, Sink, advance};
-use standin_firmware::rs434::rs434544;
 
 /// New memory, and nobody else.
 struct Nowhere(Vec<u8>);

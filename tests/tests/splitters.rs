@@ -2,12 +2,12 @@
 //! with a CRC that holds too early, pipelined ADUs, lines of MCode and of a QSB, in any reads.
 #![allow(missing_docs, reason = "a test")]
 
+use drivetwin_firmware::device::{Boot, Duration, Ends, Input, Instant, Output, Port, Sink, advance, feed};
+use drivetwin_protocol::modbus::rtu::{self, checked, crc};
+use drivetwin_protocol::modbus::tcp;
+use drivetwin_sim::bench::{Bench, Client, Settings, Setup};
+use drivetwin_sim::kinds;
 use proptest::prelude::*;
-use standin_firmware::device::{Boot, Duration, Ends, Input, Instant, Output, Port, Sink, advance, feed};
-use standin_protocol::modbus::rtu::{self, checked, crc};
-use standin_protocol::modbus::tcp;
-use standin_sim::bench::{Bench, Client, Settings, Setup};
-use standin_sim::kinds;
 
 /// Longer than any drive starts, with `boot_fast`.
 const START: Duration = Duration::secs(5);

@@ -3,14 +3,14 @@
 
 use std::collections::BTreeMap;
 
-use standin_firmware::device::Pin;
-use standin_firmware::md3::Md3;
-use standin_protocol::modbus::rtu;
-use standin_protocol::time::{Duration, Span};
-use standin_sim::bench::{Bench, Driving, PowerAction, Settings};
-use standin_sim::trace::TraceKeep;
-use standin_tests::exact::step_instants;
-use standin_tests::md3::{at, bit, write, write_pair};
+use drivetwin_firmware::device::Pin;
+use drivetwin_firmware::md3::Md3;
+use drivetwin_protocol::modbus::rtu;
+use drivetwin_protocol::time::{Duration, Span};
+use drivetwin_sim::bench::{Bench, Driving, PowerAction, Settings};
+use drivetwin_sim::trace::TraceKeep;
+use drivetwin_tests::exact::step_instants;
+use drivetwin_tests::md3::{at, bit, write, write_pair};
 use vcd::{Command, IdCode, Parser, SimulationCommand, TimescaleUnit, Value};
 
 /// Units of 100 ps in a tick of 62.5 ns.
@@ -28,7 +28,7 @@ struct File {
 impl File {
     fn of(bench: &Bench) -> Self {
         let mut text = Vec::new();
-        standin_sim::vcd::write(bench.trace(), &mut text).unwrap();
+        drivetwin_sim::vcd::write(bench.trace(), &mut text).unwrap();
         let mut parser = Parser::new(&text[..]);
         let header = parser.parse_header().unwrap();
         assert_eq!(header.timescale, Some((100, TimescaleUnit::PS)));
@@ -175,7 +175,7 @@ fn a_reversal_changes_the_direction_between_two_pulses() {
         assert_eq!(file.at("x", "STEP", change), Value::V0);
     }
     let forward = rises.iter().filter(|rise| **rise < down).count();
-    let position = i64::from(bench.motion(md3, standin_firmware::device::Axis(0)).position);
+    let position = i64::from(bench.motion(md3, drivetwin_firmware::device::Axis(0)).position);
     assert_eq!(2 * i64::try_from(forward).unwrap() - i64::try_from(rises.len()).unwrap(), position);
 }
 

@@ -3,8 +3,8 @@
 use std::path::PathBuf;
 
 use anyhow::{Context, Result, bail};
-use standin_firmware::device::{Device, Ends, Spec};
-use standin_protocol::registers::Space;
+use drivetwin_firmware::device::{Device, Ends, Spec};
+use drivetwin_protocol::registers::Space;
 use xshell::{Shell, cmd};
 
 use crate::checks::target_dir;
@@ -33,7 +33,7 @@ pub(crate) struct Board {
 pub(crate) const BOARDS: [Board; 3] = [
     Board {
         name: "lm3s6965",
-        package: "standin-lm3s6965",
+        package: "drivetwin-lm3s6965",
         target: "thumbv7m-none-eabi",
         vectors: Some(0),
         ram: 0x2000_0000,
@@ -41,7 +41,7 @@ pub(crate) const BOARDS: [Board; 3] = [
     },
     Board {
         name: "rp2040",
-        package: "standin-rp2040",
+        package: "drivetwin-rp2040",
         target: "thumbv6m-none-eabi",
         // The image runs from RAM.
         vectors: None,
@@ -50,7 +50,7 @@ pub(crate) const BOARDS: [Board; 3] = [
     },
     Board {
         name: "stm32f4",
-        package: "standin-stm32f4",
+        package: "drivetwin-stm32f4",
         target: "thumbv7em-none-eabihf",
         // As on the rp2040.
         vectors: None,
@@ -162,7 +162,7 @@ pub(crate) fn spec(kind: &str) -> Option<&'static Spec> {
     macro_rules! specs {
         ($($make:expr),* $(,)?) => { [$(($make)().spec()),*] };
     }
-    standin_firmware::devices!(specs).into_iter().find(|spec| spec.kind == kind)
+    drivetwin_firmware::devices!(specs).into_iter().find(|spec| spec.kind == kind)
 }
 
 /// How a person talks to a kind of drive whose line is at `address` of this machine.
@@ -203,20 +203,20 @@ fn first_register(spec: Option<&'static Spec>) -> u32 {
 /// Asks an image under QEMU.
 pub(crate) fn run(sh: &Shell) -> Result<()> {
     let image = LM3S6965.build(sh, "md3")?;
-    let test = cmd!(sh, "cargo test --package standin-tests --test qemu -- --ignored");
-    Ok(test.env("STANDIN_BOARD", image).run()?)
+    let test = cmd!(sh, "cargo test --package drivetwin-tests --test qemu -- --ignored");
+    Ok(test.env("DRIVETWIN_BOARD", image).run()?)
 }
 
 /// Plays the golden traces on the images under QEMU.
 pub(crate) fn golden(sh: &Shell) -> Result<()> {
     let images = LM3S6965.all(sh)?;
-    let test = cmd!(sh, "cargo test --package standin-tests --test qemu_golden -- --ignored --nocapture");
-    Ok(test.env("STANDIN_IMAGES", images).run()?)
+    let test = cmd!(sh, "cargo test --package drivetwin-tests --test qemu_golden -- --ignored --nocapture");
+    Ok(test.env("DRIVETWIN_IMAGES", images).run()?)
 }
 
 /// What only the exact time of the emulated Pico can prove.
 pub(crate) fn pico(sh: &Shell) -> Result<()> {
     let images = RP2040.all(sh)?;
-    let test = cmd!(sh, "cargo test --package standin-tests --test pico -- --ignored --nocapture");
-    Ok(test.env("STANDIN_IMAGES", images).run()?)
+    let test = cmd!(sh, "cargo test --package drivetwin-tests --test pico -- --ignored --nocapture");
+    Ok(test.env("DRIVETWIN_IMAGES", images).run()?)
 }

@@ -10,7 +10,8 @@ use crate::tools::{self, Tool};
 use crate::{board, crates, docs, panic_free, pico, size, swarm};
 
 /// The crates that only a board, or a linker, can build.
-const BARE: [&str; 5] = ["counted", "panic-free", "standin-lm3s6965", "standin-rp2040", "standin-stm32f4"];
+const BARE: [&str; 5] =
+    ["counted", "panic-free", "drivetwin-lm3s6965", "drivetwin-rp2040", "drivetwin-stm32f4"];
 
 /// Runs every check; whether none failed.
 pub(crate) fn all(sh: &Shell) -> Result<bool> {
@@ -26,7 +27,7 @@ pub(crate) fn all(sh: &Shell) -> Result<bool> {
     report.check("licences and origins of crates", &[], crates::check);
     report.check("rustdoc", &[], |sh| {
         let host = bare("--exclude");
-        let doc = cmd!(sh, "cargo doc --workspace {host...} --features standin-board/network --no-deps --document-private-items");
+        let doc = cmd!(sh, "cargo doc --workspace {host...} --features drivetwin-board/network --no-deps --document-private-items");
         Ok(doc.env("RUSTDOCFLAGS", "-D warnings").run()?)
     });
     report.check("tests", &[], |sh| {
@@ -80,7 +81,7 @@ pub(crate) fn soak(sh: &Shell, cases: &str) -> Result<()> {
 
 /// Builds the binary as `cargo run --release` does.
 pub(crate) fn build(sh: &Shell) -> Result<()> {
-    Ok(cmd!(sh, "cargo build --release --bin standin").run()?)
+    Ok(cmd!(sh, "cargo build --release --bin drivetwin").run()?)
 }
 
 const MBPOLL: &str = "tests/foreign/test_mbpoll.py";
@@ -92,12 +93,12 @@ const BOARDS: &str = "tests/foreign/test_boards.py";
 fn pytest(sh: &Shell, which: &[&str]) -> Result<()> {
     let python = tools::python(sh);
     let pytest = cmd!(sh, "{python} -B -m pytest -q -p no:cacheprovider {which...}");
-    Ok(pytest.env("STANDIN", standin(sh)).run()?)
+    Ok(pytest.env("DRIVETWIN", drivetwin(sh)).run()?)
 }
 
 /// The binary as users get it.
-pub(crate) fn standin(sh: &Shell) -> PathBuf {
-    target_dir(sh).join("release/standin")
+pub(crate) fn drivetwin(sh: &Shell) -> PathBuf {
+    target_dir(sh).join("release/drivetwin")
 }
 
 /// Where cargo builds.

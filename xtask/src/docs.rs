@@ -3,9 +3,9 @@
 use anyhow::{Context, Result, ensure};
 use xshell::{Shell, cmd};
 
-use crate::checks::{build, standin};
+use crate::checks::{build, drivetwin};
 
-/// Builds `standin` and writes every reference.
+/// Builds `drivetwin` and writes every reference.
 pub(crate) fn write(sh: &Shell) -> Result<()> {
     build(sh)?;
     for (path, text) in references(sh)? {
@@ -15,7 +15,7 @@ pub(crate) fn write(sh: &Shell) -> Result<()> {
     Ok(())
 }
 
-/// Compares the references with what the built `standin` says.
+/// Compares the references with what the built `drivetwin` says.
 pub(crate) fn check(sh: &Shell) -> Result<()> {
     for (path, text) in references(sh)? {
         let same = sh.read_file(&path).is_ok_and(|written| written == text);
@@ -27,20 +27,20 @@ pub(crate) fn check(sh: &Shell) -> Result<()> {
 
 /// Path and text of each reference.
 fn references(sh: &Shell) -> Result<Vec<(String, String)>> {
-    let standin = standin(sh);
+    let drivetwin = drivetwin(sh);
     let reference = |kind: String| {
-        let text = cmd!(sh, "{standin} describe {kind} --markdown").quiet().read()?;
+        let text = cmd!(sh, "{drivetwin} describe {kind} --markdown").quiet().read()?;
         Ok((format!("docs/{kind}.md"), text + "\n"))
     };
     kinds(sh)?.into_iter().map(reference).collect()
 }
 
-/// The kinds of drives: the first word of each line of `standin list`.
+/// The kinds of drives: the first word of each line of `drivetwin list`.
 pub(crate) fn kinds(sh: &Shell) -> Result<Vec<String>> {
-    let standin = standin(sh);
-    let list = cmd!(sh, "{standin} list").quiet().read().context("cannot list the drives")?;
+    let drivetwin = drivetwin(sh);
+    let list = cmd!(sh, "{drivetwin} list").quiet().read().context("cannot list the drives")?;
     let kinds: Vec<String> =
         list.lines().filter_map(|line| line.split_whitespace().next()).map(str::to_owned).collect();
-    ensure!(!kinds.is_empty(), "`standin list` names no drive");
+    ensure!(!kinds.is_empty(), "`drivetwin list` names no drive");
     Ok(kinds)
 }

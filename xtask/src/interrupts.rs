@@ -10,8 +10,8 @@ use std::thread;
 use std::time::Duration;
 
 use anyhow::{Context, Result, bail, ensure};
-use standin_firmware::device::Spec;
-use standin_protocol::modbus::{Burst, Voices, rtu};
+use drivetwin_firmware::device::Spec;
+use drivetwin_protocol::modbus::{Burst, Voices, rtu};
 use xshell::{Shell, cmd};
 
 use crate::board::{LM3S6965, RP2040, spec};

@@ -8,7 +8,7 @@ use std::process::{Child, Command, ExitStatus, Stdio};
 use std::{io, thread};
 
 use anyhow::{Context, Result, bail, ensure};
-use standin_firmware::device::Spec;
+use drivetwin_firmware::device::Spec;
 use xshell::Shell;
 
 use crate::board::{LM3S6965, hint, network_hint, spec};
@@ -150,7 +150,7 @@ mod tests {
     #[test]
     fn a_board_that_ends_has_not_started() {
         assert!(
-            wait_for_power(&mut "Timer with period zero\nstandin: mdrive has power\r\n".as_bytes()).is_ok()
+            wait_for_power(&mut "Timer with period zero\ndrivetwin: mdrive has power\r\n".as_bytes()).is_ok()
         );
         let error = wait_for_power(&mut "no such machine\n".as_bytes()).expect_err("it ended");
         assert_eq!(error.to_string(), "the board did not start: no such machine\n");

@@ -1,7 +1,7 @@
 //! The table of what a drive costs, measured and compared with its [budgets](crate::budgets).
 
 use anyhow::{Result, bail, ensure};
-use standin_firmware::device::Spec;
+use drivetwin_firmware::device::Spec;
 use xshell::Shell;
 
 use crate::board::{BOARDS, PROFILE, spec};
@@ -16,7 +16,7 @@ use crate::{interrupts, panic_free};
 /// What measuring needs.
 pub(crate) const NEEDS: [Tool; 3] = [Tool::ThumbTargets, Tool::Qemu, Tool::Node];
 
-/// Builds what is measured, and checks it; the names of the drives come from the built `standin`.
+/// Builds what is measured, and checks it; the names of the drives come from the built `drivetwin`.
 pub(crate) fn print(sh: &Shell) -> Result<()> {
     if let Some(remedy) = tools::bring_only(sh, &NEEDS).of(&NEEDS) {
         bail!("{remedy}");

@@ -21,8 +21,8 @@ mod tests;
 use self::count::{Count, Cycle, Halt};
 use super::{Channel, Filter};
 use crate::device::{Duration, Instant};
+use drivetwin_protocol::time::TICKS_PER_SECOND;
 pub use spi::Transmission;
-use standin_protocol::time::TICKS_PER_SECOND;
 
 /// Bits of the status register, and of what [`Ls7366r::take_events`] tells.
 pub mod status {

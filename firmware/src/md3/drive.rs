@@ -11,7 +11,7 @@
 //! | `motor` | how the motor follows |
 //! | `pins` | functions of J2 pins 2 to 5 |
 
-use standin_protocol::registers::{Bank, Register};
+use drivetwin_protocol::registers::{Bank, Register};
 
 use super::eeprom::{Eeprom, SAVE};
 use super::encoder::Encoder;

@@ -1,6 +1,6 @@
 //! The EEPROM that holds the registers (7.20).
 
-use standin_protocol::registers::Register;
+use drivetwin_protocol::registers::Register;
 
 use super::MEMORY;
 use super::registers::{Reg, eeprom_control};

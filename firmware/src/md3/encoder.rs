@@ -27,7 +27,7 @@
 mod tests;
 
 use crate::counter::{Channel, Filter};
-use standin_protocol::time::{Duration, Instant, TICKS_PER_SECOND};
+use drivetwin_protocol::time::{Duration, Instant, TICKS_PER_SECOND};
 
 /// Bits of QuadratureEncoderConfiguration (7.11); gating is 5:4, the filter's frequency 8:6.
 const ENABLE_INDEX: u16 = 1 << 0;

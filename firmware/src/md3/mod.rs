@@ -17,11 +17,11 @@ mod startup;
 #[cfg(test)]
 mod tests;
 
-use standin_protocol::modbus::pdu::{Exception, READ_HOLDING_REGISTERS, WRITE_SINGLE_REGISTER};
-use standin_protocol::modbus::rtu::Receiver;
-use standin_protocol::modbus::server::{Map, Outcome, Rules, serve_rtu};
-use standin_protocol::modbus::{Frame, Why};
-use standin_protocol::registers::{Register, Table};
+use drivetwin_protocol::modbus::pdu::{Exception, READ_HOLDING_REGISTERS, WRITE_SINGLE_REGISTER};
+use drivetwin_protocol::modbus::rtu::Receiver;
+use drivetwin_protocol::modbus::server::{Map, Outcome, Rules, serve_rtu};
+use drivetwin_protocol::modbus::{Frame, Why};
+use drivetwin_protocol::registers::{Register, Table};
 
 use self::drive::Drive;
 pub use self::registers::{Reg, line, motion_control};

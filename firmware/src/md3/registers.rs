@@ -2,9 +2,9 @@
 
 use core::num::NonZeroU32;
 
-use standin_protocol::line::{Line, Parity};
-use standin_protocol::registers::{Register, Row, Table};
-use standin_protocol::time::TICKS_PER_SECOND;
+use drivetwin_protocol::line::{Line, Parity};
+use drivetwin_protocol::registers::{Register, Row, Table};
+use drivetwin_protocol::time::TICKS_PER_SECOND;
 
 use crate::device::Duration;
 
@@ -13,7 +13,7 @@ const FACTORY_SERIAL_PORT: u16 = 0x0021;
 /// The line it means.
 pub(super) const FACTORY_LINE: Line = line(FACTORY_SERIAL_PORT);
 
-standin_protocol::registers! {
+drivetwin_protocol::registers! {
     /// Registers of the MD3 User Guide V1.7, chapter 7. A pair High/Low is one row.
     pub enum Reg: HighFirst {
         /// Address on the bus; others are refused.

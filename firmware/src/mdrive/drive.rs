@@ -15,8 +15,8 @@
 //! Motion and I/O know nothing of the rest: what they have to tell they keep as events, which are taken here after
 //! everything that happens.
 
-use standin_protocol::modbus::pdu::Exception;
-use standin_protocol::registers::{Bank, Entries, Register, Space, characters};
+use drivetwin_protocol::modbus::pdu::Exception;
+use drivetwin_protocol::registers::{Bank, Entries, Register, Space, characters};
 
 use super::STALL;
 use super::error::{Error, Errors};

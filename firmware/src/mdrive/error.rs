@@ -1,6 +1,6 @@
 //! What MCode calls errors (MC 9), and the flag and number that tell of the last one.
 
-use standin_protocol::modbus::pdu::Exception;
+use drivetwin_protocol::modbus::pdu::Exception;
 
 /// An error, by its number (MC 9.1 to 9.7).
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]

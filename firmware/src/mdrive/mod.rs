@@ -19,7 +19,7 @@ mod variables;
 #[cfg(test)]
 mod tests;
 
-use standin_protocol::registers::{Register, Table};
+use drivetwin_protocol::registers::{Register, Table};
 
 use self::drive::{Drive, Model};
 use self::registers::Reg;

@@ -3,11 +3,11 @@
 //! What names an address that is not there, or has another structure, never reaches the drive; what the drive refuses
 //! is an error of MCode, too.
 
-use standin_protocol::modbus::pdu::{ENCAPSULATED_INTERFACE, Exception};
-use standin_protocol::modbus::server::{Map, Rules, Values, refuse_tcp, serve_tcp};
-use standin_protocol::modbus::tcp::Adu;
-use standin_protocol::modbus::{Reply, identification};
-use standin_protocol::registers::Entries;
+use drivetwin_protocol::modbus::pdu::{ENCAPSULATED_INTERFACE, Exception};
+use drivetwin_protocol::modbus::server::{Map, Rules, Values, refuse_tcp, serve_tcp};
+use drivetwin_protocol::modbus::tcp::Adu;
+use drivetwin_protocol::modbus::{Reply, identification};
+use drivetwin_protocol::registers::Entries;
 
 use super::MODBUS;
 use super::drive::{Drive, Model};

@@ -2,7 +2,7 @@
 //! manual (FB) gives an address come first, in its order, then those that only MCode (MC) knows.
 
 use crate::motor::stepper::Parameters;
-use standin_protocol::registers::{Entries, Entry, Register, Row, Table, entries, text};
+use drivetwin_protocol::registers::{Entries, Entry, Register, Row, Table, entries, text};
 
 /// Bits of [`Entry::variants`].
 pub(super) const PLUS: u8 = 1 << 0;
@@ -18,7 +18,7 @@ const MOST_LINES: i64 = u16::MAX as i64;
 /// What the motor and its load are of a new drive.
 const LOAD: Parameters = Parameters::NOMINAL;
 
-standin_protocol::registers! {
+drivetwin_protocol::registers! {
     /// Sections are those of FB, with the page of MC where that says more.
     #[allow(non_camel_case_types, reason = "the names are the manual's")]
     pub enum Reg: HighFirst {

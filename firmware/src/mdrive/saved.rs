@@ -4,7 +4,7 @@
 //! Variables come first, global user variables behind them, each with a check sum. Both are bad while they are
 //! stored, so power lost meanwhile leaves what was, what is to be, or a memory that does not pass (70).
 
-use standin_protocol::registers::{Bank, Register};
+use drivetwin_protocol::registers::{Bank, Register};
 
 use super::drive::Drive;
 use super::error::Error;

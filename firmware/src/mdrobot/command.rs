@@ -1,6 +1,6 @@
 //! The codes of COMMAND (p. 6): what each does, or why it does nothing.
 
-use standin_protocol::registers::Register;
+use drivetwin_protocol::registers::Register;
 
 use super::drive::Drive;
 use super::registers::{LATER, Pid};

@@ -11,8 +11,8 @@
 //! | `alarm` | alarms, their causes and outputs |
 //! | `servo` | how the motor is made to do it |
 
-use standin_protocol::modbus::pdu::Exception;
-use standin_protocol::registers::{Bank, Register};
+use drivetwin_protocol::modbus::pdu::Exception;
+use drivetwin_protocol::registers::{Bank, Register};
 
 use super::alarm::Alarms;
 use super::inputs::Inputs;

@@ -4,7 +4,7 @@ mod functions;
 #[cfg(test)]
 mod tests;
 
-use standin_protocol::registers::Bank;
+use drivetwin_protocol::registers::Bank;
 
 use self::functions::Function;
 use super::drive::{Drive, State};

@@ -1,6 +1,6 @@
 //! The PIDs of an MD controller, under their names without the header's `PID_`, in the order of their numbers.
 
-use standin_protocol::line::{Line, Parity};
+use drivetwin_protocol::line::{Line, Parity};
 
 /// In place of a page, of what public clients of later controllers show (decisions, MDROBOT 10).
 pub(super) const LATER: &str = "not in V1.1";
@@ -11,7 +11,7 @@ pub(super) const SUPPLY: u16 = 240;
 const POSITION_RAMP: &str = "kept, without effect: no public client shows how a move follows it";
 const MOTOR_2: &str = "an MD400 has one motor: what is motor 2's reads 0";
 
-standin_protocol::registers! {
+drivetwin_protocol::registers! {
     /// The objects that a PID names. Two words have the low one first.
     #[allow(non_camel_case_types, reason = "the names are the manual's")]
     pub enum Pid: ObjectsLowFirst {

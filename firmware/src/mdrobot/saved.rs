@@ -1,6 +1,6 @@
 //! PIDs in the non-volatile memory: each is saved as it is written.
 
-use standin_protocol::registers::{Bank, Register, Space};
+use drivetwin_protocol::registers::{Bank, Register, Space};
 
 use super::drive::{Drive, kept};
 use super::registers::Pid;

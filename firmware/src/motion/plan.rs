@@ -32,8 +32,8 @@ mod tests;
 
 use core::num::NonZero;
 
+use drivetwin_protocol::time::{Duration, Instant, TICKS_PER_SECOND};
 use fixed::types::{I24F8, I48F16, U24F8};
-use standin_protocol::time::{Duration, Instant, TICKS_PER_SECOND};
 
 pub use self::segment::Segment;
 use self::segment::{divided, vertex};

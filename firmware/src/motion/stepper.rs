@@ -12,7 +12,7 @@
 
 use core::mem;
 
-use standin_protocol::time::{Duration, Instant};
+use drivetwin_protocol::time::{Duration, Instant};
 
 use super::{Plan, Step, Walker};
 

@@ -15,8 +15,8 @@
 //! Small cores keep 32 bits of a product; one of 64 costs them 40 instructions. So what runs at every
 //! step of a fast ramp multiplies few bits at a time. Intervals too long for that leave time for more.
 
+use drivetwin_protocol::time::{Duration, Instant};
 use heapless::Deque;
-use standin_protocol::time::{Duration, Instant};
 
 use super::Plan;
 use super::plan::{STEP, Segment};
@@ -465,9 +465,9 @@ impl Cruise {
 mod tests {
     use super::*;
     use crate::motion::{MAX_ACCELERATION, Rates};
+    use drivetwin_protocol::time::Span;
     use fixed::types::{I24F8, U24F8};
     use proptest::prelude::*;
-    use standin_protocol::time::Span;
 
     fn at(ticks: u64) -> Instant {
         Instant::from_ticks(ticks)

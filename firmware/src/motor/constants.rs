@@ -17,7 +17,7 @@
 //! terminals would, whatever they are put to and may carry. So a load turns it no faster than *full* and as much more
 //! as it is stronger than the motor at standstill.
 
-use standin_protocol::time::TICKS_PER_SECOND;
+use drivetwin_protocol::time::TICKS_PER_SECOND;
 
 use super::{FULL_DUTY, Parameters, Stretch};
 use crate::device::Duration;

@@ -1,7 +1,7 @@
 //! What the edges of a sensor tell of the speed of a shaft.
 
+use drivetwin_protocol::time::TICKS_PER_SECOND;
 use fixed::types::I40F24;
-use standin_protocol::time::TICKS_PER_SECOND;
 
 use super::Feedback;
 use crate::device::{Duration, Instant};

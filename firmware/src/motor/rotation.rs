@@ -1,7 +1,7 @@
 //! State of a turning shaft, as a motor reports it to the control loop of its drive.
 
+use drivetwin_protocol::time::TICKS_PER_SECOND;
 use fixed::types::I40F24;
-use standin_protocol::time::TICKS_PER_SECOND;
 
 use super::stretch::{MOST, Stretch};
 use crate::device::Duration;

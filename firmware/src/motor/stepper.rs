@@ -28,7 +28,7 @@
 use super::{Pace, Rotor, STALL};
 use crate::device::{AxisSpec, Boot, Device, Duration, Input, Instant, Plan, Refused, Sink, Spec};
 use crate::motion::STEP;
-use standin_protocol::time::TICKS_PER_SECOND;
+use drivetwin_protocol::time::TICKS_PER_SECOND;
 
 /// The longest time in which the shaft catches up with a field that has jumped.
 const CATCH_UP: Duration = Duration::millis(1);

@@ -4,7 +4,7 @@ use fixed::types::I48F16;
 
 use super::{Parameters, Stretch};
 use crate::device::{Duration, Instant, Level, Output, Pin, Sink};
-use standin_protocol::time::TICKS_PER_SECOND;
+use drivetwin_protocol::time::TICKS_PER_SECOND;
 
 /// Sensors on a shaft. A count lasts from an edge of any of them to the next one: four or six a period.
 ///

@@ -2,7 +2,7 @@
 //!
 //! The files beside this one add what it does in between.
 
-use standin_protocol::registers::{Bank, Entry};
+use drivetwin_protocol::registers::{Bank, Entry};
 
 use super::clock::Clock;
 use super::command;

@@ -1,7 +1,7 @@
 //! What is answered, and how the answer leaves.
 
-use standin_protocol::registers::{Entry, Register, Shape, Space};
-use standin_protocol::text::Line;
+use drivetwin_protocol::registers::{Entry, Register, Shape, Space};
+use drivetwin_protocol::text::Line;
 
 use super::USB;
 use super::adapter::Adapter;

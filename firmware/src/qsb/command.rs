@@ -1,7 +1,7 @@
 //! Commands as they come and responses as they leave, in ASCII.
 
+use drivetwin_protocol::text::Line;
 use heapless::Vec;
-use standin_protocol::text::Line;
 
 /// The most characters of a line that are looked at.
 pub(super) const LINE_CHARACTERS: usize = 16;
@@ -140,7 +140,7 @@ fn digit(value: u8) -> u8 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use standin_protocol::text::Lines;
+    use drivetwin_protocol::text::Lines;
 
     fn parsed(text: &str) -> Result<(Verb, u8), u8> {
         let mut lines = Lines::new();

@@ -1,6 +1,6 @@
 //! What a register reads, and what a write of it means.
 
-use standin_protocol::registers::Register;
+use drivetwin_protocol::registers::Register;
 
 use super::adapter::{Adapter, let_in};
 use super::encoder::Pwm;

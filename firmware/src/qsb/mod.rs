@@ -19,8 +19,8 @@ mod stream;
 #[cfg(test)]
 mod tests;
 
-use standin_protocol::registers::{Bank, Register};
-use standin_protocol::text::Lines;
+use drivetwin_protocol::registers::{Bank, Register};
+use drivetwin_protocol::text::Lines;
 
 use self::adapter::Adapter;
 use self::command::LINE_CHARACTERS;

@@ -1,6 +1,6 @@
 //! The registers of a QSB (*QSB Command List* 1.28), under the names of its list.
 
-use standin_protocol::line::{Line, Parity};
+use drivetwin_protocol::line::{Line, Parity};
 
 /// The factory's firmware.
 const FIRMWARE: i64 = 0x0E;
@@ -24,7 +24,7 @@ pub(super) const D: Variant = Variant { bit: 1 << 0, letter: b'D', digit: 0, lin
 pub(super) const M: Variant = Variant { bit: 1 << 1, letter: b'M', digit: 1, lines: 0b1111, motor: true };
 pub(super) const S: Variant = Variant { bit: 1 << 2, letter: b'S', digit: 2, lines: 0, motor: false };
 
-standin_protocol::registers! {
+drivetwin_protocol::registers! {
     /// What the letters R, W and S name; the settings behind them a command or the maker sets.
     pub enum Reg: ObjectsHighFirst {
         /// Bits 1:0 what encoder is read: 0 quadrature or step/direction, 1 PWM, 2 analogue. Bit 4

@@ -1,6 +1,6 @@
 //! What outlasts a reset: the parameters of command 3, and the baud rate (COMMAND).
 
-use standin_protocol::registers::{Bank, Register};
+use drivetwin_protocol::registers::{Bank, Register};
 
 use super::adapter::Adapter;
 use super::registers::Reg;

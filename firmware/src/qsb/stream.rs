@@ -1,6 +1,6 @@
 //! Registers that are sent again and again.
 
-use standin_protocol::registers::Register;
+use drivetwin_protocol::registers::Register;
 
 use super::adapter::Adapter;
 use super::registers::Reg;

@@ -2,7 +2,7 @@
 
 use core::slice;
 
-use standin_protocol::registers::{Register, Space};
+use drivetwin_protocol::registers::{Register, Space};
 
 use super::drive::{Drive, State};
 use super::errors::error;

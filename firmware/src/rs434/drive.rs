@@ -13,8 +13,8 @@
 //! | `servo` | how the motor is made to move |
 //! | `thermal` | temperatures |
 
-use standin_protocol::modbus::pdu::Exception;
-use standin_protocol::registers::{Bank, Register};
+use drivetwin_protocol::modbus::pdu::Exception;
+use drivetwin_protocol::registers::{Bank, Register};
 
 use super::errors::{Errors, error};
 use super::inputs::Inputs;

@@ -18,13 +18,13 @@ mod startup;
 mod tests;
 mod thermal;
 
-use standin_protocol::modbus::Frame;
-use standin_protocol::modbus::pdu::{
+use drivetwin_protocol::modbus::Frame;
+use drivetwin_protocol::modbus::pdu::{
     Exception, READ_COILS, READ_DISCRETE_INPUTS, READ_HOLDING_REGISTERS, READ_INPUT_REGISTERS,
     WRITE_MULTIPLE_COILS, WRITE_MULTIPLE_REGISTERS, WRITE_SINGLE_COIL, WRITE_SINGLE_REGISTER,
 };
-use standin_protocol::modbus::server::{Map, Outcome, Rules, serve_serial};
-use standin_protocol::registers::{Entries, Register, Table};
+use drivetwin_protocol::modbus::server::{Map, Outcome, Rules, serve_serial};
+use drivetwin_protocol::registers::{Entries, Register, Table};
 
 use self::drive::Drive;
 use self::port::Serial;

@@ -1,6 +1,6 @@
 //! The serial port: Modbus RTU, or ASCII on a line of 7 data bits (6.4).
 
-use standin_protocol::modbus::{Frame, Why, ascii, rtu};
+use drivetwin_protocol::modbus::{Frame, Why, ascii, rtu};
 
 use super::RS485;
 use crate::device::{Duration, Instant, Line, Note, Output, Sink};
@@ -137,7 +137,7 @@ impl Serial {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use standin_protocol::line::Parity;
+    use drivetwin_protocol::line::Parity;
     use std::vec::Vec;
 
     const RTU: Line = Line::new(115_200, 8, Parity::Even, 1);

@@ -1,7 +1,7 @@
 //! The registers of an RS 434544 or 434546, under the names of the manual's chapter 6.
 
-use standin_protocol::line::{Line, Parity};
-use standin_protocol::registers::{Entries, Entry, Register, Row, Space, Table, entries};
+use drivetwin_protocol::line::{Line, Parity};
+use drivetwin_protocol::registers::{Entries, Entry, Register, Row, Space, Table, entries};
 
 use super::LINES;
 
@@ -20,7 +20,7 @@ pub(super) const SUPPLY: u16 = 240;
 const LAST_LINE: i64 = LINES as i64 - 1;
 const NOT_KNOWN: &str = "the manual prints x";
 
-standin_protocol::registers! {
+drivetwin_protocol::registers! {
     /// All four address spaces of Modbus. 32-bit values have the low word first.
     #[allow(non_camel_case_types, reason = "the names are the manual's")]
     pub enum Reg: LowFirst {

@@ -1,6 +1,6 @@
 //! The settings in the flash: the registers 5000h to 5020h (6.5).
 
-use standin_protocol::registers::{Bank, Register};
+use drivetwin_protocol::registers::{Bank, Register};
 
 use super::SETTINGS;
 use super::drive::Drive;

@@ -118,7 +118,7 @@ impl Thermal {
 
 #[cfg(test)]
 mod tests {
-    use standin_protocol::time::Span;
+    use drivetwin_protocol::time::Span;
 
     use super::*;
 

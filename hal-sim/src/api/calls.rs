@@ -3,13 +3,13 @@
 use axum::Json;
 use axum::extract::{Path, State};
 use axum::http::StatusCode;
-use standin_firmware::device::{Duration, Encoder, Fault, Pin, PinSpec, Refused, Role};
-use standin_protocol::time::TICKS_PER_SECOND;
-use standin_sim::bench::{Driving, Seat};
-use standin_sim::faults::LineFaults;
-use standin_sim::layout::no_line;
-use standin_sim::pace::Pace;
-use standin_sim::preset::{self, Preset};
+use drivetwin_firmware::device::{Duration, Encoder, Fault, Pin, PinSpec, Refused, Role};
+use drivetwin_protocol::time::TICKS_PER_SECOND;
+use drivetwin_sim::bench::{Driving, Seat};
+use drivetwin_sim::faults::LineFaults;
+use drivetwin_sim::layout::no_line;
+use drivetwin_sim::pace::Pace;
+use drivetwin_sim::preset::{self, Preset};
 use tokio::sync::oneshot;
 
 use super::guard::Body;

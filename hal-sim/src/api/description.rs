@@ -12,7 +12,7 @@ use super::problem::{self, Problem};
 #[derive(OpenApi)]
 #[openapi(
     info(
-        title = "standin",
+        title = "drivetwin",
         description = "Control of a bench of emulated drives. Errors are RFC 9457 problem documents. \
                        What changes something has `Content-Type: application/json`, also without a body."
     ),
@@ -81,9 +81,9 @@ fn refuse(operation: &mut Operation, status: &str, when: &str) {
 
 #[cfg(test)]
 mod tests {
+    use drivetwin_firmware::device::Duration;
+    use drivetwin_sim::faults::{BAUDS, LONGEST_DELAY, LineFaults};
     use serde_json::{Value, json};
-    use standin_firmware::device::Duration;
-    use standin_sim::faults::{BAUDS, LONGEST_DELAY, LineFaults};
 
     fn document() -> Value {
         let (_, document) = super::super::calls().split_for_parts();

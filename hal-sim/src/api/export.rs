@@ -10,11 +10,11 @@ use axum::body::{Body, Bytes};
 use axum::extract::State;
 use axum::http::header;
 use axum::response::{IntoResponse, Response};
+use drivetwin_sim::bench::Bench;
+use drivetwin_sim::trace::{Trace, TraceKeep};
+use drivetwin_sim::{pcapng, vcd};
 use futures_util::stream;
 use serde::Deserialize;
-use standin_sim::bench::Bench;
-use standin_sim::trace::{Trace, TraceKeep};
-use standin_sim::{pcapng, vcd};
 use tokio::runtime::Handle;
 use tokio::sync::mpsc;
 use utoipa::ToSchema;
@@ -49,7 +49,7 @@ pub(super) struct Wanted {
 #[derive(Clone, Copy, Default, Deserialize, ToSchema)]
 #[serde(rename_all = "lowercase")]
 pub(super) enum Format {
-    /// Text that `standin replay` takes.
+    /// Text that `drivetwin replay` takes.
     #[default]
     Trace,
     /// Waveforms of the pins.

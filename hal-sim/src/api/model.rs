@@ -2,12 +2,12 @@
 
 use std::collections::BTreeMap;
 
+use drivetwin_firmware::device::{Axis, Duration, Instant, Level, Pin, Port, Role};
+use drivetwin_protocol::time::TICKS_PER_SECOND;
+use drivetwin_sim::bench::{self, Outlet, PowerAction, Seat};
+use drivetwin_sim::faults::{LONGEST_DELAY, LineFaults};
+use drivetwin_sim::value::Value;
 use serde::{Deserialize, Serialize, Serializer};
-use standin_firmware::device::{Axis, Duration, Instant, Level, Pin, Port, Role};
-use standin_protocol::time::TICKS_PER_SECOND;
-use standin_sim::bench::{self, Outlet, PowerAction, Seat};
-use standin_sim::faults::{LONGEST_DELAY, LineFaults};
-use standin_sim::value::Value;
 use utoipa::ToSchema;
 
 use crate::realtime::Host;
@@ -446,7 +446,7 @@ impl Drive {
         let is_light = |pin: Pin| spec.pins.get(usize::from(pin.0)).is_some_and(|pin| pin.role == Role::Led);
         let lights = spec.pin_names().filter(|(_, pin)| is_light(*pin));
         let pins = spec.pin_names().filter(|(_, pin)| !is_light(*pin));
-        let faults = (0..).map(standin_firmware::device::Fault).zip(spec.faults);
+        let faults = (0..).map(drivetwin_firmware::device::Fault).zip(spec.faults);
         let ports = (0..).map(Port).zip(spec.ports);
         let ports = ports.map(|(port, of)| (of.name, Seen::of(bench, seat, port, places)));
         Self {

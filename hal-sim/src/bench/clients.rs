@@ -1,6 +1,6 @@
 //! Clients: somebody outside who talks and listens on a line, or on a TCP connection.
 
-use standin_firmware::device::{Duration, Instant, Port};
+use drivetwin_firmware::device::{Duration, Instant, Port};
 
 use super::{Bench, Bus, Client, Seat};
 use crate::bus::{Mark, Outside, Sender};

@@ -1,6 +1,6 @@
 //! Lines that are disturbed, and characters on them that collide.
 
-use standin_firmware::device::{Duration, Instant, Line, Port};
+use drivetwin_firmware::device::{Duration, Instant, Line, Port};
 
 use super::lines::silence_after;
 use super::speech::{Voice, Words};

@@ -1,8 +1,8 @@
 //! What hands do to a bench: pins, faults, power, registers.
 
-use standin_firmware::device::{Axis, Duration, Encoder, EncoderSpec, Fault, Level, Pin, Port, Refused};
-use standin_protocol::registers::Shape;
-use standin_protocol::time::TICKS_PER_SECOND;
+use drivetwin_firmware::device::{Axis, Duration, Encoder, EncoderSpec, Fault, Level, Pin, Port, Refused};
+use drivetwin_protocol::registers::Shape;
+use drivetwin_protocol::time::TICKS_PER_SECOND;
 
 use super::{Bench, Busy, Driving, Motion, PowerAction, Seat, Statistics, tape};
 use crate::schedule::{Class, What};

@@ -1,9 +1,9 @@
 //! Lines: what they are called, which ports are on them, and at which settings.
 
-use standin_firmware::device::{Duration, Line, Port};
-use standin_protocol::line::Parity;
-use standin_protocol::modbus::ascii;
-use standin_protocol::modbus::rtu::Timing;
+use drivetwin_firmware::device::{Duration, Line, Port};
+use drivetwin_protocol::line::Parity;
+use drivetwin_protocol::modbus::ascii;
+use drivetwin_protocol::modbus::rtu::Timing;
 
 use super::{Bench, Bus, Seat};
 use crate::bus::{LineMode, Wire};

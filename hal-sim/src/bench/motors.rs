@@ -5,11 +5,11 @@
 
 use std::collections::VecDeque;
 
-use standin_firmware::device::{
+use drivetwin_firmware::device::{
     Axis, Boot, Duration, Fault, Input, Instant, Level, Output, Pin, Rotation, Shaft, Sink,
 };
-use standin_firmware::motor::{self, HALL_PINS, Pace, Rotor, STALL, stepper};
-use standin_protocol::time::TICKS_PER_SECOND;
+use drivetwin_firmware::motor::{self, HALL_PINS, Pace, Rotor, STALL, stepper};
+use drivetwin_protocol::time::TICKS_PER_SECOND;
 
 use super::sensors::{Sees, Sensor};
 use super::{Bench, Seat};
@@ -28,7 +28,7 @@ pub enum Fitting {
     Stepper(stepper::Parameters),
     /// It has brushes, or is a brushless one, and is turned by the duty of a drive that was seated
     /// [`apart`](super::Setup::apart), or that may turn a stepper motor or this
-    /// ([`dc_motor`](standin_firmware::device::Spec::dc_motor)).
+    /// ([`dc_motor`](drivetwin_firmware::device::Spec::dc_motor)).
     Brush(motor::Parameters),
 }
 

@@ -4,8 +4,8 @@
 
 use std::ops::RangeInclusive;
 
-use standin_firmware::device::{Instant, Level, Pin};
-use standin_firmware::motor::{Pace, Rotor};
+use drivetwin_firmware::device::{Instant, Level, Pin};
+use drivetwin_firmware::motor::{Pace, Rotor};
 
 use super::motors::{Motor, TURN};
 use super::{Bench, Seat};

@@ -1,7 +1,7 @@
 //! Speech: what is said on a line, and who hears it when.
 
-use standin_firmware::device::{Duration, Instant, Line, Port};
-use standin_protocol::modbus::ascii;
+use drivetwin_firmware::device::{Duration, Instant, Line, Port};
+use drivetwin_protocol::modbus::ascii;
 
 use super::lines::judgement;
 use super::{Bench, Bus, Seat};

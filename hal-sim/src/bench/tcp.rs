@@ -3,14 +3,14 @@
 //! A message takes no time, and a drive hears it at the instant at which its last byte came, and what it answers then is
 //! there at once. It hears one message of a connection after the other, and those of several in turns. Of a client that
 //! leaves its answers unread it hears no more until they are taken, so that there are never many of them. While a drive
-//! [takes](standin_firmware::device::Device::takes) nothing all of them wait.
+//! [takes](drivetwin_firmware::device::Device::takes) nothing all of them wait.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 
-use standin_firmware::device::{Duration, Link, Port};
-use standin_protocol::modbus::tcp::{Broken, Splitter};
-use standin_protocol::text::next_line;
+use drivetwin_firmware::device::{Duration, Link, Port};
+use drivetwin_protocol::modbus::tcp::{Broken, Splitter};
+use drivetwin_protocol::text::next_line;
 
 use super::{Bench, Bus, Client, Seat};
 use crate::capture::{Frame, Medium, Source};

@@ -12,12 +12,12 @@ mod tcp;
 use std::cell::RefCell;
 use std::rc::Rc;
 
+use drivetwin_firmware::device::{Axis, Encoder, Fault, Level, Line, Pin};
+use drivetwin_firmware::md3::{Md3, Reg};
+use drivetwin_protocol::line::Parity;
+use drivetwin_protocol::modbus::rtu::{self, Timing};
+use drivetwin_protocol::time::Span;
 use proptest::prelude::*;
-use standin_firmware::device::{Axis, Encoder, Fault, Level, Line, Pin};
-use standin_firmware::md3::{Md3, Reg};
-use standin_protocol::line::Parity;
-use standin_protocol::modbus::rtu::{self, Timing};
-use standin_protocol::time::Span;
 
 use super::*;
 use crate::bus::Sender;
@@ -108,7 +108,7 @@ fn the_first_character_of_a_reply_ends_t3_5_and_two_characters_after_the_request
 fn the_trace_tells_when_a_request_came_and_its_reply_left() {
     // Architecture, "Tests": `1.000000 > rx 01 03 …`, `14.177083 < tx …`; a whole number of ticks in
     // a character makes it 14.176875.
-    let text = "standin trace 1
+    let text = "drivetwin trace 1
 drive md3 md3 fast
 compare tx
 \

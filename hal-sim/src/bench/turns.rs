@@ -1,6 +1,6 @@
 //! Turns: whose a line is, and until when.
 
-use standin_firmware::device::{Duration, Instant};
+use drivetwin_firmware::device::{Duration, Instant};
 
 use super::lines::{judgement, silence_after};
 use super::{Bench, Bus};

@@ -1,6 +1,6 @@
 //! Wires from output pins to input pins, and step pulses.
 
-use standin_firmware::device::{Axis, Duration, Instant, Level, Pin};
+use drivetwin_firmware::device::{Axis, Duration, Instant, Level, Pin};
 
 use super::{Bench, Driving, Seat};
 use crate::pulses::{self, Pulse};

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use standin_firmware::device::{Ends, Fault, Pin, Port, PortSpec, Spec};
+use drivetwin_firmware::device::{Ends, Fault, Pin, Port, PortSpec, Spec};
 
 use super::Reader;
 use super::table::{Said, Table, Wrong};

@@ -1,7 +1,7 @@
 //! What is around the drives: motors, what is on their shafts, and wires.
 
-use standin_firmware::device::{Axis, Pin, Role, Spec};
-use standin_firmware::motor::{self, stepper};
+use drivetwin_firmware::device::{Axis, Pin, Role, Spec};
+use drivetwin_firmware::motor::{self, stepper};
 
 use super::Reader;
 use super::table::{Said, Table, Wrong};

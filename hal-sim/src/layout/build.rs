@@ -1,7 +1,7 @@
 //! The bench of a layout.
 
-use standin_firmware::device::{Refused, Spec};
-use standin_firmware::motor::{self, stepper};
+use drivetwin_firmware::device::{Refused, Spec};
+use drivetwin_firmware::motor::{self, stepper};
 
 use super::{At, BrushKeys, Drive, Layout, MotorKind};
 use crate::bench::{Bench, Bus, Fitting, Motor, Seat, SeatError, Settings, Setup};

@@ -5,9 +5,9 @@
 
 use std::io::{self, Write};
 
-use standin_firmware::device::Instant;
-use standin_protocol::modbus::{ascii, rtu};
-use standin_protocol::time::TICKS_PER_SECOND;
+use drivetwin_firmware::device::Instant;
+use drivetwin_protocol::modbus::{ascii, rtu};
+use drivetwin_protocol::time::TICKS_PER_SECOND;
 
 /// Types of blocks (4.1, 4.2, 4.3).
 const SECTION_HEADER: u32 = 0x0A0D_0D0A;
@@ -165,7 +165,7 @@ impl<W: Write> Blocks<W> {
             block.extend(1_u16.to_le_bytes());
             block.extend(0_u16.to_le_bytes());
             block.extend((-1_i64).to_le_bytes());
-            option(block, USER_APPLICATION, b"standin");
+            option(block, USER_APPLICATION, b"drivetwin");
             end_options(block);
         })?;
         Ok(blocks)

@@ -30,9 +30,9 @@ use std::path::PathBuf;
 use std::rc::Rc;
 use std::time::Duration;
 
+use drivetwin_firmware::device::Instant;
+use drivetwin_sim::bench::{Bench, Bus, Client, Outlet};
 use rustix::event::epoll::EventFlags;
-use standin_firmware::device::Instant;
-use standin_sim::bench::{Bench, Bus, Client, Outlet};
 use tracing::error;
 
 pub(crate) use link::check_link;

@@ -21,6 +21,10 @@ use std::path::{Path, PathBuf};
 use std::rc::Rc;
 use std::time::Duration;
 
+use drivetwin_firmware::device::Line;
+use drivetwin_protocol::modbus::{Burst, Voices, ascii, rtu};
+use drivetwin_sim::bench::{Bench, Bus, Client};
+use drivetwin_sim::bus::Sender;
 use rustix::event::epoll::EventFlags;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fs::OFlags;
@@ -29,10 +33,6 @@ use rustix::termios::{
     Action, ControlModes, InputModes, LocalModes, OptionalActions, OutputModes, QueueSelector, tcflow,
     tcflush, tcgetattr, tcsetattr,
 };
-use standin_firmware::device::Line;
-use standin_protocol::modbus::{Burst, Voices, ascii, rtu};
-use standin_sim::bench::{Bench, Bus, Client};
-use standin_sim::bus::Sender;
 use tracing::{error, info, warn};
 
 use super::link::Link;
@@ -257,7 +257,9 @@ impl Pty {
         let path = self.path.display();
         match made_ready {
             Err(error) if error.kind() == io::ErrorKind::ResourceBusy => {
-                error!("{path} was left exclusive (TIOCEXCL), so only root can open it; start standin again");
+                error!(
+                    "{path} was left exclusive (TIOCEXCL), so only root can open it; start drivetwin again"
+                );
             }
             Err(error) => warn!("{path} cannot be made ready again: {error}"),
             Ok(()) => {}
@@ -452,9 +454,9 @@ fn set_nonblocking(fd: impl AsFd) -> io::Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use standin_firmware::device::{Duration, Instant, Port};
-    use standin_firmware::md3::Md3;
-    use standin_protocol::line::Parity;
+    use drivetwin_firmware::device::{Duration, Instant, Port};
+    use drivetwin_firmware::md3::Md3;
+    use drivetwin_protocol::line::Parity;
 
     const USER_REGISTER: u16 = 0x1D;
 

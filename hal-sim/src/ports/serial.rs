@@ -13,16 +13,16 @@ use std::path::{Path, PathBuf};
 use std::thread::{Builder, JoinHandle};
 use std::time::Duration;
 
+use drivetwin_firmware::device::Line;
+use drivetwin_protocol::line::Parity;
+use drivetwin_sim::bench::{Bench, Bus, Client};
+use drivetwin_sim::listen::Uri;
 use rustix::event::epoll::EventFlags;
 use rustix::fs::{Mode, OFlags};
 use rustix::termios::{
     ControlModes, InputModes, OptionalActions, QueueSelector, ioctl_tiocexcl, isatty, tcflush, tcgetattr,
     tcsetattr,
 };
-use standin_firmware::device::Line;
-use standin_protocol::line::Parity;
-use standin_sim::bench::{Bench, Bus, Client};
-use standin_sim::listen::Uri;
 use tracing::{info, warn};
 
 use super::unread::{MOST_MIB, Unread};

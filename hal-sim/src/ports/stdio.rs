@@ -11,9 +11,9 @@ use std::os::unix::net::UnixStream;
 use std::thread::{Builder, JoinHandle};
 use std::time::Duration;
 
+use drivetwin_firmware::device::Instant;
+use drivetwin_sim::bench::{Bench, Bus, Client};
 use rustix::event::epoll::EventFlags;
-use standin_firmware::device::Instant;
-use standin_sim::bench::{Bench, Bus, Client};
 use tracing::{debug, warn};
 
 use super::unread::{MOST_MIB, Unread};

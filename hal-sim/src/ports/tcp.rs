@@ -6,10 +6,10 @@ use std::os::fd::{AsFd as _, BorrowedFd, OwnedFd};
 use std::rc::Rc;
 use std::time::Duration;
 
+use drivetwin_firmware::device::Instant;
+use drivetwin_sim::bench::{Bench, Client, Ended, MOST_CONNECTIONS, Outlet, TurnedAway};
 use rustix::event::epoll::EventFlags;
 use rustix::net::{AddressFamily, SocketFlags, SocketType, sockopt};
-use standin_firmware::device::Instant;
-use standin_sim::bench::{Bench, Client, Ended, MOST_CONNECTIONS, Outlet, TurnedAway};
 use tracing::{info, warn};
 
 use super::unread::{Unread, share_mib};

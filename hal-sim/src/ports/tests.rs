@@ -7,9 +7,9 @@ use std::sync::mpsc;
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use standin_firmware::device::{Instant, Port};
-use standin_sim::bench::{Bench, Outlet, PowerAction, Seat, Statistics};
-use standin_sim::pace::Pace;
+use drivetwin_firmware::device::{Instant, Port};
+use drivetwin_sim::bench::{Bench, Outlet, PowerAction, Seat, Statistics};
+use drivetwin_sim::pace::Pace;
 
 use super::{Ports, bind};
 use crate::echo::{Echo, MCODE, MODBUS};
@@ -344,7 +344,7 @@ fn while_the_clock_is_advanced_all_is_answered() {
     let (done, mut there) = tokio::sync::oneshot::channel();
     let caller = std::sync::Arc::new(());
     running.door.hand_in(std::sync::Arc::downgrade(&caller), move |host| {
-        host.advance(standin_firmware::device::Duration::secs(1 << 36), done);
+        host.advance(drivetwin_firmware::device::Duration::secs(1 << 36), done);
         || ()
     });
     expect(&mut text, b"T");

@@ -3,8 +3,8 @@
 use std::io;
 use std::os::fd::AsFd;
 
+use drivetwin_sim::bench::{Bench, Client};
 use rustix::io::Errno;
-use standin_sim::bench::{Bench, Client};
 
 use super::READ_BYTES;
 

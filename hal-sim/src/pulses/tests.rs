@@ -1,9 +1,9 @@
 //! Scripts with times.
 
+use drivetwin_firmware::motion::Rates;
+use drivetwin_protocol::time::Span;
 use fixed::types::{I24F8, U24F8};
 use proptest::prelude::*;
-use standin_firmware::motion::Rates;
-use standin_protocol::time::Span;
 
 use super::*;
 

@@ -7,11 +7,11 @@ use std::collections::BTreeMap;
 use std::iter;
 use std::ops::RangeInclusive;
 
-use standin_firmware::rs434::program::instruction::{
+use drivetwin_firmware::rs434::program::instruction::{
     self, COMMANDS, Command, Form, Instruction, MNEMONICS, Operation,
 };
-use standin_firmware::rs434::{LINES, Reg};
-use standin_protocol::registers::{Register as _, Space};
+use drivetwin_firmware::rs434::{LINES, Reg};
+use drivetwin_protocol::registers::{Register as _, Space};
 
 use super::cursor::{Cursor, Place, Token};
 use super::{Error, RELATIVE, SPACES, SYSTEM, WAYS, WORD, ZERO};

@@ -5,9 +5,9 @@
 
 use std::fmt::Write as _;
 
-use standin_firmware::rs434::Reg;
-use standin_firmware::rs434::program::instruction::{Command, Form, Instruction, MNEMONICS, Operation};
-use standin_protocol::registers::{Register as _, Space};
+use drivetwin_firmware::rs434::Reg;
+use drivetwin_firmware::rs434::program::instruction::{Command, Form, Instruction, MNEMONICS, Operation};
+use drivetwin_protocol::registers::{Register as _, Space};
 
 use super::{RELATIVE, SPACES, SYSTEM, WAYS, WORD, ZERO};
 

@@ -1,6 +1,6 @@
 //! A program in the memory of a drive, where a save puts it (6.6).
 
-use standin_firmware::rs434::{MEMORY, program};
+use drivetwin_firmware::rs434::{MEMORY, program};
 
 /// A program as it lies in a drive's memory.
 #[derive(Clone, PartialEq, Eq, Debug)]

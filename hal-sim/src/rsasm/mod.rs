@@ -19,9 +19,9 @@ mod tests;
 
 use std::fmt;
 
-use standin_firmware::device::Spec;
-use standin_firmware::rs434::LINES;
-use standin_protocol::registers::Space;
+use drivetwin_firmware::device::Spec;
+use drivetwin_firmware::rs434::LINES;
+use drivetwin_protocol::registers::Space;
 
 pub use self::assemble::assemble;
 pub use self::disassemble::disassemble;

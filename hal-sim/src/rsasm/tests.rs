@@ -1,7 +1,7 @@
 use super::*;
+use drivetwin_firmware::rs434::program::instruction::{COMMANDS, MNEMONICS};
 use proptest::prelude::*;
 use proptest::test_runner::{RngAlgorithm, TestRng};
-use standin_firmware::rs434::program::instruction::{COMMANDS, MNEMONICS};
 
 /// The lines of a program.
 fn lines(source: &str) -> Vec<u32> {

@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
-use standin_sim::bench::Bench;
-use standin_sim::trace::TraceKeep;
+use drivetwin_sim::bench::Bench;
+use drivetwin_sim::trace::TraceKeep;
 
 use super::memory::Memory;
 use crate::cli;

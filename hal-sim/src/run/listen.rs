@@ -4,10 +4,10 @@ use std::collections::BTreeMap;
 use std::io;
 use std::path::{Path, PathBuf};
 
-use standin_firmware::device::Port;
-use standin_sim::bench::{Bench, Bus, Outlet, Seat};
-use standin_sim::layout::{Layout, no_line};
-use standin_sim::listen::Uri;
+use drivetwin_firmware::device::Port;
+use drivetwin_sim::bench::{Bench, Bus, Outlet, Seat};
+use drivetwin_sim::layout::{Layout, no_line};
+use drivetwin_sim::listen::Uri;
 
 use crate::ports::{self, Bound, Device, Ports};
 use crate::ready::Address;

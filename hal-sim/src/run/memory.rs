@@ -7,9 +7,9 @@ use std::os::unix::fs::MetadataExt as _;
 use std::path::PathBuf;
 use std::rc::Rc;
 
-use standin_sim::bench::Keep;
-use standin_sim::kinds;
-use standin_sim::rsasm::Image;
+use drivetwin_sim::bench::Keep;
+use drivetwin_sim::kinds;
+use drivetwin_sim::rsasm::Image;
 use tracing::{error, warn};
 
 use super::told::Told;

@@ -1,4 +1,4 @@
-//! `standin run`: everything that is checked and made before the first byte moves.
+//! `drivetwin run`: everything that is checked and made before the first byte moves.
 //!
 //! What can be wrong is found before anything listens: names and values, addresses in use, files. An
 //! old recording is overwritten last of all.
@@ -12,13 +12,13 @@ use std::fs;
 use std::io::{self, Write as _};
 use std::os::unix::net::UnixStream;
 
+use drivetwin_sim::bench::{Settings, Setup};
+use drivetwin_sim::layout::Built;
+use drivetwin_sim::pace::Pace;
 use rustix::event::{PollFd, PollFlags, poll};
 use rustix::io::retry_on_intr;
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGQUIT, SIGTERM};
-use standin_sim::bench::{Settings, Setup};
-use standin_sim::layout::Built;
-use standin_sim::pace::Pace;
 use tracing::info;
 
 use crate::api;

@@ -3,13 +3,13 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use standin_firmware::device::{Port, Spec};
-use standin_sim::bus::LineMode;
-use standin_sim::layout::{self, Drive, Layout};
-use standin_sim::listen::{Listen, Uri};
-use standin_sim::preset::Preset;
-use standin_sim::rsasm::Image;
-use standin_sim::{file, kinds};
+use drivetwin_firmware::device::{Port, Spec};
+use drivetwin_sim::bus::LineMode;
+use drivetwin_sim::layout::{self, Drive, Layout};
+use drivetwin_sim::listen::{Listen, Uri};
+use drivetwin_sim::preset::Preset;
+use drivetwin_sim::rsasm::Image;
+use drivetwin_sim::{file, kinds};
 
 use crate::cli;
 use crate::programs;
@@ -169,8 +169,8 @@ fn presets(spec: &Spec, options: &cli::Run) -> Result<Vec<Preset>, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use standin_firmware::device::{Ends, PortSpec};
-    use standin_protocol::line::{Line, Parity};
+    use drivetwin_firmware::device::{Ends, PortSpec};
+    use drivetwin_protocol::line::{Line, Parity};
 
     static PORTS: &[PortSpec] = &[
         PortSpec { name: "rs485", ends: Ends::Silence, line: Some(Line::new(9_600, 8, Parity::Even, 1)) },

@@ -1,7 +1,7 @@
 //! Axes of a device: where they are, and who listens to their pulses.
 
-use standin_firmware::device::{AxisSpec, Duration, Instant, Level, Pin, PinSpec, Plan, Role};
-use standin_firmware::motion::HIGH;
+use drivetwin_firmware::device::{AxisSpec, Duration, Instant, Level, Pin, PinSpec, Plan, Role};
+use drivetwin_firmware::motion::HIGH;
 
 use crate::bench::Motion;
 use crate::drives::level_of;

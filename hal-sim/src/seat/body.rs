@@ -1,6 +1,6 @@
 //! What a device leaves behind: its memory, its power, and what it does to the world.
 
-use standin_firmware::device::{
+use drivetwin_firmware::device::{
     Axis, Instant, Level, Line, Link, Note, Output, Pin, Plan, Port, Sink, Spec, Why,
 };
 

@@ -6,10 +6,10 @@ mod pin;
 mod serial;
 mod tcp;
 
-use standin_firmware::device::{
+use drivetwin_firmware::device::{
     Axis, Boot, Device, Duration, Encoder, EncoderSpec, Fault, Instant, Level, Line, Pin, Port, Refused, Spec,
 };
-use standin_firmware::motor::Parameters;
+use drivetwin_firmware::motor::Parameters;
 
 use crate::bench::{Keep, Motion};
 use crate::dice::Dice;

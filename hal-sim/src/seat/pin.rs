@@ -1,6 +1,6 @@
 //! Pins of a device, and what runs on them.
 
-use standin_firmware::device::{Duration, HIGH_MV, Instant, LOGIC_HIGH_MV, Level, Pin, PinSpec, Role};
+use drivetwin_firmware::device::{Duration, HIGH_MV, Instant, LOGIC_HIGH_MV, Level, Pin, PinSpec, Role};
 
 use crate::bench::Driving;
 use crate::drives::{Drives, level_of};

@@ -1,6 +1,6 @@
 //! Ports of a device, and how they send.
 
-use standin_firmware::device::{Duration, Ends, Instant, Line, PortSpec};
+use drivetwin_firmware::device::{Duration, Ends, Instant, Line, PortSpec};
 
 use super::tcp::Tcp;
 use crate::bench::Statistics;

@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use standin_firmware::device::{Ends, Link, PortSpec};
+use drivetwin_firmware::device::{Ends, Link, PortSpec};
 
 /// Connections that a TCP port takes at once; the next one is turned away.
 pub const MOST_CONNECTIONS: usize = 64;

@@ -1,11 +1,11 @@
 //! Pulses on pins that serve other purposes, too.
 
+use drivetwin_firmware::device::{AxisSpec, Input, Output, PinSpec, Plan, Role, Sink};
+use drivetwin_firmware::motion::Rates;
+use drivetwin_protocol::registers::Register;
+use drivetwin_protocol::time::Span;
 use fixed::types::I24F8;
 use proptest::prelude::*;
-use standin_firmware::device::{AxisSpec, Input, Output, PinSpec, Plan, Role, Sink};
-use standin_firmware::motion::Rates;
-use standin_protocol::registers::Register;
-use standin_protocol::time::Span;
 
 use super::*;
 use crate::bench::{Bench, PowerAction, Seat, Settings};
@@ -13,7 +13,7 @@ use crate::pulses::Pulse;
 use crate::trace::{Event, TraceKeep};
 use crate::vcd;
 
-standin_protocol::registers! {
+drivetwin_protocol::registers! {
     /// What a lender does.
     enum Reg: HighFirst {
         /// 0 to 2: STEP low, high, let go; 3 to 5: DIR. 6: a plan at rest; 7 and 8: one of two steps, forward

@@ -35,7 +35,7 @@ impl Trace {
 
 #[cfg(test)]
 mod tests {
-    use standin_protocol::time::Span;
+    use drivetwin_protocol::time::Span;
 
     use super::*;
     use crate::bench::{Bench, Driving, Settings};

@@ -1,7 +1,7 @@
 //! What happened on a bench, as text that people read and write.
 //!
 //! ```text
-//! standin trace 1                     the format, before anything else
+//! drivetwin trace 1                     the format, before anything else
 //! seed 1                              of every random choice; 1 if not given
 //! drive md3 md3                       name and kind; `fast`: no start-up delay; `from 12.5`: seated then;
 //!                                     `apart`: without the motor that it brings; `untimed`: on a line on which
@@ -60,11 +60,11 @@ mod text;
 use std::borrow::Cow;
 use std::collections::VecDeque;
 
-use standin_firmware::device::{
+use drivetwin_firmware::device::{
     Axis, Device, Encoder, Fault, Input, Instant, Level, Line, Link, Output, Pin, Plan, Port, Rotation, Spec,
 };
-use standin_firmware::motor::Parameters;
-use standin_protocol::time::Duration;
+use drivetwin_firmware::motor::Parameters;
+use drivetwin_protocol::time::Duration;
 
 pub use recording::Recording;
 pub(crate) use ring::{allocated, make_room};

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::io::{self, Write};
 
-use standin_firmware::device::Instant;
+use drivetwin_firmware::device::Instant;
 
 use super::{Event, Trace};
 

@@ -1,9 +1,9 @@
+use drivetwin_firmware::md3::Md3;
+use drivetwin_firmware::mdrobot::mdrobot;
+use drivetwin_firmware::motion::Rates;
+use drivetwin_protocol::line::Parity;
 use fixed::types::{I24F8, U24F8};
 use proptest::prelude::*;
-use standin_firmware::md3::Md3;
-use standin_firmware::mdrobot::mdrobot;
-use standin_firmware::motion::Rates;
-use standin_protocol::line::Parity;
 
 use super::*;
 use crate::replay::{self, Difference, Unplayable};
@@ -18,7 +18,7 @@ fn make(kind: &str) -> Option<Box<dyn Device>> {
     }
 }
 
-const TOY: &str = "standin trace 1\ndrive t toy\n";
+const TOY: &str = "drivetwin trace 1\ndrive t toy\n";
 
 fn parse(lines: &str) -> Result<Trace, String> {
     Trace::parse(&format!("{TOY}{lines}"), &make).map_err(|error| error.to_string())
@@ -26,7 +26,7 @@ fn parse(lines: &str) -> Result<Trace, String> {
 
 /// Every word that a trace may hold.
 const WORDS: &str = "\
-standin trace 1
+drivetwin trace 1
 seed 5
 drive a toy
 memory a 0x0000 FF FF FF FF FF FF FF FF 00 FF
@@ -153,11 +153,23 @@ fn what_is_not_known_is_an_error_in_its_line() {
         assert_eq!(parse(lines).unwrap_err(), error);
     }
     let error = |text| Trace::parse(text, &make).unwrap_err().to_string();
-    assert_eq!(error(""), "line 1: a trace begins with \"standin trace 1\"");
-    assert_eq!(error("1 > idle"), "line 1: a trace begins with \"standin trace 1\"");
-    assert_eq!(error("standin trace 2"), "line 1: version \"2\" of the format is not known, only 1");
+    assert_eq!(error(""), "line 1: a trace begins with \"drivetwin trace 1\"");
+    assert_eq!(error("1 > idle"), "line 1: a trace begins with \"drivetwin trace 1\"");
+    assert_eq!(error("drivetwin trace 2"), "line 1: version \"2\" of the format is not known, only 1");
     let nobody = "line 2: no line above says which drive this is: \"drive NAME KIND\"";
-    assert_eq!(error("standin trace 1\n1 > idle"), nobody);
+    assert_eq!(error("drivetwin trace 1\n1 > idle"), nobody);
+}
+
+#[test]
+fn a_trace_from_before_the_project_was_renamed_loads() {
+    let former = WORDS.replacen("drivetwin trace 1", "standin trace 1", 1);
+    assert_ne!(former, WORDS);
+    assert_eq!(
+        Trace::parse(&former, &make).unwrap().to_text(),
+        Trace::parse(WORDS, &make).unwrap().to_text()
+    );
+    let error = Trace::parse("standin trace 2", &make).unwrap_err().to_string();
+    assert_eq!(error, "line 1: version \"2\" of the format is not known, only 1");
 }
 
 /// A toy that is asked for its letter, which seed 1 makes whatever it is.

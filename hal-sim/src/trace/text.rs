@@ -3,17 +3,21 @@
 use std::fmt::{self, Write as _};
 use std::io;
 
-use standin_firmware::device::{
+use drivetwin_firmware::device::{
     Axis, Encoder, Ends, Fault, Instant, Level, Line, Link, Pin, PinSpec, Port, PortSpec, Rotation, Spec,
 };
-use standin_firmware::motor::Parameters;
-use standin_protocol::line::Parity;
-use standin_protocol::time::Duration;
+use drivetwin_firmware::motor::Parameters;
+use drivetwin_protocol::line::Parity;
+use drivetwin_protocol::time::Duration;
 
 use super::{Course, Cut, Did, Drive, Entry, Event, Fed, Group, Leg, Make, Power, Trace, TraceKeep};
 
 /// The version of the format.
 const VERSION: &str = "1";
+/// First word of a trace.
+const PROJECT: &str = "drivetwin";
+/// First word of traces from before the project was renamed.
+const FORMER_PROJECT: &str = "standin";
 
 /// Bytes in a line of memory.
 const MEMORY_ROW: usize = 16;
@@ -60,7 +64,7 @@ impl Trace {
         if !reader.begun {
             return Err(ParseError {
                 line: 1,
-                what: format!("a trace begins with \"standin trace {VERSION}\""),
+                what: format!("a trace begins with \"{PROJECT} trace {VERSION}\""),
             });
         }
         Ok(reader.finish())
@@ -103,7 +107,7 @@ impl Trace {
 
     /// The lines before the first event.
     pub(super) fn header(&self) -> String {
-        let mut text = format!("standin trace {VERSION}\nseed {}\n", self.seed);
+        let mut text = format!("{PROJECT} trace {VERSION}\nseed {}\n", self.seed);
         for drive in self.by_name().iter().map(|&index| &self.drives[index]) {
             let fast = if drive.boot_fast { " fast" } else { "" };
             let apart = if drive.apart { " apart" } else { "" };
@@ -379,11 +383,11 @@ impl Reader {
         if !self.begun {
             self.begun = true;
             return match (words.next(), words.next(), words.next()) {
-                ("standin", "trace", VERSION) => words.end(),
-                ("standin", "trace", other) => {
+                (PROJECT | FORMER_PROJECT, "trace", VERSION) => words.end(),
+                (PROJECT | FORMER_PROJECT, "trace", other) => {
                     Err(format!("version \"{other}\" of the format is not known, only {VERSION}"))
                 }
-                _ => Err(format!("a trace begins with \"standin trace {VERSION}\"")),
+                _ => Err(format!("a trace begins with \"{PROJECT} trace {VERSION}\"")),
             };
         }
         if words.rest.starts_with(|c: char| c.is_ascii_digit()) {

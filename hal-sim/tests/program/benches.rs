@@ -1,8 +1,8 @@
 //! Benches of several drives, from a file.
 
-use crate::running::{Running, Scratch, ask, refused, standin};
+use crate::running::{Running, Scratch, ask, drivetwin, refused};
+use drivetwin_protocol::modbus::rtu;
 use serde_json::json;
-use standin_protocol::modbus::rtu;
 
 const USER_REGISTER: u16 = 0x1D;
 const EEPROM_CONTROL: u16 = 0x1A;
@@ -59,7 +59,7 @@ fn drives_on_one_line_keep_a_memory_each_and_one_recording() {
     bench.advance(0.1);
     assert_eq!(bench.stop(), Some(0));
     assert!(!std::path::Path::new(&link).is_symlink());
-    let replayed = standin(&["replay", &trace]);
+    let replayed = drivetwin(&["replay", &trace]);
     assert_eq!(replayed.status.code(), Some(0), "{replayed:?}");
 
     // The memories are beside the file, wherever one starts it.

@@ -3,8 +3,8 @@
 use std::io::{Read as _, Write as _};
 use std::net::TcpStream;
 
+use drivetwin_protocol::modbus::rtu;
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
-use standin_protocol::modbus::rtu;
 
 use crate::running::{Running, ask};
 

@@ -3,8 +3,8 @@
 use std::io::{Read as _, Write as _};
 use std::process::Stdio;
 
-use crate::running::{Answer, Running, ask, standin};
-use standin_protocol::modbus::rtu;
+use crate::running::{Answer, Running, ask, drivetwin};
+use drivetwin_protocol::modbus::rtu;
 
 /// An MD3 in manual time whose start-up is over.
 fn md3() -> Running {
@@ -143,7 +143,7 @@ fn a_pin_that_the_drive_drives_shows_its_level_until_it_lets_go() {
 fn every_fault_that_is_described_can_come_and_go() {
     /// Bit of MotionControl (7.15).
     const FAULT: u16 = 1 << 15;
-    let described = standin(&["describe", "md3", "--json"]);
+    let described = drivetwin(&["describe", "md3", "--json"]);
     let described: serde_json::Value = serde_json::from_slice(&described.stdout).unwrap();
     let faults: Vec<&str> =
         described["faults"].as_array().unwrap().iter().filter_map(|f| f.as_str()).collect();

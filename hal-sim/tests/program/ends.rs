@@ -6,11 +6,11 @@ use std::process::{Command, Stdio};
 use std::time::Duration;
 
 use crate::running::{Running, Scratch, refused};
+use drivetwin_protocol::modbus::rtu;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fs::{Mode, OFlags};
 use rustix::pty::OpenptFlags;
 use rustix::termios::{ControlModes, OptionalActions, tcgetattr, tcsetattr};
-use standin_protocol::modbus::rtu;
 
 const USER_REGISTER: u16 = 0x1D;
 const SERIAL_PORT_CONFIGURATION: u16 = 0x1C;
@@ -90,9 +90,9 @@ fn a_serial_port_has_the_settings_of_its_line_and_is_used_again_when_it_is_back(
     assert_eq!(md3.stop(), Some(0));
 }
 
-/// What `standin` says on stdout when `input` is all that it hears.
+/// What `drivetwin` says on stdout when `input` is all that it hears.
 fn piped(arguments: &[&str], input: &[u8]) -> (Vec<u8>, Option<i32>) {
-    let mut child = Command::new(env!("CARGO_BIN_EXE_standin"))
+    let mut child = Command::new(env!("CARGO_BIN_EXE_drivetwin"))
         .args(arguments)
         .stdin(Stdio::piped())
         .stdout(Stdio::piped())
@@ -129,7 +129,7 @@ fn standard_input_and_output_belong_to_one_line() {
 
 #[test]
 fn a_bench_whose_output_nobody_reads_ends_though_more_input_may_come() {
-    let mut child = Command::new(env!("CARGO_BIN_EXE_standin"))
+    let mut child = Command::new(env!("CARGO_BIN_EXE_drivetwin"))
         .args(["run", "md3", "--fast-boot", "--time", "manual", "--listen", "stdio:"])
         .stdin(Stdio::piped())
         .stdout(Stdio::piped())

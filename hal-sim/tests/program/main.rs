@@ -1,4 +1,4 @@
-//! The program `standin`, started as people start it.
+//! The program `drivetwin`, started as people start it.
 
 mod benches;
 mod ceilings;

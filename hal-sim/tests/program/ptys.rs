@@ -4,11 +4,11 @@ use std::os::fd::OwnedFd;
 use std::path::Path;
 
 use crate::running::{Running, Scratch, ask};
+use drivetwin_protocol::modbus::rtu;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fs::{Mode, OFlags};
 use rustix::process::{Signal, WaitOptions, kill_process, waitpid};
 use rustix::termios::{Action, InputModes, LocalModes, OptionalActions, tcflow, tcgetattr, tcsetattr};
-use standin_protocol::modbus::rtu;
 
 const USER_REGISTER: u16 = 0x1D;
 const SERIAL_PORT_CONFIGURATION: u16 = 0x1C;

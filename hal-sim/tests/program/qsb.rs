@@ -2,7 +2,7 @@
 
 use std::process::Stdio;
 
-use crate::running::{Running, ask, standin};
+use crate::running::{Running, ask, drivetwin};
 use serde_json::Value;
 
 /// In manual time, without start-up.
@@ -12,7 +12,7 @@ fn qsb(kind: &'static str, options: &[&str]) -> Running {
 }
 
 fn describe(kind: &str) -> Value {
-    serde_json::from_slice(&standin(&["describe", kind, "--json"]).stdout).unwrap()
+    serde_json::from_slice(&drivetwin(&["describe", kind, "--json"]).stdout).unwrap()
 }
 
 fn names<'a>(of: &'a Value, what: &str) -> Vec<&'a str> {
@@ -21,7 +21,7 @@ fn names<'a>(of: &'a Value, what: &str) -> Vec<&'a str> {
 
 #[test]
 fn variants_have_their_registers_and_pins_only() {
-    let listed = String::from_utf8(standin(&["list"]).stdout).unwrap();
+    let listed = String::from_utf8(drivetwin(&["list"]).stdout).unwrap();
     // Products of a register: "-D, -M, -S" or some of them.
     for (kind, pins, lacks) in [
         ("qsb-d", 4, &["MdStepRate", "MdAccel", "MdMoveSteps", "MdJogRate", "MdStatus", "MotorDrive"][..]),
@@ -45,7 +45,7 @@ fn variants_have_their_registers_and_pins_only() {
 
 #[test]
 fn the_reference_tells_the_letters_of_a_register() {
-    let text = String::from_utf8(standin(&["describe", "qsb-m", "--markdown"]).stdout).unwrap();
+    let text = String::from_utf8(drivetwin(&["describe", "qsb-m", "--markdown"]).stdout).unwrap();
     for row in [
         "| 0x00 | Mode | MODE | u8 | R/W |",
         "| 0x01 | DigIO | DIG I/O | u8 | R/W/S |",
@@ -148,7 +148,7 @@ fn registers_of_other_variants_are_not_there() {
 #[test]
 fn a_terminal_program_is_proposed() {
     use std::io::{BufRead as _, BufReader};
-    let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_standin"))
+    let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_drivetwin"))
         .args(["run", "qsb-d", "--control", "off"])
         .stdout(Stdio::piped())
         .spawn()

@@ -2,12 +2,12 @@
 
 use std::path::Path;
 
+use drivetwin_protocol::modbus::rtu;
+use drivetwin_sim::trace::{Trace, whole_lines};
+use drivetwin_sim::{kinds, replay};
 use rustix::process::{Signal, kill_process};
-use standin_protocol::modbus::rtu;
-use standin_sim::trace::{Trace, whole_lines};
-use standin_sim::{kinds, replay};
 
-use crate::running::{Running, Scratch, ask, refused, standin};
+use crate::running::{Running, Scratch, ask, drivetwin, refused};
 
 /// Files that were made by the program at commit 681fd38. They are never made anew.
 fn old(name: &str) -> String {
@@ -16,14 +16,14 @@ fn old(name: &str) -> String {
 }
 
 fn assert_replays(file: &str) {
-    let replayed = standin(&["replay", file]);
+    let replayed = drivetwin(&["replay", file]);
     assert_eq!(replayed.status.code(), Some(0), "{replayed:?}");
 }
 
 #[test]
 fn old_recordings_replay() {
     // It is read to its end. An MDrive has taken no time for a typed line then (decision 34 of the MDrive).
-    let bench = standin(&["replay", &old("bench.trace")]);
+    let bench = drivetwin(&["replay", &old("bench.trace")]);
     let said = String::from_utf8(bench.stdout).unwrap();
     assert!(bench.status.code() == Some(1) && said.contains("mdrive < message:mcode"), "{said}");
     assert_replays(&old("answers-ahead.trace"));
@@ -49,7 +49,7 @@ fn old_memories_are_loaded() {
         let registers = &drive.drive()["registers"];
         // All that have a bus address had 7.
         let described: serde_json::Value =
-            serde_json::from_slice(&standin(&["describe", kind, "--json"]).stdout).unwrap();
+            serde_json::from_slice(&drivetwin(&["describe", kind, "--json"]).stdout).unwrap();
         let register =
             described["address_register"].as_str().filter(|_| register.is_empty()).unwrap_or(register);
         assert_eq!(registers[register], value, "{kind} {register}");
@@ -99,9 +99,10 @@ fn a_recording_replays_wherever_it_is_cut() {
 fn half_a_line_is_left_out_at_the_end_of_a_recording_only() {
     let scratch = Scratch::new("half");
     let file = scratch.file("md3.trace");
-    let text = "standin trace 1\ndrive md3 md3 fast\ncompare tx\n1000.000000 > rx 01 03 00 14 00 01 C4 0E\n";
+    let text =
+        "drivetwin trace 1\ndrive md3 md3 fast\ncompare tx\n1000.000000 > rx 01 03 00 14 00 01 C4 0E\n";
     std::fs::write(&file, format!("{text}1006.1 < tx 01 0")).unwrap();
-    let replayed = standin(&["replay", &file]);
+    let replayed = drivetwin(&["replay", &file]);
     let said = String::from_utf8(replayed.stdout).unwrap();
     let expected = format!("{file}: its last line has no end, so it is left out\n{file}: as expected\n");
     assert_eq!((replayed.status.code(), said), (Some(0), expected));
@@ -111,6 +112,6 @@ fn half_a_line_is_left_out_at_the_end_of_a_recording_only() {
     std::fs::write(&file, format!("{text}1006.1 < tx 01 0\n2000 end\n")).unwrap();
     assert!(refused(&["replay", &file]).contains("line 5"));
     std::fs::write(&file, format!("{text}2000 end")).unwrap();
-    let replayed = standin(&["replay", &file]);
+    let replayed = drivetwin(&["replay", &file]);
     assert_eq!(replayed.status.code(), Some(1), "the answer is missing: {replayed:?}");
 }

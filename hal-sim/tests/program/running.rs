@@ -1,4 +1,4 @@
-//! Starting `standin`, talking to it, and ending it.
+//! Starting `drivetwin`, talking to it, and ending it.
 
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
 use std::net::TcpStream;
@@ -9,18 +9,18 @@ use std::time::Duration;
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 
-/// Runs `standin` to its end.
-pub(crate) fn standin(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_standin")).args(arguments).output().unwrap()
+/// Runs `drivetwin` to its end.
+pub(crate) fn drivetwin(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_drivetwin")).args(arguments).output().unwrap()
 }
 
-/// Runs `standin`, which refuses its arguments: what it says, in one sentence.
+/// Runs `drivetwin`, which refuses its arguments: what it says, in one sentence.
 pub(crate) fn refused(arguments: &[&str]) -> String {
-    let output = standin(arguments);
+    let output = drivetwin(arguments);
     let said = String::from_utf8(output.stderr).unwrap();
     assert_eq!(output.status.code(), Some(2), "{arguments:?}: {said}");
     assert!(output.stdout.is_empty(), "{arguments:?}: {:?}", output.stdout);
-    let sentence = said.strip_prefix("standin: ").and_then(|said| said.strip_suffix('\n')).unwrap();
+    let sentence = said.strip_prefix("drivetwin: ").and_then(|said| said.strip_suffix('\n')).unwrap();
     assert!(!sentence.contains('\n'), "{arguments:?}: {sentence}");
     sentence.to_owned()
 }
@@ -42,7 +42,7 @@ impl Running {
 
     /// Starts a drive that says what it has to say there, and waits until it is ready.
     pub(crate) fn start(what: &str, options: &[&str], stderr: Stdio) -> Self {
-        let mut child = Command::new(env!("CARGO_BIN_EXE_standin"))
+        let mut child = Command::new(env!("CARGO_BIN_EXE_drivetwin"))
             .args(["run", what, "--json"])
             .args(options)
             .stdout(Stdio::piped())
@@ -227,7 +227,7 @@ pub(crate) struct Scratch(PathBuf);
 
 impl Scratch {
     pub(crate) fn new(name: &str) -> Self {
-        let path = std::env::temp_dir().join(format!("standin-{}-{name}", std::process::id()));
+        let path = std::env::temp_dir().join(format!("drivetwin-{}-{name}", std::process::id()));
         let _ = std::fs::remove_dir_all(&path);
         std::fs::create_dir(&path).unwrap();
         Self(path)

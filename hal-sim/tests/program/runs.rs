@@ -6,12 +6,12 @@ use std::net::{Shutdown, TcpListener};
 use std::os::fd::OwnedFd;
 use std::path::Path;
 
-use crate::running::{Running, Scratch, ask, refused, standin};
+use crate::running::{Running, Scratch, ask, drivetwin, refused};
+use drivetwin_protocol::modbus::rtu;
 use rustix::fs::{CWD, FileType, Mode, OFlags, mknodat};
 use rustix::process::{Resource, Rlimit, getrlimit, prlimit};
 use rustix::termios::{ControlModes, LocalModes, OptionalActions, tcgetattr, tcsetattr};
 use serde_json::Value;
-use standin_protocol::modbus::rtu;
 
 const USER_REGISTER: u16 = 0x1D;
 const EEPROM_CONTROL: u16 = 0x1A;
@@ -26,7 +26,7 @@ fn what_is_wrong_with_options_is_told_in_one_sentence() {
     for (arguments, told) in [
         (
             vec![],
-            "a command is missing: run, list, describe, replay, asm, disasm; `standin --help` tells more",
+            "a command is missing: run, list, describe, replay, asm, disasm; `drivetwin --help` tells more",
         ),
         (vec!["walk"], "unrecognized subcommand 'walk'"),
         (vec!["run"], "<KIND|BENCH.toml>"),
@@ -133,7 +133,7 @@ fn a_port_in_use_is_told_before_anything_is_touched() {
 #[test]
 fn kinds_are_listed_and_described() {
     let text = |arguments: &[&str]| {
-        let output = standin(arguments);
+        let output = drivetwin(arguments);
         assert!(output.status.success(), "{output:?}");
         String::from_utf8(output.stdout).unwrap()
     };
@@ -166,22 +166,22 @@ fn a_recording_survives_sigterm_and_replays() {
     let md3 =
         Running::md3(&["--time", "manual", "--fast-boot", "--record", &file, "--control", "localhost:0"]);
     // It has begun, and the old one is over.
-    assert!(std::fs::read_to_string(&file).unwrap().starts_with("standin trace 1\n"));
+    assert!(std::fs::read_to_string(&file).unwrap().starts_with("drivetwin trace 1\n"));
     let reply = ask(&mut md3.connect(), &rtu::write(1, USER_REGISTER, 7), 8);
     assert_eq!(reply, *rtu::write(1, USER_REGISTER, 7));
-    assert_eq!(md3.call("GET", "/api/trace?format=trace", "").body.lines().next(), Some("standin trace 1"));
+    assert_eq!(md3.call("GET", "/api/trace?format=trace", "").body.lines().next(), Some("drivetwin trace 1"));
     assert_eq!(md3.stop(), Some(0));
 
-    let replayed = standin(&["replay", &file]);
+    let replayed = drivetwin(&["replay", &file]);
     assert_eq!(replayed.status.code(), Some(0), "{replayed:?}");
     let trace = std::fs::read_to_string(&file).unwrap();
     let changed = trace.replace("< tx 01 06 00 1D 00 07", "< tx 01 06 00 1D 00 08");
     assert_ne!(changed, trace);
     std::fs::write(&file, changed).unwrap();
-    let replayed = standin(&["replay", &file]);
+    let replayed = drivetwin(&["replay", &file]);
     assert_eq!(replayed.status.code(), Some(1), "{replayed:?}");
     assert!(String::from_utf8(replayed.stdout).unwrap().contains("< tx 01 06 00 1D 00 07"));
-    std::fs::write(&file, "standin trace 1\nnonsense\n").unwrap();
+    std::fs::write(&file, "drivetwin trace 1\nnonsense\n").unwrap();
     assert!(refused(&["replay", &file]).contains("line 2"));
 }
 
@@ -484,7 +484,7 @@ fn sigterm_does_not_wait_for_somebody_who_reads_where_the_ports_are() {
     // As much as the system keeps for a reader; more would wait for him.
     writer.write_all(&[b'x'; 65_536]).unwrap();
     let free = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
-    let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_standin"))
+    let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_drivetwin"))
         .args(["run", "md3", "--json", "--listen", &format!("tcp:{free}")])
         .stdout(writer)
         .spawn()
@@ -518,7 +518,7 @@ fn every_file_that_is_not_complete_is_told_at_the_end() {
     assert!(last.contains(&format!("--vcd {pipe} is not complete")), "{said}");
     assert!(last.contains(&format!("--record {record}")), "{said}");
     // A disk that is full at the beginning is told then.
-    let full = standin(&["run", "md3", "--record", "/dev/full"]);
+    let full = drivetwin(&["run", "md3", "--record", "/dev/full"]);
     let said = String::from_utf8(full.stderr).unwrap();
     assert!(full.status.code() == Some(2) && said.contains("--record /dev/full: No space left"), "{said}");
 }

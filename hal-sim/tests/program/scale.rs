@@ -5,8 +5,8 @@ use std::io::{Read as _, Write as _};
 use std::net::TcpStream;
 
 use crate::running::{Running, Scratch, ask};
+use drivetwin_protocol::modbus::rtu;
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
-use standin_protocol::modbus::rtu;
 
 /// A register of the MD3 for whatever its user likes.
 const USER_REGISTER: u16 = 0x1D;

@@ -104,7 +104,7 @@ fn wanted(front: &[u8]) -> Result<usize, Broken> {
 /// The receiving half of a connection: segments in, whole ADUs out, however they were cut.
 ///
 /// ```
-/// use standin_protocol::modbus::tcp::{self, Broken, Splitter};
+/// use drivetwin_protocol::modbus::tcp::{self, Broken, Splitter};
 ///
 /// fn received(splitter: &mut Splitter, mut segment: &[u8]) -> Result<(), Broken> {
 ///     while let Some(adu) = splitter.next(&mut segment)? {

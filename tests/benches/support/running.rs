@@ -1,4 +1,4 @@
-//! The program `standin` as people start it, and what its process takes, as `/proc` tells.
+//! The program `drivetwin` as people start it, and what its process takes, as `/proc` tells.
 
 use std::io::{BufRead as _, BufReader};
 use std::path::{Path, PathBuf};
@@ -17,11 +17,11 @@ pub(crate) fn wait(span: Duration) {
 
 /// Builds the binary; where it is.
 pub(crate) fn build() -> PathBuf {
-    let built = Command::new(env!("CARGO")).args(["build", "--release", "-p", "standin-sim"]).status();
-    assert!(built.is_ok_and(|status| status.success()), "standin cannot be built");
+    let built = Command::new(env!("CARGO")).args(["build", "--release", "-p", "drivetwin-sim"]).status();
+    assert!(built.is_ok_and(|status| status.success()), "drivetwin cannot be built");
     let here = std::env::current_exe().expect("a benchmark is a file");
     // …/release/deps/scale-…
-    here.ancestors().nth(2).map(|release| release.join("standin")).expect("it is in a target directory")
+    here.ancestors().nth(2).map(|release| release.join("drivetwin")).expect("it is in a target directory")
 }
 
 /// A program that serves TCP ports, and is killed with this.
@@ -32,11 +32,11 @@ pub(crate) struct Running {
 }
 
 impl Running {
-    /// `standin` with the bench of a file.
-    pub(crate) fn start(standin: &Path, text: &str, options: &[&str]) -> Self {
-        let file = std::env::temp_dir().join(format!("standin-bench-{}.toml", std::process::id()));
+    /// `drivetwin` with the bench of a file.
+    pub(crate) fn start(drivetwin: &Path, text: &str, options: &[&str]) -> Self {
+        let file = std::env::temp_dir().join(format!("drivetwin-bench-{}.toml", std::process::id()));
         std::fs::write(&file, text).expect("there is room for a file");
-        let running = Self::of(Command::new(standin).arg("run").arg(&file).arg("--json").args(options));
+        let running = Self::of(Command::new(drivetwin).arg("run").arg(&file).arg("--json").args(options));
         let _ = std::fs::remove_file(&file);
         running
     }

@@ -1,6 +1,6 @@
 //! The world of a drive that is only asked.
 
-use standin_firmware::device::{Instant, Output, Sink};
+use drivetwin_firmware::device::{Instant, Output, Sink};
 
 /// Keeps the last answer.
 #[derive(Default)]

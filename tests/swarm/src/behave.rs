@@ -1,11 +1,11 @@
 //! Clients that behave: they ask with good frames on a quiet line, and know what the answer is.
 
+use drivetwin_firmware::device::{Duration, Port};
+use drivetwin_protocol::modbus::tcp::{self, Header};
+use drivetwin_protocol::modbus::{ascii, rtu};
+use drivetwin_protocol::time::Span;
+use drivetwin_sim::bench::{Client, PowerAction};
 use fastrand::Rng;
-use standin_firmware::device::{Duration, Port};
-use standin_protocol::modbus::tcp::{self, Header};
-use standin_protocol::modbus::{ascii, rtu};
-use standin_protocol::time::Span;
-use standin_sim::bench::{Client, PowerAction};
 
 use crate::dialect::{Block, Family, QSB, one_of};
 use crate::oracle::Failure;

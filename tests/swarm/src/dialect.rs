@@ -1,10 +1,10 @@
 //! The knowledge of clients: plain values of drives and how they are saved, typed from the manuals; and the words of
 //! clients that do not behave.
 
+use drivetwin_protocol::modbus::tcp::{self, Header};
+use drivetwin_protocol::modbus::{ascii, rtu};
+use drivetwin_protocol::time::{Duration, Span};
 use fastrand::Rng;
-use standin_protocol::modbus::tcp::{self, Header};
-use standin_protocol::modbus::{ascii, rtu};
-use standin_protocol::time::{Duration, Span};
 
 /// Drives of one manual.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]

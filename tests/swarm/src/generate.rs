@@ -1,12 +1,12 @@
 //! A seed becomes a plan. It depends on nothing else, on any machine of 64 bits.
 
+use drivetwin_firmware::device::{Duration, Encoder, Ends, Fault, Pin, Role, Spec};
+use drivetwin_protocol::registers::{Row, Space};
+use drivetwin_protocol::time::Span;
+use drivetwin_sim::bench::{Driving, PowerAction};
+use drivetwin_sim::faults::LineFaults;
+use drivetwin_sim::{file, kinds};
 use fastrand::Rng;
-use standin_firmware::device::{Duration, Encoder, Ends, Fault, Pin, Role, Spec};
-use standin_protocol::registers::{Row, Space};
-use standin_protocol::time::Span;
-use standin_sim::bench::{Driving, PowerAction};
-use standin_sim::faults::LineFaults;
-use standin_sim::{file, kinds};
 
 use crate::dialect::{self, Family, one_of};
 use crate::plan::{Failing, NAMES, Name, Plan, Step, Who};

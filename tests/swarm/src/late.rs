@@ -1,10 +1,10 @@
 //! Drives that are called late: by the library's own loop, with inputs that have waited. What they do is the same as
 //! when they are called at each deadline.
 
+use drivetwin_firmware::device::{Boot, Device, Duration, Input, Instant, Output, Sink, advance, feed};
+use drivetwin_sim::kinds;
+use drivetwin_sim::trace::{Did, Event, Fed, Power, Trace};
 use fastrand::Rng;
-use standin_firmware::device::{Boot, Device, Duration, Input, Instant, Output, Sink, advance, feed};
-use standin_sim::kinds;
-use standin_sim::trace::{Did, Event, Fed, Power, Trace};
 
 use crate::oracle::Failure;
 

@@ -4,9 +4,9 @@ use std::cell::RefCell;
 use std::fmt;
 use std::panic::{self, AssertUnwindSafe};
 
+use drivetwin_sim::trace::Trace;
+use drivetwin_sim::{kinds, replay};
 use peak_alloc::PeakAlloc;
-use standin_sim::trace::Trace;
-use standin_sim::{kinds, replay};
 
 use crate::late;
 use crate::plan::Plan;

@@ -2,9 +2,9 @@
 
 use std::fmt;
 
-use standin_firmware::device::{Duration, Encoder, Fault, Pin};
-use standin_sim::bench::{Driving, PowerAction};
-use standin_sim::faults::LineFaults;
+use drivetwin_firmware::device::{Duration, Encoder, Fault, Pin};
+use drivetwin_sim::bench::{Driving, PowerAction};
+use drivetwin_sim::faults::LineFaults;
 
 /// The name of a drive; also of its motor, behind `motor-`.
 pub(crate) type Name = &'static str;
@@ -25,7 +25,7 @@ pub(crate) struct Plan {
 }
 
 impl Plan {
-    /// The bench file, which `standin run` takes, too.
+    /// The bench file, which `drivetwin run` takes, too.
     pub(crate) fn bench_file(&self) -> String {
         let line = if self.fast { "fast" } else { "timed" };
         format!("seed = {}\nline = \"{line}\"\n\n{}", self.seed, self.parts.join("\n"))

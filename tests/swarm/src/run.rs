@@ -2,13 +2,13 @@
 
 use std::collections::BTreeMap;
 
+use drivetwin_firmware::device::{Duration, Instant, Port};
+use drivetwin_protocol::time::Span;
+use drivetwin_sim::bench::{Bench, Client, PowerAction, Seat, Settings, Setup};
+use drivetwin_sim::file;
+use drivetwin_sim::layout::Layout;
+use drivetwin_sim::trace::{Recording, TraceKeep};
 use fastrand::Rng;
-use standin_firmware::device::{Duration, Instant, Port};
-use standin_protocol::time::Span;
-use standin_sim::bench::{Bench, Client, PowerAction, Seat, Settings, Setup};
-use standin_sim::file;
-use standin_sim::layout::Layout;
-use standin_sim::trace::{Recording, TraceKeep};
 
 use crate::dialect::Family;
 use crate::oracle::Failure;
@@ -316,7 +316,7 @@ impl Runner<'_> {
     pub(crate) fn quiet(&mut self, name: Name) -> Result<(), Failure> {
         self.with(name, |bench, seat| {
             if let Some(bus) = bench.bus(seat, Port(0)) {
-                bench.disturb(bus, standin_sim::faults::LineFaults::NONE);
+                bench.disturb(bus, drivetwin_sim::faults::LineFaults::NONE);
             }
         });
         // At 1,200 baud, and doubled, garbage takes some seconds.

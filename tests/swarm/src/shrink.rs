@@ -1,6 +1,6 @@
 //! A plan that fails becomes a smaller one that fails in the same way.
 
-use standin_firmware::device::Duration;
+use drivetwin_firmware::device::Duration;
 
 use crate::plan::{Plan, Step};
 

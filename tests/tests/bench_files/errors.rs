@@ -1,6 +1,6 @@
 //! What is said of a file that is wrong, and where.
 
-use standin_sim::file;
+use drivetwin_sim::file;
 
 /// What is said of `text`.
 #[track_caller]

@@ -1,10 +1,10 @@
 //! The files in `examples/`.
 
-use standin_firmware::device::{Axis, Port};
-use standin_protocol::modbus::rtu;
-use standin_protocol::time::Span;
+use drivetwin_firmware::device::{Axis, Port};
+use drivetwin_protocol::modbus::rtu;
+use drivetwin_protocol::time::Span;
 
-use standin_sim::bench::{Bench, Client};
+use drivetwin_sim::bench::{Bench, Client};
 
 use super::{ask, example, moments, register, seat};
 

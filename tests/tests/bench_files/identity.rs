@@ -1,12 +1,12 @@
 //! What identifies a drive can be preset, and is read through its protocol: of each kind the firmware and, where it has
 //! one, the serial number.
 
-use standin_firmware::device::Port;
-use standin_protocol::modbus::rtu;
-use standin_protocol::modbus::tcp::{Header, frame};
-use standin_protocol::time::Span;
-use standin_sim::bench::{Bench, PowerAction, Seat};
-use standin_sim::file;
+use drivetwin_firmware::device::Port;
+use drivetwin_protocol::modbus::rtu;
+use drivetwin_protocol::modbus::tcp::{Header, frame};
+use drivetwin_protocol::time::Span;
+use drivetwin_sim::bench::{Bench, PowerAction, Seat};
+use drivetwin_sim::file;
 
 use super::{ask, built, seat};
 

@@ -9,11 +9,11 @@ mod order;
 mod ranges;
 mod values;
 
-use standin_firmware::device::Instant;
-use standin_sim::bench::{Bench, Client, Seat, Settings};
-use standin_sim::file;
-use standin_sim::layout::{Built, Layout};
-use standin_sim::trace::TraceKeep;
+use drivetwin_firmware::device::Instant;
+use drivetwin_sim::bench::{Bench, Client, Seat, Settings};
+use drivetwin_sim::file;
+use drivetwin_sim::layout::{Built, Layout};
+use drivetwin_sim::trace::TraceKeep;
 
 #[track_caller]
 fn layout(text: &str) -> Layout {

@@ -1,8 +1,8 @@
 //! The order of tables, and of keys in a table, does not matter.
 
+use drivetwin_protocol::modbus::rtu;
+use drivetwin_protocol::time::Span;
 use proptest::prelude::*;
-use standin_protocol::modbus::rtu;
-use standin_protocol::time::Span;
 
 use super::{ask, built};
 

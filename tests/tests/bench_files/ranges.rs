@@ -1,8 +1,8 @@
 //! The ranges that the reference of bench files tells are those of what they are about.
 
-use standin_firmware::motor::{self, stepper};
-use standin_sim::bench::{CYCLES_PER_REV, FURTHEST_REV};
-use standin_sim::kinds;
+use drivetwin_firmware::motor::{self, stepper};
+use drivetwin_sim::bench::{CYCLES_PER_REV, FURTHEST_REV};
+use drivetwin_sim::kinds;
 
 const REFERENCE: &str = include_str!("../../../docs/bench-files.md");
 

@@ -2,18 +2,18 @@
 
 use std::path::Path;
 
-use standin_firmware::device::{Axis, Duration, Fault, Instant, Port};
-use standin_protocol::modbus::rtu;
-use standin_protocol::time::Span;
-use standin_sim::bench::{PowerAction, Setup};
-use standin_sim::bus::LineMode;
-use standin_sim::faults::LineFaults;
-use standin_sim::kinds;
-use standin_sim::layout::{At, Built, MotorKind};
-use standin_sim::listen::Uri;
-use standin_sim::pace::Pace;
-use standin_sim::replay;
-use standin_sim::trace::{Event, Fed, Trace};
+use drivetwin_firmware::device::{Axis, Duration, Fault, Instant, Port};
+use drivetwin_protocol::modbus::rtu;
+use drivetwin_protocol::time::Span;
+use drivetwin_sim::bench::{PowerAction, Setup};
+use drivetwin_sim::bus::LineMode;
+use drivetwin_sim::faults::LineFaults;
+use drivetwin_sim::kinds;
+use drivetwin_sim::layout::{At, Built, MotorKind};
+use drivetwin_sim::listen::Uri;
+use drivetwin_sim::pace::Pace;
+use drivetwin_sim::replay;
+use drivetwin_sim::trace::{Event, Fed, Trace};
 
 use super::{built, layout, moments, register, seat};
 
@@ -23,7 +23,7 @@ fn nothing_but_a_drive_is_a_bench() {
     assert_eq!((layout.seed, layout.time, layout.line), (None, None, None));
     // A pty is made only where a file lists one.
     assert_eq!(layout.drives[0].listen, [(Port(0), Uri::Tcp("127.0.0.1:0".into()))]);
-    assert_eq!(layout.settings(), standin_sim::bench::Settings::default());
+    assert_eq!(layout.settings(), drivetwin_sim::bench::Settings::default());
 }
 
 #[test]
@@ -334,7 +334,7 @@ fn what_feeds_a_brush_motor_feeds_its_drive() {
     }
     let twice = "[[drive]]\nname = 'd'\nkind = 'rs434544'\nset = { SUPPLY = 120 }\n\
                  [[motor]]\nname = 'm'\ndrive = 'd'\nsupply_v = 12";
-    let error = standin_sim::file::parse(twice).unwrap_err().to_string();
+    let error = drivetwin_sim::file::parse(twice).unwrap_err().to_string();
     assert!(error.contains("SUPPLY of 'd' is the same as supply_v"), "{error}");
 }
 

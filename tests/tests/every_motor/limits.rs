@@ -1,6 +1,6 @@
 //! Limits of the current, and what shows them.
 
-use standin_firmware::motor::Parameters;
+use drivetwin_firmware::motor::Parameters;
 
 use crate::rig::{Drive, Rig};
 

@@ -11,8 +11,8 @@ mod rig;
 mod sensors;
 mod wild;
 
+use drivetwin_firmware::motor::Parameters;
 use proptest::prelude::*;
-use standin_firmware::motor::Parameters;
 
 use physics::{End, Limits, Motor};
 use rig::{Drive, Rig};

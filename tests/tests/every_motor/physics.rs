@@ -2,7 +2,7 @@
 
 use std::f64::consts::TAU;
 
-use standin_firmware::motor::Parameters;
+use drivetwin_firmware::motor::Parameters;
 
 /// Limits of a drive.
 #[derive(Clone, Copy, Debug)]

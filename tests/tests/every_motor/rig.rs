@@ -1,12 +1,12 @@
 //! A drive with a motor of the bench.
 
-use standin_firmware::device::{Axis, Device, Duration, Fault, Pin};
-use standin_firmware::mdrobot::mdrobot;
-use standin_firmware::motor::Parameters;
-use standin_firmware::rs434::rs434544;
-use standin_sim::bench::{Bench, Driving, Fitting, Motor, PowerAction, Seat, Settings, Setup, Turn};
-use standin_sim::bus::LineMode;
-use standin_sim::trace::TraceKeep;
+use drivetwin_firmware::device::{Axis, Device, Duration, Fault, Pin};
+use drivetwin_firmware::mdrobot::mdrobot;
+use drivetwin_firmware::motor::Parameters;
+use drivetwin_firmware::rs434::rs434544;
+use drivetwin_sim::bench::{Bench, Driving, Fitting, Motor, PowerAction, Seat, Settings, Setup, Turn};
+use drivetwin_sim::bus::LineMode;
+use drivetwin_sim::trace::TraceKeep;
 
 use crate::physics::Limits;
 

@@ -1,6 +1,6 @@
 //! Hall sensors that are broken, or used otherwise on the way.
 
-use standin_firmware::motor::Parameters;
+use drivetwin_firmware::motor::Parameters;
 
 use crate::rig::{Drive, Rig};
 

@@ -2,13 +2,13 @@
 
 use std::iter;
 
-use proptest::prelude::*;
-use standin_firmware::device::{
+use drivetwin_firmware::device::{
     Axis, Boot, Device, Duration, Input, Instant, Output, Pin, Rotation, Sink, advance, feed,
 };
-use standin_firmware::mdrobot::mdrobot;
-use standin_firmware::motor::Parameters;
-use standin_firmware::rs434::rs434544;
+use drivetwin_firmware::mdrobot::mdrobot;
+use drivetwin_firmware::motor::Parameters;
+use drivetwin_firmware::rs434::rs434544;
+use proptest::prelude::*;
 
 /// New memory, and nobody else.
 struct Nowhere(Vec<u8>);

@@ -1,8 +1,8 @@
 //! Whatever is done to a drive, what it shows agrees: MotionControl (7.15), BUSY and the lights (2),
 //! the current (7.2, 7.3), the motion.
 
+use drivetwin_protocol::time::{Duration, Span};
 use proptest::prelude::*;
-use standin_protocol::time::{Duration, Span};
 
 use crate::rig::{RED, Rig, at, bit};
 

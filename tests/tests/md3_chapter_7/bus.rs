@@ -1,11 +1,11 @@
 //! Sections 5 and 6: what is on the line, and the two functions.
 
-use standin_firmware::device::{Axis, Line, Port};
-use standin_firmware::md3::Md3;
-use standin_protocol::line::Parity;
-use standin_protocol::modbus::rtu;
-use standin_protocol::time::Span;
-use standin_sim::bench::Bench;
+use drivetwin_firmware::device::{Axis, Line, Port};
+use drivetwin_firmware::md3::Md3;
+use drivetwin_protocol::line::Parity;
+use drivetwin_protocol::modbus::rtu;
+use drivetwin_protocol::time::Span;
+use drivetwin_sim::bench::Bench;
 
 use crate::rig::{Rig, at, bit, words};
 

@@ -1,11 +1,11 @@
 //! Sections 7.20 to 7.24: EEPROM, product, serial port, user register, serial number.
 
-use standin_firmware::device::{Line, Port};
-use standin_protocol::line::Parity;
-use standin_protocol::modbus::rtu;
-use standin_protocol::time::{Duration, Span};
-use standin_sim::bench::{Bench, PowerAction, Seat, Setup};
-use standin_sim::bus::Sender;
+use drivetwin_firmware::device::{Line, Port};
+use drivetwin_protocol::line::Parity;
+use drivetwin_protocol::modbus::rtu;
+use drivetwin_protocol::time::{Duration, Span};
+use drivetwin_sim::bench::{Bench, PowerAction, Seat, Setup};
+use drivetwin_sim::bus::Sender;
 
 use crate::rig::{GREEN, RED, Rig, at, bit, words};
 
@@ -143,7 +143,7 @@ fn section_7_20_a_read_acts() {
     assert_eq!(rig.ask(&request), request[..]);
     assert_eq!(words(&rig.ask(&rtu::read(7, at::DEVICE_ADDRESS, 1))), [7]);
     assert_eq!(rig.current(), 2_000);
-    assert_eq!(rig.level("J3.8"), standin_firmware::device::Level::Low);
+    assert_eq!(rig.level("J3.8"), drivetwin_firmware::device::Level::Low);
     rig.after(20.millis()); // when the last reply would have left
     let bus = rig.bench.bus(rig.seat, Port(0)).expect("a line");
     assert_eq!(rig.bench.line(bus), Line::new(19_200, 8, Parity::Even, 1));
@@ -324,7 +324,7 @@ fn section_7_21_product_information() {
 /// An MD3 whose characters take their time.
 fn timed() -> (Bench, Seat) {
     let mut bench = Bench::new();
-    let seat = bench.add::<standin_firmware::md3::Md3>("x");
+    let seat = bench.add::<drivetwin_firmware::md3::Md3>("x");
     bench.run_until(3.secs());
     (bench, seat)
 }

@@ -1,8 +1,8 @@
 //! Sections 7.5 to 7.7: the home cycle. At the defaults a ramp to 5,000/s takes 0.5 s and 1,250
 //! steps, so after a second of search the motor is 3,750 steps away.
 
-use standin_firmware::device::Instant;
-use standin_protocol::time::{Duration, Span};
+use drivetwin_firmware::device::Instant;
+use drivetwin_protocol::time::{Duration, Span};
 
 use crate::rig::{Rig, at, bit};
 

@@ -1,7 +1,7 @@
 //! Sections 7.9 to 7.14: the I/O port and the encoder.
 
-use standin_firmware::device::{Duration, Level};
-use standin_protocol::time::Span;
+use drivetwin_firmware::device::{Duration, Level};
+use drivetwin_protocol::time::Span;
 
 use crate::rig::{Rig, at};
 

@@ -1,7 +1,7 @@
 //! Sections 7.15 to 7.19: moves, jogs and stops. At the defaults (5,000 steps/s, 10,000 steps/s²) a
 //! ramp takes 5,000/10,000 = 0.5 s and 5,000²/(2·10,000) = 1,250 steps.
 
-use standin_protocol::time::Span;
+use drivetwin_protocol::time::Span;
 
 use crate::rig::{Rig, at, bit};
 

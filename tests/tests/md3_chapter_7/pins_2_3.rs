@@ -1,6 +1,6 @@
 //! Section 7.8, J2 pins 2 and 3: LOWCURRENT, SPEEDSEL; INHIBIT, HOME, INHIBIT_MODBUS_MOTION.
 
-use standin_protocol::time::Span;
+use drivetwin_protocol::time::Span;
 
 use crate::rig::{RED, Rig, at, bit};
 
@@ -356,7 +356,7 @@ fn section_7_8_pin_3_invalid_function() {
     rig.after(1.secs());
     rig.low("J2.3");
     assert_eq!(rig.current(), 1_000);
-    assert_eq!(rig.until_idle(), 1_500.millis() - standin_protocol::time::Duration::TICK);
+    assert_eq!(rig.until_idle(), 1_500.millis() - drivetwin_protocol::time::Duration::TICK);
     rig.assert_stands(10_000);
 }
 

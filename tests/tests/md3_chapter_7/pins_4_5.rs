@@ -1,8 +1,8 @@
 //! Section 7.8, J2 pins 4 and 5: every row of the table of motion modes. A profile move at the
 //! defaults is 10,000 steps in 2.5 s; 400 steps are a triangle of 2·√(400/10,000) = 0.4 s.
 
-use standin_firmware::device::Level;
-use standin_protocol::time::{Duration, Span};
+use drivetwin_firmware::device::Level;
+use drivetwin_protocol::time::{Duration, Span};
 
 use crate::rig::{BUSY, Rig, at, bit};
 

@@ -1,12 +1,12 @@
 //! An MD3 on a bench, and a master with a hand on every pin.
 
-use standin_firmware::device::{Axis, Device, Fault, Level, Pin};
-use standin_protocol::modbus::{Frame, rtu};
-use standin_protocol::time::{Duration, Instant, Span};
-use standin_sim::bench::{Bench, Driving, PowerAction, Seat, Settings, Setup};
-use standin_sim::bus::LineMode;
-use standin_tests::md3;
-pub(crate) use standin_tests::md3::{at, bit};
+use drivetwin_firmware::device::{Axis, Device, Fault, Level, Pin};
+use drivetwin_protocol::modbus::{Frame, rtu};
+use drivetwin_protocol::time::{Duration, Instant, Span};
+use drivetwin_sim::bench::{Bench, Driving, PowerAction, Seat, Settings, Setup};
+use drivetwin_sim::bus::LineMode;
+use drivetwin_tests::md3;
+pub(crate) use drivetwin_tests::md3::{at, bit};
 
 /// The lights (2).
 pub(crate) const RED: &str = "D5";
@@ -20,7 +20,7 @@ fn make(kind: &str) -> Box<dyn Device> {
     macro_rules! boxed {
         ($($new:expr,)*) => { vec![$(Box::new($new()) as Box<dyn Device>),*] };
     }
-    let drives: Vec<Box<dyn Device>> = standin_firmware::devices!(boxed);
+    let drives: Vec<Box<dyn Device>> = drivetwin_firmware::devices!(boxed);
     let found = drives.into_iter().find(|drive| drive.spec().kind == kind);
     found.unwrap_or_else(|| panic!("there is no {kind}"))
 }

@@ -1,9 +1,9 @@
 //! Sections 7.1 to 7.4: address, current, microstepping and DC motors, cutback, start-up delay.
 
-use standin_firmware::device::Port;
-use standin_protocol::modbus::rtu;
-use standin_protocol::time::{Duration, Span};
-use standin_sim::bench::Setup;
+use drivetwin_firmware::device::Port;
+use drivetwin_protocol::modbus::rtu;
+use drivetwin_protocol::time::{Duration, Span};
+use drivetwin_sim::bench::Setup;
 
 use crate::rig::{BUSY, GREEN, RED, Rig, at, bit, words};
 
@@ -528,6 +528,6 @@ fn section_7_4_nothing_is_heard_before() {
     rig.open("J2.4");
     rig.after(2.secs());
     assert_eq!((rig.motion_control(), rig.position()), (0, 0));
-    assert_eq!(rig.level(BUSY), standin_firmware::device::Level::Float);
+    assert_eq!(rig.level(BUSY), drivetwin_firmware::device::Level::Float);
     assert!(rig.bench.statistics(rig.seat, Port(0)).starting > 0);
 }

@@ -1,9 +1,9 @@
 //! Sections 2 and 4: lights, BUSY, and what happens when power comes.
 
-use standin_firmware::device::Level;
-use standin_protocol::modbus::rtu;
-use standin_protocol::time::{Duration, Span};
-use standin_sim::bench::Setup;
+use drivetwin_firmware::device::Level;
+use drivetwin_protocol::modbus::rtu;
+use drivetwin_protocol::time::{Duration, Span};
+use drivetwin_sim::bench::Setup;
 
 use crate::rig::{GREEN, RED, Rig, at, bit};
 
@@ -189,11 +189,11 @@ fn section_4_without_power() {
     let mut rig = Rig::ready();
     rig.command(bit::JOG);
     rig.after(1.secs());
-    rig.bench.power(rig.seat, standin_sim::bench::PowerAction::Off);
+    rig.bench.power(rig.seat, drivetwin_sim::bench::PowerAction::Off);
     rig.after(1.secs());
     assert_eq!((rig.current(), rig.speed(), rig.level("J3.7")), (0, 0.0, Level::Float));
     assert!(rig.ask(&rtu::read(1, 0, 1)).is_empty());
-    rig.bench.power(rig.seat, standin_sim::bench::PowerAction::On);
+    rig.bench.power(rig.seat, drivetwin_sim::bench::PowerAction::On);
     rig.after(3.secs());
     assert_eq!((rig.motion_control(), rig.position()), (0, 0)); // decision 17: from power-on
 }

@@ -1,8 +1,8 @@
 //! Both ports (FB 1.2.1): several clients, pieces, and bytes that mean nothing.
 
-use standin_firmware::mdrive::Mdrive;
-use standin_protocol::time::{Duration, Span};
-use standin_sim::bench::{Bench, Client, PowerAction, Setup, TurnedAway};
+use drivetwin_firmware::mdrive::Mdrive;
+use drivetwin_protocol::time::{Duration, Span};
+use drivetwin_sim::bench::{Bench, Client, PowerAction, Setup, TurnedAway};
 
 use crate::rig::{KINDS, MCODE, MODBUS, Rig, START, adu, request};
 

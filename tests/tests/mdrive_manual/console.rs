@@ -1,7 +1,7 @@
 //! Port 503 as a terminal meets it: echo and prompt (MC 7.1.1), keys (MC 3.4.4), sign-on (MC 6-6).
 
-use standin_protocol::time::Span;
-use standin_sim::bench::Client;
+use drivetwin_protocol::time::Span;
+use drivetwin_sim::bench::Client;
 
 use crate::rig::{CALIBRATION, KINDS, Kind, MCODE, Rig, SIGN_ON, START};
 

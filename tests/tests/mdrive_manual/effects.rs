@@ -1,9 +1,9 @@
 //! What every register, and every variable that only MCode has, does beyond reading back, typed by hand from FB 5 and
 //! the pages of MC. S1 to S13 and trips have tests of their own (inputs, outputs, trips), EM has too (console).
 
-use standin_firmware::device::{Encoder, Level};
-use standin_protocol::time::Span;
-use standin_sim::bench::Driving;
+use drivetwin_firmware::device::{Encoder, Level};
+use drivetwin_protocol::time::Span;
+use drivetwin_sim::bench::Driving;
 
 use crate::rig::{CALIBRATION, KINDS, Kind, Rig, START};
 use crate::table::{Access, TABLE, find};

@@ -1,8 +1,8 @@
 //! Closed loop (MC 5-18, 5-21, 5-56, 5-68, 5-69, 7.3.4, 7.3.7): everything in counts, stalls by a shaft that is held.
 
-use standin_firmware::device::Encoder;
-use standin_protocol::time::Span;
-use standin_sim::file;
+use drivetwin_firmware::device::Encoder;
+use drivetwin_protocol::time::Span;
+use drivetwin_sim::file;
 
 use crate::rig::{Kind, Rig};
 

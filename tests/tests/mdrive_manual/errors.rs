@@ -1,6 +1,6 @@
 //! The errors of MC 9 that other tests do not meet.
 
-use standin_protocol::time::{Duration, Span};
+use drivetwin_protocol::time::{Duration, Span};
 
 use crate::rig::{KINDS, Rig, START};
 

@@ -1,6 +1,6 @@
 //! Functions 1, 2, 3, 5 and 16 with the bytes that FB 4.2 prints, and all that are not there.
 
-use standin_firmware::device::Level;
+use drivetwin_firmware::device::Level;
 
 use crate::rig::{KINDS, Rig, request};
 

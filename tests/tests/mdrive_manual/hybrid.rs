@@ -1,8 +1,8 @@
 //! The Hybrid (MC 5-2 to 5-11, 5-41 to 5-50, 5-67, 5-71 to 5-76, 9.6, 9.7).
 
-use standin_protocol::time::Span;
-use standin_sim::bench::Setup;
-use standin_sim::file;
+use drivetwin_protocol::time::Span;
+use drivetwin_sim::bench::Setup;
+use drivetwin_sim::file;
 
 use crate::rig::{CALIBRATION, Kind, Rig, START};
 

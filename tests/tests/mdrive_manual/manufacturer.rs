@@ -1,6 +1,6 @@
 //! Functions 65 and 66 with every mnemonic of FB 4.3.1.
 
-use standin_protocol::time::Span;
+use drivetwin_protocol::time::Span;
 
 use crate::rig::{KINDS, Kind, Rig};
 

@@ -1,6 +1,6 @@
 //! Motion: the sums of MC 7.3.5, slews, and what the flags say meanwhile (MC 5-45 to 5-50, 5-68, 5-77 to 5-80).
 
-use standin_protocol::time::{Duration, Span};
+use drivetwin_protocol::time::{Duration, Span};
 
 use crate::rig::{CALIBRATION, KINDS, Kind, Rig};
 

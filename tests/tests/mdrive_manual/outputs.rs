@@ -1,7 +1,7 @@
 //! What outputs show (MC 5-64), the clock outputs (MC 5-66) and the trip output (MC 5-67).
 
-use standin_firmware::device::Level;
-use standin_protocol::time::Span;
+use drivetwin_firmware::device::Level;
+use drivetwin_protocol::time::Span;
 
 use crate::rig::{KINDS, Kind, Rig};
 
@@ -112,7 +112,7 @@ fn clock_outputs_follow_the_motor() {
         let (mut edges, mut was) = (0, rig.level("IO7"));
         while rig.word(0x004A) == 1 {
             // Wider than a pulse is short: CW is 10, 500 ns.
-            rig.after(standin_protocol::time::Duration::from_ticks(4));
+            rig.after(drivetwin_protocol::time::Duration::from_ticks(4));
             let is = rig.level("IO7");
             edges += i32::from(is == Level::High && was != Level::High);
             was = is;

@@ -1,6 +1,6 @@
 //! Programs: six with their results, through both ports, and those of MC 8 as they are printed.
 
-use standin_protocol::time::Span;
+use drivetwin_protocol::time::Span;
 
 use crate::rig::{KINDS, Rig};
 

@@ -1,6 +1,6 @@
 //! Every row of the register map (FB 5) over port 502, for both products.
 
-use standin_protocol::time::Span;
+use drivetwin_protocol::time::Span;
 
 use crate::rig::{CALIBRATION, KINDS, Kind, Rig, SAVE, halves};
 use crate::table::{Access, RESERVED, Row, TABLE, find};

@@ -1,9 +1,9 @@
 //! An MDrive on a bench, a client on each of its ports, and a hand on every pin.
 
-use standin_firmware::device::{Axis, Encoder, Fault, Level, Pin, Port};
-use standin_firmware::mdrive::Mdrive;
-use standin_protocol::time::{Duration, Instant, Span};
-use standin_sim::bench::{Bench, Client, Driving, Ended, Motion, PowerAction, Seat, Setup};
+use drivetwin_firmware::device::{Axis, Encoder, Fault, Level, Pin, Port};
+use drivetwin_firmware::mdrive::Mdrive;
+use drivetwin_protocol::time::{Duration, Instant, Span};
+use drivetwin_sim::bench::{Bench, Client, Driving, Ended, Motion, PowerAction, Seat, Setup};
 
 pub(crate) const MODBUS: Port = Port(0);
 pub(crate) const MCODE: Port = Port(1);

@@ -1,6 +1,6 @@
 //! Trips (MC 5-71 to 5-76): each with its subroutine, what it captures, and TE, whose bit goes with it.
 
-use standin_protocol::time::Span;
+use drivetwin_protocol::time::Span;
 
 use crate::rig::{KINDS, Rig};
 

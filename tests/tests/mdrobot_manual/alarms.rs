@@ -1,7 +1,7 @@
 //! Alarms (p. 9; decisions 31, 32): cause, effect, reset.
 
-use standin_firmware::device::Level;
-use standin_protocol::time::{Duration, Span};
+use drivetwin_firmware::device::Level;
+use drivetwin_protocol::time::{Duration, Span};
 
 use crate::pid;
 use crate::rig::Rig;

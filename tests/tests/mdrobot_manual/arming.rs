@@ -1,6 +1,6 @@
 //! Who commands (decisions 12 to 15): UI_COM, START_STOP, COM_TAR_SPEED; the last command decides.
 
-use standin_protocol::time::Span;
+use drivetwin_protocol::time::Span;
 
 use crate::pid;
 use crate::rig::Rig;

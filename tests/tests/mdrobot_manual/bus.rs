@@ -1,10 +1,10 @@
 //! The line: 19,200 8N1; silences, noise, others' traffic, two controllers (2.1 to 2.6; decisions 1 to 5).
 
-use standin_firmware::device::{Boot, Device, Input, Instant, Output, Pin, Port, Sink, advance};
-use standin_firmware::mdrobot::mdrobot;
-use standin_protocol::modbus::rtu;
-use standin_protocol::time::{Duration, Span};
-use standin_sim::bench::{Bench, Client, Seat, Setup};
+use drivetwin_firmware::device::{Boot, Device, Input, Instant, Output, Pin, Port, Sink, advance};
+use drivetwin_firmware::mdrobot::mdrobot;
+use drivetwin_protocol::modbus::rtu;
+use drivetwin_protocol::time::{Duration, Span};
+use drivetwin_sim::bench::{Bench, Client, Seat, Setup};
 
 use crate::pid;
 use crate::rig::{BOOT, SILENCE, timed};
@@ -110,7 +110,7 @@ fn page_12_an_id_on_a_shared_line() {
     let (mut bench, [left, right]) = two();
     let frame = rtu::write(2, pid::ID, 9 << 8 | 0xAA);
     assert_eq!(bench.ask(left, &frame), frame[..]);
-    bench.power(right, standin_sim::bench::PowerAction::Cycle);
+    bench.power(right, drivetwin_sim::bench::PowerAction::Cycle);
     bench.run_until(bench.now() + BOOT + 10.millis());
     assert_eq!(bench.ask(left, &rtu::read(2, pid::VERSION, 1)), SILENCE);
     assert_eq!(bench.ask(left, &rtu::read(9, pid::VERSION, 1)), rtu::frame(9, &[3, 2, 0, 81])[..]);

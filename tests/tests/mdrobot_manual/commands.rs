@@ -1,7 +1,7 @@
 //! PID_COMMAND (p. 6, p. 7) and the PIDs that do the same.
 
-use standin_firmware::device::{Level, Port};
-use standin_protocol::time::Span;
+use drivetwin_firmware::device::{Level, Port};
+use drivetwin_protocol::time::Span;
 
 use crate::pid;
 use crate::rig::Rig;

@@ -1,8 +1,8 @@
 //! The CTRL connector (p. 8 to 11; decisions 21, 22, 24): contacts, PID_DI, START/STOP, RUN/BRAKE, DIR.
 
-use standin_firmware::device::Level;
-use standin_protocol::time::Span;
-use standin_sim::bench::{Driving, PowerAction};
+use drivetwin_firmware::device::Level;
+use drivetwin_protocol::time::Span;
+use drivetwin_sim::bench::{Driving, PowerAction};
 
 use crate::pid;
 use crate::rig::{BOOT, Rig};

@@ -1,8 +1,8 @@
 //! ENC_PPR (p. 14; decisions 27, 29): "The controller uses encoder signals as a speed sensor."
 
-use standin_firmware::device::Level;
-use standin_protocol::time::Span;
-use standin_sim::bench::Motor;
+use drivetwin_firmware::device::Level;
+use drivetwin_protocol::time::Span;
+use drivetwin_sim::bench::Motor;
 
 use crate::pid;
 use crate::rig::Rig;

@@ -1,6 +1,6 @@
 //! Special functions (p. 17, p. 18; decision 20).
 
-use standin_protocol::time::{Duration, Span};
+use drivetwin_protocol::time::{Duration, Span};
 
 use crate::pid;
 use crate::rig::Rig;

@@ -1,8 +1,8 @@
 //! PIDs that V1.1 does not have, as public clients use them (decision 10): 66, 176, 178, 179, 210, 216.
 
-use standin_protocol::modbus::rtu;
-use standin_protocol::time::Span;
-use standin_sim::kinds;
+use drivetwin_protocol::modbus::rtu;
+use drivetwin_protocol::time::Span;
+use drivetwin_sim::kinds;
 
 use crate::pid;
 use crate::rig::Rig;

@@ -1,8 +1,8 @@
 //! Limit switches (p. 7, p. 9; decision 23): with UI_COM 1 and USE_LIMIT_SW 1 DIR permits CW and START/STOP permits
 //! CCW while closed.
 
-use standin_protocol::time::Span;
-use standin_sim::bench::{Closed, Driving};
+use drivetwin_protocol::time::Span;
+use drivetwin_sim::bench::{Closed, Driving};
 
 use crate::pid;
 use crate::rig::Rig;

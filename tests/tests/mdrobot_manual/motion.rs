@@ -1,7 +1,7 @@
 //! Gains, currents, open loop, torque, poles, what MONITOR says (p. 8, p. 12 to 16; decisions 18, 27 to 30), with the
 //! tolerances of a controller of this size: with factory gains, without load, at 24 V.
 
-use standin_protocol::time::{Duration, Span};
+use drivetwin_protocol::time::{Duration, Span};
 
 use crate::pid;
 use crate::rig::Rig;

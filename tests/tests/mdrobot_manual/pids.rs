@@ -1,10 +1,10 @@
 //! Every PID of the table over the bus: what may be read and written, how long it is, its range, its factory value.
 
-use standin_firmware::device::Port;
-use standin_protocol::modbus::rtu;
-use standin_protocol::time::Span;
-use standin_sim::bench::Setup;
-use standin_sim::bus::LineMode;
+use drivetwin_firmware::device::Port;
+use drivetwin_protocol::modbus::rtu;
+use drivetwin_protocol::time::Span;
+use drivetwin_sim::bench::Setup;
+use drivetwin_sim::bus::LineMode;
 
 use crate::pid;
 use crate::rig::{ALL, BOOT, Rig, SILENCE, request};

@@ -1,6 +1,6 @@
 //! Position control (p. 11, p. 15, p. 16; decision 19): 243, 244, 219, 220, 230, 171, 49, 167.
 
-use standin_protocol::time::{Duration, Span};
+use drivetwin_protocol::time::{Duration, Span};
 
 use crate::pid;
 use crate::rig::Rig;

@@ -1,12 +1,12 @@
 //! An MD400 with a motor on a bench, a master at its port, and a hand on every pin.
 
-use standin_firmware::device::{Axis, Fault, Level, Pin, Port};
-use standin_firmware::mdrobot::mdrobot;
-use standin_firmware::motor::Parameters;
-use standin_protocol::modbus::rtu;
-use standin_protocol::time::{Duration, Instant, Span};
-use standin_sim::bench::{Bench, Driving, Fitting, Motion, Motor, PowerAction, Seat, Settings, Setup};
-use standin_sim::bus::LineMode;
+use drivetwin_firmware::device::{Axis, Fault, Level, Pin, Port};
+use drivetwin_firmware::mdrobot::mdrobot;
+use drivetwin_firmware::motor::Parameters;
+use drivetwin_protocol::modbus::rtu;
+use drivetwin_protocol::time::{Duration, Instant, Span};
+use drivetwin_sim::bench::{Bench, Driving, Fitting, Motion, Motor, PowerAction, Seat, Settings, Setup};
+use drivetwin_sim::bus::LineMode;
 
 use crate::pid;
 
@@ -363,6 +363,6 @@ pub(crate) fn timed() -> Rig {
 }
 
 /// The line that the controller uses.
-pub(crate) fn line(rig: &Rig) -> standin_firmware::device::Line {
+pub(crate) fn line(rig: &Rig) -> drivetwin_firmware::device::Line {
     rig.bench.line(rig.bench.bus(rig.seat, Port(0)).expect("a line"))
 }

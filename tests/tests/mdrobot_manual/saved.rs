@@ -1,9 +1,9 @@
 //! What outlives the power: what is saved, what DEFAULT_SET restores, id and baud.
 
-use standin_firmware::device::Line;
-use standin_protocol::line::Parity;
-use standin_protocol::modbus::rtu;
-use standin_protocol::time::Span;
+use drivetwin_firmware::device::Line;
+use drivetwin_protocol::line::Parity;
+use drivetwin_protocol::modbus::rtu;
+use drivetwin_protocol::time::Span;
 
 use crate::pid;
 use crate::pids::rows;

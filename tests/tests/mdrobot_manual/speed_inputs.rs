@@ -1,6 +1,6 @@
 //! User input types (p. 8, p. 10), their limits (p. 14), the internal volume (p. 11), torque (p. 10); decisions 24, 25.
 
-use standin_protocol::time::Span;
+use drivetwin_protocol::time::Span;
 
 use crate::pid;
 use crate::rig::Rig;

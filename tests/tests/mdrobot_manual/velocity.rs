@@ -1,7 +1,7 @@
 //! Velocity, ramps, stopping (p. 8, p. 12, p. 13; decisions 16 to 18), with the tolerances of a controller of this
 //! size: with factory gains, without load, at 24 V.
 
-use standin_protocol::time::{Duration, Span};
+use drivetwin_protocol::time::{Duration, Span};
 
 use crate::pid;
 use crate::rig::Rig;

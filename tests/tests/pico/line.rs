@@ -1,7 +1,7 @@
 //! Silences, and the direction of RS-485.
 
-use standin_protocol::modbus::rtu;
-use standin_tests::md3::at;
+use drivetwin_protocol::modbus::rtu;
+use drivetwin_tests::md3::at;
 
 use crate::play::{Drive, Nanos, Script, US};
 use crate::{CHARACTER, START, TURN, expect_written, image, pin, write};

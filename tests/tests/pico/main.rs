@@ -1,7 +1,7 @@
 //! The Pico's image in the exact virtual time of its emulator: what the line, the step timer and the flash
 //! of a board do, which a bench cannot tell.
 //!
-//! `cargo xtask test` builds the images, names their folder in `STANDIN_IMAGES`, and runs this. The pins are
+//! `cargo xtask test` builds the images, names their folder in `DRIVETWIN_IMAGES`, and runs this. The pins are
 //! those of firmware/boards/rp2040/README.md, typed by hand.
 #![allow(missing_docs, reason = "a test")]
 
@@ -16,7 +16,7 @@ mod rs434;
 
 use std::path::PathBuf;
 
-use standin_protocol::modbus::rtu;
+use drivetwin_protocol::modbus::rtu;
 
 use self::play::{MS, Nanos, Run, Script};
 
@@ -34,7 +34,8 @@ fn image() -> PathBuf {
 
 /// The image of a kind of drive.
 fn image_of(kind: &str) -> PathBuf {
-    let folder = std::env::var_os("STANDIN_IMAGES").expect("STANDIN_IMAGES names the folder of the images");
+    let folder =
+        std::env::var_os("DRIVETWIN_IMAGES").expect("DRIVETWIN_IMAGES names the folder of the images");
     PathBuf::from(folder).join(kind)
 }
 

@@ -3,8 +3,8 @@
 use std::fs;
 use std::path::Path;
 
-use standin_protocol::modbus::rtu;
-use standin_tests::md3::at;
+use drivetwin_protocol::modbus::rtu;
+use drivetwin_tests::md3::at;
 
 use crate::play::{Did, MS, Nanos, Run, Script};
 use crate::{START, TURN, expect_written, image, value, write};

@@ -2,12 +2,12 @@
 
 use std::path::Path;
 
+use drivetwin_firmware::device::{Instant, Plan};
+use drivetwin_firmware::motion::{Rates, Walker};
+use drivetwin_protocol::modbus::rtu;
+use drivetwin_tests::md3::{at, bit};
 use fixed::types::{I24F8, U24F8};
 use object::{Object, ObjectSymbol};
-use standin_firmware::device::{Instant, Plan};
-use standin_firmware::motion::{Rates, Walker};
-use standin_protocol::modbus::rtu;
-use standin_tests::md3::{at, bit};
 
 use crate::play::{Did, Drive, MS, Nanos, Run, Script, US};
 use crate::{CHARACTER, START, TURN, image, pin, value, write};

@@ -1,7 +1,7 @@
 //! Edges that come faster than the drive can be told of them, and as fast as it can.
 
-use standin_protocol::modbus::rtu;
-use standin_tests::md3::{at, bit};
+use drivetwin_protocol::modbus::rtu;
+use drivetwin_tests::md3::{at, bit};
 
 use crate::play::{Drive, MS, Nanos, Script, US};
 use crate::{START, TURN, expect_written, image, pin, value, write};

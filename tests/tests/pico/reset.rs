@@ -1,7 +1,7 @@
 //! A board that hangs, and runs that are the same.
 
-use standin_protocol::modbus::rtu;
-use standin_tests::md3::at;
+use drivetwin_protocol::modbus::rtu;
+use drivetwin_tests::md3::at;
 
 use crate::play::{Did, MS, Script};
 use crate::{START, TURN, image, value};

@@ -3,7 +3,7 @@
 
 use std::fmt::Write as _;
 
-use standin_protocol::modbus::rtu;
+use drivetwin_protocol::modbus::rtu;
 
 use crate::image_of;
 use crate::play::{Did, Drive, MS, Nanos, Run, Script};

@@ -1,10 +1,10 @@
 //! What a trace says that the board shows, as it can be asked at any instant.
 
-use standin_firmware::device::{Duration, Instant, Line, Pin, Role};
-use standin_firmware::motion::Walker;
-use standin_sim::hal::Done;
-use standin_sim::trace::{Did, Event, Trace};
-use standin_tests::on_shell::{self, Seen};
+use drivetwin_firmware::device::{Duration, Instant, Line, Pin, Role};
+use drivetwin_firmware::motion::Walker;
+use drivetwin_sim::hal::Done;
+use drivetwin_sim::trace::{Did, Event, Trace};
+use drivetwin_tests::on_shell::{self, Seen};
 
 use crate::host::Connection;
 use crate::patience::PLANNING;
@@ -203,7 +203,7 @@ impl Expected {
             .windows(2)
             .filter_map(|pair| match pair {
                 [(_, old), (from, new)] => {
-                    let due = |plan: &standin_firmware::device::Plan| {
+                    let due = |plan: &drivetwin_firmware::device::Plan| {
                         (plan.position_at(*from + late) - plan.position_at(*from)).abs()
                     };
                     // What stands still loses nothing: the new plan is made later as a whole.

@@ -2,8 +2,8 @@
 
 use std::fmt;
 
-use standin_firmware::device::{Fault, Instant, Spec};
-use standin_sim::trace::{Event, Fed, Power, Trace};
+use drivetwin_firmware::device::{Fault, Instant, Spec};
+use drivetwin_sim::trace::{Event, Fed, Power, Trace};
 
 use crate::expected::Expected;
 use crate::host::Connection;

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use standin_firmware::device::Duration;
+use drivetwin_firmware::device::Duration;
 
 /// What a replay found out.
 #[derive(Default)]

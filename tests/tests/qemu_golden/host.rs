@@ -2,12 +2,12 @@
 
 use std::collections::{BTreeMap, VecDeque};
 
+use drivetwin_firmware::device::{Duration, Ends, Instant, Link, Port, Spec};
 use smoltcp::iface::{Config, Interface, SocketHandle, SocketSet};
 use smoltcp::phy::{Device, DeviceCapabilities, Medium, RxToken, TxToken};
 use smoltcp::socket::tcp::{Socket, SocketBuffer};
 use smoltcp::time;
 use smoltcp::wire::{EthernetAddress, HardwareAddress, IpAddress, IpCidr};
-use standin_firmware::device::{Duration, Ends, Instant, Link, Port, Spec};
 
 /// A connection, as traces name it.
 pub(crate) type Connection = (Port, Link);

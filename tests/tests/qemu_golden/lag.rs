@@ -1,6 +1,6 @@
 //! Where the motor is, if a board makes its plans a little late.
 
-use standin_firmware::device::{Duration, Instant};
+use drivetwin_firmware::device::{Duration, Instant};
 
 use crate::expected::Expected;
 use crate::patience::{PLANNING, earlier};

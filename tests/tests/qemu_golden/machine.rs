@@ -31,7 +31,7 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Duration;
 use std::{env, fmt, fs, process};
 
-use standin_firmware::device::Level;
+use drivetwin_firmware::device::Level;
 
 use crate::gdb::Gdb;
 use crate::image::Image;
@@ -348,7 +348,7 @@ impl Address {
     fn new() -> Self {
         static NUMBER: AtomicU32 = AtomicU32::new(0);
         let number = NUMBER.fetch_add(1, Ordering::Relaxed);
-        let name = format!("standin-qtest-{}-{number}", process::id());
+        let name = format!("drivetwin-qtest-{}-{number}", process::id());
         Self(env::temp_dir().join(name).to_str().expect("a path in UTF-8").to_owned())
     }
 }

@@ -1,7 +1,7 @@
 //! The golden traces on the unmodified images of the LM3S6965 board, in virtual time.
 //!
-//! `cargo xtask test` builds the images, names their folder in `STANDIN_IMAGES`, and runs this. See
-//! [`machine`] for how time is held, and [`LEFT_OUT`] for what cannot be shown here. `STANDIN_TRACE=7.15`
+//! `cargo xtask test` builds the images, names their folder in `DRIVETWIN_IMAGES`, and runs this. See
+//! [`machine`] for how time is held, and [`LEFT_OUT`] for what cannot be shown here. `DRIVETWIN_TRACE=7.15`
 //! plays only the traces that have this in their name.
 
 mod expected;
@@ -25,10 +25,10 @@ use std::process::Command;
 use std::sync::Mutex;
 use std::{env, fs, thread};
 
-use standin_firmware::device::{Device, Duration, Instant};
-use standin_sim::hal::Done;
-use standin_sim::trace::{Event, Fed, Trace};
-use standin_tests::on_shell;
+use drivetwin_firmware::device::{Device, Duration, Instant};
+use drivetwin_sim::hal::Done;
+use drivetwin_sim::trace::{Event, Fed, Trace};
+use drivetwin_tests::on_shell;
 
 use expected::Expected;
 use figures::Figures;
@@ -70,7 +70,7 @@ macro_rules! kinds {
     };
 }
 
-static KINDS: &[Kind] = standin_firmware::devices!(kinds);
+static KINDS: &[Kind] = drivetwin_firmware::devices!(kinds);
 
 /// The kind of that name.
 fn kind(name: &str) -> &'static Kind {
@@ -148,14 +148,14 @@ fn stay_on(cpu: usize) {
 
 /// Where the images are.
 fn images() -> PathBuf {
-    PathBuf::from(env::var("STANDIN_IMAGES").expect("STANDIN_IMAGES names the folder of the images"))
+    PathBuf::from(env::var("DRIVETWIN_IMAGES").expect("DRIVETWIN_IMAGES names the folder of the images"))
 }
 
 #[test]
 #[ignore = "needs QEMU and the images of the board: `cargo xtask test` brings both"]
 fn golden_traces_on_the_board() {
     let images = images();
-    let only = env::var("STANDIN_TRACE").ok();
+    let only = env::var("DRIVETWIN_TRACE").ok();
     let (left_out, mut jobs): (Vec<Job>, Vec<Job>) =
         jobs().into_iter().partition(|job| LEFT_OUT.iter().any(|(name, _)| job.name.ends_with(name)));
     for (name, why) in &LEFT_OUT {

@@ -1,6 +1,6 @@
 //! What no Ethernet should carry, and one does: the board's driver, and all behind it, on the image.
 
-use standin_firmware::device::{Duration, Instant, Link, Port};
+use drivetwin_firmware::device::{Duration, Instant, Link, Port};
 
 use crate::host::{Host, frames};
 use crate::image::Image;

@@ -1,7 +1,7 @@
 //! Where in a trace something is, for messages.
 
-use standin_firmware::device::{Duration, Instant};
-use standin_sim::trace::Trace;
+use drivetwin_firmware::device::{Duration, Instant};
+use drivetwin_sim::trace::Trace;
 
 /// A trace by its name and its lines.
 pub(crate) struct Places {

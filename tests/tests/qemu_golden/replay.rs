@@ -6,9 +6,9 @@
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
-use standin_firmware::device::{Duration, Instant, Level, Pin, Role};
-use standin_protocol::line::{Line, Parity};
-use standin_sim::trace::Trace;
+use drivetwin_firmware::device::{Duration, Instant, Level, Pin, Role};
+use drivetwin_protocol::line::{Line, Parity};
+use drivetwin_sim::trace::Trace;
 
 use crate::expected::{Expected, Reply};
 use crate::feed::{self, Act};
@@ -380,5 +380,5 @@ impl Replay {
     }
 }
 
-/// Ticks of standin's time in a microsecond.
+/// Ticks of drivetwin's time in a microsecond.
 const TICKS_PER_US: u64 = Duration::micros(1).ticks();

@@ -1,6 +1,6 @@
 //! CAPTURE, and trigger pulses on DIO0.
 
-use standin_protocol::time::{Duration, Span};
+use drivetwin_protocol::time::{Duration, Span};
 
 use crate::rig::{Rig, TICK};
 

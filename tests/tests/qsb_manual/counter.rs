@@ -1,9 +1,9 @@
 //! Counting against the slow model: at 1 MHz in every mode, and at random.
 
+use drivetwin_protocol::time::Span;
+use drivetwin_sim::bench::{Driving, Setup};
+use drivetwin_sim::bus::LineMode;
 use proptest::prelude::*;
-use standin_protocol::time::Span;
-use standin_sim::bench::{Driving, Setup};
-use standin_sim::bus::LineMode;
 
 use crate::rig::Rig;
 use crate::slow::Slow;

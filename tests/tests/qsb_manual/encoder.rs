@@ -1,7 +1,7 @@
 //! MODE: PWM encoders and the analogue input.
 
-use standin_protocol::time::{Duration, Span};
-use standin_sim::bench::Driving;
+use drivetwin_protocol::time::{Duration, Span};
+use drivetwin_sim::bench::Driving;
 
 use crate::rig::{KINDS, Rig, TICK};
 

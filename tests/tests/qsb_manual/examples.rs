@@ -1,7 +1,7 @@
 //! Every example command of both manuals, with its reply in the factory's format (15 = 0B: spaces, CR and
 //! LF).
 
-use standin_protocol::time::Span;
+use drivetwin_protocol::time::Span;
 
 use crate::rig::{KINDS, Rig};
 

@@ -1,6 +1,6 @@
 //! Figures 8 to 11 of the data sheet clock by clock, the filter, the index, and examples 1.2 to 1.4.
 
-use standin_protocol::time::Span;
+use drivetwin_protocol::time::Span;
 
 use crate::rig::Rig;
 

@@ -2,9 +2,9 @@
 //! constant acceleration; rates and accelerations are used in steps of 16 (decision 27): 1,000 steps/s is
 //! 992.
 
-use standin_firmware::device::Level;
-use standin_protocol::time::{Duration, Span};
-use standin_sim::bench::PowerAction;
+use drivetwin_firmware::device::Level;
+use drivetwin_protocol::time::{Duration, Span};
+use drivetwin_sim::bench::PowerAction;
 
 use crate::rig::Rig;
 

@@ -1,7 +1,7 @@
 //! The digital port: registers 01 and 02 and the pins.
 
-use standin_firmware::device::Level;
-use standin_protocol::time::Span;
+use drivetwin_firmware::device::Level;
+use drivetwin_protocol::time::Span;
 
 use crate::rig::Rig;
 

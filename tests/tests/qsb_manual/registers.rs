@@ -1,8 +1,8 @@
 //! Each register: its default, its limits, who has it and for which letters, and what is kept.
 
-use standin_protocol::time::Span;
-use standin_sim::bench::Setup;
-use standin_sim::bus::LineMode;
+use drivetwin_protocol::time::Span;
+use drivetwin_sim::bench::Setup;
+use drivetwin_sim::bus::LineMode;
 
 use crate::rig::{KINDS, Rig};
 

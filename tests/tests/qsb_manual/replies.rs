@@ -1,8 +1,8 @@
 //! Formats of replies, line ends, bad input, and what happens at a reset.
 
-use standin_protocol::time::{Duration, Span};
-use standin_sim::bench::Setup;
-use standin_sim::bus::LineMode;
+use drivetwin_protocol::time::{Duration, Span};
+use drivetwin_sim::bench::Setup;
+use drivetwin_sim::bus::LineMode;
 
 use crate::rig::{Rig, START_UP, TICK};
 

@@ -1,10 +1,10 @@
 //! A QSB on a bench, a terminal at its port, and a hand on every pin.
 
-use standin_firmware::device::{Axis, Device, Encoder, Level, Pin, Port};
-use standin_firmware::qsb::Qsb;
-use standin_protocol::time::{Duration, Instant, Span};
-use standin_sim::bench::{Bench, Bus, Client, Driving, PowerAction, Seat, Settings, Setup};
-use standin_sim::bus::{LineMode, Sender};
+use drivetwin_firmware::device::{Axis, Device, Encoder, Level, Pin, Port};
+use drivetwin_firmware::qsb::Qsb;
+use drivetwin_protocol::time::{Duration, Instant, Span};
+use drivetwin_sim::bench::{Bench, Bus, Client, Driving, PowerAction, Seat, Settings, Setup};
+use drivetwin_sim::bus::{LineMode, Sender};
 
 /// A period of the 512 Hz clock behind TIME STAMP and INTERVAL RATE (decision 10): 1.953125 ms.
 pub(crate) const TICK: Duration = Duration::from_ticks(31_250);

@@ -1,7 +1,7 @@
 //! What command 3 keeps, and what a failing memory leaves.
 
-use standin_protocol::time::Span;
-use standin_sim::bench::PowerAction;
+use drivetwin_protocol::time::Span;
+use drivetwin_sim::bench::PowerAction;
 
 use crate::rig::{Rig, START_UP, TICK};
 

@@ -1,8 +1,8 @@
 //! Streams: when records come, what is in them, and what ends them.
 
-use standin_protocol::time::{Duration, Span};
-use standin_sim::bench::Driving;
-use standin_sim::bus::LineMode;
+use drivetwin_protocol::time::{Duration, Span};
+use drivetwin_sim::bench::Driving;
+use drivetwin_sim::bus::LineMode;
 
 use crate::rig::{KINDS, Line, Rig, TICK, number};
 use crate::saved::stamp;

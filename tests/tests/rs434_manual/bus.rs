@@ -1,10 +1,10 @@
 //! The eight functions (decision 1), and what is refused.
 
-use standin_firmware::device::Port;
-use standin_protocol::modbus::rtu;
-use standin_protocol::time::Span;
-use standin_sim::bench::Bench;
-use standin_tests::rs434::{BOOT, Rig, SILENCE, at, make, request};
+use drivetwin_firmware::device::Port;
+use drivetwin_protocol::modbus::rtu;
+use drivetwin_protocol::time::Span;
+use drivetwin_sim::bench::Bench;
+use drivetwin_tests::rs434::{BOOT, Rig, SILENCE, at, make, request};
 
 /// The bytes: SPEED 1,000 is read; the CRC by hand from the polynomial of the specification.
 #[test]

@@ -1,7 +1,7 @@
 //! 6.5: ERROR: what sets each bit, whether it stops the motor, how it goes.
 
-use standin_protocol::time::Span;
-use standin_tests::rs434::{Rig, at};
+use drivetwin_protocol::time::Span;
+use drivetwin_tests::rs434::{Rig, at};
 
 /// A drive that turns.
 fn turning() -> Rig {

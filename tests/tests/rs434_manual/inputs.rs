@@ -1,8 +1,8 @@
 //! 6.1 and MODE_EXT_IN of 6.5: IN1, IN2 and HARD_STOP.
 
-use standin_protocol::time::{Duration, Span};
-use standin_sim::bench::{Driving, PowerAction};
-use standin_tests::rs434::{BOOT, Rig, at};
+use drivetwin_protocol::time::{Duration, Span};
+use drivetwin_sim::bench::{Driving, PowerAction};
+use drivetwin_tests::rs434::{BOOT, Rig, at};
 
 /// Longer than any ramp here, and than the debouncing.
 const WHILE: Duration = Duration::secs(1);

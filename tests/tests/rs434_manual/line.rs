@@ -1,12 +1,12 @@
 //! 6 and 6.4: the line: five types, eleven rates, ASCII, the delay of replies, parity.
 
-use standin_firmware::device::{Line, Port};
-use standin_protocol::line::Parity;
-use standin_protocol::modbus::rtu;
-use standin_protocol::time::{Duration, Span};
-use standin_sim::bench::Setup;
-use standin_sim::bus::{LineMode, Sender};
-use standin_tests::rs434::{BOOT, Rig, SILENCE, at, key, request};
+use drivetwin_firmware::device::{Line, Port};
+use drivetwin_protocol::line::Parity;
+use drivetwin_protocol::modbus::rtu;
+use drivetwin_protocol::time::{Duration, Span};
+use drivetwin_sim::bench::Setup;
+use drivetwin_sim::bus::{LineMode, Sender};
+use drivetwin_tests::rs434::{BOOT, Rig, SILENCE, at, key, request};
 
 /// TYPE_MODBUS (6.4).
 const TYPES: [(u16, u8, Parity, u8); 5] = [

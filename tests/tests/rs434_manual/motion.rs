@@ -1,7 +1,7 @@
 //! 6.2, 6.3 and 6.5: rotation, speed, acceleration, Hall sensors, current.
 
-use standin_protocol::time::{Duration, Span};
-use standin_tests::rs434::{Rig, at};
+use drivetwin_protocol::time::{Duration, Span};
+use drivetwin_tests::rs434::{Rig, at};
 
 /// Hall edges of a turn: 4 pulses of 2 edges ("both leading and trailing", 6.3) from each of 2 sensors.
 const COUNTS: f64 = 16.0;

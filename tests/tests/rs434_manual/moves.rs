@@ -1,7 +1,7 @@
 //! 6.5: MODE_ROTATION 2 and 3: offsets and positions, exact to the Hall edge.
 
-use standin_protocol::time::Span;
-use standin_tests::rs434::{Rig, at};
+use drivetwin_protocol::time::Span;
+use drivetwin_tests::rs434::{Rig, at};
 
 /// Longer than any move here.
 const MOVE: u64 = 30;

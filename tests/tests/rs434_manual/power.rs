@@ -1,11 +1,11 @@
 //! 6.5, 7: power-on, restart, saving, factory reset.
 
-use standin_firmware::device::Level;
-use standin_protocol::modbus::rtu;
-use standin_protocol::time::{Duration, Span};
-use standin_sim::bench::{Driving, PowerAction, Setup};
-use standin_sim::bus::LineMode;
-use standin_tests::rs434::{BOOT, Rig, at, key};
+use drivetwin_firmware::device::Level;
+use drivetwin_protocol::modbus::rtu;
+use drivetwin_protocol::time::{Duration, Span};
+use drivetwin_sim::bench::{Driving, PowerAction, Setup};
+use drivetwin_sim::bus::LineMode;
+use drivetwin_tests::rs434::{BOOT, Rig, at, key};
 
 fn answers(rig: &mut Rig) -> bool {
     !rig.bench.ask(rig.seat, &rtu::read(1, at::SPEED, 1)).is_empty()

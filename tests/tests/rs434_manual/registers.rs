@@ -1,8 +1,8 @@
 //! The tables of 6.1 to 6.8: every register with its address, size, access, range, default and persistence.
 
-use standin_protocol::registers::Space;
-use standin_protocol::time::Span;
-use standin_tests::rs434::{KINDS, Rig, at};
+use drivetwin_protocol::registers::Space;
+use drivetwin_protocol::time::Span;
+use drivetwin_tests::rs434::{KINDS, Rig, at};
 
 /// A register as the manual prints it: address, name, bits, the least and the greatest value, the default
 /// (of the line as 6 prints it, of the others ours), whether a save keeps it. `RO` can only be read.

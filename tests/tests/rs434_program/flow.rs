@@ -1,8 +1,8 @@
 //! Loading, starting and stopping; jumps, subroutines and loops; what a program leaves behind (6.5, 6.6, 6.9).
 
-use standin_protocol::time::{Duration, Span};
-use standin_sim::bench::PowerAction;
-use standin_tests::rs434::{BOOT, LINE, Rig, SAVE, at, key};
+use drivetwin_protocol::time::{Duration, Span};
+use drivetwin_sim::bench::PowerAction;
+use drivetwin_tests::rs434::{BOOT, LINE, Rig, SAVE, at, key};
 
 use crate::oracle::status;
 

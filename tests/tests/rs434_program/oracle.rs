@@ -4,7 +4,7 @@
 //! does nothing (decision 6) and STATUS, SPEED_VALID and the like stand still. All contacts are open. What a program
 //! does with a motor that turns is shown by the examples (`tests/rs434_examples.rs`) and in `flow.rs`.
 
-use standin_tests::rs434::at;
+use drivetwin_tests::rs434::at;
 
 /// Lines of a program.
 pub(crate) const LINES: usize = 1_024;

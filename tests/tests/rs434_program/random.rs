@@ -2,11 +2,11 @@
 
 use std::fmt::Write as _;
 
-use standin_protocol::modbus::rtu::crc;
-use standin_protocol::time::{Duration, Instant};
-use standin_sim::bench::{Driving, Setup};
-use standin_sim::bus::LineMode;
-use standin_tests::rs434::{LINE, Rig};
+use drivetwin_protocol::modbus::rtu::crc;
+use drivetwin_protocol::time::{Duration, Instant};
+use drivetwin_sim::bench::{Driving, Setup};
+use drivetwin_sim::bus::LineMode;
+use drivetwin_tests::rs434::{LINE, Rig};
 
 use crate::oracle::{LINES, Oracle, status};
 

@@ -1,7 +1,7 @@
 //! Every instruction and operand form of 6.9, typed from its tables, carried out by the drive.
 
-use standin_sim::bench::Driving;
-use standin_tests::rs434::{LINE, Rig, at, system_register};
+use drivetwin_sim::bench::Driving;
+use drivetwin_tests::rs434::{LINE, Rig, at, system_register};
 
 use crate::oracle::status;
 

@@ -3,8 +3,8 @@
 use core::cell::RefCell;
 
 use critical_section::Mutex;
-use standin_firmware::device::{Duration, Instant};
-use standin_firmware::motion::{StepDir, StepTimer, Stepper};
+use drivetwin_firmware::device::{Duration, Instant};
+use drivetwin_firmware::motion::{StepDir, StepTimer, Stepper};
 
 /// How far ahead the timer is set for a pulse that is overdue: so much is left for what else interrupts.
 const BREATH: Duration = Duration::micros(2);

@@ -1,11 +1,11 @@
 //! What a board does for its drive.
 
+use drivetwin_firmware::device::{self, Duration, Line, Pin, Plan, Port};
+use drivetwin_firmware::motion::{Followed, Follower, StepTimer};
+use drivetwin_firmware::shell::{Links, NoLinks, Outputs};
 use embedded_hal::digital::OutputPin;
 use embedded_io::{Write, WriteReady};
 use embedded_storage::Storage;
-use standin_firmware::device::{self, Duration, Line, Pin, Plan, Port};
-use standin_firmware::motion::{Followed, Follower, StepTimer};
-use standin_firmware::shell::{Links, NoLinks, Outputs};
 
 use crate::axis::{Axis, Timer};
 use crate::slips;

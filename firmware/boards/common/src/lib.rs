@@ -1,7 +1,7 @@
 //! What boards have in common.
 //!
 //! A board brings a UART, pins, a memory, a step timer and a clock. Its interrupts put what they catch
-//! into a [`Queue`] and fire the [`Axis`]; its loop turns a [`Shell`](standin_firmware::shell::Shell) over
+//! into a [`Queue`] and fire the [`Axis`]; its loop turns a [`Shell`](drivetwin_firmware::shell::Shell) over
 //! [`Hands`].
 #![no_std]
 

@@ -1,14 +1,14 @@
 //! TCP connections at the ports of a board's drive, over smoltcp.
 
+use drivetwin_firmware::device::{Device, Duration, Ends, Instant, Link, Port, Spec};
+use drivetwin_firmware::shell::{Came, Links};
+use drivetwin_protocol::modbus::tcp::{ADU_BYTES, Adu, Broken, Splitter};
+use drivetwin_protocol::text::next_line;
 use smoltcp::iface::{Config, Interface, PollIngressSingleResult, SocketHandle, SocketSet, SocketStorage};
 use smoltcp::phy;
 use smoltcp::socket::tcp::{Socket, SocketBuffer, State};
 use smoltcp::time;
 use smoltcp::wire::{EthernetAddress, HardwareAddress, IpAddress, IpCidr};
-use standin_firmware::device::{Device, Duration, Ends, Instant, Link, Port, Spec};
-use standin_firmware::shell::{Came, Links};
-use standin_protocol::modbus::tcp::{ADU_BYTES, Adu, Broken, Splitter};
-use standin_protocol::text::next_line;
 
 use crate::long::{Chain, Long};
 pub use crate::long::{PIECES, Piece};

@@ -1,8 +1,8 @@
 //! The line's settings in an ARM PL011, the UART of many chips (*PrimeCell UART Technical Reference Manual*,
 //! DDI 0183, 3.3).
 
-use standin_firmware::device::Line;
-use standin_protocol::line::Parity;
+use drivetwin_firmware::device::Line;
+use drivetwin_protocol::line::Parity;
 
 /// What its registers need for a line.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]

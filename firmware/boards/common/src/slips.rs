@@ -4,8 +4,8 @@
 
 use core::sync::atomic::{AtomicI32, Ordering};
 
-use standin_firmware::device::Axis;
-use standin_firmware::shell::Caught;
+use drivetwin_firmware::device::Axis;
+use drivetwin_firmware::shell::Caught;
 
 /// Steps that slipped since the start: a plan was taken late, and so many steps more were made. Wraps.
 pub static SLIPPED: AtomicI32 = AtomicI32::new(0);

@@ -1,7 +1,7 @@
 //! The line's settings in the USART of an STM32F1, F2, F4 or L1 (*STM32F411xC/E Reference Manual*, RM0383, 19.6).
 
-use standin_firmware::device::Line;
-use standin_protocol::line::Parity;
+use drivetwin_firmware::device::Line;
+use drivetwin_protocol::line::Parity;
 
 /// What its registers need for a line.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]

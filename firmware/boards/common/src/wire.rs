@@ -1,7 +1,7 @@
 //! Where the wires of a board go.
 
-use standin_firmware::device::{AxisSpec, Ends, Fault, Level, Pin, Port, PortSpec, Role, Spec};
-use standin_firmware::shell::Caught;
+use drivetwin_firmware::device::{AxisSpec, Ends, Fault, Level, Pin, Port, PortSpec, Role, Spec};
+use drivetwin_firmware::shell::Caught;
 
 /// What of a drive is at the end of a wire.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]

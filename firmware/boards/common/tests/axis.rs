@@ -5,14 +5,14 @@
 use std::cell::{Cell, RefCell};
 use std::convert::Infallible;
 
+use drivetwin_board::{Axis, AxisPins, Bus, Hands, Release, Timer, untold};
+use drivetwin_firmware::device::{self, Duration, Instant, Line, Plan};
+use drivetwin_firmware::motion::{Follower, StepDir, StepTimer};
+use drivetwin_firmware::shell::{Caught, Outputs};
 use embedded_hal::digital::OutputPin;
 use embedded_io::{Write, WriteReady};
 use embedded_storage::{ReadStorage, Storage};
 use fixed::types::I24F8;
-use standin_board::{Axis, AxisPins, Bus, Hands, Release, Timer, untold};
-use standin_firmware::device::{self, Duration, Instant, Line, Plan};
-use standin_firmware::motion::{Follower, StepDir, StepTimer};
-use standin_firmware::shell::{Caught, Outputs};
 
 /// What STEP is high, and then low, at least.
 const LEVEL: Duration = Duration::micros(3);

@@ -1,9 +1,9 @@
 //! The settings of a PL011 for a line.
 #![allow(missing_docs, reason = "a test")]
 
-use standin_board::Pl011;
-use standin_firmware::device::Line;
-use standin_protocol::line::Parity;
+use drivetwin_board::Pl011;
+use drivetwin_firmware::device::Line;
+use drivetwin_protocol::line::Parity;
 
 #[test]
 fn a_character_takes_no_longer_than_the_drive_believes() {

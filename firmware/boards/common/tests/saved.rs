@@ -3,9 +3,9 @@
 
 use std::cell::RefCell;
 
+use drivetwin_board::Saved;
 use embedded_storage::Storage;
 use embedded_storage_async::nor_flash::{ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash};
-use standin_board::Saved;
 
 /// A flash chip of `COUNT` sectors of so many bytes, programmed by words of so many.
 struct Chip<const COUNT: usize, const SECTOR: usize, const WORD: usize> {

@@ -1,9 +1,9 @@
 //! The settings of an STM32's USART for a line.
 #![allow(missing_docs, reason = "a test")]
 
-use standin_board::Usart;
-use standin_firmware::device::Line;
-use standin_protocol::line::Parity;
+use drivetwin_board::Usart;
+use drivetwin_firmware::device::Line;
+use drivetwin_protocol::line::Parity;
 
 /// A Black Pill's clock, and the one for slow lines, in MHz.
 const CLOCKS: [u32; 2] = [96, 24];

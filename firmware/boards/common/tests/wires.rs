@@ -1,14 +1,14 @@
 //! Queues, and what the names of wires stand for.
 #![allow(missing_docs, reason = "a test")]
 
-use standin_board::{AxisPins, End, Queue, is_full_duplex};
-use standin_firmware::device::{Device, Fault, Pin, Port};
-use standin_firmware::md3::Md3;
-use standin_firmware::mdrive::Mdrive;
-use standin_firmware::mdrobot::mdrobot;
-use standin_firmware::qsb::Qsb;
-use standin_firmware::rs434::rs434544;
-use standin_firmware::shell::Caught;
+use drivetwin_board::{AxisPins, End, Queue, is_full_duplex};
+use drivetwin_firmware::device::{Device, Fault, Pin, Port};
+use drivetwin_firmware::md3::Md3;
+use drivetwin_firmware::mdrive::Mdrive;
+use drivetwin_firmware::mdrobot::mdrobot;
+use drivetwin_firmware::qsb::Qsb;
+use drivetwin_firmware::rs434::rs434544;
+use drivetwin_firmware::shell::Caught;
 
 #[test]
 fn a_queue_keeps_the_order_and_refuses_what_does_not_fit() {

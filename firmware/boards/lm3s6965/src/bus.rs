@@ -10,11 +10,11 @@ use core::sync::atomic::{AtomicBool, Ordering};
 
 use cortex_m::peripheral::NVIC;
 use critical_section::Mutex;
+use drivetwin_board::{Bus, Queue};
+use drivetwin_firmware::device::{Duration, Line, Port};
+use drivetwin_firmware::shell::Caught;
 use embedded_io::{ErrorType, Write, WriteReady};
 use lm3s6965::{Interrupt, interrupt};
-use standin_board::{Bus, Queue};
-use standin_firmware::device::{Duration, Line, Port};
-use standin_firmware::shell::Caught;
 
 use crate::gpio::{self, Gpio};
 use crate::timer::SENT;

@@ -1,8 +1,8 @@
 //! What interrupts have for the loop.
 
-use standin_board::Queue;
-use standin_firmware::device::Instant;
-use standin_firmware::shell::{Caught, Inputs};
+use drivetwin_board::Queue;
+use drivetwin_firmware::device::Instant;
+use drivetwin_firmware::shell::{Caught, Inputs};
 
 use crate::{clock, inputs};
 
@@ -25,6 +25,6 @@ impl Inputs for Ears {
         if first.is_none() && QUEUE.is_empty() {
             inputs::tell_missed();
         }
-        first.or_else(|| standin_board::untold().map(|slipped| (until, slipped)))
+        first.or_else(|| drivetwin_board::untold().map(|slipped| (until, slipped)))
     }
 }

@@ -10,8 +10,8 @@ use cortex_m::peripheral::syst::SystClkSource;
 use cortex_m::peripheral::{SCB, SYST};
 use cortex_m_rt::exception;
 use critical_section::Mutex;
+use drivetwin_firmware::device::{Duration, Instant};
 use lm3s6965::interrupt;
-use standin_firmware::device::{Duration, Instant};
 
 use crate::registers::Register;
 use crate::timer::{SENT, STEP, WAKE};

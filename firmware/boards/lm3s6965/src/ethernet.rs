@@ -5,13 +5,13 @@ use core::sync::atomic::{AtomicBool, Ordering};
 
 use cortex_m::singleton;
 use critical_section::Mutex;
+use drivetwin_board::network::{BYTES, FRAME_BYTES, Frames, LINKS, Network, PIECES, PLACES, Piece, Places};
+use drivetwin_firmware::device::{Instant, Spec};
+use drivetwin_protocol::modbus::tcp::Splitter;
 use lm3s6965::interrupt;
 use smoltcp::iface::SocketStorage;
 use smoltcp::phy::{Device, DeviceCapabilities, RxToken, TxToken};
 use smoltcp::time;
-use standin_board::network::{BYTES, FRAME_BYTES, Frames, LINKS, Network, PIECES, PLACES, Piece, Places};
-use standin_firmware::device::{Instant, Spec};
-use standin_protocol::modbus::tcp::Splitter;
 
 use crate::registers::Register;
 use crate::{clock, gpio};

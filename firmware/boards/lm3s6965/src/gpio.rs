@@ -2,8 +2,8 @@
 
 use core::convert::Infallible;
 
+use drivetwin_board::Release;
 use embedded_hal::digital::{ErrorType, OutputPin};
-use standin_board::Release;
 
 use crate::inputs;
 use crate::registers::Register;

@@ -3,10 +3,10 @@
 use core::cell::RefCell;
 
 use critical_section::Mutex;
+use drivetwin_board::End;
+use drivetwin_firmware::device::Instant;
 use heapless::Vec;
 use lm3s6965::interrupt;
-use standin_board::End;
-use standin_firmware::device::Instant;
 
 use crate::gpio::{self, Gpio, Port};
 use crate::{caught, clock};

@@ -30,11 +30,11 @@ use core::panic::PanicInfo;
 use cortex_m::peripheral::{NVIC, SCB};
 use cortex_m::{Peripherals, asm};
 use cortex_m_rt::{ExceptionFrame, exception};
+use drivetwin_board::{AxisPins, End, Hands, is_full_duplex, made};
+use drivetwin_firmware::device::{Boot, Device, Instant, Spec};
+use drivetwin_firmware::motion::Follower;
+use drivetwin_firmware::shell::{Links, NoLinks, Shell};
 use lm3s6965::Interrupt;
-use standin_board::{AxisPins, End, Hands, is_full_duplex, made};
-use standin_firmware::device::{Boot, Device, Instant, Spec};
-use standin_firmware::motion::Follower;
-use standin_firmware::shell::{Links, NoLinks, Shell};
 
 use self::bus::Sender;
 use self::caught::Ears;

@@ -1,7 +1,7 @@
 //! What the board says of itself: a line on UART1 and, with the feature `defmt`, more over the debug probe.
 
-use standin_firmware::device::Line;
-use standin_protocol::line::Parity;
+use drivetwin_firmware::device::Line;
+use drivetwin_protocol::line::Parity;
 
 use crate::gpio;
 use crate::uart::LOG;
@@ -12,7 +12,7 @@ const LINE: Line = Line::new(115_200, 8, Parity::None, 1);
 pub(crate) fn power(kind: &str) {
     gpio::D.give(1 << 3);
     LOG.set_line(LINE);
-    for text in ["standin: ", kind, " has power\r\n"] {
+    for text in ["drivetwin: ", kind, " has power\r\n"] {
         for byte in text.bytes() {
             while !LOG.has_room() {}
             LOG.send(byte);

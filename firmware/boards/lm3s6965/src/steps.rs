@@ -3,10 +3,10 @@
 use core::sync::atomic::{AtomicBool, Ordering};
 
 use cortex_m::peripheral::{NVIC, SYST};
+use drivetwin_board::{Axis, Timer};
+use drivetwin_firmware::device::Instant;
+use drivetwin_firmware::motion::{HIGH, StepDir, StepTimer};
 use lm3s6965::{Interrupt, interrupt};
-use standin_board::{Axis, Timer};
-use standin_firmware::device::Instant;
-use standin_firmware::motion::{HIGH, StepDir, StepTimer};
 
 use crate::clock;
 use crate::gpio::{self, Gpio};

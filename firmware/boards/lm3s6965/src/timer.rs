@@ -1,6 +1,6 @@
 //! Timers that come once (10.6).
 
-use standin_firmware::device::Duration;
+use drivetwin_firmware::device::Duration;
 
 use crate::clock::HZ;
 use crate::registers::Register;

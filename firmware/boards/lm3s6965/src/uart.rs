@@ -1,7 +1,7 @@
 //! UARTs (12.6). The FIFOs are off, so that an interrupt sees, and stamps, every character by itself.
 
-use standin_board::Pl011;
-use standin_firmware::device::Line;
+use drivetwin_board::Pl011;
+use drivetwin_firmware::device::Line;
 
 use crate::clock::HZ;
 use crate::registers::Register;

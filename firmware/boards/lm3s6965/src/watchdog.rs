@@ -1,6 +1,6 @@
 //! The watchdog (11.4): a board that hangs starts again.
 
-use standin_firmware::device::Duration;
+use drivetwin_firmware::device::Duration;
 
 use crate::clock::HZ;
 use crate::registers::Register;

@@ -8,12 +8,12 @@ use core::convert::Infallible;
 
 use cortex_m::peripheral::NVIC;
 use critical_section::Mutex;
+use drivetwin_board::{Bus, Pl011, Queue};
+use drivetwin_firmware::device::{Line, Port};
+use drivetwin_firmware::shell::Caught;
+use drivetwin_protocol::line::Parity;
 use embedded_io::{ErrorType, Write, WriteReady};
 use rp2040_pac::{Interrupt, interrupt};
-use standin_board::{Bus, Pl011, Queue};
-use standin_firmware::device::{Line, Port};
-use standin_firmware::shell::Caught;
-use standin_protocol::line::Parity;
 
 use crate::clock::HZ;
 use crate::registers::Register;

@@ -3,9 +3,9 @@
 use core::cell::Cell;
 
 use critical_section::Mutex;
-use standin_board::Queue;
-use standin_firmware::device::Instant;
-use standin_firmware::shell::{Caught, Inputs};
+use drivetwin_board::Queue;
+use drivetwin_firmware::device::Instant;
+use drivetwin_firmware::shell::{Caught, Inputs};
 
 use crate::{pins, timer};
 
@@ -47,6 +47,6 @@ impl Inputs for Ears {
         if first.is_none() && QUEUE.is_empty() {
             pins::tell_missed();
         }
-        first.or_else(|| standin_board::untold().map(|slipped| (until, slipped)))
+        first.or_else(|| drivetwin_board::untold().map(|slipped| (until, slipped)))
     }
 }

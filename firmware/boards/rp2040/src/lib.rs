@@ -41,11 +41,11 @@ use core::panic::PanicInfo;
 use cortex_m::Peripherals;
 use cortex_m::peripheral::NVIC;
 use cortex_m_rt::exception;
+use drivetwin_board::{AxisPins, Hands, Saved, is_full_duplex, made};
+use drivetwin_firmware::device::{Boot, Device, Instant};
+use drivetwin_firmware::motion::Follower;
+use drivetwin_firmware::shell::Shell;
 use rp2040_pac::Interrupt;
-use standin_board::{AxisPins, Hands, Saved, is_full_duplex, made};
-use standin_firmware::device::{Boot, Device, Instant};
-use standin_firmware::motion::Follower;
-use standin_firmware::shell::Shell;
 
 pub use self::pins::Wire;
 

@@ -4,10 +4,10 @@ use core::cell::Cell;
 use core::convert::Infallible;
 
 use critical_section::Mutex;
+use drivetwin_board::{End, Release};
+use drivetwin_firmware::device::{Instant, Spec};
 use embedded_hal::digital::{ErrorType, OutputPin};
 use rp2040_pac::interrupt;
-use standin_board::{End, Release};
-use standin_firmware::device::{Instant, Spec};
 
 use crate::registers::Register;
 use crate::{caught, timer};

@@ -1,9 +1,9 @@
 //! The step timer: TIMER's first alarm, with STEP and DIR.
 
+use drivetwin_board::{Axis, Timer};
+use drivetwin_firmware::device::Instant;
+use drivetwin_firmware::motion::{HIGH, StepDir};
 use rp2040_pac::interrupt;
-use standin_board::{Axis, Timer};
-use standin_firmware::device::Instant;
-use standin_firmware::motion::{HIGH, StepDir};
 
 use crate::pins;
 use crate::timer::{self, Alarm, TICKS};

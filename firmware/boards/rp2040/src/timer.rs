@@ -6,13 +6,13 @@ use core::cell::Cell;
 
 use cortex_m::asm;
 use critical_section::Mutex;
+use drivetwin_firmware::device::Instant;
 use rp2040_pac::interrupt;
-use standin_firmware::device::Instant;
 
 use crate::registers::Register;
 use crate::{caught, watchdog};
 
-/// Ticks of standin's time in a microsecond.
+/// Ticks of drivetwin's time in a microsecond.
 pub(crate) const TICKS: u64 = 16;
 
 /// TIMER (4.6.5).

@@ -7,10 +7,10 @@ use core::cell::Cell;
 use core::convert::Infallible;
 
 use critical_section::Mutex;
+use drivetwin_board::{Bus, Queue, Usart};
+use drivetwin_firmware::device::{Line, Port};
+use drivetwin_firmware::shell::Caught;
 use embedded_io::{ErrorType, Write, WriteReady};
-use standin_board::{Bus, Queue, Usart};
-use standin_firmware::device::{Line, Port};
-use standin_firmware::shell::Caught;
 
 use crate::clock::{self, MHZ};
 use crate::registers::Register;

@@ -2,9 +2,9 @@
 
 use core::sync::atomic::{AtomicBool, Ordering};
 
-use standin_board::Queue;
-use standin_firmware::device::Instant;
-use standin_firmware::shell::{Caught, Inputs};
+use drivetwin_board::Queue;
+use drivetwin_firmware::device::Instant;
+use drivetwin_firmware::shell::{Caught, Inputs};
 
 use crate::{inputs, timer};
 
@@ -46,6 +46,6 @@ impl Inputs for Ears {
         if first.is_none() && QUEUE.is_empty() {
             inputs::tell_missed();
         }
-        first.or_else(|| standin_board::untold().map(|slipped| (until, slipped)))
+        first.or_else(|| drivetwin_board::untold().map(|slipped| (until, slipped)))
     }
 }

@@ -3,7 +3,7 @@
 use crate::registers::Register;
 
 /// Cycles of the processor in a microsecond. The timer's clock is the same, and six of its cycles are a tick of
-/// standin's time: 100 MHz, which the chip can do, is no multiple of 16.
+/// drivetwin's time: 100 MHz, which the chip can do, is no multiple of 16.
 pub(crate) const MHZ: u32 = 96;
 /// The Black Pill's crystal.
 const CRYSTAL_MHZ: u32 = 25;

@@ -6,8 +6,8 @@ use core::cell::Cell;
 use core::sync::atomic::{AtomicBool, Ordering};
 
 use critical_section::Mutex;
-use standin_board::End;
-use standin_firmware::device::{Instant, Spec};
+use drivetwin_board::End;
+use drivetwin_firmware::device::{Instant, Spec};
 
 use crate::gpio::{Gpio, Output};
 use crate::registers::Register;

@@ -44,10 +44,10 @@ use core::panic::PanicInfo;
 use cortex_m::Peripherals;
 use cortex_m::peripheral::{NVIC, SCB};
 use cortex_m_rt::exception;
-use standin_board::{AxisPins, Hands, Saved, is_full_duplex, made};
-use standin_firmware::device::{Boot, Device, Instant};
-use standin_firmware::motion::Follower;
-use standin_firmware::shell::Shell;
+use drivetwin_board::{AxisPins, Hands, Saved, is_full_duplex, made};
+use drivetwin_firmware::device::{Boot, Device, Instant};
+use drivetwin_firmware::motion::Follower;
+use drivetwin_firmware::shell::Shell;
 
 use self::bus::Sender;
 use self::caught::Ears;

@@ -5,7 +5,7 @@ pub(crate) use self::probe::power;
 #[cfg(feature = "defmt")]
 mod probe {
     use defmt_rtt as _;
-    use standin_firmware::device::Boot;
+    use drivetwin_firmware::device::Boot;
 
     use crate::registers::Register;
     use crate::{clock, timer};
@@ -32,7 +32,7 @@ mod probe {
 
 #[cfg(not(feature = "defmt"))]
 mod probe {
-    use standin_firmware::device::Boot;
+    use drivetwin_firmware::device::Boot;
 
     pub(crate) fn power(_kind: &str, _boot: Boot) {}
 }

@@ -1,8 +1,8 @@
 //! The step timer: a channel of TIM2, with STEP and DIR.
 
-use standin_board::{Axis, Timer};
-use standin_firmware::device::Instant;
-use standin_firmware::motion::{HIGH, StepDir};
+use drivetwin_board::{Axis, Timer};
+use drivetwin_firmware::device::Instant;
+use drivetwin_firmware::motion::{HIGH, StepDir};
 
 use crate::timer::{self, Alarm};
 use crate::wires::{DIR, STEP};

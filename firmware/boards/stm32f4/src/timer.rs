@@ -1,6 +1,6 @@
 //! The time since the start, alarms and sleep.
 //!
-//! TIM2 counts the ticks of standin's time (13), 16 in a microsecond, so nothing is rounded. It has 32 bits, and comes
+//! TIM2 counts the ticks of drivetwin's time (13), 16 in a microsecond, so nothing is rounded. It has 32 bits, and comes
 //! round every 268 s.
 
 use core::cell::Cell;
@@ -8,7 +8,7 @@ use core::sync::atomic::{AtomicU32, Ordering};
 
 use cortex_m::asm;
 use critical_section::Mutex;
-use standin_firmware::device::{Duration, Instant};
+use drivetwin_firmware::device::{Duration, Instant};
 
 use crate::clock::MHZ;
 use crate::registers::Register;

@@ -148,13 +148,13 @@ fn a_new_line_holds_after_the_reply_has_left_with_the_old_one() {
     bed.world.lines.clear();
     bed.write(0x1c, 0x0000); // 4800 8N1
     let (left, reply) = bed.world.sent[0].clone();
-    let line = Line::new(4_800, 8, standin_protocol::line::Parity::None, 1);
+    let line = Line::new(4_800, 8, drivetwin_protocol::line::Parity::None, 1);
     assert_eq!(bed.world.lines, [(left + CHARACTER * reply.len() as u64, line)]);
 }
 
 #[test]
 fn the_manuals_lines() {
-    use standin_protocol::line::Parity::{Even, None, Odd};
+    use drivetwin_protocol::line::Parity::{Even, None, Odd};
     for (configuration, line) in [
         (0x21, Line::new(9_600, 8, Even, 1)),
         (0x00, Line::new(4_800, 8, None, 1)),

@@ -12,10 +12,10 @@ mod startup;
 use std::vec;
 use std::vec::Vec;
 
+use drivetwin_protocol::modbus::{Frame, rtu};
+use drivetwin_protocol::registers::Register;
+use drivetwin_protocol::time::Span;
 use fixed::types::I48F16;
-use standin_protocol::modbus::{Frame, rtu};
-use standin_protocol::registers::Register;
-use standin_protocol::time::Span;
 
 use super::{BUSY, DIR, GREEN, HIGH_CURRENT, J2_9, J2_10, J2_12, J3_8, MEMORY, Md3, PINS, RED, Reg, STEP};
 use crate::device::{

@@ -1,7 +1,7 @@
 //! How warm its electronics are (MC 5-38, 5-81). The manual has no figures but WT's: the rest is decided here.
 
 use crate::device::{Duration, Instant};
-use standin_protocol::time::TICKS_PER_SECOND;
+use drivetwin_protocol::time::TICKS_PER_SECOND;
 
 /// What it is at work, and what an overheated one comes to, in m°C.
 const COOL: i64 = 40_000;

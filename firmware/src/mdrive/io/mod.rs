@@ -25,7 +25,7 @@ use super::error::Error;
 use super::motion::{Channel, Contact};
 use super::{A, B, CAPTURE, INDEX, IO1, IO2, IO3, IO4, IO7, IO8};
 use crate::device::{Duration, Instant, Pin, Plan, Sink};
-use standin_protocol::time::TICKS_PER_SECOND;
+use drivetwin_protocol::time::TICKS_PER_SECOND;
 
 const PINS: [Pin; 4] = [IO1, IO2, IO3, IO4];
 

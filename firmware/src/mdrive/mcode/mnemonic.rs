@@ -2,7 +2,7 @@
 
 mod table;
 
-use standin_protocol::registers::Register;
+use drivetwin_protocol::registers::Register;
 
 use self::table::{Class, ITEMS, Item};
 use super::super::registers::{HYBRID, Reg};

@@ -1,7 +1,7 @@
 //! PR: texts and values.
 
+use drivetwin_protocol::registers::Register;
 use heapless::Vec;
-use standin_protocol::registers::Register;
 
 use super::super::drive::{Drive, Model};
 use super::super::error::Error;

@@ -13,8 +13,8 @@
 //! The first byte is stored last, on its own: power lost before leaves the log as it was. Only where there is no room
 //! any more lines that have been replaced make some, and the log does not pass until that is done.
 
+use drivetwin_protocol::modbus::rtu::crc;
 use heapless::Vec;
-use standin_protocol::modbus::rtu::crc;
 
 use super::super::drive::Drive;
 use super::super::error::Error;

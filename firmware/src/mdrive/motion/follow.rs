@@ -8,7 +8,7 @@ use fixed::types::I24F8;
 use super::orders::Activity;
 use super::{Motion, Settings};
 use crate::device::{Duration, Instant, Plan, Sink};
-use standin_protocol::time::TICKS_PER_SECOND;
+use drivetwin_protocol::time::TICKS_PER_SECOND;
 
 /// How often the speed is looked at.
 const LOOK: Duration = Duration::millis(1);

@@ -6,7 +6,7 @@ use fixed::types::I24F8;
 
 use crate::device::{Duration, Instant, Plan};
 use crate::motion::Segment;
-use standin_protocol::time::TICKS_PER_SECOND;
+use drivetwin_protocol::time::TICKS_PER_SECOND;
 
 /// What brings a shaft down to that, in steps/s²: the A and D of the factory.
 const DECELERATION: u32 = 1_000_000;

@@ -14,9 +14,9 @@ use std::string::String;
 use std::vec;
 use std::vec::Vec;
 
-use standin_protocol::modbus::tcp::{self, Header};
-use standin_protocol::registers::Register;
-use standin_protocol::time::Span;
+use drivetwin_protocol::modbus::tcp::{self, Header};
+use drivetwin_protocol::registers::Register;
+use drivetwin_protocol::time::Span;
 
 use super::{MCODE, MEMORY, MODBUS, Mdrive, Reg};
 use crate::device::{

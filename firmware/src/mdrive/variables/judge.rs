@@ -1,6 +1,6 @@
 //! Whether a value may be written, before anything is done.
 
-use standin_protocol::registers::{Register, Space};
+use drivetwin_protocol::registers::{Register, Space};
 
 use super::units::CLOSED_MICROSTEPS;
 use super::{RATIO_ONE, entry, is_number, output_bit, step};

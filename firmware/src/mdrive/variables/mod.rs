@@ -8,7 +8,7 @@ mod units;
 
 use core::ops::RangeInclusive;
 
-use standin_protocol::registers::{Entry, Register, Row, Shape};
+use drivetwin_protocol::registers::{Entry, Register, Row, Shape};
 
 pub(super) use self::judge::illegal;
 use super::drive::{Drive, Model};

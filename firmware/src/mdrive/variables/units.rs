@@ -1,6 +1,6 @@
 //! Steps and counts: EE changes the units of A, D, VI and VM, and their ranges (MC 7.3.7).
 
-use standin_protocol::registers::Legal;
+use drivetwin_protocol::registers::Legal;
 
 use super::entry;
 use crate::mdrive::drive::{Drive, motion_settings};

@@ -10,10 +10,10 @@ mod startup;
 use std::vec;
 use std::vec::Vec;
 
-use standin_protocol::line::Parity;
-use standin_protocol::modbus::rtu;
-use standin_protocol::registers::Register;
-use standin_protocol::time::Span;
+use drivetwin_protocol::line::Parity;
+use drivetwin_protocol::modbus::rtu;
+use drivetwin_protocol::registers::Register;
+use drivetwin_protocol::time::Span;
 
 use super::{ALARM, CLUTCH, FAN, HU, HV, HW, MEMORY, Mdrobot, Pid, mdrobot};
 use crate::device::{

@@ -337,7 +337,7 @@ fn a_memory_without_the_later_pids_is_good() {
     (words[17], words[18], words[19], words[22], words[23]) = (25, 5_000, 4_000, 150, 2_000);
     (words[24], words[25], words[26], words[27], words[28], words[29]) = (1_000, 10, 1_500, 240, 1, 2);
     let mut memory: Vec<u8> = words.iter().flat_map(|word| word.to_be_bytes()).collect();
-    memory.extend(standin_protocol::modbus::rtu::crc(&memory).to_be_bytes());
+    memory.extend(drivetwin_protocol::modbus::rtu::crc(&memory).to_be_bytes());
     // The file ends there.
     memory.resize(MEMORY, 0xFF);
     let mut bed = Bed::off(memory);

@@ -2,8 +2,8 @@
 
 use super::*;
 use crate::motion::Walker;
+use drivetwin_protocol::time::Span;
 use proptest::prelude::*;
-use standin_protocol::time::Span;
 use std::vec::Vec;
 
 const FACTORY: Rates = Rates::even(U24F8::const_from_int(5_000), 10_000);

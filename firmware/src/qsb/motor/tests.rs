@@ -4,8 +4,8 @@
 use std::vec;
 use std::vec::Vec;
 
+use drivetwin_protocol::time::Span;
 use proptest::prelude::*;
-use standin_protocol::time::Span;
 
 use super::*;
 use crate::device::Pin;

@@ -12,8 +12,8 @@ use std::string::{String, ToString};
 use std::vec;
 use std::vec::Vec;
 
-use standin_protocol::registers::Register;
-use standin_protocol::time::Span;
+use drivetwin_protocol::registers::Register;
+use drivetwin_protocol::time::Span;
 
 use super::{A, B, DIO0, DIO1, DIO2, DIO3, I, MEMORY, Qsb, Reg, USB};
 use crate::device::{

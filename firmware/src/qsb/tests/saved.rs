@@ -233,7 +233,7 @@ fn an_older_memory_is_still_good() {
     assert_eq!(bed.poke(Reg::SerialNumber, 12_345), Ok(()));
     assert_eq!(bed.poke(Reg::IntervalRate, 7), Ok(()));
     let image = MEMORY - 4;
-    let sum = standin_protocol::modbus::rtu::crc(&bed.world.memory[..image]).to_be_bytes();
+    let sum = drivetwin_protocol::modbus::rtu::crc(&bed.world.memory[..image]).to_be_bytes();
     bed.world.memory[image..].fill(0xFF);
     bed.world.memory[image..image + 2].copy_from_slice(&sum);
     bed.power_on(Boot { fast: true, ..Boot::default() });

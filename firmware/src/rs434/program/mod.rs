@@ -11,7 +11,7 @@ pub mod instruction;
 mod tests;
 pub(super) mod vm;
 
-use standin_protocol::modbus::rtu::crc;
+use drivetwin_protocol::modbus::rtu::crc;
 
 use self::vm::{REGISTERS, Step, Vm, World};
 use super::saved::SAVE;

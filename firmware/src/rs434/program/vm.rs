@@ -1,7 +1,7 @@
 //! What a line of the program does (6.9).
 
+use drivetwin_protocol::registers::Space;
 use heapless::Vec;
-use standin_protocol::registers::Space;
 
 use super::Program;
 use super::instruction::{Command, Form, Instruction, Operation};

@@ -11,9 +11,9 @@ mod startup;
 use std::vec;
 use std::vec::Vec;
 
-use standin_protocol::modbus::rtu;
-use standin_protocol::registers::Register;
-use standin_protocol::time::Span;
+use drivetwin_protocol::modbus::rtu;
+use drivetwin_protocol::registers::Register;
+use drivetwin_protocol::time::Span;
 
 use super::{CLR_FLASH, GREEN, HARD_STOP, IN1, IN2, MEMORY, RED, Reg, Rs434, SETTINGS, rs434544, rs434546};
 use crate::device::{

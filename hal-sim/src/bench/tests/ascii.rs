@@ -1,7 +1,7 @@
 //! Lines of Modbus ASCII: a line feed ends a message, and silence means nothing.
 
-use standin_firmware::device::{Boot, Ends, Input, Note, Output, PortSpec, Refused, Sink, Spec, Why};
-use standin_protocol::modbus::ascii;
+use drivetwin_firmware::device::{Boot, Ends, Input, Note, Output, PortSpec, Refused, Sink, Spec, Why};
+use drivetwin_protocol::modbus::ascii;
 
 use super::*;
 

@@ -1,6 +1,6 @@
 //! Lines on which each character has its time, and both directions run at once.
 
-use standin_firmware::qsb::Qsb;
+use drivetwin_firmware::qsb::Qsb;
 
 use super::*;
 

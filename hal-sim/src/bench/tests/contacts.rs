@@ -1,7 +1,7 @@
 //! Contacts of which a drive knows whether they are wired: those of an MD controller.
 
-use standin_firmware::mdrobot::mdrobot;
-use standin_firmware::motor::stepper::Parameters;
+use drivetwin_firmware::mdrobot::mdrobot;
+use drivetwin_firmware::motor::stepper::Parameters;
 
 use super::*;
 

@@ -1,8 +1,8 @@
 //! Motors: whose they are, and that the order in which anything is put on a bench does not matter.
 
-use standin_firmware::motor;
-use standin_firmware::motor::stepper::Parameters;
-use standin_firmware::rs434::rs434544;
+use drivetwin_firmware::motor;
+use drivetwin_firmware::motor::stepper::Parameters;
+use drivetwin_firmware::rs434::rs434544;
 
 use super::*;
 

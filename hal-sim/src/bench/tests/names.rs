@@ -1,6 +1,6 @@
 //! What drives, lines and motors are called.
 
-use standin_firmware::motor::stepper::Parameters;
+use drivetwin_firmware::motor::stepper::Parameters;
 
 use super::*;
 

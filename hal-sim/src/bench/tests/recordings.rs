@@ -1,7 +1,7 @@
 //! Recordings that replay.
 
-use standin_firmware::md3::Md3;
-use standin_firmware::qsb::Qsb;
+use drivetwin_firmware::md3::Md3;
+use drivetwin_firmware::qsb::Qsb;
 
 use super::*;
 use crate::trace::Recording;

@@ -1,7 +1,7 @@
 //! TCP ports: messages however they are cut, connections that come and go.
 
-use standin_firmware::device::Link;
-use standin_protocol::modbus::tcp::Broken;
+use drivetwin_firmware::device::Link;
+use drivetwin_protocol::modbus::tcp::Broken;
 
 use super::*;
 use crate::capture::{Frame, Medium, Source};

@@ -4,9 +4,9 @@
 
 use cortex_m_rt::entry;
 use counted::{count, done, group, opaque};
-use standin_firmware::counter::Channel::{self, A, B};
-use standin_firmware::counter::Ls7366r;
-use standin_firmware::device::{Duration, Instant};
+use drivetwin_firmware::counter::Channel::{self, A, B};
+use drivetwin_firmware::counter::Ls7366r;
+use drivetwin_firmware::device::{Duration, Instant};
 
 /// Between two edges: what the filter lets through.
 const GAP: Duration = Duration::from_ticks(2);

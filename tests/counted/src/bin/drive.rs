@@ -7,13 +7,13 @@ use core::convert::Infallible;
 
 use cortex_m_rt::entry;
 use counted::{count, done, group};
+use drivetwin_firmware::device::{Boot, Device, Duration, Ends, Instant, Line, Pin, Port};
+use drivetwin_firmware::shell::{Caught, Inputs, NoLinks, Outputs, Shell};
+use drivetwin_protocol::modbus::rtu;
+use drivetwin_protocol::registers::Space;
 use embedded_hal::digital::{self, OutputPin};
 use embedded_io::{Write, WriteReady};
 use embedded_storage::{ReadStorage, Storage};
-use standin_firmware::device::{Boot, Device, Duration, Ends, Instant, Line, Pin, Port};
-use standin_firmware::shell::{Caught, Inputs, NoLinks, Outputs, Shell};
-use standin_protocol::modbus::rtu;
-use standin_protocol::registers::Space;
 
 /// Place of the drive in the list of all.
 const PLACE: usize = match usize::from_str_radix(env!("PLACE"), 10) {
@@ -36,7 +36,7 @@ fn main() -> ! {
             })*
         };
     }
-    standin_firmware::devices!(pick);
+    drivetwin_firmware::devices!(pick);
     done()
 }
 

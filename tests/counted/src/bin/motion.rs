@@ -8,9 +8,9 @@ use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 
 use cortex_m_rt::entry;
 use counted::{count, done, group, opaque};
+use drivetwin_firmware::device::{Instant, Plan};
+use drivetwin_firmware::motion::{Follower, Rates, StepDir, StepTimer, Stepper, Walker};
 use fixed::types::{I24F8, U24F8};
-use standin_firmware::device::{Instant, Plan};
-use standin_firmware::motion::{Follower, Rates, StepDir, StepTimer, Stepper, Walker};
 
 /// What an interrupt and the loop share on a board.
 struct Shared<T>(UnsafeCell<T>);

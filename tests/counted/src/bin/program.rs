@@ -9,10 +9,10 @@ use core::ffi::CStr;
 
 use cortex_m_rt::entry;
 use counted::{count, done, group};
+use drivetwin_firmware::device::{Boot, Device, Duration, Instant, Output, Sink};
+use drivetwin_firmware::motor::Rig;
+use drivetwin_firmware::rs434::{LINES, MEMORY, Reg, Rs434, rs434544};
 use programs::{BUS, JMP_1, MIXED, MOV_AX_0, Program, SYSTEM};
-use standin_firmware::device::{Boot, Device, Duration, Instant, Output, Sink};
-use standin_firmware::motor::Rig;
-use standin_firmware::rs434::{LINES, MEMORY, Reg, Rs434, rs434544};
 
 /// Rounds of a program.
 const ROUNDS: u32 = 100;

@@ -6,9 +6,9 @@ use core::ffi::CStr;
 
 use cortex_m_rt::entry;
 use counted::{count, done, group};
-use standin_firmware::device::{Axis, Boot, Device, Duration, Instant, Output, Sink, advance};
-use standin_firmware::mdrobot::{Pid, mdrobot};
-use standin_firmware::rs434::{Reg, rs434544};
+use drivetwin_firmware::device::{Axis, Boot, Device, Duration, Instant, Output, Sink, advance};
+use drivetwin_firmware::mdrobot::{Pid, mdrobot};
+use drivetwin_firmware::rs434::{Reg, rs434544};
 
 /// How long it turns until it is looked at, in ms, and how long it is looked at.
 const SPEEDS_UP: u32 = 1_000;

@@ -2,9 +2,9 @@
 #![no_std]
 #![no_main]
 
+use drivetwin_firmware::counter::{Channel, Ls7366r, Transmission};
+use drivetwin_firmware::device::Instant;
 use panic_free::{opaque, perhaps_panic};
-use standin_firmware::counter::{Channel, Ls7366r, Transmission};
-use standin_firmware::device::Instant;
 
 /// Where the linker begins.
 #[unsafe(no_mangle)]

@@ -4,8 +4,8 @@
 
 use core::sync::atomic::AtomicU8;
 
+use drivetwin_firmware::device::{Axis, Boot, Device, Input, Instant, Output, Port, Sink, advance};
 use panic_free::{opaque, perhaps_panic};
-use standin_firmware::device::{Axis, Boot, Device, Input, Instant, Output, Port, Sink, advance};
 
 /// Place of the drive in the list of all.
 const PLACE: usize = match usize::from_str_radix(env!("PLACE"), 10) {
@@ -71,4 +71,4 @@ macro_rules! define {
     };
 }
 
-standin_firmware::devices!(define);
+drivetwin_firmware::devices!(define);

@@ -2,9 +2,9 @@
 #![no_std]
 #![no_main]
 
+use drivetwin_firmware::device::{Instant, Plan};
+use drivetwin_firmware::motion::{Rates, Walker};
 use panic_free::{opaque, perhaps_panic};
-use standin_firmware::device::{Instant, Plan};
-use standin_firmware::motion::{Rates, Walker};
 
 /// Where the linker begins.
 #[unsafe(no_mangle)]

@@ -2,17 +2,17 @@
 #![no_std]
 #![no_main]
 
+use drivetwin_protocol::line::Line;
+use drivetwin_protocol::modbus::pdu::{Exception, Request};
+use drivetwin_protocol::modbus::rtu::{self, Receiver, Timing};
+use drivetwin_protocol::modbus::server::{Map, Rules, Values, serve_rtu, serve_serial, serve_tcp};
+use drivetwin_protocol::modbus::tcp::{self, Adu, Header, Splitter};
+use drivetwin_protocol::modbus::{Frame, Reply, Voices, ascii, front, identification};
+use drivetwin_protocol::registers::{Bank, Register, Space};
+use drivetwin_protocol::time::{Duration, Instant};
 use panic_free::{opaque, perhaps_panic};
-use standin_protocol::line::Line;
-use standin_protocol::modbus::pdu::{Exception, Request};
-use standin_protocol::modbus::rtu::{self, Receiver, Timing};
-use standin_protocol::modbus::server::{Map, Rules, Values, serve_rtu, serve_serial, serve_tcp};
-use standin_protocol::modbus::tcp::{self, Adu, Header, Splitter};
-use standin_protocol::modbus::{Frame, Reply, Voices, ascii, front, identification};
-use standin_protocol::registers::{Bank, Register, Space};
-use standin_protocol::time::{Duration, Instant};
 
-standin_protocol::registers! {
+drivetwin_protocol::registers! {
     /// A map with a row of each kind of shape.
     enum Reg: LowFirst {
         /// A limited word, which is a coil too.
@@ -130,7 +130,7 @@ fn map(slave: &mut Slave, bytes: &[u8]) {
 }
 
 fn receive(bytes: &[u8], at: Instant) {
-    let line: Line = opaque(Line::new(9_600, 8, standin_protocol::line::Parity::Even, 1));
+    let line: Line = opaque(Line::new(9_600, 8, drivetwin_protocol::line::Parity::Even, 1));
     opaque((line.character(), Timing::of(line), front(line, bytes, opaque(Voices::All))));
     let mut receiver = opaque(Receiver::new(line));
     receiver.bytes(at, bytes);

@@ -4,17 +4,17 @@
 
 use core::convert::Infallible;
 
+use drivetwin_firmware::device::{
+    Axis, Boot, Device, Duration, Input, Instant, Line, Link, Output, Pin, Plan, Port, Refused, Sink, Spec,
+};
+use drivetwin_firmware::md3::Reg;
+use drivetwin_firmware::shell::{Came, Caught, Inputs, Links, ONE_ANSWER, Outputs, Shell};
+use drivetwin_protocol::modbus::tcp::Adu;
+use drivetwin_protocol::registers::Register;
 use embedded_hal::digital::{self, OutputPin};
 use embedded_io::{Write, WriteReady};
 use embedded_storage::{ReadStorage, Storage};
 use panic_free::{opaque, perhaps_panic};
-use standin_firmware::device::{
-    Axis, Boot, Device, Duration, Input, Instant, Line, Link, Output, Pin, Plan, Port, Refused, Sink, Spec,
-};
-use standin_firmware::md3::Reg;
-use standin_firmware::shell::{Came, Caught, Inputs, Links, ONE_ANSWER, Outputs, Shell};
-use standin_protocol::modbus::tcp::Adu;
-use standin_protocol::registers::Register;
 
 /// Any drive on any board.
 struct Anything;

@@ -4,17 +4,17 @@ use std::cell::{Cell, RefCell};
 use std::collections::VecDeque;
 use std::rc::Rc;
 
+use drivetwin_board::network::{BYTES, FRAME_BYTES, Frames, LINKS, Network, PIECES, PLACES, Piece, Places};
+use drivetwin_firmware::device::{
+    Boot, Duration, Ends, Input, Instant, Link, Port, PortSpec, Refused, Sink, Spec,
+};
+use drivetwin_firmware::shell::{Came, Links};
+use drivetwin_protocol::modbus::tcp::{Adu, Header, Splitter, read};
 use smoltcp::iface::{Config, Interface, SocketHandle, SocketSet, SocketStorage};
 use smoltcp::phy::{Device, DeviceCapabilities, RxToken, TxToken};
 use smoltcp::socket::tcp::{Socket, SocketBuffer};
 use smoltcp::time;
 use smoltcp::wire::{EthernetAddress, HardwareAddress, IpAddress, IpCidr};
-use standin_board::network::{BYTES, FRAME_BYTES, Frames, LINKS, Network, PIECES, PLACES, Piece, Places};
-use standin_firmware::device::{
-    Boot, Duration, Ends, Input, Instant, Link, Port, PortSpec, Refused, Sink, Spec,
-};
-use standin_firmware::shell::{Came, Links};
-use standin_protocol::modbus::tcp::{Adu, Header, Splitter, read};
 
 pub(crate) static SPEC: Spec = Spec {
     ports: &[
@@ -95,7 +95,7 @@ pub(crate) struct Drive {
     pub(crate) takes: bool,
 }
 
-impl standin_firmware::device::Device for Drive {
+impl drivetwin_firmware::device::Device for Drive {
     fn spec(&self) -> &'static Spec {
         &SPEC
     }

@@ -5,12 +5,12 @@ mod noise;
 
 use std::collections::VecDeque;
 
+use drivetwin_board::network::{LINKS, Network, PORTS};
+use drivetwin_firmware::device::{Device as _, Duration, Ends, Link};
+use drivetwin_firmware::shell::{Came, Links};
+use drivetwin_protocol::modbus::tcp::Adu;
 use smoltcp::iface::SocketHandle;
 use smoltcp::socket::tcp::State;
-use standin_board::network::{LINKS, Network, PORTS};
-use standin_firmware::device::{Device as _, Duration, Ends, Link};
-use standin_firmware::shell::{Came, Links};
-use standin_protocol::modbus::tcp::Adu;
 
 use cable::{Cable, End, MCODE, MODBUS, Way, echo, request};
 
@@ -91,7 +91,7 @@ fn every_tcp_port_of_every_drive_has_places() {
     macro_rules! specs {
         ($($make:expr),* $(,)?) => { [$(($make)().spec()),*] };
     }
-    for spec in standin_firmware::devices!(specs) {
+    for spec in drivetwin_firmware::devices!(specs) {
         let ports = || spec.ports.iter().filter(|port| port.is_tcp());
         assert!(ports().count() <= PORTS, "{}", spec.kind);
         assert!(ports().filter(|port| port.ends == Ends::Mbap).count() <= 1, "{}", spec.kind);

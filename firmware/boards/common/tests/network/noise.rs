@@ -1,10 +1,10 @@
 //! A network with noise, floods, and hosts that are up to nothing good.
 
+use drivetwin_board::network::{FRAME_BYTES, LINKS};
+use drivetwin_firmware::device::Link;
+use drivetwin_firmware::shell::{Came, Links};
+use drivetwin_protocol::modbus::tcp::Adu;
 use smoltcp::socket::tcp::State;
-use standin_board::network::{FRAME_BYTES, LINKS};
-use standin_firmware::device::Link;
-use standin_firmware::shell::{Came, Links};
-use standin_protocol::modbus::tcp::Adu;
 
 use crate::cable::{Cable, MCODE, MODBUS, echo, request};
 

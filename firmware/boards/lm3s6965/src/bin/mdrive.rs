@@ -3,8 +3,8 @@
 #![no_main]
 
 use cortex_m_rt::entry;
-use standin_firmware::mdrive::{MEMORY, Mdrive};
-use standin_lm3s6965::{Saved, run_on_network, wires};
+use drivetwin_firmware::mdrive::{MEMORY, Mdrive};
+use drivetwin_lm3s6965::{Saved, run_on_network, wires};
 
 #[unsafe(export_name = "SAVED")]
 #[unsafe(link_section = ".uninit.SAVED")]

@@ -3,9 +3,9 @@
 #![no_main]
 
 use cortex_m_rt::entry;
-use standin_firmware::qsb::{MEMORY, Qsb};
-use standin_firmware::shell::ANSWERS;
-use standin_lm3s6965::{Saved, run, wires};
+use drivetwin_firmware::qsb::{MEMORY, Qsb};
+use drivetwin_firmware::shell::ANSWERS;
+use drivetwin_lm3s6965::{Saved, run, wires};
 
 #[unsafe(export_name = "SAVED")]
 #[unsafe(link_section = ".uninit.SAVED")]

@@ -3,9 +3,9 @@
 #![no_main]
 
 use cortex_m_rt::entry;
-use standin_firmware::rs434::{MEMORY, rs434546};
-use standin_firmware::shell::ONE_ANSWER;
-use standin_lm3s6965::{Saved, run, wires};
+use drivetwin_firmware::rs434::{MEMORY, rs434546};
+use drivetwin_firmware::shell::ONE_ANSWER;
+use drivetwin_lm3s6965::{Saved, run, wires};
 
 #[unsafe(export_name = "SAVED")]
 #[unsafe(link_section = ".uninit.SAVED")]

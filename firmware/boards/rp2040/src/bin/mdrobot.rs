@@ -3,9 +3,9 @@
 #![no_main]
 
 use cortex_m_rt::entry;
-use standin_firmware::mdrobot::{MEMORY, mdrobot};
-use standin_firmware::shell::ONE_ANSWER;
-use standin_rp2040::{run, wires};
+use drivetwin_firmware::mdrobot::{MEMORY, mdrobot};
+use drivetwin_firmware::shell::ONE_ANSWER;
+use drivetwin_rp2040::{run, wires};
 
 #[entry]
 fn main() -> ! {

@@ -3,9 +3,9 @@
 #![no_main]
 
 use cortex_m_rt::entry;
-use standin_firmware::qsb::{MEMORY, Qsb};
-use standin_firmware::shell::ANSWERS;
-use standin_stm32f4::{run, wires};
+use drivetwin_firmware::qsb::{MEMORY, Qsb};
+use drivetwin_firmware::shell::ANSWERS;
+use drivetwin_stm32f4::{run, wires};
 
 #[entry]
 fn main() -> ! {

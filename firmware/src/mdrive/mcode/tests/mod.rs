@@ -13,8 +13,8 @@ use std::vec::Vec;
 
 use super::super::{MCODE, MEMORY, Mdrive, Reg};
 use crate::device::{Boot, Device, Input, Instant, Link, Note, Output, Port, Sink, advance};
-use standin_protocol::registers::Register;
-use standin_protocol::text::next_line;
+use drivetwin_protocol::registers::Register;
+use drivetwin_protocol::text::next_line;
 
 /// What a drive did.
 #[derive(Default)]

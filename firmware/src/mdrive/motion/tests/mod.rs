@@ -13,7 +13,7 @@ mod wild;
 
 use std::vec::Vec;
 
-use standin_protocol::time::Span;
+use drivetwin_protocol::time::Span;
 
 use super::{Contact, Event, Motion, Order, Settings};
 use crate::device::{Duration, Instant, Output, Plan, Sink};

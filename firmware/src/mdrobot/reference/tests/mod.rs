@@ -8,7 +8,7 @@ mod functions;
 mod limits;
 mod speed_input;
 
-use standin_protocol::time::Span;
+use drivetwin_protocol::time::Span;
 
 use crate::device::{Boot, Duration, Instant, Output, Pin, Sink};
 use crate::mdrobot::drive::Drive;

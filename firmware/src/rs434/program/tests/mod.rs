@@ -7,8 +7,8 @@ mod flow;
 use std::vec;
 use std::vec::Vec;
 
-use standin_protocol::registers::Space;
-use standin_protocol::time::Span;
+use drivetwin_protocol::registers::Space;
+use drivetwin_protocol::time::Span;
 
 use super::vm::{CannotWrite, Step, World};
 use super::{Program, Status, image, run};

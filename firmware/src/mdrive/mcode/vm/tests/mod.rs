@@ -10,7 +10,7 @@ use std::string::String;
 use std::vec;
 use std::vec::Vec;
 
-use standin_protocol::time::Span;
+use drivetwin_protocol::time::Span;
 
 use super::super::names::Meaning;
 use crate::device::{Boot, Device, Duration, Input, Instant, Level, Link, Output, Pin, Sink, advance};
