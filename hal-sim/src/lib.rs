@@ -2,53 +2,38 @@
 //!
 //! | module | what it holds |
 //! |---|---|
-//! | [`mod@bench`] | the bench: seats for drives, time, pins, power; what a test writes against |
-//! | [`bus`] | serial lines: whose turn it is, and when each character is where |
-//! | [`capture`] | what was on the lines |
-//! | [`faults`] | what disturbs a line |
-//! | [`mod@file`] | bench files |
-//! | [`hal`] | a board that is not there: embedded-hal, embedded-io and embedded-storage on virtual time |
-//! | [`kinds`] | which drives there are |
-//! | [`layout`] | what is on a bench, as plain data |
-//! | [`listen`] | where a port is reached, as users write it |
-//! | [`nearest`] | what somebody may have meant who mistyped a name |
-//! | [`pace`] | how time runs, as users write it |
-//! | [`pcapng`] | frames of the lines |
-//! | [`preset`] | registers set by name |
-//! | [`pulses`] | step pulses, from the plans of an axis |
+//! | [`mod@bench`] | the bench: drives, time, pins, motors, power, clients; what a test writes against |
+//! | [`board`] | simulated hardware: embedded-hal, embedded-io and embedded-storage on virtual time |
+//! | [`catalog`] | the kinds of drive |
+//! | [`config`] | bench files, and what is on a bench as plain data |
+//! | [`export`] | waveforms of the pins (VCD) and frames of the lines (pcapng) |
+//! | [`line`](mod@line) | serial lines: arbitration, complete requests, faults, collisions |
+//! | [`record`] | recordings: traces as text, captures of the lines |
+//! | [`replay`] | runs a trace again and finds the first difference |
 //! | [`rsasm`] | user programs of the RS drives as text |
-//! | [`spi`] | chips on an SPI bus |
-//! | [`trace`] | what happened, as text that people read and write |
-//! | [`replay`] | a trace once more, and the first difference |
+//! | [`signals`] | step pulses from plans of motion, and waveforms of pins |
+//! | [`suggest`] | the nearest valid name to a mistyped one |
+//! | [`testing`] | devices for tests (feature `testing`) |
 //! | [`value`] | a register's value as users see it |
-//! | [`vcd`] | waveforms of the pins |
+//!
+//! A folder uses only those above it in this list: `ids`, `rng`, `suggest`, `value`; `catalog`, `record`; `signals`,
+//! `scheduler`, `line`; `slot` (a drive on a bench); `bench`; `replay`, `export`, `config`.
 
 pub mod bench;
-pub mod bus;
-pub mod capture;
-mod collisions;
-mod dice;
-mod drives;
-#[cfg(test)]
-mod echo;
-pub mod faults;
-pub mod file;
-pub mod hal;
-pub mod kinds;
-pub mod layout;
-pub mod listen;
-pub mod nearest;
-pub mod pace;
-pub mod pcapng;
-pub mod preset;
-pub mod pulses;
+pub mod board;
+pub mod catalog;
+pub mod config;
+pub mod export;
+mod ids;
+pub mod line;
+pub mod record;
 pub mod replay;
+mod rng;
 pub mod rsasm;
-mod schedule;
-mod seat;
-pub mod spi;
-#[cfg(test)]
-mod toy;
-pub mod trace;
+mod scheduler;
+pub mod signals;
+mod slot;
+pub mod suggest;
+#[cfg(any(test, feature = "testing"))]
+pub mod testing;
 pub mod value;
-pub mod vcd;

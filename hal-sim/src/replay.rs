@@ -5,8 +5,10 @@ use std::fmt;
 use drivetwin_firmware::device::{Device, Instant};
 
 use crate::bench::{Bench, Seat, Settings, Setup};
-use crate::bus::LineMode;
-use crate::trace::{Did, Drive, Entry, Event, Fed, Make, ParseError, Trace, TraceKeep, without_comment};
+use crate::line::LineMode;
+use crate::record::trace::{
+    Did, Drive, Entry, Event, Fed, Make, ParseError, Trace, TraceKeep, without_comment,
+};
 
 /// Where a replay differs from its trace.
 #[derive(Clone, PartialEq, Eq, Debug)]

@@ -8,7 +8,7 @@ mod support;
 
 use drivetwin_protocol::time::Span;
 use drivetwin_sim::bench::{Bench, Settings};
-use drivetwin_sim::trace::TraceKeep;
+use drivetwin_sim::record::trace::TraceKeep;
 use drivetwin_tests::toy::Toy;
 
 use support::{line, took};

@@ -9,7 +9,7 @@ use drivetwin_firmware::motor::stepper::Parameters;
 use drivetwin_firmware::qsb::Qsb;
 use drivetwin_protocol::time::Span;
 use drivetwin_sim::bench::{Bench, Closed, Fitting, Settings, Setup};
-use drivetwin_sim::trace::TraceKeep;
+use drivetwin_sim::record::trace::TraceKeep;
 
 use support::{line, took};
 

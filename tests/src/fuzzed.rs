@@ -10,8 +10,10 @@ use drivetwin_protocol::modbus::rtu::{self, checked, crc};
 use drivetwin_protocol::modbus::tcp::{self, Splitter};
 use drivetwin_protocol::modbus::{self, Burst, Voices, Why, ascii};
 use drivetwin_protocol::text::{Lines, next_line};
-use drivetwin_sim::trace::Trace;
-use drivetwin_sim::{file, kinds, rsasm};
+use drivetwin_sim::catalog;
+use drivetwin_sim::config::bench_file;
+use drivetwin_sim::record::trace::Trace;
+use drivetwin_sim::rsasm;
 
 /// A target takes bytes.
 pub type Target = fn(&[u8]);
@@ -31,7 +33,7 @@ pub const PARSERS: [(&str, Target); 9] = [
 
 /// Names of all targets.
 pub fn names() -> impl Iterator<Item = &'static str> {
-    PARSERS.iter().map(|(name, _)| *name).chain(kinds::specs().map(|spec| spec.kind))
+    PARSERS.iter().map(|(name, _)| *name).chain(catalog::specs().map(|spec| spec.kind))
 }
 
 /// Runs the target of that name.
@@ -177,7 +179,7 @@ fn mcode_lines(mut bytes: &[u8]) {
     }
     assert_eq!(cut.concat(), bytes);
     assert_eq!(lines(&cut), lines(&[bytes]));
-    let mut drive = kinds::make("mdrive").expect("a kind");
+    let mut drive = catalog::make("mdrive").expect("a kind");
     let mut log = Log::new(vec![0xFF; usize::from(drive.spec().memory)]);
     drive.power_on(Instant::ZERO, Boot { seed: 1, fast: true, ..Boot::default() }, &mut log);
     let mut at = Instant::ZERO + Duration::secs(2);
@@ -200,7 +202,7 @@ fn lines(parts: &[&[u8]]) -> Vec<(Vec<u8>, bool)> {
 /// A kind of QSB, and the characters that are typed.
 fn qsb_lines(mut bytes: &[u8]) {
     let Some(kind) = take(&mut bytes) else { return };
-    let mut drive = kinds::make(["qsb-d", "qsb-m", "qsb-s"][usize::from(kind) % 3]).expect("a kind");
+    let mut drive = catalog::make(["qsb-d", "qsb-m", "qsb-s"][usize::from(kind) % 3]).expect("a kind");
     let mut log = Log::new(vec![0xFF; usize::from(drive.spec().memory)]);
     drive.power_on(Instant::ZERO, Boot { seed: 1, fast: true, ..Boot::default() }, &mut log);
     let mut at = Instant::ZERO + Duration::secs(1);
@@ -214,7 +216,7 @@ fn qsb_lines(mut bytes: &[u8]) {
 /// A bench file: is read, or refused in one sentence at a place that it has.
 fn bench_file(bytes: &[u8]) {
     let Ok(text) = std::str::from_utf8(bytes) else { return };
-    if let Err(error) = file::parse(text) {
+    if let Err(error) = bench_file::parse(text) {
         assert!(error.line >= 1 && error.line <= text.lines().count() + 1 && error.column >= 1, "{error}");
         assert!(!error.what.is_empty());
     }
@@ -223,7 +225,7 @@ fn bench_file(bytes: &[u8]) {
 /// A trace: what is read is written so that it reads the same.
 fn trace(bytes: &[u8]) {
     let Ok(text) = std::str::from_utf8(bytes) else { return };
-    let make = |kind: &str| kinds::make(kind).ok();
+    let make = |kind: &str| catalog::make(kind).ok();
     if let Ok(trace) = Trace::parse(text, &make) {
         let text = trace.to_text();
         let again = Trace::parse(&text, &make).unwrap_or_else(|error| panic!("{error}:\n{text}"));
@@ -242,7 +244,7 @@ fn program(bytes: &[u8]) {
 /// The kind, how it starts, and a saved memory: with check sums that hold, or as it is. Nothing is stored without a save.
 fn memory(mut bytes: &[u8]) {
     let (Some(kind), Some(how)) = (take(&mut bytes), take(&mut bytes)) else { return };
-    let specs: Vec<_> = kinds::specs().collect();
+    let specs: Vec<_> = catalog::specs().collect();
     let spec = specs[usize::from(kind) % specs.len()];
     let saved: u16 =
         spec.registers.rows.iter().filter(|row| row.saved != 0).map(|row| row.shape.words()).sum();
@@ -258,7 +260,7 @@ fn memory(mut bytes: &[u8]) {
             }
         }
     }
-    let mut drive = kinds::make(spec.kind).expect("a kind");
+    let mut drive = catalog::make(spec.kind).expect("a kind");
     let mut log = Log::new(memory.clone());
     drive.power_on(Instant::ZERO, Boot { seed: 1, fast: how & 1 != 0, ..Boot::default() }, &mut log);
     settle(&mut *drive, Instant::ZERO + Duration::secs(1), &mut log);
@@ -367,7 +369,7 @@ fn drive(kind: &str, mut bytes: &[u8]) {
     let Some(how) = take(&mut bytes) else { return };
     let boot = Boot { seed: 1, fast: how & 1 != 0, ..Boot::default() };
     let new = || {
-        let mut drive = kinds::make(kind).unwrap_or_else(|error| panic!("{error}"));
+        let mut drive = catalog::make(kind).unwrap_or_else(|error| panic!("{error}"));
         let mut log = Log::new(vec![0xFF; usize::from(drive.spec().memory)]);
         drive.power_on(Instant::ZERO, boot, &mut log);
         (drive, log)

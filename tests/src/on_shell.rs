@@ -2,8 +2,8 @@
 
 use drivetwin_firmware::device::{Boot, Device, Duration, Ends, Instant, Level, Line, Pin};
 use drivetwin_firmware::shell::{ANSWERS, Came, Caught, Inputs, ONE_ANSWER, Shell};
-use drivetwin_sim::hal::{Board, Done, SimOutputs};
-use drivetwin_sim::trace::{Course, Did, Drive, Event, Fed, Power, Trace};
+use drivetwin_sim::board::virtual_board::{Board, Done, SimOutputs};
+use drivetwin_sim::record::trace::{Course, Did, Drive, Event, Fed, Power, Trace};
 
 /// What a drive did, as a board shows it: pins as the levels they take, one after the other.
 #[derive(Clone, PartialEq, Debug)]

@@ -6,7 +6,7 @@ use drivetwin_firmware::rs434::{rs434544, rs434546};
 use drivetwin_protocol::modbus::rtu;
 use drivetwin_protocol::time::{Duration, Instant, Span};
 use drivetwin_sim::bench::{Bench, Driving, Motion, PowerAction, Seat, Settings, Setup};
-use drivetwin_sim::bus::LineMode;
+use drivetwin_sim::line::LineMode;
 
 /// Both models, as users type them.
 pub const KINDS: [&str; 2] = ["rs434544", "rs434546"];

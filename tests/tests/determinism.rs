@@ -9,9 +9,10 @@ use drivetwin_firmware::motor::stepper::Parameters;
 use drivetwin_protocol::modbus::rtu;
 use drivetwin_protocol::time::{Duration, Span};
 use drivetwin_sim::bench::{Bench, Closed, Driving, Fitting, PowerAction, Settings, Setup};
-use drivetwin_sim::file;
-use drivetwin_sim::trace::TraceKeep;
-use drivetwin_sim::{kinds, pcapng};
+use drivetwin_sim::catalog;
+use drivetwin_sim::config::bench_file;
+use drivetwin_sim::export::pcapng;
+use drivetwin_sim::record::trace::TraceKeep;
 use proptest::prelude::*;
 
 /// The parts of a bench file.
@@ -103,7 +104,7 @@ static PLAYED: LazyLock<Left> = LazyLock::new(|| play(&PARTS, 1, &[]));
 
 /// Plays on the bench of `parts`, and looks at it after each of `chunks`, again and again.
 fn play(parts: &[&str], seed: u64, chunks: &[Duration]) -> Left {
-    let layout = file::parse(&parts.join("\n\n")).unwrap_or_else(|error| panic!("{error}"));
+    let layout = bench_file::parse(&parts.join("\n\n")).unwrap_or_else(|error| panic!("{error}"));
     let keep = TraceKeep::All;
     let settings = Settings { seed, trace: keep, capture: keep, ..layout.settings() };
     let mut bench = layout.build(settings, Vec::new()).unwrap().bench;
@@ -163,7 +164,7 @@ fn by_hand(seats: &[&str], lots: &[usize]) -> Left {
     for &name in seats {
         let kind = if name == "reader" { "qsb-m" } else { "md3" };
         let setup = Setup { boot_fast: true, ..Setup::default() };
-        bench.seat(name, kinds::make(kind).unwrap(), setup).unwrap();
+        bench.seat(name, catalog::make(kind).unwrap(), setup).unwrap();
     }
     let seat = |name: &str| bench.seat_named(name).unwrap();
     let [x, y, reader] = ["x", "y", "reader"].map(seat);

@@ -8,11 +8,11 @@ use drivetwin_firmware::md3::Md3;
 use drivetwin_protocol::modbus::rtu;
 use drivetwin_protocol::time::Span;
 use drivetwin_sim::bench::{Bench, Settings};
-use drivetwin_sim::kinds;
-use drivetwin_sim::pcapng::Pcapng;
+use drivetwin_sim::catalog;
+use drivetwin_sim::export::pcapng::Pcapng;
+use drivetwin_sim::export::vcd::Waves;
+use drivetwin_sim::record::trace::{Recording, Trace, TraceKeep, whole_lines};
 use drivetwin_sim::replay;
-use drivetwin_sim::trace::{Recording, Trace, TraceKeep, whole_lines};
-use drivetwin_sim::vcd::Waves;
 
 /// A file that takes so many bytes, a few at a time, and is interrupted in between.
 struct Failing<'a> {
@@ -110,7 +110,7 @@ fn a_file_on_a_failing_disk_is_the_beginning_of_the_whole_one_and_the_error_is_t
 
 #[test]
 fn a_recording_on_a_failing_disk_replays_as_far_as_it_goes() {
-    let make = |kind: &str| kinds::make(kind).ok();
+    let make = |kind: &str| catalog::make(kind).ok();
     let (whole, _) = written(record, usize::MAX, io::ErrorKind::Other);
     // Behind the header: without a drive there is nothing to be replayed.
     let header = whole.windows(4).position(|window| window == b"md3\n").expect("a drive") + 4;

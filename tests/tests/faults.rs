@@ -9,10 +9,10 @@ use drivetwin_firmware::rs434::rs434544;
 use drivetwin_protocol::modbus::rtu;
 use drivetwin_protocol::time::{Duration, Instant, Span};
 use drivetwin_sim::bench::{Bench, Client, PowerAction, Seat, Settings, Setup};
-use drivetwin_sim::bus::LineMode;
-use drivetwin_sim::capture::{Frame, Medium, Source};
-use drivetwin_sim::faults::LineFaults;
-use drivetwin_sim::trace::TraceKeep;
+use drivetwin_sim::line::LineMode;
+use drivetwin_sim::line::faults::LineFaults;
+use drivetwin_sim::record::capture::{Frame, Medium, Source};
+use drivetwin_sim::record::trace::TraceKeep;
 use drivetwin_tests::{md3, rs434};
 
 /// When all drives are ready: an RS takes half a second (RS, decision 9).

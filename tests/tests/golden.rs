@@ -8,8 +8,8 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use drivetwin_firmware::device::{Device, Instant};
+use drivetwin_sim::record::trace::{Event, Fed, Power, Trace};
 use drivetwin_sim::replay;
-use drivetwin_sim::trace::{Event, Fed, Power, Trace};
 use drivetwin_tests::on_shell::{self, Seen};
 
 /// A kind of drive, as its traces need it.

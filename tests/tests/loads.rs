@@ -9,7 +9,7 @@ use drivetwin_firmware::device::Fault;
 use drivetwin_protocol::modbus::rtu;
 use drivetwin_protocol::time::{Duration, Span};
 use drivetwin_sim::bench::{Bench, Driving, Motor, PowerAction, Seat};
-use drivetwin_sim::file;
+use drivetwin_sim::config::bench_file;
 use drivetwin_tests::md3::{self, at, bit};
 
 /// Bits of QuadratureEncoderConfiguration: x4, counts to MaxCount (7.11).
@@ -33,7 +33,7 @@ impl Bed {
              rated_ma = 2000\npull_out_rpm = 600\ninertia_gcm2 = 400\nfriction_mnm = 20\nload_mnm = {load_mnm}\n\
              [[encoder]]\nmotor = 'm'\ncycles_per_rev = 500\nto = {{ a = 'x.J2.10', b = 'x.J2.12' }}\n"
         );
-        let layout = file::parse(&text).unwrap_or_else(|error| panic!("{error}"));
+        let layout = bench_file::parse(&text).unwrap_or_else(|error| panic!("{error}"));
         let built = layout.build(layout.settings(), Vec::new()).unwrap_or_else(|error| panic!("{error}"));
         let mut bed = Self { bench: built.bench, x: built.seats[0], motor: built.motors[0], began: 0 };
         bed.wait(1.millis());
@@ -200,7 +200,7 @@ fn current_that_comes_back_holds_the_shaft_where_it_is() {
 #[test]
 fn each_kind_says_what_is_not_modelled_of_its_motor() {
     let says = |kind: &str, what: &str| {
-        let device = drivetwin_sim::kinds::make(kind).unwrap();
+        let device = drivetwin_sim::catalog::make(kind).unwrap();
         device.spec().not_modelled.iter().any(|line| line.contains(what))
     };
     for kind in ["md3", "md3-low", "mdrive", "mdrive-hybrid"] {

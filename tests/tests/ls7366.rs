@@ -14,7 +14,7 @@ use drivetwin_firmware::counter::Channel::{self, A, B, Index};
 use drivetwin_firmware::counter::Ls7366r;
 use drivetwin_firmware::counter::status::{BW, CEN, CMP, CY, IDX, PLS, S, UP};
 use drivetwin_protocol::time::Instant;
-use drivetwin_sim::spi::Counter;
+use drivetwin_sim::board::spi::Counter;
 use embedded_hal::spi::SpiDevice as _;
 use embedded_hal_02::blocking::spi;
 use ls7366::ir::InstructionRegister;

@@ -5,15 +5,15 @@ use drivetwin_firmware::device::{Axis, Device, Duration, Instant, Pin};
 use drivetwin_protocol::modbus::rtu;
 use drivetwin_protocol::time::Span;
 use drivetwin_sim::bench::{Bench, Driving, Motor, PowerAction, Seat, Settings};
-use drivetwin_sim::file;
-use drivetwin_sim::layout::Built;
-use drivetwin_sim::pulses::Pulse;
+use drivetwin_sim::config::bench_file;
+use drivetwin_sim::config::layout::Built;
+use drivetwin_sim::record::trace::{Event, Fed, Trace, TraceKeep};
 use drivetwin_sim::replay;
-use drivetwin_sim::trace::{Event, Fed, Trace, TraceKeep};
+use drivetwin_sim::signals::pulses::Pulse;
 use drivetwin_tests::md3::{at, bit};
 
 fn make(kind: &str) -> Option<Box<dyn Device>> {
-    drivetwin_sim::kinds::make(kind).ok()
+    drivetwin_sim::catalog::make(kind).ok()
 }
 
 /// A bench of the drive `x`, an MD3 that has just started, with the motor `m`.
@@ -26,7 +26,7 @@ struct Rig {
 impl Rig {
     #[track_caller]
     fn new(text: &str) -> Self {
-        let layout = file::parse(text).unwrap_or_else(|error| panic!("{error}"));
+        let layout = bench_file::parse(text).unwrap_or_else(|error| panic!("{error}"));
         let settings = Settings { trace: TraceKeep::All, ..layout.settings() };
         let built = layout.build(settings, Vec::new()).unwrap_or_else(|error| panic!("{error}"));
         let Built { mut bench, seats, motors, .. } = built;

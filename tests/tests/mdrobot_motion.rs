@@ -7,7 +7,7 @@ use drivetwin_firmware::mdrobot::mdrobot;
 use drivetwin_firmware::motor::Parameters;
 use drivetwin_protocol::time::Span;
 use drivetwin_sim::bench::{Bench, Fitting, Motor, Seat, Settings, Setup};
-use drivetwin_sim::bus::LineMode;
+use drivetwin_sim::line::LineMode;
 use proptest::prelude::*;
 
 /// New memory, and nobody else.

@@ -12,8 +12,8 @@ use drivetwin_protocol::time::Span;
 use drivetwin_sim::bench::{
     Bench, CYCLES_PER_REV, Client, Closed, FURTHEST_REV, Fitting, Motor, PowerAction, Seat, Settings, Setup,
 };
+use drivetwin_sim::record::trace::{Did, Event, Fed, Trace, TraceKeep};
 use drivetwin_sim::replay;
-use drivetwin_sim::trace::{Did, Event, Fed, Trace, TraceKeep};
 use drivetwin_tests::rs434::{BOOT, at};
 
 const AXIS: Axis = Axis(0);

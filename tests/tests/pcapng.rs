@@ -8,9 +8,9 @@ use drivetwin_firmware::qsb::Qsb;
 use drivetwin_protocol::modbus::rtu;
 use drivetwin_protocol::time::{Duration, Span};
 use drivetwin_sim::bench::{Bench, Bus, PowerAction, Seat, Settings, Setup};
-use drivetwin_sim::capture::Source;
-use drivetwin_sim::pcapng::{self, Blocks, Packet, Pcapng, Protocol, Way};
-use drivetwin_sim::trace::TraceKeep;
+use drivetwin_sim::export::pcapng::{self, Blocks, Packet, Pcapng, Protocol, Way};
+use drivetwin_sim::record::capture::Source;
+use drivetwin_sim::record::trace::TraceKeep;
 use proptest::prelude::*;
 
 /// A packet as it is found in a file.

@@ -4,7 +4,7 @@
 
 use drivetwin_firmware::device::{Boot, Device, Instant, Output, Sink, advance};
 use drivetwin_protocol::time::Span;
-use drivetwin_sim::kinds;
+use drivetwin_sim::catalog;
 
 /// A memory that holds what comes before power is lost.
 struct Memory {
@@ -119,7 +119,7 @@ struct Drive {
 
 impl Drive {
     fn wake(kind: &Kind, memory: Memory) -> Self {
-        let device = kinds::make(kind.kind).unwrap();
+        let device = catalog::make(kind.kind).unwrap();
         let mut drive = Self { device, memory, now: Instant::ZERO };
         drive.device.power_on(drive.now, Boot { fast: true, ..Boot::default() }, &mut drive.memory);
         // A bad memory may make a start longer.
@@ -180,9 +180,12 @@ fn written(kind: &Kind) -> Vec<Vec<(&'static str, i64)>> {
 
 #[test]
 fn power_lost_at_any_byte_of_a_save_mixes_nothing() {
-    assert!(KINDS.iter().map(|kind| kind.kind).eq(kinds::specs().map(|spec| spec.kind)), "a kind is missing");
+    assert!(
+        KINDS.iter().map(|kind| kind.kind).eq(catalog::specs().map(|spec| spec.kind)),
+        "a kind is missing"
+    );
     for kind in &KINDS {
-        let size = usize::from(kinds::make(kind.kind).unwrap().spec().memory);
+        let size = usize::from(catalog::make(kind.kind).unwrap().spec().memory);
         let mut memory = vec![0xFF; size];
         let factory = Drive::wake(kind, Memory::of(&memory, 0)).values(kind);
         let mut old = factory;

@@ -7,8 +7,8 @@ use drivetwin_firmware::md3::Md3;
 use drivetwin_firmware::qsb::Qsb;
 use drivetwin_protocol::time::Span;
 use drivetwin_sim::bench::{Bench, Client, Seat, Settings, Setup};
-use drivetwin_sim::pulses::Pulse;
-use drivetwin_sim::trace::TraceKeep;
+use drivetwin_sim::record::trace::TraceKeep;
+use drivetwin_sim::signals::pulses::Pulse;
 
 const AXIS: Axis = Axis(0);
 

@@ -6,7 +6,7 @@ use drivetwin_firmware::device::{Boot, Duration, Ends, Input, Instant, Output, P
 use drivetwin_protocol::modbus::rtu::{self, checked, crc};
 use drivetwin_protocol::modbus::tcp;
 use drivetwin_sim::bench::{Bench, Client, Settings, Setup};
-use drivetwin_sim::kinds;
+use drivetwin_sim::catalog;
 use proptest::prelude::*;
 
 /// Longer than any drive starts, with `boot_fast`.
@@ -19,7 +19,7 @@ const SERIAL: Port = Port(0);
 
 /// Kinds of drive with a port where messages end so.
 fn kinds_of(ends: Ends) -> Vec<&'static str> {
-    let kinds: Vec<_> = kinds::specs()
+    let kinds: Vec<_> = catalog::specs()
         .filter(|spec| spec.ports.iter().any(|port| port.ends == ends))
         .map(|spec| spec.kind)
         .collect();
@@ -52,7 +52,7 @@ impl Sink for Said {
 
 /// Answers of a drive to each frame with a second of silence behind it: there is no host.
 fn with_silences(kind: &str, frames: &[Vec<u8>]) -> Vec<Vec<u8>> {
-    let mut drive = kinds::make(kind).expect("a kind");
+    let mut drive = catalog::make(kind).expect("a kind");
     let mut said = Said { memory: vec![0xFF; usize::from(drive.spec().memory)], bytes: Vec::new() };
     drive.power_on(Instant::ZERO, Boot { seed: 1, fast: true, ..Boot::default() }, &mut said);
     let mut at = Instant::ZERO + START;
@@ -70,7 +70,7 @@ fn with_silences(kind: &str, frames: &[Vec<u8>]) -> Vec<Vec<u8>> {
 /// A bench with a drive of that kind that has started.
 fn bench(kind: &str) -> Bench {
     let mut bench = Bench::with(Settings::default());
-    let drive = kinds::make(kind).expect("a kind");
+    let drive = catalog::make(kind).expect("a kind");
     bench
         .seat("x", drive, Setup { boot_fast: true, ..Setup::default() })
         .expect("a drive that can be seated");
@@ -180,7 +180,7 @@ impl Request {
 
 /// Addresses of drives as they come.
 fn unit(kind: &str) -> u8 {
-    let drive = kinds::make(kind).expect("a kind");
+    let drive = catalog::make(kind).expect("a kind");
     let spec = drive.spec();
     let row = &spec.registers.rows[spec.address.expect("a bus address")];
     u8::try_from(row.reset).expect("a bus address")

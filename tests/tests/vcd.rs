@@ -8,7 +8,7 @@ use drivetwin_firmware::md3::Md3;
 use drivetwin_protocol::modbus::rtu;
 use drivetwin_protocol::time::{Duration, Span};
 use drivetwin_sim::bench::{Bench, Driving, PowerAction, Settings};
-use drivetwin_sim::trace::TraceKeep;
+use drivetwin_sim::record::trace::TraceKeep;
 use drivetwin_tests::exact::step_instants;
 use drivetwin_tests::md3::{at, bit, write, write_pair};
 use vcd::{Command, IdCode, Parser, SimulationCommand, TimescaleUnit, Value};
@@ -28,7 +28,7 @@ struct File {
 impl File {
     fn of(bench: &Bench) -> Self {
         let mut text = Vec::new();
-        drivetwin_sim::vcd::write(bench.trace(), &mut text).unwrap();
+        drivetwin_sim::export::vcd::write(bench.trace(), &mut text).unwrap();
         let mut parser = Parser::new(&text[..]);
         let header = parser.parse_header().unwrap();
         assert_eq!(header.timescale, Some((100, TimescaleUnit::PS)));

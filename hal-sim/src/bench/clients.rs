@@ -3,7 +3,7 @@
 use drivetwin_firmware::device::{Duration, Instant, Port};
 
 use super::{Bench, Bus, Client, Seat};
-use crate::bus::{Mark, Outside, Sender};
+use crate::line::{Mark, Outside, Sender};
 
 /// Clients.
 impl Bench {

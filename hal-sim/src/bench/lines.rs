@@ -6,9 +6,9 @@ use drivetwin_protocol::modbus::ascii;
 use drivetwin_protocol::modbus::rtu::Timing;
 
 use super::{Bench, Bus, Seat};
-use crate::bus::{LineMode, Wire};
-use crate::schedule::Class;
-use crate::trace::{self, Fed};
+use crate::line::{LineMode, Wire};
+use crate::record::trace::{self, Fed};
+use crate::scheduler::Class;
 
 /// The silence that ends a message on a line of Modbus: in ASCII none, because a line feed does.
 pub(super) fn silence_after(line: Line) -> Duration {

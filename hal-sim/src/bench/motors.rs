@@ -1,7 +1,7 @@
 //! Motors of their own.
 //!
 //! A motor hears what its drive does a tick later, and what it does arrives a tick later: at its drive the edges of
-//! Hall sensors and the current that it draws, elsewhere what the [sensors](super::sensors) on its shaft show.
+//! Hall sensors and the current that it draws, elsewhere what the [sensors](super::shaft_sensors) on its shaft show.
 
 use std::collections::VecDeque;
 
@@ -11,11 +11,12 @@ use drivetwin_firmware::device::{
 use drivetwin_firmware::motor::{self, HALL_PINS, Pace, Rotor, STALL, stepper};
 use drivetwin_protocol::time::TICKS_PER_SECOND;
 
-use super::sensors::{Sees, Sensor};
+use super::events::What;
+use super::shaft_sensors::{Sees, Sensor};
 use super::{Bench, Seat};
-use crate::schedule::{Class, What};
-use crate::seat::{Told, Wakes};
-use crate::trace::{self, Fed};
+use crate::record::trace::{self, Fed};
+use crate::scheduler::Class;
+use crate::slot::{Told, Wakes};
 
 /// A motor on the bench.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]

@@ -15,7 +15,7 @@ use drivetwin_protocol::registers::{Register as _, Space};
 
 use super::cursor::{Cursor, Place, Token};
 use super::{Error, RELATIVE, SPACES, SYSTEM, WAYS, WORD, ZERO};
-use crate::nearest;
+use crate::suggest;
 
 /// Where a jump may go to (6.9). A program has no line 1024, but the manual prints it.
 const TARGETS: RangeInclusive<i64> = 0..=1_024;
@@ -130,7 +130,7 @@ impl<'a> Names<'a> {
             (_, Some(code)) => Ok(Content::Command(code, COMMANDS[usize::from(code)])),
             (_, None) => {
                 let known = MNEMONICS.into_iter().chain([WORD, ZERO]);
-                Err(place.error(nearest::unknown("command", word, known)))
+                Err(place.error(suggest::unknown("command", word, known)))
             }
         }
     }
@@ -174,7 +174,7 @@ impl<'a> Names<'a> {
     /// There is no constant, or label, of that name.
     fn unknown(&self, what: &str, name: &str) -> String {
         let same = |meaning: &Meaning| matches!(meaning, Meaning::Label(_)) == (what == "label");
-        nearest::unknown(
+        suggest::unknown(
             what,
             name,
             self.0.iter().filter(|(_, meaning)| same(meaning)).map(|(name, _)| *name),
@@ -308,7 +308,7 @@ impl Reader<'_, '_> {
         };
         match SYSTEM.iter().position(|known| *known == name) {
             Some(number) => Ok(number as u32),
-            None => Err(place.error(nearest::unknown("system register", name, SYSTEM.into_iter()))),
+            None => Err(place.error(suggest::unknown("system register", name, SYSTEM.into_iter()))),
         }
     }
 
@@ -325,7 +325,7 @@ impl Reader<'_, '_> {
         }
         let table = Reg::TABLE;
         let unknown =
-            || place.error(nearest::unknown("register", name, table.rows.iter().map(|row| row.name)));
+            || place.error(suggest::unknown("register", name, table.rows.iter().map(|row| row.name)));
         let named = table.find(name).ok_or_else(unknown)?;
         let row = table.rows.get(named.row).ok_or_else(unknown)?;
         let space = SPACES.iter().position(|(_, space)| *space == row.space).ok_or_else(unknown)?;

@@ -4,8 +4,9 @@ use drivetwin_firmware::device::{Duration, Encoder, Ends, Fault, Pin, Role, Spec
 use drivetwin_protocol::registers::{Row, Space};
 use drivetwin_protocol::time::Span;
 use drivetwin_sim::bench::{Driving, PowerAction};
-use drivetwin_sim::faults::LineFaults;
-use drivetwin_sim::{file, kinds};
+use drivetwin_sim::catalog;
+use drivetwin_sim::config::bench_file;
+use drivetwin_sim::line::faults::LineFaults;
 use fastrand::Rng;
 
 use crate::dialect::{self, Family, one_of};
@@ -25,7 +26,7 @@ struct Drive {
 /// The plan of a seed.
 pub(crate) fn plan(seed: u64) -> Plan {
     let mut rng = Rng::with_seed(seed);
-    let specs: Vec<&Spec> = kinds::specs().collect();
+    let specs: Vec<&Spec> = catalog::specs().collect();
     let mut plan =
         Plan { seed: rng.u32(..).into(), fast: rng.u8(..6) == 0, parts: Vec::new(), steps: Vec::new() };
     let count = 1 + rng.usize(..NAMES.len()).min(rng.usize(..NAMES.len()));
@@ -50,7 +51,7 @@ pub(crate) fn plan(seed: u64) -> Plan {
 /// Adds a part, if the bench file is still one.
 fn add(plan: &mut Plan, part: String) {
     plan.parts.push(part);
-    if file::parse(&plan.bench_file()).is_err() {
+    if bench_file::parse(&plan.bench_file()).is_err() {
         plan.parts.pop();
     }
 }
@@ -300,7 +301,7 @@ mod tests {
     #[test]
     fn plans_have_all_kinds_and_tables_and_steps() {
         let plans: Vec<String> = SEEDS.map(|seed| plan(seed).to_string()).collect();
-        let kinds = kinds::specs().map(|spec| format!("kind = \"{}\"", spec.kind));
+        let kinds = catalog::specs().map(|spec| format!("kind = \"{}\"", spec.kind));
         let tables = ["bus", "motor", "encoder", "switch", "wire"].map(|table| format!("[[{table}]]"));
         let steps = [
             "wait",

@@ -2,8 +2,8 @@
 //! when they are called at each deadline.
 
 use drivetwin_firmware::device::{Boot, Device, Duration, Input, Instant, Output, Sink, advance, feed};
-use drivetwin_sim::kinds;
-use drivetwin_sim::trace::{Did, Event, Fed, Power, Trace};
+use drivetwin_sim::catalog;
+use drivetwin_sim::record::trace::{Did, Event, Fed, Power, Trace};
 use fastrand::Rng;
 
 use crate::oracle::Failure;
@@ -126,7 +126,7 @@ pub(crate) fn judge(trace: &Trace) -> Result<(), Failure> {
 /// Feeds a drive what a trace says, punctually or `late`, and returns what it puts.
 fn play(trace: &Trace, place: usize, late: Option<Rng>) -> Result<Vec<String>, Failure> {
     let drive = &trace.drives[place];
-    let device = kinds::make(drive.spec.kind).map_err(|error| Failure::new("no such kind", error))?;
+    let device = catalog::make(drive.spec.kind).map_err(|error| Failure::new("no such kind", error))?;
     let log = Log { memory: drive.memory.clone(), lines: Vec::new() };
     let (powered, waiting, last) = (true, Vec::new(), drive.from);
     let mut alone = Alone { device, log, name: &drive.name, powered, late, waiting, last };

@@ -4,8 +4,9 @@ use std::cell::RefCell;
 use std::fmt;
 use std::panic::{self, AssertUnwindSafe};
 
-use drivetwin_sim::trace::Trace;
-use drivetwin_sim::{kinds, replay};
+use drivetwin_sim::catalog;
+use drivetwin_sim::record::trace::Trace;
+use drivetwin_sim::replay;
 use peak_alloc::PeakAlloc;
 
 use crate::late;
@@ -152,7 +153,7 @@ fn recorded(life: &Life) -> Result<(), Failure> {
     };
     let told = life.bench.trace().to_text();
     differ("a recording is not what happened", &sorted(&told), &sorted(&life.recording))?;
-    let make = |kind: &str| kinds::make(kind).ok();
+    let make = |kind: &str| catalog::make(kind).ok();
     let recorded = Trace::parse(&life.recording, &make)
         .map_err(|error| Failure::new("a recording that cannot be read", error))?;
     match replay::run(&recorded, &make) {

@@ -4,7 +4,7 @@ use std::fmt;
 
 use drivetwin_firmware::device::{Duration, Encoder, Fault, Pin};
 use drivetwin_sim::bench::{Driving, PowerAction};
-use drivetwin_sim::faults::LineFaults;
+use drivetwin_sim::line::faults::LineFaults;
 
 /// The name of a drive; also of its motor, behind `motor-`.
 pub(crate) type Name = &'static str;

@@ -5,9 +5,9 @@ use std::collections::BTreeMap;
 use drivetwin_firmware::device::{Duration, Instant, Port};
 use drivetwin_protocol::time::Span;
 use drivetwin_sim::bench::{Bench, Client, PowerAction, Seat, Settings, Setup};
-use drivetwin_sim::file;
-use drivetwin_sim::layout::Layout;
-use drivetwin_sim::trace::{Recording, TraceKeep};
+use drivetwin_sim::config::bench_file;
+use drivetwin_sim::config::layout::Layout;
+use drivetwin_sim::record::trace::{Recording, TraceKeep};
 use fastrand::Rng;
 
 use crate::dialect::Family;
@@ -98,7 +98,8 @@ pub(crate) struct Runner<'a> {
 
 /// Runs a plan.
 pub(crate) fn run(plan: &Plan, mode: Mode) -> Result<Happened, Failure> {
-    let mut layout = file::parse(&plan.bench_file()).map_err(|error| Failure::new("no bench file", error))?;
+    let mut layout =
+        bench_file::parse(&plan.bench_file()).map_err(|error| Failure::new("no bench file", error))?;
     let (bench, recording) = build(&layout, mode, Vec::new())?;
     let addresses = NAMES.iter().filter_map(|name| Some((*name, address(&bench, name)?))).collect();
     // Later lives find them in their memories.
@@ -316,7 +317,7 @@ impl Runner<'_> {
     pub(crate) fn quiet(&mut self, name: Name) -> Result<(), Failure> {
         self.with(name, |bench, seat| {
             if let Some(bus) = bench.bus(seat, Port(0)) {
-                bench.disturb(bus, drivetwin_sim::faults::LineFaults::NONE);
+                bench.disturb(bus, drivetwin_sim::line::faults::LineFaults::NONE);
             }
         });
         // At 1,200 baud, and doubled, garbage takes some seconds.

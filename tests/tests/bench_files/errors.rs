@@ -1,11 +1,11 @@
 //! What is said of a file that is wrong, and where.
 
-use drivetwin_sim::file;
+use drivetwin_sim::config::bench_file;
 
 /// What is said of `text`.
 #[track_caller]
 fn wrong(text: &str) -> String {
-    match file::parse(text) {
+    match bench_file::parse(text) {
         Ok(_) => panic!("nothing is wrong with {text:?}"),
         Err(error) => error.to_string(),
     }

@@ -6,7 +6,7 @@ use drivetwin_protocol::modbus::rtu;
 use drivetwin_protocol::modbus::tcp::{Header, frame};
 use drivetwin_protocol::time::Span;
 use drivetwin_sim::bench::{Bench, PowerAction, Seat};
-use drivetwin_sim::file;
+use drivetwin_sim::config::bench_file;
 
 use super::{ask, built, seat};
 
@@ -171,7 +171,7 @@ fn what_is_refused() {
         ),
     ] {
         let text = format!("[[drive]]\nname = 'x'\nkind = '{kind}'\nset = {{ {set} }}\n");
-        let told = file::parse(&text).err().unwrap_or_else(|| panic!("{set} is taken")).to_string();
+        let told = bench_file::parse(&text).err().unwrap_or_else(|| panic!("{set} is taken")).to_string();
         assert!(told.ends_with(sentence), "{told}");
     }
 }

@@ -11,13 +11,13 @@ mod values;
 
 use drivetwin_firmware::device::Instant;
 use drivetwin_sim::bench::{Bench, Client, Seat, Settings};
-use drivetwin_sim::file;
-use drivetwin_sim::layout::{Built, Layout};
-use drivetwin_sim::trace::TraceKeep;
+use drivetwin_sim::config::bench_file;
+use drivetwin_sim::config::layout::{Built, Layout};
+use drivetwin_sim::record::trace::TraceKeep;
 
 #[track_caller]
 fn layout(text: &str) -> Layout {
-    file::parse(text).unwrap_or_else(|error| panic!("{error}"))
+    bench_file::parse(text).unwrap_or_else(|error| panic!("{error}"))
 }
 
 /// The bench of a file, of which everything is kept.

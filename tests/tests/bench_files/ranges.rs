@@ -2,7 +2,7 @@
 
 use drivetwin_firmware::motor::{self, stepper};
 use drivetwin_sim::bench::{CYCLES_PER_REV, FURTHEST_REV};
-use drivetwin_sim::kinds;
+use drivetwin_sim::catalog;
 
 const REFERENCE: &str = include_str!("../../../docs/bench-files.md");
 
@@ -100,7 +100,7 @@ fn the_reference_tells_the_defaults_of_motors() {
     default("resistance_ohm", f64::from(nominal.resistance_mohm) / 1_000.0);
     default("hall_pulses", nominal.hall_pulses.into());
 
-    let own = kinds::make("mdrobot").unwrap().own_motor().unwrap();
+    let own = catalog::make("mdrobot").unwrap().own_motor().unwrap();
     let last = |key: &str, value: f64| assert_says(key, &format!("| {} |\n", written(value)));
     last("inertia_gcm2", own.inertia_gcm2.into());
     last("friction_mnm", f64::from(own.friction_unm) / 1_000.0);

@@ -6,14 +6,14 @@ use drivetwin_firmware::device::{Axis, Duration, Fault, Instant, Port};
 use drivetwin_protocol::modbus::rtu;
 use drivetwin_protocol::time::Span;
 use drivetwin_sim::bench::{PowerAction, Setup};
-use drivetwin_sim::bus::LineMode;
-use drivetwin_sim::faults::LineFaults;
-use drivetwin_sim::kinds;
-use drivetwin_sim::layout::{At, Built, MotorKind};
-use drivetwin_sim::listen::Uri;
-use drivetwin_sim::pace::Pace;
+use drivetwin_sim::catalog;
+use drivetwin_sim::config::layout::{At, Built, MotorKind};
+use drivetwin_sim::config::listen::Uri;
+use drivetwin_sim::config::time_mode::Pace;
+use drivetwin_sim::line::LineMode;
+use drivetwin_sim::line::faults::LineFaults;
+use drivetwin_sim::record::trace::{Event, Fed, Trace};
 use drivetwin_sim::replay;
-use drivetwin_sim::trace::{Event, Fed, Trace};
 
 use super::{built, layout, moments, register, seat};
 
@@ -88,7 +88,7 @@ fn everything_that_can_be_said() {
     assert_eq!((motor.steps_per_rev, motor.holding_unm, motor.rated_ma), (400, 1_200_500, 2_800));
     assert_eq!((motor.pull_out_rpm, motor.inertia_gcm2), (2_000, 300));
     assert_eq!((motor.friction_unm, motor.load_unm), (13, -3_000));
-    let spec = |drive: usize| kinds::make(layout.drives[drive].kind).unwrap().spec();
+    let spec = |drive: usize| catalog::make(layout.drives[drive].kind).unwrap().spec();
     let named = |drive: usize, name: &str| -> At { (drive, spec(drive).pin(name).unwrap()) };
     let encoder = &layout.encoders[0];
     assert_eq!(encoder.cycles_per_rev, 500);
@@ -334,7 +334,7 @@ fn what_feeds_a_brush_motor_feeds_its_drive() {
     }
     let twice = "[[drive]]\nname = 'd'\nkind = 'rs434544'\nset = { SUPPLY = 120 }\n\
                  [[motor]]\nname = 'm'\ndrive = 'd'\nsupply_v = 12";
-    let error = drivetwin_sim::file::parse(twice).unwrap_err().to_string();
+    let error = drivetwin_sim::config::bench_file::parse(twice).unwrap_err().to_string();
     assert!(error.contains("SUPPLY of 'd' is the same as supply_v"), "{error}");
 }
 
@@ -491,7 +491,7 @@ fn a_contact_that_is_closed_at_power_on_is_no_edge_to_a_drive_with_presets() {
             assert_eq!(register(bench, at, row), value, "{name}, fast: {fast}");
             assert_eq!(bench.motion(at, Axis(0)).position, 0, "{name}, fast: {fast}");
         }
-        let make = |kind: &str| kinds::make(kind).ok();
+        let make = |kind: &str| catalog::make(kind).ok();
         let trace = Trace::parse(&bench.trace().to_text(), &make).unwrap();
         assert_eq!(replay::run(&trace, &make), Ok(None), "fast: {fast}");
     }

@@ -5,8 +5,8 @@ use drivetwin_firmware::mdrobot::mdrobot;
 use drivetwin_firmware::motor::Parameters;
 use drivetwin_firmware::rs434::rs434544;
 use drivetwin_sim::bench::{Bench, Driving, Fitting, Motor, PowerAction, Seat, Settings, Setup, Turn};
-use drivetwin_sim::bus::LineMode;
-use drivetwin_sim::trace::TraceKeep;
+use drivetwin_sim::line::LineMode;
+use drivetwin_sim::record::trace::TraceKeep;
 
 use crate::physics::Limits;
 

@@ -5,7 +5,7 @@ use drivetwin_protocol::line::Parity;
 use drivetwin_protocol::modbus::rtu;
 use drivetwin_protocol::time::{Duration, Span};
 use drivetwin_sim::bench::{Bench, PowerAction, Seat, Setup};
-use drivetwin_sim::bus::Sender;
+use drivetwin_sim::line::Sender;
 
 use crate::rig::{GREEN, RED, Rig, at, bit, words};
 

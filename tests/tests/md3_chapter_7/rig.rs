@@ -4,7 +4,7 @@ use drivetwin_firmware::device::{Axis, Device, Fault, Level, Pin};
 use drivetwin_protocol::modbus::{Frame, rtu};
 use drivetwin_protocol::time::{Duration, Instant, Span};
 use drivetwin_sim::bench::{Bench, Driving, PowerAction, Seat, Settings, Setup};
-use drivetwin_sim::bus::LineMode;
+use drivetwin_sim::line::LineMode;
 use drivetwin_tests::md3;
 pub(crate) use drivetwin_tests::md3::{at, bit};
 

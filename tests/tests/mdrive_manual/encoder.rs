@@ -2,7 +2,7 @@
 
 use drivetwin_firmware::device::Encoder;
 use drivetwin_protocol::time::Span;
-use drivetwin_sim::file;
+use drivetwin_sim::config::bench_file;
 
 use crate::rig::{Kind, Rig};
 
@@ -153,7 +153,7 @@ fn loaded(load: &str, set: &str) -> Rig {
         "[[drive]]\nname = \"x\"\nkind = \"mdrive\"\nfast_boot = true\nlisten = []\nset = {{ {set} }}\n\
          [[motor]]\nname = \"m\"\ndrive = \"x\"\nholding_mnm = 1000\n{load}\n"
     );
-    let layout = file::parse(&text).unwrap_or_else(|error| panic!("{error}"));
+    let layout = bench_file::parse(&text).unwrap_or_else(|error| panic!("{error}"));
     let built = layout.build(layout.settings(), Vec::new()).unwrap_or_else(|error| panic!("{error}"));
     let mut rig = Rig::of(Kind::Plus, built.bench, built.seats[0]);
     rig.say("EM=2");

@@ -2,7 +2,7 @@
 
 use drivetwin_protocol::time::Span;
 use drivetwin_sim::bench::Setup;
-use drivetwin_sim::file;
+use drivetwin_sim::config::bench_file;
 
 use crate::rig::{CALIBRATION, Kind, Rig, START};
 
@@ -325,7 +325,7 @@ fn a_motor_of_the_bench_is_the_rotor() {
             "[[drive]]\nname = \"x\"\nkind = \"mdrive-hybrid\"\nfast_boot = true\nlisten = []\nset = {{ {set} }}\n\
              [[motor]]\nname = \"m\"\ndrive = \"x\"\nholding_mnm = 1000\n{load}\n"
         );
-        let layout = file::parse(&text).unwrap_or_else(|error| panic!("{error}"));
+        let layout = bench_file::parse(&text).unwrap_or_else(|error| panic!("{error}"));
         let built = layout.build(layout.settings(), Vec::new()).unwrap_or_else(|error| panic!("{error}"));
         let mut rig = Rig::of(Kind::Hybrid, built.bench, built.seats[0]);
         rig.say("EM=2");

@@ -2,7 +2,7 @@
 
 use drivetwin_protocol::modbus::rtu;
 use drivetwin_protocol::time::Span;
-use drivetwin_sim::kinds;
+use drivetwin_sim::catalog;
 
 use crate::pid;
 use crate::rig::Rig;
@@ -104,7 +104,7 @@ fn tq_ratio_keeps_a_flag() {
 /// Who looks a PID up sees that no manual of ours has it.
 #[test]
 fn they_are_marked() {
-    let spec = kinds::make("mdrobot").expect("a kind").spec();
+    let spec = catalog::make("mdrobot").expect("a kind").spec();
     for name in ["TQ_RATIO", "TAR_POSI_VEL", "POSI_SS", "POSI_SD", "PNT_MAIN_DATA", "PNT_MONITOR"] {
         let row = spec.find(name).expect("a register").row;
         assert_eq!(spec.registers.rows[row].section, "not in V1.1", "{name}");

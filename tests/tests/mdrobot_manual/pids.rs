@@ -4,7 +4,7 @@ use drivetwin_firmware::device::Port;
 use drivetwin_protocol::modbus::rtu;
 use drivetwin_protocol::time::Span;
 use drivetwin_sim::bench::Setup;
-use drivetwin_sim::bus::LineMode;
+use drivetwin_sim::line::LineMode;
 
 use crate::pid;
 use crate::rig::{ALL, BOOT, Rig, SILENCE, request};

@@ -6,7 +6,7 @@ use drivetwin_firmware::motor::Parameters;
 use drivetwin_protocol::modbus::rtu;
 use drivetwin_protocol::time::{Duration, Instant, Span};
 use drivetwin_sim::bench::{Bench, Driving, Fitting, Motion, Motor, PowerAction, Seat, Settings, Setup};
-use drivetwin_sim::bus::LineMode;
+use drivetwin_sim::line::LineMode;
 
 use crate::pid;
 

@@ -2,8 +2,8 @@
 
 use drivetwin_firmware::device::{Duration, Instant, Line, Pin, Role};
 use drivetwin_firmware::motion::Walker;
-use drivetwin_sim::hal::Done;
-use drivetwin_sim::trace::{Did, Event, Trace};
+use drivetwin_sim::board::virtual_board::Done;
+use drivetwin_sim::record::trace::{Did, Event, Trace};
 use drivetwin_tests::on_shell::{self, Seen};
 
 use crate::host::Connection;

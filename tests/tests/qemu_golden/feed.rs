@@ -3,7 +3,7 @@
 use std::fmt;
 
 use drivetwin_firmware::device::{Fault, Instant, Spec};
-use drivetwin_sim::trace::{Event, Fed, Power, Trace};
+use drivetwin_sim::record::trace::{Event, Fed, Power, Trace};
 
 use crate::expected::Expected;
 use crate::host::Connection;

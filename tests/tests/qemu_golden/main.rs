@@ -26,8 +26,8 @@ use std::sync::Mutex;
 use std::{env, fs, thread};
 
 use drivetwin_firmware::device::{Device, Duration, Instant};
-use drivetwin_sim::hal::Done;
-use drivetwin_sim::trace::{Event, Fed, Trace};
+use drivetwin_sim::board::virtual_board::Done;
+use drivetwin_sim::record::trace::{Event, Fed, Trace};
 use drivetwin_tests::on_shell;
 
 use expected::Expected;

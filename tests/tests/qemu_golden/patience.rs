@@ -1,7 +1,7 @@
 //! How late the board may be.
 
 use drivetwin_firmware::device::{Duration, Instant, Spec};
-use drivetwin_sim::trace::{Did, Event, Trace};
+use drivetwin_sim::record::trace::{Did, Event, Trace};
 
 use crate::expected::Expected;
 

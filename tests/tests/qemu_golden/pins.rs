@@ -1,7 +1,7 @@
 //! The pin-out of the board, typed by hand from its README: a wrong wire in an image fails its traces.
 
 use drivetwin_firmware::device::Pin;
-use drivetwin_sim::trace::Trace;
+use drivetwin_sim::record::trace::Trace;
 
 use crate::machine::Gpio;
 

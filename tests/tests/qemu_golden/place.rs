@@ -1,7 +1,7 @@
 //! Where in a trace something is, for messages.
 
 use drivetwin_firmware::device::{Duration, Instant};
-use drivetwin_sim::trace::Trace;
+use drivetwin_sim::record::trace::Trace;
 
 /// A trace by its name and its lines.
 pub(crate) struct Places {

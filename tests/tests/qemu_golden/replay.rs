@@ -8,7 +8,7 @@ use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
 use drivetwin_firmware::device::{Duration, Instant, Level, Pin, Role};
 use drivetwin_protocol::line::{Line, Parity};
-use drivetwin_sim::trace::Trace;
+use drivetwin_sim::record::trace::Trace;
 
 use crate::expected::{Expected, Reply};
 use crate::feed::{self, Act};

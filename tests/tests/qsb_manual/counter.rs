@@ -2,7 +2,7 @@
 
 use drivetwin_protocol::time::Span;
 use drivetwin_sim::bench::{Driving, Setup};
-use drivetwin_sim::bus::LineMode;
+use drivetwin_sim::line::LineMode;
 use proptest::prelude::*;
 
 use crate::rig::Rig;

@@ -1,7 +1,7 @@
 //! Baud rates, on a line whose characters take their time.
 
 use drivetwin_protocol::time::{Duration, Span};
-use drivetwin_sim::bus::LineMode;
+use drivetwin_sim::line::LineMode;
 
 use crate::rig::{KINDS, Rig, START_UP, TICK};
 

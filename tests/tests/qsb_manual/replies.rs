@@ -2,7 +2,7 @@
 
 use drivetwin_protocol::time::{Duration, Span};
 use drivetwin_sim::bench::Setup;
-use drivetwin_sim::bus::LineMode;
+use drivetwin_sim::line::LineMode;
 
 use crate::rig::{Rig, START_UP, TICK};
 

@@ -4,7 +4,7 @@ use drivetwin_firmware::device::{Axis, Device, Encoder, Level, Pin, Port};
 use drivetwin_firmware::qsb::Qsb;
 use drivetwin_protocol::time::{Duration, Instant, Span};
 use drivetwin_sim::bench::{Bench, Bus, Client, Driving, PowerAction, Seat, Settings, Setup};
-use drivetwin_sim::bus::{LineMode, Sender};
+use drivetwin_sim::line::{LineMode, Sender};
 
 /// A period of the 512 Hz clock behind TIME STAMP and INTERVAL RATE (decision 10): 1.953125 ms.
 pub(crate) const TICK: Duration = Duration::from_ticks(31_250);

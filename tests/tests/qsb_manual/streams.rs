@@ -2,7 +2,7 @@
 
 use drivetwin_protocol::time::{Duration, Span};
 use drivetwin_sim::bench::Driving;
-use drivetwin_sim::bus::LineMode;
+use drivetwin_sim::line::LineMode;
 
 use crate::rig::{KINDS, Line, Rig, TICK, number};
 use crate::saved::stamp;

@@ -5,7 +5,7 @@ use drivetwin_protocol::line::Parity;
 use drivetwin_protocol::modbus::rtu;
 use drivetwin_protocol::time::{Duration, Span};
 use drivetwin_sim::bench::Setup;
-use drivetwin_sim::bus::{LineMode, Sender};
+use drivetwin_sim::line::{LineMode, Sender};
 use drivetwin_tests::rs434::{BOOT, Rig, SILENCE, at, key, request};
 
 /// TYPE_MODBUS (6.4).

@@ -4,7 +4,7 @@ use drivetwin_firmware::device::Level;
 use drivetwin_protocol::modbus::rtu;
 use drivetwin_protocol::time::{Duration, Span};
 use drivetwin_sim::bench::{Driving, PowerAction, Setup};
-use drivetwin_sim::bus::LineMode;
+use drivetwin_sim::line::LineMode;
 use drivetwin_tests::rs434::{BOOT, Rig, at, key};
 
 fn answers(rig: &mut Rig) -> bool {

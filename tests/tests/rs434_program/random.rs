@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use drivetwin_protocol::modbus::rtu::crc;
 use drivetwin_protocol::time::{Duration, Instant};
 use drivetwin_sim::bench::{Driving, Setup};
-use drivetwin_sim::bus::LineMode;
+use drivetwin_sim::line::LineMode;
 use drivetwin_tests::rs434::{LINE, Rig};
 
 use crate::oracle::{LINES, Oracle, status};

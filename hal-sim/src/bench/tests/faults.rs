@@ -1,7 +1,7 @@
 //! Lines that are disturbed: what drives and clients hear of each frame, and when.
 
 use super::*;
-use crate::capture::{Frame, Medium, Source};
+use crate::record::capture::{Frame, Medium, Source};
 
 /// Reads the address of drive 1, in 8 characters; its answer has 7.
 const ASKED: [u8; 8] = [1, 3, 0, 0, 0, 1, 0x84, 0x0A];

@@ -4,7 +4,7 @@ use drivetwin_firmware::md3::Md3;
 use drivetwin_firmware::qsb::Qsb;
 
 use super::*;
-use crate::trace::Recording;
+use crate::record::trace::Recording;
 
 fn make(kind: &str) -> Option<Box<dyn Device>> {
     match kind {

@@ -4,8 +4,8 @@ use drivetwin_firmware::device::Link;
 use drivetwin_protocol::modbus::tcp::Broken;
 
 use super::*;
-use crate::capture::{Frame, Medium, Source};
-use crate::echo::{MCODE, MODBUS};
+use crate::record::capture::{Frame, Medium, Source};
+use crate::testing::echo_device::{MCODE, MODBUS};
 
 /// Reads the maximum velocity of an MDrive (FB 4.2.4); the transaction is the argument.
 fn adu(transaction: u8) -> [u8; 12] {

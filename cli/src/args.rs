@@ -1,0 +1,243 @@
+//! The command line.
+
+use std::path::PathBuf;
+
+use clap::error::ErrorKind;
+use clap::{ArgAction, Args, CommandFactory as _, Parser, Subcommand, ValueEnum};
+
+use drivetwin_host::options::{Assignment, Control, RunOptions};
+use drivetwin_sim::config::listen::Listen;
+use drivetwin_sim::config::preset::Number;
+use drivetwin_sim::config::time_mode::Pace;
+use drivetwin_sim::line::LineMode;
+
+/// Emulated motion drives: on a pty, a TCP port or a serial port, as their manuals say, without the drives.
+#[derive(Parser)]
+#[command(name = "drivetwin", version, disable_help_subcommand = true, arg_required_else_help = false)]
+pub(crate) struct Cli {
+    #[command(subcommand)]
+    pub(crate) command: Command,
+    /// Log more; twice for everything
+    #[arg(short, long, global = true, action = ArgAction::Count)]
+    pub(crate) verbose: u8,
+    /// Log errors only
+    #[arg(short, long, global = true, conflicts_with = "verbose")]
+    pub(crate) quiet: bool,
+}
+
+#[derive(Subcommand)]
+pub(crate) enum Command {
+    /// Start a drive, or a bench of several
+    Run(Box<Run>),
+    /// List the kinds of drive
+    List {
+        /// As JSON
+        #[arg(long)]
+        json: bool,
+    },
+    /// Show a kind's ports, pins, registers, and what is not modelled
+    Describe {
+        /// Which kind (see `drivetwin list`)
+        kind: String,
+        /// As JSON
+        #[arg(long, conflicts_with = "markdown")]
+        json: bool,
+        /// As the reference in docs/
+        #[arg(long)]
+        markdown: bool,
+    },
+    /// Run a golden trace; exit code 1 and the first difference if there is one
+    Replay {
+        /// A recording (see `drivetwin run --record`)
+        file: PathBuf,
+    },
+    /// Assemble a user program of an RS drive
+    Asm(Asm),
+    /// Show a user program of an RS drive as text that assembles to the same
+    Disasm {
+        /// An assembled program (see `drivetwin asm`)
+        file: PathBuf,
+    },
+}
+
+#[derive(Args)]
+pub(crate) struct Asm {
+    /// The program as text
+    pub(crate) source: PathBuf,
+    /// Where it goes; its lines as 32-bit words, low byte first
+    #[arg(short, long, value_name = "FILE", required_unless_present = "hex")]
+    pub(crate) output: Option<PathBuf>,
+    /// A line of eight hexadecimal digits for each of its lines, to stdout if there is no FILE
+    #[arg(long)]
+    pub(crate) hex: bool,
+}
+
+#[derive(Args)]
+pub(crate) struct Run {
+    /// Which kind (see `drivetwin list`), or a bench file of several drives, whose name ends in .toml
+    #[arg(value_name = "KIND|BENCH.toml")]
+    pub(crate) what: String,
+    /// Where a port of the drive, the first if none is named, is reached, [PORT=]URI: pty:, pty:LINK,
+    /// tcp:HOST:PORT, serial:DEVICE or stdio:; a TCP port by tcp: alone; may repeat [default, of each port for
+    /// itself: a free loopback TCP port, of a serial one a pty, too]
+    #[arg(long, value_name = "[PORT=]URI", help_heading = ONE_DRIVE)]
+    pub(crate) listen: Vec<Listen>,
+    /// Where the control API listens: HOST:PORT or off
+    #[arg(long, value_name = "ADDR", default_value = "127.0.0.1:0")]
+    pub(crate) control: Control,
+    /// A host name by which the control API may be asked, beside localhost and its own address; may repeat
+    #[arg(long, value_name = "NAME")]
+    pub(crate) allow_host: Vec<String>,
+    /// How time runs: real, xN (N times faster) or manual (it stands) [default: real]
+    #[arg(long, value_name = "real|xN|manual")]
+    pub(crate) time: Option<Pace>,
+    /// Whether characters take their time on the line [default: timed]
+    #[arg(long, value_enum)]
+    pub(crate) line: Option<Line>,
+    /// The bus address to start with, as if saved before power-on
+    #[arg(long, value_name = "N", allow_hyphen_values = true, value_parser = number, help_heading = ONE_DRIVE)]
+    pub(crate) address: Option<Number>,
+    /// Keep the non-volatile memory in FILE
+    #[arg(long, value_name = "FILE", help_heading = ONE_DRIVE)]
+    pub(crate) nv: Option<PathBuf>,
+    /// Preset a register by its name; may repeat
+    #[arg(long, value_name = "REG=VALUE", help_heading = ONE_DRIVE)]
+    pub(crate) set: Vec<Assignment>,
+    /// Assemble a user program and have it in the memory at power-on, as if saved (rs434544, rs434546)
+    #[arg(long, value_name = "FILE.rsasm", help_heading = ONE_DRIVE)]
+    pub(crate) program: Option<PathBuf>,
+    /// No start-up delay
+    #[arg(long)]
+    pub(crate) fast_boot: bool,
+    /// Seed of every random choice [default: 1]
+    #[arg(long, value_name = "N", allow_hyphen_values = true, value_parser = seed)]
+    pub(crate) seed: Option<u64>,
+    /// Keep what happens in FILE, to be replayed
+    #[arg(long, value_name = "FILE.trace")]
+    pub(crate) record: Option<PathBuf>,
+    /// Write waveforms of the pins to FILE while it runs (VCD, for GTKWave); a pipe whose reader is slow, or a
+    /// slow disk, makes the bench wait
+    #[arg(long, value_name = "FILE.vcd")]
+    pub(crate) vcd: Option<PathBuf>,
+    /// Write the frames of the lines to FILE while it runs (pcapng, for Wireshark); it waits as with --vcd
+    #[arg(long, value_name = "FILE.pcapng")]
+    pub(crate) pcap: Option<PathBuf>,
+    /// One line of JSON on stdout when ready, and nothing else there
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+/// What a bench file says of each of its drives.
+const ONE_DRIVE: &str = "Options for a single drive; a bench file says these itself";
+
+/// Whether characters take time.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, ValueEnum)]
+pub(crate) enum Line {
+    /// At the baud rate
+    #[value(alias = "wire")]
+    Timed,
+    /// None at all, for load tests
+    Fast,
+}
+
+impl From<Run> for RunOptions {
+    fn from(run: Run) -> Self {
+        let line = run.line.map(|line| match line {
+            Line::Timed => LineMode::Timed,
+            Line::Fast => LineMode::Fast,
+        });
+        Self {
+            what: run.what,
+            listen: run.listen,
+            control: run.control,
+            allow_host: run.allow_host,
+            time: run.time,
+            line,
+            address: run.address,
+            nv: run.nv,
+            set: run.set,
+            program: run.program,
+            fast_boot: run.fast_boot,
+            seed: run.seed,
+            record: run.record,
+            vcd: run.vcd,
+            pcap: run.pcap,
+        }
+    }
+}
+
+fn number(text: &str) -> Result<Number, String> {
+    Number::parse(text).ok_or_else(|| format!("'{text}' is not a number; 8000, -5 and 0x1F40 are"))
+}
+
+fn seed(text: &str) -> Result<u64, String> {
+    text.parse().map_err(|_| format!("it takes a whole number from 0 to {}", u64::MAX))
+}
+
+/// What is wrong with a command line, in one sentence.
+pub(crate) fn sentence(error: &clap::Error) -> String {
+    if error.kind() == ErrorKind::MissingSubcommand {
+        let cli = Cli::command();
+        let commands = cli.get_subcommands().filter(|command| !command.is_hide_set());
+        let names: Vec<&str> = commands.map(clap::Command::get_name).collect();
+        return format!("a command is missing: {}; `drivetwin --help` tells more", names.join(", "));
+    }
+    let text = error.to_string();
+    let told = text.split("\nUsage:").next().unwrap_or(&text);
+    let told = told.split("\nFor more information").next().unwrap_or(told);
+    let told = told.trim().trim_start_matches("error: ");
+    let parts: Vec<&str> = told.split("\n\n").map(str::trim).filter(|part| !part.is_empty()).collect();
+    let words = parts.join("; ");
+    words.split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn run(arguments: &[&str]) -> Result<Run, String> {
+        let all = ["drivetwin", "run", "md3"].iter().chain(arguments);
+        match Cli::try_parse_from(all).map_err(|error| sentence(&error))?.command {
+            Command::Run(run) => Ok(*run),
+            _ => unreachable!("the arguments begin with `run`"),
+        }
+    }
+
+    #[test]
+    fn the_command_line_is_consistent() {
+        Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn defaults() {
+        let run = run(&[]).unwrap();
+        assert_eq!(run.control, Control::At("127.0.0.1:0".into()));
+        assert_eq!((run.time, run.line, run.seed), (None, None, None));
+    }
+
+    #[test]
+    fn paces() {
+        assert_eq!(run(&["--time", "x10"]).unwrap().time, Some(Pace::Times(10)));
+        assert_eq!(run(&["--time", "manual"]).unwrap().time, Some(Pace::Manual));
+        for wrong in ["x0", "x", "x-1", "x1.5", "fast", "x100000"] {
+            assert!(run(&["--time", wrong]).is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn numbers() {
+        assert_eq!((number("-5"), number("0x10")), (Ok(Number::Decimal(-5)), Ok(Number::Bits(16))));
+        assert_eq!(number("fast").unwrap_err(), "'fast' is not a number; 8000, -5 and 0x1F40 are");
+    }
+
+    #[test]
+    fn errors_are_one_sentence() {
+        let wrong = run(&["--lisen", "pty:"]).err().unwrap();
+        assert_eq!(wrong, "unexpected argument '--lisen' found; tip: a similar argument exists: '--listen'");
+        let wrong = run(&["--time", "soon"]).err().unwrap();
+        assert_eq!(
+            wrong,
+            "invalid value 'soon' for '--time <real|xN|manual>': it takes real, xN (N from 1 to 1000) or manual"
+        );
+    }
+}

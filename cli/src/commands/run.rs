@@ -1,0 +1,83 @@
+//! `drivetwin run`: starts a drive, or a bench of several, until a signal ends it.
+
+use std::fs;
+use std::io::{self, Write as _};
+use std::os::unix::net::UnixStream;
+
+use drivetwin_host::Configuration;
+use rustix::event::{PollFd, PollFlags, poll};
+use rustix::io::retry_on_intr;
+use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
+use signal_hook::consts::{SIGHUP, SIGINT, SIGQUIT, SIGTERM};
+
+use crate::args::Run;
+use crate::log;
+
+/// Runs a drive, or a bench of several, until a signal ends it.
+///
+/// # Errors
+/// One sentence: what is wrong, and where.
+pub(crate) fn run(arguments: Run) -> Result<(), String> {
+    raise_limit_of_descriptors();
+    let json = arguments.json;
+    let configuration = Configuration::read(arguments.into())?;
+    if json && configuration.uses_stdio() {
+        return Err("--json and stdio: cannot share stdout; use one of them".into());
+    }
+    let uses_stdio = configuration.uses_stdio();
+    let prepared = configuration.prepare()?;
+    // From here on somebody may come.
+    let stop = signals().map_err(|error| format!("signals cannot be caught: {error}"))?;
+    let running = prepared.open()?;
+    let banner = if json { running.json()? } else { running.text() };
+    if uses_stdio {
+        // Stdout belongs to a line.
+        log::say(banner.as_bytes());
+    } else {
+        print(banner, &stop).map_err(|error| format!("stdout cannot be written: {error}"))?;
+    }
+    running.serve(&stop)
+}
+
+/// Prints the banner, until a reader has taken so much that it fits, or a signal comes.
+fn print(text: String, stop: &UnixStream) -> io::Result<()> {
+    let (written, writes) = UnixStream::pair()?;
+    let writer = std::thread::spawn(move || {
+        let mut stdout = io::stdout();
+        let result = stdout.write_all(text.as_bytes()).and_then(|()| stdout.flush());
+        // The other end sees this end close.
+        drop(writes);
+        result
+    });
+    let mut both = [PollFd::new(&written, PollFlags::IN), PollFd::new(stop, PollFlags::IN)];
+    retry_on_intr(|| poll(&mut both, None))?;
+    if both[0].revents().is_empty() { Ok(()) } else { writer.join().unwrap_or(Ok(())) }
+}
+
+/// Raises the limit of descriptors: a bench may have thousands of ports, and the usual limit is 1,024.
+fn raise_limit_of_descriptors() {
+    let Rlimit { maximum, .. } = getrlimit(Resource::Nofile);
+    // As far as we may; what is refused for lack of them says so.
+    let _ = setrlimit(Resource::Nofile, Rlimit { current: maximum, maximum });
+}
+
+/// A stream that becomes readable when the program is to end: Ctrl-C, SIGTERM, a terminal that is closed, Ctrl-\.
+/// A signal that `nohup` or a shell has it ignore is ignored.
+fn signals() -> io::Result<UnixStream> {
+    let (stop, caught) = UnixStream::pair()?;
+    let ignored = ignored();
+    for signal in [SIGINT, SIGTERM, SIGHUP, SIGQUIT] {
+        let is_ignored = [SIGHUP, SIGQUIT].contains(&signal) && ignored >> (signal - 1) & 1 == 1;
+        if !is_ignored {
+            signal_hook::low_level::pipe::register(signal, caught.try_clone()?)?;
+        }
+    }
+    Ok(stop)
+}
+
+/// The signals that are ignored since before the program began, signal 1 in bit 0; none where the system does not say.
+fn ignored() -> u64 {
+    let status = fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let mask = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
+    mask.and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok()).unwrap_or(0)
+}

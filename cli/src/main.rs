@@ -1,0 +1,58 @@
+//! `drivetwin`: emulated motion drives on ptys and TCP ports.
+
+mod args;
+mod commands;
+mod log;
+
+use std::process::ExitCode;
+
+use args::{Cli, Command};
+use clap::Parser as _;
+use commands::print;
+
+/// A comparison failed.
+const DIFFERENT: u8 = 1;
+/// Bad usage or configuration.
+const BAD_USAGE: u8 = 2;
+
+fn main() -> ExitCode {
+    let code = drivetwin();
+    log::finish();
+    code
+}
+
+fn drivetwin() -> ExitCode {
+    let cli = match Cli::try_parse() {
+        Ok(cli) => cli,
+        Err(error) if error.use_stderr() => return fail(&args::sentence(&error)),
+        Err(help) => {
+            return print(&help.render().to_string())
+                .map_or_else(|error| fail(&error), |()| ExitCode::SUCCESS);
+        }
+    };
+    log::start(&cli);
+    match execute(cli.command) {
+        Ok(code) => code,
+        Err(sentence) => fail(&sentence),
+    }
+}
+
+fn execute(command: Command) -> Result<ExitCode, String> {
+    match command {
+        Command::Run(run) => commands::run::run(*run)?,
+        Command::List { json } => commands::list::list(json)?,
+        Command::Describe { kind, json, markdown } => commands::describe::describe(&kind, json, markdown)?,
+        Command::Replay { file } => {
+            let same = commands::replay::replay(&file)?;
+            return Ok(if same { ExitCode::SUCCESS } else { ExitCode::from(DIFFERENT) });
+        }
+        Command::Asm(asm) => commands::asm::asm(&asm)?,
+        Command::Disasm { file } => commands::disasm::disasm(&file)?,
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+fn fail(sentence: &str) -> ExitCode {
+    log::say(format!("drivetwin: {sentence}\n").as_bytes());
+    ExitCode::from(BAD_USAGE)
+}

@@ -1,0 +1,118 @@
+//! `--record`: what is in the file, and when.
+
+use std::path::Path;
+
+use drivetwin_protocol::modbus::rtu;
+use drivetwin_sim::catalog;
+use drivetwin_sim::record::trace::{Trace, whole_lines};
+use drivetwin_sim::replay;
+use rustix::process::{Signal, kill_process};
+
+use crate::running::{Running, Scratch, ask, drivetwin, refused};
+
+/// Files that were made by the program at commit 681fd38. They are never made anew.
+fn old(name: &str) -> String {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/recordings/681fd38");
+    folder.join(name).to_str().unwrap().to_owned()
+}
+
+fn assert_replays(file: &str) {
+    let replayed = drivetwin(&["replay", file]);
+    assert_eq!(replayed.status.code(), Some(0), "{replayed:?}");
+}
+
+#[test]
+fn old_recordings_replay() {
+    // It is read to its end. An MDrive has taken no time for a typed line then (decision 34 of the MDrive).
+    let bench = drivetwin(&["replay", &old("bench.trace")]);
+    let said = String::from_utf8(bench.stdout).unwrap();
+    assert!(bench.status.code() == Some(1) && said.contains("mdrive < message:mcode"), "{said}");
+    assert_replays(&old("answers-ahead.trace"));
+    assert_replays(&old("preset-at-start.trace"));
+}
+
+#[test]
+fn old_memories_are_loaded() {
+    let scratch = Scratch::new("old-memories");
+    for (kind, register, value) in [
+        ("md3", "UserRegister", 78),
+        ("md3-low", "UserRegister", 78),
+        ("mdrive", "VM", 400_000),
+        ("mdrive-hybrid", "VM", 400_000),
+        ("rs434544", "", 7),
+        ("rs434546", "", 7),
+        ("mdrobot", "", 7),
+    ] {
+        let file = scratch.file(kind);
+        std::fs::copy(old(&format!("{kind}.nv")), &file).unwrap();
+        let options = ["--time", "manual", "--fast-boot", "--control", "localhost:0", "--nv", &file];
+        let drive = Running::start(kind, &options, std::process::Stdio::inherit());
+        let registers = &drive.drive()["registers"];
+        // All that have a bus address had 7.
+        let described: serde_json::Value =
+            serde_json::from_slice(&drivetwin(&["describe", kind, "--json"]).stdout).unwrap();
+        let register =
+            described["address_register"].as_str().filter(|_| register.is_empty()).unwrap_or(register);
+        assert_eq!(registers[register], value, "{kind} {register}");
+    }
+}
+
+#[test]
+fn whatever_ends_it_the_recording_is_there() {
+    let scratch = Scratch::new("ends");
+    for signal in [Signal::HUP, Signal::QUIT, Signal::TERM, Signal::KILL] {
+        let file = scratch.file("md3.trace");
+        std::fs::write(&file, "an old recording, which ends".repeat(10_000)).unwrap();
+        let md3 = Running::md3(&["--time", "manual", "--fast-boot", "--record", &file]);
+        ask(&mut md3.connect(), &rtu::write(1, 0x1D, 7), 8);
+        md3.advance(0.5);
+        kill_process(md3.pid(), signal).unwrap();
+        let killed = signal == Signal::KILL;
+        assert_eq!(md3.wait(), if killed { None } else { Some(0) }, "{signal:?}");
+        let text = std::fs::read_to_string(&file).unwrap();
+        assert!(text.contains("< tx 01 06 00 1D 00 07"), "{signal:?}: {text}");
+        assert_eq!(text.trim_end().ends_with(" end"), !killed, "{signal:?}: {text}");
+        assert_replays(&file);
+    }
+}
+
+/// A kill in the middle of a write leaves half a line, and perhaps half of what happened at an instant.
+#[test]
+fn a_recording_replays_wherever_it_is_cut() {
+    for name in ["answers-ahead", "preset-at-start"] {
+        let file = std::fs::read(old(&format!("{name}.trace"))).unwrap();
+        let first_line = file.iter().position(|&byte| byte == b'\n').unwrap();
+        for length in first_line + 1..file.len() {
+            let (lines, is_cut) = whole_lines(&file[..length]);
+            assert_eq!(
+                is_cut,
+                file[length - 1] != b'\n' && length < file.len() - 1,
+                "{name}, {length} bytes"
+            );
+            let trace = Trace::parse(std::str::from_utf8(lines).unwrap(), &|kind| catalog::make(kind).ok());
+            let difference = replay::run(&trace.unwrap(), &|kind| catalog::make(kind).ok());
+            assert_eq!(difference, Ok(None), "{name}, {length} bytes");
+        }
+    }
+}
+
+#[test]
+fn half_a_line_is_left_out_at_the_end_of_a_recording_only() {
+    let scratch = Scratch::new("half");
+    let file = scratch.file("md3.trace");
+    let text =
+        "drivetwin trace 1\ndrive md3 md3 fast\ncompare tx\n1000.000000 > rx 01 03 00 14 00 01 C4 0E\n";
+    std::fs::write(&file, format!("{text}1006.1 < tx 01 0")).unwrap();
+    let replayed = drivetwin(&["replay", &file]);
+    let said = String::from_utf8(replayed.stdout).unwrap();
+    let expected = format!("{file}: its last line has no end, so it is left out\n{file}: as expected\n");
+    assert_eq!((replayed.status.code(), said), (Some(0), expected));
+    // With a letter of several bytes, of which half is there.
+    std::fs::write(&file, [text.as_bytes(), b"# \xC3"].concat()).unwrap();
+    assert_replays(&file);
+    std::fs::write(&file, format!("{text}1006.1 < tx 01 0\n2000 end\n")).unwrap();
+    assert!(refused(&["replay", &file]).contains("line 5"));
+    std::fs::write(&file, format!("{text}2000 end")).unwrap();
+    let replayed = drivetwin(&["replay", &file]);
+    assert_eq!(replayed.status.code(), Some(1), "the answer is missing: {replayed:?}");
+}

@@ -1,0 +1,41 @@
+//! Events that are under way on a bench.
+
+use drivetwin_firmware::device::{Axis, Encoder, Instant, Level, Pin};
+
+use crate::record::trace::Fed;
+use crate::slot::Driving;
+
+/// What is under way.
+#[derive(Debug)]
+pub(crate) enum What {
+    /// To be fed to a device.
+    Fed(Fed),
+    /// To be fed to a device that shares a line with the one that began to say it then.
+    Overheard { fed: Fed, began: Instant },
+    /// A character to be fed to a device, if it overlaps no other one: it belongs to what has that number on the
+    /// line.
+    Exposed { fed: Fed, number: u32 },
+    /// To be fed to a device, unless the connection on which that client said it is closed by then.
+    Said { client: u32, fed: Fed },
+    /// What hands do to a pin.
+    Hand { pin: Pin, drive: Driving },
+    /// Levels at the pins of a device that was seated at this instant.
+    Contacts,
+    /// The other end of a wire takes a level.
+    Wired { wire: u32, level: Level },
+    /// The next edge of a train of pulses. `number` tells it from earlier trains on the pin; so it is
+    /// with encoders, waves and axes.
+    Pulse { pin: Pin, number: u32 },
+    /// The next edge of an encoder.
+    Encoder { encoder: Encoder, number: u32 },
+    /// The next edge of a wave on an output.
+    Wave { pin: Pin, number: u32 },
+    /// The next edge of the step pulses of an axis.
+    Steps { axis: Axis, number: u32 },
+    /// Something is due at the motor in place of a seat, as it was foreseen last.
+    Motor { number: u32 },
+    /// What a motor does arrives at its drive.
+    Felt { motor: u32 },
+    /// Somebody's turn on a line may end.
+    Turn { bus: u32 },
+}

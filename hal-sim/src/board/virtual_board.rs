@@ -1,0 +1,684 @@
+//! The hardware of a board that is not there: a clock, UARTs, pins and a memory that implement
+//! embedded-hal, embedded-io and embedded-storage, so that the [shell](drivetwin_firmware::shell) of a
+//! board runs on the host, on virtual time, with everything it does on record.
+//!
+//! A [`Board`] is a handle; clones of it, its UARTs, pins and memory share one state.
+
+use std::cell::{Ref, RefCell};
+use std::collections::VecDeque;
+use std::convert::Infallible;
+use std::rc::Rc;
+
+use drivetwin_firmware::device::{Axis, Device, Duration, Instant, Line, Link, Pin, Plan, Port, Spec};
+use drivetwin_firmware::shell::{Came, Caught, Inputs, Links, Outputs};
+use drivetwin_protocol::modbus::tcp::Adu;
+use embedded_hal::digital;
+use embedded_io::ErrorType;
+use embedded_storage::{ReadStorage, Storage};
+
+/// Characters that a UART takes before the first of them has left.
+const FIFO: usize = 16;
+
+/// What a board did.
+#[derive(Clone, PartialEq, Debug)]
+pub enum Done {
+    /// Characters left back to back, from the stamp on.
+    Sent(Port, Vec<u8>),
+    /// A message left on a TCP connection.
+    Message(Port, Link, Vec<u8>),
+    /// The drive closed a TCP connection.
+    Closed(Port, Link),
+    /// A line changed.
+    Line(Port, Line),
+    /// A pin changed, to high or low.
+    Level(Pin, bool),
+    /// The memory took bytes at an offset.
+    Stored(u32, Vec<u8>),
+    /// An axis was given a plan.
+    Planned(Axis, Plan),
+    /// An axis made steps without a plan.
+    Stepped(Axis, i32),
+    /// An axis was given a current, in mA.
+    Current(Axis, u32),
+    /// An axis was given a duty, in 1/65536.
+    Duty(Axis, i32),
+}
+
+/// A board: what its interrupts caught, what it did, and what time it is.
+#[derive(Clone, Debug)]
+pub struct Board(Rc<RefCell<State>>);
+
+#[derive(Debug)]
+struct State {
+    now: Instant,
+    caught: VecDeque<(Instant, Caught)>,
+    /// What came on TCP connections; the bytes of a message.
+    came: VecDeque<(Instant, Port, Link, Came, Adu)>,
+    done: Vec<(Instant, Done)>,
+    uarts: Vec<Line>,
+    /// When each UART will have sent all it took, and where that began.
+    busy: Vec<Option<(Instant, usize)>>,
+    levels: Vec<bool>,
+    memory: Vec<u8>,
+    /// Bytes that the memory still takes before the power fails.
+    cut: Option<usize>,
+}
+
+impl Board {
+    /// A board with the ports and pins of `spec`, and this memory.
+    #[must_use]
+    pub fn new(spec: &Spec, memory: Vec<u8>) -> Self {
+        let lines: Vec<Line> = spec.ports.iter().filter_map(|port| port.line).collect();
+        Self(Rc::new(RefCell::new(State {
+            now: Instant::ZERO,
+            caught: VecDeque::new(),
+            came: VecDeque::new(),
+            done: Vec::new(),
+            busy: vec![None; lines.len()],
+            uarts: lines,
+            levels: vec![false; spec.pins.len()],
+            memory,
+            cut: None,
+        })))
+    }
+
+    /// What a [`Shell`](drivetwin_firmware::shell::Shell) is given to act with.
+    #[must_use]
+    pub fn outputs(&self) -> SimOutputs {
+        let state = self.0.borrow();
+        SimOutputs {
+            board: self.clone(),
+            uarts: (0..state.uarts.len()).map(|n| Uart(self.clone(), n)).collect(),
+            pins: (0..state.levels.len()).map(|n| WiredPin(self.clone(), n)).collect(),
+            memory: Memory { board: self.clone(), stored: state.memory.clone() },
+            network: Network(self.clone()),
+        }
+    }
+
+    /// An interrupt catches something at `at`, not before anything it caught.
+    pub fn catch(&self, at: Instant, caught: Caught) {
+        self.0.borrow_mut().caught.push_back((at, caught));
+    }
+
+    /// Something comes on a TCP connection at `at`, not before anything that came on one.
+    pub fn come(&self, at: Instant, port: Port, link: Link, came: Came) {
+        self.0.borrow_mut().came.push_back((at, port, link, came, Adu::new()));
+    }
+
+    /// A message comes on a TCP connection, as [`come`](Self::come).
+    ///
+    /// # Panics
+    /// If it is longer than what comes at once.
+    pub fn say(&self, at: Instant, port: Port, link: Link, bytes: &[u8]) {
+        let message = Adu::from_slice(bytes).expect("no more than comes at once");
+        self.0.borrow_mut().came.push_back((at, port, link, Came::Message, message));
+    }
+
+    /// The clock goes on to `now`.
+    pub fn set_now(&self, now: Instant) {
+        let mut state = self.0.borrow_mut();
+        state.now = state.now.max(now);
+    }
+
+    /// When a UART that was full has room again; [`Instant::NEVER`] if none is.
+    #[must_use]
+    pub fn room_at(&self) -> Instant {
+        let state = self.0.borrow();
+        let ports = 0..state.uarts.len();
+        ports.map(|port| state.room_at(port)).filter(|&at| at > state.now).min().unwrap_or(Instant::NEVER)
+    }
+
+    /// When its oldest input was caught, or came; [`Instant::NEVER`] if there is none.
+    #[must_use]
+    pub fn caught_at(&self) -> Instant {
+        let state = self.0.borrow();
+        let caught = state.caught.front().map(|(at, _)| *at);
+        let came = state.came.front().map(|(at, ..)| *at);
+        caught.into_iter().chain(came).min().unwrap_or(Instant::NEVER)
+    }
+
+    /// What it did so far, with stamps that ascend.
+    pub fn done(&self) -> Ref<'_, [(Instant, Done)]> {
+        Ref::map(self.0.borrow(), |state| state.done.as_slice())
+    }
+
+    /// Its memory.
+    #[must_use]
+    pub fn memory(&self) -> Vec<u8> {
+        self.0.borrow().memory.clone()
+    }
+
+    /// The power will fail when the memory has taken `bytes` more: the rest of that write, and every
+    /// later one, is lost.
+    pub fn cut_after(&self, bytes: usize) {
+        self.0.borrow_mut().cut = Some(bytes);
+    }
+}
+
+impl State {
+    fn room_at(&self, port: usize) -> Instant {
+        let (Some(line), Some(Some((free, _)))) = (self.uarts.get(port), self.busy.get(port)) else {
+            return Instant::ZERO;
+        };
+        *free - line.character() * (FIFO as u64 - 1)
+    }
+
+    /// Takes what the UART has room for.
+    fn send(&mut self, port: usize, bytes: &[u8]) -> usize {
+        let (Some(line), Some(busy)) = (self.uarts.get(port), self.busy.get_mut(port)) else { return 0 };
+        let character = line.character();
+        let (free, place) = match *busy {
+            Some((free, place)) if free > self.now => (free, place),
+            _ => {
+                self.done.push((self.now, Done::Sent(Port(port as u8), Vec::new())));
+                (self.now, self.done.len() - 1)
+            }
+        };
+        let waiting = (free.since(self.now) + character - Duration::TICK) / character;
+        let taken = bytes.len().min(FIFO.saturating_sub(waiting as usize));
+        if let Some((_, Done::Sent(_, sent))) = self.done.get_mut(place) {
+            sent.extend_from_slice(&bytes[..taken]);
+        }
+        *busy = Some((free + character * taken as u64, place));
+        taken
+    }
+}
+
+impl Inputs for Board {
+    fn now(&self) -> Instant {
+        self.0.borrow().now
+    }
+
+    fn caught(&mut self, until: Instant) -> Option<(Instant, Caught)> {
+        let mut state = self.0.borrow_mut();
+        let due = state.caught.front().is_some_and(|(at, _)| *at <= until);
+        if due { state.caught.pop_front() } else { None }
+    }
+}
+
+/// The acting half of a [`Board`].
+#[derive(Debug)]
+pub struct SimOutputs {
+    board: Board,
+    uarts: Vec<Uart>,
+    pins: Vec<WiredPin>,
+    memory: Memory,
+    network: Network,
+}
+
+impl SimOutputs {
+    fn done(&self, done: Done) {
+        let mut state = self.board.0.borrow_mut();
+        let now = state.now;
+        state.done.push((now, done));
+    }
+}
+
+impl Outputs for SimOutputs {
+    type Serial = Uart;
+    type Pin = WiredPin;
+    type Memory = Memory;
+    type Links = Network;
+
+    fn serial(&mut self, port: Port) -> Option<&mut Uart> {
+        self.uarts.get_mut(usize::from(port.0))
+    }
+
+    fn links(&mut self) -> Option<&mut Network> {
+        Some(&mut self.network)
+    }
+
+    fn set_line(&mut self, port: Port, line: Line) {
+        let mut state = self.board.0.borrow_mut();
+        let index = usize::from(port.0);
+        let left = state.busy.get(index).copied().flatten().map_or(state.now, |(free, _)| free);
+        let at = left.max(state.now);
+        if let Some(present) = state.uarts.get_mut(index) {
+            *present = line;
+        }
+        state.done.push((at, Done::Line(port, line)));
+    }
+
+    fn pin(&mut self, pin: Pin) -> Option<&mut WiredPin> {
+        self.pins.get_mut(usize::from(pin.0))
+    }
+
+    fn memory(&mut self) -> &mut Memory {
+        &mut self.memory
+    }
+
+    fn stored(&self) -> &[u8] {
+        &self.memory.stored
+    }
+
+    fn plan(&mut self, axis: Axis, plan: &Plan) -> Duration {
+        self.done(Done::Planned(axis, *plan));
+        Duration::ZERO
+    }
+
+    fn step(&mut self, axis: Axis, steps: i32) {
+        self.done(Done::Stepped(axis, steps));
+    }
+
+    fn current(&mut self, axis: Axis, ma: u32) {
+        self.done(Done::Current(axis, ma));
+    }
+
+    fn duty(&mut self, axis: Axis, duty: i32) {
+        self.done(Done::Duty(axis, duty));
+    }
+}
+
+/// A UART: what it takes leaves at the rate of its line.
+#[derive(Debug)]
+pub struct Uart(Board, usize);
+
+impl ErrorType for Uart {
+    type Error = Infallible;
+}
+
+impl embedded_io::Write for Uart {
+    fn write(&mut self, bytes: &[u8]) -> Result<usize, Infallible> {
+        Ok(self.0.0.borrow_mut().send(self.1, bytes))
+    }
+
+    fn flush(&mut self) -> Result<(), Infallible> {
+        Ok(())
+    }
+}
+
+impl embedded_io::WriteReady for Uart {
+    fn write_ready(&mut self) -> Result<bool, Infallible> {
+        let state = self.0.0.borrow();
+        Ok(state.room_at(self.1) <= state.now)
+    }
+}
+
+/// TCP connections without limits, on which everything is at its end at once.
+#[derive(Debug)]
+pub struct Network(Board);
+
+impl Links for Network {
+    fn next(
+        &mut self,
+        now: Instant,
+        _device: &dyn Device,
+        message: &mut Adu,
+    ) -> Result<(Instant, Port, Link, Came), Instant> {
+        let mut state = self.0.0.borrow_mut();
+        let due = state.came.front().map_or(Instant::NEVER, |(at, ..)| *at);
+        let first = if due <= now { state.came.pop_front() } else { None };
+        let (at, port, link, came, bytes) = first.ok_or(due)?;
+        *message = bytes;
+        Ok((at, port, link, came))
+    }
+
+    fn send(&mut self, port: Port, link: Link, bytes: &[u8]) -> bool {
+        let mut state = self.0.0.borrow_mut();
+        let now = state.now;
+        state.done.push((now, Done::Message(port, link, bytes.to_vec())));
+        true
+    }
+
+    fn close(&mut self, port: Port, link: Link) {
+        let mut state = self.0.0.borrow_mut();
+        let now = state.now;
+        state.done.push((now, Done::Closed(port, link)));
+    }
+}
+
+/// A pin on a wire.
+#[derive(Debug)]
+pub struct WiredPin(Board, usize);
+
+impl WiredPin {
+    fn set(&mut self, high: bool) {
+        let mut state = self.0.0.borrow_mut();
+        let now = state.now;
+        if let Some(level) = state.levels.get_mut(self.1)
+            && *level != high
+        {
+            *level = high;
+            state.done.push((now, Done::Level(Pin(self.1 as u8), high)));
+        }
+    }
+}
+
+impl digital::ErrorType for WiredPin {
+    type Error = Infallible;
+}
+
+impl digital::OutputPin for WiredPin {
+    fn set_low(&mut self) -> Result<(), Infallible> {
+        self.set(false);
+        Ok(())
+    }
+
+    fn set_high(&mut self) -> Result<(), Infallible> {
+        self.set(true);
+        Ok(())
+    }
+}
+
+impl digital::InputPin for WiredPin {
+    fn is_high(&mut self) -> Result<bool, Infallible> {
+        Ok(self.0.0.borrow().levels.get(self.1).copied().unwrap_or(false))
+    }
+
+    fn is_low(&mut self) -> Result<bool, Infallible> {
+        self.is_high().map(|high| !high)
+    }
+}
+
+/// A memory whose power may fail at any byte.
+#[derive(Debug)]
+pub struct Memory {
+    board: Board,
+    /// What it would hold if the power never failed.
+    stored: Vec<u8>,
+}
+
+/// A place outside the memory.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct OutOfBounds;
+
+impl ReadStorage for Memory {
+    type Error = OutOfBounds;
+
+    fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), OutOfBounds> {
+        let state = self.board.0.borrow();
+        let source = state.memory.get(offset as usize..).and_then(|rest| rest.get(..bytes.len()));
+        bytes.copy_from_slice(source.ok_or(OutOfBounds)?);
+        Ok(())
+    }
+
+    fn capacity(&self) -> usize {
+        self.board.0.borrow().memory.len()
+    }
+}
+
+impl Storage for Memory {
+    fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), OutOfBounds> {
+        let mut state = self.board.0.borrow_mut();
+        let taken = state.cut.map_or(bytes.len(), |left| left.min(bytes.len()));
+        state.cut = state.cut.map(|left| left - taken);
+        let place = offset as usize;
+        let target = state.memory.get_mut(place..place + bytes.len()).ok_or(OutOfBounds)?;
+        target[..taken].copy_from_slice(&bytes[..taken]);
+        self.stored[place..place + bytes.len()].copy_from_slice(bytes);
+        let now = state.now;
+        state.done.push((now, Done::Stored(offset, bytes[..taken].to_vec())));
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::echo_device::{Echo, MCODE};
+    use drivetwin_firmware::device::{Boot, Device};
+    use drivetwin_firmware::md3::Md3;
+    use drivetwin_firmware::qsb::Qsb;
+    use drivetwin_firmware::shell::{ANSWERS, ONE_ANSWER, Shell};
+    use drivetwin_protocol::modbus::rtu;
+    use drivetwin_protocol::time::Span;
+    use embedded_io::{Write, WriteReady};
+
+    fn md3_board() -> Board {
+        let spec = Md3::new().spec();
+        Board::new(spec, vec![0xFF; usize::from(spec.memory)])
+    }
+
+    #[test]
+    fn a_uart_takes_what_fits_and_sends_it_back_to_back() {
+        let board = md3_board();
+        let mut outputs = board.outputs();
+        let uart = outputs.serial(Port(0)).expect("an MD3 has a port");
+        assert_eq!(uart.write(&[7; 20]), Ok(16));
+        assert_eq!(uart.write_ready(), Ok(false));
+        // A character of 9600 8E1 is 18,333 ticks.
+        board.set_now(Instant::from_ticks(18_333));
+        assert_eq!(uart.write_ready(), Ok(true));
+        assert_eq!(uart.write(&[8; 4]), Ok(1));
+        let expected: Vec<u8> = [[7; 16].as_slice(), &[8]].concat();
+        assert_eq!(*board.done(), [(Instant::ZERO, Done::Sent(Port(0), expected))]);
+    }
+
+    #[test]
+    fn a_cut_leaves_a_prefix() {
+        let board = md3_board();
+        board.cut_after(3);
+        let mut outputs = board.outputs();
+        assert_eq!(outputs.memory().write(1, &[1, 2, 3, 4]), Ok(()));
+        assert_eq!(outputs.memory().write(0, &[9]), Ok(()));
+        assert_eq!(board.memory()[..6], [0xFF, 1, 2, 3, 0xFF, 0xFF]);
+        assert_eq!(outputs.memory().write(1_000, &[9]), Err(OutOfBounds));
+    }
+
+    #[test]
+    fn the_shell_answers_through_the_simulated_hardware() {
+        let board = md3_board();
+        let boot = Boot { fast: true, ..Boot::default() };
+        let mut shell: Shell<_, _, _> = Shell::new(Md3::new(), board.clone(), board.outputs());
+        shell.power_on(Instant::ZERO, boot);
+        let character = Duration::from_ticks(18_333);
+        let mut at = Instant::ZERO;
+        for byte in rtu::read(1, 0x14, 10) {
+            at += character;
+            board.catch(at, Caught::Byte(Port(0), byte));
+        }
+        let reply = at + Duration::from_ticks(64_166 + 18_333);
+        board.set_now(reply - Duration::TICK);
+        while shell.turn().is_ok() {}
+        assert_eq!(shell.deadline(), reply);
+        assert!(!board.done().iter().any(|(_, done)| matches!(done, Done::Sent(..))));
+        // 25 characters do not fit the buffer at once.
+        board.set_now(reply);
+        while shell.turn().is_ok() {}
+        while board.room_at() != Instant::NEVER {
+            board.set_now(board.room_at());
+            while shell.turn().is_ok() {}
+        }
+        let done = board.done();
+        let sent: Vec<_> = done.iter().filter(|(_, done)| matches!(done, Done::Sent(..))).collect();
+        assert!(matches!(sent[..], [(at, Done::Sent(Port(0), bytes))]
+            if *at == reply && bytes.len() == 25 && rtu::checked(bytes).is_some()));
+        assert_eq!(shell.failures(), 0);
+    }
+
+    /// Steps that an MD3 from the factory makes of its J2.4, on a board where that pin is low from an instant on.
+    fn steps_of_a_contact(boot: Boot, closed: Instant) -> Vec<(Instant, i32)> {
+        let j2_4 = Md3::new().spec().pin("J2.4").unwrap();
+        let board = md3_board();
+        let mut shell: Shell<_, _, _> = Shell::new(Md3::new(), board.clone(), board.outputs());
+        // As the images do: the pins are read before power-on and stamped 0, and the loop begins then.
+        board.catch(closed, Caught::Edge(j2_4, false));
+        shell.power_on(Instant::ZERO, boot);
+        for now in [Instant::ZERO, closed, Instant::from(10.secs())] {
+            board.set_now(now);
+            while shell.turn().is_ok() {}
+        }
+        let done = board.done();
+        let steps = done.iter().filter_map(|(at, done)| match done {
+            Done::Stepped(_, steps) => Some((*at, *steps)),
+            _ => None,
+        });
+        steps.collect()
+    }
+
+    #[test]
+    fn a_contact_that_is_closed_at_power_on_is_told_before_the_drive_is_ready() {
+        for fast in [true, false] {
+            let boot = Boot { fast, ..Boot::default() };
+            assert_eq!(steps_of_a_contact(boot, Instant::ZERO), [], "fast: {fast}");
+        }
+        let boot = Boot { fast: true, ..Boot::default() };
+        let later = Instant::ZERO + Duration::TICK;
+        let steps = steps_of_a_contact(boot, later);
+        assert!(
+            matches!(steps[..], [(at, 1 | -1)] if at == later),
+            "one that closes then is an edge: {steps:?}"
+        );
+    }
+
+    /// Asks a QSB-M for its version, so many times without a pause, with a loop that comes only when all has been
+    /// caught; so many characters may wait. Returns what left its UART, once the banner is gone, and the failures.
+    fn ask_at_once<const CHARACTERS: usize>(commands: usize) -> (Vec<(Instant, Vec<u8>)>, u32) {
+        let board = Board::new(Qsb::m().spec(), vec![0xFF; drivetwin_firmware::qsb::MEMORY]);
+        let boot = Boot { fast: true, ..Boot::default() };
+        let mut shell: Shell<_, _, _, CHARACTERS> = Shell::new(Qsb::m(), board.clone(), board.outputs());
+        shell.power_on(Instant::ZERO, boot);
+        while shell.turn().is_ok() {}
+        let begin = Instant::ZERO + Duration::secs(1);
+        for (n, byte) in (0..).zip("R14\r".repeat(commands).bytes()) {
+            board.catch(begin + CHARACTER * n, Caught::Byte(Port(0), byte));
+        }
+        board.set_now(begin + Duration::secs(1));
+        loop {
+            while shell.turn().is_ok() {}
+            let next = shell.deadline().min(board.room_at());
+            if next == Instant::NEVER {
+                break;
+            }
+            board.set_now(next);
+        }
+        let sent = |(at, done): &(Instant, Done)| match done {
+            Done::Sent(_, bytes) if *at >= begin => Some((*at, bytes.clone())),
+            _ => None,
+        };
+        let sent = board.done().iter().filter_map(sent).collect();
+        (sent, shell.failures())
+    }
+
+    /// Of 230,400 8N1: 694.4 ticks, rounded.
+    const CHARACTER: Duration = Duration::from_ticks(694);
+    const ANSWER: &[u8] = b"r 14 0000110E !\r\n";
+
+    #[test]
+    fn answers_without_a_pause_need_room_for_their_characters_only() {
+        const COMMANDS: usize = ANSWERS / ANSWER.len();
+        let (sent, failures) = ask_at_once::<ANSWERS>(COMMANDS);
+        let all: Vec<u8> = sent.iter().flat_map(|(_, bytes)| bytes.clone()).collect();
+        assert_eq!(all, ANSWER.repeat(COMMANDS));
+        assert_eq!(failures, 0);
+        for pair in sent.windows(2) {
+            let [(at, bytes), (next, _)] = pair else { unreachable!("two") };
+            assert_eq!(*next, *at + CHARACTER * bytes.len() as u64, "there is no pause");
+        }
+    }
+
+    #[test]
+    fn an_answer_that_does_not_fit_is_lost_as_a_whole_and_counted() {
+        const FIT: usize = ONE_ANSWER / ANSWER.len();
+        let (sent, failures) = ask_at_once::<ONE_ANSWER>(FIT + 10);
+        let all: Vec<u8> = sent.into_iter().flat_map(|(_, bytes)| bytes).collect();
+        assert_eq!(all.len() % ANSWER.len(), 0);
+        assert_eq!(all, ANSWER.repeat(all.len() / ANSWER.len()));
+        assert!(failures > 0, "all of it fits");
+        assert_eq!(all.len() / ANSWER.len() + failures as usize, FIT + 10);
+    }
+
+    /// An echo with power, on a board.
+    fn powered(echo: Echo) -> (Board, Shell<Echo, Board, SimOutputs>) {
+        let board = Board::new(echo.spec(), Vec::new());
+        let mut shell = Shell::new(echo, board.clone(), board.outputs());
+        shell.power_on(Instant::ZERO, Boot::default());
+        (board, shell)
+    }
+
+    #[test]
+    fn the_shell_tells_a_drive_what_comes_by_tcp_and_does_what_it_says() {
+        let (board, mut shell) = powered(Echo::default());
+        let second = |n| Instant::ZERO + Duration::secs(n);
+        board.come(second(1), MCODE, Link(0), Came::Opened);
+        board.come(second(2), MCODE, Link(1), Came::Opened);
+        board.say(second(2), MCODE, Link(0), b"t");
+        board.say(second(2), MCODE, Link(1), b"a");
+        board.come(second(3), MCODE, Link(0), Came::Closed);
+        board.say(second(4), MCODE, Link(1), b"x");
+        assert!(shell.turn().is_err(), "nothing has come");
+        // It sleeps no longer than until something comes.
+        for n in 1..=4 {
+            assert_eq!(shell.deadline(), second(n));
+            board.set_now(second(n));
+            while shell.turn().is_ok() {}
+        }
+        let said = |n, link, bytes: &[u8]| (second(n), Done::Message(MCODE, Link(link), bytes.to_vec()));
+        let expected = [
+            said(1, 0, b">"),
+            said(2, 1, b">"),
+            // Once, because the drive is told a second later that nobody is there.
+            said(2, 0, b"T"),
+            said(2, 1, b"a"),
+            (second(4), Done::Closed(MCODE, Link(1))),
+        ];
+        assert_eq!(*board.done(), expected);
+        assert_eq!(shell.failures(), 0);
+    }
+
+    #[test]
+    fn what_comes_by_tcp_waits_for_no_deadline_and_no_deadline_for_it() {
+        const TEN_MS: Duration = Duration::millis(10);
+        let (board, mut shell) = powered(Echo { ring: Some(TEN_MS), ..Echo::default() });
+        // The loop comes late: three deadlines are over, and somebody has connected and said things.
+        let late = Instant::ZERO + TEN_MS * 3;
+        board.come(late, MCODE, Link(0), Came::Opened);
+        board.say(late, MCODE, Link(0), b"a");
+        board.say(late, MCODE, Link(0), b"b");
+        board.set_now(late);
+        let mut rings = 0;
+        for said in [">", "a", "b"] {
+            shell.turn().expect("there is something to do");
+            let done: Vec<_> = board.done().iter().map(|(_, done)| done.clone()).collect();
+            rings += 1;
+            let message = |text: &str| Done::Message(MCODE, Link(0), text.as_bytes().to_vec());
+            assert!(done.contains(&message(said)), "{said} is answered in turn {rings}");
+            assert_eq!(done.iter().filter(|done| **done == message("T")).count(), rings);
+        }
+    }
+
+    #[test]
+    fn messages_of_a_drive_on_a_board_without_a_network_are_counted() {
+        use drivetwin_firmware::shell::NoLinks;
+
+        const HOUR: Duration = Duration::secs(3_600);
+
+        /// All of a board but its network.
+        struct Alone(SimOutputs);
+
+        impl Outputs for Alone {
+            type Serial = Uart;
+            type Pin = WiredPin;
+            type Memory = Memory;
+            type Links = NoLinks;
+
+            fn serial(&mut self, port: Port) -> Option<&mut Uart> {
+                self.0.serial(port)
+            }
+
+            fn set_line(&mut self, port: Port, line: Line) {
+                self.0.set_line(port, line);
+            }
+
+            fn pin(&mut self, pin: Pin) -> Option<&mut WiredPin> {
+                self.0.pin(pin)
+            }
+
+            fn memory(&mut self) -> &mut Memory {
+                self.0.memory()
+            }
+
+            fn stored(&self) -> &[u8] {
+                self.0.stored()
+            }
+        }
+
+        let echo = Echo { ring: Some(HOUR), ..Echo::default() };
+        let board = Board::new(echo.spec(), Vec::new());
+        let mut shell: Shell<_, _, _> = Shell::new(echo, board.clone(), Alone(board.outputs()));
+        shell.power_on(Instant::ZERO, Boot::default());
+        board.set_now(Instant::ZERO + HOUR);
+        while shell.turn().is_ok() {}
+        assert_eq!(shell.failures(), 1, "it rang");
+    }
+}

@@ -1,0 +1,29 @@
+//! The kinds of drive there are, from the one list in the firmware.
+
+use drivetwin_firmware::device::{Device, Spec};
+
+use crate::suggest;
+
+/// Makes a drive of one kind.
+type Make = fn() -> Box<dyn Device>;
+
+macro_rules! boxed {
+    ($($make:expr),* $(,)?) => {
+        const ALL: &[Make] = &[$(|| Box::new($make())),*];
+    };
+}
+drivetwin_firmware::devices!(boxed);
+
+/// What each kind is, in the order of the list.
+pub fn specs() -> impl Iterator<Item = &'static Spec> {
+    ALL.iter().map(|make| make().spec())
+}
+
+/// A new drive of that kind.
+///
+/// # Errors
+/// One sentence: there is no such kind.
+pub fn make(kind: &str) -> Result<Box<dyn Device>, String> {
+    let found = ALL.iter().map(|make| make()).find(|device| device.spec().kind == kind);
+    found.ok_or_else(|| suggest::unknown("kind", kind, specs().map(|spec| spec.kind)))
+}

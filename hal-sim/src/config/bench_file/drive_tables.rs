@@ -1,0 +1,338 @@
+//! Drives, and the lines that they share.
+
+use std::path::{Path, PathBuf};
+
+use drivetwin_firmware::device::{Ends, Fault, Pin, Port, PortSpec, Spec};
+
+use super::Reader;
+use super::table::{Said, Table, Wrong};
+use crate::catalog;
+use crate::config::layout::{self, At, Bus, Drive};
+use crate::config::listen::{Listen, Uri};
+use crate::config::preset::{self, Number, Preset};
+use crate::rsasm;
+use crate::suggest;
+
+/// The keys of `[[drive]]`.
+pub(super) const DRIVE: [&str; 9] =
+    ["name", "kind", "address", "nv", "set", "program", "fast_boot", "listen", "faults"];
+/// The keys of `[[bus]]`.
+pub(super) const BUS: [&str; 4] = ["name", "listen", "drives", "collisions"];
+
+/// A line of the bench.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(super) enum Line {
+    /// One that drives share: place in the layout.
+    Shared(usize),
+    /// That of a port.
+    Own(usize, Port),
+}
+
+impl Reader {
+    pub(super) fn drive(&mut self, table: &Table<'_>) -> Result<(), Wrong> {
+        let name = self.name(table, "drive")?;
+        let kind = table.needed_text("kind")?;
+        let spec = catalog::make(kind.is).map_err(Wrong::at(kind.at))?.spec();
+        let program = path(table, "program")?;
+        if let Some(program) = &program
+            && !rsasm::runs_on(spec)
+        {
+            return Err(program.wrong(format!("{} has no user programs", spec.kind)));
+        }
+        let nv = path(table, "nv")?;
+        if let Some(nv) = &nv {
+            if self.memories.iter().any(|other| layout::same_path(other, &nv.is)) {
+                return Err(nv.wrong(format!("another drive keeps its memory in {}", nv.is.display())));
+            }
+            self.memories.push(nv.is.clone());
+        }
+        let mut drive = Drive {
+            name,
+            kind: spec.kind,
+            listen: Vec::new(),
+            nv: nv.map(|nv| nv.is),
+            presets: Vec::new(),
+            program: program.map(|program| program.is),
+            fast_boot: table.flag("fast_boot")?.is_some_and(|fast| fast.is),
+            faults: Vec::new(),
+        };
+        let listen = table.texts("listen")?;
+        self.nowhere.push(listen.as_ref().is_some_and(|listen| listen.is.is_empty()));
+        for text in listen.map_or(Vec::new(), |listen| listen.is) {
+            let place = layout::reached(spec, &self.listen(&text)?).map_err(Wrong::at(text.at))?;
+            self.place(&text, &place.1)?;
+            drive.listen.push(place);
+        }
+        for fault in table.texts("faults")?.map_or(Vec::new(), |faults| faults.is) {
+            let known = spec.faults.iter().position(|known| *known == fault.is);
+            let place = known.ok_or_else(|| {
+                fault.wrong(suggest::unknown(
+                    &format!("fault of {}", spec.kind),
+                    fault.is,
+                    spec.faults.iter().copied(),
+                ))
+            })?;
+            drive.faults.push(Fault(place as u8));
+        }
+        let presets = presets(table, spec)?;
+        drive.presets = presets.iter().map(|preset| preset.is).collect();
+        if let Err((row, why)) = drive.try_presets() {
+            let preset = presets.iter().find(|preset| preset.is.row == row);
+            let name = spec.registers.rows.get(row).map_or("", |row| row.name);
+            let at = preset.map_or(table.at, |preset| preset.at);
+            return Err(Wrong { at, what: preset::refusal(spec, row, name, why) });
+        }
+        self.layout.drives.push(drive);
+        self.specs.push(spec);
+        Ok(())
+    }
+
+    pub(super) fn bus(&mut self, table: &Table<'_>) -> Result<(), Wrong> {
+        let name = self.name(table, "bus")?;
+        let mut bus = Bus {
+            name,
+            listen: vec![Uri::Tcp("127.0.0.1:0".into())],
+            drives: Vec::new(),
+            collisions: table.flag("collisions")?.is_some_and(|collide| collide.is),
+        };
+        let drives = table.needs("drives", table.texts("drives")?)?;
+        if drives.is.is_empty() {
+            return Err(drives.wrong("a bus needs a drive"));
+        }
+        for text in drives.is {
+            let (drive, port) = self.port(text.is).map_err(Wrong::at(text.at))?;
+            let spec = self.spec(drive);
+            let of = (spec.ports.get(usize::from(port.0))).map_or("", |port| port.name);
+            let what = || format!("{of} of {}", self.layout.drives[drive].name);
+            if bus.drives.contains(&(drive, port)) {
+                return Err(text.wrong(format!("{} is on this bus already", what())));
+            }
+            if let Some(other) = self.bus_of(drive, port) {
+                return Err(text.wrong(format!("{} is on the bus '{}' already", what(), other.name)));
+            }
+            if self.layout.drives[drive].listen.iter().any(|(reached, _)| *reached == port) {
+                let goes = format!("its listen goes to the bus '{}'", bus.name);
+                return Err(text.wrong(format!("{} is on a bus, so {goes}", what())));
+            }
+            bus.drives.push((drive, port));
+        }
+        if let Some(listen) = table.texts("listen")? {
+            bus.listen.clear();
+            for text in listen.is {
+                let listen = self.listen(&text)?;
+                if let Some(port) = listen.port {
+                    return Err(text.wrong(format!("a bus is one line, so '{port}=' has nothing to choose")));
+                }
+                self.place(&text, &listen.uri)?;
+                bus.listen.push(listen.uri);
+            }
+        }
+        self.layout.buses.push(bus);
+        Ok(())
+    }
+
+    /// Ports of which the file does not say where they are reached get a loopback TCP port each.
+    pub(super) fn reach_the_others(&mut self) {
+        for drive in 0..self.layout.drives.len() {
+            let ports = (0..self.spec(drive).ports.len()).map(|port| Port(port as u8));
+            let told = |port| self.layout.drives[drive].listen.iter().any(|&(told, _)| told == port);
+            let left =
+                |&port: &Port| !self.nowhere[drive] && !told(port) && self.bus_of(drive, port).is_none();
+            let own = ports.filter(left);
+            let places: Vec<_> = own.map(|port| (port, Uri::Tcp("127.0.0.1:0".into()))).collect();
+            self.layout.drives[drive].listen.extend(places);
+        }
+    }
+
+    fn listen(&self, text: &Said<&str>) -> Result<Listen, Wrong> {
+        text.is.parse().map_err(|error| text.wrong(format!("'{}' cannot be listened on: {error}", text.is)))
+    }
+
+    /// A place to be reached, which may be taken.
+    fn place(&mut self, text: &Said<&str>, uri: &Uri) -> Result<(), Wrong> {
+        if self.places.iter().any(|other| layout::clash(other, uri)) {
+            return Err(text.wrong(format!("{uri} is there twice")));
+        }
+        self.places.push(uri.clone());
+        Ok(())
+    }
+
+    /// What a drive is.
+    pub(super) fn spec(&self, drive: usize) -> &'static Spec {
+        self.specs[drive]
+    }
+
+    /// The drive of that name.
+    pub(super) fn drive_named(&self, name: &str) -> Result<usize, String> {
+        let names = self.layout.drives.iter().map(|drive| drive.name.as_str());
+        names.clone().position(|other| other == name).ok_or_else(|| suggest::unknown("drive", name, names))
+    }
+
+    /// The bus that a port is on.
+    fn bus_of(&self, drive: usize, port: Port) -> Option<&Bus> {
+        self.layout.buses.iter().find(|bus| bus.drives.contains(&(drive, port)))
+    }
+
+    /// A port that can be on a bus: `x`, or `x.rs485`.
+    fn port(&self, text: &str) -> Result<(usize, Port), String> {
+        let (drive, name) = text.split_once('.').map_or((text, None), |(drive, port)| (drive, Some(port)));
+        let drive = self.drive_named(drive)?;
+        let spec = self.spec(drive);
+        let fits = |port: &PortSpec| port.ends == Ends::Silence && !port.is_tcp();
+        let mut ports = (0..).map(Port).zip(spec.ports);
+        let Some(name) = name else {
+            let fit = ports.find(|(_, port)| fits(port)).map(|(port, _)| (drive, port));
+            return fit.ok_or_else(|| format!("{} has no port for a bus", spec.kind));
+        };
+        let found = ports.find(|(_, port)| port.name == name);
+        match found {
+            Some((port, of)) if fits(of) => Ok((drive, port)),
+            Some(_) => Err(format!("{name} of {} is no port for a bus", spec.kind)),
+            None => Err(unknown_port(spec, name)),
+        }
+    }
+
+    /// A line: `line1`, `rs485` or `x.rs485`.
+    pub(super) fn line_named(&self, text: &str) -> Result<Line, String> {
+        if let Some(bus) = self.layout.buses.iter().position(|bus| bus.name == text) {
+            return Ok(Line::Shared(bus));
+        }
+        let lines = self.own_lines();
+        if let Some((drive, port)) = text.split_once('.')
+            && let Ok(drive) = self.drive_named(drive)
+        {
+            let spec = self.spec(drive);
+            let (port, _) = (0..)
+                .map(Port)
+                .zip(spec.ports)
+                .find(|(_, of)| of.name == port)
+                .ok_or_else(|| unknown_port(spec, port))?;
+            if let Some(bus) = self.bus_of(drive, port) {
+                return Err(format!("{text} is on the bus '{}'", bus.name));
+            }
+            let own = Line::Own(drive, port);
+            return if lines.contains(&own) { Ok(own) } else { Err(layout::no_line(text)) };
+        }
+        let alike: Vec<Line> = lines.iter().copied().filter(|&line| self.port_name(line) == text).collect();
+        match alike[..] {
+            [line] => Ok(line),
+            [] if self.specs.iter().any(|spec| is_tcp_port(spec, text)) => Err(layout::no_line(text)),
+            [] => {
+                let names: Vec<String> = (0..self.layout.buses.len())
+                    .map(Line::Shared)
+                    .chain(lines)
+                    .map(|line| self.name_of(line))
+                    .collect();
+                Err(suggest::unknown("bus", text, names.iter().map(String::as_str)))
+            }
+            [first, ..] => {
+                Err(format!("several drives have a line '{text}'; '{}' is one", self.name_of(first)))
+            }
+        }
+    }
+
+    /// The serial ports that have lines of their own.
+    fn own_lines(&self) -> Vec<Line> {
+        let drives = 0..self.layout.drives.len();
+        let ports = drives.flat_map(|drive| {
+            let ports = (0..).map(Port).zip(self.spec(drive).ports);
+            ports.filter(|(_, of)| !of.is_tcp()).map(move |(port, _)| (drive, port))
+        });
+        ports
+            .filter(|&(drive, port)| self.bus_of(drive, port).is_none())
+            .map(|(drive, port)| Line::Own(drive, port))
+            .collect()
+    }
+
+    /// What a line is to the first drive on it.
+    pub(super) fn port_of(&self, line: Line) -> Option<&'static PortSpec> {
+        let (drive, port) = match line {
+            Line::Shared(bus) => *self.layout.buses[bus].drives.first()?,
+            Line::Own(drive, port) => (drive, port),
+        };
+        self.spec(drive).ports.get(usize::from(port.0))
+    }
+
+    fn port_name(&self, line: Line) -> &'static str {
+        self.port_of(line).map_or("", |port| port.name)
+    }
+
+    /// The name of a line that no other one has.
+    pub(super) fn name_of(&self, line: Line) -> String {
+        match line {
+            Line::Shared(bus) => self.layout.buses[bus].name.clone(),
+            Line::Own(drive, _) => format!("{}.{}", self.layout.drives[drive].name, self.port_name(line)),
+        }
+    }
+
+    /// A pin: `x.J2.4`.
+    pub(super) fn pin(&self, text: &str) -> Result<At, String> {
+        let (drive, name) = text
+            .split_once('.')
+            .ok_or_else(|| format!("'{text}' is no pin; a drive and its pin are, like x.J2.2"))?;
+        let drive = self.drive_named(drive)?;
+        let spec = self.spec(drive);
+        let pin: Option<Pin> = spec.pin(name);
+        let unknown = || {
+            let what = format!("pin of {}", spec.kind);
+            suggest::unknown(&what, name, spec.pin_names().map(|(name, _)| name))
+        };
+        Ok((drive, pin.ok_or_else(unknown)?))
+    }
+}
+
+/// Whether a TCP port of a drive is called so.
+fn is_tcp_port(spec: &Spec, name: &str) -> bool {
+    spec.ports.iter().any(|port| port.is_tcp() && port.name == name)
+}
+
+fn unknown_port(spec: &Spec, name: &str) -> String {
+    suggest::unknown(&format!("port of {}", spec.kind), name, spec.ports.iter().map(|port| port.name))
+}
+
+/// A path, which is not empty.
+fn path(table: &Table<'_>, key: &str) -> Result<Option<Said<PathBuf>>, Wrong> {
+    let Some(text) = table.text(key)? else { return Ok(None) };
+    if text.is.is_empty() {
+        return Err(text.wrong(format!("{key} takes the name of a file")));
+    }
+    Ok(Some(Said { is: Path::new(text.is).to_owned(), at: text.at }))
+}
+
+/// What `address` and `set` say, in the order of the rows and halves behind the whole, so that the order in the file
+/// does not matter; each with the place of its value.
+fn presets(table: &Table<'_>, spec: &Spec) -> Result<Vec<Said<Preset>>, Wrong> {
+    let mut presets = Vec::new();
+    let address = spec.address.and_then(|row| spec.registers.rows.get(row));
+    let told = table.integer("address")?;
+    if let Some(value) = &told {
+        let row = address.ok_or_else(|| value.wrong(format!("{} has no bus address", spec.kind)))?;
+        let preset = Preset::new(spec, row.name, &value.is).map_err(Wrong::at(value.at))?;
+        presets.push(Said { is: preset, at: value.at });
+    }
+    if let Some(set) = table.any_table("set")? {
+        for key in set.keys() {
+            if Preset::text(spec, key.is, "").is_some() {
+                let Some(text) = set.text(key.is)? else { continue };
+                let told = Preset::text(spec, key.is, text.is).unwrap_or_else(|| Ok(Vec::new()));
+                let told = told.map_err(Wrong::at(text.at))?;
+                presets.extend(told.into_iter().map(|preset| Said { is: preset, at: text.at }));
+                continue;
+            }
+            if spec.find(key.is).is_none() {
+                // The sentence is that of an unknown name.
+                Preset::new(spec, key.is, &Number::Decimal(0)).map_err(Wrong::at(key.at))?;
+            }
+            let Some(value) = set.integers(key.is)? else { continue };
+            let preset = Preset::new(spec, key.is, &value.is)
+                .and_then(|preset| preset.check_saved(spec).map(|()| preset))
+                .map_err(Wrong::at(value.at))?;
+            if told.is_some() && spec.address == Some(preset.row) {
+                return Err(key.wrong(format!("{} is what 'address' says already", key.is)));
+            }
+            presets.push(Said { is: preset, at: value.at });
+        }
+    }
+    presets.sort_by_key(|preset| (preset.is.row, preset.is.is_half()));
+    Ok(presets)
+}

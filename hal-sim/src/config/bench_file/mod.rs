@@ -1,0 +1,225 @@
+//! Bench files: a [`Layout`] as TOML, as `docs/bench-files.md` describes it.
+//!
+//! The order of tables and of keys does not matter: what a table names may stand behind it.
+
+mod drive_tables;
+mod plant_tables;
+mod table;
+
+use std::collections::BTreeMap;
+use std::fmt;
+use std::path::PathBuf;
+
+use toml::de::DeTable;
+
+use crate::config::layout::{Disturbed, Layout};
+use crate::config::listen::Uri;
+use crate::line::LineMode;
+use crate::line::faults::{BAUDS, LONGEST_DELAY, LineFaults};
+use crate::record::trace;
+use drive_tables::{BUS, DRIVE};
+use drivetwin_firmware::device::{Duration, Spec};
+use plant_tables::{ENCODER, MOTOR, SWITCH, WIRE};
+use table::{Said, Table, Wrong};
+
+/// What is wrong with a bench file.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct FileError {
+    /// In which line, from 1.
+    pub line: usize,
+    /// At which character of it, from 1.
+    pub column: usize,
+    /// One sentence.
+    pub what: String,
+}
+
+impl FileError {
+    fn new(text: &str, wrong: Wrong) -> Self {
+        let before = text.get(..wrong.at).unwrap_or(text);
+        let start = before.rfind('\n').map_or(0, |at| at + 1);
+        let (line, column) = (before.matches('\n').count() + 1, before[start..].chars().count() + 1);
+        Self { line, column, what: wrong.what }
+    }
+}
+
+impl fmt::Display for FileError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "line {}, column {}: {}", self.line, self.column, self.what)
+    }
+}
+
+impl std::error::Error for FileError {}
+
+/// Reads a bench file. Its paths are as it says them: see [`Layout::relative_to`].
+///
+/// # Errors
+/// What is wrong, and where.
+pub fn parse(text: &str) -> Result<Layout, FileError> {
+    let (root, errors) = DeTable::parse_recoverable(text);
+    let errors = errors.iter().map(|error| Wrong {
+        at: error.span().map_or(0, |span| span.start),
+        what: format!("this is not TOML: {}", error.message()),
+    });
+    let layout = match errors.min_by_key(|wrong| wrong.at) {
+        Some(wrong) => Err(wrong),
+        None => Table::new("a bench file", root.span().start, root.get_ref(), &KEYS)
+            .and_then(|root| Reader::default().read(&root)),
+    };
+    layout.map_err(|wrong| FileError::new(text, wrong))
+}
+
+/// The keys of a bench file.
+const KEYS: [&str; 10] =
+    ["seed", "time", "line", "drive", "bus", "motor", "encoder", "switch", "wire", "fault"];
+/// The keys of `[[fault]]`.
+fn fault_keys() -> Vec<&'static str> {
+    let mut faults = LineFaults::NONE;
+    let shares = faults.shares().map(|(name, _)| name);
+    [&["bus"], &shares[..], &["exception_code", "delay_ms", "mute", "baud"]].concat()
+}
+
+/// Ticks in a ms.
+const MILLI: f64 = Duration::millis(1).ticks() as f64;
+
+/// What has been read so far, and what it may not clash with.
+#[derive(Default)]
+struct Reader {
+    layout: Layout,
+    /// What every drive, bus and motor is called, and what it is.
+    names: BTreeMap<String, &'static str>,
+    /// What each drive is.
+    specs: Vec<&'static Spec>,
+    /// Which drives the file has reached nowhere.
+    nowhere: Vec<bool>,
+    /// Every place to be reached.
+    places: Vec<Uri>,
+    /// Every file of a memory.
+    memories: Vec<PathBuf>,
+}
+
+impl Reader {
+    fn read(mut self, root: &Table<'_>) -> Result<Layout, Wrong> {
+        self.layout.seed = root.whole("seed", 0, u64::MAX)?.map(|seed| seed.is);
+        self.layout.time =
+            read_as(root.text("time")?, |text| text.parse().map_err(|error| format!("time: {error}")))?;
+        self.layout.line = read_as(root.text("line")?, line_mode)?;
+        let drives = root.each("drive", "[[drive]]", &DRIVE)?;
+        if drives.is_empty() {
+            return Err(Wrong { at: root.at, what: "a bench needs a [[drive]]".to_owned() });
+        }
+        for table in drives {
+            self.drive(&table)?;
+        }
+        for table in root.each("bus", "[[bus]]", &BUS)? {
+            self.bus(&table)?;
+        }
+        self.reach_the_others();
+        for table in root.each("motor", "[[motor]]", &MOTOR)? {
+            self.motor(&table)?;
+        }
+        for table in root.each("encoder", "[[encoder]]", &ENCODER)? {
+            self.encoder(&table)?;
+        }
+        for table in root.each("switch", "[[switch]]", &SWITCH)? {
+            self.switch(&table)?;
+        }
+        for table in root.each("wire", "[[wire]]", &WIRE)? {
+            self.wire(&table)?;
+        }
+        for table in root.each("fault", "[[fault]]", &fault_keys())? {
+            self.fault(&table)?;
+        }
+        Ok(self.layout)
+    }
+
+    /// The name of a drive, bus or motor, of which there is none yet.
+    fn name(&mut self, table: &Table<'_>, what: &'static str) -> Result<String, Wrong> {
+        let name = table.needed_text("name")?;
+        let word = |name: &str| name.chars().all(|char| char.is_alphanumeric() || "-_".contains(char));
+        if !trace::is_name(name.is) || !word(name.is) {
+            let rule =
+                "a name is one word of letters, digits, - and _, with no digit first and other than 'end'";
+            return Err(name.wrong(format!("'{}' is no name; {rule}", name.is)));
+        }
+        if let Some(other) = self.names.insert(name.is.to_owned(), what) {
+            return Err(name.wrong(format!("there is a {other} '{}' already", name.is)));
+        }
+        Ok(name.is.to_owned())
+    }
+
+    fn fault(&mut self, table: &Table<'_>) -> Result<(), Wrong> {
+        let bus = table.needed_text("bus")?;
+        let line = self.line_named(bus.is).map_err(Wrong::at(bus.at))?;
+        let name = self.name_of(line);
+        if self.layout.faults.iter().any(|other| other.bus == name) {
+            return Err(bus.wrong(format!("'{name}' has a [[fault]] already")));
+        }
+        let mut faults = LineFaults::NONE;
+        for (name, share) in faults.shares() {
+            *share = table.number(name, 0.0, 1.0)?.map_or(0.0, |share| share.is);
+        }
+        if let Some(code) = table.whole("exception_code", 1, u8::MAX)? {
+            faults.exception_code = code.is;
+        }
+        let delay = table.number("delay_ms", 0.0, LONGEST_DELAY.ticks() as f64 / MILLI)?;
+        faults.delay =
+            delay.map_or(Duration::ZERO, |delay| Duration::from_ticks((delay.is * MILLI).round() as u64));
+        faults.mute = table.flag("mute")?.is_some_and(|mute| mute.is);
+        faults.baud = table.whole("baud", *BAUDS.start(), *BAUDS.end())?.map(|baud| baud.is);
+        if let Some(port) = self.port_of(line) {
+            let at = table.any_of(&["wrong_address", "exception"]).map_or(table.at, |key| key.at);
+            faults.check_for(port).map_err(Wrong::at(at))?;
+        }
+        self.layout.faults.push(Disturbed { bus: name, faults });
+        Ok(())
+    }
+}
+
+/// What a string means, if it is there.
+fn read_as<T>(
+    text: Option<Said<&str>>,
+    read: impl FnOnce(&str) -> Result<T, String>,
+) -> Result<Option<T>, Wrong> {
+    text.map(|text| read(text.is).map_err(Wrong::at(text.at))).transpose()
+}
+
+fn line_mode(text: &str) -> Result<LineMode, String> {
+    match text {
+        "timed" | "wire" => Ok(LineMode::Timed),
+        "fast" => Ok(LineMode::Fast),
+        _ => Err(format!("line takes timed or fast, not '{text}'")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The reference has a heading for every table, and a row for every key of it.
+    #[test]
+    fn the_reference_has_every_key() {
+        let reference = include_str!("../../../../docs/bench-files.md");
+        let section = |heading: &str| {
+            let (_, rest) = reference.split_once(heading).unwrap_or_else(|| panic!("no {heading}"));
+            rest.split("\n## ").next().unwrap_or_default()
+        };
+        let tables: [(&str, &[&str]); 8] = [
+            ("\n## The bench\n", &KEYS[..3]),
+            ("\n## `[[drive]]`\n", &DRIVE),
+            ("\n## `[[bus]]`\n", &BUS),
+            ("\n## `[[motor]]`\n", &MOTOR),
+            ("\n## `[[encoder]]`\n", &ENCODER),
+            ("\n## `[[switch]]`\n", &SWITCH),
+            ("\n## `[[wire]]`\n", &WIRE),
+            ("\n## `[[fault]]`\n", &fault_keys()),
+        ];
+        assert_eq!(3 + tables.len() - 1, KEYS.len());
+        for (heading, keys) in tables {
+            let section = section(heading);
+            for key in keys {
+                let is_row = |row: &str| row.replace('*', "").starts_with(&format!("| `{key}` |"));
+                assert!(section.lines().any(is_row), "{heading}: {key}");
+            }
+        }
+    }
+}

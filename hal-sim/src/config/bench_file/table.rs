@@ -1,0 +1,224 @@
+//! Tables of a bench file: their keys, and values of the kind that is wanted, each with its place.
+
+use toml::Spanned;
+use toml::de::{DeInteger, DeTable, DeValue};
+
+use crate::config::preset::Number;
+use crate::suggest;
+
+/// Something is wrong at an offset of the text.
+#[derive(Debug)]
+pub(super) struct Wrong {
+    pub(super) at: usize,
+    pub(super) what: String,
+}
+
+impl Wrong {
+    /// The error of a function that knows one sentence and no place.
+    pub(super) fn at(at: usize) -> impl Fn(String) -> Self {
+        move |what| Self { at, what }
+    }
+}
+
+/// A value, and where it is in the text.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Said<T> {
+    pub(super) is: T,
+    pub(super) at: usize,
+}
+
+impl<T> Said<T> {
+    /// What is wrong with it.
+    pub(super) fn wrong(&self, what: impl Into<String>) -> Wrong {
+        Wrong { at: self.at, what: what.into() }
+    }
+}
+
+/// A table.
+#[derive(Clone, Copy)]
+pub(super) struct Table<'a> {
+    /// What a sentence calls it.
+    what: &'static str,
+    /// Where it begins.
+    pub(super) at: usize,
+    keys: &'a DeTable<'a>,
+}
+
+impl<'a> Table<'a> {
+    /// A table that has no other keys than those.
+    pub(super) fn new(
+        what: &'static str,
+        at: usize,
+        keys: &'a DeTable<'a>,
+        known: &[&str],
+    ) -> Result<Self, Wrong> {
+        let table = Self { what, at, keys };
+        let unknown = table.keys().into_iter().find(|key| !known.contains(&key.is));
+        unknown.map_or(Ok(table), |key| {
+            Err(key.wrong(suggest::unknown(&format!("key of {what}"), key.is, known.iter().copied())))
+        })
+    }
+
+    /// The tables under a key that may be there several times, like `[[drive]]`.
+    pub(super) fn each(
+        &self,
+        key: &str,
+        what: &'static str,
+        known: &[&str],
+    ) -> Result<Vec<Table<'a>>, Wrong> {
+        let Some(value) = self.keys.get(key) else { return Ok(Vec::new()) };
+        let wrong = |value: &Spanned<DeValue<'_>>| Wrong {
+            at: value.span().start,
+            what: format!("{key} is written {what}, above its keys"),
+        };
+        let DeValue::Array(tables) = value.get_ref() else { return Err(wrong(value)) };
+        let tables = tables.iter().map(|value| match value.get_ref() {
+            DeValue::Table(keys) => Self::new(what, value.span().start, keys, known),
+            _ => Err(wrong(value)),
+        });
+        tables.collect()
+    }
+
+    /// All keys, in the order of the text.
+    pub(super) fn keys(&self) -> Vec<Said<&'a str>> {
+        let keys = self.keys.keys().map(|key| Said { is: key.get_ref().as_ref(), at: key.span().start });
+        let mut keys: Vec<_> = keys.collect();
+        keys.sort_by_key(|key| key.at);
+        keys
+    }
+
+    /// The first of some keys that is there.
+    pub(super) fn any_of(&self, keys: &[&str]) -> Option<Said<&'a str>> {
+        self.keys().into_iter().find(|key| keys.contains(&key.is))
+    }
+
+    /// A value that has to be there.
+    pub(super) fn needs<T>(&self, key: &str, value: Option<T>) -> Result<T, Wrong> {
+        value.ok_or_else(|| Wrong { at: self.at, what: format!("{} needs '{key}'", self.what) })
+    }
+
+    /// The value of a key, if it is what `read` wants.
+    fn get<T>(
+        &self,
+        key: &str,
+        wants: impl FnOnce() -> String,
+        read: impl FnOnce(&'a DeValue<'a>) -> Option<T>,
+    ) -> Result<Option<Said<T>>, Wrong> {
+        let Some(value) = self.keys.get(key) else { return Ok(None) };
+        let at = value.span().start;
+        let is = read(value.get_ref()).ok_or_else(|| Wrong {
+            at,
+            what: format!("{key} takes {}, not {}", wants(), shown(value.get_ref())),
+        });
+        is.map(|is| Some(Said { is, at }))
+    }
+
+    /// A string.
+    pub(super) fn text(&self, key: &str) -> Result<Option<Said<&'a str>>, Wrong> {
+        self.get(key, || "a string".to_owned(), DeValue::as_str)
+    }
+
+    /// A string that has to be there.
+    pub(super) fn needed_text(&self, key: &str) -> Result<Said<&'a str>, Wrong> {
+        self.needs(key, self.text(key)?)
+    }
+
+    /// A list of strings.
+    pub(super) fn texts(&self, key: &str) -> Result<Option<Said<Vec<Said<&'a str>>>>, Wrong> {
+        let wants = || "a list of strings".to_owned();
+        let Some(list) = self.get(key, wants, DeValue::as_array)? else { return Ok(None) };
+        let texts = list.is.iter().map(|value| {
+            let at = value.span().start;
+            let what = || format!("{key} takes {}, and {} is none", wants(), shown(value.get_ref()));
+            value.get_ref().as_str().map(|is| Said { is, at }).ok_or_else(|| Wrong { at, what: what() })
+        });
+        Ok(Some(Said { is: texts.collect::<Result<_, _>>()?, at: list.at }))
+    }
+
+    /// `true` or `false`.
+    pub(super) fn flag(&self, key: &str) -> Result<Option<Said<bool>>, Wrong> {
+        self.get(key, || "true or false".to_owned(), DeValue::as_bool)
+    }
+
+    /// A whole number in a range, which includes its ends.
+    pub(super) fn whole<T>(&self, key: &str, least: T, greatest: T) -> Result<Option<Said<T>>, Wrong>
+    where
+        T: Copy + PartialOrd + TryFrom<i128> + std::fmt::Display,
+    {
+        let wants = || format!("a whole number from {least} to {greatest}");
+        self.get(key, wants, |value| {
+            let value = T::try_from(whole(value.as_integer()?)?).ok()?;
+            (least <= value && value <= greatest).then_some(value)
+        })
+    }
+
+    /// A number in a range, which includes its ends.
+    pub(super) fn number(&self, key: &str, least: f64, greatest: f64) -> Result<Option<Said<f64>>, Wrong> {
+        let wants = || format!("a number from {least} to {greatest}");
+        self.get(key, wants, |value| {
+            let value = match value {
+                DeValue::Integer(value) => whole(value)? as f64,
+                DeValue::Float(value) => value.as_str().parse().ok()?,
+                _ => return None,
+            };
+            (least..=greatest).contains(&value).then_some(value)
+        })
+    }
+
+    /// Any whole number.
+    pub(super) fn integer(&self, key: &str) -> Result<Option<Said<Number>>, Wrong> {
+        self.get(key, || "a whole number".to_owned(), integer)
+    }
+
+    /// Any whole number, or a list of some.
+    pub(super) fn integers(&self, key: &str) -> Result<Option<Said<Number>>, Wrong> {
+        self.get(
+            key,
+            || "a whole number or a list of them".to_owned(),
+            |value| match value.as_array() {
+                Some(list) => {
+                    let words =
+                        list.iter().map(|value| i64::try_from(whole(value.get_ref().as_integer()?)?).ok());
+                    words.collect::<Option<_>>().map(Number::Words)
+                }
+                None => integer(value),
+            },
+        )
+    }
+
+    /// A table that has no other keys than those.
+    pub(super) fn table(&self, key: &'static str, known: &[&str]) -> Result<Option<Table<'a>>, Wrong> {
+        let Some(keys) = self.any_table(key)? else { return Ok(None) };
+        Self::new(key, keys.at, keys.keys, known).map(Some)
+    }
+
+    /// A table with whatever keys.
+    pub(super) fn any_table(&self, key: &'static str) -> Result<Option<Table<'a>>, Wrong> {
+        let keys = self.get(key, || "a table, like { … }".to_owned(), DeValue::as_table)?;
+        Ok(keys.map(|keys| Table { what: key, at: keys.at, keys: keys.is }))
+    }
+}
+
+/// A whole number, as bits if it is written like `0xFF`.
+fn integer(value: &DeValue<'_>) -> Option<Number> {
+    let integer = value.as_integer()?;
+    let value = i64::try_from(whole(integer)?).ok()?;
+    Some(if integer.radix() == 10 { Number::Decimal(value) } else { Number::Bits(value) })
+}
+
+fn whole(integer: &DeInteger<'_>) -> Option<i128> {
+    i128::from_str_radix(integer.as_str(), integer.radix()).ok()
+}
+
+/// A value as the end of a sentence about it.
+fn shown(value: &DeValue<'_>) -> String {
+    match value {
+        DeValue::Integer(value) => value.to_string(),
+        DeValue::Float(value) => value.to_string(),
+        DeValue::Boolean(value) => value.to_string(),
+        DeValue::String(_) => "a string".to_owned(),
+        DeValue::Datetime(_) => "a date".to_owned(),
+        DeValue::Array(_) => "a list".to_owned(),
+        DeValue::Table(_) => "a table".to_owned(),
+    }
+}

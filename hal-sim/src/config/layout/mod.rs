@@ -1,0 +1,235 @@
+//! What is on a bench, as plain data: what a bench file says, or the options of a single drive.
+//!
+//! What makes a [`Layout`] checks it: names are there once, places are those of something, pins and registers exist,
+//! values are legal. One function makes the [bench](Layout::build) of it, and relies on that.
+
+mod build;
+
+use std::path::{Path, PathBuf};
+
+use drivetwin_firmware::device::{Axis, Fault, Pin, Port, Spec};
+use drivetwin_firmware::motor;
+
+pub use self::build::Built;
+use crate::bench::{Closed, Settings};
+use crate::config::listen::{Listen, Uri};
+use crate::config::preset::Preset;
+use crate::config::time_mode::Pace;
+use crate::line::LineMode;
+use crate::line::faults::LineFaults;
+use crate::suggest;
+
+/// What is on a bench.
+#[derive(Clone, Debug, Default)]
+pub struct Layout {
+    /// Seed of every random choice.
+    pub seed: Option<u64>,
+    /// How time runs.
+    pub time: Option<Pace>,
+    /// How long characters take.
+    pub line: Option<LineMode>,
+    /// Its drives.
+    pub drives: Vec<Drive>,
+    /// Lines that drives share. A serial port that is on none has one of its own.
+    pub buses: Vec<Bus>,
+    /// Motors.
+    pub motors: Vec<Motor>,
+    /// Encoders on their shafts.
+    pub encoders: Vec<Encoder>,
+    /// Switches beside them.
+    pub switches: Vec<Switch>,
+    /// Wires from pin to pin.
+    pub wires: Vec<Wire>,
+    /// What disturbs lines from the beginning.
+    pub faults: Vec<Disturbed>,
+}
+
+impl Layout {
+    /// The settings of its bench: what is not said is as [`Settings::default`] has it.
+    #[must_use]
+    pub fn settings(&self) -> Settings {
+        let default = Settings::default();
+        Settings {
+            seed: self.seed.unwrap_or(default.seed),
+            line: self.line.unwrap_or(default.line),
+            patience: self.time.map_or(default.patience, Pace::patience),
+            ..default
+        }
+    }
+
+    /// Takes its paths, which a bench file has relative to its folder, as relative to `folder`.
+    pub fn relative_to(&mut self, folder: &Path) {
+        for drive in &mut self.drives {
+            for path in [&mut drive.nv, &mut drive.program].into_iter().flatten() {
+                *path = folder.join(&path);
+            }
+        }
+        let own = self.drives.iter_mut().flat_map(|drive| &mut drive.listen).map(|(_, uri)| uri);
+        for uri in own.chain(self.buses.iter_mut().flat_map(|bus| &mut bus.listen)) {
+            if let Uri::Pty(Some(path)) | Uri::Serial(path) = uri {
+                *path = folder.join(&path);
+            }
+        }
+    }
+}
+
+/// A pin of a drive: place in [`Layout::drives`].
+pub type At = (usize, Pin);
+
+/// A drive.
+#[derive(Clone, Debug)]
+pub struct Drive {
+    /// Its name.
+    pub name: String,
+    /// What it is.
+    pub kind: &'static str,
+    /// Where its own lines are reached.
+    pub listen: Vec<(Port, Uri)>,
+    /// Where its memory is kept.
+    pub nv: Option<PathBuf>,
+    /// Registers that are preset, its address among them.
+    pub presets: Vec<Preset>,
+    /// A user program of an RS drive, as text.
+    pub program: Option<PathBuf>,
+    /// No start-up delay.
+    pub fast_boot: bool,
+    /// Causes of faults that are there from the beginning.
+    pub faults: Vec<Fault>,
+}
+
+/// A line that drives share.
+#[derive(Clone, Debug)]
+pub struct Bus {
+    /// Its name.
+    pub name: String,
+    /// Where it is reached.
+    pub listen: Vec<Uri>,
+    /// Who is on it: places in [`Layout::drives`], and ports.
+    pub drives: Vec<(usize, Port)>,
+    /// Whether characters that overlap spoil each other.
+    pub collisions: bool,
+}
+
+/// A motor.
+#[derive(Clone, Debug)]
+pub struct Motor {
+    /// Its name.
+    pub name: String,
+    /// What turns it: place in [`Layout::drives`].
+    pub drive: usize,
+    /// By which axis.
+    pub axis: Axis,
+    /// What it is.
+    pub is: MotorKind,
+}
+
+/// What a motor is.
+#[derive(Clone, Debug)]
+pub enum MotorKind {
+    /// It follows the steps of its drive.
+    Stepper(motor::stepper::Parameters),
+    /// One with brushes, or a brushless one. What is not said is as the drive's registers describe it when it has been powered on for the first time, with
+    /// its memory and presets. From then on it is a motor of its own and follows no register.
+    Brush(BrushKeys),
+}
+
+/// What is said of a brush motor, or of a brushless one; see [`motor::Parameters`].
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+#[expect(missing_docs, reason = "the fields are those of `motor::Parameters`")]
+pub struct BrushKeys {
+    pub supply_mv: Option<u32>,
+    pub no_load_rpm: Option<u32>,
+    pub resistance_mohm: Option<u32>,
+    pub inertia_gcm2: Option<u32>,
+    pub friction_unm: Option<u32>,
+    pub load_unm: Option<i32>,
+    pub hall_pulses: Option<u16>,
+}
+
+/// An encoder on the shaft of a motor.
+#[derive(Clone, Debug)]
+pub struct Encoder {
+    /// Place in [`Layout::motors`].
+    pub motor: usize,
+    /// Cycles of A in a turn.
+    pub cycles_per_rev: u32,
+    /// Where A goes.
+    pub a: Option<At>,
+    /// Where B goes.
+    pub b: Option<At>,
+    /// Where the index goes.
+    pub index: Option<At>,
+}
+
+/// A switch that the shaft of a motor closes.
+#[derive(Clone, Debug)]
+pub struct Switch {
+    /// Place in [`Layout::motors`].
+    pub motor: usize,
+    /// Where it is closed.
+    pub closed: Closed,
+    /// The pin that it pulls to ground.
+    pub to: At,
+}
+
+/// A wire.
+#[derive(Clone, Debug)]
+pub struct Wire {
+    /// An output.
+    pub from: At,
+    /// An input.
+    pub to: At,
+}
+
+/// What disturbs a line.
+#[derive(Clone, Debug)]
+pub struct Disturbed {
+    /// Its name, as [`Bench::find_bus`](crate::bench::Bench::find_bus) finds it.
+    pub bus: String,
+    /// How.
+    pub faults: LineFaults,
+}
+
+/// Which port of a drive is meant, and that it can be reached so.
+///
+/// # Errors
+/// One sentence: there is no such port, or it is reached otherwise.
+pub fn reached(spec: &Spec, listen: &Listen) -> Result<(Port, Uri), String> {
+    let Listen { port: name, uri } = listen;
+    let mut ports = (0..).map(Port).zip(spec.ports);
+    let found = ports.find(|(_, port)| name.as_deref().is_none_or(|name| port.name == name));
+    let (port, of) = found.ok_or_else(|| {
+        let name = name.as_deref().unwrap_or_default();
+        suggest::unknown(&format!("port of {}", spec.kind), name, spec.ports.iter().map(|port| port.name))
+    })?;
+    match (of.line, uri) {
+        (None, Uri::Pty(_)) => Err(format!("{} of {} is a TCP port and has no pty", of.name, spec.kind)),
+        (None, Uri::Serial(_) | Uri::Stdio) => {
+            Err(format!("{} of {} is a TCP port and is reached by tcp: alone", of.name, spec.kind))
+        }
+        _ => Ok((port, uri.clone())),
+    }
+}
+
+/// A sentence about a TCP port where a line is wanted.
+#[must_use]
+pub fn no_line(name: &str) -> String {
+    format!("{name} is a TCP port and no line")
+}
+
+/// Whether two paths in one folder are the same, as far as they tell.
+pub(crate) fn same_path(a: &Path, b: &Path) -> bool {
+    // Joined to any folder, `./a` is `a`.
+    Path::new("/").join(a) == Path::new("/").join(b)
+}
+
+/// Whether two places to be reached cannot both be.
+#[must_use]
+pub fn clash(a: &Uri, b: &Uri) -> bool {
+    match (a, b) {
+        (Uri::Pty(Some(a)), Uri::Pty(Some(b))) | (Uri::Serial(a), Uri::Serial(b)) => same_path(a, b),
+        (Uri::Tcp(a), Uri::Tcp(b)) => a == b && !a.ends_with(":0"),
+        (Uri::Stdio, Uri::Stdio) => true,
+        _ => false,
+    }
+}

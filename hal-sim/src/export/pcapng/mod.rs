@@ -1,0 +1,418 @@
+//! Frames of the lines and TCP ports: pcapng, as Wireshark and its tools read it.
+//!
+//! Each line is an interface of its name, as is each connection of a TCP port (`modbus 0`), and each frame a packet, stamped with the bench's time (from the epoch
+//! on, in whole nanoseconds) at which its first character begins. A packet says what dissects it
+//! (`WIRESHARK_UPPER_PDU`), so nothing has to be set:
+//!
+//! | on the line | shown as |
+//! |---|---|
+//! | Modbus RTU, Modbus/TCP | that, a query or a response |
+//! | Modbus ASCII, commands of a QSB, MCode | lines of text |
+//! | frames with a wrong check sum, or that collided, noise | data; that nobody could read it is in the packet's flags, as a wrong check sum |
+//!
+//! The flags also tell which way a packet went: *inbound* to drives, *outbound* from one. That is the only way to
+//! tell a request of function 5 or 6 of Modbus RTU from its reply, which is the same, unless one tells Wireshark
+//! that RTU is on port 502 (`-o mbrtu.tcp.port:502`).
+
+mod blocks;
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::io::{self, Write};
+
+use drivetwin_firmware::device::{Duration, Ends, Instant, Line};
+use drivetwin_protocol::modbus::ascii;
+
+pub use self::blocks::{Blocks, Packet, Protocol, Way};
+use crate::bench::{Bench, Outlet};
+use crate::record::capture::{Capture, Frame, Medium, Source};
+
+/// A line of text that is longer is cut there.
+const LONGEST_TEXT: usize = 1 << 10;
+
+/// Writes what a bench still knows of its lines.
+///
+/// # Errors
+/// Those of the writer.
+pub fn write(bench: &Bench, out: impl Write) -> io::Result<()> {
+    let mut file = Pcapng::new(bench, out)?;
+    file.follow(bench)?;
+    file.finish()
+}
+
+/// What a bench still knows of its lines at an instant, to be written elsewhere.
+pub struct Snapshot {
+    capture: Capture,
+    /// So many frames there were.
+    seen: u64,
+    now: Instant,
+    outlets: Vec<(Outlet, About)>,
+}
+
+impl Snapshot {
+    /// A copy as of now, without the frames.
+    #[must_use]
+    pub fn begin(bench: &Bench) -> Self {
+        let outlets = bench.outlets().into_iter().map(|outlet| (outlet, About::of(bench, outlet)));
+        let capture = bench.capture();
+        Self {
+            capture: capture.outline(),
+            seen: capture.seen(),
+            now: bench.now(),
+            outlets: outlets.collect(),
+        }
+    }
+
+    /// Brings at most `most` more of the frames; whether there are more. What the bench has forgotten
+    /// meanwhile is lost.
+    pub fn go_on(&mut self, bench: &Bench, most: usize) -> bool {
+        self.capture.copy_on(bench.capture(), self.seen, most)
+    }
+
+    /// Writes it.
+    ///
+    /// # Errors
+    /// Those of the writer.
+    pub fn write(&self, out: impl Write) -> io::Result<()> {
+        let mut file = Pcapng::with(self.outlets.iter().cloned(), out)?;
+        file.take_ended(&self.capture, self.now, &|outlet| {
+            let known = self.outlets.iter().find(|(known, _)| *known == outlet);
+            known.map_or_else(About::default, |(_, about)| about.clone())
+        })?;
+        file.finish()
+    }
+}
+
+/// What a file has to know of a line or a TCP port.
+#[derive(Clone, Default)]
+struct About {
+    name: String,
+    /// What ends a message there.
+    ends: Option<Ends>,
+}
+
+impl About {
+    fn of(bench: &Bench, outlet: Outlet) -> Self {
+        let first = match outlet {
+            Outlet::Line(bus) => bench.ports(bus).first().copied(),
+            Outlet::Tcp(seat, port) => Some((seat, port)),
+        };
+        let port = first.and_then(|(seat, port)| bench.spec(seat).ports.get(usize::from(port.0)));
+        Self { name: bench.outlet_name(outlet), ends: port.map(|port| port.ends) }
+    }
+}
+
+/// Where that is.
+fn outlet(on: Medium) -> Outlet {
+    match on {
+        Medium::Line(bus) => Outlet::Line(bus),
+        Medium::Tcp(seat, port, _) => Outlet::Tcp(seat, port),
+    }
+}
+
+/// A file that follows a bench. Between two calls it holds no more than the text of a line for each line and
+/// connection.
+///
+/// What is in it, and in which order, does not depend on how often it follows: packets are written in the
+/// order in which they end.
+pub struct Pcapng<W> {
+    blocks: Blocks<W>,
+    /// What the file calls each line or connection, and what ends a message on it.
+    lines: BTreeMap<Medium, (u32, Option<Ends>)>,
+    /// Text that is not written yet.
+    texts: BTreeMap<(Medium, Way), Text>,
+    /// The first frame that is not taken, and those behind it that are.
+    first: u64,
+    ahead: BTreeSet<u64>,
+    /// Frames that the bench forgot before they were taken.
+    lost: u64,
+}
+
+/// Characters that belong together.
+struct Text {
+    /// When the first one begins.
+    at: Instant,
+    /// When the last one ends.
+    end: Instant,
+    /// Until then a line feed may follow a carriage return.
+    open: Instant,
+    bytes: Vec<u8>,
+}
+
+impl<W: Write> Pcapng<W> {
+    /// Begins the file, with the lines that the bench has by now.
+    ///
+    /// # Errors
+    /// Those of the writer.
+    pub fn new(bench: &Bench, out: W) -> io::Result<Self> {
+        Self::with(bench.outlets().into_iter().map(|outlet| (outlet, About::of(bench, outlet))), out)
+    }
+
+    fn with(outlets: impl IntoIterator<Item = (Outlet, About)>, out: W) -> io::Result<Self> {
+        let mut pcapng = Self {
+            blocks: Blocks::new(out)?,
+            lines: BTreeMap::new(),
+            texts: BTreeMap::new(),
+            first: 0,
+            ahead: BTreeSet::new(),
+            lost: 0,
+        };
+        for (outlet, about) in outlets {
+            if let Outlet::Line(bus) = outlet {
+                pcapng.line(Medium::Line(bus), &|_| about.clone())?;
+            }
+        }
+        Ok(pcapng)
+    }
+
+    /// Writes the frames that have ended since the last time.
+    ///
+    /// # Errors
+    /// Those of the writer.
+    pub fn follow(&mut self, bench: &Bench) -> io::Result<()> {
+        self.take_ended(bench.capture(), bench.now(), &|outlet| About::of(bench, outlet))
+    }
+
+    /// Writes the frames of a capture that have ended by `now`.
+    fn take_ended(
+        &mut self,
+        capture: &Capture,
+        now: Instant,
+        about: &dyn Fn(Outlet) -> About,
+    ) -> io::Result<()> {
+        self.skip(capture.lost());
+        let new = (self.first..).zip(capture.since(self.first));
+        let ended = new.filter(|(number, frame)| frame.end() <= now && !self.ahead.contains(number));
+        let mut ended: Vec<_> = ended.map(|(number, frame)| (frame.end(), number, frame)).collect();
+        ended.sort_unstable_by_key(|&(end, number, _)| (end, number));
+        for (end, number, frame) in ended {
+            self.write_texts(end)?;
+            self.take(frame, about)?;
+            self.ahead.insert(number);
+        }
+        while self.ahead.remove(&self.first) {
+            self.first += 1;
+        }
+        self.write_texts(now)
+    }
+
+    /// Ends the file. Text is written as far as it came, a frame that has not ended is not.
+    ///
+    /// # Errors
+    /// Those of the writer.
+    pub fn finish(mut self) -> io::Result<()> {
+        self.write_texts(Instant::NEVER)?;
+        self.blocks.flush()
+    }
+
+    /// The first so many frames are forgotten.
+    fn skip(&mut self, forgotten: u64) {
+        if forgotten > self.first {
+            let taken = self.ahead.range(..forgotten).count() as u64;
+            self.lost += forgotten - self.first - taken;
+            self.first = forgotten;
+            self.ahead = self.ahead.split_off(&forgotten);
+        }
+    }
+
+    fn take(&mut self, frame: &Frame, about: &dyn Fn(Outlet) -> About) -> io::Result<()> {
+        let way = match frame.from {
+            Source::Client => Way::In,
+            Source::Drive(_) => Way::Out,
+            Source::Noise => Way::Nowhere,
+        };
+        let over = frame.bytes.is_empty() && matches!(frame.on, Medium::Tcp(..));
+        if over {
+            // What ends with its connection is written as far as it came.
+            return [Way::In, Way::Out].into_iter().try_for_each(|way| self.write_text((frame.on, way)));
+        }
+        let (line, ends) = self.line(frame.on, about)?;
+        match protocol(ends, frame) {
+            _ if frame.bytes.is_empty() => Ok(()),
+            Protocol::Text => self.take_text((frame.on, way), frame),
+            protocol => {
+                let Frame { at, ref bytes, collided, .. } = *frame;
+                self.packet(Packet { line, at, way, protocol, bytes, collided, lost: 0 })
+            }
+        }
+    }
+
+    /// Puts characters to those before them. A text ends with its line, or is cut.
+    fn take_text(&mut self, key: (Medium, Way), frame: &Frame) -> io::Result<()> {
+        let of_line = frame.line.map_or(Duration::ZERO, Line::character);
+        let character = if frame.lasts > Duration::ZERO { of_line } else { Duration::ZERO };
+        for (n, &byte) in (0..).zip(&frame.bytes) {
+            let at = frame.at + character * n;
+            if let Some(text) = self.texts.get(&key)
+                && !text.goes_on(at, byte, of_line)
+            {
+                self.write_text(key)?;
+            }
+            let text = self.texts.entry(key).or_insert(Text { at, end: at, open: at, bytes: Vec::new() });
+            text.bytes.push(byte);
+            text.end = at + character;
+            text.open = text.end + of_line * 2;
+        }
+        Ok(())
+    }
+
+    /// Writes the texts of which it was clear before `at` that they are over.
+    fn write_texts(&mut self, at: Instant) -> io::Result<()> {
+        let over = |text: &Text| at == Instant::NEVER || (text.is_line() && text.open < at);
+        let texts = self.texts.iter().filter(|(_, text)| over(text));
+        let mut texts: Vec<_> = texts.map(|(&key, text)| (text.open, key)).collect();
+        texts.sort_unstable();
+        texts.into_iter().try_for_each(|(_, key)| self.write_text(key))
+    }
+
+    fn write_text(&mut self, key: (Medium, Way)) -> io::Result<()> {
+        match (self.texts.remove(&key), self.lines.get(&key.0)) {
+            (Some(Text { at, bytes, .. }), Some(&(line, _))) => self.packet(Packet {
+                line,
+                at,
+                way: key.1,
+                protocol: Protocol::Text,
+                bytes: &bytes,
+                collided: false,
+                lost: 0,
+            }),
+            _ => Ok(()),
+        }
+    }
+
+    fn packet(&mut self, packet: Packet<'_>) -> io::Result<()> {
+        let lost = std::mem::take(&mut self.lost);
+        self.blocks.packet(&Packet { lost, ..packet })
+    }
+
+    /// What the file calls a line or a connection, and what ends a message on it.
+    fn line(&mut self, on: Medium, about: &dyn Fn(Outlet) -> About) -> io::Result<(u32, Option<Ends>)> {
+        if let Some(&known) = self.lines.get(&on) {
+            return Ok(known);
+        }
+        let About { mut name, ends } = about(outlet(on));
+        if let Medium::Tcp(_, _, link) = on {
+            name += &format!(" {}", link.0);
+        }
+        let line = (self.blocks.line(&name)?, ends);
+        self.lines.insert(on, line);
+        Ok(line)
+    }
+}
+
+impl Text {
+    /// Whether it is a whole line.
+    fn is_line(&self) -> bool {
+        self.bytes.last().is_some_and(|&byte| ends_line(byte))
+    }
+
+    /// Whether a character that begins at `at` belongs to it; behind the end of a line only another such that
+    /// comes within a `character`.
+    fn goes_on(&self, at: Instant, byte: u8, character: Duration) -> bool {
+        let follows = ends_line(byte) && at <= self.end + character;
+        self.bytes.len() < LONGEST_TEXT && (follows || !self.is_line())
+    }
+}
+
+fn ends_line(byte: u8) -> bool {
+    matches!(byte, b'\r' | b'\n')
+}
+
+/// What is spoken on a line.
+fn protocol(ends: Option<Ends>, frame: &Frame) -> Protocol {
+    match ends {
+        _ if frame.from == Source::Noise => Protocol::Noise,
+        Some(Ends::Silence) if frame.line.is_some_and(ascii::is_on) => Protocol::Ascii,
+        Some(Ends::Silence) => Protocol::Rtu,
+        Some(Ends::Mbap) => Protocol::Tcp,
+        Some(Ends::Character | Ends::Return) | None => Protocol::Text,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use drivetwin_firmware::md3::Md3;
+    use drivetwin_protocol::modbus::rtu;
+
+    use super::*;
+    use crate::bench::{Seat, Settings};
+    use crate::record::trace::TraceKeep;
+    use crate::testing::echo_device::{Echo, MCODE, MODBUS};
+
+    /// A bench that keeps so much of its lines, and has been asked as often.
+    fn asked(keep: TraceKeep, times: usize) -> (Bench, Seat) {
+        let mut bench = Bench::with(Settings { capture: keep, ..Settings::default() });
+        let md3 = bench.add::<Md3>("md3");
+        bench.run_until(Instant::ZERO + Duration::secs(3));
+        for _ in 0..times {
+            bench.ask(md3, &rtu::read(1, 0, 1));
+        }
+        (bench, md3)
+    }
+
+    fn copied(copy: &Snapshot) -> Vec<u8> {
+        let mut file = Vec::new();
+        copy.write(&mut file).unwrap();
+        file
+    }
+
+    #[test]
+    fn each_connection_has_an_interface_and_its_text_lines_of_its_own() {
+        let mut bench = Bench::with(Settings { capture: TraceKeep::All, ..Settings::default() });
+        let echo = bench.add::<Echo>("echo");
+        let [a, b, c] = [MCODE, MCODE, MODBUS].map(|port| bench.connect_to(echo, port).unwrap());
+        for (client, text) in [(a, "PR"), (b, "MR 10\r\n"), (a, " P\r\n"), (b, "SL")] {
+            bench.send(client, text.as_bytes());
+            bench.settle();
+        }
+        bench.send(c, &[0, 1, 0, 0, 0, 2, 1, 0x11]);
+        bench.disconnect(b);
+        bench.settle();
+        let mut file = Vec::new();
+        write(&bench, &mut file).unwrap();
+        let mut copy = Snapshot::begin(&bench);
+        while copy.go_on(&bench, 2) {}
+        assert_eq!(copied(&copy), file);
+        let times = |bytes: &[u8]| file.windows(bytes.len()).filter(|window| *window == bytes).count();
+        for name in ["mcode 0", "mcode 1", "modbus 0"] {
+            assert_eq!(times(name.as_bytes()), 1, "{name}");
+        }
+        // Asked, and sent back behind the greeting; at the end as far as it came.
+        assert_eq!((times(b"PR P\r\n"), times(b">PR P\r\n")), (2, 1));
+        assert_eq!((times(b"MR 10\r\n"), times(b">MR 10\r\n"), times(b"SL")), (2, 1, 2));
+        assert_eq!((times(b"mbtcp"), times(b"data-text-lines")), (2, 6));
+    }
+
+    #[test]
+    fn a_copy_in_pieces_is_what_was_there_when_it_was_begun() {
+        let (mut bench, md3) = asked(TraceKeep::All, 10);
+        let mut whole = Vec::new();
+        write(&bench, &mut whole).unwrap();
+        let mut copy = Snapshot::begin(&bench);
+        let mut pieces = 1;
+        while copy.go_on(&bench, 3) {
+            bench.ask(md3, &rtu::read(1, 0, 1));
+            pieces += 1;
+        }
+        // Ten requests and ten replies.
+        assert_eq!(pieces, 7);
+        assert_eq!(copied(&copy), whole);
+    }
+
+    #[test]
+    fn what_the_ring_drops_meanwhile_is_lost() {
+        let (mut bench, md3) = asked(TraceKeep::Ring(2_000), 30);
+        let mut copy = Snapshot::begin(&bench);
+        assert!(copy.go_on(&bench, 1));
+        bench.ask(md3, &rtu::read(1, 0, 1));
+        while copy.go_on(&bench, 1) {}
+        assert_eq!(copy.capture.lost(), bench.capture().lost());
+        assert_eq!(copy.capture.seen(), 60);
+        for _ in 0..30 {
+            bench.ask(md3, &rtu::read(1, 0, 1));
+        }
+        let mut copy = Snapshot { capture: copy.capture.outline(), ..copy };
+        while copy.go_on(&bench, 1) {}
+        assert_eq!((copy.capture.lost(), copy.capture.since(0).count()), (60, 0));
+        copied(&copy);
+    }
+}

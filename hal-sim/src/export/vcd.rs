@@ -1,0 +1,646 @@
+//! Waveforms of the pins: VCD (IEEE 1364-2001, section 18), as GTKWave and its like read it.
+//!
+//! The unit is 100 ps, the coarsest one of the format in which a tick of 62.5 ns is whole: 625 of
+//! them. Each drive is a scope, each of its pins a wire, analogue inputs are reals in volts. Both bear
+//! the names users know, with `_` for whatever is neither letter nor digit, because readers take a dot
+//! for a step into a hierarchy: `J2.5` is `J2_5`.
+//!
+//! | value | what a probe at the pin sees |
+//! |---|---|
+//! | `0` `1` | what the drive drives, else what comes from outside, else what the pin rests at |
+//! | `z` | nothing: an output is let go, or an input is open, and nothing is wired to it |
+//! | `x` `nan` | nobody knows: the drive has no power, or what was recorded of it is lost |
+//!
+//! STEP and DIR come from the plans of the axes, lights and clocks from their waves, edge by edge while
+//! the file is written. Of several changes of a pin at one instant the last one is told.
+
+use std::fmt;
+use std::io::{self, Write};
+use std::ops::Range;
+
+use drivetwin_firmware::device::{Axis, HIGH_MV, Instant, LOGIC_HIGH_MV, Level, Pin, PinSpec, Role};
+
+use crate::record::trace::{Did, Entry, Event, Fed, Group, Power, Trace};
+use crate::scheduler::Tournament;
+use crate::signals::pin_waveform::{Drives, level_of};
+use crate::signals::pulses::{Lent, Shaper, StepDir};
+
+/// The unit of a file, and how many of it make a tick.
+const TIMESCALE: &str = "100 ps";
+const UNITS_PER_TICK: u128 = 625;
+
+/// So much text is written at once, and as much again at most is kept.
+const CHUNK: usize = 64 << 10;
+
+/// Writes all that a trace tells.
+///
+/// # Errors
+/// Those of the writer.
+pub fn write(trace: &Trace, out: impl Write) -> io::Result<()> {
+    let mut waves = Waves::new(trace, out)?;
+    waves.follow(trace)?;
+    waves.finish()
+}
+
+/// A file that follows a trace as it grows. It holds no more than what the pins do at present.
+pub struct Waves<W> {
+    out: W,
+    /// Whole lines that are not written yet.
+    text: Vec<u8>,
+    wires: Vec<Wire>,
+    motors: Vec<Motor>,
+    /// The drives of the trace.
+    drives: Vec<Drive>,
+    /// Drives that are yet to be seated, the next one last.
+    seats: Vec<(Instant, usize)>,
+    /// When each wire, and behind them each motor, changes by itself.
+    edges: Tournament,
+    now: Instant,
+    /// Wires that may have changed at `now`.
+    changed: Vec<usize>,
+    /// The last instant in the file.
+    stamped: Option<Instant>,
+    /// Events taken from the trace.
+    taken: u64,
+    /// How far the trace went.
+    end: Instant,
+}
+
+/// Places of a drive's wires and motors.
+struct Drive {
+    wires: Range<usize>,
+    motors: Range<usize>,
+}
+
+/// An axis with step pulses.
+struct Motor {
+    axis: Axis,
+    /// Places of the wires that carry them.
+    step: usize,
+    dir: usize,
+    shaper: Shaper,
+    /// Which of them the drive uses itself.
+    lent: Lent,
+}
+
+/// A pin.
+struct Wire {
+    pin: &'static PinSpec,
+    /// What the file calls it.
+    code: String,
+    /// Whether anybody knows what it does.
+    known: bool,
+    drives: Drives,
+    /// What comes from outside, if something does, in mV.
+    outside: Option<i32>,
+    /// What was last written.
+    shown: Option<Value>,
+}
+
+/// What a file says of a pin.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Value {
+    Bit(char),
+    Millivolts(i32),
+    NotANumber,
+}
+
+impl<W: Write> Waves<W> {
+    /// Begins the file, about the drives that the trace tells of so far.
+    ///
+    /// # Errors
+    /// Those of the writer.
+    pub fn new(trace: &Trace, mut out: W) -> io::Result<Self> {
+        let (mut wires, mut motors, mut drives) = (Vec::new(), Vec::new(), Vec::new());
+        let mut header = Vec::new();
+        let version = env!("CARGO_PKG_VERSION");
+        writeln!(header, "$version drivetwin {version} $end\n$timescale {TIMESCALE} $end")?;
+        let scopes = names(trace.drives.iter().map(|drive| drive.name.as_str()));
+        for (drive, scope) in trace.drives.iter().zip(scopes) {
+            writeln!(header, "$scope module {scope} $end")?;
+            let first = wires.len();
+            for (pin, name) in drive.spec.pins.iter().zip(names(drive.spec.pins.iter().map(|pin| pin.name))) {
+                let kind = if pin.role == Role::Analogue { "real 64" } else { "wire 1" };
+                let wire = Wire::new(pin, code(wires.len()));
+                writeln!(header, "$var {kind} {} {name} $end", wire.code)?;
+                wires.push(wire);
+            }
+            let first_motor = motors.len();
+            let axes = (0..).map(Axis).zip(drive.spec.axes);
+            motors.extend(axes.filter_map(|(axis, spec)| {
+                let (step, dir) = spec.step_dir?;
+                let place = |pin: Pin| first + usize::from(pin.0);
+                let (shaper, lent) = (Shaper::default(), Lent::default());
+                Some(Motor { axis, step: place(step), dir: place(dir), shaper, lent })
+            }));
+            drives.push(Drive { wires: first..wires.len(), motors: first_motor..motors.len() });
+            writeln!(header, "$upscope $end")?;
+        }
+        writeln!(header, "$enddefinitions $end")?;
+        out.write_all(&header)?;
+        let mut seats: Vec<_> = trace.drives.iter().map(|drive| drive.from).zip(0..).collect();
+        seats.sort_unstable_by(|a, b| b.cmp(a));
+        Ok(Self {
+            out,
+            text: Vec::new(),
+            edges: Tournament::new(&vec![Instant::NEVER; wires.len() + motors.len()]),
+            changed: (0..wires.len()).collect(),
+            wires,
+            motors,
+            drives,
+            seats,
+            now: Instant::ZERO,
+            stamped: None,
+            taken: 0,
+            end: Instant::ZERO,
+        })
+    }
+
+    /// Writes what the trace tells beyond what it told last time. The last instant waits, since more
+    /// may happen in it.
+    ///
+    /// # Errors
+    /// Those of the writer.
+    pub fn follow(&mut self, trace: &Trace) -> io::Result<()> {
+        if trace.lost > self.taken {
+            let resumes = trace.events().next().map_or(trace.end, |entry| entry.at);
+            self.forget(resumes)?;
+            self.taken = trace.lost;
+        }
+        let old = usize::try_from(self.taken - trace.lost).unwrap_or(usize::MAX);
+        for entry in trace.events().skip(old) {
+            self.happen(entry)?;
+        }
+        self.taken = trace.lost + trace.events().len() as u64;
+        self.end = self.end.max(trace.end);
+        self.run_until(self.end)?;
+        self.write_text()
+    }
+
+    /// Ends the file where the trace has come to.
+    ///
+    /// # Errors
+    /// Those of the writer.
+    pub fn finish(mut self) -> io::Result<()> {
+        self.tell_changes();
+        // So that the file shows how far it goes.
+        self.stamp(self.end.max(self.now));
+        self.write_text()?;
+        self.out.flush()
+    }
+
+    /// Takes an event.
+    fn happen(&mut self, entry: &Entry) -> io::Result<()> {
+        if let Event::Did(did) = &entry.event
+            && matches!(did.group(), Group::Tx | Group::Line)
+        {
+            // No pin shows it, and its stamp may lie ahead.
+            return Ok(());
+        }
+        self.run_until(entry.at)?;
+        let (at, drive) = (entry.at, entry.drive);
+        match &entry.event {
+            Event::Fed(fed) => match *fed {
+                Fed::Power(Power::On) => self.power(drive, true),
+                Fed::Power(Power::Off) => self.power(drive, false),
+                Fed::Edge { pin, high } => {
+                    self.outside(drive, pin, Some(if high { LOGIC_HIGH_MV } else { 0 }));
+                }
+                Fed::Open { pin } => self.outside(drive, pin, None),
+                Fed::Millivolts { pin, mv } => self.outside(drive, pin, Some(mv)),
+                _ => {}
+            },
+            Event::Did(did) => match did {
+                Did::PowerOff => self.power(drive, false),
+                &Did::Level { pin, level } => self.drive(drive, pin, Drives::Level(level)),
+                &Did::Wave { pin, period, high } => {
+                    self.drive(drive, pin, Drives::Wave { since: at, period, high });
+                }
+                Did::Plan { axis, plan } => self.turn(drive, *axis, |motor| {
+                    motor.shaper.plan(at, plan, std::mem::take(&mut motor.lent));
+                }),
+                Did::Step { axis, steps } => self.turn(drive, *axis, |motor| motor.shaper.steps(at, *steps)),
+                Did::Course { axis, .. } => self.lose(drive, *axis),
+                _ => {}
+            },
+        }
+        Ok(())
+    }
+
+    /// Power comes to a drive, or goes: all pins are let go. What comes from outside is told anew.
+    fn power(&mut self, drive: usize, on: bool) {
+        let Some(drive) = self.drives.get(drive) else { return };
+        for place in drive.wires.clone() {
+            let wire = &mut self.wires[place];
+            (wire.known, wire.drives, wire.outside) = (on, Drives::NOTHING, None);
+            self.edges.set(place as u32, Instant::NEVER);
+            self.changed.push(place);
+        }
+        for place in drive.motors.clone() {
+            let motor = &mut self.motors[place];
+            (motor.shaper, motor.lent) = (Shaper::default(), Lent::default());
+            self.edges.set((self.wires.len() + place) as u32, Instant::NEVER);
+        }
+    }
+
+    /// A motor is told how to turn.
+    fn turn(&mut self, drive: usize, axis: Axis, tell: impl FnOnce(&mut Motor)) {
+        let Some(place) = self.motor(drive, axis) else { return };
+        tell(&mut self.motors[place]);
+        self.make_pulses(place);
+    }
+
+    /// All edges of a motor up to now.
+    fn make_pulses(&mut self, place: usize) {
+        let Motor { step, dir, shaper, lent, .. } = &mut self.motors[place];
+        while shaper.take(self.now).is_some() {}
+        let outputs = [(*step, StepDir::Step), (*dir, StepDir::Dir)];
+        for (place, output) in outputs.into_iter().filter(|(_, output)| !lent.has(*output)) {
+            let wire = &mut self.wires[place];
+            (wire.known, wire.drives) = (true, Drives::Level(level_of(shaper.is_high(output))));
+            self.changed.push(place);
+        }
+        self.edges.set((self.wires.len() + place) as u32, shaper.due());
+    }
+
+    /// Nobody knows the pulses of a motor: a text tells where it goes, not when it steps.
+    fn lose(&mut self, drive: usize, axis: Axis) {
+        let Some(place) = self.motor(drive, axis) else { return };
+        let Motor { step, dir, .. } = self.motors[place];
+        for place in [step, dir] {
+            self.wires[place].known = false;
+            self.changed.push(place);
+        }
+    }
+
+    /// Something else comes to a pin from outside, or nothing any more.
+    fn outside(&mut self, drive: usize, pin: Pin, mv: Option<i32>) {
+        let Some(place) = self.place(drive, pin) else { return };
+        let wire = &mut self.wires[place];
+        (wire.known, wire.outside) = (true, mv);
+        self.changed.push(place);
+    }
+
+    /// A drive does something with a pin.
+    fn drive(&mut self, drive: usize, pin: Pin, drives: Drives) {
+        let Some(place) = self.place(drive, pin) else { return };
+        for motor in self.drives[drive].motors.clone() {
+            let Motor { step, dir, lent, .. } = &mut self.motors[motor];
+            lent.step |= *step == place;
+            lent.dir |= *dir == place;
+        }
+        let wire = &mut self.wires[place];
+        (wire.known, wire.drives) = (true, drives);
+        self.edges.set(place as u32, drives.next_edge(self.now));
+        self.changed.push(place);
+    }
+
+    fn place(&self, drive: usize, pin: Pin) -> Option<usize> {
+        self.drives.get(drive)?.wires.clone().nth(pin.0.into())
+    }
+
+    fn motor(&self, drive: usize, axis: Axis) -> Option<usize> {
+        self.drives.get(drive)?.motors.clone().find(|&place| self.motors[place].axis == axis)
+    }
+
+    /// Nobody knows what happened before `at`.
+    fn forget(&mut self, at: Instant) -> io::Result<()> {
+        self.seats.retain(|(from, _)| *from > at);
+        self.run_until(at)?;
+        for drive in 0..self.drives.len() {
+            self.power(drive, false);
+        }
+        Ok(())
+    }
+
+    /// Goes to `to`, and makes what edges there are up to then.
+    fn run_until(&mut self, to: Instant) -> io::Result<()> {
+        while let Some((from, drive)) = self.seats.pop_if(|(from, _)| *from <= to) {
+            self.make_edges(from)?;
+            self.power(drive, true);
+        }
+        self.make_edges(to)
+    }
+
+    fn make_edges(&mut self, to: Instant) -> io::Result<()> {
+        loop {
+            let (due, source) = self.edges.first();
+            if due > to || due == Instant::NEVER {
+                return self.pass(to);
+            }
+            self.pass(due)?;
+            let place = source as usize;
+            if let Some(motor) = place.checked_sub(self.wires.len()) {
+                self.make_pulses(motor);
+            } else {
+                self.edges.set(source, self.wires[place].drives.next_edge(due));
+                self.changed.push(place);
+            }
+        }
+    }
+
+    /// Time goes on to `at`; what was before is settled.
+    fn pass(&mut self, at: Instant) -> io::Result<()> {
+        if at <= self.now {
+            return Ok(());
+        }
+        self.tell_changes();
+        self.now = at;
+        if self.text.len() < CHUNK { Ok(()) } else { self.write_text() }
+    }
+
+    /// Tells what has changed by now; the first time, everything.
+    fn tell_changes(&mut self) {
+        let first = self.stamped.is_none();
+        if first {
+            self.stamp(self.now);
+            self.text.extend_from_slice(b"$dumpvars\n");
+        }
+        let mut changed = std::mem::take(&mut self.changed);
+        changed.sort_unstable();
+        changed.dedup();
+        for place in changed.drain(..) {
+            let wire = &mut self.wires[place];
+            let value = wire.value(self.now);
+            if wire.shown.replace(value) != Some(value) {
+                let change = format!("{value}{}\n", wire.code);
+                self.stamp(self.now);
+                self.text.extend_from_slice(change.as_bytes());
+            }
+        }
+        self.changed = changed;
+        if first {
+            self.text.extend_from_slice(b"$end\n");
+        }
+    }
+
+    /// What follows is at `at`.
+    fn stamp(&mut self, at: Instant) {
+        if self.stamped != Some(at) {
+            self.stamped = Some(at);
+            let units = u128::from(at.ticks()) * UNITS_PER_TICK;
+            self.text.extend_from_slice(format!("#{units}\n").as_bytes());
+        }
+    }
+
+    fn write_text(&mut self) -> io::Result<()> {
+        self.out.write_all(&self.text)?;
+        self.text.clear();
+        Ok(())
+    }
+}
+
+impl Wire {
+    fn new(pin: &'static PinSpec, code: String) -> Self {
+        Self { pin, code, known: false, drives: Drives::NOTHING, outside: None, shown: None }
+    }
+
+    fn value(&self, at: Instant) -> Value {
+        let logic = |high| Value::Bit(if high { '1' } else { '0' });
+        if self.pin.role == Role::Analogue {
+            return match self.outside {
+                _ if !self.known => Value::NotANumber,
+                Some(mv) => Value::Millivolts(mv),
+                None if self.pin.rest == Level::High => Value::Millivolts(LOGIC_HIGH_MV),
+                None => Value::Millivolts(0),
+            };
+        }
+        match self.drives.level(at) {
+            _ if !self.known => Value::Bit('x'),
+            Level::High => logic(true),
+            Level::Low => logic(false),
+            Level::Float => match (self.outside, self.pin.rest) {
+                (Some(mv), _) => logic(mv > HIGH_MV),
+                (None, Level::Float) => Value::Bit('z'),
+                (None, rest) => logic(rest == Level::High),
+            },
+        }
+    }
+}
+
+impl fmt::Display for Value {
+    /// What stands before the code of the wire.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match *self {
+            Self::Bit(bit) => write!(f, "{bit}"),
+            Self::Millivolts(mv) => write!(f, "r{} ", f64::from(mv) / 1_000.0),
+            Self::NotANumber => f.write_str("rnan "),
+        }
+    }
+}
+
+/// What the file calls the wire at a place: printable characters, as few as there can be.
+fn code(place: usize) -> String {
+    const FIRST: u8 = b'!';
+    const COUNT: usize = (b'~' - FIRST) as usize + 1;
+    let mut code = String::new();
+    let mut rest = place;
+    loop {
+        code.push(char::from(FIRST + (rest % COUNT) as u8));
+        if rest < COUNT {
+            return code;
+        }
+        rest = rest / COUNT - 1;
+    }
+}
+
+/// Names that every reader takes, each of them once.
+fn names<'a>(given: impl Iterator<Item = &'a str>) -> Vec<String> {
+    let mut names: Vec<String> = Vec::new();
+    for given in given {
+        let mut name: String =
+            given.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '_' }).collect();
+        if name.starts_with(|c: char| c.is_ascii_digit()) {
+            name.insert(0, '_');
+        }
+        while names.contains(&name) {
+            name.push('_');
+        }
+        names.push(name);
+    }
+    names
+}
+
+#[cfg(test)]
+mod tests {
+    use drivetwin_firmware::device::Device;
+    use drivetwin_firmware::md3::Md3;
+    use drivetwin_firmware::mdrobot::mdrobot;
+    use drivetwin_protocol::modbus::rtu;
+    use drivetwin_protocol::time::Span;
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::bench::{Bench, Driving, PowerAction, Settings, Setup};
+    use crate::record::trace::TraceKeep;
+    use crate::testing::toy::{LEVEL, Toy};
+
+    fn text(trace: &Trace) -> String {
+        let mut text = Vec::new();
+        write(trace, &mut text).unwrap();
+        String::from_utf8(text).unwrap()
+    }
+
+    /// The changes behind the header, one line an instant.
+    fn changes(trace: &Trace) -> Vec<String> {
+        let text = text(trace);
+        let (_, changes) = text.split_once("$enddefinitions $end").unwrap();
+        let changes = changes.replace("$dumpvars\n", "").replace("$end\n", "");
+        changes.split("\n#").skip(1).map(|instant| instant.trim_end().replace('\n', ", ")).collect()
+    }
+
+    #[test]
+    fn a_file_from_its_beginning_to_its_end() {
+        let mut bench = Bench::new();
+        let toy = bench.add::<Toy>("a-toy");
+        bench.run_until(500.micros());
+        bench.set_pin(toy, LEVEL, Driving::Millivolts(2_500));
+        bench.run_until(2.millis());
+        bench.power(toy, PowerAction::Off);
+        bench.run_until(3.millis());
+        bench.power(toy, PowerAction::On);
+        bench.run_until(3_500.micros());
+        let version = env!("CARGO_PKG_VERSION");
+        let header = format!("$version drivetwin {version} $end\n");
+        let expected = "\
+$timescale 100 ps $end
+$scope module a_toy $end
+$var wire 1 ! IN $end
+$var real 64 \" LEVEL $end
+$var wire 1 # OUT $end
+$var wire 1 $ LED $end
+$upscope $end
+$enddefinitions $end
+#0
+$dumpvars
+1!
+r0 \"
+1#
+1$
+$end
+#5000625
+r2.5 \"
+#10000000
+0$
+#20000000
+x!
+rnan \"
+x#
+x$
+#30000000
+1!
+r2.5 \"
+1#
+1$
+#35000000
+";
+        assert_eq!(text(bench.trace()), header + expected);
+    }
+
+    #[test]
+    fn a_contact_that_is_not_wired_floats() {
+        let mut bench = Bench::new();
+        let seat = bench.seat("c", Box::new(mdrobot()), Setup::default()).unwrap();
+        let dir = bench.spec(seat).pin("DIR").unwrap();
+        for drive in [Driving::Low, Driving::Open] {
+            bench.run_until(bench.now() + 1.millis());
+            bench.set_pin(seat, dir, drive);
+        }
+        bench.run_until(bench.now() + 1.millis());
+        let text = text(bench.trace());
+        let code = text.lines().find_map(|line| line.strip_suffix(" DIR $end")?.strip_prefix("$var wire 1 "));
+        let (mut at, mut changes) = (0, Vec::new());
+        for line in text.lines() {
+            if let Some(units) = line.strip_prefix('#') {
+                at = units.parse::<u64>().unwrap();
+            } else if let Some(value) = line.strip_suffix(code.unwrap()).filter(|value| value.len() == 1) {
+                changes.push((at, value));
+            }
+        }
+        assert_eq!(changes, [(0, "z"), (10_000_625, "0"), (20_000_625, "z")]);
+    }
+
+    #[test]
+    fn what_is_seated_later_is_unknown_until_then() {
+        let mut bench = Bench::new();
+        bench.run_until(1.millis());
+        bench.add::<Toy>("late");
+        bench.run_until(1_500.micros());
+        assert_eq!(
+            changes(bench.trace()),
+            ["0, x!, rnan \", x#, x$", "10000000, 1!, r0 \", 1#, 1$", "15000000"]
+        );
+    }
+
+    #[test]
+    fn what_is_lost_is_unknown_until_it_is_told() {
+        // Room for a few events only.
+        let mut bench = Bench::with(Settings { trace: TraceKeep::Ring(1_000), ..Settings::default() });
+        let toy = bench.add::<Toy>("toy");
+        bench.run_until(1.millis());
+        for mv in 0..100 {
+            bench.set_pin(toy, LEVEL, Driving::Millivolts(mv));
+            bench.run_until(bench.now() + 1.millis());
+        }
+        assert!(bench.trace().lost > 90);
+        let changes = changes(bench.trace());
+        assert_eq!(changes.first().unwrap(), "0, x!, rnan \", x#, x$");
+        assert!(changes[1].contains(", r0.09"), "{changes:?}");
+        assert!(!changes[1..].iter().any(|change| change.contains(['!', '#', '$'])), "{changes:?}");
+    }
+
+    #[test]
+    fn steps_that_a_text_does_not_tell_are_unknown() {
+        let mut bench = Bench::new();
+        let md3 = bench.add::<Md3>("md3");
+        bench.run_until(2_500.millis());
+        bench.ask(md3, &rtu::write(1, 0x11, 1));
+        let make = |_: &str| Some(Box::new(Md3::new()) as Box<dyn Device>);
+        let told = Trace::parse(&bench.trace().to_text(), &make).unwrap();
+        let initial = &changes(&told)[0];
+        assert!(initial.contains("x*, x+") && initial.contains("1!"), "{initial}");
+        assert!(changes(bench.trace())[0].contains("0*, 0+"));
+    }
+
+    #[test]
+    fn names_are_legal_and_differ() {
+        let legal = names(["J2.10", "1", "_x", "a-b", "a.b", "a_b", "ä"].into_iter());
+        assert_eq!(legal, ["J2_10", "_1", "_x", "a_b", "a_b_", "a_b__", "_"]);
+    }
+
+    #[test]
+    fn codes_are_short_and_differ() {
+        assert_eq!(
+            (code(0), code(93), code(94), code(187)),
+            ("!".into(), "~".into(), "!!".into(), "~!".into())
+        );
+        let codes: std::collections::BTreeSet<String> = (0..20_000).map(code).collect();
+        assert_eq!(codes.len(), 20_000);
+        assert!(codes.iter().all(|code| code.len() <= 3 && code.bytes().all(|byte| byte.is_ascii_graphic())));
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(8))]
+        #[test]
+        fn looking_often_or_once_makes_the_same_file(pauses in proptest::collection::vec(0_u64..200_000, 1..20)) {
+            let mut bench = Bench::new();
+            let (x, y) = (bench.add::<Md3>("x"), bench.add::<Md3>("y"));
+            let mut followed = Vec::new();
+            let mut waves = Waves::new(bench.trace(), &mut followed).unwrap();
+            bench.run_until(2_500.millis());
+            bench.ask(x, &rtu::write(1, 0x11, 1));
+            bench.ask(y, &rtu::write(1, 0x11, 2));
+            for pause in pauses {
+                waves.follow(bench.trace()).unwrap();
+                bench.run_until(bench.now() + pause.micros());
+                if pause % 7 == 0 {
+                    bench.ask(y, &rtu::write(1, 0x14, if pause % 2 == 0 { 0xFFFF } else { 0 }));
+                    bench.ask(x, &rtu::write(1, 0x11, 1));
+                }
+            }
+            waves.follow(bench.trace()).unwrap();
+            waves.finish().unwrap();
+            prop_assert_eq!(String::from_utf8(followed).unwrap(), text(bench.trace()));
+        }
+    }
+}

@@ -1,0 +1,13 @@
+//! Handles of what is on a bench.
+
+/// A device on the bench.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
+pub struct Seat(pub(crate) u32);
+
+/// A serial line and the ports on it.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
+pub struct Bus(pub(crate) u32);
+
+/// Somebody outside, who talks and listens on a line, or on a TCP connection.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
+pub struct Client(pub(crate) u32);

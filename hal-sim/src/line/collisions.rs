@@ -1,0 +1,80 @@
+//! Characters that overlap on a line.
+
+use drivetwin_firmware::device::{Duration, Instant, Line};
+
+use crate::line::faults::data_bits;
+use crate::rng::Dice;
+
+/// No character takes longer: 12 bits at 50 baud.
+const LONGEST_CHARACTER: Duration = Duration::millis(240);
+
+/// What is on a line on which characters may overlap.
+pub(crate) struct Air {
+    spans: Vec<Span>,
+    /// How many there have been.
+    count: u32,
+    /// Clients that have spoken since the line was free.
+    pub(crate) spoke: Vec<u32>,
+    /// When it was free last.
+    pub(crate) free: Instant,
+    dice: Dice,
+}
+
+/// Characters that somebody sends back to back.
+struct Span {
+    number: u32,
+    /// The number of their frame in the capture.
+    frame: u64,
+    from: Instant,
+    until: Instant,
+    character: Duration,
+}
+
+impl Air {
+    /// Silence, on the line of that name.
+    pub(crate) fn new(seed: u64, line: &str) -> Self {
+        let dice = Dice::new(seed, &format!("collisions on {line}"));
+        Self { spans: Vec::new(), count: 0, spoke: Vec::new(), free: Instant::ZERO, dice }
+    }
+
+    /// Somebody sends `count` characters from `from` on, which `frame` of the capture will be; returns a number
+    /// for them.
+    pub(crate) fn carry(
+        &mut self,
+        now: Instant,
+        from: Instant,
+        character: Duration,
+        count: usize,
+        frame: u64,
+    ) -> u32 {
+        self.spans.retain(|span| span.until + LONGEST_CHARACTER > now);
+        self.count = self.count.wrapping_add(1);
+        let until = from + character * count as u64;
+        self.spans.push(Span { number: self.count, frame, from, until, character });
+        self.count
+    }
+
+    /// The frames that those of that number overlap.
+    pub(crate) fn met(&self, number: u32) -> impl Iterator<Item = u64> {
+        let own = self.spans.iter().find(|span| span.number == number);
+        let meets = move |span: &&Span| {
+            own.is_some_and(|own| span.number != number && span.from < own.until && own.from < span.until)
+        };
+        self.spans.iter().filter(meets).map(|span| span.frame)
+    }
+
+    /// Whether a character of that number that ends at `end` overlaps another one.
+    pub(crate) fn spoils(&self, number: u32, end: Instant) -> bool {
+        let own = self.spans.iter().find(|span| span.number == number);
+        let began = own.map_or(end, |span| end - span.character);
+        self.spans.iter().any(|span| span.number != number && span.from < end && span.until > began)
+    }
+
+    /// What a client hears of a character of a line that ends at `end` and overlaps another one: the same for all
+    /// clients, and never the character itself.
+    pub(crate) fn garbage(&self, line: Line, end: Instant, byte: u8) -> u8 {
+        let mut dice = self.dice.clone();
+        dice.skip(end.ticks());
+        byte ^ (dice.next() % u64::from(data_bits(line)) + 1) as u8
+    }
+}

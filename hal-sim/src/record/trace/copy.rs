@@ -1,0 +1,108 @@
+//! Copies that are made piece by piece, so that nobody has to wait for the whole of a long trace.
+
+use super::{Entry, Trace, TraceKeep};
+
+impl Trace {
+    /// The events that are kept of those after the first `mark`, in the order in which they happened.
+    pub fn since(&self, mark: u64) -> impl ExactSizeIterator<Item = &Entry> {
+        let skip = usize::try_from(mark.saturating_sub(self.lost)).unwrap_or(usize::MAX);
+        self.events.range(skip.min(self.events.len())..)
+    }
+
+    /// A copy without the events, which [`copy_back`](Self::copy_back) brings.
+    #[must_use]
+    pub fn outline(&self) -> Self {
+        let (seed, drives, compare) = (self.seed, self.drives.clone(), self.compare.clone());
+        Self { drives, compare, lost: self.mark(), end: self.end, ..Self::new(seed, TraceKeep::All) }
+    }
+
+    /// Brings at most `most` more events of what this is an [outline](Self::outline) of, the newest first, until
+    /// they hold on to `room` bytes; whether there are more. What the ring drops meanwhile is lost here, too.
+    pub fn copy_back(&mut self, original: &Self, room: usize, most: usize) -> bool {
+        let missing = usize::try_from(self.lost.saturating_sub(original.lost)).unwrap_or(usize::MAX);
+        self.events.reserve(missing.min(room.saturating_sub(self.bytes) / size_of::<Entry>()));
+        for entry in original.events.range(..missing).rev().take(most) {
+            if self.bytes + entry.size() > room {
+                return false;
+            }
+            self.bytes += entry.size();
+            self.events.push_front(entry.clone());
+            self.lost -= 1;
+        }
+        missing > most
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use drivetwin_protocol::time::Span;
+
+    use super::*;
+    use crate::bench::{Bench, Driving, Settings};
+    use crate::testing::toy::{LEVEL, Toy};
+
+    /// A bench whose trace is that short, and something that happens on it again and again.
+    fn bench(keep: TraceKeep) -> (Bench, impl Fn(&mut Bench, i32)) {
+        let mut bench = Bench::with(Settings { trace: keep, ..Settings::default() });
+        let toy = bench.add::<Toy>("toy");
+        let happen = move |bench: &mut Bench, times: i32| {
+            for mv in 0..times {
+                bench.set_pin(toy, LEVEL, Driving::Millivolts(mv));
+                bench.run_until(bench.now() + 1.millis());
+            }
+        };
+        (bench, happen)
+    }
+
+    /// No bound that any of these traces comes near to.
+    const ROOM: usize = 1 << 20;
+
+    #[test]
+    fn in_pieces_it_is_what_it_was_at_the_beginning() {
+        let (mut bench, happen) = bench(TraceKeep::All);
+        happen(&mut bench, 20);
+        let text = bench.trace().to_text();
+        let mut copy = bench.trace().outline();
+        let mut pieces = 1;
+        while copy.copy_back(bench.trace(), ROOM, 3) {
+            happen(&mut bench, 1);
+            pieces += 1;
+        }
+        assert_eq!(pieces, copy.mark().div_ceil(3));
+        assert_eq!(copy.to_text(), text);
+    }
+
+    #[test]
+    fn what_the_ring_drops_meanwhile_is_lost() {
+        let (mut bench, happen) = bench(TraceKeep::Ring(1_000));
+        happen(&mut bench, 20);
+        let mut copy = bench.trace().outline();
+        let mark = copy.mark();
+        assert!(copy.copy_back(bench.trace(), ROOM, 1));
+        happen(&mut bench, 5);
+        let kept = bench.trace().lost;
+        while copy.copy_back(bench.trace(), ROOM, 1) {}
+        assert_eq!((copy.lost, copy.mark()), (kept, mark));
+        assert!(bench.trace().events().zip(copy.events()).all(|(original, copy)| original == copy));
+
+        let mut copy = copy.outline();
+        happen(&mut bench, 20);
+        assert!(!copy.copy_back(bench.trace(), ROOM, 1), "nothing is left of what was before the mark");
+        assert_eq!((copy.lost, copy.events().len()), (mark, 0));
+    }
+
+    #[test]
+    fn of_more_than_there_is_room_for_it_is_the_end() {
+        let (mut bench, happen) = bench(TraceKeep::All);
+        happen(&mut bench, 20);
+        let newest: Vec<_> = bench.trace().since(bench.trace().mark() - 5).collect();
+        let room = newest.iter().map(|entry| entry.size()).sum();
+        for room in [room, room + size_of::<Entry>() - 1] {
+            let mut copy = bench.trace().outline();
+            while copy.copy_back(bench.trace(), room, 2) {}
+            assert_eq!(copy.events().collect::<Vec<_>>(), newest);
+            assert_eq!(copy.mark(), bench.trace().mark());
+            assert!(copy.to_text().contains(&format!("lost {}", copy.lost)), "{}", copy.to_text());
+        }
+    }
+}

@@ -1,0 +1,48 @@
+//! The order of events: classes of one instant, a queue of events, a tournament of deadlines.
+
+mod queue;
+mod tournament;
+
+use crate::record::trace::Fed;
+pub(crate) use queue::{Event, Queue};
+pub(crate) use tournament::Tournament;
+
+/// What comes first of what happens at one instant.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
+pub(crate) enum Class {
+    Power,
+    Fault,
+    Pin,
+    Line,
+    Deadline,
+    /// A preset: it returns what became of it, so it cannot wait for its turn.
+    Preset,
+    /// Whose turn it is on a line, when all drives have had their say.
+    Turn,
+}
+
+impl Class {
+    /// Where something belongs.
+    pub(crate) fn of(fed: &Fed) -> Self {
+        match fed {
+            Fed::Power(_) => Self::Power,
+            Fed::Fault { .. } => Self::Fault,
+            Fed::Edge { .. }
+            | Fed::Open { .. }
+            | Fed::Millivolts { .. }
+            | Fed::Count { .. }
+            | Fed::Slipped { .. }
+            | Fed::Draws { .. }
+            | Fed::Motor { .. }
+            | Fed::Rotation { .. } => Self::Pin,
+            Fed::Bytes { .. }
+            | Fed::Spoiled { .. }
+            | Fed::Idle { .. }
+            | Fed::Attached { .. }
+            | Fed::Opened { .. }
+            | Fed::Message { .. }
+            | Fed::Closed { .. } => Self::Line,
+            Fed::Poke { .. } => Self::Preset,
+        }
+    }
+}

@@ -1,0 +1,74 @@
+//! A tournament of deadlines.
+
+use drivetwin_firmware::device::Instant;
+
+/// The next deadline of every seat, in a tree of winners: a change costs one comparison a level.
+/// Of equal deadlines the lower rank wins.
+#[derive(Debug)]
+pub(crate) struct Tournament {
+    /// The root at 1, the children of `n` at `2n` and `2n + 1`; the leaves are the second half.
+    nodes: Vec<(Instant, u32)>,
+}
+
+impl Tournament {
+    /// Of these deadlines, in the order of their ranks.
+    pub(crate) fn new(deadlines: &[Instant]) -> Self {
+        let leaves = deadlines.len().next_power_of_two();
+        let mut nodes = vec![(Instant::NEVER, u32::MAX); 2 * leaves];
+        for (rank, (leaf, &deadline)) in (0..).zip(nodes[leaves..].iter_mut().zip(deadlines)) {
+            *leaf = (deadline, rank);
+        }
+        for node in (1..leaves).rev() {
+            nodes[node] = nodes[2 * node].min(nodes[2 * node + 1]);
+        }
+        Self { nodes }
+    }
+
+    /// The earliest deadline and whose it is.
+    pub(crate) fn first(&self) -> (Instant, u32) {
+        self.nodes[1]
+    }
+
+    /// The next deadline of one.
+    pub(crate) fn set(&mut self, rank: u32, deadline: Instant) {
+        let mut node = self.nodes.len() / 2 + rank as usize;
+        self.nodes[node] = (deadline, rank);
+        while node > 1 {
+            node /= 2;
+            let winner = self.nodes[2 * node].min(self.nodes[2 * node + 1]);
+            if self.nodes[node] == winner {
+                break;
+            }
+            self.nodes[node] = winner;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn the_tournament_finds_what_a_scan_finds(
+            mut deadlines in proptest::collection::vec(0_u64..50, 1..40),
+            changes in proptest::collection::vec((any::<usize>(), 0_u64..50), 0..80),
+        ) {
+            let instants: Vec<Instant> = deadlines.iter().map(|&n| Instant::from_ticks(n)).collect();
+            let mut tournament = Tournament::new(&instants);
+            for (place, deadline) in changes {
+                let place = place % deadlines.len();
+                deadlines[place] = deadline;
+                tournament.set(u32::try_from(place).unwrap(), Instant::from_ticks(deadline));
+                let (rank, &first) = deadlines.iter().enumerate().min_by_key(|&(rank, &due)| (due, rank)).unwrap();
+                prop_assert_eq!(tournament.first(), (Instant::from_ticks(first), u32::try_from(rank).unwrap()));
+            }
+        }
+    }
+
+    #[test]
+    fn an_empty_bench_waits_for_ever() {
+        assert_eq!(Tournament::new(&[]).first().0, Instant::NEVER);
+    }
+}

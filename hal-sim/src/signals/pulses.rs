@@ -1,0 +1,323 @@
+//! Step pulses: what an axis does, as edges of its STEP and DIR pins.
+//!
+//! Plans are walked step by step ([`Walker`]), one step ahead, so that a pulse knows when the next
+//! one comes. STEP rises at each step and is high for 2 µs, or half the interval to the next step if
+//! that is shorter. DIR is high forward; it changes 5 µs before the first step of a reversal, or half
+//! the interval if that is shorter, but not while a pulse is high, and not before anybody knew of the
+//! step. Steps without a plan are passed through as they come, at most one every 4 µs; what comes
+//! closer follows behind. One that turns DIR comes 2 µs after that.
+//!
+//! STEP and DIR may serve other purposes, too: a level or a wave that the device puts at one of them takes
+//! it, and a plan takes them back. They are low then until its first step.
+//!
+//! There is no clock here: whoever listens says how far time has come.
+
+use drivetwin_firmware::device::{Axis, Duration, Instant, Level, Pin, Plan};
+use drivetwin_firmware::motion::{CYCLE, DIR_SETUP, HIGH, SETUP, Step, Walker};
+
+use crate::record::trace::{Did, Event, Fed, Power, Trace};
+
+/// An output of an axis.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) enum StepDir {
+    /// Rises at each step.
+    Step,
+    /// High forward.
+    Dir,
+}
+
+impl StepDir {
+    /// Which of the pins `step` and `dir` that one is.
+    pub(crate) fn at((step, dir): (Pin, Pin), pin: Pin) -> Option<Self> {
+        match pin {
+            _ if pin == step => Some(Self::Step),
+            _ if pin == dir => Some(Self::Dir),
+            _ => None,
+        }
+    }
+}
+
+/// Outputs that serve another purpose at present.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Lent {
+    pub(crate) step: bool,
+    pub(crate) dir: bool,
+}
+
+impl Lent {
+    /// Whether that one is lent.
+    pub(crate) fn has(self, output: StepDir) -> bool {
+        match output {
+            StepDir::Step => self.step,
+            StepDir::Dir => self.dir,
+        }
+    }
+
+    pub(crate) fn add(&mut self, output: StepDir) {
+        match output {
+            StepDir::Step => self.step = true,
+            StepDir::Dir => self.dir = true,
+        }
+    }
+}
+
+/// A change of STEP or DIR.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) struct Edge {
+    /// When.
+    pub(crate) at: Instant,
+    /// Of which.
+    pub(crate) output: StepDir,
+    /// To which level.
+    pub(crate) high: bool,
+}
+
+/// A pulse on STEP.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Pulse {
+    /// When it begins: the instant of the step.
+    pub rise: Instant,
+    /// When it ends.
+    pub fall: Instant,
+    /// Whether DIR was high.
+    pub forward: bool,
+}
+
+/// Shapes the pulses of one axis.
+///
+/// Tell it what happens to the axis in the order of time, and before each time
+/// [take](Self::take) the edges up to that instant: what is due at the very instant of a change is
+/// still made.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Shaper {
+    walker: Option<Walker>,
+    /// The next step of the plan.
+    planned: Option<Step>,
+    /// Steps without a plan that are still to be made, signed.
+    direct: i32,
+    /// When STEP rose last.
+    rose: Option<Instant>,
+    /// From when on a step without a plan may follow the last change of DIR.
+    settled: Instant,
+    /// The last edge or news: nothing comes before it any more.
+    since: Instant,
+    powered: bool,
+    step: bool,
+    dir: bool,
+}
+
+impl Shaper {
+    /// Of an axis that follows `plan`, from `at` on; DIR is what its last step left.
+    pub(crate) fn new(at: Instant, plan: &Plan, dir: bool) -> Self {
+        let mut shaper = Self { dir, ..Self::default() };
+        shaper.plan(at, plan, Lent::default());
+        shaper
+    }
+
+    /// From `at` on the axis follows `plan`. A pulse that is high still falls. Outputs that were `lent` are
+    /// low.
+    pub(crate) fn plan(&mut self, at: Instant, plan: &Plan, lent: Lent) {
+        (self.step, self.dir) = (self.step && !lent.step, self.dir && !lent.dir);
+        let walker = self.walker.insert(Walker::new(plan, at));
+        self.planned = walker.next();
+        (self.since, self.powered) = (at, true);
+    }
+
+    /// Steps without a plan, signed.
+    pub(crate) fn steps(&mut self, at: Instant, steps: i32) {
+        self.direct = self.direct.saturating_add(steps);
+        (self.since, self.powered) = (at, true);
+    }
+
+    /// Power goes: both outputs fall, and nothing more comes.
+    pub(crate) fn power_off(&mut self, at: Instant) {
+        *self = Self { since: at, step: self.step, dir: self.dir, ..Self::default() };
+    }
+
+    /// Whether an output is high.
+    pub(crate) fn is_high(&self, output: StepDir) -> bool {
+        match output {
+            StepDir::Step => self.step,
+            StepDir::Dir => self.dir,
+        }
+    }
+
+    /// When the next edge comes if nothing else happens; [`Instant::NEVER`] if none does.
+    pub(crate) fn due(&self) -> Instant {
+        self.next().map_or(Instant::NEVER, |edge| edge.at)
+    }
+
+    /// The next edge that comes by `until`.
+    pub(crate) fn take(&mut self, until: Instant) -> Option<Edge> {
+        let edge = self.next().filter(|edge| edge.at <= until)?;
+        self.since = edge.at;
+        match edge.output {
+            StepDir::Dir => (self.dir, self.settled) = (edge.high, edge.at + DIR_SETUP),
+            StepDir::Step => self.step = edge.high,
+        }
+        if edge.output == StepDir::Step && edge.high {
+            if self.plan_is_next() {
+                self.planned = self.walker.as_mut().and_then(Walker::next);
+            } else {
+                self.direct -= self.direct.signum();
+            }
+            self.rose = Some(edge.at);
+        }
+        Some(edge)
+    }
+
+    fn next(&self) -> Option<Edge> {
+        let edge = |at: Instant, output, high| Some(Edge { at: at.max(self.since), output, high });
+        let step = self.next_step();
+        let half = |step: Step| match self.rose {
+            Some(rose) => Duration::from_ticks(step.at.since(rose).ticks() / 2),
+            None => Duration::FOREVER,
+        };
+        match step {
+            _ if self.step => {
+                // A pulse shorter than a tick would be none.
+                let high = step.map_or(HIGH, |step| HIGH.min(half(step)).max(Duration::TICK));
+                edge(self.rose.map_or(self.since, |rose| rose + high), StepDir::Step, false)
+            }
+            Some(step) if step.forward != self.dir => {
+                edge(step.at - SETUP.min(half(step)), StepDir::Dir, step.forward)
+            }
+            Some(step) => edge(step.at, StepDir::Step, true),
+            None if self.dir && !self.powered => edge(self.since, StepDir::Dir, false),
+            None => None,
+        }
+    }
+
+    fn next_step(&self) -> Option<Step> {
+        if self.plan_is_next() { self.planned } else { self.next_direct() }
+    }
+
+    /// The next step without a plan.
+    fn next_direct(&self) -> Option<Step> {
+        let forward = self.direct > 0;
+        let settled = if forward == self.dir { self.settled } else { self.since + DIR_SETUP };
+        let at = self.rose.map_or(self.since, |rose| self.since.max(rose + CYCLE)).max(settled);
+        (self.direct != 0).then_some(Step { at, forward })
+    }
+
+    /// Whether the next step is one of the plan.
+    fn plan_is_next(&self) -> bool {
+        match (self.planned, self.next_direct()) {
+            (Some(planned), Some(direct)) => planned.at <= direct.at,
+            (planned, _) => planned.is_some(),
+        }
+    }
+}
+
+/// The edges of an axis in a recording, in the order of time, up to `until`.
+fn edges(trace: &Trace, drive: usize, axis: Axis, until: Instant) -> Edges<'_> {
+    let spec = trace.drives.get(drive).and_then(|drive| drive.spec.axes.get(usize::from(axis.0)));
+    let pins = spec.and_then(|axis| axis.step_dir);
+    let news = trace.events().filter(move |entry| entry.drive == drive && entry.at <= until);
+    let news = news.filter_map(move |entry| Some((entry.at, News::of(&entry.event, axis, pins)?)));
+    Edges { news: Box::new(news), next: None, shaper: Shaper::default(), lent: Lent::default(), until }
+}
+
+/// What [`edges`] returns.
+struct Edges<'a> {
+    news: Box<dyn Iterator<Item = (Instant, News<'a>)> + 'a>,
+    /// What happens to the axis when the edges up to then have been taken.
+    next: Option<(Instant, News<'a>)>,
+    shaper: Shaper,
+    /// Outputs that the device uses itself.
+    lent: Lent,
+    until: Instant,
+}
+
+/// What happens to an axis.
+#[derive(Clone, Copy)]
+enum News<'a> {
+    Plan(&'a Plan),
+    Steps(i32),
+    /// The device uses an output itself, and that is the level it starts with.
+    Lent(StepDir, bool),
+    PowerOff,
+}
+
+impl<'a> News<'a> {
+    fn of(event: &'a Event, axis: Axis, pins: Option<(Pin, Pin)>) -> Option<Self> {
+        let output = |pin| pins.and_then(|pins| StepDir::at(pins, pin));
+        match event {
+            Event::Did(Did::Plan { axis: of, plan }) if *of == axis => Some(Self::Plan(plan)),
+            Event::Did(Did::Step { axis: of, steps }) if *of == axis => Some(Self::Steps(*steps)),
+            Event::Did(Did::Level { pin, level }) => Some(Self::Lent(output(*pin)?, *level == Level::High)),
+            Event::Did(Did::Wave { pin, .. }) => Some(Self::Lent(output(*pin)?, true)),
+            Event::Did(Did::PowerOff) | Event::Fed(Fed::Power(Power::Off)) => Some(Self::PowerOff),
+            _ => None,
+        }
+    }
+}
+
+impl Edges<'_> {
+    /// The fall of a pulse that is still high at the end.
+    fn due(&self) -> Instant {
+        self.shaper.due()
+    }
+}
+
+impl Iterator for Edges<'_> {
+    type Item = Edge;
+
+    fn next(&mut self) -> Option<Edge> {
+        loop {
+            self.next = self.next.take().or_else(|| self.news.next());
+            let until = self.next.map_or(self.until, |(at, _)| at);
+            while let Some(edge) = self.shaper.take(until) {
+                if !self.lent.has(edge.output) {
+                    return Some(edge);
+                }
+            }
+            let (at, news) = self.next.take()?;
+            match news {
+                News::Plan(plan) => {
+                    let lent = std::mem::take(&mut self.lent);
+                    self.shaper.plan(at, plan, lent);
+                    if lent.dir {
+                        return Some(Edge { at, output: StepDir::Dir, high: false });
+                    }
+                }
+                News::Steps(steps) => self.shaper.steps(at, steps),
+                News::Lent(output, high) => {
+                    let cut = self.shaper.is_high(output) && !self.lent.has(output);
+                    self.lent.add(output);
+                    match output {
+                        StepDir::Dir => return Some(Edge { at, output, high }),
+                        StepDir::Step if cut => return Some(Edge { at, output, high: false }),
+                        StepDir::Step => {}
+                    }
+                }
+                News::PowerOff => self.shaper.power_off(at),
+            }
+        }
+    }
+}
+
+/// The pulses of an axis in a recording that rise up to `until`, in the order of time. `drive` is its
+/// place in [`Trace::drives`].
+///
+/// They are complete if the recording is: all is kept, and nothing is [lost](Trace::lost). One that
+/// was read from a text tells no plans, only what they do; replay it.
+pub fn pulses(trace: &Trace, drive: usize, axis: Axis, until: Instant) -> impl Iterator<Item = Pulse> {
+    let mut edges = edges(trace, drive, axis, until);
+    let (mut forward, mut rise) = (false, None);
+    std::iter::from_fn(move || {
+        loop {
+            match edges.next() {
+                Some(Edge { output: StepDir::Dir, high, .. }) => forward = high,
+                Some(Edge { output: StepDir::Step, high: true, at }) => rise = Some(at),
+                Some(Edge { output: StepDir::Step, high: false, at: fall }) => {
+                    return rise.take().map(|rise| Pulse { rise, fall, forward });
+                }
+                None => return rise.take().map(|rise| Pulse { rise, fall: edges.due(), forward }),
+            }
+        }
+    })
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,226 @@
+//! Axes of a device: where they are, and who listens to their pulses.
+
+use drivetwin_firmware::device::{AxisSpec, Duration, Instant, Level, Pin, PinSpec, Plan, Role, Shaft};
+use drivetwin_firmware::motion::HIGH;
+use fixed::types::I48F16;
+
+use crate::signals::pin_waveform::level_of;
+use crate::signals::pulses::{Lent, Shaper, StepDir};
+use crate::slot::Told;
+
+/// What an axis does at an instant.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub struct Motion {
+    /// Steps or counts since the first power-on.
+    pub position: i32,
+    /// Steps or counts per second, signed.
+    pub speed: I48F16,
+    /// Whether it is on its way.
+    pub moving: bool,
+    /// Peak current in mA; of a motor what it draws.
+    pub current_ma: u32,
+    /// What drives a motor without steps: 1/65536 of full on, signed.
+    pub duty: i32,
+}
+
+impl From<Shaft> for Motion {
+    fn from(shaft: Shaft) -> Self {
+        Self {
+            position: shaft.position,
+            speed: shaft.speed,
+            moving: shaft.speed != 0,
+            current_ma: shaft.ma.unsigned_abs(),
+            duty: shaft.duty,
+        }
+    }
+}
+
+/// What is known of an axis.
+pub(super) struct AxisState {
+    step_dir: Option<(Pin, Pin)>,
+    plan: Plan,
+    /// Steps made without a plan since the last one.
+    steps: i32,
+    /// Whether the last step before the plan was forward.
+    forward: bool,
+    /// Whether the last of `steps` was, if there are any.
+    stepped: Option<bool>,
+    pub(super) current_ma: u32,
+    /// Whether the device has ever said what current it gives.
+    pub(super) tells_current: bool,
+    pub(super) duty: i32,
+    /// Whether a motor of the bench listens.
+    pub(super) turns_motor: bool,
+    /// Makes the pulses for whoever is wired to them.
+    pub(super) shaper: Option<Shaper>,
+    /// How often the next edge has changed.
+    changes: u32,
+    /// Which of STEP and DIR serve the device for other purposes, too.
+    shared: Lent,
+    /// Which do at present.
+    lent: Lent,
+}
+
+impl AxisState {
+    pub(super) fn new(spec: &AxisSpec, pins: &[PinSpec]) -> Self {
+        let is_shared = |pin: Pin| pins.get(usize::from(pin.0)).is_some_and(|pin| pin.role == Role::Both);
+        let shared = spec.step_dir.map(|(step, dir)| Lent { step: is_shared(step), dir: is_shared(dir) });
+        let shared = shared.unwrap_or_default();
+        Self {
+            step_dir: spec.step_dir,
+            plan: Plan::rest(Instant::ZERO, 0),
+            steps: 0,
+            forward: false,
+            stepped: None,
+            current_ma: 0,
+            tells_current: false,
+            duty: 0,
+            turns_motor: false,
+            shaper: None,
+            changes: 0,
+            shared,
+            lent: shared,
+        }
+    }
+
+    pub(super) fn power_on(&mut self, at: Instant) {
+        (self.plan, self.steps, self.current_ma, self.duty) = (Plan::rest(at, 0), 0, 0, 0);
+        (self.forward, self.stepped) = (false, None);
+    }
+
+    pub(super) fn power_off(&mut self, at: Instant) {
+        if let Some(shaper) = &mut self.shaper {
+            shaper.power_off(at);
+        }
+        (self.plan, self.current_ma, self.duty) = (self.plan.halt(at), 0, 0);
+        // DIR is low then, wherever it went last.
+        self.stepped = Some(false);
+    }
+
+    /// From `at` on it follows `plan`, and has all its outputs.
+    pub(super) fn follow(&mut self, at: Instant, plan: &Plan) {
+        let lent = std::mem::take(&mut self.lent);
+        if let Some(shaper) = &mut self.shaper {
+            shaper.plan(at, plan, lent);
+        }
+        self.forward = self.forward_at(at) && !lent.dir;
+        (self.plan, self.steps, self.stepped) = (*plan, 0, None);
+    }
+
+    /// The device itself uses an output until the next plan; whether it can.
+    pub(super) fn lend(&mut self, output: StepDir) -> bool {
+        let is_shared = self.shared.has(output);
+        if is_shared {
+            self.lent.add(output);
+        }
+        is_shared
+    }
+
+    /// The pins that are lent.
+    pub(super) fn lent(&self) -> impl Iterator<Item = Pin> + use<> {
+        let lent = self.lent;
+        let pins = self.step_dir.map(|(step, dir)| [(step, StepDir::Step), (dir, StepDir::Dir)]);
+        pins.into_iter().flatten().filter(move |(_, output)| lent.has(*output)).map(|(pin, _)| pin)
+    }
+
+    /// Steps without a plan, signed.
+    pub(super) fn step(&mut self, at: Instant, steps: i32) {
+        if let Some(shaper) = &mut self.shaper {
+            shaper.steps(at, steps);
+        }
+        self.steps = self.steps.wrapping_add(steps);
+        self.stepped = Some(steps > 0);
+    }
+
+    /// What a motor must know that has been told nothing so far, or that all has ended: as a drive does it, first how
+    /// the axis moves, then what current it gives. A current that was never said is left out: the motor of a drive that
+    /// does not say it has its rated one, also without power.
+    pub(super) fn told(&self) -> impl Iterator<Item = Told> + use<> {
+        let current = self.tells_current.then_some(Told::Current(self.current_ma));
+        [Told::Plan(self.plan), Told::Duty(self.duty)].into_iter().chain(current)
+    }
+
+    /// What it does.
+    pub(super) fn motion(&self, at: Instant) -> Motion {
+        Motion {
+            position: self.plan.position_at(at).wrapping_add(self.steps),
+            speed: self.plan.speed_at(at),
+            moving: self.plan.end() > at || self.duty != 0,
+            current_ma: self.current_ma,
+            duty: self.duty,
+        }
+    }
+
+    /// Which of its outputs a pin is.
+    pub(super) fn output(&self, pin: Pin) -> Option<StepDir> {
+        StepDir::at(self.step_dir?, pin)
+    }
+
+    /// The level of STEP or DIR; `None` for any other pin, and while it is lent.
+    pub(super) fn level(&self, at: Instant, pin: Pin, powered: bool) -> Option<Level> {
+        let output = self.output(pin).filter(|output| !self.lent.has(*output))?;
+        let mut shaper = match &self.shaper {
+            Some(shaper) => shaper.clone(),
+            // No pulse is longer.
+            None => self.pulses(self.plan.start().max(at - HIGH), powered),
+        };
+        while shaper.take(at).is_some() {}
+        Some(level_of(shaper.is_high(output)))
+    }
+
+    /// Somebody is wired to the pulses from now on.
+    pub(super) fn listen(&mut self, at: Instant, powered: bool) {
+        if self.shaper.is_none() {
+            self.shaper = Some(self.pulses(at, powered));
+        }
+    }
+
+    /// The pulses from `at` on.
+    fn pulses(&self, at: Instant, powered: bool) -> Shaper {
+        if powered { Shaper::new(at, &self.plan, self.forward_at(at)) } else { Shaper::default() }
+    }
+
+    /// When the next edge is due, and a number that tells it from those foreseen earlier.
+    pub(super) fn next_edge(&mut self) -> Option<(Instant, u32)> {
+        self.changes = self.changes.wrapping_add(1);
+        Some((self.shaper.as_ref()?.due(), self.changes))
+    }
+
+    /// The edge that was foreseen under that number, if it comes by `until`; no level while the pin is
+    /// lent.
+    pub(super) fn take_edge(&mut self, number: u32, until: Instant) -> Option<(Pin, Option<Level>)> {
+        if self.changes != number {
+            return None;
+        }
+        self.take(until).map(|(pin, _, level)| (pin, level))
+    }
+
+    /// The next edge for whoever is wired to the pulses, if it comes by `until`: of which pin, when,
+    /// and to which level, if it is not lent.
+    pub(super) fn take(&mut self, until: Instant) -> Option<(Pin, Instant, Option<Level>)> {
+        let (step, dir) = self.step_dir?;
+        let edge = self.shaper.as_mut()?.take(until)?;
+        let pin = if edge.output == StepDir::Step { step } else { dir };
+        Some((pin, edge.at, (!self.lent.has(edge.output)).then(|| level_of(edge.high))))
+    }
+
+    /// Whether the last step by `at` was forward.
+    fn forward_at(&self, at: Instant) -> bool {
+        if let Some(forward) = self.stepped
+            && self.plan.end() <= at
+        {
+            return forward;
+        }
+        let mut forward = self.forward;
+        let (mut begin, mut from) = (self.plan.start(), self.plan.position_at(self.plan.start()));
+        for segment in self.plan.segments() {
+            let end = at.min(begin + Duration::from_ticks(segment.ticks));
+            let to = self.plan.position_at(end);
+            if from != to {
+                forward = !segment.back;
+            }
+            (begin, from) = (end, to);
+        }
+        forward
+    }
+}

@@ -1,0 +1,419 @@
+//! What a device leaves behind: its memory, its power, and what it does to the world.
+
+use drivetwin_firmware::device::{
+    Axis, Instant, Level, Line, Link, Note, Output, Pin, Plan, Port, Sink, Spec, Why,
+};
+
+use super::axis::AxisState;
+use super::pins::{EncoderState, PinState};
+use super::serial_port::{PortState, Serial};
+use super::tcp_port::Tcp;
+use crate::record::trace::{Cut, Trace};
+use crate::rng::Dice;
+use crate::signals::pin_waveform::Drives;
+
+/// Told each range of bytes as it is stored: where it begins, and the bytes.
+pub type Keep = Box<dyn FnMut(u16, &[u8])>;
+
+/// What a device leaves behind, in the world and in its memory.
+pub(crate) struct Body {
+    pub(super) seat: u32,
+    pub(crate) memory: Vec<u8>,
+    keep: Option<Keep>,
+    pub(crate) powered: bool,
+    /// The next power cut, and whether it has come.
+    cut: Option<Place>,
+    pub(super) dead: bool,
+    /// Where cuts fall.
+    dice: Dice,
+    pub(crate) pins: Vec<PinState>,
+    pub(super) axes: Vec<AxisState>,
+    pub(super) encoders: Vec<EncoderState>,
+    pub(crate) ports: Vec<PortState>,
+    /// Which causes of faults are there.
+    pub(crate) faults: Vec<bool>,
+}
+
+/// Where in a save power fails.
+#[derive(Clone, Copy, Debug)]
+struct Place {
+    /// Stores that still go through.
+    stores: u32,
+    part: Part,
+}
+
+/// How much of a store goes through.
+#[derive(Clone, Copy, Debug)]
+enum Part {
+    Bytes(usize),
+    /// What a random number picks; `whole`: all of it may.
+    Random {
+        number: u64,
+        whole: bool,
+    },
+}
+
+/// Characters that leave a port.
+pub(crate) struct Sent {
+    pub(crate) seat: u32,
+    pub(crate) port: Port,
+    /// When the first one begins.
+    pub(crate) start: Instant,
+    pub(crate) line: Line,
+    /// How many; they are in [`Outbox::bytes`].
+    pub(crate) count: usize,
+}
+
+/// What a device says on a TCP connection.
+pub(crate) struct Said {
+    pub(crate) seat: u32,
+    pub(crate) port: Port,
+    pub(crate) link: Link,
+    /// Who has it.
+    pub(crate) client: u32,
+    /// How many bytes, which are in [`Outbox::messages`]; `None`: it closes the connection.
+    pub(crate) count: Option<usize>,
+}
+
+/// What an output did to which a wire goes.
+pub(crate) enum Moved {
+    /// A pin took a level then.
+    Pin { pin: Pin, at: Instant, level: Level },
+    /// A pin repeats from now on.
+    Wave { pin: Pin },
+    /// An axis has other steps before it.
+    Axis { axis: Axis },
+}
+
+/// What a motor hears of its drive, and what else is done to it.
+///
+/// Of one instant it hears first how large the drive's steps are, which is what a plan is made of: a plan in steps of
+/// another size would make the shaft jump. The rest comes in the order in which the drive did it.
+#[derive(Clone, Debug)]
+pub(crate) enum Told {
+    Plan(Plan),
+    /// From the next plan on, and for what is left of the present one.
+    Microsteps(u16),
+    Steps(i32),
+    Current(u32),
+    Duty(i32),
+    /// Its shaft is held, or let go.
+    Held(bool),
+}
+
+/// What a device has done in one call.
+#[derive(Default)]
+pub(crate) struct Outbox {
+    /// What its motors are to hear: the device, its axis, when it was done.
+    pub(crate) told: Vec<(u32, Axis, Instant, Told)>,
+    pub(crate) sent: Vec<Sent>,
+    /// All characters, one message behind the other.
+    pub(crate) bytes: Vec<u8>,
+    pub(crate) said: Vec<Said>,
+    /// All that it says, one message behind the other.
+    pub(crate) messages: Vec<u8>,
+    /// And whose output it was.
+    pub(crate) moved: Vec<(u32, Moved)>,
+}
+
+impl Outbox {
+    pub(crate) fn is_empty(&self) -> bool {
+        self.sent.is_empty() && self.said.is_empty() && self.moved.is_empty()
+    }
+
+    /// Empties it, and keeps its room.
+    pub(crate) fn clear(&mut self) {
+        self.sent.clear();
+        self.bytes.clear();
+        self.said.clear();
+        self.messages.clear();
+        self.moved.clear();
+        self.told.clear();
+    }
+}
+
+/// What the outputs of a device go to, beside its body.
+pub(crate) struct Tape<'a> {
+    pub(crate) trace: &'a mut Trace,
+    pub(crate) outbox: &'a mut Outbox,
+    /// Whether characters take no time.
+    pub(crate) fast: bool,
+}
+
+/// The sink of one call of a device.
+pub(super) struct Hand<'a, 'b> {
+    pub(super) body: &'a mut Body,
+    pub(super) tape: &'a mut Tape<'b>,
+}
+
+impl Sink for Hand<'_, '_> {
+    fn put(&mut self, at: Instant, output: Output<'_>) {
+        if self.body.dead {
+            return;
+        }
+        if let Output::Store { offset, bytes } = output {
+            let bytes = self.body.store(offset, bytes);
+            self.tape.trace.did(at, self.body.seat, Output::Store { offset, bytes });
+            if self.body.dead {
+                self.tape.trace.power_fails(at, self.body.seat);
+            }
+            return;
+        }
+        self.body.put(at, output, self.tape);
+        self.tape.trace.did(at, self.body.seat, output);
+    }
+
+    fn memory(&self) -> &[u8] {
+        &self.body.memory
+    }
+}
+
+impl Body {
+    /// That of a device without power, on a seat of that name.
+    pub(super) fn new(
+        seat: u32,
+        name: &str,
+        spec: &'static Spec,
+        seed: u64,
+        memory: Option<Vec<u8>>,
+        keep: Option<Keep>,
+    ) -> Self {
+        let mut memory = memory.unwrap_or_default();
+        memory.resize(usize::from(spec.memory), 0xFF);
+        Self {
+            seat,
+            memory,
+            keep,
+            powered: false,
+            cut: None,
+            dead: false,
+            dice: Dice::new(seed, &format!("power cuts of {name}")),
+            pins: spec.pins.iter().map(PinState::new).collect(),
+            axes: spec.axes.iter().map(|axis| AxisState::new(axis, spec.pins)).collect(),
+            encoders: spec.encoders.iter().map(|_| EncoderState::default()).collect(),
+            ports: spec.ports.iter().map(PortState::new).collect(),
+            faults: vec![false; spec.faults.len()],
+        }
+    }
+
+    /// Stores as much as power allows, and returns it.
+    fn store<'a>(&mut self, offset: u16, bytes: &'a [u8]) -> &'a [u8] {
+        let part = match &mut self.cut {
+            None => bytes.len(),
+            Some(place) if place.stores > 0 => {
+                place.stores -= 1;
+                bytes.len()
+            }
+            Some(Place { part, .. }) => {
+                let length = bytes.len();
+                let part = match *part {
+                    Part::Bytes(part) => part.min(length),
+                    Part::Random { number, whole } => {
+                        // A cut that leaves the memory as it was is in no save's middle.
+                        let old = self.memory.get(usize::from(offset)..).unwrap_or(&[]);
+                        let same = old.iter().zip(bytes).take_while(|(old, new)| old == new).count();
+                        let least = if whole { (same + 1).min(length) } else { 0 };
+                        let choices = (length + usize::from(whole)).saturating_sub(least).max(1);
+                        least + usize::try_from(number % choices as u64).unwrap_or(0)
+                    }
+                };
+                self.cut = None;
+                self.dead = true;
+                part
+            }
+        };
+        let bytes = &bytes[..part];
+        let from = usize::from(offset);
+        if let Some(place) = self.memory.get_mut(from..from + part) {
+            place.copy_from_slice(bytes);
+        }
+        if let Some(keep) = &mut self.keep {
+            keep(offset, bytes);
+        }
+        bytes
+    }
+
+    /// Does anything but a store.
+    fn put(&mut self, at: Instant, output: Output<'_>, tape: &mut Tape<'_>) {
+        match output {
+            Output::Bytes { port, bytes } => {
+                let Some(serial) = self.serial(port) else { return };
+                let (start, line) = serial.send(at, bytes.len(), tape.fast);
+                tape.outbox.sent.push(Sent { seat: self.seat, port, start, line, count: bytes.len() });
+                tape.outbox.bytes.extend_from_slice(bytes);
+            }
+            Output::Line { port, line } => {
+                if let Some(serial) = self.serial(port) {
+                    serial.change(at, line);
+                }
+            }
+            Output::Level { pin, level } => self.drive(pin, at, Drives::Level(level), tape.outbox),
+            Output::Wave { pin, period, high } => {
+                self.drive(pin, at, Drives::Wave { since: at, period, high }, tape.outbox);
+            }
+            Output::Plan { axis, plan } => {
+                self.take_back(axis, at, tape.outbox);
+                self.shape(axis, at, tape.outbox, |axis| axis.follow(at, plan));
+                self.tell(axis, at, tape.outbox, || Told::Plan(*plan));
+            }
+            Output::Step { axis, steps } => {
+                self.shape(axis, at, tape.outbox, |axis| axis.step(at, steps));
+                self.tell(axis, at, tape.outbox, || Told::Steps(steps));
+            }
+            Output::Current { axis, ma } => {
+                if let Some(axis) = self.axis(axis) {
+                    (axis.current_ma, axis.tells_current) = (ma, true);
+                }
+                self.tell(axis, at, tape.outbox, || Told::Current(ma));
+            }
+            Output::Duty { axis, duty } => {
+                if let Some(axis) = self.axis(axis) {
+                    axis.duty = duty;
+                }
+                self.tell(axis, at, tape.outbox, || Told::Duty(duty));
+            }
+            Output::Note(note) => self.count(note),
+            Output::Message { port, link, bytes } => self.say(port, link, Some(bytes), tape.outbox),
+            Output::Close { port, link } => self.say(port, link, None, tape.outbox),
+            // A store has its own way, and no motor has a seat.
+            Output::Store { .. } | Output::Draws { .. } | Output::Motor { .. } | Output::Rotation { .. } => {}
+        }
+    }
+
+    /// Says something on a TCP connection, or closes it (`None`), if somebody is there.
+    fn say(&mut self, port: Port, link: Link, bytes: Option<&[u8]>, outbox: &mut Outbox) {
+        let seat = self.seat;
+        let Some(tcp) = self.tcp(port) else { return };
+        let client = if bytes.is_some() { tcp.known(link) } else { tcp.close(link) };
+        let Some(client) = client else { return };
+        outbox.said.push(Said { seat, port, link, client, count: bytes.map(<[u8]>::len) });
+        outbox.messages.extend_from_slice(bytes.unwrap_or_default());
+    }
+
+    /// The motor of an axis, if it has one, is to hear of it.
+    fn tell(&self, axis: Axis, at: Instant, outbox: &mut Outbox, told: impl FnOnce() -> Told) {
+        if self.axes.get(usize::from(axis.0)).is_some_and(|axis| axis.turns_motor) {
+            outbox.told.push((self.seat, axis, at, told()));
+        }
+    }
+
+    fn count(&mut self, note: Note) {
+        let (Note::Request { port, .. } | Note::Refused { port, .. } | Note::Dropped { port, .. }) = note;
+        let Some(port) = self.ports.get_mut(usize::from(port.0)) else { return };
+        let statistics = &mut port.statistics;
+        *match note {
+            Note::Request { .. } => &mut statistics.requests,
+            Note::Refused { .. } => &mut statistics.refused,
+            Note::Dropped { why, .. } => match why {
+                Why::Crc => &mut statistics.crc,
+                Why::Gap => &mut statistics.gap,
+                Why::Length => &mut statistics.length,
+                Why::Spoiled => &mut statistics.spoiled,
+                Why::Address => &mut statistics.foreign,
+                Why::Starting => &mut statistics.starting,
+            },
+        } += 1;
+    }
+
+    fn drive(&mut self, pin: Pin, at: Instant, drives: Drives, outbox: &mut Outbox) {
+        let Some(state) = self.pins.get_mut(usize::from(pin.0)) else { return };
+        state.drives = drives;
+        state.changes = state.changes.wrapping_add(1);
+        let is_wired = !state.drives_wires.is_empty();
+        let reaches_wires = self.lend(pin, at, outbox);
+        if is_wired && reaches_wires {
+            let moved = match drives {
+                Drives::Level(level) => Moved::Pin { pin, at, level },
+                Drives::Wave { .. } => Moved::Wave { pin },
+            };
+            outbox.moved.push((self.seat, moved));
+        }
+    }
+
+    /// An axis leaves a pin to the device, if it can; where pulses have pins of their own, they stay there.
+    fn lend(&mut self, pin: Pin, at: Instant, outbox: &mut Outbox) -> bool {
+        for axis in (0..self.axes.len() as u8).map(Axis) {
+            let Some(output) = self.axis(axis).and_then(|axis| axis.output(pin)) else { continue };
+            self.shape(axis, at, outbox, |_| {});
+            return self.axis(axis).is_some_and(|axis| axis.lend(output));
+        }
+        true
+    }
+
+    /// An axis takes its pins from the device, and they are low.
+    fn take_back(&mut self, axis: Axis, at: Instant, outbox: &mut Outbox) {
+        let Some(state) = self.axes.get(usize::from(axis.0)) else { return };
+        for pin in state.lent() {
+            let Some(state) = self.pins.get_mut(usize::from(pin.0)) else { continue };
+            state.drives = Drives::NOTHING;
+            state.changes = state.changes.wrapping_add(1);
+            outbox.moved.push((self.seat, Moved::Pin { pin, at, level: Level::Low }));
+        }
+    }
+
+    /// Something happens to an axis: if somebody listens, its edges up to then come first.
+    fn shape(&mut self, axis: Axis, at: Instant, outbox: &mut Outbox, happens: impl FnOnce(&mut AxisState)) {
+        let Some(state) = self.axes.get_mut(usize::from(axis.0)) else { return };
+        let mut moves = |state: &mut AxisState| {
+            while let Some((pin, at, level)) = state.take(at) {
+                outbox.moved.extend(level.map(|level| (self.seat, Moved::Pin { pin, at, level })));
+            }
+        };
+        moves(state);
+        happens(state);
+        // Without power the outputs fall at once.
+        moves(state);
+        if state.shaper.is_some() {
+            outbox.moved.push((self.seat, Moved::Axis { axis }));
+        }
+    }
+
+    pub(super) fn axis(&mut self, axis: Axis) -> Option<&mut AxisState> {
+        self.axes.get_mut(usize::from(axis.0))
+    }
+
+    /// A serial port.
+    pub(crate) fn serial(&mut self, port: Port) -> Option<&mut Serial> {
+        self.ports.get_mut(usize::from(port.0))?.serial.as_mut()
+    }
+
+    /// A TCP port.
+    pub(crate) fn tcp(&mut self, port: Port) -> Option<&mut Tcp> {
+        self.ports.get_mut(usize::from(port.0))?.tcp.as_mut()
+    }
+
+    pub(super) fn power_on(&mut self, at: Instant) {
+        self.powered = true;
+        for axis in &mut self.axes {
+            axis.power_on(at);
+        }
+        for serial in self.ports.iter_mut().filter_map(|port| port.serial.as_mut()) {
+            serial.power_on();
+        }
+    }
+
+    pub(super) fn power_off(&mut self, at: Instant, outbox: &mut Outbox) {
+        (self.powered, self.dead) = (false, false);
+        for pin in (0..self.pins.len() as u8).map(Pin) {
+            self.drive(pin, at, Drives::NOTHING, outbox);
+        }
+        for axis in (0..self.axes.len() as u8).map(Axis) {
+            self.shape(axis, at, outbox, |axis| axis.power_off(at));
+            for told in self.axis(axis).map(|axis| axis.told()).into_iter().flatten() {
+                self.tell(axis, at, outbox, || told);
+            }
+        }
+    }
+
+    pub(super) fn cut(&mut self, cut: Option<Cut>) {
+        self.cut = Some(match cut {
+            Some(Cut { stores, bytes }) => Place { stores, part: Part::Bytes(bytes) },
+            None => {
+                // A save is two stores. After the whole first one is in its middle, after the second
+                // is not.
+                let stores = u32::from(self.dice.next() % 2 == 1);
+                Place { stores, part: Part::Random { number: self.dice.next(), whole: stores == 0 } }
+            }
+        });
+    }
+}

@@ -1,0 +1,331 @@
+//! Pulses on pins that serve other purposes, too.
+
+use drivetwin_firmware::device::{AxisSpec, Input, Output, PinSpec, Plan, Role, Sink};
+use drivetwin_firmware::motion::Rates;
+use drivetwin_protocol::registers::Register;
+use drivetwin_protocol::time::Span;
+use fixed::types::I24F8;
+use proptest::prelude::*;
+
+use super::*;
+use crate::bench::{Bench, PowerAction, Seat, Settings};
+use crate::export::vcd;
+use crate::record::trace::{Event, TraceKeep};
+use crate::signals::pulses::Pulse;
+
+drivetwin_protocol::registers! {
+    /// What a lender does.
+    enum Reg: HighFirst {
+        /// 0 to 2: STEP low, high, let go; 3 to 5: DIR. 6: a plan at rest; 7 and 8: one of two steps, forward
+        /// and back; 9 and 10: a wave on STEP, on DIR; 11: 200,000 steps/s at once. Reads the edges seen.
+        Do = rw(0, "1"),
+    }
+}
+
+const STEP: Pin = Pin(0);
+const DIR: Pin = Pin(1);
+const MOTOR: Axis = Axis(0);
+
+static SPEC: Spec = Spec {
+    kind: "lender",
+    product: "an axis that lends its pins",
+    manual: "this file",
+    pins: &[PinSpec::new("STEP", Role::Both, Level::High), PinSpec::new("DIR", Role::Both, Level::High)],
+    axes: &[AxisSpec { name: "motor", step_dir: Some((STEP, DIR)) }],
+    registers: Reg::TABLE,
+    ..Spec::BARE
+};
+
+#[derive(Default)]
+struct Lender {
+    edges: i64,
+}
+
+impl Device for Lender {
+    fn spec(&self) -> &'static Spec {
+        &SPEC
+    }
+
+    fn power_on(&mut self, _at: Instant, _boot: Boot, _out: &mut dyn Sink) {
+        self.edges = 0;
+    }
+
+    fn input(&mut self, _at: Instant, input: Input<'_>, _out: &mut dyn Sink) {
+        self.edges += i64::from(matches!(input, Input::Edge { .. }));
+    }
+
+    fn deadline(&self) -> Instant {
+        Instant::NEVER
+    }
+
+    fn timeout(&mut self, _at: Instant, _out: &mut dyn Sink) {}
+
+    fn peek(&self, _at: Instant, _row: usize) -> i64 {
+        self.edges
+    }
+
+    fn poke(&mut self, at: Instant, _row: usize, value: i64, out: &mut dyn Sink) -> Result<(), Refused> {
+        let pin = if matches!(value, 3..=5 | 10) { DIR } else { STEP };
+        let steps = match value {
+            7 => 2,
+            8 => -2,
+            _ => 0,
+        };
+        // Its first step after sqrt(2/200) s, its second and last one after as much again.
+        let plan = match value {
+            11 => {
+                let ramp = Plan::rest(at - 1.millis(), 0);
+                ramp.towards(at - 1.millis(), I24F8::from_num(200_000), i32::MAX as u32).resumed(at, 0)
+            }
+            _ => Plan::profile(at, 0, steps, Rates::even(1_000_u16.into(), 200)),
+        };
+        out.put(
+            at,
+            match value {
+                0 | 3 => Output::Level { pin, level: Level::Low },
+                1 | 4 => Output::Level { pin, level: Level::High },
+                2 | 5 => Output::Level { pin, level: Level::Float },
+                9 | 10 => Output::Wave { pin, period: 10.millis(), high: 4.millis() },
+                _ => Output::Plan { axis: MOTOR, plan: &plan },
+            },
+        );
+        Ok(())
+    }
+}
+
+/// A bench with a lender on it that has power, and one that listens to it.
+struct Bed {
+    bench: Bench,
+    lender: Seat,
+    ear: Seat,
+}
+
+impl Bed {
+    fn new(wired: bool) -> Self {
+        let mut bench = Bench::with(Settings { trace: TraceKeep::All, ..Settings::default() });
+        let (lender, ear) = (bench.add::<Lender>("lender"), bench.add::<Lender>("ear"));
+        bench.run_until(1.millis());
+        let mut bed = Self { bench, lender, ear };
+        if wired {
+            bed.wire();
+        }
+        bed
+    }
+
+    fn wire(&mut self) {
+        for pin in [STEP, DIR] {
+            self.bench.wire((self.lender, pin), (self.ear, pin));
+        }
+    }
+
+    /// Does something then.
+    fn poke(&mut self, ms: u64, what: u8) {
+        self.bench.run_until(ms.millis());
+        self.bench.poke(self.lender, 0, what.into()).unwrap();
+    }
+
+    fn levels(&self, seat: Seat) -> [Level; 2] {
+        [STEP, DIR].map(|pin| self.bench.level(seat, pin))
+    }
+
+    /// What the other one heard up to then: pins and levels with their instants in µs, without the tick
+    /// that a wire takes.
+    fn heard(&mut self, ms: u64) -> Vec<String> {
+        self.bench.run_until(ms.millis());
+        let ear = self.ear.0 as usize;
+        let edges = self.bench.trace().events().filter(|entry| entry.drive == ear);
+        edges
+            .filter_map(|entry| match entry.event {
+                Event::Fed(Fed::Edge { pin, high }) => {
+                    let name = if pin == STEP { 'S' } else { 'D' };
+                    let micros = (entry.at.ticks() - 1) as f64 / 16.0;
+                    Some(format!("{name}{} {micros}", if high { '+' } else { '-' }))
+                }
+                _ => None,
+            })
+            .collect()
+    }
+}
+
+/// When pulses rise and fall, in µs, and whether they go forward.
+fn pulses(bed: &Bed) -> Vec<(f64, f64, bool)> {
+    let micros = |at: Instant| at.ticks() as f64 / 16.0;
+    let pulses = bed.bench.pulses(bed.lender.step());
+    pulses.map(|Pulse { rise, fall, forward }| (micros(rise), micros(fall), forward)).collect()
+}
+
+#[test]
+fn a_plan_takes_pins_that_were_let_go() {
+    let mut bed = Bed::new(true);
+    assert_eq!(bed.levels(bed.lender), [Level::High; 2]);
+    bed.poke(10, 7);
+    assert_eq!(bed.levels(bed.lender), [Level::Low; 2]);
+    let heard = ["S- 10000", "D- 10000", "D+ 109995", "S+ 110000", "S- 110002", "S+ 210000", "S- 210002"];
+    assert_eq!(bed.heard(500), heard);
+    assert_eq!(pulses(&bed), [(110_000.0, 110_002.0, true), (210_000.0, 210_002.0, true)]);
+}
+
+#[test]
+fn a_level_takes_its_pin_until_the_next_plan() {
+    let mut bed = Bed::new(true);
+    bed.poke(10, 7);
+    bed.poke(150, 1);
+    assert_eq!(bed.levels(bed.lender), [Level::High; 2]);
+    // The second step is not seen. DIR was not taken, and is high from the first one.
+    let before = bed.heard(299).len();
+    assert_eq!(bed.heard(299)[before - 1], "S+ 150000");
+    bed.poke(300, 8);
+    bed.poke(600, 5);
+    bed.poke(700, 2);
+    let heard = [
+        "S- 300000",
+        "D- 399995",
+        "S+ 400000",
+        "S- 400002",
+        "S+ 500000",
+        "S- 500002",
+        "D+ 600000",
+        "S+ 700000",
+    ];
+    assert_eq!(bed.heard(900)[before..], heard);
+    let expected =
+        [(110_000.0, 110_002.0, true), (400_000.0, 400_002.0, false), (500_000.0, 500_002.0, false)];
+    assert_eq!(pulses(&bed), expected);
+}
+
+#[test]
+fn the_direction_is_low_when_a_plan_takes_it() {
+    for (wired, late) in [(true, false), (false, true), (false, false)] {
+        let mut bed = Bed::new(wired);
+        bed.poke(10, 7);
+        bed.poke(300, 4);
+        if late {
+            bed.wire();
+        }
+        // It was forward; so the next plan must turn it again.
+        bed.poke(400, 7);
+        bed.bench.run_until(499.millis());
+        assert_eq!(bed.levels(bed.lender), [Level::Low; 2]);
+        bed.bench.run_until(550.millis());
+        assert_eq!(bed.levels(bed.lender), [Level::Low, Level::High]);
+    }
+}
+
+#[test]
+fn a_plan_that_turns_the_direction_at_once_is_heard() {
+    let mut bed = Bed::new(true);
+    for what in [0, 3] {
+        bed.poke(5, what);
+    }
+    bed.poke(10, 11);
+    bed.bench.run_until(10_003.micros());
+    // It has come 190.687 steps in the 1 ms before, of which 93 µs were a ramp: the next one is 1.57 µs away.
+    assert_eq!(bed.heard(10)[2..], ["D+ 10000", "S+ 10001.5625"]);
+    assert_eq!(bed.levels(bed.ear), bed.levels(bed.lender));
+}
+
+#[test]
+fn a_level_cuts_a_pulse_off() {
+    let mut bed = Bed::new(true);
+    bed.poke(10, 7);
+    bed.bench.run_until(110_001.micros());
+    bed.bench.poke(bed.lender, 0, 0).unwrap();
+    assert_eq!(bed.heard(400)[3..], ["S+ 110000", "S- 110001"]);
+    assert_eq!(pulses(&bed), [(110_000.0, 110_001.0, true)]);
+    // A plan does not bring the rest of it back.
+    let mut bed = Bed::new(true);
+    bed.poke(10, 7);
+    bed.bench.run_until(110_001.micros());
+    for what in [1, 6] {
+        bed.bench.poke(bed.lender, 0, what).unwrap();
+    }
+    assert_eq!(bed.levels(bed.lender), [Level::Low, Level::High]);
+}
+
+#[test]
+fn a_pin_that_is_let_go_is_an_input() {
+    let mut bed = Bed::new(false);
+    bed.bench.wire((bed.ear, STEP), (bed.lender, STEP));
+    bed.poke(10, 6);
+    bed.poke(20, 2);
+    let edges = bed.bench.peek(bed.lender, 0);
+    bed.bench.run_until(30.millis());
+    // The other one pulls it down, and lets it go.
+    for (ms, what, level) in [(40, 0, Level::Low), (50, 2, Level::High)] {
+        bed.bench.run_until(ms.millis());
+        bed.bench.poke(bed.ear, 0, what).unwrap();
+        bed.bench.run_until((ms + 1).millis());
+        assert_eq!(bed.bench.level(bed.lender, STEP), level);
+    }
+    assert_eq!(bed.bench.peek(bed.lender, 0), edges + 2);
+}
+
+#[test]
+fn without_power_the_pins_are_let_go() {
+    let mut bed = Bed::new(true);
+    bed.poke(10, 7);
+    bed.bench.run_until(150.millis());
+    bed.bench.power(bed.lender, PowerAction::Off);
+    bed.bench.run_until(151.millis());
+    assert_eq!(bed.levels(bed.lender), [Level::High; 2]);
+    bed.bench.power(bed.lender, PowerAction::On);
+    bed.bench.run_until(300.millis());
+    assert_eq!(bed.levels(bed.lender), [Level::High; 2]);
+    // DIR was high; STEP comes up when it is let go.
+    assert_eq!(bed.heard(500).last().unwrap(), "S+ 150000");
+    assert_eq!(pulses(&bed).len(), 1);
+}
+
+/// The level of the lender's STEP or DIR in a file of waveforms, in ticks.
+fn shown(file: &str, pin: Pin, at: Instant) -> Level {
+    let code = if pin == STEP { '!' } else { '"' };
+    let (mut stamp, mut level) = (0, None);
+    for line in file.lines() {
+        if let Some(units) = line.strip_prefix('#') {
+            stamp = units.parse::<u64>().unwrap();
+        } else if stamp <= 625 * at.ticks() && line.len() == 2 && line.ends_with(code) {
+            level = line.chars().next();
+        }
+    }
+    match level {
+        Some('0') => Level::Low,
+        Some('1') => Level::High,
+        other => panic!("{other:?} at {at:?}"),
+    }
+}
+
+proptest! {
+    #[test]
+    fn wires_levels_and_waveforms_agree(
+        orders in proptest::collection::vec((1_u64..150, 0_u8..11, 0_u64..100), 1..20),
+    ) {
+        let (mut bed, mut deaf) = (Bed::new(true), Bed::new(false));
+        let mut samples = Vec::new();
+        let mut ms = 1;
+        for (wait, what, sample) in orders {
+            ms += wait;
+            for bed in [&mut bed, &mut deaf] {
+                // Beside all steps, which are at whole milliseconds after a plan began, or between.
+                bed.bench.run_until((1_000 * ms + 300).micros());
+                bed.bench.poke(bed.lender, 0, what.into()).unwrap();
+            }
+            let at = Instant::from((1_000 * ms + 300).micros()) + (sample * sample * 15).micros();
+            let levels = [&mut bed, &mut deaf].map(|bed| {
+                bed.bench.run_until(at);
+                bed.levels(bed.lender)
+            });
+            prop_assert_eq!(levels[0], levels[1], "{:?}", at);
+            bed.bench.run_until(at + Duration::TICK);
+            prop_assert_eq!(bed.levels(bed.ear), levels[0], "{:?}", at);
+            samples.push((at, levels[0]));
+            ms += sample * sample * 15 / 1_000 + 1;
+        }
+        bed.bench.run_until(ms.millis());
+        let mut file = Vec::new();
+        vcd::write(bed.bench.trace(), &mut file).unwrap();
+        let file = String::from_utf8(file).unwrap();
+        for (at, levels) in samples {
+            prop_assert_eq!([STEP, DIR].map(|pin| shown(&file, pin, at)), levels, "{:?}", at);
+        }
+    }
+}

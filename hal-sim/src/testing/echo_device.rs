@@ -1,0 +1,97 @@
+//! A device for tests with two TCP ports: of Modbus/TCP, where it sends each ADU back, and of lines of text, where it
+//! does the same with characters, except some.
+
+use drivetwin_firmware::device::{
+    Boot, Device, Duration, Ends, Input, Instant, Link, Note, Output, Port, PortSpec, Refused, Sink, Spec,
+};
+
+static SPEC: Spec = Spec {
+    kind: "echo",
+    product: "an echo",
+    manual: "this file",
+    ports: &[
+        PortSpec { name: "modbus", ends: Ends::Mbap, line: None },
+        PortSpec { name: "mcode", ends: Ends::Return, line: None },
+    ],
+    ..Spec::BARE
+};
+
+/// The Modbus/TCP port.
+pub const MODBUS: Port = Port(0);
+/// The port of lines of text.
+pub const MCODE: Port = Port(1);
+
+/// Connections that its port of text takes.
+const MOST: u8 = 4;
+
+/// Where text is spoken it greets with `>`; `x` closes the connection, `f` sends a MiB, `t` sends `T` at the deadlines
+/// of this instant and of each second after it, until the connection is closed.
+#[derive(Debug, Default)]
+pub struct Echo {
+    /// It sends `T` to its first connection, there or not, each time so much has passed since power came.
+    pub ring: Option<Duration>,
+    /// The next such instant, and the connection.
+    pub due: Option<(Instant, Link)>,
+}
+
+impl Echo {
+    fn answer(&mut self, at: Instant, link: Link, text: &[u8], out: &mut dyn Sink) {
+        for byte in text {
+            let say =
+                |bytes: &[u8], out: &mut dyn Sink| out.put(at, Output::Message { port: MCODE, link, bytes });
+            match byte {
+                b'x' => out.put(at, Output::Close { port: MCODE, link }),
+                b'f' => say(&vec![b'.'; 1 << 20], out),
+                b't' => self.due = Some((at, link)),
+                &other => say(&[other], out),
+            }
+        }
+    }
+}
+
+impl Device for Echo {
+    fn spec(&self) -> &'static Spec {
+        &SPEC
+    }
+
+    fn power_on(&mut self, at: Instant, _boot: Boot, _out: &mut dyn Sink) {
+        self.due = self.ring.map(|ring| (at + ring, Link(0)));
+    }
+
+    fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Sink) {
+        match input {
+            Input::Opened { port: MCODE, link } if link.0 >= MOST => {
+                out.put(at, Output::Close { port: MCODE, link });
+            }
+            Input::Opened { port: MCODE, link } => {
+                out.put(at, Output::Message { port: MCODE, link, bytes: b">" });
+            }
+            Input::Message { port: MODBUS, link, bytes } => {
+                out.put(at, Output::Message { port: MODBUS, link, bytes });
+                let &[unit, function, ..] = bytes.get(6..).unwrap_or_default() else { return };
+                out.put(at, Output::Note(Note::Request { port: MODBUS, unit, function }));
+            }
+            Input::Message { link, bytes, .. } => self.answer(at, link, bytes, out),
+            Input::Closed { port: MCODE, link } => self.due = self.due.filter(|(_, to)| *to != link),
+            _ => {}
+        }
+    }
+
+    fn deadline(&self) -> Instant {
+        self.due.map_or(Instant::NEVER, |(due, _)| due)
+    }
+
+    fn timeout(&mut self, at: Instant, out: &mut dyn Sink) {
+        let Some((due, link)) = self.due.filter(|(due, _)| *due <= at) else { return };
+        out.put(at, Output::Message { port: MCODE, link, bytes: b"T" });
+        self.due = Some((due + self.ring.unwrap_or(Duration::secs(1)), link));
+    }
+
+    fn peek(&self, _at: Instant, _row: usize) -> i64 {
+        0
+    }
+
+    fn poke(&mut self, _: Instant, _row: usize, _: i64, _: &mut dyn Sink) -> Result<(), Refused> {
+        Err(Refused::NoSuchRegister)
+    }
+}

@@ -1,0 +1,366 @@
+//! The calls of the control API.
+
+use axum::Json;
+use axum::extract::{Path, State};
+use axum::http::StatusCode;
+use drivetwin_firmware::device::{Duration, Encoder, Fault, Pin, PinSpec, Refused, Role};
+use drivetwin_protocol::time::TICKS_PER_SECOND;
+use drivetwin_sim::bench::{Driving, Seat};
+use drivetwin_sim::config::layout::no_line;
+use drivetwin_sim::config::preset::{self, Preset};
+use drivetwin_sim::config::time_mode::Pace;
+use drivetwin_sim::line::faults::LineFaults;
+use tokio::sync::oneshot;
+
+use super::guard::Body;
+use super::problem::Problem;
+use super::schema::{
+    Advance, Bench, Bus, Drive, Driven, Faults, Mode, NewValue, PinLevel, Power, Pulses, Time, Turn,
+};
+use super::{Api, stopping};
+use crate::event_loop::Host;
+use drivetwin_sim::suggest;
+
+/// The longest way to go at once, in seconds.
+const MAX_ADVANCE: f64 = 86_400.0;
+
+/// The bench: drives, lines, motors, time.
+#[utoipa::path(get, path = "/api/bench", responses((status = 200, body = Bench)))]
+pub(super) async fn bench(State(api): State<Api>) -> Result<Json<Bench>, Problem> {
+    let places = api.places.clone();
+    Ok(Json(api.call(move |host| Bench::of(host, &places)).await?))
+}
+
+/// A drive: registers, pins, lights, motion, ports.
+#[utoipa::path(get, path = "/api/drives/{name}", responses(
+    (status = 200, body = Drive),
+))]
+pub(super) async fn drive(State(api): State<Api>, Path(name): Path<String>) -> Result<Json<Drive>, Problem> {
+    let places = api.places.clone();
+    api.call(move |host| Ok(Json(Drive::of(&host.bench, seat(host, &name)?, &places)))).await?
+}
+
+/// Drives an input pin from outside. While the drive drives the pin itself, its level is what is seen;
+/// what comes from outside counts once the drive lets go.
+#[utoipa::path(put, path = "/api/drives/{name}/pins/{pin}", request_body = PinLevel, responses(
+    (status = 204),
+))]
+pub(super) async fn drive_pin(
+    State(api): State<Api>,
+    Path((name, pin)): Path<(String, String)>,
+    Body(level): Body<PinLevel>,
+) -> Result<StatusCode, Problem> {
+    api.call(move |host| {
+        let seat = seat(host, &name)?;
+        let pin = input(host, seat, &pin)?;
+        let driving = driving(&level, pin_spec(host, seat, pin))?;
+        host.bench.set_pin(seat, pin, driving);
+        host.settle();
+        Ok(StatusCode::NO_CONTENT)
+    })
+    .await?
+}
+
+/// Sends a train of pulses into an input pin.
+#[utoipa::path(post, path = "/api/drives/{name}/pins/{pin}/pulses", request_body = Pulses, responses(
+    (status = 204, description = "The train has begun."),
+    (status = 409, description = "One runs there.", body = Problem, content_type = "application/problem+json"),
+))]
+pub(super) async fn pulse_pin(
+    State(api): State<Api>,
+    Path((name, pin)): Path<(String, String)>,
+    Body(pulses): Body<Pulses>,
+) -> Result<StatusCode, Problem> {
+    api.call(move |host| {
+        let seat = seat(host, &name)?;
+        let pin = input(host, seat, &pin)?;
+        if pulses.count == 0 || !(0.000_001..=8_000_000.0).contains(&pulses.hz) {
+            return Err(Problem::refused(
+                "a train has at least 1 pulse, and 0.000001 to 8000000 of them a second",
+            ));
+        }
+        let duty = pulses.duty.unwrap_or(0.5);
+        if !(duty > 0.0 && duty < 1.0) {
+            return Err(Problem::refused("the duty of a pulse is between 0 and 1"));
+        }
+        if role(host, seat, pin) == Some(Role::Analogue) {
+            return Err(Problem::refused("an analogue input takes no pulses"));
+        }
+        let begun = host.bench.pulse_width(seat, pin, pulses.count, pulses.hz, duty);
+        begun.map_err(|busy| Problem::conflict(busy.to_string()))?;
+        Ok(StatusCode::NO_CONTENT)
+    })
+    .await?
+}
+
+/// Turns the drive's encoder: quadrature edges on its inputs A and B.
+#[utoipa::path(post, path = "/api/drives/{name}/encoder", request_body = Turn, responses(
+    (status = 204, description = "It has begun to turn."),
+    (status = 409, description = "It turns already, or pulses run on one of its inputs.", body = Problem,
+        content_type = "application/problem+json"),
+))]
+pub(super) async fn encoder(
+    State(api): State<Api>,
+    Path(name): Path<String>,
+    Body(turn): Body<Turn>,
+) -> Result<StatusCode, Problem> {
+    api.call(move |host| {
+        let seat = seat(host, &name)?;
+        if host.bench.spec(seat).encoders.is_empty() {
+            return Err(Problem::refused(format!("{name} has no encoder input")));
+        }
+        let counts = i32::try_from(turn.counts).ok().filter(|counts| *counts != 0);
+        let counts = counts.filter(|_| (0.000_001..=16_000_000.0).contains(&turn.hz)).ok_or_else(|| {
+            Problem::refused(
+                "an encoder makes 1 to 2147483647 edges, or -1 to -2147483648 the other way, and 0.000001 to 16000000 of them a second",
+            )
+        })?;
+        let begun = host.bench.encoder(seat, Encoder(0), counts, turn.hz);
+        begun.map_err(|busy| Problem::conflict(busy.to_string()))?;
+        Ok(StatusCode::NO_CONTENT)
+    })
+    .await?
+}
+
+/// Presets a register, past the bus.
+#[utoipa::path(put, path = "/api/drives/{name}/registers/{register}", request_body = NewValue, responses(
+    (status = 204),
+    (status = 409, description = "The drive has no power.", body = Problem, content_type = "application/problem+json"),
+))]
+pub(super) async fn preset(
+    State(api): State<Api>,
+    Path((name, register)): Path<(String, String)>,
+    Body(value): Body<NewValue>,
+) -> Result<StatusCode, Problem> {
+    api.call(move |host| {
+        let seat = seat(host, &name)?;
+        let spec = host.bench.spec(seat);
+        let known = spec.find(&register).is_some();
+        let status = if known { StatusCode::UNPROCESSABLE_ENTITY } else { StatusCode::NOT_FOUND };
+        let preset = Preset::new(spec, &register, &value.value.into())
+            .map_err(|sentence| Problem::new(status, sentence))?;
+        if !host.bench.powered(seat) {
+            return Err(Problem::conflict(format!("{name} has no power")));
+        }
+        let value = preset.onto(spec, host.bench.peek(seat, preset.row));
+        host.bench.poke(seat, preset.row, value).map_err(|refused: Refused| {
+            Problem::refused(preset::refusal(spec, preset.row, &register, refused))
+        })?;
+        host.settle();
+        Ok(StatusCode::NO_CONTENT)
+    })
+    .await?
+}
+
+/// Brings about the cause of a fault.
+#[utoipa::path(put, path = "/api/drives/{name}/faults/{fault}", responses(
+    (status = 204),
+))]
+pub(super) async fn fault(
+    State(api): State<Api>,
+    Path((name, fault)): Path<(String, String)>,
+) -> Result<StatusCode, Problem> {
+    set_fault(&api, name, fault, true).await
+}
+
+/// Takes the cause of a fault away.
+#[utoipa::path(delete, path = "/api/drives/{name}/faults/{fault}", responses(
+    (status = 204),
+))]
+pub(super) async fn heal(
+    State(api): State<Api>,
+    Path((name, fault)): Path<(String, String)>,
+) -> Result<StatusCode, Problem> {
+    set_fault(&api, name, fault, false).await
+}
+
+async fn set_fault(api: &Api, name: String, fault: String, on: bool) -> Result<StatusCode, Problem> {
+    api.call(move |host| {
+        let seat = seat(host, &name)?;
+        let faults = host.bench.spec(seat).faults;
+        let found = (0..).map(Fault).zip(faults).find(|(_, known)| **known == fault);
+        let (fault, _) = found
+            .ok_or_else(|| Problem::not_found(suggest::unknown("fault", &fault, faults.iter().copied())))?;
+        host.bench.fault(seat, fault, on);
+        host.settle();
+        Ok(StatusCode::NO_CONTENT)
+    })
+    .await?
+}
+
+/// Switches a drive's power.
+#[utoipa::path(post, path = "/api/drives/{name}/power", request_body = Power, responses(
+    (status = 204),
+))]
+pub(super) async fn power(
+    State(api): State<Api>,
+    Path(name): Path<String>,
+    Body(power): Body<Power>,
+) -> Result<StatusCode, Problem> {
+    api.call(move |host| {
+        let seat = seat(host, &name)?;
+        host.bench.power(seat, power.action.into());
+        host.settle();
+        Ok(StatusCode::NO_CONTENT)
+    })
+    .await?
+}
+
+/// The serial lines, with what disturbs them.
+#[utoipa::path(get, path = "/api/buses", responses((status = 200, body = Vec<Bus>)))]
+pub(super) async fn buses(State(api): State<Api>) -> Result<Json<Vec<Bus>>, Problem> {
+    let places = api.places.clone();
+    Ok(Json(api.call(move |host| Bus::all(&host.bench, &places)).await?))
+}
+
+/// Disturbs a line from its next frame on. What is not named is off.
+#[utoipa::path(put, path = "/api/buses/{name}/faults", request_body = Faults, responses((status = 204)))]
+pub(super) async fn disturb(
+    State(api): State<Api>,
+    Path(name): Path<String>,
+    Body(faults): Body<Faults>,
+) -> Result<StatusCode, Problem> {
+    let faults = LineFaults::try_from(faults).map_err(Problem::refused)?;
+    api.call(move |host| {
+        let bench = &mut host.bench;
+        let bus = bench.find_bus(&name).ok_or_else(|| {
+            if bench.has_tcp_port(&name) {
+                return Problem::not_found(no_line(&name));
+            }
+            let buses = bench.buses();
+            let names = buses.iter().map(|&bus| bench.bus_name(bus));
+            Problem::not_found(suggest::unknown("bus", &name, names))
+        })?;
+        for &(seat, port) in bench.ports(bus) {
+            let port = bench.spec(seat).ports.get(usize::from(port.0));
+            port.map_or(Ok(()), |port| faults.check_for(port)).map_err(Problem::refused)?;
+        }
+        bench.disturb(bus, faults);
+        host.settle();
+        Ok(StatusCode::NO_CONTENT)
+    })
+    .await?
+}
+
+/// Lets time run otherwise.
+#[utoipa::path(put, path = "/api/time", request_body = Mode, responses(
+    (status = 200, body = Time),
+))]
+pub(super) async fn pace(State(api): State<Api>, Body(mode): Body<Mode>) -> Result<Json<Time>, Problem> {
+    let pace: Pace = mode.mode.parse().map_err(|sentence| Problem::refused(format!("mode: {sentence}")))?;
+    api.call(move |host| host.set_pace(pace)).await?;
+    Ok(Json(api.call(|host| Time::of(host)).await?))
+}
+
+/// Moves the clock on in manual time; answers when the bench is there.
+#[utoipa::path(post, path = "/api/time/advance", request_body = Advance, responses(
+    (status = 200, body = Time),
+    (status = 409, description = "Somebody does so already, or time runs by itself.", body = Problem,
+        content_type = "application/problem+json"),
+))]
+pub(super) async fn advance(
+    State(api): State<Api>,
+    Body(advance): Body<Advance>,
+) -> Result<Json<Time>, Problem> {
+    if !(0.0..=MAX_ADVANCE).contains(&advance.seconds) {
+        return Err(Problem::refused("seconds are 0 to 86400"));
+    }
+    // Not negative, and far below what a tick counter holds.
+    let span = Duration::from_ticks((advance.seconds * TICKS_PER_SECOND as f64).round() as u64);
+    let Ok(_turn) = api.advancing.try_acquire() else {
+        return Err(Problem::conflict("somebody advances the clock already"));
+    };
+    let (done, there) = oneshot::channel();
+    let begun = api.call(move |host| {
+        if host.pace() != Pace::Manual {
+            return Err(Problem::conflict(
+                "time runs by itself; PUT {\"mode\":\"manual\"} to /api/time first",
+            ));
+        }
+        host.advance(span, done);
+        Ok(())
+    });
+    begun.await??;
+    there.await.map_err(|_| stopping())?;
+    Ok(Json(api.call(|host| Time::of(host)).await?))
+}
+
+/// The drive of that name.
+fn seat(host: &Host, name: &str) -> Result<Seat, Problem> {
+    let bench = &host.bench;
+    bench.seat_named(name).ok_or_else(|| {
+        Problem::not_found(suggest::unknown("drive", name, bench.seats().map(|seat| bench.name(seat))))
+    })
+}
+
+/// The pin of that name, which must be one that can be driven from outside.
+fn input(host: &Host, seat: Seat, name: &str) -> Result<Pin, Problem> {
+    let spec = host.bench.spec(seat);
+    let pin = spec.pin(name).ok_or_else(|| {
+        Problem::not_found(suggest::unknown("pin", name, spec.pin_names().map(|(name, _)| name)))
+    })?;
+    match role(host, seat, pin) {
+        Some(Role::Output | Role::Led) => Err(Problem::refused(format!("{name} is an output"))),
+        _ => Ok(pin),
+    }
+}
+
+fn role(host: &Host, seat: Seat, pin: Pin) -> Option<Role> {
+    pin_spec(host, seat, pin).map(|pin| pin.role)
+}
+
+fn pin_spec(host: &Host, seat: Seat, pin: Pin) -> Option<&'static PinSpec> {
+    host.bench.spec(seat).pins.get(usize::from(pin.0))
+}
+
+/// What is to be done to a pin.
+fn driving(wanted: &PinLevel, pin: Option<&PinSpec>) -> Result<Driving, Problem> {
+    let (role, shunt_ohm) = pin.map_or((None, 0), |pin| (Some(pin.role), pin.shunt_ohm));
+    let levels = role != Some(Role::Analogue);
+    let voltages = matches!(role, Some(Role::Analogue | Role::Mixed));
+    match *wanted {
+        PinLevel { level: Some(Driven::Open), volts: None, milliamps: None } => Ok(Driving::Open),
+        PinLevel { level: Some(level), volts: None, milliamps: None } if levels => Ok(match level {
+            Driven::Low => Driving::Low,
+            Driven::High => Driving::High,
+            Driven::Open => Driving::Open,
+        }),
+        PinLevel { level: None, volts: Some(volts), milliamps: None } if voltages => {
+            if !(-1_000.0..=1_000.0).contains(&volts) {
+                return Err(Problem::refused("volts are -1000 to 1000"));
+            }
+            Ok(Driving::Millivolts((volts * 1_000.0).round() as i32))
+        }
+        PinLevel { level: None, volts: None, milliamps: Some(milliamps) } if shunt_ohm > 0 => {
+            if !(-1_000.0..=1_000.0).contains(&milliamps) {
+                return Err(Problem::refused("milliamps are -1000 to 1000"));
+            }
+            // The device is told the voltage across its shunt.
+            Ok(Driving::Millivolts((milliamps * f64::from(shunt_ohm)).round() as i32))
+        }
+        PinLevel { level: None, volts: None, milliamps: Some(_) } => {
+            Err(Problem::refused("this pin takes no current"))
+        }
+        PinLevel { level: None, volts: None, milliamps: None } => Err(Problem::refused(format!(
+            "the body says nothing; it takes one of {}",
+            match (levels, voltages) {
+                (true, true) => {
+                    "{\"level\":\"low\"}, {\"level\":\"high\"}, {\"level\":\"open\"} and {\"volts\":2.5}"
+                }
+                (true, false) => "{\"level\":\"low\"}, {\"level\":\"high\"} and {\"level\":\"open\"}",
+                (false, _) if shunt_ohm > 0 => {
+                    "{\"volts\":2.5}, {\"milliamps\":12} and {\"level\":\"open\"}"
+                }
+                (false, _) => "{\"volts\":2.5} and {\"level\":\"open\"}",
+            }
+        ))),
+        _ if levels && voltages => {
+            Err(Problem::refused("this input takes a level (low, high or open) or volts, one of them"))
+        }
+        _ if shunt_ohm > 0 => {
+            Err(Problem::refused("this input takes volts, milliamps, or the level open, one of them"))
+        }
+        _ if voltages => Err(Problem::refused("an analogue input takes volts, or the level open")),
+        _ => Err(Problem::refused("a digital input takes a level: low, high or open")),
+    }
+}

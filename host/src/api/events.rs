@@ -1,0 +1,181 @@
+//! `GET /api/events`: what happens, as it happens.
+//!
+//! The queue of a reader is the ring of the trace: it holds nothing but how far it has come, looks when
+//! the trace has grown, and takes a piece when its last one is on the way. So a slow reader costs no more
+//! than a quick one, and misses only what the ring has dropped.
+
+use std::collections::VecDeque;
+use std::convert::Infallible;
+use std::time::Duration;
+
+use axum::extract::State;
+use axum::http::HeaderMap;
+use axum::response::Sse;
+use axum::response::sse::Event;
+use drivetwin_sim::record::trace::{self, Entry, Trace};
+use futures_util::stream::{self, Stream};
+use serde::{Deserialize, Serialize};
+use tokio::sync::{OwnedSemaphorePermit, watch};
+use tokio::time::timeout;
+use utoipa::ToSchema;
+
+use super::guard::Asked;
+use super::problem::Problem;
+use super::schema::seconds;
+use super::{Api, nobody_more};
+use drivetwin_sim::suggest;
+
+/// How long nothing may be said.
+const KEEP_ALIVE: Duration = Duration::from_secs(15);
+
+/// Events that are looked at and taken at once.
+const PIECE: usize = 256;
+
+/// Whose events are wanted.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Whose {
+    drive: Option<String>,
+}
+
+/// The data of an event `fed` (to a drive) or `did` (by a drive).
+#[derive(Serialize, ToSchema)]
+pub(super) struct Happened {
+    /// When, since the beginning. What a drive does may lie ahead.
+    #[schema(example = 2.513176875)]
+    seconds: f64,
+    drive: String,
+    /// As a trace has it.
+    #[schema(example = "tx 01 03 02 00 01 79 84")]
+    words: String,
+}
+
+/// The data of an event `lost`.
+#[derive(Serialize, ToSchema)]
+pub(super) struct Lost {
+    /// How many events of the bench a reader has missed who was too slow.
+    events: u64,
+}
+
+/// What happens, as it happens: server-sent events. Each bears its number in the trace as `id`, `fed` or
+/// `did` as `event`, and a `Happened` as `data`. Who was too slow is sent the event `lost` with a `Lost`
+/// and goes on with what follows.
+#[utoipa::path(get, path = "/api/events",
+    params(
+        ("drive" = Option<String>, Query, description = "only what happens to this drive"),
+        ("Last-Event-ID" = Option<String>, Header, description = "the number to go on after; from now on if not given"),
+    ),
+    responses((status = 200, description = "Events without end.", body = String, content_type = "text/event-stream")),
+)]
+pub(super) async fn events(
+    State(api): State<Api>,
+    headers: HeaderMap,
+    Asked(whose): Asked<Whose>,
+) -> Result<Sse<impl Stream<Item = Result<Event, Infallible>>>, Problem> {
+    let place = api.readers.clone().try_acquire_owned();
+    let place = place.map_err(|_| nobody_more("follow the bench"))?;
+    // Before the first look: what comes after it is told.
+    let grown = api.door.watch();
+    let outline = api.look(|bench| bench.trace().outline()).await?;
+    let drive = whose.drive.map(|name| place_of(&outline, &name)).transpose()?;
+    let last = headers.get("last-event-id").and_then(|id| id.to_str().ok()?.parse().ok());
+    let mark = outline.mark();
+    let mark = last.map_or(mark, |last: u64| last.min(mark));
+    let reader = Reader { api, grown, outline, drive, mark, ready: VecDeque::new(), _place: place };
+    Ok(Sse::new(stream::unfold(reader, |mut reader| async {
+        let event = reader.next().await?;
+        Some((Ok(event), reader))
+    })))
+}
+
+/// The place of the drive of that name.
+fn place_of(trace: &Trace, name: &str) -> Result<usize, Problem> {
+    let names = || trace.drives.iter().map(|drive| drive.name.as_str());
+    let unknown = || Problem::refused(suggest::unknown("drive", name, names()));
+    names().position(|other| other == name).ok_or_else(unknown)
+}
+
+/// Somebody who follows the bench.
+struct Reader {
+    api: Api,
+    grown: watch::Receiver<u64>,
+    /// Who takes part, to put events into words.
+    outline: Trace,
+    /// Whose events are wanted; `None` for all.
+    drive: Option<usize>,
+    /// How far it has come.
+    mark: u64,
+    /// What is still to be sent of the last piece.
+    ready: VecDeque<Event>,
+    _place: OwnedSemaphorePermit,
+}
+
+impl Reader {
+    /// The next event, or a comment after a long silence; `None` when the bench is gone.
+    async fn next(&mut self) -> Option<Event> {
+        match timeout(KEEP_ALIVE, self.wait()).await {
+            Ok(event) => event,
+            // What is under way is looked at again.
+            Err(_) => Some(Event::default().comment("")),
+        }
+    }
+
+    /// The next event, whatever happens to others meanwhile; `None` when the bench is gone.
+    async fn wait(&mut self) -> Option<Event> {
+        loop {
+            if let Some(event) = self.ready.pop_front() {
+                return Some(event);
+            }
+            let (mark, drive) = (self.mark, self.drive);
+            let piece = self.api.look(move |bench| Piece::of(bench.trace(), mark, drive)).await.ok()?;
+            self.take(piece);
+            if self.mark == mark {
+                self.grown.changed().await.ok()?;
+            }
+        }
+    }
+
+    /// Puts a piece into words.
+    fn take(&mut self, piece: Piece) {
+        if piece.lost > 0 {
+            let id = self.mark + piece.lost;
+            self.ready.extend(event("lost", id, &Lost { events: piece.lost }));
+        }
+        self.ready.extend(piece.entries.iter().filter_map(|(id, entry)| {
+            let kind = match entry.event {
+                trace::Event::Fed(_) => "fed",
+                trace::Event::Did(_) => "did",
+            };
+            let drive = self.outline.drives.get(entry.drive)?.name.clone();
+            let words = self.outline.words(entry);
+            event(kind, *id, &Happened { seconds: seconds(entry.at), drive, words })
+        }));
+        self.mark = piece.end;
+    }
+}
+
+fn event(kind: &str, id: u64, data: &impl Serialize) -> Option<Event> {
+    Event::default().event(kind).id(id.to_string()).json_data(data).ok()
+}
+
+/// Some events, with their numbers.
+struct Piece {
+    entries: Vec<(u64, Entry)>,
+    /// How many before them the ring had dropped.
+    lost: u64,
+    /// How far it reaches.
+    end: u64,
+}
+
+impl Piece {
+    /// What follows a mark.
+    fn of(trace: &Trace, mark: u64, drive: Option<usize>) -> Self {
+        let from = mark.max(trace.lost);
+        let looked_at = trace.since(from).take(PIECE);
+        let end = from + looked_at.len() as u64;
+        let numbered = (from + 1..).zip(looked_at);
+        let wanted = numbered.filter(|(_, entry)| drive.is_none_or(|drive| drive == entry.drive));
+        let entries = wanted.map(|(id, entry)| (id, entry.clone())).collect();
+        Self { entries, lost: from - mark, end }
+    }
+}

@@ -1,0 +1,198 @@
+//! The control API: HTTP and JSON, described by itself at `/openapi.json`.
+//!
+//! It runs on a thread of its own. Each call becomes one piece of work for the thread that owns the
+//! bench, which does them one at a time. What is long is brought from there in pieces.
+
+mod calls;
+mod downloads;
+mod events;
+mod guard;
+mod openapi;
+mod problem;
+mod schema;
+
+use std::io;
+use std::net::TcpListener;
+use std::pin::pin;
+use std::sync::Arc;
+use std::time::Duration;
+
+use axum::Router;
+use axum::extract::DefaultBodyLimit;
+use axum::http::{StatusCode, header};
+use axum::middleware::{from_fn, from_fn_with_state, map_response};
+use axum::routing::get;
+use drivetwin_sim::bench::Bench;
+use hyper_util::rt::{TokioIo, TokioTimer};
+use hyper_util::service::TowerToHyperService;
+use tokio::sync::{Notify, Semaphore, oneshot};
+use tracing::{debug, warn};
+use utoipa_axum::router::OpenApiRouter;
+use utoipa_axum::routes;
+
+use crate::event_loop::{Door, Host};
+use guard::Hosts;
+use problem::Problem;
+pub(crate) use schema::Places;
+
+/// Connections served at once; for the next one all that idle are closed.
+const MAX_CONNECTIONS: usize = 64;
+
+/// Those of them that may follow the bench at once.
+const MAX_READERS: usize = 16;
+
+/// Those of them that may be sent a trace at once, each from a copy of it.
+const MAX_EXPORTS: usize = 2;
+
+/// How long the head of a request may take to come, and a connection may idle.
+const HEAD_TIME: Duration = Duration::from_secs(5);
+
+/// What every call needs.
+#[derive(Clone)]
+struct Api {
+    door: Door,
+    places: Arc<Places>,
+    /// Free while nobody advances the clock.
+    advancing: Arc<Semaphore>,
+    /// Room for those who follow the bench.
+    readers: Arc<Semaphore>,
+    /// Room for those who are sent a trace.
+    exports: Arc<Semaphore>,
+}
+
+impl Api {
+    /// Does something with the bench, on its thread.
+    async fn call<T: Send + 'static>(
+        &self,
+        work: impl FnOnce(&mut Host) -> T + Send + 'static,
+    ) -> Result<T, Problem> {
+        let (done, answer) = oneshot::channel();
+        // Dropped with this call, if its caller leaves.
+        let caller = Arc::new(());
+        self.door.hand_in(Arc::downgrade(&caller), |host| {
+            let result = work(host);
+            // Nobody may wait for it any more.
+            || drop(done.send(result))
+        });
+        answer.await.map_err(|_| stopping())
+    }
+
+    /// Looks at the bench, on its thread; calls that are under way are not waited for.
+    async fn look<T: Send + 'static>(
+        &self,
+        look: impl FnOnce(&Bench) -> T + Send + 'static,
+    ) -> Result<T, Problem> {
+        let (done, answer) = oneshot::channel();
+        let caller = Arc::new(());
+        self.door.look(Arc::downgrade(&caller), |bench| {
+            // Nobody may wait for it any more.
+            let _ = done.send(look(bench));
+        });
+        answer.await.map_err(|_| stopping())
+    }
+}
+
+fn stopping() -> Problem {
+    Problem::new(StatusCode::SERVICE_UNAVAILABLE, "the bench is stopping")
+}
+
+/// As many do `what` as may.
+fn nobody_more(what: &str) -> Problem {
+    let detail = format!("nobody more can {what} now; wait until somebody leaves");
+    Problem::new(StatusCode::SERVICE_UNAVAILABLE, detail)
+}
+
+/// Serves the API on `listener`, for requests to this machine or to the `allowed` names, on a thread of its own, until the process ends.
+///
+/// # Errors
+/// The system gives no thread, or does not let it wait.
+pub(crate) fn serve(listener: TcpListener, allowed: &[String], door: Door, places: Places) -> io::Result<()> {
+    let hosts = Hosts { here: listener.local_addr()?, allowed: allowed.into() };
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+    let listener = {
+        let _inside = runtime.enter();
+        tokio::net::TcpListener::from_std(listener)?
+    };
+    let room = |most| Arc::new(Semaphore::new(most));
+    let (advancing, readers, exports) = (room(1), room(MAX_READERS), room(MAX_EXPORTS));
+    let api = Api { door, places: Arc::new(places), advancing, readers, exports };
+    let router = router(api, hosts);
+    std::thread::Builder::new().name("control".into()).spawn(move || {
+        runtime.block_on(accept(listener, router));
+    })?;
+    Ok(())
+}
+
+fn router(api: Api, hosts: Hosts) -> Router {
+    let (router, description) = calls().split_for_parts();
+    let description = openapi::complete(description).to_pretty_json().unwrap_or_default();
+    let description = move || async { ([(header::CONTENT_TYPE, "application/json")], description) };
+    router
+        .route("/openapi.json", get(description))
+        .layer(DefaultBodyLimit::max(guard::BODY_BYTES))
+        .layer(from_fn_with_state(hosts, guard::check))
+        .layer(map_response(problem::of_framework))
+        .with_state(api)
+}
+
+/// All calls, with their descriptions.
+fn calls() -> OpenApiRouter<Api> {
+    OpenApiRouter::with_openapi(openapi::begin())
+        .routes(routes!(calls::bench))
+        .routes(routes!(calls::drive))
+        .routes(routes!(calls::drive_pin))
+        .routes(routes!(calls::pulse_pin))
+        .routes(routes!(calls::encoder))
+        .routes(routes!(calls::preset))
+        .routes(routes!(calls::fault, calls::heal))
+        .routes(routes!(calls::power))
+        .routes(routes!(calls::buses))
+        .routes(routes!(calls::disturb))
+        .routes(routes!(calls::pace))
+        .routes(routes!(calls::advance))
+        .layer(from_fn(guard::no_query))
+        .routes(routes!(downloads::trace))
+        .routes(routes!(events::events))
+}
+
+/// Takes connections. Where there is no room for one more, each present one ends: at once if it idles,
+/// else with the answer that is under way.
+async fn accept(listener: tokio::net::TcpListener, router: Router) {
+    let room = Arc::new(Semaphore::new(MAX_CONNECTIONS));
+    let crowded = Arc::new(Notify::new());
+    loop {
+        let (stream, peer) = match listener.accept().await {
+            Ok(accepted) => accepted,
+            Err(error) => {
+                warn!("the control API cannot take a connection: {error}");
+                // There may be no descriptor left for it; wait until somebody leaves.
+                crowded.notify_waiters();
+                tokio::time::sleep(Duration::from_secs(1)).await;
+                continue;
+            }
+        };
+        if room.available_permits() == 0 {
+            crowded.notify_waiters();
+        }
+        let Ok(place) = Arc::clone(&room).acquire_owned().await else { return };
+        let service = TowerToHyperService::new(router.clone());
+        // Counts from now on, not from when the task first runs.
+        let leave = Arc::clone(&crowded).notified_owned();
+        tokio::spawn(async move {
+            let mut server = hyper::server::conn::http1::Builder::new();
+            server.timer(TokioTimer::new()).header_read_timeout(HEAD_TIME);
+            let mut connection = pin!(server.serve_connection(TokioIo::new(stream), service));
+            let ended = tokio::select! {
+                ended = connection.as_mut() => ended,
+                () = leave => {
+                    connection.as_mut().graceful_shutdown();
+                    connection.await
+                }
+            };
+            if let Err(error) = ended {
+                debug!("control API, {peer}: {error}");
+            }
+            drop(place);
+        });
+    }
+}

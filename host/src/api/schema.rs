@@ -1,0 +1,566 @@
+//! What the control API says and takes, as JSON.
+
+use std::collections::BTreeMap;
+
+use drivetwin_firmware::device::{Axis, Duration, Instant, Level, Pin, Port, Role};
+use drivetwin_protocol::time::TICKS_PER_SECOND;
+use drivetwin_sim::bench::{self, Outlet, PowerAction, Seat};
+use drivetwin_sim::line::faults::{LONGEST_DELAY, LineFaults};
+use drivetwin_sim::value::Value;
+use serde::{Deserialize, Serialize, Serializer};
+use utoipa::ToSchema;
+
+use crate::event_loop::Host;
+
+/// An object whose members stay in the order of the manual.
+pub(super) struct InOrder<V>(Vec<(&'static str, V)>);
+
+impl<V: Serialize> Serialize for InOrder<V> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_map(self.0.iter().map(|(name, value)| (name, value)))
+    }
+}
+
+/// A whole bench.
+#[derive(Serialize, ToSchema)]
+pub(super) struct Bench {
+    drives: Vec<Seated>,
+    buses: Vec<Bus>,
+    motors: Vec<Motor>,
+    time: Time,
+}
+
+/// A drive on the bench.
+#[derive(Serialize, ToSchema)]
+struct Seated {
+    name: String,
+    kind: &'static str,
+    powered: bool,
+}
+
+/// A serial line.
+#[derive(Serialize, ToSchema)]
+pub(super) struct Bus {
+    name: String,
+    /// Its settings now.
+    #[schema(example = "9600 8E1")]
+    line: String,
+    /// Who is on it.
+    drives: Vec<String>,
+    /// Where it is reached.
+    #[schema(example = json!(["pty:/dev/pts/4", "tcp:127.0.0.1:5020"]))]
+    listen: Vec<String>,
+    /// What disturbs it.
+    faults: Faults,
+}
+
+/// What disturbs a line. Shares are of its frames, requests and replies alike where nothing else is said.
+#[derive(Serialize, Deserialize, ToSchema)]
+#[serde(default, deny_unknown_fields)]
+#[schema(example = json!({"drop": 0.01, "delay_ms": 5}))]
+pub(super) struct Faults {
+    /// Frames that are lost.
+    #[schema(minimum = 0, maximum = 1)]
+    drop: f64,
+    /// Frames in which a bit is turned over.
+    #[schema(minimum = 0, maximum = 1)]
+    corrupt: f64,
+    /// Frames that come twice.
+    #[schema(minimum = 0, maximum = 1)]
+    duplicate: f64,
+    /// Frames whose end is missing.
+    #[schema(minimum = 0, maximum = 1)]
+    truncate: f64,
+    /// Replies that bear the address of no drive of the line.
+    #[schema(minimum = 0, maximum = 1)]
+    wrong_address: f64,
+    /// Requests that are refused with `exception_code`.
+    #[schema(minimum = 0, maximum = 1)]
+    exception: f64,
+    /// The code of such a refusal.
+    #[schema(minimum = 1, maximum = 255)]
+    exception_code: u8,
+    /// Frames after which the line carries some characters of noise.
+    #[schema(minimum = 0, maximum = 1)]
+    noise: f64,
+    /// Every reply is late by so many milliseconds.
+    #[schema(minimum = 0, maximum = 60000)]
+    delay_ms: f64,
+    /// No reply reaches anybody.
+    mute: bool,
+    /// Clients talk and listen at that rate, whatever the drives do.
+    #[schema(minimum = 50, maximum = 4000000)]
+    baud: Option<u32>,
+}
+
+/// A motor on the bench.
+#[derive(Serialize, ToSchema)]
+struct Motor {
+    name: String,
+    /// What turns it.
+    drive: String,
+    /// Turns from where it began.
+    revolutions: f64,
+    /// Turns per minute, signed.
+    rpm: f64,
+    /// Whether it cannot follow its drive.
+    stalled: bool,
+    /// What it draws, in A.
+    current: f64,
+}
+
+/// The clock of the bench.
+#[derive(Serialize, ToSchema)]
+pub(super) struct Time {
+    /// `real`, `xN` or `manual`.
+    #[schema(example = "real")]
+    mode: String,
+    /// Since the beginning.
+    seconds: f64,
+}
+
+/// A drive's state at this instant.
+#[derive(Serialize, ToSchema)]
+pub(super) struct Drive {
+    name: String,
+    kind: &'static str,
+    powered: bool,
+    /// Values by the manual's names.
+    #[schema(value_type = BTreeMap<String, ValueSchema>)]
+    registers: InOrder<Value>,
+    /// `low`, `high` or `open`, by the manual's names.
+    #[schema(value_type = BTreeMap<String, Shown>)]
+    pins: InOrder<Shown>,
+    /// Which lights are on.
+    #[schema(value_type = BTreeMap<String, bool>)]
+    leds: InOrder<bool>,
+    /// Of its first axis; null if it has none.
+    motion: Option<Motion>,
+    /// Whether the cause of a fault is there.
+    #[schema(value_type = BTreeMap<String, bool>)]
+    faults: InOrder<bool>,
+    /// What its ports have seen.
+    #[schema(value_type = BTreeMap<String, Seen>)]
+    ports: InOrder<Seen>,
+}
+
+/// What a pin shows.
+#[derive(Serialize, ToSchema)]
+#[serde(rename_all = "lowercase")]
+enum Shown {
+    Low,
+    High,
+    Open,
+}
+
+/// What an axis does.
+#[derive(Serialize, ToSchema)]
+struct Motion {
+    /// Steps or counts.
+    position: i32,
+    /// Steps or counts per second, signed.
+    speed: f64,
+    moving: bool,
+    /// A.
+    current: f64,
+    /// −1 to 1.
+    duty: f64,
+}
+
+/// What a port has seen since its drive was seated.
+#[derive(Serialize, ToSchema)]
+#[serde(untagged)]
+enum Seen {
+    Serial(Statistics),
+    Tcp(TcpStatistics),
+}
+
+/// What a TCP port has seen.
+#[derive(Serialize, ToSchema)]
+struct TcpStatistics {
+    /// Where it is reached.
+    #[schema(example = json!(["tcp:127.0.0.1:5020"]))]
+    listen: Vec<String>,
+    /// Who is connected now.
+    connected: usize,
+    /// Connections that there have been.
+    connections: u64,
+    /// Connections that were closed because what came was no Modbus/TCP.
+    broken: u64,
+    /// Messages that the drive was told; where lines of text are spoken pieces of them.
+    messages: u64,
+    /// Requests carried out.
+    requests: u64,
+    /// Requests refused with an exception.
+    refused: u64,
+    /// Requests ignored.
+    dropped: u64,
+}
+
+/// What a serial port has seen.
+#[derive(Serialize, ToSchema)]
+struct Statistics {
+    /// Its line now.
+    #[schema(example = "9600 8E1")]
+    line: String,
+    /// Requests carried out.
+    requests: u64,
+    /// Requests refused with an exception.
+    refused: u64,
+    /// Frames ignored: the sum of the following.
+    dropped: u64,
+    /// The check sum did not hold.
+    crc: u64,
+    /// A silence inside.
+    gap: u64,
+    /// A wrong length.
+    length: u64,
+    /// A character that nobody could read.
+    spoiled: u64,
+    /// For somebody else.
+    foreign: u64,
+    /// While the drive was starting.
+    starting: u64,
+}
+
+/// What is done to an input pin: one of the three.
+#[derive(Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+#[schema(example = json!({"level": "low"}))]
+pub(super) struct PinLevel {
+    /// Pulled low, driven high, or let go.
+    pub(super) level: Option<Driven>,
+    /// A voltage, on an analogue input.
+    pub(super) volts: Option<f64>,
+    /// A current in mA, on an analogue input that can measure one.
+    pub(super) milliamps: Option<f64>,
+}
+
+/// A level from outside.
+#[derive(Clone, Copy, Deserialize, ToSchema)]
+#[serde(rename_all = "lowercase")]
+pub(super) enum Driven {
+    Low,
+    High,
+    Open,
+}
+
+/// A train of pulses.
+#[derive(Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+#[schema(example = json!({"count": 1000, "hz": 250000}))]
+pub(super) struct Pulses {
+    #[schema(minimum = 1, maximum = 4294967295_i64)]
+    pub(super) count: u32,
+    /// Pulses per second of bench time.
+    #[schema(minimum = 0.000001, maximum = 8000000)]
+    pub(super) hz: f64,
+    /// The share of its period that a pulse takes; half of it if not said.
+    #[schema(exclusive_minimum = 0, exclusive_maximum = 1)]
+    pub(super) duty: Option<f64>,
+}
+
+/// A turn of an encoder.
+#[derive(Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+#[schema(example = json!({"counts": 400, "hz": 10000}))]
+pub(super) struct Turn {
+    /// Edges, four in a cycle; negative the other way, not 0.
+    #[schema(minimum = -2147483648, maximum = 2147483647)]
+    pub(super) counts: i64,
+    /// Edges per second of bench time.
+    #[schema(minimum = 0.000001, maximum = 16000000)]
+    pub(super) hz: f64,
+}
+
+/// A number, or its words, each 0 to 65,535 and in bus order, where a register has words with a meaning each.
+// The schema of `Value`, which knows nothing of HTTP.
+#[derive(Serialize, ToSchema)]
+#[schema(as = Value)]
+#[serde(untagged)]
+#[expect(dead_code, reason = "only its schema is used")]
+enum ValueSchema {
+    /// A number.
+    Number(i64),
+    /// Words.
+    Words(Vec<i64>),
+}
+
+/// A register's new value.
+#[derive(Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+#[schema(example = json!({"value": 5}))]
+pub(super) struct NewValue {
+    #[schema(value_type = ValueSchema)]
+    pub(super) value: Value,
+}
+
+/// What is done to a drive's power.
+#[derive(Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+#[schema(example = json!({"action": "cycle"}))]
+pub(super) struct Power {
+    pub(super) action: Action,
+}
+
+/// What the power does: `off` and `on`, `cycle` for both at once, or `cut`: it runs on, and the power fails in the middle
+/// of its next save.
+#[derive(Clone, Copy, Deserialize, ToSchema)]
+#[serde(rename_all = "lowercase")]
+pub(super) enum Action {
+    Off,
+    On,
+    Cycle,
+    Cut,
+}
+
+impl From<Action> for PowerAction {
+    fn from(action: Action) -> Self {
+        match action {
+            Action::Off => Self::Off,
+            Action::On => Self::On,
+            Action::Cycle => Self::Cycle,
+            Action::Cut => Self::Cut,
+        }
+    }
+}
+
+/// How time shall run.
+#[derive(Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Mode {
+    /// `real`, `xN` (N times faster, to 1000) or `manual`.
+    #[schema(example = "manual", pattern = "^(real|x([1-9][0-9]{0,2}|1000)|manual)$")]
+    pub(super) mode: String,
+}
+
+/// A way to go in manual time.
+#[derive(Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Advance {
+    /// At most a day.
+    #[schema(minimum = 0, maximum = 86400, example = 1.25)]
+    pub(super) seconds: f64,
+}
+
+/// Where each line and TCP port is reached.
+pub(crate) type Places = BTreeMap<Outlet, Vec<String>>;
+
+impl Bench {
+    pub(super) fn of(host: &Host, places: &Places) -> Self {
+        let bench = &host.bench;
+        let name = |seat: Seat| bench.name(seat).to_owned();
+        let drives = bench.seats().map(|seat| Seated {
+            name: name(seat),
+            kind: bench.spec(seat).kind,
+            powered: bench.powered(seat),
+        });
+        let motors = bench.motors().map(|motor| Motor::of(bench, motor));
+        Self {
+            drives: drives.collect(),
+            buses: Bus::all(bench, places),
+            motors: motors.collect(),
+            time: Time::of(host),
+        }
+    }
+}
+
+impl Bus {
+    pub(super) fn all(bench: &bench::Bench, places: &Places) -> Vec<Self> {
+        let bus = |bus: bench::Bus| Self {
+            name: bench.bus_name(bus).to_owned(),
+            line: bench.line(bus).to_string(),
+            drives: bench.ports(bus).iter().map(|&(seat, _)| bench.name(seat).to_owned()).collect(),
+            listen: places.get(&Outlet::Line(bus)).cloned().unwrap_or_default(),
+            faults: bench.disturbed(bus).into(),
+        };
+        bench.buses().into_iter().map(bus).collect()
+    }
+}
+
+impl Motor {
+    fn of(bench: &bench::Bench, motor: bench::Motor) -> Self {
+        let bench::Turn { revolutions, rpm, stalled, ma } = bench.turn(motor);
+        let (drive, _) = bench.turned_by(motor);
+        Self {
+            name: bench.motor_name(motor).to_owned(),
+            drive: bench.name(drive).to_owned(),
+            revolutions,
+            rpm,
+            stalled,
+            current: f64::from(ma) / 1_000.0,
+        }
+    }
+}
+
+impl Default for Faults {
+    fn default() -> Self {
+        LineFaults::default().into()
+    }
+}
+
+impl From<LineFaults> for Faults {
+    fn from(faults: LineFaults) -> Self {
+        let LineFaults { drop, corrupt, duplicate, truncate, wrong_address, .. } = faults;
+        let LineFaults { exception, exception_code, noise, delay, mute, baud, .. } = faults;
+        let delay_ms = seconds(Instant::ZERO + delay) * 1_000.0;
+        Self {
+            drop,
+            corrupt,
+            duplicate,
+            truncate,
+            wrong_address,
+            exception,
+            exception_code,
+            noise,
+            delay_ms,
+            mute,
+            baud,
+        }
+    }
+}
+
+impl TryFrom<Faults> for LineFaults {
+    type Error = String;
+
+    fn try_from(faults: Faults) -> Result<Self, String> {
+        let Faults { drop, corrupt, duplicate, truncate, wrong_address, .. } = faults;
+        let Faults { exception, exception_code, noise, delay_ms, mute, baud, .. } = faults;
+        let longest = seconds(Instant::ZERO + LONGEST_DELAY) * 1_000.0;
+        if !(0.0..=longest).contains(&delay_ms) {
+            return Err(format!("delay_ms is 0 to {longest}"));
+        }
+        let delay = Duration::from_ticks((delay_ms / 1_000.0 * TICKS_PER_SECOND as f64).round() as u64);
+        let faults = Self {
+            drop,
+            corrupt,
+            duplicate,
+            truncate,
+            wrong_address,
+            exception,
+            exception_code,
+            noise,
+            delay,
+            mute,
+            baud,
+        };
+        faults.check().map(|()| faults)
+    }
+}
+
+impl Time {
+    pub(super) fn of(host: &Host) -> Self {
+        Self { mode: host.pace().to_string(), seconds: seconds(host.bench.now()) }
+    }
+}
+
+impl Drive {
+    pub(super) fn of(bench: &bench::Bench, seat: Seat, places: &Places) -> Self {
+        let spec = bench.spec(seat);
+        let is_light = |pin: Pin| spec.pins.get(usize::from(pin.0)).is_some_and(|pin| pin.role == Role::Led);
+        let lights = spec.pin_names().filter(|(_, pin)| is_light(*pin));
+        let pins = spec.pin_names().filter(|(_, pin)| !is_light(*pin));
+        let faults = (0..).map(drivetwin_firmware::device::Fault).zip(spec.faults);
+        let ports = (0..).map(Port).zip(spec.ports);
+        let ports = ports.map(|(port, of)| (of.name, Seen::of(bench, seat, port, places)));
+        Self {
+            name: bench.name(seat).to_owned(),
+            kind: spec.kind,
+            powered: bench.powered(seat),
+            registers: InOrder(spec.rows().map(|(row, of)| (of.name, bench.value(seat, row))).collect()),
+            pins: InOrder(pins.map(|(name, pin)| (name, Shown::of(bench.level(seat, pin)))).collect()),
+            leds: InOrder(lights.map(|(name, pin)| (name, bench.level(seat, pin) == Level::High)).collect()),
+            motion: spec.axes.first().map(|_| Motion::of(bench.motion(seat, Axis(0)))),
+            faults: InOrder(faults.map(|(fault, &name)| (name, bench.faulty(seat, fault))).collect()),
+            ports: InOrder(ports.collect()),
+        }
+    }
+}
+
+impl Shown {
+    fn of(level: Level) -> Self {
+        match level {
+            Level::Low => Self::Low,
+            Level::High => Self::High,
+            Level::Float => Self::Open,
+        }
+    }
+}
+
+impl Motion {
+    fn of(motion: bench::Motion) -> Self {
+        Self {
+            position: motion.position,
+            speed: motion.speed.to_num(),
+            moving: motion.moving,
+            current: f64::from(motion.current_ma) / 1_000.0,
+            duty: f64::from(motion.duty) / 65_536.0,
+        }
+    }
+}
+
+impl Seen {
+    fn of(bench: &bench::Bench, seat: Seat, port: Port, places: &Places) -> Self {
+        let seen = bench.statistics(seat, port);
+        match bench.outlet(seat, port) {
+            Outlet::Line(bus) => Self::Serial(Statistics::of(bench.line(bus).to_string(), seen)),
+            outlet @ Outlet::Tcp(..) => Self::Tcp(TcpStatistics {
+                listen: places.get(&outlet).cloned().unwrap_or_default(),
+                connected: bench.connections(seat, port),
+                connections: seen.connections,
+                broken: seen.broken,
+                messages: seen.messages,
+                requests: seen.requests,
+                refused: seen.refused,
+                dropped: seen.dropped(),
+            }),
+        }
+    }
+}
+
+impl Statistics {
+    fn of(line: String, seen: bench::Statistics) -> Self {
+        Self {
+            line,
+            requests: seen.requests,
+            refused: seen.refused,
+            dropped: seen.dropped(),
+            crc: seen.crc,
+            gap: seen.gap,
+            length: seen.length,
+            spoiled: seen.spoiled,
+            foreign: seen.foreign,
+            starting: seen.starting,
+        }
+    }
+}
+
+/// Seconds since the beginning.
+pub(super) fn seconds(at: Instant) -> f64 {
+    at.ticks() as f64 / TICKS_PER_SECOND as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use drivetwin_sim::testing::echo_device::{Echo, MODBUS};
+
+    #[test]
+    fn a_tcp_port_tells_where_it_is_who_is_there_and_what_came() {
+        let mut bench = bench::Bench::new();
+        let echo = bench.add::<Echo>("echo");
+        let places = Places::from([(bench.outlet(echo, MODBUS), vec!["tcp:127.0.0.1:5020".to_owned()])]);
+        let [client, _] = [(); 2].map(|()| bench.connect_to(echo, MODBUS).unwrap());
+        bench.send(client, &[0, 1, 0, 0, 0, 2, 1, 0x11]);
+        bench.send(client, &[0, 1, 2, 3]);
+        bench.settle();
+        let drive = serde_json::to_value(Drive::of(&bench, echo, &places)).unwrap();
+        let expected = serde_json::json!({
+            "modbus": {"listen": ["tcp:127.0.0.1:5020"], "connected": 1, "connections": 2, "broken": 1,
+                "messages": 1, "requests": 1, "refused": 0, "dropped": 0},
+            "mcode": {"listen": [], "connected": 0, "connections": 0, "broken": 0,
+                "messages": 0, "requests": 0, "refused": 0, "dropped": 0},
+        });
+        assert_eq!(drive["ports"], expected);
+    }
+}

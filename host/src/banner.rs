@@ -1,0 +1,319 @@
+//! What `drivetwin run` says when it is ready: where to connect, and a command to try.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fmt::Write as _;
+use std::io;
+use std::net::SocketAddr;
+use std::path::PathBuf;
+
+use drivetwin_firmware::device::{Ends, Line, Port, Spec};
+use drivetwin_protocol::line::Parity;
+use drivetwin_protocol::modbus::ascii;
+use drivetwin_protocol::registers::Space;
+use drivetwin_sim::bench::{Bench, Outlet, Seat};
+use drivetwin_sim::config::listen::Uri;
+use serde::{Serialize, Serializer};
+
+use crate::api::Places;
+
+/// Where a line or a TCP port is reached.
+pub(crate) enum Address {
+    /// By what a whole URI says.
+    Uri(String),
+    /// By a pty.
+    Pty {
+        /// The system's name for it.
+        path: PathBuf,
+        /// The link that leads there.
+        link: Option<PathBuf>,
+    },
+}
+
+impl Address {
+    fn uris(&self) -> Vec<String> {
+        match self {
+            Self::Uri(uri) => vec![uri.clone()],
+            Self::Pty { path, link } => {
+                let names = std::iter::once(path).chain(link);
+                names.map(|name| Uri::Pty(Some(name.clone())).to_string()).collect()
+            }
+        }
+    }
+}
+
+/// A line or a TCP port, and everywhere it is reached.
+struct Reached {
+    name: String,
+    /// The settings of a line.
+    line: Option<Line>,
+    addresses: Vec<Address>,
+}
+
+/// A drive that is ready.
+struct Drive {
+    name: String,
+    spec: &'static Spec,
+    /// Its bus address, if it has one.
+    unit: Option<i64>,
+    /// Its ports, and what they are to somebody outside.
+    ports: Vec<(Port, Outlet)>,
+}
+
+/// A bench that is ready.
+pub(crate) struct Ready {
+    drives: Vec<Drive>,
+    outlets: BTreeMap<Outlet, Reached>,
+    control: Option<SocketAddr>,
+}
+
+impl Ready {
+    /// A bench whose lines and TCP ports are reached at `addresses`; its drives in the order of `seats`.
+    pub(crate) fn new(bench: &Bench, seats: &[Seat], mut addresses: BTreeMap<Outlet, Vec<Address>>) -> Self {
+        let drives = seats.iter().map(|&seat| {
+            let spec = bench.spec(seat);
+            let ports = (0..).map(Port).take(spec.ports.len());
+            Drive {
+                name: bench.name(seat).into(),
+                spec,
+                unit: spec.address.map(|row| bench.peek(seat, row)),
+                ports: ports.map(|port| (port, bench.outlet(seat, port))).collect(),
+            }
+        });
+        let outlets = bench.outlets().into_iter().map(|outlet| {
+            let addresses = addresses.remove(&outlet).unwrap_or_default();
+            let line = match outlet {
+                Outlet::Line(bus) => Some(bench.line(bus)),
+                Outlet::Tcp(..) => None,
+            };
+            (outlet, Reached { name: bench.outlet_name(outlet), line, addresses })
+        });
+        Self { drives: drives.collect(), outlets: outlets.collect(), control: None }
+    }
+
+    /// The control API listens there.
+    pub(crate) fn controlled_at(&mut self, address: SocketAddr) {
+        self.control = Some(address);
+    }
+
+    /// Where each line and TCP port is reached.
+    pub(crate) fn places(&self) -> Places {
+        self.outlets.iter().map(|(&outlet, reached)| (outlet, reached.uris())).collect()
+    }
+
+    /// One line of JSON.
+    ///
+    /// # Errors
+    /// It cannot be JSON.
+    pub(crate) fn json(&self) -> io::Result<String> {
+        #[derive(Serialize)]
+        struct Line<'a> {
+            devices: Vec<Device<'a>>,
+            control: Option<String>,
+        }
+        #[derive(Serialize)]
+        struct Device<'a> {
+            name: &'a str,
+            kind: &'a str,
+            #[serde(serialize_with = "in_order")]
+            ports: Vec<(&'a str, Vec<String>)>,
+        }
+        fn in_order<S: Serializer>(ports: &[(&str, Vec<String>)], serializer: S) -> Result<S::Ok, S::Error> {
+            serializer.collect_map(ports.iter().map(|(name, uris)| (name, uris)))
+        }
+        let devices = self.drives.iter().map(|drive| {
+            let uris = |outlet| self.outlets.get(outlet).map(Reached::uris).unwrap_or_default();
+            let ports = drive.ports.iter().map(|(port, outlet)| (drive.port_name(*port), uris(outlet)));
+            Device { name: &drive.name, kind: drive.spec.kind, ports: ports.collect() }
+        });
+        let line = Line {
+            devices: devices.collect(),
+            control: self.control.map(|address| format!("http://{address}")),
+        };
+        Ok(serde_json::to_string(&line)? + "\n")
+    }
+
+    /// Text for people.
+    pub(crate) fn text(&self) -> String {
+        let mut text = String::new();
+        let mut told = BTreeSet::new();
+        for drive in &self.drives {
+            let _ = writeln!(text, "{}: {}", drive.name, drive.spec.product);
+            for (_, outlet) in &drive.ports {
+                let Some(reached) = self.outlets.get(outlet) else { continue };
+                let _ = match reached.line {
+                    Some(line) => write!(text, "  {}, {line}", reached.name),
+                    None => write!(text, "  {}, TCP", reached.name),
+                };
+                let _ = drive.unit.map(|unit| write!(text, ", address {unit}"));
+                text.push('\n');
+                // Who shares a line is reached where its first drive is.
+                if told.insert(outlet) {
+                    for uri in reached.uris() {
+                        let _ = writeln!(text, "    {uri}");
+                    }
+                    if let Some(socket) = reached.without_parity() {
+                        let _ = writeln!(
+                            text,
+                            "    pymodbus and others cannot set a parity on a pty; {socket} works"
+                        );
+                    }
+                }
+            }
+        }
+        if let Some(address) = self.control {
+            let _ = writeln!(text, "control\n    http://{address}  (what it does: /openapi.json)");
+            if !address.ip().is_loopback() {
+                text.push_str("    whoever reaches this address can command the drives\n");
+            }
+        }
+        let commands = self.commands();
+        if !commands.is_empty() {
+            let _ = writeln!(text, "Try:\n  {}", commands.join("\n  "));
+        }
+        text.push_str("Ctrl-C ends it.\n");
+        text
+    }
+
+    /// Commands to begin with, for each port of the first drive that has one.
+    fn commands(&self) -> Vec<String> {
+        let of_ports = self.drives.iter().map(|drive| {
+            let ports = drive.ports.iter();
+            ports.filter_map(|(port, outlet)| drive.command(*port, self.outlets.get(outlet)?)).collect()
+        });
+        let of_control = || {
+            let (control, drive) = (self.control?, self.drives.first()?);
+            Some(format!("curl -s http://{control}/api/drives/{}", drive.name))
+        };
+        of_ports
+            .into_iter()
+            .find(|commands: &Vec<_>| !commands.is_empty())
+            .unwrap_or_else(|| of_control().into_iter().collect())
+    }
+}
+
+impl Reached {
+    /// An URL for pyserial, and what is built on it, where a line with a parity is reached by a pty (decision 2 of the host).
+    fn without_parity(&self) -> Option<String> {
+        let has_pty = self.addresses.iter().any(|address| matches!(address, Address::Pty { .. }));
+        let uris = self.uris();
+        let tcp = uris.iter().find_map(|uri| uri.strip_prefix("tcp:"))?;
+        let has_parity = self.line.is_some_and(|line| line.parity != Parity::None);
+        (has_pty && has_parity).then(|| format!("socket://{tcp}"))
+    }
+
+    fn uris(&self) -> Vec<String> {
+        self.addresses.iter().flat_map(Address::uris).collect()
+    }
+}
+
+impl Drive {
+    fn port_name(&self, port: Port) -> &'static str {
+        self.spec.ports.get(usize::from(port.0)).map_or("", |port| port.name)
+    }
+
+    /// A command that reads the drive's registers, or opens a terminal where somebody may type: by a pty of
+    /// `port`, or where that is one of Modbus/TCP by its address.
+    fn command(&self, port: Port, reached: &Reached) -> Option<String> {
+        let ends = self.spec.ports.get(usize::from(port.0))?.ends;
+        let Some(line) = reached.line else { return self.command_by_tcp(ends, reached) };
+        let pty = reached.addresses.iter().find_map(|address| match address {
+            Address::Pty { path, link } => Some(link.as_ref().unwrap_or(path).display()),
+            Address::Uri(_) => None,
+        })?;
+        let Line { baud, parity, stop, .. } = line;
+        if ends == Ends::Character {
+            return Some(format!("python3 -m serial.tools.miniterm {pty} {baud}"));
+        }
+        let (first, count) = self.readable()?;
+        // mbpoll has no ASCII.
+        (ends == Ends::Silence && !ascii::is_on(line)).then(|| {
+            let parity = match parity {
+                Parity::None => "none",
+                Parity::Even => "even",
+                Parity::Odd => "odd",
+            };
+            let stop = if stop == 1 { "" } else { " -s 2" };
+            let unit = self.unit.unwrap_or(1);
+            // mbpoll counts registers from 1.
+            let first = u32::from(first) + 1;
+            format!(
+                "mbpoll -m rtu -a {unit} -b {baud} -P {parity}{stop} -t 4:hex -r {first} -c {count} {pty}"
+            )
+        })
+    }
+
+    fn command_by_tcp(&self, ends: Ends, reached: &Reached) -> Option<String> {
+        let uris = reached.uris();
+        let address: SocketAddr = uris.iter().find_map(|uri| uri.strip_prefix("tcp:")?.parse().ok())?;
+        if ends == Ends::Return {
+            return Some(format!("python3 -m serial.tools.miniterm socket://{address}"));
+        }
+        let (first, count) = self.readable().filter(|_| ends == Ends::Mbap)?;
+        // mbpoll counts registers from 1.
+        let first = u32::from(first) + 1;
+        Some(format!("mbpoll -m tcp -p {} -t 4:hex -r {first} -c {count} {}", address.port(), address.ip()))
+    }
+
+    /// The first holding register, and how many from there one request may read.
+    fn readable(&self) -> Option<(u16, u16)> {
+        /// What a reply has room for.
+        const MOST: u16 = 125;
+        let table = self.spec.registers;
+        let first = table.rows.iter().find(|row| row.space == Space::Holding && row.access.reads())?.address;
+        let count = (1..=MOST).rev().find(|&count| table.readable(Space::Holding, first, count).is_some())?;
+        Some((first, count))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use drivetwin_firmware::md3::Md3;
+    use drivetwin_sim::testing::echo_device::{Echo, MCODE, MODBUS};
+
+    #[test]
+    fn a_pty_is_told_by_both_its_names_and_tried_by_that_which_stays() {
+        let mut bench = Bench::new();
+        let md3 = bench.add::<Md3>("md3");
+        let address = |link: Option<&str>| {
+            let (path, link) = ("/dev/pts/4".into(), link.map(PathBuf::from));
+            [(bench.outlet(md3, Port(0)), vec![Address::Pty { path, link }])].into()
+        };
+        let ready = Ready::new(&bench, &[md3], address(Some("md3.tty")));
+        let text = "md3: US Digital MD3 stepper drive, 7 A
+  rs485, 9600 8E1, address 1
+    pty:/dev/pts/4
+    pty:md3.tty
+Try:
+  mbpoll -m rtu -a 1 -b 9600 -P even -t 4:hex -r 1 -c 32 md3.tty
+Ctrl-C ends it.
+";
+        assert_eq!(ready.text(), text);
+        assert!(ready.json().unwrap().contains(r#""rs485":["pty:/dev/pts/4","pty:md3.tty"]"#));
+        let ready = Ready::new(&bench, &[md3], address(None));
+        assert_eq!(ready.text(), text.replace("    pty:md3.tty\n", "").replace("md3.tty", "/dev/pts/4"));
+    }
+
+    #[test]
+    fn tcp_ports_are_told_as_lines_are() {
+        let mut bench = Bench::new();
+        let echo = bench.add::<Echo>("echo");
+        let places = [(MODBUS, "tcp:127.0.0.1:5020"), (MCODE, "tcp:127.0.0.1:5030")];
+        let addresses =
+            places.map(|(port, uri)| (bench.outlet(echo, port), vec![Address::Uri(uri.into())])).into();
+        let ready = Ready::new(&bench, &[echo], addresses);
+        let json = r#"{"devices":[{"name":"echo","kind":"echo","ports":{"modbus":["tcp:127.0.0.1:5020"],"mcode":["tcp:127.0.0.1:5030"]}}],"control":null}"#;
+        assert_eq!(ready.json().unwrap().trim_end(), json);
+        let text = "echo: an echo
+  modbus, TCP
+    tcp:127.0.0.1:5020
+  mcode, TCP
+    tcp:127.0.0.1:5030
+Try:
+  python3 -m serial.tools.miniterm socket://127.0.0.1:5030
+Ctrl-C ends it.
+";
+        assert_eq!(ready.text(), text);
+        assert_eq!(ready.places()[&bench.outlet(echo, MCODE)], ["tcp:127.0.0.1:5030"]);
+    }
+}

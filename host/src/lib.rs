@@ -1,0 +1,31 @@
+//! A bench of drives in a process: paced by the wall clock, on ptys, TCP and serial ports, with a control API.
+//!
+//! A run has three steps: [`Configuration`] reads options and files, [`Prepared`] reserves ports and builds the bench,
+//! [`Running`] serves until it is told to stop.
+//!
+//! | module | what it holds |
+//! |---|---|
+//! | `run` | the three steps |
+//! | [`options`] | options of a run as plain data |
+//! | `event_loop` | the thread that owns the bench and paces it by the wall clock |
+//! | `ports` | ptys, TCP and serial ports, standard input and output |
+//! | `api` | the control API (HTTP, JSON) |
+//! | `nv_file` | non-volatile memory in a file |
+//! | `output_file`, `live_file` | recordings, waveforms and frames, written while the bench runs |
+//! | `banner` | text and JSON that say where a bench is reached |
+//! | [`describe`] | a kind of drive: ports, pins, registers, what is not modelled |
+//! | [`rs_programs`] | user programs of the RS drives in files |
+
+mod api;
+mod banner;
+pub mod describe;
+mod event_loop;
+mod live_file;
+mod nv_file;
+pub mod options;
+mod output_file;
+mod ports;
+pub mod rs_programs;
+mod run;
+
+pub use run::{Configuration, Prepared, Running};

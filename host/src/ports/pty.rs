@@ -1,0 +1,501 @@
+//! A line reached by a pseudo terminal, which programs take for a serial port.
+//!
+//! A pty never has parity. Some C libraries (Debian's is one) report `EINVAL` when parity was asked
+//! for and nothing else has changed: when a plain pty is opened for the second time, or when a program
+//! sets its port in two steps. So two flags without any effect on raw characters, which serial programs
+//! clear, wait there to be changed: `ECHOE` and `IEXTEN`. They are set when nobody has the pty open,
+//! and again a moment after somebody has cleared them, together with the other value of a third one
+//! (`ECHOK`), because the C library compares what was before with what it finds after that. A program
+//! that takes its second step within that moment still gets `EINVAL`.
+//!
+//! The next one may open a pty before the last one is seen to have left it. Then what he wrote lies in one queue with what
+//! the last one wrote, so nothing of that queue is dropped: it is read to its end, and [`Openings`] tell whose it is.
+
+use std::cell::RefCell;
+use std::ffi::OsStr;
+use std::fmt;
+use std::io;
+use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
+use std::os::unix::ffi::OsStrExt;
+use std::path::{Path, PathBuf};
+use std::rc::Rc;
+use std::time::Duration;
+
+use drivetwin_firmware::device::Line;
+use drivetwin_protocol::modbus::{Burst, Voices, ascii, rtu};
+use drivetwin_sim::bench::{Bench, Bus, Client};
+use drivetwin_sim::line::Sender;
+use rustix::event::epoll::EventFlags;
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::fs::OFlags;
+use rustix::pty::{OpenptFlags, ioctl_tiocgptpeer};
+use rustix::termios::{
+    Action, ControlModes, InputModes, LocalModes, OptionalActions, OutputModes, QueueSelector, tcflow,
+    tcflush, tcgetattr, tcsetattr,
+};
+use tracing::{error, info, warn};
+
+use super::pty_link::Link;
+use super::pty_openings::{Openers, Openings};
+use super::unread::{MOST_MIB, Unread};
+use super::{Came, End, READ_BYTES, ROOM, interest, may_read, read_some};
+
+/// A pty of a line.
+pub(super) struct Pty {
+    master: OwnedFd,
+    path: PathBuf,
+    link: Option<Link>,
+    openings: Rc<RefCell<Openings>>,
+    /// Its watch among the openings.
+    watch: i32,
+    bus: Bus,
+    /// The baud rate of the drive that it was last given.
+    baud: u32,
+    /// Who talks there, while somebody has it open.
+    client: Option<Client>,
+    openers: Openers,
+    /// The present value of [`OTHER`].
+    other: bool,
+    /// What the drives sent and nobody has taken.
+    unread: Unread,
+    /// The settings that were last warned of; many programs open a port for each request.
+    warned: Option<Sender>,
+}
+
+/// The flags that wait to be changed.
+const WAITING: LocalModes = LocalModes::ECHOE.union(LocalModes::IEXTEN);
+
+/// The flag that makes them different each time.
+const OTHER: LocalModes = LocalModes::ECHOK;
+
+/// Flags of a terminal's lines and keys, which no serial port has.
+const COOKED: LocalModes = LocalModes::ECHO.union(LocalModes::ICANON).union(LocalModes::ISIG);
+
+/// Flags that change, drop or hold up characters of a drive.
+const CHANGING: InputModes = InputModes::ICRNL
+    .union(InputModes::INLCR)
+    .union(InputModes::IGNCR)
+    .union(InputModes::ISTRIP)
+    .union(InputModes::IXON);
+
+/// More bytes than the system keeps of those who have left.
+const ALL: usize = 128 << 10;
+
+/// Time between two looks at the settings of an open pty, which does not tell when they change.
+const LOOK: Duration = Duration::from_millis(10);
+
+/// Why there is no pty.
+#[derive(Debug)]
+pub(crate) enum PtyError {
+    /// The system gives none.
+    None(io::Error),
+    /// Its link cannot be made.
+    Link(PathBuf, io::Error),
+}
+
+impl fmt::Display for PtyError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::None(error) => write!(f, "the system gives no pty: {error}"),
+            Self::Link(path, error) => write!(f, "pty: cannot be linked at {}: {error}", path.display()),
+        }
+    }
+}
+
+impl Pty {
+    /// A new pty of `bus`, linked at `link`, with the baud rate of its drive.
+    ///
+    /// # Errors
+    /// There is none to be had, or no link to be made.
+    pub(super) fn new(
+        bench: &Bench,
+        bus: Bus,
+        link: Option<PathBuf>,
+        openings: Rc<RefCell<Openings>>,
+    ) -> Result<Self, PtyError> {
+        let (master, path) = open().map_err(PtyError::None)?;
+        let mut pty = Self {
+            master,
+            path,
+            link: None,
+            openings,
+            watch: 0,
+            bus,
+            baud: 0,
+            client: None,
+            openers: Openers::default(),
+            other: false,
+            unread: Unread::default(),
+            warned: None,
+        };
+        pty.reset().and_then(|()| pty.follow(bench)).map_err(PtyError::None)?;
+        pty.watch = pty.openings.borrow().watch(&pty.path).map_err(PtyError::None)?;
+        let link =
+            link.map(|link| Link::new(link.clone(), &pty.path).map_err(|error| PtyError::Link(link, error)));
+        pty.link = link.transpose()?;
+        Ok(pty)
+    }
+
+    /// The name of the other end.
+    pub(super) fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Its watch among the openings.
+    pub(super) fn watch(&self) -> i32 {
+        self.watch
+    }
+
+    /// Whether somebody is there of whom no more is read.
+    fn is_full(&self, bench: &Bench) -> bool {
+        self.client.is_some_and(|client| !may_read(bench, client, &self.unread))
+    }
+
+    fn arrive(&mut self, bench: &mut Bench) {
+        info!("{} is opened", self.path.display());
+        self.client = Some(bench.connect(self.bus));
+        bench.attach(self.bus, true);
+    }
+
+    /// Notes what the openings tell.
+    fn hear(&mut self) {
+        let told = self.openings.borrow_mut().of(self.watch);
+        self.openers.hear(&told);
+    }
+
+    /// Reads what is there, up to `most` bytes. Whether nobody has the pty open.
+    fn read(&mut self, bytes: &mut Vec<u8>, most: usize) -> bool {
+        while bytes.len() < most {
+            let mut room = ROOM;
+            match read_some(&self.master, &mut room) {
+                Came::Bytes(came) => bytes.extend_from_slice(came),
+                Came::Nothing => return false,
+                Came::End => return true,
+            }
+        }
+        // There may be more.
+        self.openers.wrote = true;
+        false
+    }
+
+    /// Says what has come and notes who came and left; `gone`: nobody had the pty open a moment ago. Returns whether
+    /// something was said.
+    fn go_on(&mut self, bench: &mut Bench, gone: bool, manual: bool) -> bool {
+        self.hear();
+        if self.client.is_none() {
+            if self.openers.changed && self.openers.unseen && !self.openers.left_wrote {
+                self.renew(true);
+            }
+            if !self.openers.changed {
+                return false;
+            }
+            self.arrive(bench);
+            if !self.openers.left_wrote {
+                self.openers.note();
+                return false;
+            }
+        }
+        self.look(bench);
+        let full = self.is_full(bench);
+        if full && !gone && !self.openers.changed {
+            return false;
+        }
+        let (mut bytes, mut nobody) = (Vec::new(), false);
+        loop {
+            let changed = self.openers.changed;
+            // What is told of by now is read here, unless another one wrote it.
+            let wrote = !changed && std::mem::take(&mut self.openers.wrote);
+            nobody |= self.read(&mut bytes, if gone || changed { ALL } else { READ_BYTES });
+            self.hear();
+            if self.openers.changed == changed {
+                break;
+            }
+            self.openers.left_wrote |= wrote;
+        }
+        let changed = self.openers.changed;
+        let (own, next) = bytes.split_at(if changed { self.of_who_left(bench, &bytes) } else { bytes.len() });
+        // Of somebody who is gone the line takes no more than it would have.
+        let most = match (gone || changed, full) {
+            (true, true) if !manual => 0,
+            (true, false) if !manual => READ_BYTES,
+            _ => own.len(),
+        };
+        self.say(bench, &own[..most.min(own.len())]);
+        if changed || nobody {
+            self.leave(bench);
+            self.openers.note();
+            self.renew(!changed);
+        }
+        if changed {
+            self.arrive(bench);
+            self.say(bench, next);
+        }
+        // Another one may have come meanwhile.
+        (self.openers.changed && self.go_on(bench, false, manual)) || !bytes.is_empty()
+    }
+
+    /// The number of bytes of those who have left, where another one came behind them: where both wrote, those before
+    /// the last message.
+    fn of_who_left(&self, bench: &Bench, bytes: &[u8]) -> usize {
+        match (self.openers.left_wrote, self.openers.wrote) {
+            (false, _) => 0,
+            (true, false) => bytes.len(),
+            (true, true) => last_message(bench.line(self.bus), bytes),
+        }
+    }
+
+    fn say(&mut self, bench: &mut Bench, bytes: &[u8]) {
+        let Some(client) = self.client.filter(|_| !bytes.is_empty()) else { return };
+        let sender = self.sender(bench);
+        bench.send_from(client, bytes, sender);
+    }
+
+    /// Clears what the last one left: replies, stopped output, settings that suit no drive. A program that is there by
+    /// now is another one if `nobody` was before.
+    fn renew(&mut self, nobody: bool) {
+        let made_ready = self.reset();
+        let path = self.path.display();
+        match made_ready {
+            Err(error) if error.kind() == io::ErrorKind::ResourceBusy => {
+                error!(
+                    "{path} was left exclusive (TIOCEXCL), so only root can open it; start drivetwin again"
+                );
+            }
+            Err(error) => warn!("{path} cannot be made ready again: {error}"),
+            Ok(()) => {}
+        }
+        // The openings tell of the other end that was opened here, too, so the master tells who is there.
+        let mut events = Vec::new();
+        loop {
+            let here = !self.is_left();
+            let told = self.openings.borrow_mut().of(self.watch);
+            if told.is_empty() {
+                return self.openers.are(here, nobody, &events);
+            }
+            events.extend(told);
+        }
+    }
+
+    /// Returns whether nobody has it open.
+    fn is_left(&self) -> bool {
+        let mut master = [PollFd::new(&self.master, PollFlags::empty())];
+        let polled = poll(&mut master, Some(&Timespec::default()));
+        polled.is_ok() && master[0].revents().contains(PollFlags::HUP)
+    }
+
+    /// Drops what the drives sent and nobody has read, lets stopped output go on, and puts the flags that no opener is to
+    /// care for into the state that the next one needs. All other settings are his, and he may be there already.
+    fn reset(&mut self) -> io::Result<()> {
+        tcflush(&self.master, QueueSelector::OFlush)?;
+        let far = ioctl_tiocgptpeer(&self.master, OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC)?;
+        tcflow(&far, Action::OOn)?;
+        tcflush(&far, QueueSelector::IFlush)?;
+        drop(far);
+        let settings = tcgetattr(&self.master)?;
+        let unfit = settings.local_modes.intersects(COOKED)
+            || settings.output_modes.contains(OutputModes::OPOST)
+            || settings.input_modes.intersects(CHANGING);
+        if unfit {
+            let mut settings = settings;
+            settings.local_modes.remove(COOKED);
+            settings.output_modes.remove(OutputModes::OPOST);
+            // Output that Ctrl-S has stopped goes on without IXON.
+            settings.input_modes.remove(CHANGING);
+            tcsetattr(&self.master, OptionalActions::Now, &settings)?;
+        }
+        self.keep_waiting()
+    }
+
+    /// Sets the flags that wait to be changed, if somebody has cleared them.
+    fn keep_waiting(&mut self) -> io::Result<()> {
+        let mut settings = tcgetattr(&self.master)?;
+        if !settings.local_modes.contains(WAITING) {
+            self.other = !self.other;
+            settings.local_modes.insert(WAITING);
+            settings.local_modes.set(OTHER, self.other);
+            tcsetattr(&self.master, OptionalActions::Now, &settings)?;
+        }
+        Ok(())
+    }
+
+    /// Gives it the baud rate of the drive, if that is another one than before.
+    fn follow(&mut self, bench: &Bench) -> io::Result<()> {
+        let baud = bench.line(self.bus).baud;
+        if std::mem::replace(&mut self.baud, baud) != baud {
+            let mut settings = tcgetattr(&self.master)?;
+            settings.set_speed(baud)?;
+            tcsetattr(&self.master, OptionalActions::Now, &settings)?;
+        }
+        Ok(())
+    }
+
+    /// The settings of the other end. Whether there is parity at all, and 7 data bits, a pty does
+    /// not tell.
+    fn sender(&mut self, bench: &Bench) -> Sender {
+        let Ok(settings) = tcgetattr(&self.master) else { return Sender::default() };
+        let control = settings.control_modes;
+        let sender = Sender {
+            baud: Some(settings.output_speed()),
+            stop: Some(if control.contains(ControlModes::CSTOPB) { 2 } else { 1 }),
+            odd: Some(control.contains(ControlModes::PARODD)),
+        };
+        let line = bench.line(self.bus);
+        if !sender.fits(line) && self.warned != Some(sender) {
+            self.warned = Some(sender);
+            warn!(
+                "{} is open with {} baud, {} stop bits, odd parity {}; the drive's line is {line}",
+                self.path.display(),
+                settings.output_speed(),
+                sender.stop.unwrap_or(1),
+                if sender.odd == Some(true) { "on" } else { "off" },
+            );
+        }
+        sender
+    }
+}
+
+impl End for Pty {
+    fn client(&self) -> Option<Client> {
+        self.client
+    }
+
+    fn fd(&self) -> Option<BorrowedFd<'_>> {
+        Some(self.master.as_fd())
+    }
+
+    /// A pty that nobody has open is always "ready", so it is left to the openings then.
+    fn interest(&self, bench: &Bench) -> Option<EventFlags> {
+        self.client.map(|client| interest(may_read(bench, client, &self.unread), &self.unread))
+    }
+
+    fn take(&mut self, bench: &mut Bench, ready: EventFlags, manual: bool) -> bool {
+        ready.intersects(EventFlags::IN | EventFlags::HUP | EventFlags::ERR)
+            && self.go_on(bench, ready.contains(EventFlags::HUP), manual)
+    }
+
+    fn deliver(&mut self, bench: &mut Bench) -> bool {
+        let Some(client) = self.client else {
+            if let Err(error) = self.follow(bench) {
+                warn!("{} cannot have {} baud: {error}", self.path.display(), self.baud);
+            }
+            return false;
+        };
+        self.unread.receive(bench, client);
+        // A failure here is the other end going away, which the next read tells.
+        let _ = self.unread.write(&self.master);
+        // As on a real port, what is not read in time is lost.
+        if self.unread.lose() {
+            warn!(
+                "{} is left with more than {MOST_MIB} MiB unread; what follows is lost",
+                self.path.display()
+            );
+        }
+        false
+    }
+
+    /// The drive's baud rate changes when it says so.
+    fn goes_with_time(&self) -> bool {
+        self.client.is_none()
+    }
+
+    /// An open pty does not tell when its settings change; while nobody is there nobody changes them.
+    fn pause(&self) -> Option<Duration> {
+        self.client.map(|_| LOOK)
+    }
+
+    fn look(&mut self, _bench: &mut Bench) {
+        if let Err(error) = self.keep_waiting() {
+            warn!("the settings of {} cannot be kept: {error}", self.path.display());
+        }
+    }
+
+    fn opened_or_closed(&mut self, bench: &mut Bench, manual: bool) -> bool {
+        self.go_on(bench, false, manual)
+    }
+
+    fn leave(&mut self, bench: &mut Bench) {
+        if let Some(client) = self.client.take() {
+            info!("{} is left", self.path.display());
+            bench.disconnect(client);
+            bench.attach(self.bus, false);
+        }
+        self.unread.clear();
+    }
+}
+
+/// The place of a master's last message, of Modbus RTU or ASCII; 0 where there is none.
+fn last_message(line: Line, bytes: &[u8]) -> usize {
+    if ascii::is_on(line) {
+        return bytes.iter().rposition(|&byte| byte == b':').unwrap_or(0);
+    }
+    let is_message = |from: &usize| match bytes.get(*from..) {
+        Some(rest) => rtu::front(rest, Voices::Master) == Burst::Frame(rest.len()),
+        None => false,
+    };
+    (0..bytes.len()).find(is_message).unwrap_or(0)
+}
+
+/// A new pty: its master, and the name of the other end.
+fn open() -> io::Result<(OwnedFd, PathBuf)> {
+    let flags = OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC;
+    let master = rustix::pty::openpt(flags)?;
+    rustix::pty::grantpt(&master)?;
+    rustix::pty::unlockpt(&master)?;
+    set_nonblocking(&master)?;
+    let path = rustix::pty::ptsname(&master, Vec::new())?;
+    Ok((master, PathBuf::from(OsStr::from_bytes(path.as_bytes()))))
+}
+
+fn set_nonblocking(fd: impl AsFd) -> io::Result<()> {
+    let flags = rustix::fs::fcntl_getfl(&fd)?;
+    Ok(rustix::fs::fcntl_setfl(&fd, flags | OFlags::NONBLOCK)?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use drivetwin_firmware::device::{Duration, Instant, Port};
+    use drivetwin_firmware::md3::Md3;
+    use drivetwin_protocol::line::Parity;
+
+    const USER_REGISTER: u16 = 0x1D;
+
+    #[test]
+    fn the_last_of_several_messages() {
+        let line = Line::new(9_600, 8, Parity::Even, 1);
+        let (first, second) = (rtu::write(1, USER_REGISTER, 1), rtu::read(1, 0, 32));
+        assert_eq!(last_message(line, &first), 0);
+        assert_eq!(last_message(line, &[&first[..], &second].concat()), 8);
+        assert_eq!(last_message(line, &[&first[3..], &first, &second].concat()), 13);
+        assert_eq!(last_message(line, b"junk"), 0);
+        let ascii = Line { data: 7, ..line };
+        assert_eq!(last_message(ascii, b":010300000001FB\r\n:010300000002FA\r\n"), 17);
+        assert_eq!(last_message(ascii, b""), 0);
+    }
+
+    #[test]
+    fn what_the_next_one_wrote_before_the_last_one_is_seen_to_leave_is_answered() {
+        let mut bench = Bench::new();
+        let md3 = bench.add::<Md3>("md3");
+        bench.run_until(Instant::ZERO + Duration::secs(3));
+        let bus = bench.bus(md3, Port(0)).unwrap();
+        let openings = Rc::new(RefCell::new(Openings::new().unwrap()));
+        let mut pty = Pty::new(&bench, bus, None, openings).unwrap();
+        let open = || {
+            let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::CLOEXEC | OFlags::NONBLOCK;
+            rustix::fs::open(pty.path(), flags, rustix::fs::Mode::empty()).unwrap()
+        };
+        drop(open());
+        let next = open();
+        let request = rtu::write(1, USER_REGISTER, 7);
+        assert_eq!(rustix::io::write(&next, &request), Ok(8));
+        pty.renew(true);
+        assert!(!pty.go_on(&mut bench, false, true), "it is noted that he is there");
+        assert!(pty.go_on(&mut bench, false, true), "it is read what he wrote");
+        bench.settle();
+        pty.deliver(&mut bench);
+        let mut came = [0; 64];
+        let count = rustix::io::read(&next, &mut came).unwrap();
+        assert_eq!(came[..count], request[..]);
+    }
+}

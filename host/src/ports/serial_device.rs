@@ -1,0 +1,232 @@
+//! A line reached by a serial port of this machine.
+//!
+//! It is the drive's end of a cable, so its settings follow the drive's, and it gives characters their time
+//! itself: what a drive sends goes there whole. Other settings wait until the port has sent what it has, which at
+//! 300 baud takes seconds, and with an adapter that hangs for ever; so a thread waits for that. A character of wrong parity comes as 0, by which its frame
+//! fails. The port is ours alone. One that is unplugged is looked for until it is back; meanwhile nobody is
+//! on that end of the line. Its modem lines are not read: a drive that its host resets (by DTR) is reset when
+//! the port is there, and not when a program at the other end opens its own.
+
+use std::io;
+use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
+use std::path::{Path, PathBuf};
+use std::thread::{Builder, JoinHandle};
+use std::time::Duration;
+
+use drivetwin_firmware::device::Line;
+use drivetwin_protocol::line::Parity;
+use drivetwin_sim::bench::{Bench, Bus, Client};
+use drivetwin_sim::config::listen::Uri;
+use rustix::event::epoll::EventFlags;
+use rustix::fs::{Mode, OFlags};
+use rustix::termios::{
+    ControlModes, InputModes, OptionalActions, QueueSelector, ioctl_tiocexcl, isatty, tcflush, tcgetattr,
+    tcsetattr,
+};
+use tracing::{info, warn};
+
+use super::unread::{MOST_MIB, Unread};
+use super::{Came, End, ROOM, interest, may_read, read_some};
+
+/// Time between two attempts to find a port that is gone.
+const RETRY: Duration = Duration::from_secs(1);
+
+/// Time between two looks whether it has its new settings.
+const LOOK: Duration = Duration::from_millis(1);
+
+/// A serial port that is open.
+pub(crate) struct Device {
+    path: PathBuf,
+    fd: OwnedFd,
+}
+
+impl Device {
+    /// Opens the serial port `path`.
+    ///
+    /// # Errors
+    /// It is none, it is not there, or somebody else has it.
+    pub(crate) fn open(path: &Path) -> io::Result<Self> {
+        let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::NONBLOCK | OFlags::CLOEXEC;
+        let fd = rustix::fs::open(path, flags, Mode::empty())?;
+        if !isatty(&fd) {
+            return Err(io::Error::new(io::ErrorKind::InvalidInput, "not a serial port"));
+        }
+        ioctl_tiocexcl(&fd)?;
+        Ok(Self { path: path.into(), fd })
+    }
+
+    /// Its URI.
+    pub(super) fn uri(&self) -> String {
+        Uri::Serial(self.path.clone()).to_string()
+    }
+}
+
+/// A serial port of a line.
+pub(super) struct Serial {
+    path: PathBuf,
+    /// `None` while it is gone.
+    fd: Option<OwnedFd>,
+    /// The settings it has.
+    line: Line,
+    /// The thread that gives it others. Nothing is written meanwhile.
+    setter: Option<JoinHandle<()>>,
+    bus: Bus,
+    client: Option<Client>,
+    /// What the drives sent and it has not taken.
+    unread: Unread,
+}
+
+impl Serial {
+    /// A port of `bus`.
+    pub(super) fn new(bench: &mut Bench, bus: Bus, device: Device) -> Self {
+        let Device { path, fd } = device;
+        let line = bench.line(bus);
+        let unread = Unread::default();
+        let mut serial = Self { path, fd: None, line, setter: None, bus, client: None, unread };
+        serial.come(bench, fd);
+        serial
+    }
+
+    /// The port is there.
+    fn come(&mut self, bench: &mut Bench, fd: OwnedFd) {
+        // What was sent before is nobody's.
+        let _ = tcflush(&fd, QueueSelector::IOFlush);
+        self.line = bench.line(self.bus);
+        set(&fd, &self.path, self.line, OptionalActions::Now);
+        self.fd = Some(fd);
+        let client = bench.connect(self.bus);
+        bench.let_pace_itself(client);
+        bench.attach(self.bus, true);
+        self.client = Some(client);
+    }
+
+    /// Gives the port the settings of the line, if it has others.
+    fn follow(&mut self, bench: &Bench) {
+        let line = bench.line(self.bus);
+        if self.line == line {
+            return;
+        }
+        let Some(fd) = &self.fd else { return };
+        // Asked for once only, whatever becomes of it.
+        self.line = line;
+        let path = self.path.clone();
+        let setter = fd.try_clone().and_then(|fd| {
+            let thread = Builder::new().name("serial".into());
+            thread.spawn(move || set(&fd, &path, line, OptionalActions::Drain))
+        });
+        match setter {
+            Ok(setter) => self.setter = Some(setter),
+            Err(error) => warn!("serial:{} cannot be {line}: {error}", self.path.display()),
+        }
+    }
+}
+
+impl End for Serial {
+    fn client(&self) -> Option<Client> {
+        self.client
+    }
+
+    fn fd(&self) -> Option<BorrowedFd<'_>> {
+        self.fd.as_ref().map(AsFd::as_fd)
+    }
+
+    fn interest(&self, bench: &Bench) -> Option<EventFlags> {
+        let reads = |client| may_read(bench, client, &self.unread);
+        let mut interest = self.client.map(|client| interest(reads(client), &self.unread))?;
+        interest.set(EventFlags::OUT, interest.contains(EventFlags::OUT) && self.setter.is_none());
+        Some(interest)
+    }
+
+    fn take(&mut self, bench: &mut Bench, ready: EventFlags, _manual: bool) -> bool {
+        let (Some(client), Some(fd)) = (self.client, &self.fd) else { return false };
+        if !ready.intersects(EventFlags::IN | EventFlags::HUP | EventFlags::ERR) {
+            return false;
+        }
+        let mut room = ROOM;
+        match read_some(fd, &mut room) {
+            Came::Bytes(bytes) => {
+                bench.send(client, bytes);
+                return true;
+            }
+            Came::End => {
+                warn!("serial:{} is gone; it is used again when it is back", self.path.display());
+                self.leave(bench);
+            }
+            Came::Nothing => {}
+        }
+        false
+    }
+
+    fn deliver(&mut self, bench: &mut Bench) -> bool {
+        let (Some(client), Some(fd)) = (self.client, &self.fd) else { return false };
+        self.unread.receive(bench, client);
+        if self.setter.is_none() {
+            // A failure here is the port going away, which the next read tells.
+            let _ = self.unread.write(fd);
+            if self.unread.is_empty() {
+                self.follow(bench);
+            }
+        }
+        if self.unread.lose() {
+            let path = self.path.display();
+            warn!("serial:{path} has left more than {MOST_MIB} MiB unsent; what follows is lost");
+        }
+        false
+    }
+
+    /// The line's settings change when a drive says so.
+    fn goes_with_time(&self) -> bool {
+        self.client.is_some()
+    }
+
+    fn pause(&self) -> Option<Duration> {
+        match self.fd {
+            None => Some(RETRY),
+            Some(_) => self.setter.as_ref().map(|_| LOOK),
+        }
+    }
+
+    fn look(&mut self, bench: &mut Bench) {
+        if self.fd.is_none()
+            && let Ok(Device { fd, .. }) = Device::open(&self.path)
+        {
+            warn!("serial:{} is back", self.path.display());
+            self.come(bench, fd);
+        }
+        if self.setter.take_if(|setter| setter.is_finished()).is_some() {
+            self.deliver(bench);
+        }
+    }
+
+    fn leave(&mut self, bench: &mut Bench) {
+        (self.fd, self.setter) = (None, None);
+        self.unread.clear();
+        if let Some(client) = self.client.take() {
+            bench.disconnect(client);
+            bench.attach(self.bus, false);
+        }
+    }
+}
+
+/// Gives a port the settings of a line.
+fn set(fd: &OwnedFd, path: &Path, line: Line, when: OptionalActions) {
+    match try_set(fd, line, when) {
+        Ok(()) => info!("serial:{} is {line}", path.display()),
+        Err(error) => warn!("serial:{} cannot be {line}: {error}", path.display()),
+    }
+}
+
+fn try_set(fd: &OwnedFd, line: Line, when: OptionalActions) -> io::Result<()> {
+    let mut settings = tcgetattr(fd)?;
+    settings.make_raw();
+    settings.set_speed(line.baud)?;
+    let control = &mut settings.control_modes;
+    control.insert(ControlModes::CLOCAL | ControlModes::CREAD);
+    control.remove(ControlModes::CSIZE | ControlModes::CRTSCTS);
+    control.insert(if line.data == 7 { ControlModes::CS7 } else { ControlModes::CS8 });
+    control.set(ControlModes::CSTOPB, line.stop == 2);
+    control.set(ControlModes::PARENB, line.parity != Parity::None);
+    control.set(ControlModes::PARODD, line.parity == Parity::Odd);
+    settings.input_modes.set(InputModes::INPCK, line.parity != Parity::None);
+    Ok(tcsetattr(fd, when, &settings)?)
+}

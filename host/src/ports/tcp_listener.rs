@@ -1,0 +1,374 @@
+//! What is reached by TCP: a line, with raw characters as serial device servers carry them, or a TCP port of a drive.
+
+use std::io;
+use std::net::{SocketAddr, TcpListener, TcpStream, ToSocketAddrs};
+use std::os::fd::{AsFd as _, BorrowedFd, OwnedFd};
+use std::rc::Rc;
+use std::time::Duration;
+
+use drivetwin_firmware::device::Instant;
+use drivetwin_sim::bench::{Bench, Client, Ended, MOST_CONNECTIONS, Outlet, TurnedAway};
+use rustix::event::epoll::EventFlags;
+use rustix::net::{AddressFamily, SocketFlags, SocketType, sockopt};
+use tracing::{info, warn};
+
+use super::unread::{Unread, share_mib};
+use super::web::{Gate, Judged};
+use super::{BACKLOG_BYTES, Came, End, ROOM, interest, may_read, read_some};
+
+/// Time between two looks at somebody who has said all that he has to say.
+const LOOK: Duration = Duration::from_secs(1);
+
+/// Looks after which he has to leave, whatever he still waits for: twice as long as a line may hold up an answer.
+const LAST_WORDS: u32 = 120;
+
+/// The same where the drive, or the host, has closed the connection.
+const LAST_WORDS_OF_DRIVE: u32 = 5;
+
+/// Time without a word of somebody after which he is asked whether he is there.
+const ASKS_AFTER: Duration = Duration::from_secs(10);
+
+/// How often he is asked then, and the time between.
+const QUESTIONS: u32 = 4;
+const ASKS_AGAIN_AFTER: Duration = Duration::from_secs(5);
+
+/// Without any sign of him for so long he is gone.
+const GONE: Duration = Duration::from_secs(30);
+
+/// Reads by which what still came is taken before a connection is closed: else the system would take back what is
+/// on its way to the other end.
+const LAST_READS: usize = 16;
+
+/// A TCP port that is reserved, and does not listen yet.
+pub(crate) struct Bound(OwnedFd);
+
+/// Reserves `HOST:PORT`.
+///
+/// # Errors
+/// There is no such address here, or somebody has it.
+pub(crate) fn bind(address: &str) -> io::Result<Bound> {
+    let mut last = io::Error::new(io::ErrorKind::NotFound, "no such host");
+    for address in address.to_socket_addrs()? {
+        match bind_at(address) {
+            Ok(bound) => return Ok(bound),
+            Err(error) => last = error,
+        }
+    }
+    Err(last)
+}
+
+fn bind_at(address: SocketAddr) -> io::Result<Bound> {
+    let family = if address.is_ipv4() { AddressFamily::INET } else { AddressFamily::INET6 };
+    let flags = SocketFlags::CLOEXEC | SocketFlags::NONBLOCK;
+    let socket = rustix::net::socket_with(family, SocketType::STREAM, flags, None)?;
+    // A port left a moment ago is free.
+    sockopt::set_socket_reuseaddr(&socket, true)?;
+    rustix::net::bind(&socket, &address)?;
+    Ok(Bound(socket))
+}
+
+/// Notices when nobody is at the other end any more, though he has not said that he leaves: a cable is pulled, a
+/// machine sleeps.
+fn watch_over(stream: &TcpStream, outlet: Outlet) -> io::Result<()> {
+    sockopt::set_tcp_keepidle(stream, ASKS_AFTER)?;
+    sockopt::set_tcp_keepintvl(stream, ASKS_AGAIN_AFTER)?;
+    sockopt::set_tcp_keepcnt(stream, QUESTIONS)?;
+    sockopt::set_socket_keepalive(stream, true)?;
+    // Where something waits to be acknowledged the system asks nothing. It would also give up who is there and does
+    // not read, as whoever takes his time with the stream of a line may.
+    if matches!(outlet, Outlet::Tcp(..)) {
+        sockopt::set_tcp_user_timeout(stream, GONE.as_millis() as u32)?;
+    }
+    Ok(())
+}
+
+impl Bound {
+    /// Listens from now on.
+    ///
+    /// # Errors
+    /// Somebody else listens there already.
+    pub(crate) fn listen(self) -> io::Result<TcpListener> {
+        rustix::net::listen(&self.0, 128)?;
+        Ok(self.0.into())
+    }
+}
+
+/// Where a line, or a TCP port of a drive, is reached.
+pub(super) struct Listener {
+    socket: TcpListener,
+    outlet: Outlet,
+    address: SocketAddr,
+    /// Held by each one who is there, also while he leaves.
+    presence: Rc<()>,
+    /// Whether somebody knocks for whom the system has no room.
+    crowded: bool,
+    /// Whether it is told that somebody was turned away, and nobody was let in since.
+    turns_away: bool,
+}
+
+/// One client.
+pub(super) struct Connection {
+    stream: TcpStream,
+    peer: SocketAddr,
+    address: SocketAddr,
+    /// Its presence at its port.
+    presence: Rc<()>,
+    outlet: Outlet,
+    client: Client,
+    /// The beginning that it is judged by, until that is done.
+    gate: Option<Gate>,
+    /// What the drives sent and it has not taken.
+    unread: Unread,
+    /// Whether nothing has told the other end that what it has sent last has come.
+    unacknowledged: bool,
+    /// Looks that are left to somebody who has said all that he has to say.
+    last_words: Option<u32>,
+    /// Whether it is of no use any more.
+    over: bool,
+}
+
+impl Listener {
+    /// A port of `outlet` that listens from now on.
+    ///
+    /// # Errors
+    /// The system refuses.
+    pub(super) fn new(outlet: Outlet, bound: Bound) -> io::Result<Self> {
+        let socket = bound.listen()?;
+        let address = socket.local_addr()?;
+        Ok(Self { socket, outlet, address, presence: Rc::default(), crowded: false, turns_away: false })
+    }
+
+    /// Where it listens.
+    pub(super) fn address(&self) -> SocketAddr {
+        self.address
+    }
+
+    /// Returns whether the next one who knocks can be let in, or turned away; until then he waits.
+    pub(super) fn is_open(&self, bench: &Bench) -> bool {
+        bench.accepts(self.outlet)
+    }
+
+    /// What tells that somebody knocks.
+    pub(super) fn socket(&self) -> &TcpListener {
+        &self.socket
+    }
+
+    /// The next one who knocks and can be served.
+    ///
+    /// # Errors
+    /// The system has no room for one more; so it is told once, until somebody is let in again.
+    pub(super) fn accept(&mut self, bench: &mut Bench) -> io::Result<Option<Connection>> {
+        loop {
+            let (stream, peer) = match self.socket.accept() {
+                Ok(accepted) => accepted,
+                Err(error) if error.kind() == io::ErrorKind::WouldBlock => return Ok(None),
+                // Who has left again before he was let in.
+                Err(error) if error.kind() == io::ErrorKind::ConnectionAborted => continue,
+                Err(error) => {
+                    if !std::mem::replace(&mut self.crowded, true) {
+                        warn!("tcp:{} lets nobody in until there is room: {error}", self.address);
+                    }
+                    return Err(error);
+                }
+            };
+            self.crowded = false;
+            if Rc::strong_count(&self.presence) > MOST_CONNECTIONS {
+                self.turn_away(peer, TurnedAway::Full);
+                continue;
+            }
+            let prepared = stream.set_nonblocking(true).and_then(|()| stream.set_nodelay(true));
+            if let Err(error) = prepared.and_then(|()| watch_over(&stream, self.outlet)) {
+                warn!("{peer} cannot be served: {error}");
+                continue;
+            }
+            let client = match bench.join(self.outlet) {
+                Ok(client) => client,
+                Err(why) => {
+                    self.turn_away(peer, why);
+                    continue;
+                }
+            };
+            info!("{peer} comes to tcp:{}", self.address);
+            self.turns_away = false;
+            return Ok(Some(Connection {
+                stream,
+                peer,
+                address: self.address,
+                presence: Rc::clone(&self.presence),
+                outlet: self.outlet,
+                client,
+                gate: Some(Gate::new(matches!(self.outlet, Outlet::Line(_)))),
+                unread: Unread::default(),
+                unacknowledged: false,
+                last_words: None,
+                over: false,
+            }));
+        }
+    }
+
+    /// Tells that somebody is turned away: once, until somebody is let in again, because many try again and again.
+    fn turn_away(&mut self, peer: SocketAddr, why: TurnedAway) {
+        if !std::mem::replace(&mut self.turns_away, true) {
+            warn!("{peer} is turned away from tcp:{}, as all are until there is room: {why}", self.address);
+        }
+    }
+}
+
+impl Connection {
+    /// Whether a drive is told that somebody comes and goes.
+    pub(super) fn is_told(&self) -> bool {
+        matches!(self.outlet, Outlet::Tcp(..))
+    }
+
+    /// Passes to the drive what has come, unless it begins as a browser's connection does. Returns whether something was passed.
+    fn pass(&mut self, bench: &mut Bench, bytes: &[u8]) -> bool {
+        let Some(gate) = &mut self.gate else {
+            bench.send(self.client, bytes);
+            return true;
+        };
+        match gate.judge(bytes) {
+            Judged::Unclear => return false,
+            Judged::Ordinary(bytes) => bench.send(self.client, &bytes),
+            Judged::Web => {
+                warn!(
+                    "{} is disconnected from tcp:{}: it speaks as a browser does, and this is the port of a drive",
+                    self.peer, self.address
+                );
+                self.over = true;
+                return false;
+            }
+        }
+        self.gate = None;
+        true
+    }
+
+    /// MiB that it may leave unread: the port and each of its clients have a presence.
+    fn most_mib(&self) -> usize {
+        share_mib(Rc::strong_count(&self.presence) - 1)
+    }
+
+    /// Whether it has said all that it has to say.
+    fn is_leaving(&self) -> bool {
+        self.last_words.is_some()
+    }
+}
+
+impl End for Connection {
+    fn client(&self) -> Option<Client> {
+        Some(self.client)
+    }
+
+    fn fd(&self) -> Option<BorrowedFd<'_>> {
+        Some(self.stream.as_fd())
+    }
+
+    fn interest(&self, bench: &Bench) -> Option<EventFlags> {
+        let reads = !self.is_leaving() && may_read(bench, self.client, &self.unread);
+        Some(interest(reads, &self.unread))
+    }
+
+    fn take(&mut self, bench: &mut Bench, ready: EventFlags, _manual: bool) -> bool {
+        if ready.contains(EventFlags::ERR) || (ready.contains(EventFlags::HUP) && self.is_leaving()) {
+            self.over = true;
+        } else if !self.is_leaving() && ready.intersects(EventFlags::IN | EventFlags::HUP) {
+            let mut room = ROOM;
+            match read_some(&self.stream, &mut room) {
+                Came::Bytes(bytes) => {
+                    self.unacknowledged = true;
+                    return self.pass(bench, bytes);
+                }
+                // It may have closed one direction only, and wait for a reply.
+                Came::End => {
+                    self.last_words = Some(LAST_WORDS);
+                    let held = self.gate.take().map(|mut gate| gate.release()).unwrap_or_default();
+                    if !held.is_empty() {
+                        bench.send(self.client, &held);
+                        return true;
+                    }
+                }
+                Came::Nothing => {}
+            }
+        }
+        false
+    }
+
+    fn deliver(&mut self, bench: &mut Bench) -> bool {
+        self.unread.receive(bench, self.client);
+        let waits = self.unread.len();
+        let written = self.unread.write(&self.stream);
+        if self.unacknowledged && self.unread.len() == waits {
+            // Else a client without `TCP_NODELAY` is kept from its next request for up to 40 ms where the drive does
+            // not answer this one. An answer tells it by itself.
+            let _ = sockopt::set_tcp_quickack(&self.stream, true);
+        }
+        self.unacknowledged = false;
+        bench.hold_back(self.client, self.unread.len() >= BACKLOG_BYTES);
+        if written.is_err() {
+            self.over = true;
+        } else if self.unread.len() > self.most_mib() << 20 {
+            warn!("{} is disconnected: it has left more than {} MiB unread", self.peer, self.most_mib());
+            self.over = true;
+        }
+        if self.last_words.is_none()
+            && let Some(ended) = bench.ended(self.client)
+        {
+            self.last_words = Some(LAST_WORDS_OF_DRIVE);
+            match ended {
+                Ended::Broken(_) => warn!("{} is disconnected from tcp:{}: {ended}", self.peer, self.address),
+                Ended::ByDrive | Ended::NoPower => info!("{}, tcp:{}: {ended}", self.peer, self.address),
+            }
+        }
+        self.over |= self.is_leaving() && self.unread.is_empty() && bench.is_served(self.client);
+        bench.is_under_way(self.client)
+    }
+
+    fn ends(&self) -> Instant {
+        if self.over { Instant::ZERO } else { Instant::NEVER }
+    }
+
+    fn goes_with_time(&self) -> bool {
+        self.unacknowledged
+    }
+
+    fn pause(&self) -> Option<Duration> {
+        self.last_words.map(|_| LOOK)
+    }
+
+    fn look(&mut self, _bench: &mut Bench) {
+        self.last_words = self.last_words.map(|left| left.saturating_sub(1));
+        self.over |= self.last_words == Some(0);
+    }
+
+    fn leave(&mut self, bench: &mut Bench) {
+        let mut room = ROOM;
+        for _ in 0..LAST_READS {
+            let Came::Bytes(_) = read_some(&self.stream, &mut room) else { break };
+        }
+        info!("{} leaves tcp:{}", self.peer, self.address);
+        bench.disconnect(self.client);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn who_is_silent_for_10_s_is_asked_and_after_30_s_is_gone() {
+        let mut bench = Bench::new();
+        let seat = bench.add::<drivetwin_sim::testing::echo_device::Echo>("echo");
+        let outlet = bench.outlet(seat, drivetwin_sim::testing::echo_device::MODBUS);
+        let mut listener = Listener::new(outlet, bind("127.0.0.1:0").unwrap()).unwrap();
+        let _far = TcpStream::connect(listener.address()).unwrap();
+        let stream = loop {
+            if let Some(connection) = listener.accept(&mut bench).unwrap() {
+                break connection.stream;
+            }
+        };
+        assert!(sockopt::socket_keepalive(&stream).unwrap());
+        let asks = sockopt::tcp_keepidle(&stream).unwrap();
+        let again = sockopt::tcp_keepintvl(&stream).unwrap() * sockopt::tcp_keepcnt(&stream).unwrap();
+        assert_eq!((asks.as_secs(), (asks + again).as_secs()), (10, 30));
+        assert_eq!(sockopt::tcp_user_timeout(&stream).unwrap(), 30_000);
+    }
+}

@@ -1,0 +1,356 @@
+//! TCP ports of a drive, reached by sockets.
+
+use std::io::{ErrorKind, Read as _, Write as _};
+use std::net::{Shutdown, SocketAddr, TcpStream};
+use std::os::unix::net::UnixStream;
+use std::sync::mpsc;
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use drivetwin_firmware::device::{Instant, Port};
+use drivetwin_sim::bench::{Bench, Outlet, PowerAction, Seat, Statistics};
+use drivetwin_sim::config::time_mode::Pace;
+
+use super::{Ports, bind};
+use crate::event_loop::{Door, Host, door};
+use drivetwin_sim::testing::echo_device::{Echo, MCODE, MODBUS};
+
+/// Longer than anything takes here.
+const LONG: Duration = Duration::from_secs(20);
+
+/// An echo that runs on a thread of its own.
+struct Running {
+    addresses: [SocketAddr; 2],
+    seat: Seat,
+    door: Door,
+    stop: UnixStream,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Running {
+    fn start(pace: Pace) -> Self {
+        let (stop, stopped) = UnixStream::pair().unwrap();
+        let (ready, told) = mpsc::channel();
+        let thread = std::thread::spawn(move || {
+            let mut bench = Bench::new();
+            let seat = bench.add::<Echo>("echo");
+            let mut ports = Ports::new().unwrap();
+            let addresses = [MODBUS, MCODE].map(|port| {
+                let uri = ports.add_tcp(Outlet::Tcp(seat, port), bind("127.0.0.1:0").unwrap()).unwrap();
+                uri.strip_prefix("tcp:").unwrap().parse().unwrap()
+            });
+            let (door, inbox) = door().unwrap();
+            ready.send((addresses, seat, door)).unwrap();
+            Host::new(bench, ports, pace, Vec::new(), inbox).run(&stopped).unwrap();
+        });
+        let (addresses, seat, door) = told.recv().unwrap();
+        Self { addresses, seat, door, stop, thread: Some(thread) }
+    }
+
+    fn connect(&self, port: Port) -> TcpStream {
+        let stream = TcpStream::connect(self.addresses[usize::from(port.0)]).unwrap();
+        stream.set_nodelay(true).unwrap();
+        stream.set_read_timeout(Some(LONG)).unwrap();
+        stream.set_write_timeout(Some(LONG)).unwrap();
+        stream
+    }
+
+    /// Connects where text is spoken, and is greeted.
+    fn greeted(&self) -> TcpStream {
+        let mut stream = self.connect(MCODE);
+        expect(&mut stream, b">");
+        stream
+    }
+
+    /// Does something with the bench.
+    fn call<T: Send + 'static>(&self, act: impl FnOnce(&mut Bench, Seat) -> T + Send + 'static) -> T {
+        let (done, result) = mpsc::channel();
+        let seat = self.seat;
+        let caller = std::sync::Arc::new(());
+        self.door.hand_in(std::sync::Arc::downgrade(&caller), move |host| {
+            let result = act(&mut host.bench, seat);
+            host.settle();
+            move || done.send(result).unwrap()
+        });
+        result.recv_timeout(LONG).unwrap()
+    }
+
+    /// Waits until so many are connected.
+    fn until_connected(&self, port: Port, count: usize) {
+        while self.call(move |bench, seat| bench.connections(seat, port)) != count {
+            std::thread::yield_now();
+        }
+    }
+
+    fn statistics(&self, port: Port) -> Statistics {
+        self.call(move |bench, seat| bench.statistics(seat, port))
+    }
+}
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        self.stop.write_all(&[0]).unwrap();
+        let ended = self.thread.take().unwrap().join();
+        assert!(ended.is_ok() || std::thread::panicking(), "the bench's thread has panicked");
+    }
+}
+
+/// Reads the maximum velocity of an MDrive (FB 4.2.4); the transaction is the argument.
+fn adu(transaction: u8) -> [u8; 12] {
+    [0, transaction, 0, 0, 0, 6, 1, 3, 0x00, 0x8B, 0x00, 0x02]
+}
+
+fn expect(stream: &mut TcpStream, expected: &[u8]) {
+    let mut came = vec![0; expected.len()];
+    stream.read_exact(&mut came).unwrap();
+    assert_eq!(came, expected);
+}
+
+fn exchange(stream: &mut TcpStream, transaction: u8) {
+    stream.write_all(&adu(transaction)).unwrap();
+    expect(stream, &adu(transaction));
+}
+
+/// What comes until the other end closes, which it does in good order.
+fn rest(stream: &mut TcpStream) -> Vec<u8> {
+    let mut rest = Vec::new();
+    stream.read_to_end(&mut rest).unwrap();
+    rest
+}
+
+/// Whether the connection is closed, in whatever order.
+fn is_closed(stream: &mut TcpStream) -> bool {
+    match stream.read(&mut [0]) {
+        Ok(count) => count == 0,
+        Err(error) => matches!(error.kind(), ErrorKind::ConnectionReset | ErrorKind::BrokenPipe),
+    }
+}
+
+#[test]
+fn requests_are_answered_however_they_come() {
+    let running = Running::start(Pace::Times(1));
+    let mut stream = running.connect(MODBUS);
+    let asked: Vec<u8> = (0..200).flat_map(adu).collect();
+    stream.write_all(&asked).unwrap();
+    expect(&mut stream, &asked);
+    for byte in adu(7) {
+        stream.write_all(&[byte]).unwrap();
+    }
+    expect(&mut stream, &adu(7));
+    let mut text = running.greeted();
+    text.write_all(b"PR P\r\nM").unwrap();
+    expect(&mut text, b"PR P\r\nM");
+    let seen = running.statistics(MODBUS);
+    assert_eq!((seen.messages, seen.requests, seen.connections), (201, 201, 1));
+}
+
+#[test]
+fn a_browser_reaches_no_drive() {
+    let running = Running::start(Pace::Times(1));
+    for port in [MODBUS, MCODE] {
+        for pieces in [1, 7] {
+            let mut stream = if port == MCODE { running.greeted() } else { running.connect(port) };
+            let request =
+                b"POST /x HTTP/1.1\r\nHost: localhost\r\nContent-Type: text/plain\r\n\r\nMR 1000\r\n";
+            for piece in request.chunks(request.len().div_ceil(pieces)) {
+                // It may be closed by now.
+                let _ = stream.write_all(piece);
+            }
+            assert!(is_closed(&mut stream), "nothing is answered");
+            running.until_connected(port, 0);
+        }
+        assert_eq!(running.statistics(port).messages, 0, "nothing is heard");
+    }
+    // Letters that a request may begin with are not kept from who sends no more.
+    let mut text = running.greeted();
+    text.write_all(b"P").unwrap();
+    text.shutdown(Shutdown::Write).unwrap();
+    assert_eq!(rest(&mut text), b"P");
+}
+
+#[test]
+fn who_sends_slowly_costs_nobody_anything() {
+    let running = Running::start(Pace::Times(1));
+    let (mut slow, mut other) = (running.connect(MODBUS), running.connect(MODBUS));
+    slow.write_all(&adu(1)[..11]).unwrap();
+    for transaction in 0..100 {
+        exchange(&mut other, transaction);
+    }
+    slow.write_all(&adu(1)[11..]).unwrap();
+    expect(&mut slow, &adu(1));
+}
+
+#[test]
+fn a_wrong_header_is_the_end_of_one_connection() {
+    let running = Running::start(Pace::Times(1));
+    let (mut stream, mut other) = (running.connect(MODBUS), running.connect(MODBUS));
+    exchange(&mut other, 1);
+    let request = b"GET / HTTP/1.1\r\n\r\n";
+    stream.write_all(&[&adu(2), &request[..]].concat()).unwrap();
+    assert_eq!(rest(&mut stream), adu(2));
+    running.until_connected(MODBUS, 1);
+    assert_eq!(running.statistics(MODBUS).broken, 1);
+    exchange(&mut other, 3);
+}
+
+#[test]
+fn the_65th_is_closed_at_once_and_the_others_are_served() {
+    let running = Running::start(Pace::Times(1));
+    let mut streams: Vec<TcpStream> = (0..64).map(|_| running.connect(MODBUS)).collect();
+    for (transaction, stream) in (0..).zip(&mut streams) {
+        exchange(stream, transaction);
+    }
+    assert!(is_closed(&mut running.connect(MODBUS)));
+    // Who leaves makes room.
+    for transaction in 0..100 {
+        drop(streams.pop());
+        // The system does not tell of ends and beginnings in their order.
+        running.until_connected(MODBUS, 63);
+        streams.push(running.connect(MODBUS));
+        exchange(streams.last_mut().unwrap(), transaction);
+    }
+    streams.iter_mut().for_each(|stream| exchange(stream, 10));
+}
+
+#[test]
+fn a_drive_closes_when_all_is_read_that_it_said() {
+    let running = Running::start(Pace::Times(1));
+    let mut stream = running.greeted();
+    stream.write_all(b"fabx").unwrap();
+    let came = rest(&mut stream);
+    assert_eq!((came.len(), &came[1 << 20..]), ((1 << 20) + 2, &b"ab"[..]));
+    running.until_connected(MCODE, 0);
+}
+
+#[test]
+fn a_drive_without_power_lets_nobody_in() {
+    let running = Running::start(Pace::Times(1));
+    let mut stream = running.connect(MODBUS);
+    exchange(&mut stream, 1);
+    running.call(|bench, seat| bench.power(seat, PowerAction::Off));
+    assert_eq!(rest(&mut stream), [0; 0]);
+    assert!(is_closed(&mut running.connect(MODBUS)));
+    running.call(|bench, seat| bench.power(seat, PowerAction::On));
+    let mut stream = running.connect(MODBUS);
+    exchange(&mut stream, 2);
+    running.call(|bench, seat| bench.power(seat, PowerAction::Cycle));
+    assert_eq!(rest(&mut stream), [0; 0]);
+    exchange(&mut running.connect(MODBUS), 3);
+}
+
+#[test]
+fn who_has_said_all_gets_what_is_due_and_then_the_end() {
+    let running = Running::start(Pace::Times(1));
+    let mut stream = running.connect(MODBUS);
+    let asked: Vec<u8> = (0..100).flat_map(adu).collect();
+    stream.write_all(&asked).unwrap();
+    // Half a request is nobody's.
+    stream.write_all(&adu(100)[..7]).unwrap();
+    stream.shutdown(Shutdown::Write).unwrap();
+    assert_eq!(rest(&mut stream), asked);
+    running.until_connected(MODBUS, 0);
+}
+
+#[test]
+fn who_does_not_read_is_not_read() {
+    // 65 MB, more than the system holds between two sockets.
+    const MESSAGES: usize = 250_000;
+    let mut longest = [0xA5; 260];
+    longest[..6].copy_from_slice(&[0, 5, 0, 0, 0, 254]);
+    let running = Running::start(Pace::Times(1));
+    let (mut deaf, mut other) = (running.connect(MODBUS), running.connect(MODBUS));
+    let mut writer = deaf.try_clone().unwrap();
+    writer.set_write_timeout(None).unwrap();
+    let thread = std::thread::spawn(move || {
+        let piece = longest.repeat(100);
+        (0..MESSAGES / 100).try_for_each(|_| writer.write_all(&piece))
+    });
+    // Until nothing of it is heard any more while another one is answered 200 times.
+    let mut heard = 0;
+    loop {
+        (0..200).for_each(|transaction| exchange(&mut other, transaction));
+        let before = std::mem::replace(&mut heard, running.statistics(MODBUS).messages);
+        if heard == before + 200 {
+            break;
+        }
+    }
+    assert!(heard < MESSAGES as u64 / 2, "{heard} of {MESSAGES}");
+    let mut came = longest.repeat(100);
+    for _ in 0..MESSAGES / 100 {
+        deaf.read_exact(&mut came).unwrap();
+        assert!(came.chunks(260).all(|reply| reply == longest));
+    }
+    thread.join().unwrap().unwrap();
+}
+
+#[test]
+fn many_long_answers_are_given_as_they_are_read_and_hold_up_nobody() {
+    const LINES: usize = 60;
+    for pace in [Pace::Times(1), Pace::Manual] {
+        let running = Running::start(pace);
+        let (mut deaf, mut other) = (running.greeted(), running.greeted());
+        deaf.write_all(&b"f\r".repeat(LINES)).unwrap();
+        for _ in 0..LINES {
+            other.write_all(b"a").unwrap();
+            expect(&mut other, b"a");
+        }
+        // The system holds some of it between two sockets.
+        let heard = running.statistics(MCODE).messages - LINES as u64;
+        assert!(heard < LINES as u64 / 2, "{heard} of {LINES}");
+        let mut came = vec![0; LINES * ((1 << 20) + 1)];
+        deaf.read_exact(&mut came).unwrap();
+        assert_eq!(running.statistics(MCODE).messages, 2 * LINES as u64);
+    }
+}
+
+#[test]
+fn who_never_reads_is_disconnected() {
+    let running = Running::start(Pace::Times(1));
+    let (mut deaf, mut other) = (running.greeted(), running.greeted());
+    // More than may wait for somebody, though the system takes some of it.
+    deaf.write_all(&[b'f'; 40]).unwrap();
+    running.until_connected(MCODE, 1);
+    other.write_all(b"a").unwrap();
+    expect(&mut other, b"a");
+}
+
+#[test]
+fn in_manual_time_the_clock_stands_while_all_is_answered() {
+    let running = Running::start(Pace::Manual);
+    let mut text = running.greeted();
+    let mut stream = running.connect(MODBUS);
+    for transaction in 0..20 {
+        exchange(&mut stream, transaction);
+    }
+    text.write_all(b"a").unwrap();
+    expect(&mut text, b"a");
+    assert_eq!(running.call(|bench, _| bench.now()), Instant::ZERO);
+    drop(stream);
+    running.until_connected(MODBUS, 0);
+    let last = running.call(|bench, _| {
+        let trace = bench.trace();
+        trace.events().last().map(|entry| trace.words(entry))
+    });
+    assert_eq!(last.as_deref(), Some("closed 0"));
+}
+
+#[test]
+fn while_the_clock_is_advanced_all_is_answered() {
+    let running = Running::start(Pace::Manual);
+    let (mut text, mut stream) = (running.greeted(), running.connect(MODBUS));
+    text.write_all(b"t").unwrap();
+    expect(&mut text, b"T");
+    // So far that it never comes there, with a `T` each second.
+    let (done, mut there) = tokio::sync::oneshot::channel();
+    let caller = std::sync::Arc::new(());
+    running.door.hand_in(std::sync::Arc::downgrade(&caller), move |host| {
+        host.advance(drivetwin_firmware::device::Duration::secs(1 << 36), done);
+        || ()
+    });
+    expect(&mut text, b"T");
+    (0..20).for_each(|transaction| exchange(&mut stream, transaction));
+    exchange(&mut running.connect(MODBUS), 20);
+    assert!(there.try_recv().is_err(), "it goes on");
+    drop(there);
+    assert!(running.call(|bench, _| bench.now()) > Instant::ZERO);
+}

@@ -1,0 +1,219 @@
+//! What is to be on the bench: what a bench file says, or the options of a single drive.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use drivetwin_firmware::device::{Port, Spec};
+use drivetwin_sim::catalog;
+use drivetwin_sim::config::bench_file;
+use drivetwin_sim::config::layout::{self, Drive, Layout};
+use drivetwin_sim::config::listen::{Listen, Uri};
+use drivetwin_sim::config::preset::Preset;
+use drivetwin_sim::rsasm::Image;
+
+use crate::options::RunOptions;
+use crate::rs_programs;
+
+/// What is to be on the bench, and who says so.
+pub struct Configuration {
+    pub(super) options: RunOptions,
+    pub(super) layout: Layout,
+    /// The bench file; `None` if options say it.
+    file: Option<PathBuf>,
+}
+
+impl Configuration {
+    /// Reads what `options` say, or the file that they name.
+    ///
+    /// # Errors
+    /// One sentence: what is wrong, and where.
+    pub fn read(options: RunOptions) -> Result<Self, String> {
+        let is_file = options.what.ends_with(".toml");
+        let is_path = options.what.contains(['/', '.']);
+        if !is_file && is_path {
+            return Err(format!("'{}' is no bench file: its name must end in .toml", options.what));
+        }
+        let file = is_file.then(|| PathBuf::from(&options.what));
+        let mut layout = match &file {
+            Some(file) => {
+                of_one_drive(&options, file)?;
+                read(file)?
+            }
+            None => Layout { drives: vec![drive(&options)?], ..Layout::default() },
+        };
+        layout.seed = options.seed.or(layout.seed);
+        layout.time = options.time.or(layout.time);
+        layout.line = options.line.or(layout.line);
+        for drive in &mut layout.drives {
+            drive.fast_boot |= options.fast_boot;
+        }
+        Ok(Self { options, layout, file })
+    }
+
+    /// Whether standard input and output belong to a line.
+    #[must_use]
+    pub fn uses_stdio(&self) -> bool {
+        let own = self.layout.drives.iter().flat_map(|drive| &drive.listen).map(|(_, uri)| uri);
+        let mut all = own.chain(self.layout.buses.iter().flat_map(|bus| &bus.listen));
+        all.any(|uri| *uri == Uri::Stdio)
+    }
+
+    /// The user programs of the drives, for each drive its own.
+    ///
+    /// # Errors
+    /// One sentence: what is wrong with one, and where.
+    pub(super) fn programs(&self) -> Result<Vec<Option<Image>>, String> {
+        let load = |(place, drive): (usize, &Drive)| {
+            let Some(file) = &drive.program else { return Ok(None) };
+            let spec = catalog::make(drive.kind)?.spec();
+            rs_programs::load(file, spec).map(Some).map_err(|error| self.of(place, "program", &error))
+        };
+        self.layout.drives.iter().enumerate().map(load).collect()
+    }
+
+    /// A sentence about what is to be on the bench.
+    pub(super) fn wrong(&self, sentence: &str) -> String {
+        match &self.file {
+            Some(file) => format!("{}: {sentence}", file.display()),
+            None => sentence.into(),
+        }
+    }
+
+    /// A sentence about something of a drive, which is a key of the file or an option.
+    pub(super) fn of(&self, drive: usize, key: &str, sentence: &str) -> String {
+        match &self.file {
+            Some(file) => {
+                let name = &self.layout.drives[drive].name;
+                format!("{}: {key} of {name}: {sentence}", file.display())
+            }
+            None => format!("--{key}: {sentence}"),
+        }
+    }
+}
+
+/// Options that speak of one drive have no place beside a bench file.
+fn of_one_drive(options: &RunOptions, file: &Path) -> Result<(), String> {
+    let given = [
+        ("--listen", !options.listen.is_empty(), "listen = [\"tcp:127.0.0.1:5020\"]"),
+        ("--address", options.address.is_some(), "address = 1"),
+        ("--nv", options.nv.is_some(), "nv = \"x.nv\""),
+        ("--set", !options.set.is_empty(), "set = { Speed = 8000 }"),
+        ("--program", options.program.is_some(), "program = \"x.rsasm\""),
+    ];
+    match given.into_iter().find(|&(_, given, _)| given) {
+        Some((option, _, key)) => Err(format!(
+            "{option} is for a single drive; in {} its [[drive]] says it, like {key}",
+            file.display()
+        )),
+        None => Ok(()),
+    }
+}
+
+/// Reads a bench file, whose paths are relative to its folder.
+fn read(path: &Path) -> Result<Layout, String> {
+    let wrong = |error: &dyn std::fmt::Display| format!("{}: {error}", path.display());
+    let text = fs::read_to_string(path).map_err(|error| wrong(&error))?;
+    let mut layout = bench_file::parse(&text).map_err(|error| wrong(&error))?;
+    layout.relative_to(path.parent().unwrap_or(Path::new("")));
+    Ok(layout)
+}
+
+/// A single drive, named like its kind.
+fn drive(options: &RunOptions) -> Result<Drive, String> {
+    let spec = catalog::make(&options.what)?.spec();
+    Ok(Drive {
+        name: spec.kind.into(),
+        kind: spec.kind,
+        listen: places(spec, &options.listen)?,
+        nv: options.nv.clone(),
+        presets: presets(spec, options)?,
+        program: options.program.clone(),
+        fast_boot: options.fast_boot,
+        faults: Vec::new(),
+    })
+}
+
+/// Which ports are reached where; one without a wish gets a loopback TCP port, and a serial one a pty, too.
+fn places(spec: &Spec, listen: &[Listen]) -> Result<Vec<(Port, Uri)>, String> {
+    let mut places: Vec<(Port, Uri)> = Vec::new();
+    for listen in listen {
+        let place = layout::reached(spec, listen).map_err(|sentence| format!("--listen: {sentence}"))?;
+        if let Some((_, other)) = places.iter().find(|(_, other)| layout::clash(other, &place.1)) {
+            return Err(format!("--listen: {other} is there twice; only one port can have it"));
+        }
+        places.push(place);
+    }
+    for (port, of) in (0..).map(Port).zip(spec.ports) {
+        if places.iter().all(|(told, _)| *told != port) {
+            places.push((port, Uri::Tcp("127.0.0.1:0".into())));
+            places.extend(of.line.map(|_| (port, Uri::Pty(None))));
+        }
+    }
+    Ok(places)
+}
+
+/// The registers to preset, in the order of the command line.
+fn presets(spec: &Spec, options: &RunOptions) -> Result<Vec<Preset>, String> {
+    let mut presets = Vec::new();
+    if let Some(address) = &options.address {
+        let row = spec.address.and_then(|row| spec.registers.rows.get(row));
+        let row = row.ok_or_else(|| format!("--address: {} has no bus address", spec.kind))?;
+        presets
+            .push(Preset::new(spec, row.name, address).map_err(|sentence| format!("--address: {sentence}"))?);
+    }
+    for set in &options.set {
+        let told = Preset::typed(spec, &set.register, &set.value).and_then(|presets| {
+            presets.iter().try_for_each(|preset| preset.check_saved(spec))?;
+            Ok(presets)
+        });
+        presets.extend(told.map_err(|sentence| format!("--set: {sentence}"))?);
+    }
+    Ok(presets)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use drivetwin_firmware::device::{Ends, PortSpec};
+    use drivetwin_protocol::line::{Line, Parity};
+
+    static PORTS: &[PortSpec] = &[
+        PortSpec { name: "rs485", ends: Ends::Silence, line: Some(Line::new(9_600, 8, Parity::Even, 1)) },
+        PortSpec { name: "modbus", ends: Ends::Mbap, line: None },
+    ];
+
+    fn spec(ports: &'static [PortSpec]) -> Spec {
+        Spec { kind: "toy", ports, ..Spec::BARE }
+    }
+
+    #[test]
+    fn a_port_is_reached_by_loopback_and_a_serial_one_by_a_pty_unless_told_otherwise_of_it() {
+        let spec = spec(PORTS);
+        let default = places(&spec, &[]).unwrap();
+        let tcp = || Uri::Tcp("127.0.0.1:0".into());
+        assert_eq!(default, [(Port(0), tcp()), (Port(0), Uri::Pty(None)), (Port(1), tcp())]);
+        for listen in ["pty:", "rs485=pty:"] {
+            let told = places(&spec, &[listen.parse().unwrap()]).unwrap();
+            assert_eq!(told, [(Port(0), Uri::Pty(None)), (Port(1), tcp())]);
+        }
+        let uri = || Uri::Tcp("127.0.0.1:5020".into());
+        let told = places(&spec, &["modbus=tcp:127.0.0.1:5020".parse().unwrap()]).unwrap();
+        assert_eq!(told, [(Port(1), uri()), (Port(0), tcp()), (Port(0), Uri::Pty(None))]);
+    }
+
+    #[test]
+    fn ports_that_are_not_there_and_places_that_are_there_twice_are_errors() {
+        let spec = spec(PORTS);
+        let wrong = |texts: &[&str]| {
+            let listen: Vec<Listen> = texts.iter().map(|text| text.parse().unwrap()).collect();
+            places(&spec, &listen).unwrap_err()
+        };
+        let unknown = "--listen: there is no port of toy 'rs458'; the nearest is 'rs485'";
+        assert_eq!(wrong(&["rs458=pty:"]), unknown);
+        assert_eq!(wrong(&["modbus=pty:"]), "--listen: modbus of toy is a TCP port and has no pty");
+        let twice = |uri: &str| format!("--listen: {uri} is there twice; only one port can have it");
+        assert_eq!(wrong(&["pty:a", "rs485=pty:a"]), twice("pty:a"));
+        assert_eq!(wrong(&["stdio:", "pty:", "stdio:"]), twice("stdio:"));
+        assert_eq!(wrong(&["serial:/dev/ttyS0", "serial:/dev/ttyS0"]), twice("serial:/dev/ttyS0"));
+    }
+}
