@@ -13,11 +13,10 @@
 //! | [`rsasm`] | user programs of the RS drives as text |
 //! | [`signals`] | step pulses from plans of motion, and waveforms of pins |
 //! | [`suggest`] | the nearest valid name to a mistyped one |
-//! | [`testing`] | devices for tests (feature `testing`) |
+//! | `testing` | devices for tests (feature `testing`) |
 //! | [`value`] | a register's value as users see it |
 //!
-//! A folder uses only those above it in this list: `ids`, `rng`, `suggest`, `value`; `catalog`, `record`; `signals`,
-//! `scheduler`, `line`; `slot` (a drive on a bench); `bench`; `replay`, `export`, `config`.
+//! A folder uses only those below it; `tests/tests/layers.rs` has the order.
 
 pub mod bench;
 pub mod board;

@@ -5,7 +5,7 @@ use std::collections::VecDeque;
 
 use drivetwin_firmware::device::{Duration, Instant, Line, Link, Port};
 
-use crate::bench::{Bus, Seat};
+use crate::ids::{Bus, Seat};
 use crate::record::trace::{TraceKeep, allocated, make_room};
 
 /// Frames that were on the lines and connections.
