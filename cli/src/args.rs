@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use clap::error::ErrorKind;
+use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{ArgAction, Args, CommandFactory as _, Parser, Subcommand, ValueEnum};
 
 use drivetwin_host::options::{Assignment, Control, RunOptions};
@@ -175,20 +175,20 @@ fn seed(text: &str) -> Result<u64, String> {
 }
 
 /// What is wrong with a command line, in one sentence.
-pub(crate) fn sentence(error: &clap::Error) -> String {
+pub(crate) fn sentence(mut error: clap::Error) -> String {
     if error.kind() == ErrorKind::MissingSubcommand {
         let cli = Cli::command();
         let commands = cli.get_subcommands().filter(|command| !command.is_hide_set());
         let names: Vec<&str> = commands.map(clap::Command::get_name).collect();
         return format!("a command is missing: {}; `drivetwin --help` tells more", names.join(", "));
     }
-    let text = error.to_string();
-    let told = text.split("\nUsage:").next().unwrap_or(&text);
-    let told = told.split("\nFor more information").next().unwrap_or(told);
-    let told = told.trim().trim_start_matches("error: ");
-    let parts: Vec<&str> = told.split("\n\n").map(str::trim).filter(|part| !part.is_empty()).collect();
-    let words = parts.join("; ");
-    words.split_whitespace().collect::<Vec<_>>().join(" ")
+    error.insert(ContextKind::Usage, ContextValue::None);
+    let text = error.render().to_string();
+    // The parts of clap's text are a message, tips, and where to find more.
+    let parts = text.split("\n\n").filter(|part| !part.trim_start().starts_with("For more information"));
+    let words = parts.map(|part| part.split_whitespace().collect::<Vec<_>>().join(" "));
+    let parts: Vec<String> = words.filter(|part| !part.is_empty()).collect();
+    parts.join("; ").trim_start_matches("error: ").into()
 }
 
 #[cfg(test)]
@@ -197,7 +197,7 @@ mod tests {
 
     fn run(arguments: &[&str]) -> Result<Run, String> {
         let all = ["drivetwin", "run", "md3"].iter().chain(arguments);
-        match Cli::try_parse_from(all).map_err(|error| sentence(&error))?.command {
+        match Cli::try_parse_from(all).map_err(sentence)?.command {
             Command::Run(run) => Ok(*run),
             _ => unreachable!("the arguments begin with `run`"),
         }

@@ -24,7 +24,7 @@ fn main() -> ExitCode {
 fn drivetwin() -> ExitCode {
     let cli = match Cli::try_parse() {
         Ok(cli) => cli,
-        Err(error) if error.use_stderr() => return fail(&args::sentence(&error)),
+        Err(error) if error.use_stderr() => return fail(&args::sentence(error)),
         Err(help) => {
             return print(&help.render().to_string())
                 .map_or_else(|error| fail(&error), |()| ExitCode::SUCCESS);
