@@ -1,6 +1,6 @@
 //! Serial lines: whose turn it is, and when each character is where.
 
-mod clients;
+mod client_buffers;
 pub(crate) mod collisions;
 pub mod faults;
 mod request_boundaries;
@@ -11,7 +11,7 @@ use drivetwin_firmware::device::{Instant, Line, Port};
 use drivetwin_protocol::line::Parity;
 
 use crate::ids::Seat;
-pub(crate) use clients::{Clients, Mark, Outside, Told};
+pub(crate) use client_buffers::{Clients, Mark, Outside, Told};
 pub(crate) use collisions::Air;
 use faults::{Disturbance, Refusal, Text};
 pub(crate) use request_boundaries::Offer;

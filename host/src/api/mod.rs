@@ -5,7 +5,7 @@
 
 mod calls;
 mod downloads;
-mod events;
+mod event_stream;
 mod guard;
 mod openapi;
 mod problem;
@@ -152,7 +152,7 @@ fn calls() -> OpenApiRouter<Api> {
         .routes(routes!(calls::advance))
         .layer(from_fn(guard::no_query))
         .routes(routes!(downloads::trace))
-        .routes(routes!(events::events))
+        .routes(routes!(event_stream::events))
 }
 
 /// Takes connections. Where there is no room for one more, each present one ends: at once if it idles,

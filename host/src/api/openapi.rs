@@ -5,7 +5,7 @@ use utoipa::openapi::path::{Operation, ParameterIn, PathItem};
 use utoipa::openapi::{self, Content, Ref, RefOr, Response};
 
 use super::downloads::Format;
-use super::events::{Happened, Lost};
+use super::event_stream::{Happened, Lost};
 use super::problem::{self, Problem};
 
 /// A part of the document: what the calls themselves do not name.
