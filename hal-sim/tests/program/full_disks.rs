@@ -67,6 +67,6 @@ fn a_file_that_is_full_is_told_and_the_drive_goes_on() {
         assert!(said.contains(&format!("standin: {option} {file} is not complete")), "{said}");
         // All of it that fits, and no more.
         let length = std::fs::metadata(&file).unwrap().len();
-        assert!(length > 0 && length % 512 == 0, "{option}: {length} bytes");
+        assert!(length > 0 && length.is_multiple_of(512), "{option}: {length} bytes");
     }
 }
