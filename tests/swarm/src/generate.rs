@@ -2,7 +2,6 @@
 
 use fastrand::Rng;
 use standin_firmware::device::{Duration, Encoder, Ends, Fault, Pin, Role, Spec};
-use standin_protocol::registers::{Row, Space};
 use standin_protocol::time::Span;
 use standin_sim::bench::{Driving, PowerAction};
 use standin_sim::faults::LineFaults;
@@ -224,11 +223,9 @@ fn happen(steps: &mut Vec<Step>, drive: Drive, rng: &mut Rng) {
 }
 
 /// A register is set past the bus, to a value that it takes or not.
-fn preset(name: Name, spec: &Spec, rng: &mut Rng) -> Option<Step> {
-    let on_bus = |row: &Row| !matches!(row.space, Space::Variable | Space::Setting);
-    let rows = spec.rows().filter(|(_, row)| on_bus(row) && !dialect::is_identity(row.address));
-    let rows: Vec<usize> = rows.map(|(place, _)| place).collect();
-    let value = if rng.bool() { rng.i64(0..4) } else { i64::from(rng.i32(..)) >> rng.u8(..32) };
+fn preset(name: Name, spec: &'static Spec, rng: &mut Rng) -> Option<Step> {
+    let rows: Vec<usize> = dialect::settable(spec).map(|(place, _)| place).collect();
+    let value = dialect::any_value(rng);
     (!rows.is_empty()).then(|| Step::Preset(name, one_of(rng, &rows), value))
 }
 
