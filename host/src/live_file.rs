@@ -14,6 +14,12 @@ use tracing::error;
 
 use crate::output_file::Output;
 
+/// Waits until the disk has all of a file.
+fn wait_for(file: &File) -> io::Result<()> {
+    // A pipe and a device have no disk to wait for.
+    if file.metadata()?.is_file() { file.sync_all() } else { Ok(()) }
+}
+
 /// What writes such a file.
 trait Writer {
     /// Writes what has happened since the last time.
@@ -28,9 +34,7 @@ impl Writer for Recording<File> {
     }
 
     fn finish(self: Box<Self>, bench: &Bench) -> io::Result<()> {
-        let file = Self::finish(*self, bench.trace())?;
-        // A pipe and a device have no disk to wait for.
-        if file.metadata()?.is_file() { file.sync_all() } else { Ok(()) }
+        Self::finish(*self, bench.trace()).map(|_| ())
     }
 }
 
@@ -101,7 +105,10 @@ impl Followed {
     pub(crate) fn finish(mut self, bench: &Bench) -> Result<(), String> {
         self.follow(bench);
         match self.writer {
-            Some(writer) => self.output.fails(writer.finish(bench)),
+            // Some systems tell only then that a write has failed.
+            Some(writer) => {
+                self.output.fails(writer.finish(bench).and_then(|()| wait_for(self.output.file())))
+            }
             None => Err(format!("{} {} is not complete", self.output.option(), self.output.path().display())),
         }
     }

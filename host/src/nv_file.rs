@@ -304,7 +304,11 @@ mod tests {
         }
 
         fn sync_all(&self) -> io::Result<()> {
-            self.take(0).1
+            if self.failure == Failure::Broken && self.takes.get() == 0 {
+                Err(Errno::IO.into())
+            } else {
+                Ok(())
+            }
         }
     }
 
@@ -392,6 +396,17 @@ mod tests {
                 whole[6] = 31;
             }
         }
+    }
+
+    #[test]
+    fn a_disk_that_fails_when_it_is_waited_for_is_told_and_tried_again() {
+        let content = [1, 2, 3, 4, 5, 6, 7, 8];
+        let mut nv = Nv::holding(FailingDisk::new(&content, 2, Failure::Broken), content.to_vec(), 8);
+        nv.store(0, &[10, 11]).unwrap();
+        assert_eq!(nv.sync().map_err(|error| error.raw_os_error()), Err(Some(Errno::IO.raw_os_error())));
+        nv.file.takes.set(1);
+        nv.sync().unwrap();
+        assert_eq!(*nv.file.content.borrow(), [10, 11, 3, 4, 5, 6, 7, 8]);
     }
 
     #[test]

@@ -2,8 +2,9 @@
 
 use std::path::Path;
 
+use drivetwin_sim::catalog;
 use drivetwin_sim::record::trace::{Trace, whole_lines};
-use drivetwin_sim::{catalog, replay as replayer};
+use drivetwin_sim::replay as replayer;
 
 use super::print;
 

@@ -97,8 +97,12 @@ fn five_thousand_connections_leave_the_first_one_served() {
     assert_eq!(others.pop().unwrap().read(&mut [0]).unwrap_or(0), 0);
     drop(others);
     assert_eq!(ask(&mut first, &request, 8), *request);
-    while md3.drive()["ports"]["rs485"]["dropped"].as_u64() > Some(1_000) {}
-    assert_eq!(ask(&mut md3.connect(), &request, 8), *request, "there is room again");
+    // The system does not tell of ends and beginnings in their order.
+    let is_served = |mut other: TcpStream| {
+        let mut reply = [0; 8];
+        other.write_all(&request).is_ok() && other.read_exact(&mut reply).is_ok() && reply == *request
+    };
+    assert!((0..5_000).any(|_| is_served(md3.connect())), "there is room again");
     assert_eq!(md3.stop(), Some(0));
 }
 

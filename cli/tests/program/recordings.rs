@@ -76,6 +76,32 @@ fn whatever_ends_it_the_recording_is_there() {
     }
 }
 
+#[test]
+fn a_kill_leaves_whole_lines_of_waveforms_and_whole_blocks_of_frames() {
+    let scratch = Scratch::new("killed");
+    let (waves, frames) = (scratch.file("md3.vcd"), scratch.file("md3.pcapng"));
+    let md3 = Running::md3(&["--time", "manual", "--fast-boot", "--vcd", &waves, "--pcap", &frames]);
+    // MotionControl: move (MD3 7.15).
+    let request = rtu::write(1, 0x11, 1);
+    ask(&mut md3.connect(), &request, 8);
+    md3.advance(0.5);
+    kill_process(md3.pid(), Signal::KILL).unwrap();
+    assert_eq!(md3.wait(), None);
+    let text = std::fs::read_to_string(&waves).unwrap();
+    // 1,250 steps, up and down.
+    assert!(text.ends_with('\n') && text.lines().count() > 2_500, "{} lines", text.lines().count());
+    let file = std::fs::read(&frames).unwrap();
+    let (mut rest, mut said) = (&file[..], 0);
+    while let Some(&length) = rest.get(4..).and_then(<[u8]>::first_chunk) {
+        let (block, behind) =
+            rest.split_at_checked(u32::from_le_bytes(length) as usize).expect("a whole block");
+        assert!(block.ends_with(&length), "{block:02x?}");
+        said += usize::from(block.windows(8).any(|part| part == &request[..]));
+        rest = behind;
+    }
+    assert_eq!((rest, said), (&[][..], 2), "the request and its reply");
+}
+
 /// A kill in the middle of a write leaves half a line, and perhaps half of what happened at an instant.
 #[test]
 fn a_recording_replays_wherever_it_is_cut() {

@@ -3,11 +3,12 @@
 use drivetwin_firmware::device::{Duration, Port};
 use drivetwin_protocol::modbus::tcp::{self, Header};
 use drivetwin_protocol::modbus::{ascii, rtu};
+use drivetwin_protocol::registers::Row;
 use drivetwin_protocol::time::Span;
-use drivetwin_sim::bench::{Client, PowerAction};
+use drivetwin_sim::bench::{Client, PowerAction, Seat};
 use fastrand::Rng;
 
-use crate::dialect::{Block, Family, QSB, one_of};
+use crate::dialect::{self, Block, Family, QSB, one_of};
 use crate::oracle::Failure;
 use crate::plan::{Failing, NAMES, Name};
 use crate::run::Runner;
@@ -108,8 +109,10 @@ impl Runner<'_> {
         self.bench.power(seat, PowerAction::Off);
         self.pass(1.millis())?;
         self.power_on(name)?;
+        self.set_others(seat, family, &mut rng);
         let mut saved = self.values(name, block, &mut rng);
         self.save(name, block, &saved, &mut rng)?;
+        let rows = self.saved_rows(seat);
         // The factory's address may be another one's.
         let alone = NAMES.iter().filter(|other| self.shares(name, other)).count() == 1;
         let mut may_be = vec![saved.clone()];
@@ -134,6 +137,7 @@ impl Runner<'_> {
         self.bench.power(seat, PowerAction::Off);
         self.pass(10.millis())?;
         self.power_on(name)?;
+        let again = self.saved_rows(seat);
         let found = match self.find(name, block, &may_be) {
             // A drive with the factory's values has its address, too.
             Err(failure) if failure.what == NO_ANSWER && may_be.len() > 1 => {
@@ -143,9 +147,43 @@ impl Runner<'_> {
             found => found,
         };
         let found = found.map_err(|failure| failure.of("saved values lost or mixed"))?;
+        // What was there before the cut, and not the factory's.
+        let differs = rows.iter().zip(&again).find(|(row, again)| found < 2 && row != again);
+        if let Some((row, again)) = differs {
+            let detail = format!("{name}: {row:?} became {again:?}");
+            return Err(Failure::new("a saved register lost", detail));
+        }
         self.kept.insert(name, may_be.swap_remove(found));
         self.happened.saved += 1;
         Ok(())
+    }
+
+    /// Sets some saved registers that are not in the block, to what they take.
+    fn set_others(&mut self, seat: Seat, family: Family, rng: &mut Rng) {
+        let rows = dialect::settable(self.bench.spec(seat));
+        let rows = rows.filter(|(_, row)| row.saved != 0 && !family.keeps_from_saving(row.address));
+        let rows: Vec<usize> = rows.map(|(place, _)| place).collect();
+        for _ in 0..8 {
+            // Refused is as good.
+            let _ = self.bench.poke(seat, one_of(rng, &rows), dialect::any_value(rng));
+        }
+    }
+
+    /// The saved registers of a drive, by name, without the block, what changes by itself, and bits that are not saved.
+    fn saved_rows(&self, seat: Seat) -> Vec<(&'static str, i64)> {
+        let spec = self.bench.spec(seat);
+        let family = Family::of(spec.kind);
+        let block = family.blocks()[0];
+        let other = |address: u16| match family {
+            Family::Qsb => QSB.iter().all(|(register, _)| *register != address),
+            _ => {
+                !(block.first..block.first + block.count).contains(&address)
+                    && !family.changes_by_itself(address)
+            }
+        };
+        let rows = dialect::settable(spec).filter(|(_, row)| row.saved != 0 && other(row.address));
+        let bits = |row: &Row| if row.saved == u16::MAX { -1 } else { i64::from(row.saved) };
+        rows.map(|(place, row)| (row.name, self.bench.peek(seat, place) & bits(row))).collect()
     }
 
     /// Reads a block, and returns which of these values it holds.

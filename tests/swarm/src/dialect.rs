@@ -1,8 +1,10 @@
 //! The knowledge of clients: plain values of drives and how they are saved, typed from the manuals; and the words of
 //! clients that do not behave.
 
+use drivetwin_firmware::device::Spec;
 use drivetwin_protocol::modbus::tcp::{self, Header};
 use drivetwin_protocol::modbus::{ascii, rtu};
+use drivetwin_protocol::registers::{Row, Space};
 use drivetwin_protocol::time::{Duration, Span};
 use fastrand::Rng;
 
@@ -112,6 +114,17 @@ impl Family {
         }
     }
 
+    /// Returns whether a register may keep a drive from saving: a Hybrid in torque mode (AS) saves no more.
+    pub(crate) fn keeps_from_saving(self, address: u16) -> bool {
+        self == Self::Mdrive && address == 0x8E
+    }
+
+    /// Returns whether a saved register changes by itself: of an MD3 IOPortData with its pins (7.9), and the sign of
+    /// MoveSteps where it moves to and fro (7.8).
+    pub(crate) fn changes_by_itself(self, address: u16) -> bool {
+        self == Self::Md3 && matches!(address, 0x0A | 0x12)
+    }
+
     /// Longer than the drive takes from power-on to its first answer: MD3 4, RS 434 decision 9, MDROBOT decision 11, QSB
     /// decision 6; a Hybrid calibrates for 3.12 s (MC 5-9).
     pub(crate) fn boot(self) -> Duration {
@@ -142,6 +155,17 @@ const IDENTITY: [u16; 12] = [
 /// Returns whether clients that misbehave, and hands, leave a register alone.
 pub(crate) fn is_identity(address: u16) -> bool {
     IDENTITY.contains(&address)
+}
+
+/// Rows that may be set past the bus, and their places in the table: on the bus, and those that leave a drive reachable.
+pub(crate) fn settable(spec: &'static Spec) -> impl Iterator<Item = (usize, &'static Row)> {
+    let on_bus = |row: &Row| !matches!(row.space, Space::Variable | Space::Setting);
+    spec.rows().filter(move |(_, row)| on_bus(row) && !is_identity(row.address))
+}
+
+/// A value for any register, which takes it or not; often a small one.
+pub(crate) fn any_value(rng: &mut Rng) -> i64 {
+    if rng.bool() { rng.i64(0..4) } else { i64::from(rng.i32(..)) >> rng.u8(..32) }
 }
 
 /// Picks one of several.

@@ -1,7 +1,6 @@
 //! A seed becomes a plan. It depends on nothing else, on any machine of 64 bits.
 
 use drivetwin_firmware::device::{Duration, Encoder, Ends, Fault, Pin, Role, Spec};
-use drivetwin_protocol::registers::{Row, Space};
 use drivetwin_protocol::time::Span;
 use drivetwin_sim::bench::{Driving, PowerAction};
 use drivetwin_sim::catalog;
@@ -225,11 +224,9 @@ fn happen(steps: &mut Vec<Step>, drive: Drive, rng: &mut Rng) {
 }
 
 /// A register is set past the bus, to a value that it takes or not.
-fn preset(name: Name, spec: &Spec, rng: &mut Rng) -> Option<Step> {
-    let on_bus = |row: &Row| !matches!(row.space, Space::Variable | Space::Setting);
-    let rows = spec.rows().filter(|(_, row)| on_bus(row) && !dialect::is_identity(row.address));
-    let rows: Vec<usize> = rows.map(|(place, _)| place).collect();
-    let value = if rng.bool() { rng.i64(0..4) } else { i64::from(rng.i32(..)) >> rng.u8(..32) };
+fn preset(name: Name, spec: &'static Spec, rng: &mut Rng) -> Option<Step> {
+    let rows: Vec<usize> = dialect::settable(spec).map(|(place, _)| place).collect();
+    let value = dialect::any_value(rng);
     (!rows.is_empty()).then(|| Step::Preset(name, one_of(rng, &rows), value))
 }
 

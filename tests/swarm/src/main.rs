@@ -10,6 +10,7 @@ mod generate;
 mod late;
 mod oracle;
 mod plan;
+mod replies;
 mod run;
 mod shrink;
 
@@ -22,29 +23,34 @@ use clap::Parser;
 use oracle::Tally;
 use plan::Plan;
 
+/// Words about what xtask does with the swarm.
+const PLANTED: &str = "\
+`cargo xtask swarm --planted [NAME]...` plants the defects of tests/swarm/planted, all or those with these names, in a
+copy of the last commit, and prints how soon each is found.";
+
 /// Random benches under an oracle.
 #[derive(Parser)]
-#[command(name = "cargo xtask swarm")]
+#[command(name = "cargo xtask swarm", after_help = PLANTED)]
 struct Options {
     /// Runs this seed alone, and prints its plan: if it fails, as small as it fails in the same way.
     #[arg(long, conflicts_with_all = ["minutes", "count", "first", "jobs"])]
     seed: Option<u64>,
-    /// For so many minutes; 1 if nothing else is said.
+    /// Runs seeds for so many minutes; 1 without a count.
     #[arg(long)]
     minutes: Option<f64>,
-    /// So many seeds.
+    /// Runs so many seeds.
     #[arg(long, conflicts_with = "minutes")]
     count: Option<u64>,
-    /// The first seed; the seconds since 1970, times 2^24, if nothing is said.
+    /// The first seed; without it a new one, made from the time of day.
     #[arg(long)]
     first: Option<u64>,
-    /// So many processes, of which each takes every so-manieth seed.
+    /// In so many processes, which share the seeds.
     #[arg(long, default_value_t = 1)]
     jobs: u64,
     /// From one seed to the next.
     #[arg(long, default_value_t = 1, hide = true)]
     stride: u64,
-    /// Ends with the first seed that fails.
+    /// Each process ends with its first seed that fails.
     #[arg(long)]
     until_failure: bool,
 }
@@ -66,8 +72,8 @@ fn main() -> ExitCode {
 /// A plan takes a fraction of a second; in that time it hangs where nothing else can tell.
 const LONGEST: Duration = Duration::from_secs(600);
 
-/// Ends the program if no seed begins for too long.
-fn watch() -> Sender<u64> {
+/// Ends the program if no seed begins for too long, and prints the plan of the last if it `shows` that.
+fn watch(shows: bool) -> Sender<u64> {
     let (begins, seeds) = mpsc::channel();
     std::thread::spawn(move || {
         let mut last = None;
@@ -78,6 +84,9 @@ fn watch() -> Sender<u64> {
                 Err(RecvTimeoutError::Timeout) => {
                     let seed = last.unwrap_or_default();
                     println!("seed {seed}: hangs\n  cargo xtask swarm --seed {seed}");
+                    if shows {
+                        println!("\n{}", generate::plan(seed));
+                    }
                     std::process::exit(1);
                 }
             }
@@ -89,7 +98,11 @@ fn watch() -> Sender<u64> {
 /// Runs one seed and prints its plan; whether it fails.
 fn show(seed: u64) -> bool {
     let plan = generate::plan(seed);
-    match oracle::judge(&plan) {
+    let begins = watch(true);
+    let _ = begins.send(seed);
+    let judged = oracle::judge(&plan);
+    drop(begins);
+    match judged {
         Ok(tally) => {
             println!("{plan}\nseed {seed} holds: {tally:?}");
             false
@@ -116,7 +129,7 @@ fn hunt(options: &Options) -> bool {
     let begun = Instant::now();
     let minutes = options.minutes.unwrap_or(if options.count.is_some() { f64::INFINITY } else { 1.0 });
     let first = options.first.unwrap_or_else(fresh);
-    let begins = watch();
+    let begins = watch(false);
     let (mut seeds, mut failures, mut all) = (0, 0, Tally::default());
     for seed in
         (0..options.count.unwrap_or(u64::MAX)).map(|n| first.wrapping_add(n.wrapping_mul(options.stride)))

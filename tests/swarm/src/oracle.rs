@@ -11,6 +11,7 @@ use peak_alloc::PeakAlloc;
 
 use crate::late;
 use crate::plan::Plan;
+use crate::replies;
 use crate::run::{self, Happened, Life, Mode};
 
 #[global_allocator]
@@ -96,6 +97,7 @@ fn judge_all(plan: &Plan) -> Result<Tally, Failure> {
     for life in &whole.lives {
         recorded(life)?;
         late::judge(life.bench.trace())?;
+        replies::judge(life.bench.trace(), &whole.addresses)?;
         tally.events += life.bench.trace().mark();
     }
     let heard = whole.heard.clone();

@@ -35,6 +35,8 @@ pub(crate) struct Happened {
     pub(crate) answered: u64,
     /// Saves after which a drive came back with what it should.
     pub(crate) saved: u64,
+    /// Addresses that the bench file gives.
+    pub(crate) addresses: BTreeMap<Name, u8>,
 }
 
 /// All that a client heard, in a few bytes: how many, and their FNV-1a.
@@ -101,7 +103,8 @@ pub(crate) fn run(plan: &Plan, mode: Mode) -> Result<Happened, Failure> {
     let mut layout =
         bench_file::parse(&plan.bench_file()).map_err(|error| Failure::new("no bench file", error))?;
     let (bench, recording) = build(&layout, mode, Vec::new())?;
-    let addresses = NAMES.iter().filter_map(|name| Some((*name, address(&bench, name)?))).collect();
+    let addresses: BTreeMap<Name, u8> =
+        NAMES.iter().filter_map(|name| Some((*name, address(&bench, name)?))).collect();
     // Later lives find them in their memories.
     layout.drives.iter_mut().for_each(|drive| drive.presets.clear());
     let mut runner = Runner {
@@ -110,10 +113,10 @@ pub(crate) fn run(plan: &Plan, mode: Mode) -> Result<Happened, Failure> {
         bench,
         dice: Rng::with_seed(plan.seed),
         clients: BTreeMap::new(),
-        addresses,
+        addresses: addresses.clone(),
         kept: BTreeMap::new(),
         recording: Some(recording),
-        happened: Happened { lives: Vec::new(), heard: BTreeMap::new(), answered: 0, saved: 0 },
+        happened: Happened { lives: Vec::new(), heard: BTreeMap::new(), answered: 0, saved: 0, addresses },
         events: 0,
         plan,
     };
