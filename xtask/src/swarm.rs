@@ -1,6 +1,6 @@
 //! Random benches under an oracle: `tests/swarm`.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, ensure};
@@ -35,14 +35,19 @@ pub(crate) fn planted(sh: &Shell, names: &[&str]) -> Result<()> {
     if !sh.path_exists(&tree) {
         cmd!(sh, "git worktree add --detach --force {tree} HEAD").run()?;
     }
-    let rows: Vec<(String, Option<Found>)> = patches
-        .iter()
-        .map(|patch| {
-            let _there = sh.push_dir(&tree);
+    let target = root.join("target");
+    let rows: Vec<(String, Option<Found>)> = {
+        let _there = sh.push_dir(&tree);
+        let _target = sh.push_env("CARGO_TARGET_DIR", &target);
+        cmd!(sh, "git reset --quiet --hard {commit}").run()?;
+        let sound = target.join("soak/swarm-without-defects");
+        sh.copy_file(build(sh, &target)?, &sound)?;
+        let plant = |patch: &PathBuf| {
             cmd!(sh, "git reset --quiet --hard {commit}").run()?;
-            Ok((name(patch), plant(sh, &root.join("target"), patch)?))
-        })
-        .collect::<Result<_>>()?;
+            Ok((name(patch), plant(sh, &target, &sound, patch)?))
+        };
+        patches.iter().map(plant).collect::<Result<_>>()?
+    };
     cmd!(sh, "git worktree remove --force {tree}").run()?;
     println!("\n| planted | found after | by |\n|---|---|---|");
     for (name, found) in &rows {
@@ -66,14 +71,18 @@ fn name(patch: &Path) -> String {
     patch.file_stem().unwrap_or_default().to_string_lossy().into_owned()
 }
 
-/// Plants one defect where the shell is, and lets the swarm look for it; `None` if it is not found. It is built in
-/// `target`, where crates that are not of this repository are built already.
-fn plant(sh: &Shell, target: &Path, patch: &Path) -> Result<Option<Found>> {
+/// Builds the swarm where the shell is; crates that are not of this repository are built in `target` already.
+fn build(sh: &Shell, target: &Path) -> Result<PathBuf> {
+    cmd!(sh, "cargo build --quiet --profile soak --package swarm").run()?;
+    Ok(target.join("soak/swarm"))
+}
+
+/// Plants one defect where the shell is, and lets the swarm look for it; `None` if it is not found. A seed that fails
+/// in the `sound` swarm, too, is an error: it shows another defect.
+fn plant(sh: &Shell, target: &Path, sound: &Path, patch: &Path) -> Result<Option<Found>> {
     println!("=== {}", name(patch));
     cmd!(sh, "git apply {patch}").run().with_context(|| format!("{} does not fit", name(patch)))?;
-    let _target = sh.push_env("CARGO_TARGET_DIR", target);
-    cmd!(sh, "cargo build --quiet --profile soak --package swarm").run()?;
-    let swarm = target.join("soak/swarm");
+    let swarm = build(sh, target)?;
     let start = now();
     let found = cmd!(sh, "timeout {MOST_SECONDS} {swarm} --first {FIRST} --minutes 1 --until-failure");
     let output = found.quiet().ignore_status().output()?;
@@ -81,7 +90,14 @@ fn plant(sh: &Shell, target: &Path, patch: &Path) -> Result<Option<Found>> {
     let text = String::from_utf8_lossy(&output.stdout);
     let said = text.lines().find(|line| line.starts_with("seed "));
     println!("{}", said.unwrap_or("not found"));
-    Ok(said.map(|said| Found { after, said: said.chars().take(70).collect() }))
+    let Some(said) = said else { return Ok(None) };
+    let seed = said.trim_start_matches("seed ").split(':').next().unwrap_or_default();
+    cmd!(sh, "{sound} --first {seed} --count 1")
+        .quiet()
+        .ignore_stdout()
+        .run()
+        .with_context(|| format!("seed {seed} fails without the defect of {}, too", name(patch)))?;
+    Ok(Some(Found { after, said: said.chars().take(70).collect() }))
 }
 
 #[expect(clippy::disallowed_methods, reason = "how soon a defect is found is a matter of the wall clock")]
