@@ -127,10 +127,10 @@ pub(crate) struct Run {
     pub(crate) json: bool,
 }
 
-/// What a bench file says of each of its drives.
+/// Heading of the options that a bench file has for each of its drives.
 const ONE_DRIVE: &str = "Options for a single drive; a bench file says these itself";
 
-/// Whether characters take time.
+/// Time that characters take on the line.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, ValueEnum)]
 pub(crate) enum Line {
     /// At the baud rate
@@ -174,7 +174,7 @@ fn seed(text: &str) -> Result<u64, String> {
     text.parse().map_err(|_| format!("it takes a whole number from 0 to {}", u64::MAX))
 }
 
-/// What is wrong with a command line, in one sentence.
+/// One sentence for an error of the command line.
 pub(crate) fn sentence(mut error: clap::Error) -> String {
     if error.kind() == ErrorKind::MissingSubcommand {
         let cli = Cli::command();

@@ -1,7 +1,7 @@
-//! What is said on stderr.
+//! The log on stderr.
 //!
-//! Whoever starts a drive may never read its stderr, and a full pipe must not stop the bench. So a
-//! thread of its own writes there, and what it cannot keep up with is lost.
+//! A program that starts a drive may never read its stderr, and a full pipe must not stop the bench. So a
+//! separate thread writes there, and lines that it cannot keep up with are lost.
 
 use std::ffi::OsStr;
 use std::io::{self, IsTerminal as _, Write as _};
@@ -16,55 +16,55 @@ use crate::args::Cli;
 /// Lines that wait to be written.
 const LINES: usize = 1024;
 
-/// How long the end of the process waits for what was said before.
-const LAST_WORDS: Duration = Duration::from_secs(1);
+/// Longest wait at the end of the process for lines that are not written yet.
+const FLUSH_LIMIT: Duration = Duration::from_secs(1);
 
-/// Something for the writing thread.
-enum Said {
+/// A message to the writing thread.
+enum Message {
     Line(Vec<u8>),
-    /// All before it is written: dropped then.
+    /// The end: its sender is dropped when all before it is written.
     End(#[expect(dead_code, reason = "its drop is what is waited for")] Sender<()>),
 }
 
-/// The way to the writing thread.
-fn writer() -> &'static SyncSender<Said> {
-    static WRITER: OnceLock<SyncSender<Said>> = OnceLock::new();
+/// The channel to the writing thread.
+fn writer() -> &'static SyncSender<Message> {
+    static WRITER: OnceLock<SyncSender<Message>> = OnceLock::new();
     WRITER.get_or_init(|| {
-        let (writer, said) = mpsc::sync_channel(LINES);
-        // Without a thread nothing is said.
-        let _ = std::thread::Builder::new().name("log".into()).spawn(|| write(said));
+        let (writer, messages) = mpsc::sync_channel(LINES);
+        // Without a thread nothing is logged.
+        let _ = std::thread::Builder::new().name("log".into()).spawn(|| write(messages));
         writer
     })
 }
 
-fn write(said: Receiver<Said>) {
-    for said in said {
-        if let Said::Line(line) = said {
-            // Nobody is left to tell where stderr is closed.
+fn write(messages: Receiver<Message>) {
+    for message in messages {
+        if let Message::Line(line) = message {
+            // A closed stderr can be reported nowhere.
             let _ = io::stderr().write_all(&line);
         }
     }
 }
 
-/// Says a line, unless too many wait.
-pub(crate) fn say(line: &[u8]) {
-    let _ = writer().try_send(Said::Line(line.to_vec()));
+/// Writes a line, unless too many wait.
+pub(crate) fn write_line(line: &[u8]) {
+    let _ = writer().try_send(Message::Line(line.to_vec()));
 }
 
-/// Waits until all is written, but not for somebody who does not read.
+/// Waits until all is written, at most for `FLUSH_LIMIT`.
 pub(crate) fn finish() {
     let (written, wait) = mpsc::channel();
-    if writer().try_send(Said::End(written)).is_ok() {
-        let _ = wait.recv_timeout(LAST_WORDS);
+    if writer().try_send(Message::End(written)).is_ok() {
+        let _ = wait.recv_timeout(FLUSH_LIMIT);
     }
 }
 
-/// Says each line of the log.
+/// Writer of the lines of the log.
 struct Lines;
 
 impl io::Write for Lines {
     fn write(&mut self, line: &[u8]) -> io::Result<usize> {
-        say(line);
+        write_line(line);
         Ok(line.len())
     }
 

@@ -53,6 +53,6 @@ fn execute(command: Command) -> Result<ExitCode, String> {
 }
 
 fn fail(sentence: &str) -> ExitCode {
-    log::say(format!("drivetwin: {sentence}\n").as_bytes());
+    log::write_line(format!("drivetwin: {sentence}\n").as_bytes());
     ExitCode::from(BAD_USAGE)
 }

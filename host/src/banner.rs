@@ -1,4 +1,4 @@
-//! What `drivetwin run` says when it is ready: where to connect, and a command to try.
+//! The banner of a bench that is ready: where to connect, and a command to try.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
@@ -16,7 +16,7 @@ use serde::{Serialize, Serializer};
 
 use crate::api::Places;
 
-/// Where a line or a TCP port is reached.
+/// Address of a line or a TCP port.
 pub(crate) enum Address {
     /// By what a whole URI says.
     Uri(String),
@@ -53,20 +53,20 @@ struct Reached {
 struct Drive {
     name: String,
     spec: &'static Spec,
-    /// Its bus address, if it has one.
+    /// Bus address, if the drive has one.
     unit: Option<i64>,
-    /// Its ports, and what they are to somebody outside.
+    /// Ports of the drive, and the line or TCP port of each.
     ports: Vec<(Port, Outlet)>,
 }
 
 /// A bench that is ready.
-pub(crate) struct Ready {
+pub(crate) struct Banner {
     drives: Vec<Drive>,
     outlets: BTreeMap<Outlet, Reached>,
     control: Option<SocketAddr>,
 }
 
-impl Ready {
+impl Banner {
     /// A bench whose lines and TCP ports are reached at `addresses`; its drives in the order of `seats`.
     pub(crate) fn new(bench: &Bench, seats: &[Seat], mut addresses: BTreeMap<Outlet, Vec<Address>>) -> Self {
         let drives = seats.iter().map(|&seat| {
@@ -95,15 +95,15 @@ impl Ready {
         self.control = Some(address);
     }
 
-    /// Where each line and TCP port is reached.
+    /// URIs of each line and TCP port.
     pub(crate) fn places(&self) -> Places {
         self.outlets.iter().map(|(&outlet, reached)| (outlet, reached.uris())).collect()
     }
 
-    /// One line of JSON.
+    /// The banner as one line of JSON.
     ///
     /// # Errors
-    /// It cannot be JSON.
+    /// The banner cannot be written as JSON.
     pub(crate) fn json(&self) -> io::Result<String> {
         #[derive(Serialize)]
         struct Line<'a> {
@@ -256,7 +256,7 @@ impl Drive {
 
     /// The first holding register, and how many from there one request may read.
     fn readable(&self) -> Option<(u16, u16)> {
-        /// What a reply has room for.
+        /// Registers that fit into a reply.
         const MOST: u16 = 125;
         let table = self.spec.registers;
         let first = table.rows.iter().find(|row| row.space == Space::Holding && row.access.reads())?.address;
@@ -279,7 +279,7 @@ mod tests {
             let (path, link) = ("/dev/pts/4".into(), link.map(PathBuf::from));
             [(bench.outlet(md3, Port(0)), vec![Address::Pty { path, link }])].into()
         };
-        let ready = Ready::new(&bench, &[md3], address(Some("md3.tty")));
+        let banner = Banner::new(&bench, &[md3], address(Some("md3.tty")));
         let text = "md3: US Digital MD3 stepper drive, 7 A
   rs485, 9600 8E1, address 1
     pty:/dev/pts/4
@@ -288,10 +288,10 @@ Try:
   mbpoll -m rtu -a 1 -b 9600 -P even -t 4:hex -r 1 -c 32 md3.tty
 Ctrl-C ends it.
 ";
-        assert_eq!(ready.text(), text);
-        assert!(ready.json().unwrap().contains(r#""rs485":["pty:/dev/pts/4","pty:md3.tty"]"#));
-        let ready = Ready::new(&bench, &[md3], address(None));
-        assert_eq!(ready.text(), text.replace("    pty:md3.tty\n", "").replace("md3.tty", "/dev/pts/4"));
+        assert_eq!(banner.text(), text);
+        assert!(banner.json().unwrap().contains(r#""rs485":["pty:/dev/pts/4","pty:md3.tty"]"#));
+        let banner = Banner::new(&bench, &[md3], address(None));
+        assert_eq!(banner.text(), text.replace("    pty:md3.tty\n", "").replace("md3.tty", "/dev/pts/4"));
     }
 
     #[test]
@@ -301,9 +301,9 @@ Ctrl-C ends it.
         let places = [(MODBUS, "tcp:127.0.0.1:5020"), (MCODE, "tcp:127.0.0.1:5030")];
         let addresses =
             places.map(|(port, uri)| (bench.outlet(echo, port), vec![Address::Uri(uri.into())])).into();
-        let ready = Ready::new(&bench, &[echo], addresses);
+        let banner = Banner::new(&bench, &[echo], addresses);
         let json = r#"{"devices":[{"name":"echo","kind":"echo","ports":{"modbus":["tcp:127.0.0.1:5020"],"mcode":["tcp:127.0.0.1:5030"]}}],"control":null}"#;
-        assert_eq!(ready.json().unwrap().trim_end(), json);
+        assert_eq!(banner.json().unwrap().trim_end(), json);
         let text = "echo: an echo
   modbus, TCP
     tcp:127.0.0.1:5020
@@ -313,7 +313,7 @@ Try:
   python3 -m serial.tools.miniterm socket://127.0.0.1:5030
 Ctrl-C ends it.
 ";
-        assert_eq!(ready.text(), text);
-        assert_eq!(ready.places()[&bench.outlet(echo, MCODE)], ["tcp:127.0.0.1:5030"]);
+        assert_eq!(banner.text(), text);
+        assert_eq!(banner.places()[&bench.outlet(echo, MCODE)], ["tcp:127.0.0.1:5030"]);
     }
 }

@@ -1,4 +1,4 @@
-//! What a kind of drive is: `drivetwin describe`, for people, as the reference in docs/, as JSON.
+//! Description of a kind of drive: as text, as the reference in docs/, as JSON.
 //!
 //! All of it comes from the drive's [`Spec`]; the same kind always gives the same text.
 
@@ -247,7 +247,7 @@ impl Section {
     }
 }
 
-/// Of a row that has no address.
+/// Columns of rows that have no address.
 const NAMED: &[&str] = &["Name", "§", "Type", "Access", "Values", "Default", "Saved", "What it is"];
 
 /// All that is worth a table, in the order of a manual.
@@ -337,12 +337,12 @@ fn cells_of(spec: &Spec, row: &Row) -> Vec<String> {
     ]
 }
 
-/// What something is, and why it is not modelled.
+/// Appends the reason why something is not modelled.
 fn with_reason(what: String, missing: &str) -> String {
     if missing.is_empty() { what } else { format!("{what} ({missing})") }
 }
 
-/// How the bus may use it.
+/// Access of the bus to a row.
 fn access(row: &Row) -> String {
     format!("{}{}", row.access.as_str(), if row.streams { "/S" } else { "" })
 }
@@ -360,7 +360,7 @@ fn default(spec: &Spec, row: &Row) -> String {
     }
 }
 
-/// What a row takes, and how it acts.
+/// Values of a row, and how it acts.
 fn values(spec: &Spec, row: &Row) -> String {
     let mut values = match row.legal {
         Legal::Any => "any".into(),
@@ -382,7 +382,7 @@ fn values(spec: &Spec, row: &Row) -> String {
     values
 }
 
-/// Where a row is.
+/// Address of a row.
 fn place(spec: &Spec, row: &Row) -> String {
     let address = |n: u16| if spec.decimal { n.to_string() } else { format!("{n:#04x}") };
     let first = row.address;

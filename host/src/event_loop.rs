@@ -1,7 +1,7 @@
 //! The thread that owns the bench, and the only file that reads the wall clock.
 //!
-//! It sleeps until the bench's next deadline or until something comes, brings the bench to that
-//! moment, and takes what has come: that is an input's stamp. Requests and calls of the control API
+//! It sleeps until the bench's next deadline or until an input comes, brings the bench to that
+//! moment, and takes the input: that moment is its stamp. Requests and calls of the control API
 //! are served one at a time.
 
 use std::collections::VecDeque;
@@ -18,20 +18,20 @@ use rustix::event::EventfdFlags;
 use tokio::sync::{oneshot, watch};
 use tracing::warn;
 
-use crate::live_file::Followed;
+use crate::live_file::LiveFile;
 use crate::ports::Ports;
 
-/// How far the bench may fall behind the wall clock before the rest is given up.
+/// Longest delay behind the wall clock; a longer one is given up.
 const MAX_LAG: Duration = Duration::secs(1);
 
-/// How long the bench may run before somebody looks whether something has come.
+/// Longest time that the bench runs before inputs are looked for.
 const BUDGET: WallSpan = WallSpan::from_millis(20);
 
 /// Bench time between two looks at the wall clock.
 const SLICE: Duration = Duration::millis(10);
 
-/// How far the bench goes, at most, until the files follow.
-const SWEEP: Duration = Duration::millis(100);
+/// Longest bench time between two writes to the files.
+const FILE_INTERVAL: Duration = Duration::millis(100);
 
 /// Bench time as the wall clock paces it: at `wall` it was `bench`.
 struct Clock {
@@ -46,14 +46,14 @@ impl Clock {
         Self { factor, wall, bench }
     }
 
-    /// What it shows at `wall`.
+    /// Bench time at `wall`.
     fn at(&self, wall: WallInstant) -> Instant {
         let passed = wall.saturating_duration_since(self.wall).as_nanos() * u128::from(self.factor);
         let ticks = passed * u128::from(TICKS_PER_SECOND) / 1_000_000_000;
         self.bench + Duration::from_ticks(u64::try_from(ticks).unwrap_or(u64::MAX))
     }
 
-    /// When it shows `bench`, rounded up; `None` if that is never.
+    /// Wall time at which it shows `bench`, rounded up; `None` for never.
     fn when(&self, bench: Instant) -> Option<WallInstant> {
         if bench == Instant::NEVER {
             return None;
@@ -65,33 +65,33 @@ impl Clock {
 }
 
 /// A piece of work for the bench's thread.
-type Job = Box<dyn FnOnce(&mut Host) -> Answer + Send>;
+type Job = Box<dyn FnOnce(&mut EventLoop) -> Completion + Send>;
 
-/// Tells who has handed in a piece of work that it has had its whole effect.
-type Answer = Box<dyn FnOnce() + Send>;
+/// Called when a piece of work has had its whole effect.
+type Completion = Box<dyn FnOnce() + Send>;
 
-/// A look at the bench, which changes nothing.
-type Look = Box<dyn FnOnce(&Bench) + Send>;
+/// A query of the bench, which changes nothing.
+type Query = Box<dyn FnOnce(&Bench) + Send>;
 
-/// Work that was handed in, and whoever waits for it.
-struct Asked<T> {
+/// Work that was submitted, and the caller that waits for it.
+struct Submission<T> {
     what: T,
     /// Gone when the caller has left.
     caller: Weak<()>,
 }
 
-/// Work that was handed in and is not done yet, the oldest first.
+/// Submitted work that is not done yet, the oldest first.
 struct Queue<T> {
-    from: mpsc::Receiver<Asked<T>>,
-    waiting: VecDeque<Asked<T>>,
+    from: mpsc::Receiver<Submission<T>>,
+    waiting: VecDeque<Submission<T>>,
 }
 
 impl<T> Queue<T> {
-    fn new(from: mpsc::Receiver<Asked<T>>) -> Self {
+    fn new(from: mpsc::Receiver<Submission<T>>) -> Self {
         Self { from, waiting: VecDeque::new() }
     }
 
-    /// Takes what has come, and drops what nobody waits for any more: so there is no more than there are callers.
+    /// Takes what has come, and drops work whose caller has left: so there is no more work than callers.
     fn tidy(&mut self) {
         self.waiting.extend(self.from.try_iter());
         self.waiting.retain(|asked| asked.caller.strong_count() > 0);
@@ -102,94 +102,99 @@ impl<T> Queue<T> {
     }
 }
 
-/// Where other threads hand in work for the bench's thread.
+/// Handle by which other threads submit work to the bench's thread.
 #[derive(Clone)]
-pub(crate) struct Door {
-    jobs: mpsc::Sender<Asked<Job>>,
-    looks: mpsc::Sender<Asked<Look>>,
-    bell: Arc<OwnedFd>,
-    /// How far the trace has come, told while somebody wants to know.
+pub(crate) struct BenchHandle {
+    jobs: mpsc::Sender<Submission<Job>>,
+    queries: mpsc::Sender<Submission<Query>>,
+    waker: Arc<OwnedFd>,
+    /// Mark at the end of the trace, published while a reader watches.
     grown: Arc<watch::Sender<u64>>,
 }
 
-/// What was handed in, as the bench's thread finds it.
+/// Submitted work, as the bench's thread finds it.
 pub(crate) struct Inbox {
     jobs: Queue<Job>,
-    looks: Queue<Look>,
-    bell: Arc<OwnedFd>,
+    queries: Queue<Query>,
+    waker: Arc<OwnedFd>,
     grown: Arc<watch::Sender<u64>>,
 }
 
-/// A door for others, and what is behind it for the [`Host`].
+/// A handle for other threads, and its inbox for the [`EventLoop`].
 ///
 /// # Errors
 /// The system gives no event descriptor.
-pub(crate) fn door() -> io::Result<(Door, Inbox)> {
-    let bell = rustix::event::eventfd(0, EventfdFlags::CLOEXEC | EventfdFlags::NONBLOCK)?;
-    let bell = Arc::new(bell);
-    let ((to_jobs, jobs), (to_looks, looks)) = (mpsc::channel(), mpsc::channel());
+pub(crate) fn handle() -> io::Result<(BenchHandle, Inbox)> {
+    let waker = rustix::event::eventfd(0, EventfdFlags::CLOEXEC | EventfdFlags::NONBLOCK)?;
+    let waker = Arc::new(waker);
+    let ((to_jobs, jobs), (to_queries, queries)) = (mpsc::channel(), mpsc::channel());
     let grown = Arc::new(watch::Sender::new(0));
-    let door = Door { jobs: to_jobs, looks: to_looks, bell: Arc::clone(&bell), grown: Arc::clone(&grown) };
-    let (jobs, looks) = (Queue::new(jobs), Queue::new(looks));
-    Ok((door, Inbox { jobs, looks, bell, grown }))
+    let handle = BenchHandle {
+        jobs: to_jobs,
+        queries: to_queries,
+        waker: Arc::clone(&waker),
+        grown: Arc::clone(&grown),
+    };
+    let (jobs, queries) = (Queue::new(jobs), Queue::new(queries));
+    Ok((handle, Inbox { jobs, queries, waker, grown }))
 }
 
-impl Door {
-    /// Hands in a piece of work and wakes the thread; without effect when that has ended. What the work returns
-    /// is called when its whole effect is there. Work that has not begun when its `caller` is gone is dropped.
-    pub(crate) fn hand_in<A>(&self, caller: Weak<()>, job: impl FnOnce(&mut Host) -> A + Send + 'static)
+impl BenchHandle {
+    /// Submits a piece of work and wakes the thread; without effect when that has ended. The function that the work
+    /// returns is called when its whole effect is there. Work that has not begun when its `caller` is gone is dropped.
+    pub(crate) fn submit<A>(&self, caller: Weak<()>, job: impl FnOnce(&mut EventLoop) -> A + Send + 'static)
     where
         A: FnOnce() + Send + 'static,
     {
-        let what: Job = Box::new(|host| Box::new(job(host)));
-        if self.jobs.send(Asked { what, caller }).is_ok() {
-            ring(&self.bell);
+        let what: Job = Box::new(|event_loop| Box::new(job(event_loop)));
+        if self.jobs.send(Submission { what, caller }).is_ok() {
+            wake(&self.waker);
         }
     }
 
-    /// Hands in a look at the bench. It is let in between two jobs, and also while one of them has its effect.
-    pub(crate) fn look(&self, caller: Weak<()>, look: impl FnOnce(&Bench) + Send + 'static) {
-        if self.looks.send(Asked { what: Box::new(look), caller }).is_ok() {
-            ring(&self.bell);
+    /// Submits a query. It runs between two jobs, and also while one of them has its effect.
+    pub(crate) fn query(&self, caller: Weak<()>, query: impl FnOnce(&Bench) + Send + 'static) {
+        if self.queries.send(Submission { what: Box::new(query), caller }).is_ok() {
+            wake(&self.waker);
         }
     }
 
-    /// Who is told whenever something new is in the trace. What is there already is not told of.
+    /// A receiver that is notified of each growth of the trace from now on.
     pub(crate) fn watch(&self) -> watch::Receiver<u64> {
         self.grown.subscribe()
     }
 }
 
-/// A way to go in manual time.
+/// An advance of the clock in manual time.
 struct Advance {
     until: Instant,
-    /// Who waits for it; gone if nobody does any more.
+    /// The waiting caller; closed when it has left.
     done: oneshot::Sender<()>,
 }
 
-/// The bench, its ports, and its clock.
-pub(crate) struct Host {
+/// The bench, its ports, its files and its clock: everything that belongs to the bench's thread.
+pub(crate) struct EventLoop {
     /// The bench.
     pub(crate) bench: Bench,
     ports: Ports,
-    files: Vec<Followed>,
+    files: Vec<LiveFile>,
     /// The clock; `None` in manual time.
     clock: Option<Clock>,
     warned: bool,
     advance: Option<Advance>,
-    /// In manual time, what was done last, until it has had its whole effect.
+    /// In manual time, the last change, until it has had its whole effect.
     settling: Option<Settling>,
-    /// Who waits for that, if it was no port.
-    answer: Option<Answer>,
-    /// When the thread wakes though nothing comes.
+    /// Called then, if it was no port.
+    completion: Option<Completion>,
+    /// Time at which the thread wakes though no input comes.
     alarm: Option<WallInstant>,
     inbox: Inbox,
 }
 
-impl Host {
+impl EventLoop {
     /// `bench` with `ports`, paced by `pace` from now on, and followed by `files`.
-    pub(crate) fn new(bench: Bench, ports: Ports, pace: Pace, files: Vec<Followed>, inbox: Inbox) -> Self {
-        let mut host = Self {
+    pub(crate) fn new(bench: Bench, ports: Ports, pace: Pace, files: Vec<LiveFile>, inbox: Inbox) -> Self {
+        let mut event_loop = Self {
             bench,
             ports,
             files,
@@ -197,21 +202,20 @@ impl Host {
             warned: false,
             advance: None,
             settling: None,
-            answer: None,
+            completion: None,
             alarm: None,
             inbox,
         };
-        host.set_pace(pace);
-        host
+        event_loop.set_pace(pace);
+        event_loop
     }
 
-    /// How time runs.
+    /// The time mode.
     pub(crate) fn pace(&self) -> Pace {
         self.clock.as_ref().map_or(Pace::Manual, |clock| Pace::Times(clock.factor))
     }
 
-    /// Lets time run otherwise from now on. Where it stands, what was under way has its whole effect
-    /// first.
+    /// Sets the time mode. In manual time, what was under way has its whole effect first.
     pub(crate) fn set_pace(&mut self, pace: Pace) {
         self.bench.set_patience(pace.patience());
         self.clock = match pace {
@@ -221,7 +225,7 @@ impl Host {
         self.settle();
     }
 
-    /// Runs the bench for `span`; `done` is told when it is there. A caller that is gone stops it.
+    /// Runs the bench for `span`, then notifies `done`. A caller that has left stops it.
     pub(crate) fn advance(&mut self, span: Duration, done: oneshot::Sender<()>) {
         self.advance = Some(Advance { until: self.bench.now() + span, done });
     }
@@ -233,7 +237,7 @@ impl Host {
         }
     }
 
-    /// Whether something is still on its way to its end, and jobs wait.
+    /// Returns whether an advance or a change is not complete yet, so that jobs wait.
     fn is_busy(&self) -> bool {
         self.advance.is_some() || self.settling.is_some()
     }
@@ -244,24 +248,24 @@ impl Host {
     /// The system does not let it wait.
     pub(crate) fn run(&mut self, stop: &impl AsFd) -> io::Result<()> {
         let stop = self.ports.wake_for(stop)?;
-        let bell = self.ports.wake_for(&self.inbox.bell)?;
+        let waker = self.ports.wake_for(&self.inbox.waker)?;
         while !self.ports.are_over() {
             self.sleep()?;
             if self.ports.is_ready(stop) {
                 break;
             }
-            // After a long request it is the others' turn.
-            let others = self.settling.is_some() && self.answer.is_none();
+            // After a long request other clients come first.
+            let others = self.settling.is_some() && self.completion.is_none();
             self.catch_up();
             if !others {
                 self.take();
             }
-            if self.ports.is_ready(bell) {
+            if self.ports.is_ready(waker) {
                 self.work();
             }
             self.catch_up();
-            self.hand_out();
-            self.follow();
+            self.deliver();
+            self.publish();
         }
         Ok(())
     }
@@ -271,16 +275,16 @@ impl Host {
         self.files.drain(..).filter_map(|file| file.finish(&self.bench).err()).collect()
     }
 
-    /// When something is to be done with the bench.
+    /// Next instant of the bench at which there is work.
     fn next(&self) -> Instant {
-        let sweep = if self.files.is_empty() { Instant::NEVER } else { self.bench.now() + SWEEP };
-        self.bench.next().min(sweep)
+        let files = if self.files.is_empty() { Instant::NEVER } else { self.bench.now() + FILE_INTERVAL };
+        self.bench.next().min(files)
     }
 
-    /// Lets those follow what has happened who want to know.
-    fn follow(&mut self) {
+    /// Writes to the files what has happened, and notifies readers.
+    fn publish(&mut self) {
         for file in &mut self.files {
-            file.follow(&self.bench);
+            file.update(&self.bench);
         }
         self.bench.has_written();
         if self.inbox.grown.receiver_count() > 0 {
@@ -289,8 +293,8 @@ impl Host {
         }
     }
 
-    /// Takes what has come to the ports, also while the clock is advanced. Each is answered before the next is looked at,
-    /// if a drive answers at once: who waits for the first of many answers is woken once, and not again by each.
+    /// Takes inputs from the ports, also while the clock is advanced. Each is answered before the next is taken, if a
+    /// drive answers at once: a client that waits for the first of many answers is woken once, and not again by each.
     fn take(&mut self) {
         while self.settling.is_none() && self.ports.take(&mut self.bench, self.clock.is_none()) {
             if self.clock.is_none() {
@@ -299,25 +303,25 @@ impl Host {
             } else {
                 self.bench.run_until(self.bench.now());
             }
-            self.hand_out();
+            self.deliver();
         }
     }
 
-    /// Hands out what the drives have sent.
-    fn hand_out(&mut self) {
-        let heard = self.ports.deliver(&mut self.bench);
-        if heard && self.settling.is_none() {
+    /// Delivers what the drives have sent.
+    fn deliver(&mut self) {
+        let delivered = self.ports.deliver(&mut self.bench);
+        if delivered && self.settling.is_none() {
             self.settle();
         }
     }
 
-    /// Sleeps until something comes or is due; not at all if it is already.
+    /// Sleeps until an input comes or work is due; not at all if it is already.
     fn sleep(&mut self) -> io::Result<()> {
         let (due, now) = (self.due(), wall());
         if self.is_busy() || due.is_some_and(|due| due <= now) {
             return self.ports.wait(true);
         }
-        // Mostly what came has changed nothing of that.
+        // Most inputs do not change it.
         if due != self.alarm {
             self.alarm = due;
             self.ports.set_alarm(due.map(|due| due.saturating_duration_since(now)));
@@ -325,7 +329,7 @@ impl Host {
         self.ports.wait(false)
     }
 
-    /// The time at which something is to be done though nothing comes; `None`: never, as in manual time.
+    /// Time at which there is work though no input comes; `None`: never, as in manual time.
     fn due(&self) -> Option<WallInstant> {
         self.clock.as_ref()?.when(self.next().min(self.ports.deadline()))
     }
@@ -341,8 +345,8 @@ impl Host {
                 return;
             }
             self.settle();
-            // Nobody may wait for it any more.
-            self.answer = Some(Box::new(|| {
+            // The caller may have left.
+            self.completion = Some(Box::new(|| {
                 let _ = advance.done.send(());
             }));
         }
@@ -351,8 +355,8 @@ impl Host {
                 return;
             }
             self.settling = None;
-            if let Some(answer) = self.answer.take() {
-                answer();
+            if let Some(completion) = self.completion.take() {
+                completion();
             }
         }
         let next = self.next();
@@ -371,19 +375,19 @@ impl Host {
         self.run_towards(target, wall);
     }
 
-    /// Runs the bench to `target`, but from `began` on no longer than is good for who waits.
+    /// Runs the bench to `target`, but no longer than [`BUDGET`] from `began` on.
     fn run_towards(&mut self, target: Instant, began: WallInstant) {
         loop {
             let slice = self.next().max(self.bench.now()) + SLICE;
             self.bench.run_until(slice.min(target));
-            self.follow();
+            self.publish();
             if self.bench.now() >= target || began.elapsed() >= BUDGET {
                 break;
             }
         }
     }
 
-    /// Goes on to settle, but no longer than is good for who waits; whether that is over.
+    /// Goes on to settle, but no longer than [`BUDGET`]; returns whether that is complete.
     fn settle_some(&mut self, settling: Settling) -> bool {
         let began = wall();
         loop {
@@ -394,40 +398,40 @@ impl Host {
             if began.elapsed() >= BUDGET {
                 return false;
             }
-            self.follow();
+            self.publish();
         }
     }
 
-    /// Does what another thread handed in, to its end. One job at a time: who hands in the next one
-    /// because this one is done may rely on it that the ports are looked at in between. Until it has its
-    /// whole effect others may look, and jobs wait.
+    /// Does what another thread submitted, to its end. One job at a time: a caller that submits the next one
+    /// because this one is done may rely on it that the ports are served in between. Until a job has its
+    /// whole effect queries run, and jobs wait.
     fn work(&mut self) {
-        let _ = rustix::io::read(&*self.inbox.bell, &mut [0; 8]);
-        self.inbox.looks.tidy();
+        let _ = rustix::io::read(&*self.inbox.waker, &mut [0; 8]);
+        self.inbox.queries.tidy();
         self.inbox.jobs.tidy();
-        if let Some(look) = self.inbox.looks.next() {
-            look(&self.bench);
-            ring(&self.inbox.bell);
+        if let Some(query) = self.inbox.queries.next() {
+            query(&self.bench);
+            wake(&self.inbox.waker);
         }
         if self.is_busy() {
-            return ring(&self.inbox.bell);
+            return wake(&self.inbox.waker);
         }
         if let Some(job) = self.inbox.jobs.next() {
-            let answer = job(self);
+            let completion = job(self);
             if self.settling.is_some() {
-                self.answer = Some(answer);
+                self.completion = Some(completion);
             } else {
-                answer();
+                completion();
             }
             // There may be more of them.
-            ring(&self.inbox.bell);
+            wake(&self.inbox.waker);
         }
     }
 }
 
-fn ring(bell: &OwnedFd) {
-    // It fails only when the bell has rung 2⁶⁴ times unheard.
-    let _ = rustix::io::write(bell, &1_u64.to_ne_bytes());
+fn wake(waker: &OwnedFd) {
+    // A write fails only after 2⁶⁴ of them without a read.
+    let _ = rustix::io::write(waker, &1_u64.to_ne_bytes());
 }
 
 #[expect(clippy::disallowed_methods, reason = "this file is the one that reads the wall clock")]
@@ -440,14 +444,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_nobody_waits_for_is_dropped() {
+    fn work_whose_caller_has_left_is_dropped() {
         let (to, from) = mpsc::channel();
         let mut queue = Queue::new(from);
         let here = Arc::new(());
         for what in 0..1_000 {
-            to.send(Asked { what, caller: Weak::new() }).unwrap();
+            to.send(Submission { what, caller: Weak::new() }).unwrap();
         }
-        to.send(Asked { what: 1_000, caller: Arc::downgrade(&here) }).unwrap();
+        to.send(Submission { what: 1_000, caller: Arc::downgrade(&here) }).unwrap();
         queue.tidy();
         assert_eq!(queue.waiting.len(), 1);
         assert_eq!((queue.next(), queue.next()), (Some(1_000), None));

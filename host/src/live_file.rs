@@ -1,7 +1,7 @@
-//! `--record`, `--vcd` and `--pcap`: files that follow the bench.
+//! `--record`, `--vcd` and `--pcap`: files that are written while the bench runs.
 //!
-//! The bench's thread writes them, so it waits for a disk, or for whoever reads a pipe, that is slow: signals and
-//! the control API, too.
+//! The bench's thread writes them, so it waits for a slow disk, or for the slow reader of a pipe: signals and
+//! the control API wait, too.
 
 use std::fs::File;
 use std::io;
@@ -12,7 +12,7 @@ use drivetwin_sim::export::vcd::Waves;
 use drivetwin_sim::record::trace::Recording;
 use tracing::error;
 
-use crate::output_file::Output;
+use crate::output_file::OutputFile;
 
 /// Waits until the disk has all of a file.
 fn wait_for(file: &File) -> io::Result<()> {
@@ -20,16 +20,16 @@ fn wait_for(file: &File) -> io::Result<()> {
     if file.metadata()?.is_file() { file.sync_all() } else { Ok(()) }
 }
 
-/// What writes such a file.
+/// Writer of such a file.
 trait Writer {
     /// Writes what has happened since the last time.
-    fn follow(&mut self, bench: &Bench) -> io::Result<()>;
+    fn update(&mut self, bench: &Bench) -> io::Result<()>;
     /// Ends the file where the bench has come to.
     fn finish(self: Box<Self>, bench: &Bench) -> io::Result<()>;
 }
 
 impl Writer for Recording<File> {
-    fn follow(&mut self, bench: &Bench) -> io::Result<()> {
+    fn update(&mut self, bench: &Bench) -> io::Result<()> {
         Self::follow(self, bench.trace())
     }
 
@@ -39,7 +39,7 @@ impl Writer for Recording<File> {
 }
 
 impl Writer for Waves<File> {
-    fn follow(&mut self, bench: &Bench) -> io::Result<()> {
+    fn update(&mut self, bench: &Bench) -> io::Result<()> {
         Self::follow(self, bench.trace())
     }
 
@@ -49,7 +49,7 @@ impl Writer for Waves<File> {
 }
 
 impl Writer for Pcapng<File> {
-    fn follow(&mut self, bench: &Bench) -> io::Result<()> {
+    fn update(&mut self, bench: &Bench) -> io::Result<()> {
         Self::follow(self, bench)
     }
 
@@ -59,30 +59,30 @@ impl Writer for Pcapng<File> {
 }
 
 /// A file that is written while the bench goes on, from what that still holds.
-pub(crate) struct Followed {
-    output: Output,
+pub(crate) struct LiveFile {
+    output: OutputFile,
     /// `None` when it has failed.
     writer: Option<Box<dyn Writer>>,
 }
 
-impl Followed {
+impl LiveFile {
     /// Begins a recording.
-    pub(crate) fn recording(output: Output, bench: &Bench) -> Result<Self, String> {
+    pub(crate) fn recording(output: OutputFile, bench: &Bench) -> Result<Self, String> {
         Self::begin(output, |file| Ok(Box::new(Recording::new(bench.trace(), file)?)))
     }
 
     /// Begins a file of the waveforms of the pins.
-    pub(crate) fn waves(output: Output, bench: &Bench) -> Result<Self, String> {
+    pub(crate) fn waves(output: OutputFile, bench: &Bench) -> Result<Self, String> {
         Self::begin(output, |file| Ok(Box::new(Waves::new(bench.trace(), file)?)))
     }
 
     /// Begins a file of the frames of the lines.
-    pub(crate) fn frames(output: Output, bench: &Bench) -> Result<Self, String> {
+    pub(crate) fn frames(output: OutputFile, bench: &Bench) -> Result<Self, String> {
         Self::begin(output, |file| Ok(Box::new(Pcapng::new(bench, file)?)))
     }
 
     fn begin(
-        output: Output,
+        output: OutputFile,
         write: impl FnOnce(File) -> io::Result<Box<dyn Writer>>,
     ) -> Result<Self, String> {
         output.begin()?;
@@ -90,11 +90,11 @@ impl Followed {
         Ok(Self { output, writer })
     }
 
-    /// Writes what has happened since the last time. A file that cannot be written is told once, and
-    /// the drives go on without.
-    pub(crate) fn follow(&mut self, bench: &Bench) {
+    /// Writes what has happened since the last time. A file that cannot be written is logged once, and
+    /// the drives go on without it.
+    pub(crate) fn update(&mut self, bench: &Bench) {
         if let Some(writer) = &mut self.writer
-            && let Err(sentence) = self.output.fails(writer.follow(bench))
+            && let Err(sentence) = self.output.fails(writer.update(bench))
         {
             error!("{sentence}; the file ends here");
             self.writer = None;
@@ -103,7 +103,7 @@ impl Followed {
 
     /// Ends the file where the bench has come to.
     pub(crate) fn finish(mut self, bench: &Bench) -> Result<(), String> {
-        self.follow(bench);
+        self.update(bench);
         match self.writer {
             // Some systems tell only then that a write has failed.
             Some(writer) => {

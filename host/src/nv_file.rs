@@ -75,10 +75,10 @@ impl Nv {
         Ok((nv.memory.clone(), nv))
     }
 
-    /// Of the file.
+    /// Metadata of the file.
     ///
     /// # Errors
-    /// Of the file system.
+    /// The file system gives none.
     pub(crate) fn metadata(&self) -> io::Result<Metadata> {
         self.file.metadata()
     }

@@ -13,16 +13,16 @@ use drivetwin_sim::line::LineMode;
 pub struct RunOptions {
     /// A kind of drive, or the path of a bench file, whose name ends in `.toml`.
     pub what: String,
-    /// Where ports of a single drive are reached. A port that is not among them gets a free loopback TCP port, and a
+    /// Listening places of a single drive's ports. A port that is not among them gets a free loopback TCP port, and a
     /// serial one a pty, too.
     pub listen: Vec<Listen>,
-    /// Where the control API listens.
+    /// Address of the control API.
     pub control: Control,
     /// Host names by which the control API may be asked, beside localhost and its own address.
     pub allow_host: Vec<String>,
-    /// How time runs.
+    /// Time mode.
     pub time: Option<Pace>,
-    /// Whether characters take their time on the line.
+    /// Time that characters take on the line.
     pub line: Option<LineMode>,
     /// The bus address of a single drive, as if saved before power-on.
     pub address: Option<Number>,
@@ -44,10 +44,10 @@ pub struct RunOptions {
     pub pcap: Option<PathBuf>,
 }
 
-/// Where the control API listens.
+/// Address of the control API.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
 pub enum Control {
-    /// Nowhere.
+    /// No control API.
     #[default]
     Off,
     /// `HOST:PORT`.

@@ -6,13 +6,13 @@ use std::os::unix::fs::MetadataExt as _;
 use std::path::{Path, PathBuf};
 
 /// A file for what happens.
-pub(crate) struct Output {
+pub(crate) struct OutputFile {
     option: &'static str,
     path: PathBuf,
     file: File,
 }
 
-impl Output {
+impl OutputFile {
     /// Opens the file that an option names, and leaves what is in it until the drive is ready.
     pub(crate) fn open(option: &'static str, path: &Path) -> Result<Self, String> {
         let opened = File::options().write(true).create(true).truncate(false).open(path);
@@ -20,7 +20,7 @@ impl Output {
         Ok(Self { option, path: path.into(), file })
     }
 
-    /// What an old run left there is over.
+    /// Removes what an old run left there.
     pub(crate) fn begin(&self) -> Result<(), String> {
         self.fails(self.file.metadata().and_then(|there| {
             // A device or a pipe has nothing to be removed.
@@ -28,7 +28,7 @@ impl Output {
         }))
     }
 
-    /// Whether the other one is the same file, which two cannot write.
+    /// Returns whether the other one is the same file, which two cannot write.
     pub(crate) fn is(&self, other: &Self) -> Result<bool, String> {
         let (own, other) = (self.metadata()?, other.metadata()?);
         Ok(own.is_file() && (own.dev(), own.ino()) == (other.dev(), other.ino()))

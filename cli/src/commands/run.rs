@@ -32,7 +32,7 @@ pub(crate) fn run(arguments: Run) -> Result<(), String> {
     let banner = if json { running.json()? } else { running.text() };
     if uses_stdio {
         // Stdout belongs to a line.
-        log::say(banner.as_bytes());
+        log::write_line(banner.as_bytes());
     } else {
         print(banner, &stop).map_err(|error| format!("stdout cannot be written: {error}"))?;
     }

@@ -18,7 +18,7 @@ use super::schema::{
     Advance, Bench, Bus, Drive, Driven, Faults, Mode, NewValue, PinLevel, Power, Pulses, Time, Turn,
 };
 use super::{Api, stopping};
-use crate::event_loop::Host;
+use crate::event_loop::EventLoop;
 use drivetwin_sim::suggest;
 
 /// The longest way to go at once, in seconds.
@@ -28,7 +28,7 @@ const MAX_ADVANCE: f64 = 86_400.0;
 #[utoipa::path(get, path = "/api/bench", responses((status = 200, body = Bench)))]
 pub(super) async fn bench(State(api): State<Api>) -> Result<Json<Bench>, Problem> {
     let places = api.places.clone();
-    Ok(Json(api.call(move |host| Bench::of(host, &places)).await?))
+    Ok(Json(api.call(move |event_loop| Bench::of(event_loop, &places)).await?))
 }
 
 /// A drive: registers, pins, lights, motion, ports.
@@ -37,7 +37,8 @@ pub(super) async fn bench(State(api): State<Api>) -> Result<Json<Bench>, Problem
 ))]
 pub(super) async fn drive(State(api): State<Api>, Path(name): Path<String>) -> Result<Json<Drive>, Problem> {
     let places = api.places.clone();
-    api.call(move |host| Ok(Json(Drive::of(&host.bench, seat(host, &name)?, &places)))).await?
+    api.call(move |event_loop| Ok(Json(Drive::of(&event_loop.bench, seat(event_loop, &name)?, &places))))
+        .await?
 }
 
 /// Drives an input pin from outside. While the drive drives the pin itself, its level is what is seen;
@@ -50,12 +51,12 @@ pub(super) async fn drive_pin(
     Path((name, pin)): Path<(String, String)>,
     Body(level): Body<PinLevel>,
 ) -> Result<StatusCode, Problem> {
-    api.call(move |host| {
-        let seat = seat(host, &name)?;
-        let pin = input(host, seat, &pin)?;
-        let driving = driving(&level, pin_spec(host, seat, pin))?;
-        host.bench.set_pin(seat, pin, driving);
-        host.settle();
+    api.call(move |event_loop| {
+        let seat = seat(event_loop, &name)?;
+        let pin = input(event_loop, seat, &pin)?;
+        let driving = driving(&level, pin_spec(event_loop, seat, pin))?;
+        event_loop.bench.set_pin(seat, pin, driving);
+        event_loop.settle();
         Ok(StatusCode::NO_CONTENT)
     })
     .await?
@@ -71,9 +72,9 @@ pub(super) async fn pulse_pin(
     Path((name, pin)): Path<(String, String)>,
     Body(pulses): Body<Pulses>,
 ) -> Result<StatusCode, Problem> {
-    api.call(move |host| {
-        let seat = seat(host, &name)?;
-        let pin = input(host, seat, &pin)?;
+    api.call(move |event_loop| {
+        let seat = seat(event_loop, &name)?;
+        let pin = input(event_loop, seat, &pin)?;
         if pulses.count == 0 || !(0.000_001..=8_000_000.0).contains(&pulses.hz) {
             return Err(Problem::refused(
                 "a train has at least 1 pulse, and 0.000001 to 8000000 of them a second",
@@ -83,10 +84,10 @@ pub(super) async fn pulse_pin(
         if !(duty > 0.0 && duty < 1.0) {
             return Err(Problem::refused("the duty of a pulse is between 0 and 1"));
         }
-        if role(host, seat, pin) == Some(Role::Analogue) {
+        if role(event_loop, seat, pin) == Some(Role::Analogue) {
             return Err(Problem::refused("an analogue input takes no pulses"));
         }
-        let begun = host.bench.pulse_width(seat, pin, pulses.count, pulses.hz, duty);
+        let begun = event_loop.bench.pulse_width(seat, pin, pulses.count, pulses.hz, duty);
         begun.map_err(|busy| Problem::conflict(busy.to_string()))?;
         Ok(StatusCode::NO_CONTENT)
     })
@@ -104,9 +105,9 @@ pub(super) async fn encoder(
     Path(name): Path<String>,
     Body(turn): Body<Turn>,
 ) -> Result<StatusCode, Problem> {
-    api.call(move |host| {
-        let seat = seat(host, &name)?;
-        if host.bench.spec(seat).encoders.is_empty() {
+    api.call(move |event_loop| {
+        let seat = seat(event_loop, &name)?;
+        if event_loop.bench.spec(seat).encoders.is_empty() {
             return Err(Problem::refused(format!("{name} has no encoder input")));
         }
         let counts = i32::try_from(turn.counts).ok().filter(|counts| *counts != 0);
@@ -115,7 +116,7 @@ pub(super) async fn encoder(
                 "an encoder makes 1 to 2147483647 edges, or -1 to -2147483648 the other way, and 0.000001 to 16000000 of them a second",
             )
         })?;
-        let begun = host.bench.encoder(seat, Encoder(0), counts, turn.hz);
+        let begun = event_loop.bench.encoder(seat, Encoder(0), counts, turn.hz);
         begun.map_err(|busy| Problem::conflict(busy.to_string()))?;
         Ok(StatusCode::NO_CONTENT)
     })
@@ -132,21 +133,21 @@ pub(super) async fn preset(
     Path((name, register)): Path<(String, String)>,
     Body(value): Body<NewValue>,
 ) -> Result<StatusCode, Problem> {
-    api.call(move |host| {
-        let seat = seat(host, &name)?;
-        let spec = host.bench.spec(seat);
+    api.call(move |event_loop| {
+        let seat = seat(event_loop, &name)?;
+        let spec = event_loop.bench.spec(seat);
         let known = spec.find(&register).is_some();
         let status = if known { StatusCode::UNPROCESSABLE_ENTITY } else { StatusCode::NOT_FOUND };
         let preset = Preset::new(spec, &register, &value.value.into())
             .map_err(|sentence| Problem::new(status, sentence))?;
-        if !host.bench.powered(seat) {
+        if !event_loop.bench.powered(seat) {
             return Err(Problem::conflict(format!("{name} has no power")));
         }
-        let value = preset.onto(spec, host.bench.peek(seat, preset.row));
-        host.bench.poke(seat, preset.row, value).map_err(|refused: Refused| {
+        let value = preset.onto(spec, event_loop.bench.peek(seat, preset.row));
+        event_loop.bench.poke(seat, preset.row, value).map_err(|refused: Refused| {
             Problem::refused(preset::refusal(spec, preset.row, &register, refused))
         })?;
-        host.settle();
+        event_loop.settle();
         Ok(StatusCode::NO_CONTENT)
     })
     .await?
@@ -175,14 +176,14 @@ pub(super) async fn heal(
 }
 
 async fn set_fault(api: &Api, name: String, fault: String, on: bool) -> Result<StatusCode, Problem> {
-    api.call(move |host| {
-        let seat = seat(host, &name)?;
-        let faults = host.bench.spec(seat).faults;
+    api.call(move |event_loop| {
+        let seat = seat(event_loop, &name)?;
+        let faults = event_loop.bench.spec(seat).faults;
         let found = (0..).map(Fault).zip(faults).find(|(_, known)| **known == fault);
         let (fault, _) = found
             .ok_or_else(|| Problem::not_found(suggest::unknown("fault", &fault, faults.iter().copied())))?;
-        host.bench.fault(seat, fault, on);
-        host.settle();
+        event_loop.bench.fault(seat, fault, on);
+        event_loop.settle();
         Ok(StatusCode::NO_CONTENT)
     })
     .await?
@@ -197,10 +198,10 @@ pub(super) async fn power(
     Path(name): Path<String>,
     Body(power): Body<Power>,
 ) -> Result<StatusCode, Problem> {
-    api.call(move |host| {
-        let seat = seat(host, &name)?;
-        host.bench.power(seat, power.action.into());
-        host.settle();
+    api.call(move |event_loop| {
+        let seat = seat(event_loop, &name)?;
+        event_loop.bench.power(seat, power.action.into());
+        event_loop.settle();
         Ok(StatusCode::NO_CONTENT)
     })
     .await?
@@ -210,7 +211,7 @@ pub(super) async fn power(
 #[utoipa::path(get, path = "/api/buses", responses((status = 200, body = Vec<Bus>)))]
 pub(super) async fn buses(State(api): State<Api>) -> Result<Json<Vec<Bus>>, Problem> {
     let places = api.places.clone();
-    Ok(Json(api.call(move |host| Bus::all(&host.bench, &places)).await?))
+    Ok(Json(api.call(move |event_loop| Bus::all(&event_loop.bench, &places)).await?))
 }
 
 /// Disturbs a line from its next frame on. What is not named is off.
@@ -221,8 +222,8 @@ pub(super) async fn disturb(
     Body(faults): Body<Faults>,
 ) -> Result<StatusCode, Problem> {
     let faults = LineFaults::try_from(faults).map_err(Problem::refused)?;
-    api.call(move |host| {
-        let bench = &mut host.bench;
+    api.call(move |event_loop| {
+        let bench = &mut event_loop.bench;
         let bus = bench.find_bus(&name).ok_or_else(|| {
             if bench.has_tcp_port(&name) {
                 return Problem::not_found(no_line(&name));
@@ -236,7 +237,7 @@ pub(super) async fn disturb(
             port.map_or(Ok(()), |port| faults.check_for(port)).map_err(Problem::refused)?;
         }
         bench.disturb(bus, faults);
-        host.settle();
+        event_loop.settle();
         Ok(StatusCode::NO_CONTENT)
     })
     .await?
@@ -248,8 +249,8 @@ pub(super) async fn disturb(
 ))]
 pub(super) async fn pace(State(api): State<Api>, Body(mode): Body<Mode>) -> Result<Json<Time>, Problem> {
     let pace: Pace = mode.mode.parse().map_err(|sentence| Problem::refused(format!("mode: {sentence}")))?;
-    api.call(move |host| host.set_pace(pace)).await?;
-    Ok(Json(api.call(|host| Time::of(host)).await?))
+    api.call(move |event_loop| event_loop.set_pace(pace)).await?;
+    Ok(Json(api.call(|event_loop| Time::of(event_loop)).await?))
 }
 
 /// Moves the clock on in manual time; answers when the bench is there.
@@ -271,49 +272,49 @@ pub(super) async fn advance(
         return Err(Problem::conflict("somebody advances the clock already"));
     };
     let (done, there) = oneshot::channel();
-    let begun = api.call(move |host| {
-        if host.pace() != Pace::Manual {
+    let begun = api.call(move |event_loop| {
+        if event_loop.pace() != Pace::Manual {
             return Err(Problem::conflict(
                 "time runs by itself; PUT {\"mode\":\"manual\"} to /api/time first",
             ));
         }
-        host.advance(span, done);
+        event_loop.advance(span, done);
         Ok(())
     });
     begun.await??;
     there.await.map_err(|_| stopping())?;
-    Ok(Json(api.call(|host| Time::of(host)).await?))
+    Ok(Json(api.call(|event_loop| Time::of(event_loop)).await?))
 }
 
 /// The drive of that name.
-fn seat(host: &Host, name: &str) -> Result<Seat, Problem> {
-    let bench = &host.bench;
+fn seat(event_loop: &EventLoop, name: &str) -> Result<Seat, Problem> {
+    let bench = &event_loop.bench;
     bench.seat_named(name).ok_or_else(|| {
         Problem::not_found(suggest::unknown("drive", name, bench.seats().map(|seat| bench.name(seat))))
     })
 }
 
 /// The pin of that name, which must be one that can be driven from outside.
-fn input(host: &Host, seat: Seat, name: &str) -> Result<Pin, Problem> {
-    let spec = host.bench.spec(seat);
+fn input(event_loop: &EventLoop, seat: Seat, name: &str) -> Result<Pin, Problem> {
+    let spec = event_loop.bench.spec(seat);
     let pin = spec.pin(name).ok_or_else(|| {
         Problem::not_found(suggest::unknown("pin", name, spec.pin_names().map(|(name, _)| name)))
     })?;
-    match role(host, seat, pin) {
+    match role(event_loop, seat, pin) {
         Some(Role::Output | Role::Led) => Err(Problem::refused(format!("{name} is an output"))),
         _ => Ok(pin),
     }
 }
 
-fn role(host: &Host, seat: Seat, pin: Pin) -> Option<Role> {
-    pin_spec(host, seat, pin).map(|pin| pin.role)
+fn role(event_loop: &EventLoop, seat: Seat, pin: Pin) -> Option<Role> {
+    pin_spec(event_loop, seat, pin).map(|pin| pin.role)
 }
 
-fn pin_spec(host: &Host, seat: Seat, pin: Pin) -> Option<&'static PinSpec> {
-    host.bench.spec(seat).pins.get(usize::from(pin.0))
+fn pin_spec(event_loop: &EventLoop, seat: Seat, pin: Pin) -> Option<&'static PinSpec> {
+    event_loop.bench.spec(seat).pins.get(usize::from(pin.0))
 }
 
-/// What is to be done to a pin.
+/// Converts the level that a call asks for into what drives the pin.
 fn driving(wanted: &PinLevel, pin: Option<&PinSpec>) -> Result<Driving, Problem> {
     let (role, shunt_ohm) = pin.map_or((None, 0), |pin| (Some(pin.role), pin.shunt_ohm));
     let levels = role != Some(Role::Analogue);

@@ -27,7 +27,7 @@ use super::{Api, nobody_more};
 /// Events that are copied at once.
 const PIECE: usize = 4_096;
 
-/// How much of the trace is copied, in bytes: all that the ring holds, and of a trace that keeps everything the
+/// Bytes of the trace that are copied at most: all that the ring holds, and of a trace that keeps everything the
 /// end, since there is no bound to it.
 const RECENT: usize = TraceKeep::RING;
 
@@ -35,10 +35,10 @@ const RECENT: usize = TraceKeep::RING;
 const CHUNK: usize = 64 << 10;
 const CHUNKS: usize = 4;
 
-/// How long a reader may take nothing.
+/// Longest time for which a reader may take nothing.
 const STALL: Duration = Duration::from_secs(30);
 
-/// What is wanted.
+/// Parameters of the call.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Wanted {
@@ -59,10 +59,10 @@ pub(super) enum Format {
     Pcapng,
 }
 
-/// What writes a trace.
+/// Writes a trace.
 type Written = Box<dyn FnOnce(&mut dyn Write) -> io::Result<()> + Send>;
 
-/// What happened, as far back as the ring reaches: the last 64 MiB.
+/// The recording, as far back as the ring reaches: the last 64 MiB.
 #[utoipa::path(get, path = "/api/trace",
     params(("format" = Option<Format>, Query, description = "`trace` if not given")),
     responses((status = 200, description = "To be replayed, or for a viewer of waveforms or of frames.", content(

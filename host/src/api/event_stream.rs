@@ -25,13 +25,13 @@ use super::schema::seconds;
 use super::{Api, nobody_more};
 use drivetwin_sim::suggest;
 
-/// How long nothing may be said.
+/// Longest silence before a comment keeps the connection alive.
 const KEEP_ALIVE: Duration = Duration::from_secs(15);
 
 /// Events that are looked at and taken at once.
 const PIECE: usize = 256;
 
-/// Whose events are wanted.
+/// Parameters of the call.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Whose {
@@ -41,7 +41,7 @@ pub(super) struct Whose {
 /// The data of an event `fed` (to a drive) or `did` (by a drive).
 #[derive(Serialize, ToSchema)]
 pub(super) struct Happened {
-    /// When, since the beginning. What a drive does may lie ahead.
+    /// Time since the beginning. Outputs of a drive may lie ahead.
     #[schema(example = 2.513176875)]
     seconds: f64,
     drive: String,
@@ -53,12 +53,12 @@ pub(super) struct Happened {
 /// The data of an event `lost`.
 #[derive(Serialize, ToSchema)]
 pub(super) struct Lost {
-    /// How many events of the bench a reader has missed who was too slow.
+    /// Events of the bench that a slow reader has missed.
     events: u64,
 }
 
-/// What happens, as it happens: server-sent events. Each bears its number in the trace as `id`, `fed` or
-/// `did` as `event`, and a `Happened` as `data`. Who was too slow is sent the event `lost` with a `Lost`
+/// Events as they happen, as server-sent events. Each has its number in the trace as `id`, `fed` or
+/// `did` as `event`, and a `Happened` as `data`. A reader that is too slow gets the event `lost` with a `Lost`
 /// and goes on with what follows.
 #[utoipa::path(get, path = "/api/events",
     params(
@@ -75,7 +75,7 @@ pub(super) async fn events(
     let place = api.readers.clone().try_acquire_owned();
     let place = place.map_err(|_| nobody_more("follow the bench"))?;
     // Before the first look: what comes after it is told.
-    let grown = api.door.watch();
+    let grown = api.handle.watch();
     let outline = api.look(|bench| bench.trace().outline()).await?;
     let drive = whose.drive.map(|name| place_of(&outline, &name)).transpose()?;
     let last = headers.get("last-event-id").and_then(|id| id.to_str().ok()?.parse().ok());
@@ -95,17 +95,17 @@ fn place_of(trace: &Trace, name: &str) -> Result<usize, Problem> {
     names().position(|other| other == name).ok_or_else(unknown)
 }
 
-/// Somebody who follows the bench.
+/// A reader that follows the bench.
 struct Reader {
     api: Api,
     grown: watch::Receiver<u64>,
-    /// Who takes part, to put events into words.
+    /// The drives of the trace, to put events into words.
     outline: Trace,
-    /// Whose events are wanted; `None` for all.
+    /// The drive whose events are wanted; `None` for all.
     drive: Option<usize>,
-    /// How far it has come.
+    /// Mark in the trace up to which events were taken.
     mark: u64,
-    /// What is still to be sent of the last piece.
+    /// Events of the last piece that are still to be sent.
     ready: VecDeque<Event>,
     _place: OwnedSemaphorePermit,
 }
@@ -161,14 +161,14 @@ fn event(kind: &str, id: u64, data: &impl Serialize) -> Option<Event> {
 /// Some events, with their numbers.
 struct Piece {
     entries: Vec<(u64, Entry)>,
-    /// How many before them the ring had dropped.
+    /// Events before them that the ring had dropped.
     lost: u64,
-    /// How far it reaches.
+    /// Mark behind the last of them.
     end: u64,
 }
 
 impl Piece {
-    /// What follows a mark.
+    /// Events behind a mark.
     fn of(trace: &Trace, mark: u64, drive: Option<usize>) -> Self {
         let from = mark.max(trace.lost);
         let looked_at = trace.since(from).take(PIECE);

@@ -25,7 +25,7 @@ use super::problem::Problem;
 /// The longest body of a request.
 pub(super) const BODY_BYTES: usize = 64 << 10;
 
-/// How long a body may take to come.
+/// Longest time for a body to come.
 const BODY_TIME: Duration = Duration::from_secs(5);
 
 /// Hosts that requests may name.
@@ -67,7 +67,7 @@ pub(super) async fn check(State(hosts): State<Hosts>, request: Request, next: Ne
     }
 }
 
-/// Why a web page may have made a request, in a sentence; `None` if it cannot have.
+/// One sentence that says why a web page may have made a request; `None` if it cannot have.
 fn page(request: &Request, known: &Hosts) -> Option<&'static str> {
     let headers = request.headers();
     let mut hosts = headers.get_all(header::HOST).iter().map(|host| host.to_str().unwrap_or(""));

@@ -30,7 +30,7 @@ use tracing::{debug, warn};
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
-use crate::event_loop::{Door, Host};
+use crate::event_loop::{BenchHandle, EventLoop};
 use guard::Hosts;
 use problem::Problem;
 pub(crate) use schema::Places;
@@ -38,19 +38,19 @@ pub(crate) use schema::Places;
 /// Connections served at once; for the next one all that idle are closed.
 const MAX_CONNECTIONS: usize = 64;
 
-/// Those of them that may follow the bench at once.
+/// Connections that may follow the bench at once.
 const MAX_READERS: usize = 16;
 
-/// Those of them that may be sent a trace at once, each from a copy of it.
+/// Connections that may download a trace at once, each from a copy of it.
 const MAX_EXPORTS: usize = 2;
 
-/// How long the head of a request may take to come, and a connection may idle.
+/// Longest time for the head of a request to come, and for a connection to idle.
 const HEAD_TIME: Duration = Duration::from_secs(5);
 
-/// What every call needs.
+/// State that every call needs.
 #[derive(Clone)]
 struct Api {
-    door: Door,
+    handle: BenchHandle,
     places: Arc<Places>,
     /// Free while nobody advances the clock.
     advancing: Arc<Semaphore>,
@@ -64,13 +64,13 @@ impl Api {
     /// Does something with the bench, on its thread.
     async fn call<T: Send + 'static>(
         &self,
-        work: impl FnOnce(&mut Host) -> T + Send + 'static,
+        work: impl FnOnce(&mut EventLoop) -> T + Send + 'static,
     ) -> Result<T, Problem> {
         let (done, answer) = oneshot::channel();
         // Dropped with this call, if its caller leaves.
         let caller = Arc::new(());
-        self.door.hand_in(Arc::downgrade(&caller), |host| {
-            let result = work(host);
+        self.handle.submit(Arc::downgrade(&caller), |event_loop| {
+            let result = work(event_loop);
             // Nobody may wait for it any more.
             || drop(done.send(result))
         });
@@ -84,7 +84,7 @@ impl Api {
     ) -> Result<T, Problem> {
         let (done, answer) = oneshot::channel();
         let caller = Arc::new(());
-        self.door.look(Arc::downgrade(&caller), |bench| {
+        self.handle.query(Arc::downgrade(&caller), |bench| {
             // Nobody may wait for it any more.
             let _ = done.send(look(bench));
         });
@@ -106,7 +106,12 @@ fn nobody_more(what: &str) -> Problem {
 ///
 /// # Errors
 /// The system gives no thread, or does not let it wait.
-pub(crate) fn serve(listener: TcpListener, allowed: &[String], door: Door, places: Places) -> io::Result<()> {
+pub(crate) fn serve(
+    listener: TcpListener,
+    allowed: &[String],
+    handle: BenchHandle,
+    places: Places,
+) -> io::Result<()> {
     let hosts = Hosts { here: listener.local_addr()?, allowed: allowed.into() };
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     let listener = {
@@ -115,7 +120,7 @@ pub(crate) fn serve(listener: TcpListener, allowed: &[String], door: Door, place
     };
     let room = |most| Arc::new(Semaphore::new(most));
     let (advancing, readers, exports) = (room(1), room(MAX_READERS), room(MAX_EXPORTS));
-    let api = Api { door, places: Arc::new(places), advancing, readers, exports };
+    let api = Api { handle, places: Arc::new(places), advancing, readers, exports };
     let router = router(api, hosts);
     std::thread::Builder::new().name("control".into()).spawn(move || {
         runtime.block_on(accept(listener, router));

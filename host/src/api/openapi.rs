@@ -1,4 +1,4 @@
-//! What the API says of itself: OpenAPI, generated from the calls.
+//! The OpenAPI document, generated from the calls.
 
 use utoipa::OpenApi;
 use utoipa::openapi::path::{Operation, ParameterIn, PathItem};
@@ -62,7 +62,7 @@ pub(super) fn complete(mut document: openapi::OpenApi) -> openapi::OpenApi {
     document
 }
 
-/// Whether a part of its path is a name.
+/// Returns whether a part of the path is a name.
 fn names_something(operation: &Operation) -> bool {
     operation.parameters.iter().flatten().any(
         |parameter| matches!(parameter, RefOr::T(parameter) if parameter.parameter_in == ParameterIn::Path),
@@ -144,7 +144,7 @@ mod tests {
             }
         }
     }
-    /// They are typed a second time in the schema, which takes no constants.
+    /// The schema takes no constants, so it repeats the ranges.
     #[test]
     fn faults_have_the_ranges_of_the_line() {
         let document = document();

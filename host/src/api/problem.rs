@@ -8,7 +8,7 @@ use utoipa::ToSchema;
 /// The media type of a problem document.
 pub(super) const MEDIA_TYPE: &str = "application/problem+json";
 
-/// What is wrong (RFC 9457).
+/// A problem document (RFC 9457).
 #[derive(Debug, Serialize, ToSchema)]
 pub(super) struct Problem {
     /// No more than the status says.
@@ -18,7 +18,7 @@ pub(super) struct Problem {
     title: &'static str,
     /// The HTTP status.
     status: u16,
-    /// One sentence.
+    /// The problem in one sentence.
     detail: String,
 }
 

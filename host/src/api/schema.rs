@@ -1,4 +1,4 @@
-//! What the control API says and takes, as JSON.
+//! Requests and answers of the control API, as JSON.
 
 use std::collections::BTreeMap;
 
@@ -10,7 +10,7 @@ use drivetwin_sim::value::Value;
 use serde::{Deserialize, Serialize, Serializer};
 use utoipa::ToSchema;
 
-use crate::event_loop::Host;
+use crate::event_loop::EventLoop;
 
 /// An object whose members stay in the order of the manual.
 pub(super) struct InOrder<V>(Vec<(&'static str, V)>);
@@ -42,19 +42,19 @@ struct Seated {
 #[derive(Serialize, ToSchema)]
 pub(super) struct Bus {
     name: String,
-    /// Its settings now.
+    /// Serial settings now.
     #[schema(example = "9600 8E1")]
     line: String,
-    /// Who is on it.
+    /// Drives on it.
     drives: Vec<String>,
-    /// Where it is reached.
+    /// URIs where it is reached.
     #[schema(example = json!(["pty:/dev/pts/4", "tcp:127.0.0.1:5020"]))]
     listen: Vec<String>,
-    /// What disturbs it.
+    /// Faults of the line.
     faults: Faults,
 }
 
-/// What disturbs a line. Shares are of its frames, requests and replies alike where nothing else is said.
+/// Faults of a line. Rates are per frame, for requests and replies alike unless it says otherwise.
 #[derive(Serialize, Deserialize, ToSchema)]
 #[serde(default, deny_unknown_fields)]
 #[schema(example = json!({"drop": 0.01, "delay_ms": 5}))]
@@ -97,15 +97,15 @@ pub(super) struct Faults {
 #[derive(Serialize, ToSchema)]
 struct Motor {
     name: String,
-    /// What turns it.
+    /// The drive that turns it.
     drive: String,
     /// Turns from where it began.
     revolutions: f64,
     /// Turns per minute, signed.
     rpm: f64,
-    /// Whether it cannot follow its drive.
+    /// True if it cannot follow its drive.
     stalled: bool,
-    /// What it draws, in A.
+    /// Current in A.
     current: f64,
 }
 
@@ -134,17 +134,17 @@ pub(super) struct Drive {
     /// Which lights are on.
     #[schema(value_type = BTreeMap<String, bool>)]
     leds: InOrder<bool>,
-    /// Of its first axis; null if it has none.
+    /// Motion of the first axis; null if there is none.
     motion: Option<Motion>,
-    /// Whether the cause of a fault is there.
+    /// Faults by name: true while the cause is present.
     #[schema(value_type = BTreeMap<String, bool>)]
     faults: InOrder<bool>,
-    /// What its ports have seen.
+    /// Statistics of the ports.
     #[schema(value_type = BTreeMap<String, Seen>)]
     ports: InOrder<Seen>,
 }
 
-/// What a pin shows.
+/// State of a pin.
 #[derive(Serialize, ToSchema)]
 #[serde(rename_all = "lowercase")]
 enum Shown {
@@ -153,7 +153,7 @@ enum Shown {
     Open,
 }
 
-/// What an axis does.
+/// Motion of an axis.
 #[derive(Serialize, ToSchema)]
 struct Motion {
     /// Steps or counts.
@@ -167,7 +167,7 @@ struct Motion {
     duty: f64,
 }
 
-/// What a port has seen since its drive was seated.
+/// Statistics of a port since its drive was added.
 #[derive(Serialize, ToSchema)]
 #[serde(untagged)]
 enum Seen {
@@ -175,13 +175,13 @@ enum Seen {
     Tcp(TcpStatistics),
 }
 
-/// What a TCP port has seen.
+/// Statistics of a TCP port.
 #[derive(Serialize, ToSchema)]
 struct TcpStatistics {
-    /// Where it is reached.
+    /// URIs where it is reached.
     #[schema(example = json!(["tcp:127.0.0.1:5020"]))]
     listen: Vec<String>,
-    /// Who is connected now.
+    /// Clients that are connected now.
     connected: usize,
     /// Connections that there have been.
     connections: u64,
@@ -197,10 +197,10 @@ struct TcpStatistics {
     dropped: u64,
 }
 
-/// What a serial port has seen.
+/// Statistics of a serial port.
 #[derive(Serialize, ToSchema)]
 struct Statistics {
-    /// Its line now.
+    /// Serial settings now.
     #[schema(example = "9600 8E1")]
     line: String,
     /// Requests carried out.
@@ -223,7 +223,7 @@ struct Statistics {
     starting: u64,
 }
 
-/// What is done to an input pin: one of the three.
+/// Level, voltage or current for an input pin: one of the three.
 #[derive(Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 #[schema(example = json!({"level": "low"}))]
@@ -295,7 +295,7 @@ pub(super) struct NewValue {
     pub(super) value: Value,
 }
 
-/// What is done to a drive's power.
+/// Change of a drive's power.
 #[derive(Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 #[schema(example = json!({"action": "cycle"}))]
@@ -303,7 +303,7 @@ pub(super) struct Power {
     pub(super) action: Action,
 }
 
-/// What the power does: `off` and `on`, `cycle` for both at once, or `cut`: it runs on, and the power fails in the middle
+/// Action on the power: `off`, `on`, `cycle` for both at once, or `cut`: the drive runs on, and power fails in the middle
 /// of its next save.
 #[derive(Clone, Copy, Deserialize, ToSchema)]
 #[serde(rename_all = "lowercase")]
@@ -325,7 +325,7 @@ impl From<Action> for PowerAction {
     }
 }
 
-/// How time shall run.
+/// New time mode.
 #[derive(Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Mode {
@@ -343,12 +343,12 @@ pub(super) struct Advance {
     pub(super) seconds: f64,
 }
 
-/// Where each line and TCP port is reached.
+/// URIs of each line and TCP port.
 pub(crate) type Places = BTreeMap<Outlet, Vec<String>>;
 
 impl Bench {
-    pub(super) fn of(host: &Host, places: &Places) -> Self {
-        let bench = &host.bench;
+    pub(super) fn of(event_loop: &EventLoop, places: &Places) -> Self {
+        let bench = &event_loop.bench;
         let name = |seat: Seat| bench.name(seat).to_owned();
         let drives = bench.seats().map(|seat| Seated {
             name: name(seat),
@@ -360,7 +360,7 @@ impl Bench {
             drives: drives.collect(),
             buses: Bus::all(bench, places),
             motors: motors.collect(),
-            time: Time::of(host),
+            time: Time::of(event_loop),
         }
     }
 }
@@ -449,8 +449,8 @@ impl TryFrom<Faults> for LineFaults {
 }
 
 impl Time {
-    pub(super) fn of(host: &Host) -> Self {
-        Self { mode: host.pace().to_string(), seconds: seconds(host.bench.now()) }
+    pub(super) fn of(event_loop: &EventLoop) -> Self {
+        Self { mode: event_loop.pace().to_string(), seconds: seconds(event_loop.bench.now()) }
     }
 }
 

@@ -12,7 +12,7 @@ use drivetwin_sim::bench::{Bench, Outlet, PowerAction, Seat, Statistics};
 use drivetwin_sim::config::time_mode::Pace;
 
 use super::{Ports, bind};
-use crate::event_loop::{Door, Host, door};
+use crate::event_loop::{BenchHandle, EventLoop, handle};
 use drivetwin_sim::testing::echo_device::{Echo, MCODE, MODBUS};
 
 /// Longer than anything takes here.
@@ -22,7 +22,7 @@ const LONG: Duration = Duration::from_secs(20);
 struct Running {
     addresses: [SocketAddr; 2],
     seat: Seat,
-    door: Door,
+    door: BenchHandle,
     stop: UnixStream,
     thread: Option<JoinHandle<()>>,
 }
@@ -39,9 +39,9 @@ impl Running {
                 let uri = ports.add_tcp(Outlet::Tcp(seat, port), bind("127.0.0.1:0").unwrap()).unwrap();
                 uri.strip_prefix("tcp:").unwrap().parse().unwrap()
             });
-            let (door, inbox) = door().unwrap();
+            let (door, inbox) = handle().unwrap();
             ready.send((addresses, seat, door)).unwrap();
-            Host::new(bench, ports, pace, Vec::new(), inbox).run(&stopped).unwrap();
+            EventLoop::new(bench, ports, pace, Vec::new(), inbox).run(&stopped).unwrap();
         });
         let (addresses, seat, door) = told.recv().unwrap();
         Self { addresses, seat, door, stop, thread: Some(thread) }
@@ -67,7 +67,7 @@ impl Running {
         let (done, result) = mpsc::channel();
         let seat = self.seat;
         let caller = std::sync::Arc::new(());
-        self.door.hand_in(std::sync::Arc::downgrade(&caller), move |host| {
+        self.door.submit(std::sync::Arc::downgrade(&caller), move |host| {
             let result = act(&mut host.bench, seat);
             host.settle();
             move || done.send(result).unwrap()
@@ -343,7 +343,7 @@ fn while_the_clock_is_advanced_all_is_answered() {
     // So far that it never comes there, with a `T` each second.
     let (done, mut there) = tokio::sync::oneshot::channel();
     let caller = std::sync::Arc::new(());
-    running.door.hand_in(std::sync::Arc::downgrade(&caller), move |host| {
+    running.door.submit(std::sync::Arc::downgrade(&caller), move |host| {
         host.advance(drivetwin_firmware::device::Duration::secs(1 << 36), done);
         || ()
     });

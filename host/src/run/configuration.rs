@@ -1,4 +1,4 @@
-//! What is to be on the bench: what a bench file says, or the options of a single drive.
+//! Configuration of a run: from a bench file, or from the options of a single drive.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -14,7 +14,7 @@ use drivetwin_sim::rsasm::Image;
 use crate::options::RunOptions;
 use crate::rs_programs;
 
-/// What is to be on the bench, and who says so.
+/// Configuration of a run, and its source.
 pub struct Configuration {
     pub(super) options: RunOptions,
     pub(super) layout: Layout,
@@ -50,7 +50,7 @@ impl Configuration {
         Ok(Self { options, layout, file })
     }
 
-    /// Whether standard input and output belong to a line.
+    /// Returns whether standard input and output belong to a line.
     #[must_use]
     pub fn uses_stdio(&self) -> bool {
         let own = self.layout.drives.iter().flat_map(|drive| &drive.listen).map(|(_, uri)| uri);

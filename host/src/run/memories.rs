@@ -61,7 +61,7 @@ impl Memory {
         Ok(memory)
     }
 
-    /// What the drive finds there; `None` if that is new.
+    /// Content that the drive finds there; `None` if the memory is new.
     pub(super) fn content(&self) -> Option<Vec<u8>> {
         self.content.clone()
     }
@@ -76,7 +76,7 @@ impl Memory {
         stored.map_err(|error| format!("{}: {error}", path.display()))
     }
 
-    /// Who writes to the file what the drive stores.
+    /// A function that writes to the file what the drive stores.
     pub(super) fn keeper(&self) -> Option<Keep> {
         let Kept { path, nv } = self.file.clone()?;
         Some(Box::new(move |offset, bytes| {
@@ -97,7 +97,7 @@ impl Memory {
         }
     }
 
-    /// Whether it is in that file.
+    /// Returns whether the memory is in that file.
     pub(super) fn is_in(&self, file: &Metadata) -> io::Result<bool> {
         let Some(Kept { nv, .. }) = &self.file else { return Ok(false) };
         let own = nv.borrow().metadata()?;

@@ -16,14 +16,14 @@ use drivetwin_sim::config::time_mode::Pace;
 use tracing::info;
 
 use crate::api;
-use crate::banner::Ready;
-use crate::event_loop::{self, Host};
+use crate::banner::Banner;
+use crate::event_loop::{self, EventLoop};
 use crate::options::Control;
 use crate::ports::Bound;
 pub use configuration::Configuration;
 use memories::Memory;
-use output_files::Files;
-use reserved_ports::Reserved;
+use output_files::OutputFiles;
+use reserved_ports::ReservedPorts;
 
 /// A bench that is built, with its ports reserved and its files open: nothing listens yet.
 pub struct Prepared {
@@ -31,17 +31,17 @@ pub struct Prepared {
     seats: Vec<Seat>,
     buses: Vec<Bus>,
     pace: Pace,
-    ports: Reserved,
+    ports: ReservedPorts,
     control: Option<Bound>,
     allow_host: Vec<String>,
     memories: Vec<Memory>,
-    files: Files,
+    files: OutputFiles,
 }
 
 /// A bench that can be reached.
 pub struct Running {
-    host: Host,
-    ready: Ready,
+    event_loop: EventLoop,
+    banner: Banner,
     memories: Vec<Memory>,
 }
 
@@ -52,7 +52,7 @@ impl Configuration {
     /// One sentence: what is wrong, and where.
     pub fn prepare(self) -> Result<Prepared, String> {
         let programs = self.programs()?;
-        let ports = Reserved::all(&self.layout)?;
+        let ports = ReservedPorts::all(&self.layout)?;
         let control = match &self.options.control {
             Control::Off => None,
             Control::At(address) => Some(reserved_ports::reserve_tcp("--control ", address)?),
@@ -61,7 +61,7 @@ impl Configuration {
         for (place, program) in programs.iter().enumerate() {
             memories.push(Memory::open(&self, place, program.as_ref())?);
         }
-        let files = Files::open(&self.options, &memories)?;
+        let files = OutputFiles::open(&self.options, &memories)?;
 
         let (trace, capture) = files.keep(control.is_some());
         let settings = Settings { trace, capture, ..self.layout.settings() };
@@ -90,37 +90,37 @@ impl Prepared {
     pub fn open(self) -> Result<Running, String> {
         let Self { mut bench, seats, buses, pace, ports, control, allow_host, memories, files } = self;
         let (ports, addresses) = ports.open(&mut bench, &seats, &buses)?;
-        let (door, inbox) =
-            event_loop::door().map_err(|error| format!("the bench cannot be woken: {error}"))?;
-        let mut ready = Ready::new(&bench, &seats, addresses);
+        let (handle, inbox) =
+            event_loop::handle().map_err(|error| format!("the bench cannot be woken: {error}"))?;
+        let mut banner = Banner::new(&bench, &seats, addresses);
         if let Some(bound) = control {
             let api = bound.listen().and_then(|listener| {
                 let address = listener.local_addr()?;
-                api::serve(listener, &allow_host, door, ready.places())?;
+                api::serve(listener, &allow_host, handle, banner.places())?;
                 Ok(address)
             });
-            ready.controlled_at(api.map_err(|error| format!("--control cannot listen: {error}"))?);
+            banner.controlled_at(api.map_err(|error| format!("--control cannot listen: {error}"))?);
         }
-        let followed = files.begin(&bench)?;
+        let files = files.begin(&bench)?;
         memories.iter().for_each(Memory::warn);
-        let host = Host::new(bench, ports, pace, followed, inbox);
-        Ok(Running { host, ready, memories })
+        let event_loop = EventLoop::new(bench, ports, pace, files, inbox);
+        Ok(Running { event_loop, banner, memories })
     }
 }
 
 impl Running {
-    /// Where everything is reached, as one line of JSON.
+    /// The banner, where everything is reached, as one line of JSON.
     ///
     /// # Errors
-    /// One sentence: it cannot be JSON.
+    /// The banner cannot be written as JSON.
     pub fn json(&self) -> Result<String, String> {
-        self.ready.json().map_err(|error| error.to_string())
+        self.banner.json().map_err(|error| error.to_string())
     }
 
-    /// Where everything is reached, as text for people.
+    /// The banner as text for people.
     #[must_use]
     pub fn text(&self) -> String {
-        self.ready.text()
+        self.banner.text()
     }
 
     /// Serves until something can be read from `stop`, or the ports are of no use any more; then ends the files.
@@ -128,11 +128,11 @@ impl Running {
     /// # Errors
     /// One sentence: what was not kept, or why the bench cannot go on.
     pub fn serve(mut self, stop: &impl AsFd) -> Result<(), String> {
-        let ended = self.host.run(stop);
+        let ended = self.event_loop.run(stop);
         info!("stopping");
         let mut failures: Vec<String> =
             self.memories.iter().filter_map(|memory| memory.sync().err()).collect();
-        failures.extend(self.host.end_files());
+        failures.extend(self.event_loop.end_files());
         failures.extend(ended.err().map(|error| format!("the bench cannot go on: {error}")));
         if failures.is_empty() { Ok(()) } else { Err(failures.join("; ")) }
     }

@@ -6,18 +6,18 @@ use drivetwin_sim::bench::Bench;
 use drivetwin_sim::record::trace::TraceKeep;
 
 use super::memories::Memory;
-use crate::live_file::Followed;
+use crate::live_file::LiveFile;
 use crate::options::RunOptions;
-use crate::output_file::Output;
+use crate::output_file::OutputFile;
 
 /// The files that options name, opened and as they were.
-pub(super) struct Files {
-    record: Option<Output>,
-    waves: Option<Output>,
-    frames: Option<Output>,
+pub(super) struct OutputFiles {
+    record: Option<OutputFile>,
+    waves: Option<OutputFile>,
+    frames: Option<OutputFile>,
 }
 
-impl Files {
+impl OutputFiles {
     /// Opens them; no two may be the same, nor one that keeps a memory.
     ///
     /// # Errors
@@ -26,7 +26,7 @@ impl Files {
         let record = open("--record", options.record.as_deref(), memories)?;
         let waves = open("--vcd", options.vcd.as_deref(), memories)?;
         let frames = open("--pcap", options.pcap.as_deref(), memories)?;
-        let all: Vec<&Output> = [&record, &waves, &frames].into_iter().flatten().collect();
+        let all: Vec<&OutputFile> = [&record, &waves, &frames].into_iter().flatten().collect();
         for (n, output) in all.iter().enumerate() {
             for other in &all[..n] {
                 if output.is(other)? {
@@ -38,7 +38,7 @@ impl Files {
         Ok(Self { record, waves, frames })
     }
 
-    /// How much of what happens is kept, and of what is on the lines: for them, and for the control API if it is
+    /// Retention of the trace and of the frames: for these files, and for the control API if the bench is
     /// `controlled`.
     pub(super) fn keep(&self, controlled: bool) -> (TraceKeep, TraceKeep) {
         let ring = |wanted| if wanted { TraceKeep::default() } else { TraceKeep::Off };
@@ -54,17 +54,21 @@ impl Files {
     ///
     /// # Errors
     /// One sentence: which one cannot be written, and why.
-    pub(super) fn begin(self, bench: &Bench) -> Result<Vec<Followed>, String> {
-        let record = self.record.map(|output| Followed::recording(output, bench));
-        let waves = self.waves.map(|output| Followed::waves(output, bench));
-        let frames = self.frames.map(|output| Followed::frames(output, bench));
+    pub(super) fn begin(self, bench: &Bench) -> Result<Vec<LiveFile>, String> {
+        let record = self.record.map(|output| LiveFile::recording(output, bench));
+        let waves = self.waves.map(|output| LiveFile::waves(output, bench));
+        let frames = self.frames.map(|output| LiveFile::frames(output, bench));
         record.into_iter().chain(waves).chain(frames).collect()
     }
 }
 
-fn open(option: &'static str, path: Option<&Path>, memories: &[Memory]) -> Result<Option<Output>, String> {
+fn open(
+    option: &'static str,
+    path: Option<&Path>,
+    memories: &[Memory],
+) -> Result<Option<OutputFile>, String> {
     let Some(path) = path else { return Ok(None) };
-    let output = Output::open(option, path)?;
+    let output = OutputFile::open(option, path)?;
     let file = output.metadata()?;
     for memory in memories {
         if output.fails(memory.is_in(&file))? {

@@ -1,4 +1,4 @@
-//! Where the lines and TCP ports of a bench are reached: reserved first, and opened when all else is right.
+//! Listening places of a bench: reserved first, and opened when all else is right.
 
 use std::collections::BTreeMap;
 use std::io;
@@ -12,7 +12,7 @@ use drivetwin_sim::config::listen::Uri;
 use crate::banner::Address;
 use crate::ports::{self, Bound, Device, Ports};
 
-/// What is reached.
+/// A line or a port that is reached.
 #[derive(Clone, Copy)]
 enum Reached {
     /// A port, with its line if it has one: place of the drive in the layout.
@@ -30,9 +30,9 @@ enum Place {
 }
 
 /// All places where the lines and TCP ports of a layout will be reached.
-pub(super) struct Reserved(Vec<(Reached, Place)>);
+pub(super) struct ReservedPorts(Vec<(Reached, Place)>);
 
-impl Reserved {
+impl ReservedPorts {
     /// Reserves all of them.
     ///
     /// # Errors
@@ -102,7 +102,7 @@ impl Reserved {
     }
 }
 
-/// Whether each pty is linked at a place of its own, whatever ways lead there.
+/// Checks that no two ptys have the same link, by whatever paths.
 fn check_links(layout: &Layout) -> Result<(), String> {
     let own = layout.drives.iter().flat_map(|drive| &drive.listen).map(|(_, uri)| uri);
     let shared = layout.buses.iter().flat_map(|bus| &bus.listen);
