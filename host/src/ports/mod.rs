@@ -35,7 +35,7 @@ use drivetwin_sim::bench::{Bench, Bus, Client, Outlet};
 use rustix::event::epoll::EventFlags;
 use tracing::error;
 
-use poller::Watch;
+use poller::Poller;
 pub(crate) use pty::PtyError;
 pub(crate) use pty_link::check_link;
 use pty_openings::Openings;
@@ -54,7 +54,7 @@ const BACKLOG_BYTES: usize = 4096;
 const CROWDED: Duration = Duration::from_secs(1);
 
 /// The end of a line where somebody from outside talks and listens, or may come to.
-trait End {
+trait Endpoint {
     /// Who talks there, while somebody does.
     fn client(&self) -> Option<Client>;
 
@@ -73,24 +73,24 @@ trait End {
     fn deliver(&mut self, bench: &mut Bench) -> bool;
 
     /// When it is of no use any more.
-    fn ends(&self) -> Instant {
+    fn expires(&self) -> Instant {
         Instant::NEVER
     }
 
-    /// Whether [`End::deliver`] is wanted whenever time has gone on, though the drives may have sent nothing.
-    fn goes_with_time(&self) -> bool {
+    /// Whether [`Endpoint::deliver`] is wanted whenever time has gone on, though the drives may have sent nothing.
+    fn follows_time(&self) -> bool {
         false
     }
 
     /// How long after each other it wants to be looked at, because of what nothing tells.
-    fn pause(&self) -> Option<Duration> {
+    fn poll_interval(&self) -> Option<Duration> {
         None
     }
 
     /// Looks at what nothing tells.
-    fn look(&mut self, _bench: &mut Bench) {}
+    fn poll(&mut self, _bench: &mut Bench) {}
 
-    /// Called when a program has opened, left or written to it. Takes what has come, as [`End::take`] does.
+    /// Called when a program has opened, left or written to it. Takes what has come, as [`Endpoint::take`] does.
     fn opened_or_closed(&mut self, _bench: &mut Bench, _manual: bool) -> bool {
         false
     }
@@ -100,38 +100,38 @@ trait End {
 }
 
 /// An end of a line, and what is known of it.
-struct Place {
-    end: Box<dyn End>,
+struct Registered {
+    endpoint: Box<dyn Endpoint>,
     client: Option<Client>,
     /// What the system was told to wait for.
     interest: Option<EventFlags>,
-    ends: Instant,
-    pause: Option<Duration>,
+    expires: Instant,
+    poll_interval: Option<Duration>,
 }
 
 /// Who is looked at again and again.
-struct Round {
+struct PollGroup {
     timer: OwnedFd,
     number: u64,
-    places: BTreeSet<u64>,
+    endpoints: BTreeSet<u64>,
 }
 
 /// All ports of a bench.
 pub(crate) struct Ports {
-    watch: Watch,
+    poller: Poller,
     /// What has come, and is still to be taken.
     ready: VecDeque<(u64, EventFlags)>,
     listeners: BTreeMap<u64, tcp_listener::Listener>,
     /// Those where somebody knocks whose drive boots.
     booting: BTreeSet<u64>,
-    places: BTreeMap<u64, Place>,
+    endpoints: BTreeMap<u64, Registered>,
     /// The place of each client.
     clients: BTreeMap<Client, u64>,
     /// Those for which it matters that time goes on: it may make room for more of those that are not read.
-    going: BTreeSet<u64>,
+    time_driven: BTreeSet<u64>,
     /// Those that end, and when.
-    ending: BTreeSet<(Instant, u64)>,
-    rounds: BTreeMap<Duration, Round>,
+    expiring: BTreeSet<(Instant, u64)>,
+    poll_groups: BTreeMap<Duration, PollGroup>,
     /// Tells who opens a pty.
     openings: Rc<RefCell<Openings>>,
     /// The ptys by their watches among the openings.
@@ -150,22 +150,22 @@ impl Ports {
     pub(crate) fn new() -> io::Result<Self> {
         let openings = Rc::new(RefCell::new(Openings::new()?));
         let mut ports = Self {
-            watch: Watch::new()?,
+            poller: Poller::new()?,
             ready: VecDeque::new(),
             listeners: BTreeMap::new(),
             booting: BTreeSet::new(),
-            places: BTreeMap::new(),
+            endpoints: BTreeMap::new(),
             clients: BTreeMap::new(),
-            going: BTreeSet::new(),
-            ending: BTreeSet::new(),
-            rounds: BTreeMap::new(),
+            time_driven: BTreeSet::new(),
+            expiring: BTreeSet::new(),
+            poll_groups: BTreeMap::new(),
             openings,
             ptys: BTreeMap::new(),
             stdio: None,
             last: 0,
         };
         let number = ports.number();
-        ports.watch.add(number, &*ports.openings.borrow(), EventFlags::IN)?;
+        ports.poller.add(number, &*ports.openings.borrow(), EventFlags::IN)?;
         Ok(ports)
     }
 
@@ -176,10 +176,10 @@ impl Ports {
     pub(crate) fn add_tcp(&mut self, outlet: Outlet, bound: Bound) -> io::Result<String> {
         let listener = tcp_listener::Listener::new(outlet, bound)?;
         // Later there may be no descriptor left for its timer.
-        self.round(CROWDED)?;
+        self.poll_group(CROWDED)?;
         let uri = format!("tcp:{}", listener.address());
         let number = self.number();
-        self.watch.add(number, listener.socket(), EventFlags::IN)?;
+        self.poller.add(number, listener.socket(), EventFlags::IN)?;
         self.listeners.insert(number, listener);
         Ok(uri)
     }
@@ -196,7 +196,7 @@ impl Ports {
     ) -> Result<PathBuf, PtyError> {
         let pty = pty::Pty::new(bench, bus, link, Rc::clone(&self.openings))?;
         let (path, watch) = (pty.path().to_owned(), pty.watch());
-        let number = self.place(Box::new(pty));
+        let number = self.register(Box::new(pty));
         self.ptys.insert(watch, number);
         self.note(bench, number);
         Ok(path)
@@ -205,7 +205,7 @@ impl Ports {
     /// Reaches `bus` by a serial port of this machine; returns its URI.
     pub(crate) fn add_serial(&mut self, bench: &mut Bench, bus: Bus, device: Device) -> String {
         let uri = device.uri();
-        let number = self.place(Box::new(serial_device::Serial::new(bench, bus, device)));
+        let number = self.register(Box::new(serial_device::Serial::new(bench, bus, device)));
         self.note(bench, number);
         uri
     }
@@ -215,7 +215,7 @@ impl Ports {
     /// # Errors
     /// The system gives no sockets or threads.
     pub(crate) fn add_stdio(&mut self, bench: &mut Bench, bus: Bus) -> io::Result<()> {
-        let number = self.place(Box::new(stdio::Stdio::new(bench, bus)?));
+        let number = self.register(Box::new(stdio::Stdio::new(bench, bus)?));
         self.stdio = Some(number);
         self.note(bench, number);
         Ok(())
@@ -227,14 +227,14 @@ impl Ports {
     /// The system cannot wait for that.
     pub(crate) fn wake_for(&mut self, fd: impl AsFd) -> io::Result<u64> {
         let number = self.number();
-        self.watch.add(number, fd, EventFlags::IN)?;
+        self.poller.add(number, fd, EventFlags::IN)?;
         Ok(number)
     }
 
     /// [`wait`](Self::wait) ends when `left`, which is not zero, has passed, and not when it was to before; `None`: not
     /// before something comes.
     pub(crate) fn set_alarm(&self, left: Option<Duration>) {
-        self.watch.set_alarm(left);
+        self.poller.set_alarm(left);
     }
 
     /// Sleeps until something comes, or the alarm rings; if it `looks` only, it does not sleep.
@@ -242,10 +242,10 @@ impl Ports {
     /// # Errors
     /// The system does not let it wait.
     pub(crate) fn wait(&mut self, looks: bool) -> io::Result<()> {
-        self.watch.wait(looks)?;
+        self.poller.wait(looks)?;
         // Who is ready after those that are left over is so next time, too.
         if self.ready.is_empty() {
-            self.ready.extend(self.watch.ready());
+            self.ready.extend(self.poller.ready());
             // Who leaves makes room for who comes.
             let listeners = &self.listeners;
             self.ready.make_contiguous().sort_by_key(|(number, _)| listeners.contains_key(number));
@@ -255,17 +255,17 @@ impl Ports {
 
     /// Whether that woke it.
     pub(crate) fn is_ready(&self, number: u64) -> bool {
-        self.watch.ready().any(|(ready, _)| ready == number)
+        self.poller.ready().any(|(ready, _)| ready == number)
     }
 
     /// When a port wants to be looked at though nothing comes.
     pub(crate) fn deadline(&self) -> Instant {
-        self.ending.first().map_or(Instant::NEVER, |&(at, _)| at)
+        self.expiring.first().map_or(Instant::NEVER, |&(at, _)| at)
     }
 
     /// Whether the bench is of no use any more, because standard input has ended and all is answered.
     pub(crate) fn are_over(&self) -> bool {
-        self.stdio.is_some_and(|stdio| !self.places.contains_key(&stdio))
+        self.stdio.is_some_and(|stdio| !self.endpoints.contains_key(&stdio))
     }
 
     /// Takes what has come, up to what is to have its effect before more is taken: in manual time its whole effect.
@@ -280,9 +280,9 @@ impl Ports {
                 return true;
             }
             let Some((number, flags)) = self.ready.pop_front() else { return false };
-            if let Some(place) = self.places.get_mut(&number) {
-                let said = place.end.take(bench, flags, manual);
-                let goes_on = flags.contains(EventFlags::OUT) && place.end.deliver(bench);
+            if let Some(registered) = self.endpoints.get_mut(&number) {
+                let said = registered.endpoint.take(bench, flags, manual);
+                let goes_on = flags.contains(EventFlags::OUT) && registered.endpoint.deliver(bench);
                 self.note(bench, number);
                 if said || goes_on {
                     return true;
@@ -293,7 +293,7 @@ impl Ports {
                     return true;
                 }
             } else {
-                self.go_round(bench, number);
+                self.poll_endpoints(bench, number);
             }
         }
     }
@@ -302,18 +302,18 @@ impl Ports {
     /// has said more than he read, or that somebody has left.
     pub(crate) fn deliver(&mut self, bench: &mut Bench) -> bool {
         let audible = bench.audible().filter_map(|client| self.clients.get(&client).copied());
-        let mut numbers: Vec<u64> = audible.chain(self.going.iter().copied()).collect();
+        let mut numbers: Vec<u64> = audible.chain(self.time_driven.iter().copied()).collect();
         numbers.sort_unstable();
         numbers.dedup();
         let mut heard = false;
         for number in numbers {
-            if let Some(place) = self.places.get_mut(&number) {
-                heard |= place.end.deliver(bench);
+            if let Some(registered) = self.endpoints.get_mut(&number) {
+                heard |= registered.endpoint.deliver(bench);
                 self.note(bench, number);
             }
         }
         self.listen_again(bench);
-        while let Some(&(at, number)) = self.ending.first()
+        while let Some(&(at, number)) = self.expiring.first()
             && at <= bench.now()
         {
             self.remove(bench, number);
@@ -328,115 +328,122 @@ impl Ports {
         self.last
     }
 
-    fn place(&mut self, end: Box<dyn End>) -> u64 {
+    fn register(&mut self, endpoint: Box<dyn Endpoint>) -> u64 {
         let number = self.number();
-        let place = Place { end, client: None, interest: None, ends: Instant::NEVER, pause: None };
-        self.places.insert(number, place);
+        let registered = Registered {
+            endpoint,
+            client: None,
+            interest: None,
+            expires: Instant::NEVER,
+            poll_interval: None,
+        };
+        self.endpoints.insert(number, registered);
         number
     }
 
     /// Notes what has become of an end.
     fn note(&mut self, bench: &Bench, number: u64) {
-        let Some(place) = self.places.get_mut(&number) else { return };
-        let Place { end, client, interest, ends, pause } = place;
-        if end.client() != *client {
-            if let Some(gone) = std::mem::replace(client, end.client()) {
+        let Some(registered) = self.endpoints.get_mut(&number) else { return };
+        let Registered { endpoint, client, interest, expires, poll_interval } = registered;
+        if endpoint.client() != *client {
+            if let Some(gone) = std::mem::replace(client, endpoint.client()) {
                 self.clients.remove(&gone);
             }
             if let Some(client) = *client {
                 self.clients.insert(client, number);
             }
         }
-        let wanted = end.interest(bench);
+        let wanted = endpoint.interest(bench);
         if wanted != *interest
-            && let Some(fd) = end.fd()
+            && let Some(fd) = endpoint.fd()
         {
             let told = match (*interest, wanted) {
-                (None, Some(wanted)) => self.watch.add(number, fd, wanted),
-                (Some(_), Some(wanted)) => self.watch.change(number, fd, wanted),
-                (_, None) => self.watch.remove(fd),
+                (None, Some(wanted)) => self.poller.add(number, fd, wanted),
+                (Some(_), Some(wanted)) => self.poller.change(number, fd, wanted),
+                (_, None) => self.poller.remove(fd),
             };
             if let Err(error) = told {
                 error!("a port cannot be waited for: {error}");
             }
         }
         *interest = wanted;
-        if end.ends() != *ends {
-            self.ending.remove(&(*ends, number));
-            *ends = end.ends();
-            self.ending.insert((*ends, number));
+        if endpoint.expires() != *expires {
+            self.expiring.remove(&(*expires, number));
+            *expires = endpoint.expires();
+            self.expiring.insert((*expires, number));
         }
         let reads = wanted.is_some_and(|wanted| wanted.contains(EventFlags::IN));
-        let held_back = client.is_some() && !reads && *ends == Instant::NEVER;
-        if held_back || end.goes_with_time() {
-            self.going.insert(number);
+        let held_back = client.is_some() && !reads && *expires == Instant::NEVER;
+        if held_back || endpoint.follows_time() {
+            self.time_driven.insert(number);
         } else {
-            self.going.remove(&number);
+            self.time_driven.remove(&number);
         }
-        if end.pause() != *pause {
-            let (old, new) = (std::mem::replace(pause, end.pause()), end.pause());
-            self.look_every(number, old, new);
+        if endpoint.poll_interval() != *poll_interval {
+            let (old, new) =
+                (std::mem::replace(poll_interval, endpoint.poll_interval()), endpoint.poll_interval());
+            self.poll_every(number, old, new);
         }
     }
 
     /// An end is looked at in other rounds than before.
-    fn look_every(&mut self, number: u64, old: Option<Duration>, new: Option<Duration>) {
-        if let Some(round) = old.and_then(|pause| self.rounds.get_mut(&pause)) {
-            round.places.remove(&number);
-            if round.places.is_empty() {
-                timer::stop(&round.timer);
+    fn poll_every(&mut self, number: u64, old: Option<Duration>, new: Option<Duration>) {
+        if let Some(group) = old.and_then(|interval| self.poll_groups.get_mut(&interval)) {
+            group.endpoints.remove(&number);
+            if group.endpoints.is_empty() {
+                timer::stop(&group.timer);
             }
         }
-        let Some(pause) = new else { return };
-        let round = match self.round(pause) {
-            Ok(round) => round,
+        let Some(interval) = new else { return };
+        let group = match self.poll_group(interval) {
+            Ok(group) => group,
             Err(error) => return error!("a port cannot be looked at again: {error}"),
         };
-        if round.places.is_empty() {
-            timer::start(&round.timer, pause);
+        if group.endpoints.is_empty() {
+            timer::start(&group.timer, interval);
         }
-        round.places.insert(number);
+        group.endpoints.insert(number);
     }
 
     /// Those that are looked at so long after each other.
-    fn round(&mut self, pause: Duration) -> io::Result<&mut Round> {
-        match self.rounds.entry(pause) {
-            Entry::Occupied(round) => Ok(round.into_mut()),
+    fn poll_group(&mut self, interval: Duration) -> io::Result<&mut PollGroup> {
+        match self.poll_groups.entry(interval) {
+            Entry::Occupied(group) => Ok(group.into_mut()),
             Entry::Vacant(vacant) => {
                 let timer = timer::new()?;
                 self.last += 1;
-                self.watch.add(self.last, &timer, EventFlags::IN)?;
-                Ok(vacant.insert(Round { timer, number: self.last, places: BTreeSet::new() }))
+                self.poller.add(self.last, &timer, EventFlags::IN)?;
+                Ok(vacant.insert(PollGroup { timer, number: self.last, endpoints: BTreeSet::new() }))
             }
         }
     }
 
     /// Looks at the ends of a round whose timer has told so, and listens again where nobody was let in.
-    fn go_round(&mut self, bench: &mut Bench, timer: u64) {
-        let Some(round) = self.rounds.values().find(|round| round.number == timer) else { return };
-        timer::hear(&round.timer);
-        for number in round.places.iter().copied().collect::<Vec<_>>() {
-            if let Some(place) = self.places.get_mut(&number) {
-                place.end.look(bench);
+    fn poll_endpoints(&mut self, bench: &mut Bench, timer: u64) {
+        let Some(group) = self.poll_groups.values().find(|group| group.number == timer) else { return };
+        timer::hear(&group.timer);
+        for number in group.endpoints.iter().copied().collect::<Vec<_>>() {
+            if let Some(registered) = self.endpoints.get_mut(&number) {
+                registered.endpoint.poll(bench);
                 self.note(bench, number);
             } else if let Some(listener) = self.listeners.get(&number) {
-                if let Err(error) = self.watch.add(number, listener.socket(), EventFlags::IN) {
+                if let Err(error) = self.poller.add(number, listener.socket(), EventFlags::IN) {
                     error!("tcp:{} lets nobody in any more: {error}", listener.address());
                 }
-                self.look_every(number, Some(CROWDED), None);
+                self.poll_every(number, Some(CROWDED), None);
             }
         }
     }
 
     /// Listens again where a drive has booted by now.
     fn listen_again(&mut self, bench: &Bench) {
-        let Self { booting, listeners, watch, .. } = self;
+        let Self { booting, listeners, poller, .. } = self;
         booting.retain(|number| {
             let Some(listener) = listeners.get(number) else { return false };
             if !listener.is_open(bench) {
                 return true;
             }
-            if let Err(error) = watch.add(*number, listener.socket(), EventFlags::IN) {
+            if let Err(error) = poller.add(*number, listener.socket(), EventFlags::IN) {
                 error!("tcp:{} lets nobody in any more: {error}", listener.address());
             }
             false
@@ -449,21 +456,21 @@ impl Ports {
         while let Some(listener) = self.listeners.get_mut(&number) {
             if !listener.is_open(bench) {
                 // Who is not let in knocks without end.
-                let _ = self.watch.remove(listener.socket());
+                let _ = self.poller.remove(listener.socket());
                 self.booting.insert(number);
                 break;
             }
             match listener.accept(bench) {
                 Ok(Some(connection)) => {
                     came |= connection.is_told();
-                    let number = self.place(Box::new(connection));
+                    let number = self.register(Box::new(connection));
                     self.note(bench, number);
                 }
                 Ok(None) => break,
                 Err(_) => {
                     // Who is not let in knocks without end.
-                    let _ = self.watch.remove(listener.socket());
-                    self.look_every(number, None, Some(CROWDED));
+                    let _ = self.poller.remove(listener.socket());
+                    self.poll_every(number, None, Some(CROWDED));
                     break;
                 }
             }
@@ -473,18 +480,18 @@ impl Ports {
 
     /// An end is of no use any more.
     fn remove(&mut self, bench: &mut Bench, number: u64) {
-        let Some(mut place) = self.places.remove(&number) else { return };
-        if let Some(fd) = place.end.fd() {
+        let Some(mut registered) = self.endpoints.remove(&number) else { return };
+        if let Some(fd) = registered.endpoint.fd() {
             // One that nothing is waited for is not there.
-            let _ = self.watch.remove(fd);
+            let _ = self.poller.remove(fd);
         }
-        place.end.leave(bench);
-        if let Some(client) = place.client {
+        registered.endpoint.leave(bench);
+        if let Some(client) = registered.client {
             self.clients.remove(&client);
         }
-        self.ending.remove(&(place.ends, number));
-        self.going.remove(&number);
-        self.look_every(number, place.pause, None);
+        self.expiring.remove(&(registered.expires, number));
+        self.time_driven.remove(&number);
+        self.poll_every(number, registered.poll_interval, None);
     }
 
     /// Tells each pty that somebody opened or left it, or wrote there, up to the first where something is said. Whether
@@ -492,13 +499,13 @@ impl Ports {
     fn note_openings(&mut self, bench: &mut Bench, manual: bool) -> bool {
         loop {
             let Some(watch) = self.openings.borrow().next() else { return false };
-            let place =
-                self.ptys.get(&watch).and_then(|&number| Some((number, self.places.get_mut(&number)?)));
-            let Some((number, place)) = place else {
+            let registered =
+                self.ptys.get(&watch).and_then(|&number| Some((number, self.endpoints.get_mut(&number)?)));
+            let Some((number, registered)) = registered else {
                 self.openings.borrow_mut().of(watch);
                 continue;
             };
-            let said = place.end.opened_or_closed(bench, manual);
+            let said = registered.endpoint.opened_or_closed(bench, manual);
             self.note(bench, number);
             if said {
                 return true;
@@ -524,22 +531,22 @@ fn may_read(bench: &Bench, client: Client, unread: &Unread) -> bool {
 const ROOM: [MaybeUninit<u8>; READ_BYTES] = [MaybeUninit::uninit(); READ_BYTES];
 
 /// What a read from a client brought.
-enum Came<'a> {
+enum ReadResult<'a> {
     /// These bytes.
     Bytes(&'a [u8]),
     /// Nothing for now.
     Nothing,
-    /// The other end is gone.
-    End,
+    /// The other end is closed.
+    Closed,
 }
 
 /// Reads what is there.
-fn read_some(from: impl AsFd, room: &mut [MaybeUninit<u8>]) -> Came<'_> {
+fn read_some(from: impl AsFd, room: &mut [MaybeUninit<u8>]) -> ReadResult<'_> {
     match rustix::io::read(from, room) {
-        Ok(([], _)) => Came::End,
-        Ok((bytes, _)) => Came::Bytes(bytes),
-        Err(rustix::io::Errno::AGAIN | rustix::io::Errno::INTR) => Came::Nothing,
+        Ok(([], _)) => ReadResult::Closed,
+        Ok((bytes, _)) => ReadResult::Bytes(bytes),
+        Err(rustix::io::Errno::AGAIN | rustix::io::Errno::INTR) => ReadResult::Nothing,
         // Of a pty that nobody has open, or of a broken connection.
-        Err(_) => Came::End,
+        Err(_) => ReadResult::Closed,
     }
 }

@@ -21,26 +21,26 @@ const READY: usize = 256;
 const ALARM: u64 = 0;
 
 /// Descriptors that are waited for, each by a number.
-pub(super) struct Watch {
+pub(super) struct Poller {
     epoll: OwnedFd,
     alarm: OwnedFd,
     ready: Vec<Event>,
 }
 
-impl Watch {
+impl Poller {
     /// Nothing to wait for yet.
     ///
     /// # Errors
     /// The system gives no epoll instance or timer.
     pub(super) fn new() -> io::Result<Self> {
-        let watch = Self {
+        let poller = Self {
             epoll: epoll::create(CreateFlags::CLOEXEC)?,
             alarm: timer::new()?,
             ready: Vec::with_capacity(READY),
         };
         // It tells once that it rings, so nobody has to hear it out.
-        watch.add(ALARM, &watch.alarm, EventFlags::IN | EventFlags::ET)?;
-        Ok(watch)
+        poller.add(ALARM, &poller.alarm, EventFlags::IN | EventFlags::ET)?;
+        Ok(poller)
     }
 
     /// Waits for `interest` of `fd`, too; errors and the end of the other side are told unasked.

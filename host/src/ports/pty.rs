@@ -38,7 +38,7 @@ use tracing::{error, info, warn};
 use super::pty_link::Link;
 use super::pty_openings::{Openers, Openings};
 use super::unread::{MOST_MIB, Unread};
-use super::{Came, End, READ_BYTES, ROOM, interest, may_read, read_some};
+use super::{Endpoint, READ_BYTES, ROOM, ReadResult, interest, may_read, read_some};
 
 /// A pty of a line.
 pub(super) struct Pty {
@@ -168,9 +168,9 @@ impl Pty {
         while bytes.len() < most {
             let mut room = ROOM;
             match read_some(&self.master, &mut room) {
-                Came::Bytes(came) => bytes.extend_from_slice(came),
-                Came::Nothing => return false,
-                Came::End => return true,
+                ReadResult::Bytes(came) => bytes.extend_from_slice(came),
+                ReadResult::Nothing => return false,
+                ReadResult::Closed => return true,
             }
         }
         // There may be more.
@@ -195,7 +195,7 @@ impl Pty {
                 return false;
             }
         }
-        self.look(bench);
+        self.poll(bench);
         let full = self.is_full(bench);
         if full && !gone && !self.openers.changed {
             return false;
@@ -354,7 +354,7 @@ impl Pty {
     }
 }
 
-impl End for Pty {
+impl Endpoint for Pty {
     fn client(&self) -> Option<Client> {
         self.client
     }
@@ -394,16 +394,16 @@ impl End for Pty {
     }
 
     /// The drive's baud rate changes when it says so.
-    fn goes_with_time(&self) -> bool {
+    fn follows_time(&self) -> bool {
         self.client.is_none()
     }
 
     /// An open pty does not tell when its settings change; while nobody is there nobody changes them.
-    fn pause(&self) -> Option<Duration> {
+    fn poll_interval(&self) -> Option<Duration> {
         self.client.map(|_| LOOK)
     }
 
-    fn look(&mut self, _bench: &mut Bench) {
+    fn poll(&mut self, _bench: &mut Bench) {
         if let Err(error) = self.keep_waiting() {
             warn!("the settings of {} cannot be kept: {error}", self.path.display());
         }

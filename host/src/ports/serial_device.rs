@@ -26,7 +26,7 @@ use rustix::termios::{
 use tracing::{info, warn};
 
 use super::unread::{MOST_MIB, Unread};
-use super::{Came, End, ROOM, interest, may_read, read_some};
+use super::{Endpoint, ROOM, ReadResult, interest, may_read, read_some};
 
 /// Time between two attempts to find a port that is gone.
 const RETRY: Duration = Duration::from_secs(1);
@@ -121,7 +121,7 @@ impl Serial {
     }
 }
 
-impl End for Serial {
+impl Endpoint for Serial {
     fn client(&self) -> Option<Client> {
         self.client
     }
@@ -144,15 +144,15 @@ impl End for Serial {
         }
         let mut room = ROOM;
         match read_some(fd, &mut room) {
-            Came::Bytes(bytes) => {
+            ReadResult::Bytes(bytes) => {
                 bench.send(client, bytes);
                 return true;
             }
-            Came::End => {
+            ReadResult::Closed => {
                 warn!("serial:{} is gone; it is used again when it is back", self.path.display());
                 self.leave(bench);
             }
-            Came::Nothing => {}
+            ReadResult::Nothing => {}
         }
         false
     }
@@ -175,18 +175,18 @@ impl End for Serial {
     }
 
     /// The line's settings change when a drive says so.
-    fn goes_with_time(&self) -> bool {
+    fn follows_time(&self) -> bool {
         self.client.is_some()
     }
 
-    fn pause(&self) -> Option<Duration> {
+    fn poll_interval(&self) -> Option<Duration> {
         match self.fd {
             None => Some(RETRY),
             Some(_) => self.setter.as_ref().map(|_| LOOK),
         }
     }
 
-    fn look(&mut self, bench: &mut Bench) {
+    fn poll(&mut self, bench: &mut Bench) {
         if self.fd.is_none()
             && let Ok(Device { fd, .. }) = Device::open(&self.path)
         {

@@ -17,7 +17,7 @@ use rustix::event::epoll::EventFlags;
 use tracing::{debug, warn};
 
 use super::unread::{MOST_MIB, Unread};
-use super::{Came, End, READ_BYTES, ROOM, interest, may_read, read_some};
+use super::{Endpoint, READ_BYTES, ROOM, ReadResult, interest, may_read, read_some};
 
 /// Time between two looks whether all is written.
 const LOOK: Duration = Duration::from_millis(1);
@@ -63,7 +63,7 @@ impl Stdio {
     }
 }
 
-impl End for Stdio {
+impl Endpoint for Stdio {
     fn client(&self) -> Option<Client> {
         Some(self.client)
     }
@@ -83,12 +83,12 @@ impl End for Stdio {
         }
         let mut room = ROOM;
         match read_some(&self.near, &mut room) {
-            Came::Bytes(bytes) => {
+            ReadResult::Bytes(bytes) => {
                 bench.send(self.client, bytes);
                 return true;
             }
-            Came::End => self.stage = Stage::Asked,
-            Came::Nothing => {}
+            ReadResult::Closed => self.stage = Stage::Asked,
+            ReadResult::Nothing => {}
         }
         false
     }
@@ -108,15 +108,15 @@ impl End for Stdio {
         false
     }
 
-    fn ends(&self) -> Instant {
+    fn expires(&self) -> Instant {
         if self.stage == Stage::Over { Instant::ZERO } else { Instant::NEVER }
     }
 
-    fn pause(&self) -> Option<Duration> {
+    fn poll_interval(&self) -> Option<Duration> {
         (self.stage == Stage::Answered).then_some(LOOK)
     }
 
-    fn look(&mut self, _bench: &mut Bench) {
+    fn poll(&mut self, _bench: &mut Bench) {
         if self.writer.is_finished() {
             self.stage = Stage::Over;
         }

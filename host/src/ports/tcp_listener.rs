@@ -14,7 +14,7 @@ use tracing::{info, warn};
 
 use super::unread::{Unread, share_mib};
 use super::web::{Gate, Judged};
-use super::{BACKLOG_BYTES, Came, End, ROOM, interest, may_read, read_some};
+use super::{BACKLOG_BYTES, Endpoint, ROOM, ReadResult, interest, may_read, read_some};
 
 /// Time between two looks at somebody who has said all that he has to say.
 const LOOK: Duration = Duration::from_secs(1);
@@ -253,7 +253,7 @@ impl Connection {
     }
 }
 
-impl End for Connection {
+impl Endpoint for Connection {
     fn client(&self) -> Option<Client> {
         Some(self.client)
     }
@@ -273,12 +273,12 @@ impl End for Connection {
         } else if !self.is_leaving() && ready.intersects(EventFlags::IN | EventFlags::HUP) {
             let mut room = ROOM;
             match read_some(&self.stream, &mut room) {
-                Came::Bytes(bytes) => {
+                ReadResult::Bytes(bytes) => {
                     self.unacknowledged = true;
                     return self.pass(bench, bytes);
                 }
                 // It may have closed one direction only, and wait for a reply.
-                Came::End => {
+                ReadResult::Closed => {
                     self.last_words = Some(LAST_WORDS);
                     let held = self.gate.take().map(|mut gate| gate.release()).unwrap_or_default();
                     if !held.is_empty() {
@@ -286,7 +286,7 @@ impl End for Connection {
                         return true;
                     }
                 }
-                Came::Nothing => {}
+                ReadResult::Nothing => {}
             }
         }
         false
@@ -322,19 +322,19 @@ impl End for Connection {
         bench.is_under_way(self.client)
     }
 
-    fn ends(&self) -> Instant {
+    fn expires(&self) -> Instant {
         if self.over { Instant::ZERO } else { Instant::NEVER }
     }
 
-    fn goes_with_time(&self) -> bool {
+    fn follows_time(&self) -> bool {
         self.unacknowledged
     }
 
-    fn pause(&self) -> Option<Duration> {
+    fn poll_interval(&self) -> Option<Duration> {
         self.last_words.map(|_| LOOK)
     }
 
-    fn look(&mut self, _bench: &mut Bench) {
+    fn poll(&mut self, _bench: &mut Bench) {
         self.last_words = self.last_words.map(|left| left.saturating_sub(1));
         self.over |= self.last_words == Some(0);
     }
@@ -342,7 +342,7 @@ impl End for Connection {
     fn leave(&mut self, bench: &mut Bench) {
         let mut room = ROOM;
         for _ in 0..LAST_READS {
-            let Came::Bytes(_) = read_some(&self.stream, &mut room) else { break };
+            let ReadResult::Bytes(_) = read_some(&self.stream, &mut room) else { break };
         }
         info!("{} leaves tcp:{}", self.peer, self.address);
         bench.disconnect(self.client);
