@@ -327,7 +327,7 @@ struct Ramp {
     part: i32,
     /// [`STEP`]: a Cortex-M3 has it from here in one instruction, and as a constant in four.
     step: i64,
-    /// When the next step may be due, in 1/64 tick from the last one's tick.
+    /// When the next step may be due, in ticks from the last one's.
     guess: i32,
 }
 
@@ -348,14 +348,14 @@ impl Ramp {
             // Too much only where this was the last step.
             interval: second.saturating_mul(128),
             part: 0,
-            guess: second.saturating_mul(64),
+            guess: second,
         }
     }
 
     /// Ticks to the next step.
     #[inline]
     fn next(&mut self) -> u32 {
-        let d = (self.guess >> 6).cast_unsigned();
+        let d = self.guess.cast_unsigned();
         if d <= self.short {
             let there = self.motion.shortly_after(d);
             if there.is_nearest() {
@@ -371,7 +371,7 @@ impl Ramp {
         let part = parts(there.due, d);
         let interval = (d << 6).cast_signed() + part - self.part;
         // In this order, because two of the longest intervals are beyond 32 bits.
-        self.guess = interval + (interval - self.interval) + part + 32;
+        self.guess = (interval + (interval - self.interval) + part + 32) >> 6;
         self.interval = interval;
         self.part = part;
         self.motion = Motion { due: there.due + self.step, ..there };
@@ -385,7 +385,7 @@ impl Ramp {
         let Self { motion, short, .. } = *self;
         let after = |d| if d <= short { motion.shortly_after(d) } else { motion.after(i64::from(d)) };
         // Close to standstill they shrink less and less, but hardly to a half.
-        let mut d = (self.guess.max(self.interval >> 1) >> 6).cast_unsigned();
+        let mut d = self.guess.max(self.interval >> 7).cast_unsigned();
         let mut there = after(d);
         let (mut early, mut late) = (0, u32::MAX);
         for _ in 0..TRIES {
@@ -464,7 +464,7 @@ impl Cruise {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::motion::{MAX_ACCELERATION, Rates};
+    use crate::motion::{MAX_ACCELERATION, MAX_SPEED, Rates};
     use drivetwin_protocol::time::Span;
     use fixed::types::{I24F8, U24F8};
     use proptest::prelude::*;
@@ -501,6 +501,129 @@ mod tests {
         for _ in 0..10 {
             assert_eq!(lap.next(), all.next());
         }
+    }
+
+    #[test]
+    fn a_step_is_at_the_first_tick_from_which_it_is_less_than_half_a_tick_away() {
+        // In half a tick the phase grows by the speed.
+        let is_nearest = |due| Motion { a: 0, h: 5, due }.is_nearest();
+        assert!((-5..=4).all(is_nearest), "less than half a tick to go, or half a tick past it");
+        assert!(!is_nearest(5), "half a tick to go: the next one");
+        assert!(!is_nearest(-6), "more than half a tick past it: the one before");
+        assert!(Motion { a: 0, h: 5, due: 5 }.is_early() && !Motion { a: 0, h: 5, due: 4 }.is_early());
+    }
+
+    #[test]
+    fn an_interval_is_short_if_it_has_16_bits_and_the_change_of_speed_31() {
+        let short = |a| Motion { a, h: 0, due: 0 }.short();
+        assert_eq!([0, 1, -1, 32_768].map(short), [65_535; 4]);
+        // 32,769 * 65,534 is 2^31 - 2.
+        assert_eq!([32_769, -32_769].map(short), [65_534; 2]);
+        assert_eq!([1_000_000, -1_000_000].map(short), [2_147; 2]);
+        assert_eq!([i32::MAX, -i32::MAX].map(short), [1; 2]);
+    }
+
+    #[test]
+    fn a_phase_is_told_in_ticks_at_the_mean_speed_of_an_interval() {
+        // A thousand ticks to a step.
+        let tick = STEP / 1_000;
+        let tenths = [-16, -14, -6, -4, 0, 4, 6, 14, 16];
+        assert_eq!(tenths.map(|n| ticks(tick * n / 10, 1_000)), [-2, -1, -1, 0, 0, 0, 1, 1, 2]);
+        // In 1/64 tick, rounded down.
+        assert_eq!([-1, 1, 21, 61].map(|n| parts(tick * n / 128, 1_000)), [-1, 0, 10, 30]);
+    }
+
+    /// The instant of a step from standstill at `a` steps/s², to the nearest 1/`parts` tick: the way is a·t²/2.
+    fn due(step: u64, a: u32, parts: u64) -> u64 {
+        let square = u128::from(parts * parts * step) * u128::from(STEP.cast_unsigned());
+        // To the nearest whole number by way of the root of four times as much, rounded down.
+        let twice = (4 * square / u128::from(a)).isqrt();
+        twice.div_ceil(2) as u64
+    }
+
+    #[test]
+    fn the_last_steps_of_a_ramp_are_those_of_its_mirror() {
+        for a in 1..=3_000 {
+            let plan = Plan::profile(at(0), 0, 8, Rates::even(U24F8::from_num(MAX_SPEED), a));
+            // Twice the way of 4 steps takes as long as 16 from standstill.
+            let end = due(16, a, 1);
+            let down = [3, 2, 1, 0].map(|n| at(end - due(n, a, 1)));
+            assert!(Walker::new(&plan, at(0)).skip(4).map(|step| step.at).eq(down), "{a} steps/s²");
+        }
+    }
+
+    #[test]
+    fn a_step_is_found_though_the_guess_is_off() {
+        for a in 1..=3_000 {
+            let plan = Plan::profile(at(0), 0, 8, Rates::even(U24F8::from_num(MAX_SPEED), a));
+            let mut walker = Walker::new(&plan, at(0));
+            // From the third step before the end to the second, and on to the first: intervals of the ramp up.
+            for (skipped, last, next) in [(4, 3, 2), (0, 2, 1)] {
+                walker.nth(skipped);
+                let Pace::Ramp(ramp) = walker.leg.pace else { panic!("a ramp") };
+                let interval = (due(last, a, 1) - due(next, a, 1)) as u32;
+                for off in [-1_000, -2, -1, 0, 1, 2, 1_000] {
+                    let guess = interval.cast_signed() + off;
+                    assert_eq!(Ramp { guess, ..ramp }.search(), interval, "{a} steps/s², {off} ticks off");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_ramp_that_has_begun_knows_its_interval_and_guesses_the_next() {
+        for (a, first, last) in [(10_000, 200, 1_250), (500_000, 40, 1_600)] {
+            let plan = Plan::rest(at(0), 0).towards(at(0), I24F8::from_num(MAX_SPEED), a);
+            let mut walker = Walker::new(&plan, at(0));
+            let mut misses = 0;
+            for step in 1..last {
+                let at = walker.next().unwrap().at.ticks();
+                assert_eq!(at, due(step, a, 1), "step {step}");
+                if step < first {
+                    continue;
+                }
+                let Pace::Ramp(ramp) = &walker.leg.pace else { panic!("a ramp") };
+                // Both are rounded, down or up.
+                let part = due(step, a, 64).cast_signed() - 64 * at.cast_signed();
+                assert!((i64::from(ramp.part) - part).abs() <= 1, "step {step}: {} for {part}", ramp.part);
+                let interval = due(step, a, 64) - due(step - 1, a, 64);
+                assert!(interval.abs_diff(u64::from(ramp.interval.cast_unsigned())) <= 2, "step {step}");
+                misses += u64::from(i64::from(ramp.guess) != (due(step + 1, a, 1) - at).cast_signed());
+            }
+            // A guess adds several numbers rounded to 1/64 tick, so a few are off by a tick.
+            assert!(misses * 10 < last - first, "{misses} guesses miss at {a} steps/s²");
+        }
+    }
+
+    #[test]
+    fn the_factory_move_of_an_md3_is_walked_step_by_step() {
+        // 1250 steps and 0.5 s up at 10,000 steps/s², 1.5 s at 5,000 steps/s, and the ramp up seen from the end.
+        let rates = Rates::even(U24F8::from_num(5_000), 10_000);
+        for (steps, forward) in [(10_000, true), (-10_000, false)] {
+            let plan = Plan::profile(at(0), 0, steps, rates);
+            let up = (1..=1_250).map(|n| due(n, 10_000, 1));
+            let cruise = (1..=7_500).map(|n| 8_000_000 + n * 3_200);
+            let down = (0..1_250).rev().map(|n| 40_000_000 - due(n, 10_000, 1));
+            let steps = up.chain(cruise).chain(down).map(|ticks| Step { at: at(ticks), forward });
+            assert!(Walker::new(&plan, at(0)).eq(steps));
+        }
+    }
+
+    #[test]
+    fn a_step_at_which_an_axis_turns_round_is_made_there() {
+        let ms = |ms: u64| at(ms * 16_000);
+        let rates = Rates {
+            start: U24F8::from_num(MAX_SPEED),
+            down: 7_500,
+            ..Rates::even(U24F8::from_num(4_000), 10_000)
+        };
+        let cruise = Plan::rest(at(0), 0).slew(at(0), I24F8::from_num(4_000), rates);
+        // At 250 ms it has made 1,000 steps. 400 ms from 4,000 steps/s down to 1,000 are another 1,000 steps.
+        let rates = Rates { start: U24F8::from_num(1_000), ..rates };
+        let back = cruise.slew(ms(250), I24F8::from_num(-500), rates);
+        let turn =
+            [(650, true), (652, false), (654, false)].map(|(at, forward)| Step { at: ms(at), forward });
+        assert!(Walker::new(&back, ms(250)).skip(999).take(3).eq(turn));
     }
 
     #[test]
