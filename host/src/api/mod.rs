@@ -52,7 +52,7 @@ const HEAD_TIME: Duration = Duration::from_secs(5);
 struct Api {
     handle: BenchHandle,
     places: Arc<Places>,
-    /// Free while nobody advances the clock.
+    /// Free while no call advances the clock.
     advancing: Arc<Semaphore>,
     /// Room for those who follow the bench.
     readers: Arc<Semaphore>,
@@ -71,7 +71,7 @@ impl Api {
         let caller = Arc::new(());
         self.handle.submit(Arc::downgrade(&caller), |event_loop| {
             let result = work(event_loop);
-            // Nobody may wait for it any more.
+            // The caller may have left.
             || drop(done.send(result))
         });
         answer.await.map_err(|_| stopping())
@@ -85,7 +85,7 @@ impl Api {
         let (done, answer) = oneshot::channel();
         let caller = Arc::new(());
         self.handle.query(Arc::downgrade(&caller), |bench| {
-            // Nobody may wait for it any more.
+            // The caller may have left.
             let _ = done.send(look(bench));
         });
         answer.await.map_err(|_| stopping())

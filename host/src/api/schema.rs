@@ -187,7 +187,7 @@ struct TcpStatistics {
     connections: u64,
     /// Connections that were closed because what came was no Modbus/TCP.
     broken: u64,
-    /// Messages that the drive was told; where lines of text are spoken pieces of them.
+    /// Messages that reached the drive; on a port of text, pieces of them.
     messages: u64,
     /// Requests carried out.
     requests: u64,
@@ -215,9 +215,9 @@ struct Statistics {
     gap: u64,
     /// A wrong length.
     length: u64,
-    /// A character that nobody could read.
+    /// Frames with a parity or framing error.
     spoiled: u64,
-    /// For somebody else.
+    /// Frames for another address.
     foreign: u64,
     /// While the drive was starting.
     starting: u64,
@@ -255,7 +255,7 @@ pub(super) struct Pulses {
     /// Pulses per second of bench time.
     #[schema(minimum = 0.000001, maximum = 8000000)]
     pub(super) hz: f64,
-    /// The share of its period that a pulse takes; half of it if not said.
+    /// The share of its period that a pulse takes; half of it by default.
     #[schema(exclusive_minimum = 0, exclusive_maximum = 1)]
     pub(super) duty: Option<f64>,
 }

@@ -1,10 +1,11 @@
-//! Where the lines of a bench, and the TCP ports of its drives, are reached from outside: ptys, TCP ports, serial
-//! ports, standard input and output.
+//! Endpoints of a bench for clients: ptys, TCP ports, serial ports, standard input and output.
 //!
-//! All descriptors are non-blocking and belong to the bench's thread. [`Ports::wait`] sleeps until something
-//! comes, [`Ports::take`] takes it, [`Ports::deliver`] hands out what the drives sent. Each touches only the
-//! ends of lines where something is to be done, so those where nothing is cost nothing.
-//! Nobody is waited for: a client that does not read for too long loses its connection (TCP) or its characters
+//! Each leads to a line, or to a TCP port of a drive.
+//!
+//! All descriptors are non-blocking and belong to the bench's thread. [`Ports::wait`] sleeps until input
+//! comes, [`Ports::take`] takes it, [`Ports::deliver`] delivers what the drives sent. Each touches only the
+//! endpoints with work to do, so idle ones cost nothing.
+//! No client is waited for: one that does not read for too long loses its connection (TCP) or its characters
 //! (elsewhere), and one that sends faster than its line is read only as fast as the line.
 
 mod poller;
@@ -50,66 +51,66 @@ const READ_BYTES: usize = 4096;
 /// further.
 const BACKLOG_BYTES: usize = 4096;
 
-/// Time between two looks whether there is room again for those who knock.
+/// Time between two attempts to accept connections for which there was no room.
 const CROWDED: Duration = Duration::from_secs(1);
 
-/// The end of a line where somebody from outside talks and listens, or may come to.
+/// An endpoint of a line or TCP port: a client sends and receives there, or may connect.
 trait Endpoint {
-    /// Who talks there, while somebody does.
+    /// The client there, while one is connected.
     fn client(&self) -> Option<Client>;
 
-    /// Its descriptor, while it has one.
+    /// The descriptor, while there is one.
     fn fd(&self) -> Option<BorrowedFd<'_>>;
 
-    /// What is waited for; not even for errors if `None`.
+    /// Events to wait for; with `None` not even errors.
     fn interest(&self, bench: &Bench) -> Option<EventFlags>;
 
-    /// Takes what has come. Whether somebody has said something. In manual time it has its whole effect before
-    /// any end is asked again.
+    /// Takes input; returns whether there was some. In manual time it has its whole effect before any endpoint
+    /// is asked again.
     fn take(&mut self, bench: &mut Bench, ready: EventFlags, manual: bool) -> bool;
 
-    /// Hands out what the drives have sent by now. Whether a drive is to hear more of who talks there, because he reads
-    /// what it answers.
+    /// Delivers what the drives have sent by now. Returns whether more of the client's input is to be taken, because
+    /// it reads its answers.
     fn deliver(&mut self, bench: &mut Bench) -> bool;
 
-    /// When it is of no use any more.
+    /// Time at which the endpoint is closed.
     fn expires(&self) -> Instant {
         Instant::NEVER
     }
 
-    /// Whether [`Endpoint::deliver`] is wanted whenever time has gone on, though the drives may have sent nothing.
+    /// Returns whether [`Endpoint::deliver`] is called whenever time has passed, though the drives may have sent nothing.
     fn follows_time(&self) -> bool {
         false
     }
 
-    /// How long after each other it wants to be looked at, because of what nothing tells.
+    /// Interval of [`Endpoint::poll`], for changes that no event reports.
     fn poll_interval(&self) -> Option<Duration> {
         None
     }
 
-    /// Looks at what nothing tells.
+    /// Looks for changes that no event reports.
     fn poll(&mut self, _bench: &mut Bench) {}
 
-    /// Called when a program has opened, left or written to it. Takes what has come, as [`Endpoint::take`] does.
+    /// Called when a program has opened, left or written to it. Takes input, as [`Endpoint::take`] does.
     fn opened_or_closed(&mut self, _bench: &mut Bench, _manual: bool) -> bool {
         false
     }
 
-    /// It is of no use any more: who talks there leaves.
+    /// Called before the endpoint is dropped: its client leaves.
     fn leave(&mut self, bench: &mut Bench);
 }
 
-/// An end of a line, and what is known of it.
+/// A registered endpoint, and its state at the last event.
 struct Registered {
     endpoint: Box<dyn Endpoint>,
     client: Option<Client>,
-    /// What the system was told to wait for.
+    /// Events that the system waits for.
     interest: Option<EventFlags>,
     expires: Instant,
     poll_interval: Option<Duration>,
 }
 
-/// Who is looked at again and again.
+/// Endpoints that are polled at one interval.
 struct PollGroup {
     timer: OwnedFd,
     number: u64,
@@ -119,24 +120,24 @@ struct PollGroup {
 /// All ports of a bench.
 pub(crate) struct Ports {
     poller: Poller,
-    /// What has come, and is still to be taken.
+    /// Events that are still to be handled.
     ready: VecDeque<(u64, EventFlags)>,
     listeners: BTreeMap<u64, tcp_listener::Listener>,
-    /// Those where somebody knocks whose drive boots.
+    /// Listeners with a connection waiting whose drive is starting.
     booting: BTreeSet<u64>,
     endpoints: BTreeMap<u64, Registered>,
-    /// The place of each client.
+    /// The endpoint of each client.
     clients: BTreeMap<Client, u64>,
-    /// Those for which it matters that time goes on: it may make room for more of those that are not read.
+    /// Endpoints that follow time: its passing may make room for a client that is not read for now.
     time_driven: BTreeSet<u64>,
-    /// Those that end, and when.
+    /// Endpoints that expire, by time.
     expiring: BTreeSet<(Instant, u64)>,
     poll_groups: BTreeMap<Duration, PollGroup>,
-    /// Tells who opens a pty.
+    /// Openings and closings of the ptys.
     openings: Rc<RefCell<Openings>>,
     /// The ptys by their watches among the openings.
     ptys: BTreeMap<i32, u64>,
-    /// The place of standard input and output.
+    /// The endpoint of standard input and output.
     stdio: Option<u64>,
     /// The last number given.
     last: u64,
@@ -221,7 +222,7 @@ impl Ports {
         Ok(())
     }
 
-    /// Wakes for somebody else, too, whose descriptor gets the number that is returned.
+    /// Waits for another descriptor, too; returns the number that it gets.
     ///
     /// # Errors
     /// The system cannot wait for that.
@@ -231,47 +232,47 @@ impl Ports {
         Ok(number)
     }
 
-    /// [`wait`](Self::wait) ends when `left`, which is not zero, has passed, and not when it was to before; `None`: not
-    /// before something comes.
+    /// Sets the time after which [`wait`](Self::wait) ends, which is not zero, in place of the one before; `None`: not
+    /// before input comes.
     pub(crate) fn set_alarm(&self, left: Option<Duration>) {
         self.poller.set_alarm(left);
     }
 
-    /// Sleeps until something comes, or the alarm rings; if it `looks` only, it does not sleep.
+    /// Sleeps until input comes or the alarm rings; if it `looks` only, it does not sleep.
     ///
     /// # Errors
     /// The system does not let it wait.
     pub(crate) fn wait(&mut self, looks: bool) -> io::Result<()> {
         self.poller.wait(looks)?;
-        // Who is ready after those that are left over is so next time, too.
+        // A descriptor that is ready now is ready next time, too.
         if self.ready.is_empty() {
             self.ready.extend(self.poller.ready());
-            // Who leaves makes room for who comes.
+            // A client that leaves makes room for one that comes.
             let listeners = &self.listeners;
             self.ready.make_contiguous().sort_by_key(|(number, _)| listeners.contains_key(number));
         }
         Ok(())
     }
 
-    /// Whether that woke it.
+    /// Returns whether that descriptor ended the wait.
     pub(crate) fn is_ready(&self, number: u64) -> bool {
         self.poller.ready().any(|(ready, _)| ready == number)
     }
 
-    /// When a port wants to be looked at though nothing comes.
+    /// Time at which an endpoint expires next.
     pub(crate) fn deadline(&self) -> Instant {
         self.expiring.first().map_or(Instant::NEVER, |&(at, _)| at)
     }
 
-    /// Whether the bench is of no use any more, because standard input has ended and all is answered.
+    /// Returns whether standard input has ended and all is answered, so that the bench ends.
     pub(crate) fn are_over(&self) -> bool {
         self.stdio.is_some_and(|stdio| !self.endpoints.contains_key(&stdio))
     }
 
-    /// Takes what has come, up to what is to have its effect before more is taken: in manual time its whole effect.
-    /// Whether there is such.
+    /// Takes input, up to one that must have its effect before more is taken: in manual time its whole effect.
+    /// Returns whether there was one.
     pub(crate) fn take(&mut self, bench: &mut Bench, manual: bool) -> bool {
-        // What somebody sent who came a moment ago is his, not his predecessor's.
+        // Bytes of a program that opened a pty a moment ago are not its predecessor's.
         if !self.ready.is_empty() && !self.ptys.is_empty() {
             self.openings.borrow_mut().hear();
         }
@@ -341,7 +342,7 @@ impl Ports {
         number
     }
 
-    /// Notes what has become of an end.
+    /// Updates what is known of an endpoint.
     fn note(&mut self, bench: &Bench, number: u64) {
         let Some(registered) = self.endpoints.get_mut(&number) else { return };
         let Registered { endpoint, client, interest, expires, poll_interval } = registered;
@@ -405,7 +406,7 @@ impl Ports {
         group.endpoints.insert(number);
     }
 
-    /// Those that are looked at so long after each other.
+    /// The endpoints that are polled at that interval.
     fn poll_group(&mut self, interval: Duration) -> io::Result<&mut PollGroup> {
         match self.poll_groups.entry(interval) {
             Entry::Occupied(group) => Ok(group.into_mut()),
@@ -418,7 +419,7 @@ impl Ports {
         }
     }
 
-    /// Looks at the ends of a round whose timer has told so, and listens again where nobody was let in.
+    /// Polls the endpoints whose timer has expired, and listens again where no connection was accepted.
     fn poll_endpoints(&mut self, bench: &mut Bench, timer: u64) {
         let Some(group) = self.poll_groups.values().find(|group| group.number == timer) else { return };
         timer::hear(&group.timer);
@@ -514,7 +515,7 @@ impl Ports {
     }
 }
 
-/// What to wait for of somebody who talks and listens.
+/// Events to wait for at the descriptor of a client.
 fn interest(reads: bool, unread: &Unread) -> EventFlags {
     let mut interest = EventFlags::empty();
     interest.set(EventFlags::IN, reads);
@@ -522,7 +523,7 @@ fn interest(reads: bool, unread: &Unread) -> EventFlags {
     interest
 }
 
-/// Whether a client may be read further.
+/// Returns whether a client may be read further.
 fn may_read(bench: &Bench, client: Client, unread: &Unread) -> bool {
     bench.backlog(client) < BACKLOG_BYTES && unread.len() < BACKLOG_BYTES
 }
@@ -530,23 +531,23 @@ fn may_read(bench: &Bench, client: Client, unread: &Unread) -> bool {
 /// Room for what is read from a client at once.
 const ROOM: [MaybeUninit<u8>; READ_BYTES] = [MaybeUninit::uninit(); READ_BYTES];
 
-/// What a read from a client brought.
+/// Result of a read from a client.
 enum ReadResult<'a> {
     /// These bytes.
     Bytes(&'a [u8]),
-    /// Nothing for now.
+    /// No bytes for now.
     Nothing,
     /// The other end is closed.
     Closed,
 }
 
-/// Reads what is there.
+/// Reads the bytes that are there.
 fn read_some(from: impl AsFd, room: &mut [MaybeUninit<u8>]) -> ReadResult<'_> {
     match rustix::io::read(from, room) {
         Ok(([], _)) => ReadResult::Closed,
         Ok((bytes, _)) => ReadResult::Bytes(bytes),
         Err(rustix::io::Errno::AGAIN | rustix::io::Errno::INTR) => ReadResult::Nothing,
-        // Of a pty that nobody has open, or of a broken connection.
+        // The error of a pty that no program has open, or of a broken connection.
         Err(_) => ReadResult::Closed,
     }
 }

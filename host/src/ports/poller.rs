@@ -14,10 +14,10 @@ use rustix::io::Errno;
 
 use super::timer;
 
-/// How many may be ready at once; the others are next time.
+/// Descriptors that may be ready at once; the others come next time.
 const READY: usize = 256;
 
-/// The number of the alarm, which nobody else has.
+/// Number of the alarm; no descriptor has it.
 const ALARM: u64 = 0;
 
 /// Descriptors that are waited for, each by a number.
@@ -28,7 +28,7 @@ pub(super) struct Poller {
 }
 
 impl Poller {
-    /// Nothing to wait for yet.
+    /// A poller without descriptors.
     ///
     /// # Errors
     /// The system gives no epoll instance or timer.
@@ -38,7 +38,7 @@ impl Poller {
             alarm: timer::new()?,
             ready: Vec::with_capacity(READY),
         };
-        // It tells once that it rings, so nobody has to hear it out.
+        // Edge-triggered: it is reported once and needs no read.
         poller.add(ALARM, &poller.alarm, EventFlags::IN | EventFlags::ET)?;
         Ok(poller)
     }
@@ -86,7 +86,7 @@ impl Poller {
         }
     }
 
-    /// Who is ready since the last time, and what for.
+    /// Descriptors that became ready in the last wait, and their events.
     pub(super) fn ready(&self) -> impl Iterator<Item = (u64, EventFlags)> {
         let ready = self.ready.iter().map(|event| {
             let (data, flags) = (event.data, event.flags);

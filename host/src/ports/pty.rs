@@ -46,17 +46,17 @@ pub(super) struct Pty {
     path: PathBuf,
     link: Option<Link>,
     openings: Rc<RefCell<Openings>>,
-    /// Its watch among the openings.
+    /// The inotify watch of the pty.
     watch: i32,
     bus: Bus,
     /// The baud rate of the drive that it was last given.
     baud: u32,
-    /// Who talks there, while somebody has it open.
+    /// The client, while a program has the pty open.
     client: Option<Client>,
     openers: Openers,
     /// The present value of [`OTHER`].
     other: bool,
-    /// What the drives sent and nobody has taken.
+    /// Characters that the drives sent and no program has read.
     unread: Unread,
     /// The settings that were last warned of; many programs open a port for each request.
     warned: Option<Sender>,
@@ -84,12 +84,12 @@ const ALL: usize = 128 << 10;
 /// Time between two looks at the settings of an open pty, which does not tell when they change.
 const LOOK: Duration = Duration::from_millis(10);
 
-/// Why there is no pty.
+/// Reason why there is no pty.
 #[derive(Debug)]
 pub(crate) enum PtyError {
     /// The system gives none.
     None(io::Error),
-    /// Its link cannot be made.
+    /// The link cannot be made.
     Link(PathBuf, io::Error),
 }
 
@@ -141,12 +141,12 @@ impl Pty {
         &self.path
     }
 
-    /// Its watch among the openings.
+    /// The inotify watch of the pty.
     pub(super) fn watch(&self) -> i32 {
         self.watch
     }
 
-    /// Whether somebody is there of whom no more is read.
+    /// Returns whether a program is there of which no more is read for now.
     fn is_full(&self, bench: &Bench) -> bool {
         self.client.is_some_and(|client| !may_read(bench, client, &self.unread))
     }

@@ -42,7 +42,7 @@ const PTYS: &str = "/dev/pts";
 /// Returns whether a link can be made at `place`: nothing is there, or a link to a pty that is gone.
 ///
 /// # Errors
-/// Something else is there, or a link to a pty that somebody has open, or nothing can be there.
+/// The place has another file, or a link to a pty that a program has open, or cannot have a link.
 pub(crate) fn check_link(place: &Path) -> io::Result<()> {
     match place.symlink_metadata() {
         Ok(there) if there.is_symlink() => {

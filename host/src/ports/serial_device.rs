@@ -44,7 +44,7 @@ impl Device {
     /// Opens the serial port `path`.
     ///
     /// # Errors
-    /// It is none, it is not there, or somebody else has it.
+    /// It is no serial port, it is not there, or another program has it.
     pub(crate) fn open(path: &Path) -> io::Result<Self> {
         let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::NONBLOCK | OFlags::CLOEXEC;
         let fd = rustix::fs::open(path, flags, Mode::empty())?;
@@ -55,7 +55,7 @@ impl Device {
         Ok(Self { path: path.into(), fd })
     }
 
-    /// Its URI.
+    /// URI of the device.
     pub(super) fn uri(&self) -> String {
         Uri::Serial(self.path.clone()).to_string()
     }
@@ -72,7 +72,7 @@ pub(super) struct Serial {
     setter: Option<JoinHandle<()>>,
     bus: Bus,
     client: Option<Client>,
-    /// What the drives sent and it has not taken.
+    /// Characters that the drives sent and the device has not taken.
     unread: Unread,
 }
 
@@ -89,7 +89,7 @@ impl Serial {
 
     /// The port is there.
     fn come(&mut self, bench: &mut Bench, fd: OwnedFd) {
-        // What was sent before is nobody's.
+        // What was sent before is for no client.
         let _ = tcflush(&fd, QueueSelector::IOFlush);
         self.line = bench.line(self.bus);
         set(&fd, &self.path, self.line, OptionalActions::Now);

@@ -27,23 +27,23 @@ pub(super) struct Stdio {
     near: UnixStream,
     bus: Bus,
     client: Client,
-    /// What the drives sent and nobody has taken.
+    /// Characters that the drives sent and stdout has not taken.
     unread: Unread,
     stage: Stage,
     /// The thread that writes to standard output.
     writer: JoinHandle<()>,
 }
 
-/// How far it has come.
+/// Stage of standard input and output.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd)]
 enum Stage {
     /// Input may come.
     Open,
-    /// It has ended; what was asked is still answered.
+    /// Input has ended; requests are still answered.
     Asked,
     /// All is answered, and is still written.
     Answered,
-    /// It is over.
+    /// Input has ended and all is answered.
     Over,
 }
 

@@ -1,4 +1,4 @@
-//! What is reached by TCP: a line, with raw characters as serial device servers carry them, or a TCP port of a drive.
+//! TCP listeners: for a line, with raw characters as serial device servers carry them, or for a TCP port of a drive.
 
 use std::io;
 use std::net::{SocketAddr, TcpListener, TcpStream, ToSocketAddrs};
@@ -16,24 +16,24 @@ use super::unread::{Unread, share_mib};
 use super::web::{Gate, Judged};
 use super::{BACKLOG_BYTES, Endpoint, ROOM, ReadResult, interest, may_read, read_some};
 
-/// Time between two looks at somebody who has said all that he has to say.
+/// Interval at which a client that has sent all is polled until it leaves.
 const LOOK: Duration = Duration::from_secs(1);
 
-/// Looks after which he has to leave, whatever he still waits for: twice as long as a line may hold up an answer.
-const LAST_WORDS: u32 = 120;
+/// Polls after which such a connection is closed: twice as long as a line may hold up an answer.
+const LINGER_POLLS: u32 = 120;
 
 /// The same where the drive, or the host, has closed the connection.
-const LAST_WORDS_OF_DRIVE: u32 = 5;
+const LINGER_POLLS_CLOSED: u32 = 5;
 
-/// Time without a word of somebody after which he is asked whether he is there.
-const ASKS_AFTER: Duration = Duration::from_secs(10);
+/// Silence of a client after which the system sends it keep-alive probes.
+const KEEPALIVE_IDLE: Duration = Duration::from_secs(10);
 
-/// How often he is asked then, and the time between.
-const QUESTIONS: u32 = 4;
-const ASKS_AGAIN_AFTER: Duration = Duration::from_secs(5);
+/// Keep-alive probes, and the time between two.
+const KEEPALIVE_PROBES: u32 = 4;
+const KEEPALIVE_INTERVAL: Duration = Duration::from_secs(5);
 
-/// Without any sign of him for so long he is gone.
-const GONE: Duration = Duration::from_secs(30);
+/// Time without any sign of a client after which its connection is dropped.
+const USER_TIMEOUT: Duration = Duration::from_secs(30);
 
 /// Reads by which what still came is taken before a connection is closed: else the system would take back what is
 /// on its way to the other end.
@@ -45,7 +45,7 @@ pub(crate) struct Bound(OwnedFd);
 /// Reserves `HOST:PORT`.
 ///
 /// # Errors
-/// There is no such address here, or somebody has it.
+/// There is no such address here, or another program has it.
 pub(crate) fn bind(address: &str) -> io::Result<Bound> {
     let mut last = io::Error::new(io::ErrorKind::NotFound, "no such host");
     for address in address.to_socket_addrs()? {
@@ -70,14 +70,14 @@ fn bind_at(address: SocketAddr) -> io::Result<Bound> {
 /// Notices when nobody is at the other end any more, though he has not said that he leaves: a cable is pulled, a
 /// machine sleeps.
 fn watch_over(stream: &TcpStream, outlet: Outlet) -> io::Result<()> {
-    sockopt::set_tcp_keepidle(stream, ASKS_AFTER)?;
-    sockopt::set_tcp_keepintvl(stream, ASKS_AGAIN_AFTER)?;
-    sockopt::set_tcp_keepcnt(stream, QUESTIONS)?;
+    sockopt::set_tcp_keepidle(stream, KEEPALIVE_IDLE)?;
+    sockopt::set_tcp_keepintvl(stream, KEEPALIVE_INTERVAL)?;
+    sockopt::set_tcp_keepcnt(stream, KEEPALIVE_PROBES)?;
     sockopt::set_socket_keepalive(stream, true)?;
     // Where something waits to be acknowledged the system asks nothing. It would also give up who is there and does
     // not read, as whoever takes his time with the stream of a line may.
     if matches!(outlet, Outlet::Tcp(..)) {
-        sockopt::set_tcp_user_timeout(stream, GONE.as_millis() as u32)?;
+        sockopt::set_tcp_user_timeout(stream, USER_TIMEOUT.as_millis() as u32)?;
     }
     Ok(())
 }
@@ -86,44 +86,44 @@ impl Bound {
     /// Listens from now on.
     ///
     /// # Errors
-    /// Somebody else listens there already.
+    /// Another program listens there already.
     pub(crate) fn listen(self) -> io::Result<TcpListener> {
         rustix::net::listen(&self.0, 128)?;
         Ok(self.0.into())
     }
 }
 
-/// Where a line, or a TCP port of a drive, is reached.
+/// A listener for a line, or for a TCP port of a drive.
 pub(super) struct Listener {
     socket: TcpListener,
     outlet: Outlet,
     address: SocketAddr,
-    /// Held by each one who is there, also while he leaves.
+    /// Shared with each connection, also while it is leaving.
     presence: Rc<()>,
-    /// Whether somebody knocks for whom the system has no room.
+    /// True while a connection waits for which the system has no room.
     crowded: bool,
-    /// Whether it is told that somebody was turned away, and nobody was let in since.
+    /// True once a refusal is logged, until a connection is accepted.
     turns_away: bool,
 }
 
-/// One client.
+/// Connection of a client.
 pub(super) struct Connection {
     stream: TcpStream,
     peer: SocketAddr,
     address: SocketAddr,
-    /// Its presence at its port.
+    /// Shared by all clients of the port, which it counts.
     presence: Rc<()>,
     outlet: Outlet,
     client: Client,
     /// The beginning that it is judged by, until that is done.
     gate: Option<Gate>,
-    /// What the drives sent and it has not taken.
+    /// Bytes that the drives sent and the client has not taken.
     unread: Unread,
-    /// Whether nothing has told the other end that what it has sent last has come.
+    /// True while the last bytes of the client are not acknowledged.
     unacknowledged: bool,
-    /// Looks that are left to somebody who has said all that he has to say.
-    last_words: Option<u32>,
-    /// Whether it is of no use any more.
+    /// Polls that are left, once the client has sent all.
+    linger_polls: Option<u32>,
+    /// True when the connection is to be dropped.
     over: bool,
 }
 
@@ -138,31 +138,31 @@ impl Listener {
         Ok(Self { socket, outlet, address, presence: Rc::default(), crowded: false, turns_away: false })
     }
 
-    /// Where it listens.
+    /// Address of the listener.
     pub(super) fn address(&self) -> SocketAddr {
         self.address
     }
 
-    /// Returns whether the next one who knocks can be let in, or turned away; until then he waits.
+    /// Returns whether the next connection can be accepted or refused; until then it waits.
     pub(super) fn is_open(&self, bench: &Bench) -> bool {
         bench.accepts(self.outlet)
     }
 
-    /// What tells that somebody knocks.
+    /// The socket that is ready when a connection waits.
     pub(super) fn socket(&self) -> &TcpListener {
         &self.socket
     }
 
-    /// The next one who knocks and can be served.
+    /// Accepts the next connection that can be served.
     ///
     /// # Errors
-    /// The system has no room for one more; so it is told once, until somebody is let in again.
+    /// The system has no room for one more; that is logged once, until a connection is accepted again.
     pub(super) fn accept(&mut self, bench: &mut Bench) -> io::Result<Option<Connection>> {
         loop {
             let (stream, peer) = match self.socket.accept() {
                 Ok(accepted) => accepted,
                 Err(error) if error.kind() == io::ErrorKind::WouldBlock => return Ok(None),
-                // Who has left again before he was let in.
+                // A client that left before it was accepted.
                 Err(error) if error.kind() == io::ErrorKind::ConnectionAborted => continue,
                 Err(error) => {
                     if !std::mem::replace(&mut self.crowded, true) {
@@ -200,13 +200,13 @@ impl Listener {
                 gate: Some(Gate::new(matches!(self.outlet, Outlet::Line(_)))),
                 unread: Unread::default(),
                 unacknowledged: false,
-                last_words: None,
+                linger_polls: None,
                 over: false,
             }));
         }
     }
 
-    /// Tells that somebody is turned away: once, until somebody is let in again, because many try again and again.
+    /// Logs a refusal: once, until a connection is accepted again, because many clients try again and again.
     fn turn_away(&mut self, peer: SocketAddr, why: TurnedAway) {
         if !std::mem::replace(&mut self.turns_away, true) {
             warn!("{peer} is turned away from tcp:{}, as all are until there is room: {why}", self.address);
@@ -215,7 +215,7 @@ impl Listener {
 }
 
 impl Connection {
-    /// Whether a drive is told that somebody comes and goes.
+    /// Returns whether a drive is notified of connections.
     pub(super) fn is_told(&self) -> bool {
         matches!(self.outlet, Outlet::Tcp(..))
     }
@@ -247,9 +247,9 @@ impl Connection {
         share_mib(Rc::strong_count(&self.presence) - 1)
     }
 
-    /// Whether it has said all that it has to say.
+    /// Returns whether all that the client sent is taken, and it will send no more.
     fn is_leaving(&self) -> bool {
-        self.last_words.is_some()
+        self.linger_polls.is_some()
     }
 }
 
@@ -279,7 +279,7 @@ impl Endpoint for Connection {
                 }
                 // It may have closed one direction only, and wait for a reply.
                 ReadResult::Closed => {
-                    self.last_words = Some(LAST_WORDS);
+                    self.linger_polls = Some(LINGER_POLLS);
                     let held = self.gate.take().map(|mut gate| gate.release()).unwrap_or_default();
                     if !held.is_empty() {
                         bench.send(self.client, &held);
@@ -309,10 +309,10 @@ impl Endpoint for Connection {
             warn!("{} is disconnected: it has left more than {} MiB unread", self.peer, self.most_mib());
             self.over = true;
         }
-        if self.last_words.is_none()
+        if self.linger_polls.is_none()
             && let Some(ended) = bench.ended(self.client)
         {
-            self.last_words = Some(LAST_WORDS_OF_DRIVE);
+            self.linger_polls = Some(LINGER_POLLS_CLOSED);
             match ended {
                 Ended::Broken(_) => warn!("{} is disconnected from tcp:{}: {ended}", self.peer, self.address),
                 Ended::ByDrive | Ended::NoPower => info!("{}, tcp:{}: {ended}", self.peer, self.address),
@@ -331,12 +331,12 @@ impl Endpoint for Connection {
     }
 
     fn poll_interval(&self) -> Option<Duration> {
-        self.last_words.map(|_| LOOK)
+        self.linger_polls.map(|_| LOOK)
     }
 
     fn poll(&mut self, _bench: &mut Bench) {
-        self.last_words = self.last_words.map(|left| left.saturating_sub(1));
-        self.over |= self.last_words == Some(0);
+        self.linger_polls = self.linger_polls.map(|left| left.saturating_sub(1));
+        self.over |= self.linger_polls == Some(0);
     }
 
     fn leave(&mut self, bench: &mut Bench) {

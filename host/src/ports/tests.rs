@@ -111,14 +111,14 @@ fn exchange(stream: &mut TcpStream, transaction: u8) {
     expect(stream, &adu(transaction));
 }
 
-/// What comes until the other end closes, which it does in good order.
+/// Bytes until the other end closes, which it does in good order.
 fn rest(stream: &mut TcpStream) -> Vec<u8> {
     let mut rest = Vec::new();
     stream.read_to_end(&mut rest).unwrap();
     rest
 }
 
-/// Whether the connection is closed, in whatever order.
+/// Returns whether the connection is closed, in whatever order.
 fn is_closed(stream: &mut TcpStream) -> bool {
     match stream.read(&mut [0]) {
         Ok(count) => count == 0,

@@ -1,4 +1,4 @@
-//! Timers that wake whoever waits: once, or again and again.
+//! Timers: one-shot and periodic.
 
 use std::io;
 use std::os::fd::OwnedFd;
@@ -31,7 +31,7 @@ pub(super) fn stop(timer: &OwnedFd) {
     set(timer, Duration::ZERO, Duration::ZERO);
 }
 
-/// What it has told is heard.
+/// Clears an expiry, after which the timer's descriptor is not readable.
 pub(super) fn hear(timer: &OwnedFd) {
     // There is nothing to be read if it was stopped in between.
     let _ = rustix::io::read(timer, &mut [0; 8]);

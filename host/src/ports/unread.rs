@@ -1,4 +1,4 @@
-//! What the drives sent and nobody has taken yet.
+//! Characters that the drives sent and a client has not taken yet.
 
 use std::io;
 use std::os::fd::AsFd;
@@ -26,22 +26,22 @@ pub(super) struct Unread {
     bytes: Vec<u8>,
     /// So many of them are taken: to move up the others each time would take longer than to write them.
     taken: usize,
-    /// Whether some are lost since all were taken.
+    /// True if some were lost since all were taken.
     lost: bool,
 }
 
 impl Unread {
-    /// How many wait.
+    /// Number of waiting characters.
     pub(super) fn len(&self) -> usize {
         self.bytes.len() - self.taken
     }
 
-    /// Whether none waits.
+    /// Returns whether none waits.
     pub(super) fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// Whether more wait than may.
+    /// Returns whether more wait than may.
     pub(super) fn is_too_much(&self) -> bool {
         self.len() > MOST_MIB << 20
     }

@@ -21,7 +21,7 @@ enum Reached {
     Shared(usize),
 }
 
-/// A place to be reached that nobody else can take any more.
+/// A reserved place, which no other program can take any more.
 enum Place {
     Tcp(Bound),
     Pty(Option<PathBuf>),
@@ -110,7 +110,7 @@ fn check_links(layout: &Layout) -> Result<(), String> {
     for uri in own.chain(shared) {
         let Uri::Pty(Some(link)) = uri else { continue };
         let folder = Path::new(".").join(link).parent().map(Path::canonicalize);
-        // A folder that is not there is told with the link.
+        // A folder that is not there is reported with the link.
         if let (Some(Ok(folder)), Some(name)) = (folder, link.file_name())
             && let Some(other) = places.insert(folder.join(name), uri)
         {
