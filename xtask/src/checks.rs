@@ -83,12 +83,12 @@ const CHECKS: [Check; 22] = [
     check(Group::Host, "generated documents", &[], docs::check),
     check(Group::Foreign, "foreign masters", &[Tool::Python], |sh| {
         let others = [MBPOLL, MODBUS_SERIAL, PCAP, BOARDS].map(|test| ["--ignore", test]).concat();
-        pytest(sh, &[&["tests/foreign"], &others[..]].concat())
+        foreign(sh, &[&["tests/foreign"], &others[..]].concat())
     }),
-    check(Group::Foreign, "mbpoll", &[Tool::Python, Tool::Mbpoll], |sh| pytest(sh, &[MBPOLL])),
-    check(Group::Foreign, "modbus-serial", &[Tool::Python, Tool::Node], |sh| pytest(sh, &[MODBUS_SERIAL])),
-    check(Group::Foreign, "captures", &[Tool::Python, Tool::Tshark], |sh| pytest(sh, &[PCAP])),
-    check(Group::Foreign, "example of pytest", &[Tool::Python], |sh| pytest(sh, &["examples/pytest"])),
+    check(Group::Foreign, "mbpoll", &[Tool::Python, Tool::Mbpoll], |sh| foreign(sh, &[MBPOLL])),
+    check(Group::Foreign, "modbus-serial", &[Tool::Python, Tool::Node], |sh| foreign(sh, &[MODBUS_SERIAL])),
+    check(Group::Foreign, "captures", &[Tool::Python, Tool::Tshark], |sh| foreign(sh, &[PCAP])),
+    check(Group::Foreign, "example of pytest", &[Tool::Python], |sh| foreign(sh, &["examples/pytest"])),
     check(Group::Boards, "clippy for the boards", &[Tool::Clippy, Tool::ThumbTargets], board::clippy),
     check(Group::Boards, "no panics on Cortex-M", &[Tool::ThumbTargets], panic_free::check),
     check(Group::Boards, "sizes and counts", &size::NEEDS, size::check),
@@ -210,9 +210,13 @@ const MODBUS_SERIAL: &str = "tests/foreign/test_modbus_serial.py";
 const PCAP: &str = "tests/foreign/test_pcap.py";
 const BOARDS: &str = "tests/foreign/test_boards.py";
 
-/// Lets masters that we did not write talk to the binary.
-fn pytest(sh: &Shell, which: &[&str]) -> Result<()> {
+/// Builds the binary, and lets masters that we did not write talk to it.
+fn foreign(sh: &Shell, which: &[&str]) -> Result<()> {
     build(sh)?;
+    pytest(sh, which)
+}
+
+fn pytest(sh: &Shell, which: &[&str]) -> Result<()> {
     let python = tools::python(sh);
     let pytest = cmd!(sh, "{python} -B -m pytest -q -p no:cacheprovider {which...}");
     Ok(pytest.env("DRIVETWIN", drivetwin(sh)).run()?)
