@@ -1,9 +1,6 @@
-//! Links for an emulated board with either core, with the drive that `DRIVE` names.
-
-include!("../panic-free/place.rs");
+//! Links for an emulated board with either core.
 
 fn main() {
-    tell_place_of_drive();
     println!("cargo::rustc-link-arg-bins=-Tlink.x");
     println!("cargo::rustc-link-arg-bins=--nmagic");
     // What is measured lies there.

@@ -1,8 +1,6 @@
-//! Links a program that begins at `start`, with the drive that `DRIVE` names.
-
-include!("place.rs");
+//! Links programs that begin at `start`.
 
 fn main() {
-    tell_place_of_drive();
     println!("cargo::rustc-link-arg-bins=--entry=start");
+    println!("cargo::rerun-if-changed=build.rs");
 }

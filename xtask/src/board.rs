@@ -7,10 +7,9 @@ use drivetwin_firmware::device::{Device, Ends, Spec};
 use drivetwin_protocol::registers::Space;
 use xshell::{Shell, cmd};
 
-use crate::checks::target_dir;
-use crate::docs::kinds;
+use crate::checks::{BARE, host, target_dir};
 use crate::image::Image;
-use crate::tools::{self, Tool};
+use crate::tools::{Tool, Tools};
 
 /// Cargo's profile of what is flashed.
 pub(crate) const PROFILE: &str = "firmware";
@@ -64,15 +63,19 @@ pub(crate) const LM3S6965: &Board = &BOARDS[0];
 /// The Raspberry Pi Pico.
 pub(crate) const RP2040: &Board = &BOARDS[1];
 
-/// Lints the crates that only a board, or a linker, can build.
-pub(crate) fn clippy(sh: &Shell, bare: &[&str]) -> Result<()> {
+/// Lints the crates that only a board, or a linker, can build. The profile is theirs: the lock of another's folder
+/// would be waited for.
+pub(crate) fn clippy(sh: &Shell) -> Result<()> {
     for Board { package, target, .. } in &BOARDS {
         // A board's crate builds for its processor only.
         let others = BOARDS.iter().map(|board| board.package).filter(|other| other != package);
         let others: Vec<&str> = others.collect();
-        let packages = bare.iter().filter(|bare| !others.contains(bare)).flat_map(|bare| ["--package", bare]);
-        cmd!(sh, "cargo clippy --release {packages...} --target {target} -- -D warnings").run()?;
-        let logs = cmd!(sh, "cargo clippy --release --package {package} --features defmt --target {target}");
+        let packages = BARE.iter().filter(|bare| !others.contains(bare)).flat_map(|bare| ["--package", bare]);
+        cmd!(sh, "cargo clippy --profile {PROFILE} {packages...} --target {target} -- -D warnings").run()?;
+        let logs = cmd!(
+            sh,
+            "cargo clippy --profile {PROFILE} --package {package} --features defmt --target {target}"
+        );
         logs.args(["--", "-D", "warnings"]).run()?;
     }
     Ok(())
@@ -80,13 +83,12 @@ pub(crate) fn clippy(sh: &Shell, bare: &[&str]) -> Result<()> {
 
 /// Builds the images that log, one of each board: their linker scripts are others.
 pub(crate) fn logging(sh: &Shell) -> Result<()> {
-    for Board { package, target, .. } in &BOARDS {
-        // Beside the others, which keep their names.
+    for board in &BOARDS {
+        let Board { package, target, .. } = board;
         let build = cmd!(sh, "cargo build --profile {PROFILE} --package {package} --features defmt");
-        build
-            .args(["--bin", "md3", "--target", target, "--target-dir"])
-            .arg(target_dir(sh).join("defmt"))
-            .run()?;
+        build.args(["--bin", "md3", "--target", target]).run()?;
+        // The name belongs to the image that is silent: cargo, which has kept it, only links it to the name again.
+        board.build(sh, "md3")?;
     }
     Ok(())
 }
@@ -116,9 +118,8 @@ impl Board {
         Ok(self.images(sh).join(kind))
     }
 
-    /// Builds the image with a kind of drive, and looks where everything in it lies.
+    /// The image with a kind of drive, once it is built; looks where everything in it lies.
     pub(crate) fn image(&self, sh: &Shell, kind: &str) -> Result<Image> {
-        self.build(sh, kind)?;
         let image = Image::of(sh, self.target, PROFILE, kind)?;
         let vectors = self.vectors.map_or_else(|| image.symbol("_stack_start"), Ok)?;
         image.expect_map(vectors, self.ram).with_context(|| format!("{kind} on {}", self.name))?;
@@ -135,7 +136,7 @@ impl Board {
         if !kinds.iter().any(|known| known == kind) {
             bail!("there is no drive `{kind}` for the {}; there are: {}", self.name, kinds.join(", "));
         }
-        if let Some(remedy) = tools::bring_only(sh, needed).of(needed) {
+        if let Some(remedy) = Tools::default().missing(sh, needed) {
             bail!("{remedy}");
         }
         self.build(sh, kind)
@@ -149,20 +150,30 @@ impl Board {
     /// Builds every image, at once.
     pub(crate) fn all(&self, sh: &Shell) -> Result<PathBuf> {
         let Self { package, target, .. } = self;
-        let kinds = kinds(sh)?;
-        let bins = kinds.iter().filter(|kind| self.carries(kind)).flat_map(|kind| ["--bin", kind]);
+        let kinds = kinds().into_iter().filter(|kind| self.carries(kind));
+        let bins = kinds.flat_map(|kind| ["--bin", kind]);
         cmd!(sh, "cargo build --quiet --profile {PROFILE} --package {package} --target {target} {bins...}")
             .run()?;
         Ok(self.images(sh))
     }
 }
 
+/// What every kind of drive is.
+fn specs() -> Vec<&'static Spec> {
+    macro_rules! specs {
+        ($($make:expr),* $(,)?) => { vec![$(($make)().spec()),*] };
+    }
+    drivetwin_firmware::devices!(specs)
+}
+
+/// The kinds of drives.
+pub(crate) fn kinds() -> Vec<&'static str> {
+    specs().into_iter().map(|spec| spec.kind).collect()
+}
+
 /// What a kind of drive is.
 pub(crate) fn spec(kind: &str) -> Option<&'static Spec> {
-    macro_rules! specs {
-        ($($make:expr),* $(,)?) => { [$(($make)().spec()),*] };
-    }
-    drivetwin_firmware::devices!(specs).into_iter().find(|spec| spec.kind == kind)
+    specs().into_iter().find(|spec| spec.kind == kind)
 }
 
 /// How a person talks to a kind of drive whose line is at `address` of this machine.
@@ -203,20 +214,23 @@ fn first_register(spec: Option<&'static Spec>) -> u32 {
 /// Asks an image under QEMU.
 pub(crate) fn run(sh: &Shell) -> Result<()> {
     let image = LM3S6965.build(sh, "md3")?;
-    let test = cmd!(sh, "cargo test --package drivetwin-tests --test qemu -- --ignored");
+    let host = host();
+    let test = cmd!(sh, "cargo test {host...} --test qemu -- --ignored");
     Ok(test.env("DRIVETWIN_BOARD", image).run()?)
 }
 
 /// Plays the golden traces on the images under QEMU.
 pub(crate) fn golden(sh: &Shell) -> Result<()> {
     let images = LM3S6965.all(sh)?;
-    let test = cmd!(sh, "cargo test --package drivetwin-tests --test qemu_golden -- --ignored --nocapture");
+    let host = host();
+    let test = cmd!(sh, "cargo test {host...} --test qemu_golden -- --ignored --nocapture");
     Ok(test.env("DRIVETWIN_IMAGES", images).run()?)
 }
 
 /// What only the exact time of the emulated Pico can prove.
 pub(crate) fn pico(sh: &Shell) -> Result<()> {
     let images = RP2040.all(sh)?;
-    let test = cmd!(sh, "cargo test --package drivetwin-tests --test pico -- --ignored --nocapture");
+    let host = host();
+    let test = cmd!(sh, "cargo test {host...} --test pico -- --ignored --nocapture");
     Ok(test.env("DRIVETWIN_IMAGES", images).run()?)
 }

@@ -1,71 +1,192 @@
 //! Everything that must hold.
 
-use std::path::PathBuf;
+use std::fs::File;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::thread;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, anyhow};
 use xshell::{Shell, cmd};
 
-use crate::report::Report;
-use crate::tools::{self, Tool};
+use crate::report::{Outcome, Report, Row, now};
+use crate::tools::{self, Tool, Tools};
 use crate::{board, crates, docs, panic_free, pico, size, swarm};
 
 /// The crates that only a board, or a linker, can build.
-const BARE: [&str; 5] =
+pub(crate) const BARE: [&str; 5] =
     ["counted", "panic-free", "drivetwin-lm3s6965", "drivetwin-rp2040", "drivetwin-stm32f4"];
 
-/// Runs every check; whether none failed.
-pub(crate) fn all(sh: &Shell) -> Result<bool> {
-    let ci = std::env::var("CI").is_ok_and(|ci| ci == "true");
-    let mut report = Report::new(sh, tools::bring(sh), ci);
+/// The arguments of cargo that choose every crate that the host can build. Always the same ones: with others cargo may
+/// choose other features of what they use, and build that again.
+pub(crate) fn host() -> Vec<&'static str> {
+    ["--workspace"].into_iter().chain(BARE.iter().flat_map(|bare| ["--exclude", bare])).collect()
+}
 
-    report.check("format", &[Tool::Rustfmt], |sh| Ok(cmd!(sh, "cargo fmt --all --check").run()?));
-    report.check("clippy", &[Tool::Clippy], |sh| {
-        let host = bare("--exclude");
-        Ok(cmd!(sh, "cargo clippy --workspace {host...} --all-targets -- -D warnings").run()?)
-    });
-    report.check("clippy for the boards", &[Tool::Clippy, Tool::ThumbTargets], |sh| board::clippy(sh, &BARE));
-    report.check("licences and origins of crates", &[], crates::check);
-    report.check("rustdoc", &[], |sh| {
-        let host = bare("--exclude");
-        let doc = cmd!(sh, "cargo doc --workspace {host...} --features drivetwin-board/network --no-deps --document-private-items");
+/// Checks that are run together.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+enum Group {
+    /// What runs here.
+    Host,
+    /// Masters that we did not write, and the binary.
+    Foreign,
+    /// What runs on Cortex-M, and its emulators.
+    Boards,
+}
+
+const GROUPS: [(&str, Group); 3] =
+    [("host", Group::Host), ("foreign", Group::Foreign), ("boards", Group::Boards)];
+
+/// Groups that run one after the other, beside those of the other lane. Cargo locks the folder of a profile while it
+/// builds there: the first lane builds in `debug`, and last in `release`; the second one in those of the targets, and in
+/// `release` at first.
+const LANES: [&[Group]; 2] = [&[Group::Host, Group::Foreign], &[Group::Boards]];
+
+struct Check {
+    group: Group,
+    name: &'static str,
+    needs: &'static [Tool],
+    run: fn(&Shell) -> Result<()>,
+}
+
+const fn check(
+    group: Group,
+    name: &'static str,
+    needs: &'static [Tool],
+    run: fn(&Shell) -> Result<()>,
+) -> Check {
+    Check { group, name, needs, run }
+}
+
+/// Every check, in the order of its lane.
+const CHECKS: [Check; 22] = [
+    check(Group::Host, "format", &[Tool::Rustfmt], |sh| Ok(cmd!(sh, "cargo fmt --all --check").run()?)),
+    check(Group::Host, "clippy", &[Tool::Clippy], |sh| {
+        let host = host();
+        Ok(cmd!(sh, "cargo clippy {host...} --all-targets -- -D warnings").run()?)
+    }),
+    check(Group::Host, "licences and origins of crates", &[], crates::check),
+    check(Group::Host, "rustdoc", &[], |sh| {
+        let host = host();
+        let doc = cmd!(
+            sh,
+            "cargo doc {host...} --features drivetwin-board/network --no-deps --document-private-items"
+        );
         Ok(doc.env("RUSTDOCFLAGS", "-D warnings").run()?)
-    });
-    report.check("tests", &[], |sh| {
+    }),
+    check(Group::Host, "tests", &[], |sh| {
         let seed = std::env::var("PROPTEST_RNG_SEED").unwrap_or_else(|_| SEED.into());
-        Ok(cmd!(sh, "cargo test --no-fail-fast").env("PROPTEST_RNG_SEED", seed).run()?)
-    });
-    report.check("tests of the tools", &[], |sh| {
-        Ok(cmd!(sh, "cargo test --package insncount --package swarm --package xtask").run()?)
-    });
-    report.check("swarm", &[], swarm::check);
-    report.check("build", &[], build);
-    report.check("generated documents", &[], docs::check);
-    report.check("foreign masters", &[Tool::Python], |sh| {
+        let host = host();
+        Ok(cmd!(sh, "cargo test {host...} --no-fail-fast").env("PROPTEST_RNG_SEED", seed).run()?)
+    }),
+    check(Group::Host, "swarm", &[], swarm::check),
+    check(Group::Host, "build", &[], build),
+    check(Group::Host, "generated documents", &[], docs::check),
+    check(Group::Foreign, "foreign masters", &[Tool::Python], |sh| {
         let others = [MBPOLL, MODBUS_SERIAL, PCAP, BOARDS].map(|test| ["--ignore", test]).concat();
-        pytest(sh, &[&["tests/foreign"], &others[..]].concat())
-    });
-    report.check("mbpoll", &[Tool::Python, Tool::Mbpoll], |sh| pytest(sh, &[MBPOLL]));
-    report.check("modbus-serial", &[Tool::Python, Tool::Node], |sh| pytest(sh, &[MODBUS_SERIAL]));
-    report.check("captures", &[Tool::Python, Tool::Tshark], |sh| pytest(sh, &[PCAP]));
-    report.check("example of pytest", &[Tool::Python], |sh| pytest(sh, &["examples/pytest"]));
-    report.check("no panics on Cortex-M", &[Tool::ThumbTargets], panic_free::check);
-    report.check("sizes and counts", &size::NEEDS, size::check);
-    report.check("LM3S6965 under QEMU", &[Tool::ThumbTargets, Tool::Qemu], board::run);
-    report.check("golden traces on LM3S6965", &[Tool::ThumbTargets, Tool::Qemu], board::golden);
-    report.check("emulator of the Pico", &[Tool::Node], pico::check_emulator);
-    report.check("emulated Pico", &[Tool::ThumbTargets, Tool::Node], board::pico);
-    report.check(
+        foreign(sh, &[&["tests/foreign"], &others[..]].concat())
+    }),
+    check(Group::Foreign, "mbpoll", &[Tool::Python, Tool::Mbpoll], |sh| foreign(sh, &[MBPOLL])),
+    check(Group::Foreign, "modbus-serial", &[Tool::Python, Tool::Node], |sh| foreign(sh, &[MODBUS_SERIAL])),
+    check(Group::Foreign, "captures", &[Tool::Python, Tool::Tshark], |sh| foreign(sh, &[PCAP])),
+    check(Group::Foreign, "example of pytest", &[Tool::Python], |sh| foreign(sh, &["examples/pytest"])),
+    check(Group::Boards, "clippy for the boards", &[Tool::Clippy, Tool::ThumbTargets], board::clippy),
+    check(Group::Boards, "no panics on Cortex-M", &[Tool::ThumbTargets], panic_free::check),
+    check(Group::Boards, "sizes and counts", &size::NEEDS, size::check),
+    check(Group::Boards, "images that log", &[Tool::ThumbTargets], board::logging),
+    check(Group::Boards, "LM3S6965 under QEMU", &[Tool::ThumbTargets, Tool::Qemu], board::run),
+    check(Group::Boards, "golden traces on LM3S6965", &[Tool::ThumbTargets, Tool::Qemu], board::golden),
+    check(Group::Boards, "emulator of the Pico", &[Tool::Node], pico::check_emulator),
+    check(Group::Boards, "emulated Pico", &[Tool::ThumbTargets, Tool::Node], board::pico),
+    check(
+        Group::Boards,
         "foreign masters and the boards",
         &[Tool::ThumbTargets, Tool::Python, Tool::Qemu, Tool::Node],
         |sh| pytest(sh, &[BOARDS]),
-    );
-    report.check("images that log", &[Tool::ThumbTargets], board::logging);
+    ),
+];
+
+/// Runs the checks of these groups, of all if there are none; whether none failed.
+pub(crate) fn run(groups: &[&str]) -> Result<bool> {
+    let groups = chosen(groups)?;
+    // In continuous integration nothing is skipped.
+    let ci = std::env::var("CI").is_ok_and(|ci| ci == "true");
+    let this = std::env::current_exe()?;
+    let (report, tools) = (Report::new(), Tools::default());
+    let run = |lane: &[Group]| {
+        let sh = crate::shell()?;
+        for (place, check) in CHECKS.iter().enumerate() {
+            if !lane.contains(&check.group) || !groups.contains(&check.group) {
+                continue;
+            }
+            let name = check.name;
+            let missing = tools.missing(&sh, check.needs);
+            report.begin(name);
+            let start = now();
+            let (output, outcome) = match missing {
+                Some(remedy) if ci => (String::new(), Outcome::Failed(remedy)),
+                Some(remedy) => (String::new(), Outcome::Skipped(remedy)),
+                None => run_apart(&sh, &this, name)?,
+            };
+            report.end(&output, Row { place, name, took: now() - start, outcome });
+        }
+        anyhow::Ok(())
+    };
+    thread::scope(|scope| {
+        let lanes = LANES.map(|lane| scope.spawn(|| run(lane)));
+        lanes.into_iter().try_for_each(|lane| lane.join().map_err(|_| anyhow!("a lane broke off"))?)
+    })?;
     Ok(report.finish())
 }
 
-/// `flag` before each crate that the host cannot build.
-fn bare(flag: &str) -> Vec<&str> {
-    BARE.iter().flat_map(|package| [flag, package]).collect()
+/// The groups with these names, or all.
+fn chosen(names: &[&str]) -> Result<Vec<Group>> {
+    let named = |name: &&str| {
+        let group = GROUPS.iter().find(|(known, _)| known == name).map(|(_, group)| *group);
+        group.with_context(|| {
+            format!("there is no group `{name}`; there are: {}", GROUPS.map(|(name, _)| name).join(", "))
+        })
+    };
+    if names.is_empty() {
+        return Ok(GROUPS.map(|(_, group)| group).to_vec());
+    }
+    names.iter().map(named).collect()
+}
+
+/// Runs a check in a process of its own. What that prints comes to us.
+fn run_apart(sh: &Shell, this: &Path, name: &str) -> Result<(String, Outcome)> {
+    let folder = sh.create_temp_dir()?;
+    let path = folder.path().join("output");
+    let file = File::create(&path)?;
+    let mut check = Command::new(this);
+    check.args(["check", name]).current_dir(sh.current_dir());
+    let status = check.stdin(Stdio::null()).stderr(file.try_clone()?).stdout(file).status()?;
+    let output = String::from_utf8_lossy(&std::fs::read(&path)?).into_owned();
+    if status.success() {
+        return Ok((output, Outcome::Passed));
+    }
+    let (output, why) = reason(&output);
+    Ok((output.to_owned(), Outcome::Failed(why.to_owned())))
+}
+
+/// Parts the output of a check that failed from the reason, which it says last.
+fn reason(output: &str) -> (&str, &str) {
+    match output.rfind("error: ") {
+        Some(begin) if begin == 0 || output[..begin].ends_with('\n') => {
+            (&output[..begin], output[begin..].trim_start_matches("error: ").trim_end())
+        }
+        _ => (output, "it broke off"),
+    }
+}
+
+/// Runs one check, as [`run_apart`] wants it.
+pub(crate) fn run_one(sh: &Shell, name: &str) -> Result<()> {
+    let check = CHECKS.iter().find(|check| check.name == name).with_context(|| {
+        format!(
+            "there is no check `{name}`; there are: {}",
+            CHECKS.each_ref().map(|check| check.name).join(", ")
+        )
+    })?;
+    (check.run)(sh)
 }
 
 /// Of the cases of the property tests: whether a commit passes depends on it alone. New ones are for
@@ -89,7 +210,12 @@ const MODBUS_SERIAL: &str = "tests/foreign/test_modbus_serial.py";
 const PCAP: &str = "tests/foreign/test_pcap.py";
 const BOARDS: &str = "tests/foreign/test_boards.py";
 
-/// Lets masters that we did not write talk to the binary.
+/// Builds the binary, and lets masters that we did not write talk to it.
+fn foreign(sh: &Shell, which: &[&str]) -> Result<()> {
+    build(sh)?;
+    pytest(sh, which)
+}
+
 fn pytest(sh: &Shell, which: &[&str]) -> Result<()> {
     let python = tools::python(sh);
     let pytest = cmd!(sh, "{python} -B -m pytest -q -p no:cacheprovider {which...}");
@@ -104,4 +230,39 @@ pub(crate) fn drivetwin(sh: &Shell) -> PathBuf {
 /// Where cargo builds.
 pub(crate) fn target_dir(sh: &Shell) -> PathBuf {
     sh.current_dir().join(std::env::var_os("CARGO_TARGET_DIR").unwrap_or_else(|| "target".into()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn groups_have_names() {
+        assert_eq!(chosen(&[]).expect("all"), [Group::Host, Group::Foreign, Group::Boards]);
+        assert_eq!(chosen(&["boards"]).expect("one"), [Group::Boards]);
+        assert_eq!(
+            chosen(&["host", "nowhere"]).expect_err("no such group").to_string(),
+            "there is no group `nowhere`; there are: host, foreign, boards"
+        );
+    }
+
+    #[test]
+    fn each_group_is_in_one_lane() {
+        for (name, group) in GROUPS {
+            let lanes = LANES.iter().filter(|lane| lane.contains(&group));
+            assert_eq!(lanes.count(), 1, "{name}");
+            assert!(CHECKS.iter().any(|check| check.group == group), "{name}");
+        }
+    }
+
+    #[test]
+    fn a_check_says_last_why_it_failed() {
+        assert_eq!(
+            reason("$ cargo\nerror: no\nerror: 2 are\n  wrong\n"),
+            ("$ cargo\nerror: no\n", "2 are\n  wrong")
+        );
+        assert_eq!(reason("error: no\n"), ("", "no"));
+        assert_eq!(reason("an error: no\n"), ("an error: no\n", "it broke off"));
+        assert_eq!(reason(""), ("", "it broke off"));
+    }
 }

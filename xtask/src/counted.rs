@@ -1,11 +1,10 @@
 //! Counts instructions: runs programs under QEMU with the plugin `insncount`.
 
-use std::path::PathBuf;
-
 use anyhow::{Context, Result, bail, ensure};
+use drivetwin_firmware::device::Spec;
 use xshell::{Shell, cmd};
 
-use crate::board::PROFILE;
+use crate::board::{self, PROFILE};
 use crate::checks::target_dir;
 use crate::image::Image;
 
@@ -22,8 +21,32 @@ pub(crate) const PROCESSORS: [Processor; 2] = [
     Processor { target: "thumbv6m-none-eabi", machine: "microbit" },
 ];
 
-/// Versions of QEMU that take plugins of version 1.
-const TAKES_PLUGIN: std::ops::RangeInclusive<u32> = 6..=8;
+/// The programs beside those of the drives.
+pub(crate) const PROGRAMS: [&str; 4] = ["motion", "counter", "program", "turning"];
+
+/// Lets the plugin prove itself.
+const KNOWN: &str = "known";
+
+/// Versions of QEMU whose interface for plugins is known. Those before 9 take the first version of it alone, the others
+/// the second and later ones.
+const TAKES_PLUGIN: std::ops::RangeInclusive<u32> = 6..=10;
+const TAKES_SECOND: u32 = 9;
+
+/// Whether the QEMU that is here takes the plugin.
+pub(crate) fn takes_plugin(sh: &Shell) -> bool {
+    qemu_version(sh).is_some_and(|version| TAKES_PLUGIN.contains(&version))
+}
+
+/// The first number of QEMU's version.
+fn qemu_version(sh: &Shell) -> Option<u32> {
+    let text = cmd!(sh, "qemu-system-arm --version").quiet().ignore_stderr().read().ok()?;
+    text.split(' ').skip_while(|word| *word != "version").nth(1)?.split('.').next()?.parse().ok()
+}
+
+/// The kinds of drives that have a program: what is counted is heard on a serial port.
+pub(crate) fn kinds() -> impl Iterator<Item = &'static str> {
+    board::kinds().into_iter().filter(|kind| !board::spec(kind).is_some_and(Spec::is_on_network))
+}
 
 /// What a group of a program took, in instructions.
 #[derive(Debug)]
@@ -34,93 +57,90 @@ pub(crate) struct Group {
     pub(crate) most: u64,
 }
 
-/// Builds the plugin. Returns where it is.
-///
-/// # Errors
-///
-/// If QEMU is one that does not take plugins of version 1 of their interface.
-pub(crate) fn plugin(sh: &Shell) -> Result<PathBuf> {
-    let version = cmd!(sh, "qemu-system-arm --version").quiet().read()?;
-    let major = version.split(' ').skip_while(|word| *word != "version").nth(1);
-    let major: u32 = major.and_then(|version| version.split('.').next()?.parse().ok()).unwrap_or(0);
-    ensure!(
-        TAKES_PLUGIN.contains(&major),
-        "instructions are counted with QEMU 6 to 8, whose plugins have version 1; this is {}",
-        version.lines().next().unwrap_or_default()
-    );
-    cmd!(sh, "cargo build --quiet --release --package insncount").run()?;
-    Ok(target_dir(sh).join("release/libinsncount.so"))
+/// The plugin and the programs, built.
+pub(crate) struct Counting<'a> {
+    sh: &'a Shell,
+    /// The path of the plugin.
+    pub(crate) plugin: String,
 }
 
-/// Runs a program of `tests/counted`, with a kind of drive if it is about one.
-pub(crate) fn groups(
-    sh: &Shell,
-    processor: &Processor,
-    program: &str,
-    kind: Option<&str>,
-) -> Result<Vec<Group>> {
-    let Run { said, log } = run(sh, processor, program, kind, "")?;
-    let names = said.lines();
-    let counts: Vec<[u64; 3]> = log
-        .lines()
-        .map(|line| numbers(line, ["group parts", "instructions", "most"]))
-        .collect::<Result<_>>()?;
-    ensure!(names.clone().count() == counts.len(), "{program} counted something without a name");
-    names
-        .zip(counts)
-        .map(|(name, [parts, instructions, most])| {
-            ensure!(parts > 0, "{program} never did what it calls `{name}`");
-            Ok(Group { name: name.to_owned(), mean: instructions.div_ceil(parts), most })
-        })
-        .collect()
-}
-
-/// Lets the plugin count what is known.
-pub(crate) fn check(sh: &Shell) -> Result<()> {
-    for processor in &PROCESSORS {
-        build(sh, processor, "known", None)?;
-        let image = Image::of(sh, processor.target, PROFILE, "known")?;
-        let [low, high] = ["PendSV", "SVCall"]
-            .map(|name| Ok::<_, anyhow::Error>(format!(",handler={name}:{:#x}", image.symbol(name)?)));
-        let Run { log, .. } = run(sh, processor, "known", None, &(low? + &high?))?;
-        // As the program's comments say.
-        let known = "handler PendSV calls 2 most 16\nhandler SVCall calls 2 most 4\n";
-        ensure!(log == known, "{}: the plugin counts wrong:\n{log}", processor.machine);
+impl<'a> Counting<'a> {
+    /// Builds the plugin for the QEMU that is here, and every program for each processor.
+    pub(crate) fn build(sh: &'a Shell) -> Result<Self> {
+        let second = qemu_version(sh).is_some_and(|version| version >= TAKES_SECOND);
+        let interface = second.then_some(["--features", "second-interface"]).into_iter().flatten();
+        cmd!(sh, "cargo build --quiet --profile {PROFILE} --package insncount {interface...}").run()?;
+        for Processor { target, .. } in &PROCESSORS {
+            let programs = PROGRAMS.into_iter().chain([KNOWN]).chain(kinds());
+            let bins = programs.flat_map(|program| ["--bin".to_owned(), name(program)]);
+            cmd!(sh, "cargo build --quiet --profile {PROFILE} --package counted --target {target} {bins...}")
+                .run()?;
+        }
+        let plugin = target_dir(sh).join(PROFILE).join("libinsncount.so");
+        let plugin = plugin.into_os_string().into_string().ok().context("a path that is no text")?;
+        Ok(Self { sh, plugin })
     }
-    Ok(())
+
+    /// Runs a program of `tests/counted`.
+    pub(crate) fn groups(&self, processor: &Processor, program: &str) -> Result<Vec<Group>> {
+        let Run { said, log } = self.run(processor, program, "")?;
+        let names = said.lines();
+        let counts: Vec<[u64; 3]> = log
+            .lines()
+            .map(|line| numbers(line, ["group parts", "instructions", "most"]))
+            .collect::<Result<_>>()?;
+        ensure!(names.clone().count() == counts.len(), "{program} counted something without a name");
+        names
+            .zip(counts)
+            .map(|(name, [parts, instructions, most])| {
+                ensure!(parts > 0, "{program} never did what it calls `{name}`");
+                Ok(Group { name: name.to_owned(), mean: instructions.div_ceil(parts), most })
+            })
+            .collect()
+    }
+
+    /// Lets the plugin count what is known.
+    pub(crate) fn check(&self) -> Result<()> {
+        for processor in &PROCESSORS {
+            let image = Image::of(self.sh, processor.target, PROFILE, &name(KNOWN))?;
+            let [low, high] = ["PendSV", "SVCall"].map(|handler| {
+                Ok::<_, anyhow::Error>(format!(",handler={handler}:{:#x}", image.symbol(handler)?))
+            });
+            let Run { log, .. } = self.run(processor, KNOWN, &(low? + &high?))?;
+            // As the program's comments say.
+            let known = "handler PendSV calls 2 most 16\nhandler SVCall calls 2 most 4\n";
+            ensure!(log == known, "{}: the plugin counts wrong:\n{log}", processor.machine);
+        }
+        Ok(())
+    }
+
+    fn run(&self, processor: &Processor, program: &str, arguments: &str) -> Result<Run> {
+        let Self { sh, plugin } = self;
+        let Processor { target, machine } = processor;
+        let image = target_dir(sh).join(target).join(PROFILE).join(name(program));
+        let folder = sh.create_temp_dir()?;
+        let log = folder.path().join("log");
+        let plugin = format!("{plugin}{arguments}");
+        let said = cmd!(
+            sh,
+            "timeout 60 qemu-system-arm -M {machine} -display none -monitor none -serial null
+             -chardev stdio,id=said -semihosting-config enable=on,target=native,chardev=said
+             -plugin {plugin} -d plugin -D {log} -kernel {image}"
+        );
+        let said = said.quiet().read().with_context(|| format!("{program} fails on {machine}"))?;
+        Ok(Run { said, log: sh.read_file(log)? })
+    }
+}
+
+/// Cargo's name of a program.
+fn name(program: &str) -> String {
+    format!("counted-{program}")
 }
 
 /// What a run has left behind.
 struct Run {
     said: String,
     log: String,
-}
-
-fn build(sh: &Shell, processor: &Processor, program: &str, kind: Option<&str>) -> Result<()> {
-    let target = processor.target;
-    let build = cmd!(
-        sh,
-        "cargo build --quiet --profile {PROFILE} --package counted --bin {program} --target {target}"
-    );
-    Ok(kind.into_iter().fold(build, |build, kind| build.env("DRIVE", kind)).run()?)
-}
-
-fn run(sh: &Shell, processor: &Processor, program: &str, kind: Option<&str>, arguments: &str) -> Result<Run> {
-    let Processor { target, machine } = processor;
-    let plugin = plugin(sh)?.into_os_string().into_string().ok().context("a path that is no text")?;
-    build(sh, processor, program, kind)?;
-    let image = target_dir(sh).join(target).join(PROFILE).join(program);
-    let folder = sh.create_temp_dir()?;
-    let log = folder.path().join("log");
-    let plugin = format!("{plugin}{arguments}");
-    let said = cmd!(
-        sh,
-        "timeout 60 qemu-system-arm -M {machine} -display none -monitor none -serial null
-         -chardev stdio,id=said -semihosting-config enable=on,target=native,chardev=said
-         -plugin {plugin} -d plugin -D {log} -kernel {image}"
-    );
-    let said = said.quiet().read().with_context(|| format!("{program} fails on {machine}"))?;
-    Ok(Run { said, log: sh.read_file(log)? })
 }
 
 /// The numbers of a line of the plugin, each behind its word.

@@ -15,8 +15,9 @@ use drivetwin_protocol::modbus::{Burst, Voices, rtu};
 use xshell::{Shell, cmd};
 
 use crate::board::{LM3S6965, RP2040, spec};
+use crate::counted::Counting;
 use crate::image::Image;
-use crate::{counted, qemu};
+use crate::qemu;
 
 /// How long an answer is waited for before the board is asked again.
 const PATIENCE: Duration = Duration::from_secs(1);
@@ -194,9 +195,9 @@ pub(crate) struct Worst {
     pub(crate) stack: u64,
 }
 
-/// On each board that is emulated and carries it, of the first two of [`BOARDS`](crate::board::BOARDS).
-pub(crate) fn worst(sh: &Shell, work: &Work) -> Result<Vec<Worst>> {
-    let mut worst = vec![lm3s6965(sh, work)?];
+/// On each board that is emulated and carries it, whose images are built, of the first two of [`BOARDS`](crate::board::BOARDS).
+pub(crate) fn worst(sh: &Shell, counting: &Counting<'_>, work: &Work) -> Result<Vec<Worst>> {
+    let mut worst = vec![lm3s6965(sh, counting, work)?];
     if RP2040.carries(work.kind) {
         worst.push(rp2040(sh, work)?);
     }
@@ -244,12 +245,12 @@ fn rp2040(sh: &Shell, work: &Work) -> Result<Worst> {
 }
 
 /// The LM3S6965 under QEMU.
-fn lm3s6965(sh: &Shell, work: &Work) -> Result<Worst> {
+fn lm3s6965(sh: &Shell, counting: &Counting<'_>, work: &Work) -> Result<Worst> {
     let image = LM3S6965.image(sh, work.kind)?;
     let path = LM3S6965.images(sh).join(work.kind);
     let on_network = spec(work.kind).is_some_and(Spec::is_on_network);
     let handlers = if on_network { ON_NETWORK } else { HANDLERS };
-    let mut plugin = counted::plugin(sh)?.display().to_string();
+    let mut plugin = counting.plugin.clone();
     for (handler, _) in handlers {
         plugin += &format!(",handler={handler}:{:#x}", image.symbol(handler)?);
     }

@@ -1,7 +1,8 @@
 //! The front door of the repository.
 //!
 //! ```text
-//! cargo xtask test    everything that must hold, and first whatever the checks need
+//! cargo xtask test    everything that must hold, and first whatever the checks need; or a group of it
+//! cargo xtask check   one check of it
 //! cargo xtask docs    write the generated references in docs/
 //! cargo xtask pico    run a drive on an emulated Raspberry Pi Pico
 //! cargo xtask qemu    run a drive on an emulated LM3S6965 board
@@ -35,7 +36,9 @@ use xshell::Shell;
 const USAGE: &str = "\
 usage: cargo xtask <command>
 
-  test    run every check; installs what the checks need, or says what to install
+  test    run every check, or those of groups: `test host`, `test foreign boards`; installs what they
+          need, but removes nothing for it, or says what to install
+  check   run one check by its name in the summary: `check clippy`
   docs    write the generated references in docs/
   pico    run a drive on an emulated Raspberry Pi Pico, its serial line on a TCP port: `pico md3`
   qemu    run a drive on an LM3S6965 board under QEMU, its serial line on a TCP port: `qemu md3`
@@ -49,7 +52,8 @@ fn main() -> ExitCode {
     let words: Vec<String> = std::env::args().skip(1).collect();
     let words: Vec<&str> = words.iter().map(String::as_str).collect();
     let done = match words.as_slice() {
-        ["test"] => shell().and_then(|sh| checks::all(&sh)),
+        ["test", groups @ ..] => checks::run(groups),
+        ["check", name] => shell().and_then(|sh| checks::run_one(&sh, name)).map(|()| true),
         ["docs"] => shell().and_then(|sh| docs::write(&sh)).map(|()| true),
         ["pico", kind] => shell().and_then(|sh| pico::run(&sh, kind)).map(|()| true),
         ["qemu", kind] => shell().and_then(|sh| qemu::run(&sh, kind)).map(|()| true),

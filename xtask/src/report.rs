@@ -1,97 +1,99 @@
 //! What became of each check, and how long it took.
 
+use std::io::Write;
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-use anyhow::Result;
-use xshell::Shell;
-
-use crate::tools::Missing;
-use crate::tools::Tool;
-
-/// The checks of a run, in their order.
-pub(crate) struct Report<'a> {
-    sh: &'a Shell,
-    missing: Missing,
-    /// In continuous integration nothing is skipped.
-    ci: bool,
-    rows: Vec<Row>,
+/// The checks of a run, as they end.
+pub(crate) struct Report {
+    began: Instant,
+    rows: Mutex<Vec<Row>>,
 }
 
-struct Row {
-    name: &'static str,
-    took: Duration,
-    outcome: Outcome,
+/// What became of a check.
+pub(crate) struct Row {
+    /// Its place in the list of all.
+    pub(crate) place: usize,
+    pub(crate) name: &'static str,
+    pub(crate) took: Duration,
+    pub(crate) outcome: Outcome,
 }
 
-enum Outcome {
+pub(crate) enum Outcome {
     Passed,
     Failed(String),
     Skipped(String),
 }
 
-impl<'a> Report<'a> {
-    /// A report with nothing in it yet, of checks that must do without `missing`.
-    pub(crate) fn new(sh: &'a Shell, missing: Missing, ci: bool) -> Self {
-        Self { sh, missing, ci, rows: Vec::new() }
+impl Report {
+    /// A report with nothing in it yet.
+    pub(crate) fn new() -> Self {
+        Self { began: now(), rows: Mutex::new(Vec::new()) }
     }
 
-    /// Runs a check, or skips it where a tool that it needs is missing.
-    pub(crate) fn check(
-        &mut self,
-        name: &'static str,
-        needs: &[Tool],
-        run: impl FnOnce(&Shell) -> Result<()>,
-    ) {
-        println!("\n=== {name}");
-        let start = now();
-        let outcome = match self.missing.of(needs) {
-            Some(remedy) if self.ci => Outcome::Failed(remedy),
-            Some(remedy) => Outcome::Skipped(remedy),
-            None => match run(self.sh) {
-                Ok(()) => Outcome::Passed,
-                Err(error) => Outcome::Failed(format!("{error:#}")),
-            },
-        };
-        let row = Row { name, took: now() - start, outcome };
-        row.print();
-        self.rows.push(row);
+    /// Says that a check begins.
+    pub(crate) fn begin(&self, name: &str) {
+        let minutes = (now() - self.began).as_secs_f64() / 60.0;
+        print(&format!("{:>15} {name}, after {minutes:.1} min\n", "begins"));
+    }
+
+    /// Adds a check with all that it has printed, which is not mixed with another's.
+    pub(crate) fn end(&self, output: &str, row: Row) {
+        print(&format!("\n=== {}\n{}\n{}\n\n", row.name, output.trim_end(), row.line()));
+        self.rows().push(row);
     }
 
     /// Sums up, skipped checks last; whether none failed.
-    pub(crate) fn finish(self) -> bool {
+    pub(crate) fn finish(&self) -> bool {
+        let mut rows = self.rows();
+        rows.sort_by_key(|row| row.place);
         println!("\n=== summary");
         let (mut passed, mut failed, mut skipped) = (0, 0, 0);
-        for row in &self.rows {
-            row.print();
+        for row in rows.iter() {
+            println!("{}", row.line());
             match row.outcome {
                 Outcome::Passed => passed += 1,
                 Outcome::Failed(_) => failed += 1,
                 Outcome::Skipped(_) => skipped += 1,
             }
         }
-        for row in &self.rows {
+        for row in rows.iter() {
             if let Outcome::Skipped(remedy) = &row.outcome {
                 println!("\nNOT CHECKED: {}: {remedy}", row.name);
             }
         }
+        let all: Duration = rows.iter().map(|row| row.took).sum();
+        let [took, all] = [now() - self.began, all].map(|time| time.as_secs_f64() / 60.0);
         println!("\nchecks: {passed} passed, {failed} failed, {skipped} skipped");
+        println!("time: {took:.1} min; one after the other they take {all:.1} min");
         failed == 0
+    }
+
+    fn rows(&self) -> MutexGuard<'_, Vec<Row>> {
+        self.rows.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
 impl Row {
-    fn print(&self) {
+    fn line(&self) -> String {
         let (word, why) = match &self.outcome {
             Outcome::Passed => ("ok", ""),
             Outcome::Failed(why) => ("FAILED", why.as_str()),
             Outcome::Skipped(why) => ("SKIPPED", why.as_str()),
         };
-        let line = format!("{word:>7} {:>7.1} s  {:<28} {why}", self.took.as_secs_f64(), self.name);
-        println!("{}", line.trim_end());
+        let line = format!("{word:>7} {:>7.1} s  {:<31} {why}", self.took.as_secs_f64(), self.name);
+        line.trim_end().to_owned()
     }
 }
 
+/// Prints at once: other threads print, too.
+fn print(text: &str) {
+    let mut stdout = std::io::stdout().lock();
+    // Nobody is there to be told that nobody is there.
+    let _ = stdout.write_all(text.as_bytes()).and_then(|()| stdout.flush());
+}
+
 #[expect(clippy::disallowed_methods, reason = "whoever waits for a check is told how long it took")]
-fn now() -> Instant {
+pub(crate) fn now() -> Instant {
     Instant::now()
 }

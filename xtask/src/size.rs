@@ -1,44 +1,43 @@
 //! The table of what a drive costs, measured and compared with its [budgets](crate::budgets).
 
 use anyhow::{Result, bail, ensure};
-use drivetwin_firmware::device::Spec;
 use xshell::Shell;
 
-use crate::board::{BOARDS, PROFILE, spec};
+use crate::board::{BOARDS, PROFILE, kinds};
 use crate::budgets::{BUDGETS, Budget, NO_BUDGET, PLACES};
-use crate::checks;
-use crate::counted::{self, Group, PROCESSORS};
-use crate::docs::kinds;
-use crate::image::{Image, Sizes};
-use crate::tools::{self, Tool};
+use crate::counted::{self, Counting, Group, PROCESSORS, PROGRAMS, Processor};
+use crate::image::Sizes;
+use crate::tools::{Tool, Tools};
 use crate::{interrupts, panic_free};
 
 /// What measuring needs.
-pub(crate) const NEEDS: [Tool; 3] = [Tool::ThumbTargets, Tool::Qemu, Tool::Node];
+pub(crate) const NEEDS: [Tool; 3] = [Tool::ThumbTargets, Tool::Counting, Tool::Node];
 
-/// Builds what is measured, and checks it; the names of the drives come from the built `drivetwin`.
+/// Brings what measuring needs, and measures.
 pub(crate) fn print(sh: &Shell) -> Result<()> {
-    if let Some(remedy) = tools::bring_only(sh, &NEEDS).of(&NEEDS) {
+    if let Some(remedy) = Tools::default().missing(sh, &NEEDS) {
         bail!("{remedy}");
     }
-    checks::build(sh)?;
     check(sh)
 }
 
 /// Measures everything, prints the table, and fails if something costs too much.
 pub(crate) fn check(sh: &Shell) -> Result<()> {
-    counted::check(sh)?;
-    let kinds = kinds(sh)?;
-    let mut table = Table::default();
     for board in &BOARDS {
         board.all(sh)?;
     }
-    for kind in &kinds {
+    for Processor { target, .. } in &PROCESSORS {
+        panic_free::link(sh, target, PROFILE)?;
+    }
+    let counting = Counting::build(sh)?;
+    counting.check()?;
+    let mut table = Table::default();
+    for kind in kinds() {
         sizes(sh, kind, &mut table)?;
     }
     for work in &interrupts::WORKS {
         let kind = work.kind;
-        for (place, worst) in interrupts::worst(sh, work)?.into_iter().enumerate() {
+        for (place, worst) in interrupts::worst(sh, &counting, work)?.into_iter().enumerate() {
             table.put(place, format!("{kind}: stack in use, bytes"), worst.stack);
             for (interrupt, most) in worst.interrupts {
                 table.put(place, format!("{kind}: {interrupt}, at worst"), most);
@@ -46,14 +45,13 @@ pub(crate) fn check(sh: &Shell) -> Result<()> {
         }
     }
     for (place, processor) in PROCESSORS.iter().enumerate() {
-        for program in ["motion", "counter", "program", "turning"] {
-            for group in counted::groups(sh, processor, program, None)? {
+        for program in PROGRAMS {
+            for group in counting.groups(processor, program)? {
                 table.instructions(place, &group.name, &group);
             }
         }
-        // What is counted is heard on a serial port.
-        for kind in kinds.iter().filter(|kind| !spec(kind).is_some_and(Spec::is_on_network)) {
-            for group in counted::groups(sh, processor, "drive", Some(kind))? {
+        for kind in counted::kinds() {
+            for group in counting.groups(processor, kind)? {
                 table.instructions(place, &format!("{kind}: {}", group.name), &group);
             }
         }
@@ -73,8 +71,7 @@ fn sizes(sh: &Shell, kind: &str, table: &mut Table) -> Result<()> {
         table.put(place, format!("{kind}: calls of a panic"), image.panic_sites()?);
     }
     for (place, processor) in PROCESSORS.iter().enumerate() {
-        panic_free::link(sh, processor.target, PROFILE, "drive", Some(kind))?;
-        let Sizes { flash, ram, .. } = Image::of(sh, processor.target, PROFILE, "drive")?.sizes()?;
+        let Sizes { flash, ram, .. } = panic_free::sizes(sh, processor.target, kind)?;
         table.put(place, format!("{kind} without a board: flash, bytes"), flash);
         table.put(place, format!("{kind} without a board: RAM, bytes"), ram);
     }

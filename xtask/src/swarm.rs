@@ -6,6 +6,8 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result, ensure};
 use xshell::{Shell, cmd};
 
+use crate::checks::{host, target_dir};
+
 /// Seeds that every commit runs: the same ones, so that it passes or does not.
 const FIRST: &str = "1";
 const COUNT: &str = "200";
@@ -18,9 +20,13 @@ pub(crate) fn run(sh: &Shell, options: &[&str]) -> Result<()> {
     Ok(cmd!(sh, "cargo run --quiet --profile soak --package swarm -- {options...}").run()?)
 }
 
-/// Runs the seeds of a commit. It builds as the tests do: optimising takes longer than that saves.
+/// Runs the seeds of a commit. It is built as the tests are: optimising takes longer than that saves, and `--tests` lets
+/// cargo choose the features of the crates that they have built already.
 pub(crate) fn check(sh: &Shell) -> Result<()> {
-    Ok(cmd!(sh, "cargo run --package swarm -- --first {FIRST} --count {COUNT} --jobs 2").run()?)
+    let host = host();
+    cmd!(sh, "cargo build --quiet {host...} --tests --bin swarm").run()?;
+    let swarm = target_dir(sh).join("debug/swarm");
+    Ok(cmd!(sh, "{swarm} --first {FIRST} --count {COUNT} --jobs 2").run()?)
 }
 
 /// Plants each defect of `tests/swarm/planted`, or those with these names, in a copy of the last commit, and measures

@@ -1,15 +1,17 @@
 //! What the checks need beside Rust, and how it gets here.
 //!
-//! Rust's own parts come by rustup, Debian packages by apt-get where this process may install them,
-//! Python packages into an environment of their own under `target/`. What cannot be brought is
+//! Rust's own parts come by rustup, Debian packages by apt-get where this process may install them and none must go
+//! for them, Python packages into an environment of their own under `target/`. What cannot be brought is
 //! reported in one line, with what to install.
 
 use std::path::PathBuf;
+use std::sync::{Mutex, PoisonError};
 
-use anyhow::{Context, Result, bail};
-use xshell::{Shell, cmd};
+use anyhow::{Context, Result, bail, ensure};
+use xshell::{Cmd, Shell, cmd};
 
 use crate::checks::target_dir;
+use crate::counted;
 
 /// The Cortex-M targets of the boards.
 pub(crate) const THUMB_TARGETS: [&str; 3] =
@@ -26,12 +28,12 @@ pub(crate) enum Tool {
     ThumbTargets,
     /// Emulates the LM3S6965 board.
     Qemu,
+    /// A QEMU that takes the plugin which counts instructions.
+    Counting,
     /// A Modbus master.
     Mbpoll,
     /// Wireshark without its windows.
     Tshark,
-    /// Counts instructions for `cargo bench`.
-    Valgrind,
     /// Python with `venv`, and in it what `tests/foreign/requirements.txt` names: masters, and what tries the
     /// control API.
     Python,
@@ -39,70 +41,65 @@ pub(crate) enum Tool {
     Node,
 }
 
-const ALL: [Tool; 9] = [
-    Tool::Rustfmt,
-    Tool::Clippy,
-    Tool::ThumbTargets,
-    Tool::Qemu,
-    Tool::Mbpoll,
-    Tool::Tshark,
-    Tool::Valgrind,
-    Tool::Python,
-    Tool::Node,
-];
+/// What the checks of a run have asked for.
+#[derive(Default)]
+pub(crate) struct Tools(Mutex<State>);
 
-/// The tools that could not be brought, each with what to install.
-pub(crate) struct Missing(Vec<(Tool, String)>);
+#[derive(Default)]
+struct State {
+    apt: Apt,
+    /// Each with what to install, if it is missing and could not be brought.
+    known: Vec<(Tool, Option<String>)>,
+}
 
-impl Missing {
-    /// What to install before a check that needs `tools` can run; `None` if they are all here.
-    pub(crate) fn of(&self, tools: &[Tool]) -> Option<String> {
-        let remedies: Vec<&str> = self
-            .0
-            .iter()
-            .filter(|(tool, _)| tools.contains(tool))
-            .map(|(_, remedy)| remedy.as_str())
-            .collect();
+impl Tools {
+    /// Brings those of `tools` that are not here, as far as it may: what to install before a check that needs them can
+    /// run; `None` if they are all here. Others that ask meanwhile wait.
+    pub(crate) fn missing(&self, sh: &Shell, tools: &[Tool]) -> Option<String> {
+        let mut state = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let remedies: Vec<String> = tools.iter().filter_map(|tool| state.remedy(sh, *tool)).collect();
         (!remedies.is_empty()).then(|| remedies.join("; "))
     }
 }
 
-/// Brings every tool that is not here, as far as it may.
-pub(crate) fn bring(sh: &Shell) -> Missing {
-    bring_only(sh, &ALL)
-}
-
-/// Brings those of `tools` that are not here, as far as it may.
-pub(crate) fn bring_only(sh: &Shell, tools: &[Tool]) -> Missing {
-    let mut apt = Apt { updated: false };
-    let mut missing = Vec::new();
-    for &tool in tools {
-        if tool.is_here(sh) {
-            continue;
+impl State {
+    fn remedy(&mut self, sh: &Shell, tool: Tool) -> Option<String> {
+        if let Some((_, remedy)) = self.known.iter().find(|(known, _)| *known == tool) {
+            return remedy.clone();
         }
-        println!("bringing {}", tool.name());
-        if let Err(error) = tool.install(sh, &mut apt) {
-            println!("{error:#}");
-        }
-        if !tool.is_here(sh) {
-            let remedy = format!("{} is missing; install it with `{}`", tool.name(), tool.remedy());
-            println!("{remedy}");
-            missing.push((tool, remedy));
-        }
+        let remedy = tool.bring(sh, &mut self.apt);
+        self.known.push((tool, remedy.clone()));
+        remedy
     }
-    Missing(missing)
 }
 
 impl Tool {
+    /// Brings it if it is not here; what to install if that fails.
+    fn bring(self, sh: &Shell, apt: &mut Apt) -> Option<String> {
+        if self.is_here(sh) {
+            return None;
+        }
+        println!("bringing {}", self.name());
+        if let Err(error) = self.install(sh, apt) {
+            println!("{error:#}");
+        }
+        if self.is_here(sh) {
+            return None;
+        }
+        let remedy = format!("{} is missing; install it with `{}`", self.name(), self.remedy());
+        println!("{remedy}");
+        Some(remedy)
+    }
+
     fn name(self) -> &'static str {
         match self {
             Self::Rustfmt => "rustfmt",
             Self::Clippy => "clippy",
             Self::ThumbTargets => "Rust for Cortex-M",
             Self::Qemu => "qemu-system-arm",
+            Self::Counting => "QEMU 6 to 10, whose interface for counting instructions is known,",
             Self::Mbpoll => "mbpoll",
             Self::Tshark => "tshark",
-            Self::Valgrind => "valgrind",
             Self::Python => "a Python environment for foreign masters and the control API",
             Self::Node => "Node 20 with the emulator of the Pico and foreign masters",
         }
@@ -116,10 +113,9 @@ impl Tool {
             Self::ThumbTargets => {
                 "rustup target add thumbv6m-none-eabi thumbv7m-none-eabi thumbv7em-none-eabihf"
             }
-            Self::Qemu => "apt-get install qemu-system-arm",
+            Self::Qemu | Self::Counting => "apt-get install qemu-system-arm",
             Self::Mbpoll => "apt-get install mbpoll",
             Self::Tshark => "apt-get install tshark",
-            Self::Valgrind => "apt-get install valgrind",
             Self::Python => "apt-get install python3 python3-venv",
             Self::Node => "apt-get install nodejs npm",
         }
@@ -131,9 +127,9 @@ impl Tool {
             Self::Clippy => runs(sh, "cargo-clippy"),
             Self::ThumbTargets => THUMB_TARGETS.iter().all(|target| has_target(sh, target)),
             Self::Qemu => runs(sh, "qemu-system-arm"),
+            Self::Counting => counted::takes_plugin(sh),
             Self::Mbpoll => cmd!(sh, "mbpoll -V").quiet().ignore_status().output().is_ok(),
             Self::Tshark => runs(sh, "tshark"),
-            Self::Valgrind => runs(sh, "valgrind"),
             Self::Python => environment_is_current(sh),
             Self::Node => has_node(sh) && PACKAGES.iter().all(|folder| is_current(sh, folder)),
         }
@@ -141,13 +137,13 @@ impl Tool {
 
     fn install(self, sh: &Shell, apt: &mut Apt) -> Result<()> {
         match self {
-            Self::Rustfmt => Ok(cmd!(sh, "rustup component add rustfmt").run()?),
-            Self::Clippy => Ok(cmd!(sh, "rustup component add clippy").run()?),
-            Self::ThumbTargets => Ok(cmd!(sh, "rustup target add {THUMB_TARGETS...}").run()?),
-            Self::Qemu => apt.install(sh, "qemu-system-arm"),
+            Self::Rustfmt => quietly(cmd!(sh, "rustup component add rustfmt")),
+            Self::Clippy => quietly(cmd!(sh, "rustup component add clippy")),
+            Self::ThumbTargets => quietly(cmd!(sh, "rustup target add {THUMB_TARGETS...}")),
+            Self::Counting if runs(sh, "qemu-system-arm") => bail!("the QEMU that is here is another"),
+            Self::Qemu | Self::Counting => apt.install(sh, "qemu-system-arm"),
             Self::Mbpoll => apt.install(sh, "mbpoll"),
             Self::Tshark => apt.install(sh, "tshark"),
-            Self::Valgrind => apt.install(sh, "valgrind"),
             Self::Python => {
                 if cmd!(sh, "python3 -c").arg("import venv, ensurepip").quiet().ignore_stderr().run().is_err()
                 {
@@ -165,7 +161,7 @@ impl Tool {
                 let trusted = std::env::var_os(TRUSTED).unwrap_or_else(|| AUTHORITIES.into());
                 for folder in PACKAGES {
                     let install = cmd!(sh, "npm ci --prefix {folder} --no-audit --no-fund");
-                    install.env(TRUSTED, &trusted).run()?;
+                    quietly(install.env(TRUSTED, &trusted))?;
                 }
                 Ok(())
             }
@@ -195,7 +191,17 @@ fn has_target(sh: &Shell, target: &str) -> bool {
     libraries.is_ok_and(|path| sh.path_exists(path))
 }
 
-/// Debian's packages, where this process may install them.
+/// Runs a command whose output matters only if it fails: another check may print meanwhile.
+fn quietly(command: Cmd<'_>) -> Result<()> {
+    let said = command.to_string();
+    let output = command.quiet().ignore_status().output()?;
+    let [out, err] = [&output.stdout, &output.stderr].map(|text| String::from_utf8_lossy(text));
+    ensure!(output.status.success(), "`{said}` fails:\n{out}{err}");
+    Ok(())
+}
+
+/// Debian's packages, where this process may install them. None is removed for another.
+#[derive(Default)]
 struct Apt {
     updated: bool,
 }
@@ -207,11 +213,11 @@ impl Apt {
             bail!("{package} cannot be installed from here");
         }
         if !self.updated {
-            cmd!(sh, "apt-get update -q").run()?;
+            quietly(cmd!(sh, "apt-get update -q"))?;
             self.updated = true;
         }
-        let quiet = cmd!(sh, "apt-get install -q -y --no-install-recommends {package}");
-        Ok(quiet.env("DEBIAN_FRONTEND", "noninteractive").run()?)
+        let install = cmd!(sh, "apt-get install -q -y --no-remove --no-install-recommends {package}");
+        quietly(install.env("DEBIAN_FRONTEND", "noninteractive"))
     }
 }
 
@@ -241,10 +247,10 @@ fn requirements(sh: &Shell) -> Result<String> {
 
 fn make_environment(sh: &Shell) -> Result<()> {
     let environment = environment(sh);
-    cmd!(sh, "python3 -m venv --clear {environment}").run()?;
+    quietly(cmd!(sh, "python3 -m venv --clear {environment}"))?;
     let python = python(sh);
-    cmd!(sh, "{python} -m pip install -q --disable-pip-version-check -r {REQUIREMENTS}").run()?;
-    cmd!(sh, "{python} -m pip install -q --disable-pip-version-check --no-deps -r {ALONE}").run()?;
+    quietly(cmd!(sh, "{python} -m pip install -q --disable-pip-version-check -r {REQUIREMENTS}"))?;
+    quietly(cmd!(sh, "{python} -m pip install -q --disable-pip-version-check --no-deps -r {ALONE}"))?;
     // Last, so that an installation that broke off is begun again.
     sh.write_file(environment.join("requirements.txt"), requirements(sh)?)
         .with_context(|| format!("cannot finish {}", environment.display()))

@@ -70,7 +70,7 @@ fn translated(block: &Block) {
     let mut plugin = plugin();
     for instruction in block.instructions() {
         let place = plugin.seen.len();
-        plugin.seen.push(Instruction::decode(instruction.address(), instruction.code()));
+        plugin.seen.push(instruction.decode());
         instruction.tell_executed(place);
         instruction.tell_stored();
     }

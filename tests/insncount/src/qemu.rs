@@ -1,8 +1,20 @@
-//! QEMU's interface for plugins, version 1 (`qemu/qemu-plugin.h`): the only `unsafe` code here.
+//! QEMU's interface for plugins (`qemu/qemu-plugin.h`): the only `unsafe` code here.
+//!
+//! | QEMU | versions that it takes |
+//! |---|---|
+//! | 6 to 8 | 0 and 1 |
+//! | 9.0 | 2 |
+//! | 9.1 | 2 and 3: `qemu_plugin_insn_data` copies the bytes of an instruction, whatever version the plugin has |
+//! | 9.2 to 10 | 2 to 4 or 5, which only add |
+//!
+//! The plugin has one version, before QEMU says which it has: 1, or with the feature `second-interface` 2.
 
 use std::ffi::{CStr, CString, c_char, c_int, c_uint, c_void};
 use std::marker::PhantomData;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::{ptr, slice};
+
+use crate::thumb::Instruction;
 
 /// Which plugin is meant.
 type Id = u64;
@@ -20,6 +32,7 @@ unsafe extern "C" {
     fn qemu_plugin_tb_n_insns(block: *const c_void) -> usize;
     fn qemu_plugin_tb_get_insn(block: *const c_void, place: usize) -> *mut c_void;
     fn qemu_plugin_insn_vaddr(instruction: *const c_void) -> u64;
+    /// Before version 3: where the bytes are.
     fn qemu_plugin_insn_data(instruction: *const c_void) -> *const u8;
     fn qemu_plugin_insn_size(instruction: *const c_void) -> usize;
     fn qemu_plugin_register_vcpu_insn_exec_cb(
@@ -38,21 +51,53 @@ unsafe extern "C" {
     fn qemu_plugin_outs(text: *const c_char);
 }
 
+/// The function that version 3 has in the place of the other one of this name.
+mod since_3 {
+    use std::ffi::c_void;
+
+    #[expect(clashing_extern_declarations, reason = "QEMU says at run time which of the two it has")]
+    unsafe extern "C" {
+        /// Copies at most so many of the bytes to `to`; how many.
+        pub(super) fn qemu_plugin_insn_data(
+            instruction: *const c_void,
+            to: *mut c_void,
+            most: usize,
+        ) -> usize;
+    }
+}
+
 /// The version of the interface.
 #[unsafe(no_mangle)]
-pub static qemu_plugin_version: c_int = 1;
+pub static qemu_plugin_version: c_int = if cfg!(feature = "second-interface") { 2 } else { 1 };
+
+/// The first version in which QEMU copies the bytes of an instruction.
+const COPIES: c_int = 3;
+
+/// Whether this QEMU does.
+static DOES_COPY: AtomicBool = AtomicBool::new(false);
+
+/// What QEMU says about itself; the beginning of it.
+#[repr(C)]
+pub struct Info {
+    target: *const c_char,
+    least_version: c_int,
+    version: c_int,
+}
 
 /// Where QEMU begins.
 ///
 /// # Safety
-/// `argv` points to `argc` strings, as QEMU's does.
+/// `info` points to what QEMU says, and `argv` to `argc` strings, as QEMU's do.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn qemu_plugin_install(
     id: Id,
-    _info: *const c_void,
+    info: *const Info,
     argc: c_int,
     argv: *const *const c_char,
 ) -> c_int {
+    // SAFETY: it points there.
+    let version = unsafe { (*info).version };
+    DOES_COPY.store(version >= COPIES, Ordering::Relaxed);
     let count = usize::try_from(argc).unwrap_or(0);
     for place in 0..count {
         // SAFETY: there are `argc` of them.
@@ -89,23 +134,34 @@ impl Block {
     }
 }
 
+/// Bytes of the longest instruction.
+const LONGEST: usize = 4;
+
 /// An instruction of a block.
 pub(crate) struct Translated<'a>(*mut c_void, PhantomData<&'a Block>);
 
 impl Translated<'_> {
     /// Where it lies.
-    pub(crate) fn address(&self) -> u32 {
+    fn address(&self) -> u32 {
         // SAFETY: the block that it is borrowed from is valid.
         unsafe { qemu_plugin_insn_vaddr(self.0) as u32 }
     }
 
-    /// Its bytes.
-    pub(crate) fn code(&self) -> &[u8] {
+    /// What the instruction is.
+    pub(crate) fn decode(&self) -> Instruction {
         // SAFETY: the block that it is borrowed from is valid.
-        let (code, size) =
-            (unsafe { qemu_plugin_insn_data(self.0) }, unsafe { qemu_plugin_insn_size(self.0) });
+        let size = unsafe { qemu_plugin_insn_size(self.0) };
+        if DOES_COPY.load(Ordering::Relaxed) {
+            let mut code = [0; LONGEST];
+            let to = code.as_mut_ptr().cast();
+            // SAFETY: the same, and QEMU has the function of this version; there is room for that many bytes.
+            let copied = unsafe { since_3::qemu_plugin_insn_data(self.0, to, code.len()) };
+            return Instruction::decode(self.address(), code.get(..copied.min(size)).unwrap_or_default());
+        }
+        // SAFETY: the same, and QEMU has the function of before.
+        let code = unsafe { qemu_plugin_insn_data(self.0) };
         // SAFETY: QEMU keeps that many bytes as long as the block.
-        unsafe { slice::from_raw_parts(code, size) }
+        Instruction::decode(self.address(), unsafe { slice::from_raw_parts(code, size) })
     }
 
     /// From now on [`executed`](crate::executed) is told when it is executed.

@@ -29,11 +29,13 @@ pub(crate) enum Kind {
 }
 
 impl Instruction {
-    /// Of the two or four bytes at `address`.
+    /// Of the two or four bytes at `address`. More may follow them: QEMU 7 has looked beyond the last halfword but one
+    /// of a page.
     pub(crate) fn decode(address: u32, code: &[u8]) -> Self {
         let (length, kind) = match *code {
-            [a, b] => (2, short(u16::from_le_bytes([a, b]))),
-            [a, b, c, d] => (4, long(u16::from_le_bytes([a, b]), u16::from_le_bytes([c, d]))),
+            // A5.1: what begins with 0b11101 and above is a word.
+            [a, b, ..] if b < 0b11101 << 3 => (2, short(u16::from_le_bytes([a, b]))),
+            [a, b, c, d, ..] => (4, long(u16::from_le_bytes([a, b]), u16::from_le_bytes([c, d]))),
             _ => (0, Kind::Plain),
         };
         Self { address, next: address.wrapping_add(length), kind }
@@ -99,5 +101,12 @@ mod tests {
         assert_eq!(kind(&[0xF3BF, 0x8F4F]), Kind::Plain, "dsb");
         assert_eq!(kind(&[0xF85D, 0x7B08]), Kind::Plain, "ldr r7, [sp], #8");
         assert_eq!(kind(&[0xE8DF, 0xF000]), Kind::Plain, "tbb [pc, r0]");
+    }
+
+    #[test]
+    fn what_follows_an_instruction_is_no_part_of_it() {
+        // `mov r9, r9`, and half of `bl`.
+        let instruction = Instruction::decode(0x23FC, &[0xC9, 0x46, 0xFE, 0xF7]);
+        assert_eq!(instruction, Instruction { address: 0x23FC, next: 0x23FE, kind: Kind::Group });
     }
 }

@@ -1,17 +1,9 @@
-//! One drive, every method of it.
-#![no_std]
-#![no_main]
+// One drive, every method of it: what the programs of drives have in common, included in each.
 
 use core::sync::atomic::AtomicU8;
 
 use drivetwin_firmware::device::{Axis, Boot, Device, Input, Instant, Output, Port, Sink, advance};
 use panic_free::{opaque, perhaps_panic};
-
-/// Place of the drive in the list of all.
-const PLACE: usize = match usize::from_str_radix(env!("PLACE"), 10) {
-    Ok(place) => place,
-    Err(_) => panic!("the build script says a number"),
-};
 
 /// A world of which the compiler knows nothing.
 struct World;
@@ -26,7 +18,7 @@ impl Sink for World {
     }
 }
 
-/// Everything that can be done to a drive, in any order, with any arguments.
+/// Does everything that can be done to a drive, in any order, with any arguments.
 fn exercise<D: Device>(make: fn() -> D) -> ! {
     let mut device = make();
     let device: &mut dyn Device = opaque(&mut device);
@@ -48,27 +40,22 @@ fn exercise<D: Device>(make: fn() -> D) -> ! {
     }
 }
 
+/// Bytes of the drive that a function makes.
 const fn size_of_made<D>(_: &fn() -> D) -> usize {
     size_of::<D>()
 }
 
-macro_rules! define {
-    ($($make:expr),* $(,)?) => {
+/// Makes a program of the function that makes a drive.
+macro_rules! program {
+    ($make:path) => {
         /// The bytes of RAM that the drive takes, so that the size of the program shows them.
         #[used]
-        static STATE: [AtomicU8; [$(size_of_made(&($make as fn() -> _))),*][PLACE]] =
-            [const { AtomicU8::new(0) }; _];
+        static STATE: [AtomicU8; size_of_made(&($make as fn() -> _))] = [const { AtomicU8::new(0) }; _];
 
         /// Where the linker begins.
         #[unsafe(no_mangle)]
         extern "C" fn start() -> ! {
-            let mut place = 0..;
-            $(if place.next() == Some(PLACE) {
-                exercise($make);
-            })*
-            loop {}
+            exercise($make)
         }
     };
 }
-
-drivetwin_firmware::devices!(define);

@@ -1,6 +1,5 @@
-//! What a byte costs a drive on its board, and what a request or a command costs it.
-#![no_std]
-#![no_main]
+// What a byte costs a drive on its board, and what a request or a command costs it: what the programs of drives have in
+// common, included in each.
 
 use core::cell::Cell;
 use core::convert::Infallible;
@@ -15,30 +14,10 @@ use embedded_hal::digital::{self, OutputPin};
 use embedded_io::{Write, WriteReady};
 use embedded_storage::{ReadStorage, Storage};
 
-/// Place of the drive in the list of all.
-const PLACE: usize = match usize::from_str_radix(env!("PLACE"), 10) {
-    Ok(place) => place,
-    Err(_) => panic!("the build script says a number"),
-};
-
 /// The memory of a drive that never saved: of more bytes than any has.
 static MEMORY: [u8; 8 << 10] = [0xFF; _];
 
 type DriveShell<'a, D> = Shell<&'a mut D, &'a Board, Hands<'a>>;
-
-#[entry]
-fn main() -> ! {
-    let mut place = 0..;
-    macro_rules! pick {
-        ($($make:expr),* $(,)?) => {
-            $(if place.next() == Some(PLACE) {
-                measure(|| $make());
-            })*
-        };
-    }
-    drivetwin_firmware::devices!(pick);
-    done()
-}
 
 /// Asks a drive with its factory settings for its first ten registers, one whose addresses name whole values for the
 /// longest of them, or one that hears lines of text for a value. Not inlined: RAM has room for one drive.
@@ -196,4 +175,15 @@ impl Storage for Hands<'_> {
     fn write(&mut self, _offset: u32, _bytes: &[u8]) -> Result<(), Infallible> {
         Ok(())
     }
+}
+
+/// Makes a program of the function that makes a drive.
+macro_rules! program {
+    ($make:path) => {
+        #[entry]
+        fn main() -> ! {
+            measure(|| $make());
+            done()
+        }
+    };
 }

@@ -1,0 +1,7 @@
+//! An RS 434546.
+#![no_std]
+#![no_main]
+
+include!("../drive.rs");
+
+program!(drivetwin_firmware::rs434::rs434546);

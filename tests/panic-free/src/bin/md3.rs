@@ -1,0 +1,7 @@
+//! An MD3 of the high current version, alone.
+#![no_std]
+#![no_main]
+
+include!("../drive.rs");
+
+program!(drivetwin_firmware::md3::Md3::new);

@@ -1,0 +1,7 @@
+//! An MDriveHybrid, alone.
+#![no_std]
+#![no_main]
+
+include!("../drive.rs");
+
+program!(drivetwin_firmware::mdrive::Mdrive::hybrid);

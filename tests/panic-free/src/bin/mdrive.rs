@@ -1,0 +1,7 @@
+//! An MDrivePlus², alone.
+#![no_std]
+#![no_main]
+
+include!("../drive.rs");
+
+program!(drivetwin_firmware::mdrive::Mdrive::plus);

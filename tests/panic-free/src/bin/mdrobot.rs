@@ -1,0 +1,7 @@
+//! An MDROBOT, alone.
+#![no_std]
+#![no_main]
+
+include!("../drive.rs");
+
+program!(drivetwin_firmware::mdrobot::mdrobot);
