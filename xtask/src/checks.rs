@@ -58,7 +58,7 @@ const fn check(
 }
 
 /// Every check, in the order of its lane.
-const CHECKS: [Check; 22] = [
+const CHECKS: [Check; 23] = [
     check(Group::Host, "format", &[Tool::Rustfmt], |sh| Ok(cmd!(sh, "cargo fmt --all --check").run()?)),
     check(Group::Host, "clippy", &[Tool::Clippy], |sh| {
         let host = host();
@@ -79,6 +79,7 @@ const CHECKS: [Check; 22] = [
         Ok(cmd!(sh, "cargo test {host...} --no-fail-fast").env("PROPTEST_RNG_SEED", seed).run()?)
     }),
     check(Group::Host, "swarm", &[], swarm::check),
+    check(Group::Host, "bench on other systems", &[Tool::OtherSystems], other_systems),
     check(Group::Host, "build", &[], build),
     check(Group::Host, "generated documents", &[], docs::check),
     check(Group::Foreign, "foreign masters", &[Tool::Python], |sh| {
@@ -198,6 +199,12 @@ pub(crate) fn soak(sh: &Shell, cases: &str) -> Result<()> {
     let cases: u32 = cases.parse().with_context(|| format!("`{cases}` is no number of cases"))?;
     let soak = cmd!(sh, "cargo test --profile soak --no-fail-fast");
     Ok(soak.env("PROPTEST_CASES", cases.to_string()).run()?)
+}
+
+/// Checks that the bench builds for systems that this is not: all at once.
+fn other_systems(sh: &Shell) -> Result<()> {
+    let targets = tools::OTHER_SYSTEMS.iter().flat_map(|target| ["--target", target]);
+    Ok(cmd!(sh, "cargo check --package drivetwin-sim {targets...}").run()?)
 }
 
 /// Builds the binary as `cargo run --release` does.

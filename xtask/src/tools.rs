@@ -17,6 +17,10 @@ use crate::counted;
 pub(crate) const THUMB_TARGETS: [&str; 3] =
     ["thumbv6m-none-eabi", "thumbv7m-none-eabi", "thumbv7em-none-eabihf"];
 
+/// Other systems that the bench builds for: a browser, Windows, macOS.
+pub(crate) const OTHER_SYSTEMS: [&str; 3] =
+    ["wasm32-unknown-unknown", "x86_64-pc-windows-msvc", "aarch64-apple-darwin"];
+
 /// Something a check needs.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum Tool {
@@ -26,6 +30,8 @@ pub(crate) enum Tool {
     Clippy,
     /// The standard libraries of [`THUMB_TARGETS`].
     ThumbTargets,
+    /// The standard libraries of [`OTHER_SYSTEMS`].
+    OtherSystems,
     /// Emulates the LM3S6965 board.
     Qemu,
     /// A QEMU that takes the plugin which counts instructions.
@@ -96,6 +102,7 @@ impl Tool {
             Self::Rustfmt => "rustfmt",
             Self::Clippy => "clippy",
             Self::ThumbTargets => "Rust for Cortex-M",
+            Self::OtherSystems => "Rust for WebAssembly, Windows and macOS",
             Self::Qemu => "qemu-system-arm",
             Self::Counting => "QEMU 6 to 10, whose interface for counting instructions is known,",
             Self::Mbpoll => "mbpoll",
@@ -113,6 +120,9 @@ impl Tool {
             Self::ThumbTargets => {
                 "rustup target add thumbv6m-none-eabi thumbv7m-none-eabi thumbv7em-none-eabihf"
             }
+            Self::OtherSystems => {
+                "rustup target add wasm32-unknown-unknown x86_64-pc-windows-msvc aarch64-apple-darwin"
+            }
             Self::Qemu | Self::Counting => "apt-get install qemu-system-arm",
             Self::Mbpoll => "apt-get install mbpoll",
             Self::Tshark => "apt-get install tshark",
@@ -126,6 +136,7 @@ impl Tool {
             Self::Rustfmt => runs(sh, "cargo-fmt"),
             Self::Clippy => runs(sh, "cargo-clippy"),
             Self::ThumbTargets => THUMB_TARGETS.iter().all(|target| has_target(sh, target)),
+            Self::OtherSystems => OTHER_SYSTEMS.iter().all(|target| has_target(sh, target)),
             Self::Qemu => runs(sh, "qemu-system-arm"),
             Self::Counting => counted::takes_plugin(sh),
             Self::Mbpoll => cmd!(sh, "mbpoll -V").quiet().ignore_status().output().is_ok(),
@@ -140,6 +151,7 @@ impl Tool {
             Self::Rustfmt => quietly(cmd!(sh, "rustup component add rustfmt")),
             Self::Clippy => quietly(cmd!(sh, "rustup component add clippy")),
             Self::ThumbTargets => quietly(cmd!(sh, "rustup target add {THUMB_TARGETS...}")),
+            Self::OtherSystems => quietly(cmd!(sh, "rustup target add {OTHER_SYSTEMS...}")),
             Self::Counting if runs(sh, "qemu-system-arm") => bail!("the QEMU that is here is another"),
             Self::Qemu | Self::Counting => apt.install(sh, "qemu-system-arm"),
             Self::Mbpoll => apt.install(sh, "mbpoll"),
