@@ -1,5 +1,8 @@
 //! The first words of doc comments: an alarm for comments that do not say the thing itself.
 
+use std::collections::BTreeMap;
+use std::path::Path;
+
 use anyhow::Result;
 use xshell::{Shell, cmd};
 
@@ -34,32 +37,30 @@ struct Count {
 /// Prints the shares of each crate, or with `list` the comments themselves.
 pub(crate) fn print(sh: &Shell, list: bool) -> Result<()> {
     let files = cmd!(sh, "git ls-files *.rs").quiet().read()?;
-    let mut rows: Vec<(String, Count)> = Vec::new();
+    let mut rows: BTreeMap<String, Count> = BTreeMap::new();
     for file in files.lines() {
         let text = sh.read_file(file)?;
-        let folder = file.split("/src").next().unwrap_or(file).split("/tests").next().unwrap_or(file);
-        if rows.last().is_none_or(|(last, _)| last != folder) {
-            rows.push((folder.to_owned(), Count::default()));
-        }
+        let mut folders = Path::new(file).ancestors().skip(1);
+        let folder =
+            folders.find(|folder| sh.path_exists(folder.join("Cargo.toml"))).unwrap_or(Path::new(""));
+        let count = rows.entry(folder.display().to_string()).or_default();
         for (line, first) in first_lines(&text) {
             let (is_question, is_pointer) = judge(first);
-            if let Some((_, count)) = rows.last_mut() {
-                count.comments += 1;
-                count.questions += usize::from(is_question);
-                count.pointers += usize::from(is_pointer);
-            }
+            count.comments += 1;
+            count.questions += usize::from(is_question);
+            count.pointers += usize::from(is_pointer);
             if list && (is_question || is_pointer) {
                 println!("{file}:{line}: {first}");
             }
         }
     }
-    let total = rows.iter().fold(Count::default(), |sum, (_, count)| Count {
+    let total = rows.values().fold(Count::default(), |sum, count| Count {
         comments: sum.comments + count.comments,
         questions: sum.questions + count.questions,
         pointers: sum.pointers + count.pointers,
     });
     println!("{:<32} {:>8} {:>18} {:>12}", "", "comments", "What, Whether, …", "It, Of, …");
-    for (name, count) in rows.iter().chain([&("all".to_owned(), total)]) {
+    for (name, count) in rows.iter().chain([(&"all".to_owned(), &total)]) {
         let share = |part: usize| format!("{:.1} %", 100.0 * part as f64 / count.comments.max(1) as f64);
         println!(
             "{name:<32} {:>8} {:>18} {:>12}",
