@@ -14,7 +14,7 @@ macro_rules! boxed {
 }
 drivetwin_firmware::devices!(boxed);
 
-/// What each kind is, in the order of the list.
+/// Description of each kind, in the order of the list.
 pub fn specs() -> impl Iterator<Item = &'static Spec> {
     ALL.iter().map(|make| make().spec())
 }

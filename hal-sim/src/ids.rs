@@ -8,6 +8,6 @@ pub struct Seat(pub(crate) u32);
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
 pub struct Bus(pub(crate) u32);
 
-/// Somebody outside, who talks and listens on a line, or on a TCP connection.
+/// A client, which sends and receives on a line or on a TCP connection.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
 pub struct Client(pub(crate) u32);

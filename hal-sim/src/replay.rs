@@ -10,14 +10,14 @@ use crate::record::trace::{
     Did, Drive, Entry, Event, Fed, Make, ParseError, Trace, TraceKeep, without_comment,
 };
 
-/// Where a replay differs from its trace.
+/// First difference of a replay from its trace.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Difference {
     /// The line of the trace that differs; `None` if something more came than it says.
     pub line: Option<usize>,
-    /// What the trace says.
+    /// Line of the trace.
     pub expected: Option<String>,
-    /// What came instead; `None` if nothing did.
+    /// Line that came instead; `None` if none did.
     pub got: Option<String>,
 }
 
@@ -33,12 +33,12 @@ impl fmt::Display for Difference {
     }
 }
 
-/// Why a text cannot be replayed.
+/// Reason why a text cannot be replayed.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub enum Unplayable {
-    /// It is no trace.
+    /// The text is no trace.
     Text(ParseError),
-    /// Its beginning is missing: so many events were dropped when it was recorded.
+    /// The beginning is missing: so many events were dropped when it was recorded.
     Lost(u64),
     /// A drive in it cannot be seated; in one sentence.
     Seat(String),

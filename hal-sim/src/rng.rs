@@ -30,7 +30,7 @@ impl Dice {
         z ^ z >> 31
     }
 
-    /// Whether something happens that happens to that share of all; to 0 or less never, to 1 or more always.
+    /// Draws whether something happens that happens to that share of all; to 0 or less never, to 1 or more always.
     pub(crate) fn happens(&mut self, share: f64) -> bool {
         // 53 bits are all that a float from 0 to 1 holds.
         let throw = (self.next() >> 11) as f64 / (1_u64 << 53) as f64;

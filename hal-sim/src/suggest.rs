@@ -1,4 +1,4 @@
-//! What somebody may have meant who mistyped a name.
+//! The nearest valid name to a mistyped one.
 
 use std::fmt::Write as _;
 
@@ -9,8 +9,7 @@ const FEW: usize = 16;
 /// may send thousands.
 const MOST: usize = 64;
 
-/// One sentence: there is no `what` of that `name`, and which one comes next to it, or which there are
-/// if none comes near.
+/// A sentence: there is no `what` of that `name`, and the nearest one, or which there are if none is near.
 #[must_use]
 pub fn unknown<'a>(what: &str, name: &str, names: impl Iterator<Item = &'a str>) -> String {
     let short = cut(name);

@@ -16,13 +16,13 @@ pub enum Value {
 }
 
 impl Value {
-    /// Of a shape of up to four words.
+    /// The value of a shape of up to four words.
     #[must_use]
     pub fn of(entries: &Entries, shape: Shape, value: i64) -> Self {
         Self::with_words(shape, value, |n| entries.word(shape, value, n))
     }
 
-    /// Of a shape, its value, and its words in bus order.
+    /// The value of a shape, from the number and its words in bus order.
     pub(crate) fn with_words(shape: Shape, value: i64, word: impl Fn(usize) -> u16) -> Self {
         match shape {
             Shape::Words(count) => Self::Words((0..count.into()).map(|n| word(n).into()).collect()),

@@ -1,4 +1,4 @@
-//! Turns: whose a line is, and until when.
+//! Arbitration: which client a line belongs to, and until when.
 
 use drivetwin_firmware::device::{Duration, Instant};
 
@@ -9,7 +9,7 @@ use crate::line::faults::Text;
 use crate::line::{Offer, Request, Turn, Wire};
 use crate::scheduler::Class;
 
-/// How far a drive's output may lie ahead before a client has to wait.
+/// Longest time by which a drive's output may lie ahead before a client has to wait.
 const AHEAD: Duration = Duration::secs(1);
 
 /// Turns.
@@ -161,7 +161,7 @@ impl Bench {
         }
     }
 
-    /// Where silence ends a message: the turn lasts until all drives have judged that, and answered, and what
+    /// Ends a turn on a line where silence ends a message: it lasts until all drives have judged that, and answered, and what
     /// follows it is over.
     fn turn_ends_of_frames(&mut self, bus: u32, at: Instant) {
         // Once: drives may answer each other's answers for ever.
@@ -182,7 +182,7 @@ impl Bench {
         }
     }
 
-    /// Where each character has its time: the client goes on; or, held back, tries again; or it has said all.
+    /// Ends a turn on a line where each character has its time: the client goes on; or, held back, tries again; or it has said all.
     /// Then it keeps the line for as long as silence would take to end a message: programs write a command in
     /// pieces, and those of two clients must not mix. An answer that begins at once ends the exchange before that.
     fn turn_ends_of_characters(&mut self, bus: u32, at: Instant) {
@@ -214,7 +214,7 @@ impl Bench {
         }
     }
 
-    /// Whether a drive still sends: then the turn lasts until that has left.
+    /// Returns whether a drive still sends: then the turn lasts until that has left.
     fn answers(&mut self, bus: u32, at: Instant) -> bool {
         let wire = &mut self.buses[bus as usize];
         let until = wire.sends_until;
@@ -226,8 +226,8 @@ impl Bench {
         answers
     }
 
-    /// When all drives have heard what was said until then: where characters take no time the others hear an
-    /// answer a tick later.
+    /// Time at which all drives have received what was sent until then: where characters take no time the others
+    /// receive an answer a tick later.
     fn heard_by_all(&self, bus: u32, at: Instant) -> Instant {
         let waits = self.fast() && self.ports(Bus(bus)).len() > 1;
         if waits { at + Duration::TICK } else { at }

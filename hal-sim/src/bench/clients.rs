@@ -7,12 +7,12 @@ use crate::line::{Mark, Outside, Sender};
 
 /// Clients.
 impl Bench {
-    /// How long half a message may wait for its rest from now on, in time of the bench.
+    /// Sets the longest wait for the rest of half a message, in time of the bench.
     pub fn set_patience(&mut self, patience: Duration) {
         self.settings.patience = patience;
     }
 
-    /// Somebody joins a line.
+    /// Connects a client to a line.
     pub fn connect(&mut self, bus: Bus) -> Client {
         self.connected += 1;
         self.clients.insert(self.connected, Outside::new(bus.0, self.arrivals));

@@ -5,7 +5,7 @@ use drivetwin_firmware::device::{Axis, Encoder, Instant, Level, Pin};
 use crate::record::trace::Fed;
 use crate::slot::Driving;
 
-/// What is under way.
+/// An event that is under way.
 #[derive(Debug)]
 pub(crate) enum What {
     /// To be fed to a device.
@@ -17,7 +17,7 @@ pub(crate) enum What {
     Exposed { fed: Fed, number: u32 },
     /// To be fed to a device, unless the connection on which that client said it is closed by then.
     Said { client: u32, fed: Fed },
-    /// What hands do to a pin.
+    /// A change of a pin from outside.
     Hand { pin: Pin, drive: Driving },
     /// Levels at the pins of a device that was seated at this instant.
     Contacts,
@@ -32,10 +32,10 @@ pub(crate) enum What {
     Wave { pin: Pin, number: u32 },
     /// The next edge of the step pulses of an axis.
     Steps { axis: Axis, number: u32 },
-    /// Something is due at the motor in place of a seat, as it was foreseen last.
+    /// Work is due at a motor, which has a number in place of a device; `number` tells it from earlier predictions.
     Motor { number: u32 },
-    /// What a motor does arrives at its drive.
+    /// Reports of a motor arrive at its drive.
     Felt { motor: u32 },
-    /// Somebody's turn on a line may end.
+    /// The turn of a client on a line may end.
     Turn { bus: u32 },
 }

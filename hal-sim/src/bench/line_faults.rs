@@ -12,8 +12,7 @@ use crate::record::capture::Source;
 use crate::record::trace::Fed;
 use crate::slot::Sent;
 
-/// How far replies may fall behind by what comes between them: a stream without a pause leaves no room for
-/// more.
+/// Longest delay of replies by what comes between them: a stream without a pause leaves no room for more.
 const ROOM: Duration = Duration::millis(500);
 
 /// Faults of lines.
@@ -25,15 +24,14 @@ impl Bench {
         self.buses[bus.0 as usize].disturbance.set(faults);
     }
 
-    /// What disturbs a line.
+    /// Faults of a line.
     #[must_use]
     pub fn disturbed(&self, bus: Bus) -> LineFaults {
         *self.buses[bus.0 as usize].disturbance.faults()
     }
 
-    /// Whether characters on a line that overlap spoil each other, instead of waiting for their turn; at first
-    /// they wait. It means nothing where characters take no time, and on lines on which both directions run at
-    /// once.
+    /// Sets whether characters that overlap on a line corrupt each other, instead of waiting for their turn; at first
+    /// they wait. Without effect where characters take no time, and on lines on which both directions run at once.
     pub fn let_collide(&mut self, bus: Bus, collisions: bool) {
         let may = collisions && !self.fast() && self.framed(bus.0).is_some();
         let wire = &mut self.buses[bus.0 as usize];
@@ -169,7 +167,7 @@ impl Bench {
         Some(number)
     }
 
-    /// What a device hears of a character that may have collided.
+    /// A character that may have collided, as a device receives it.
     pub(super) fn exposed(&self, place: u32, fed: Fed, number: u32) -> Fed {
         let (Fed::Bytes { port, .. } | Fed::Spoiled { port }) = fed else { return fed };
         let bus = self.bus(Seat(place), port);
@@ -177,7 +175,7 @@ impl Bench {
         if air.is_some_and(|air| air.spoils(number, self.now)) { Fed::Spoiled { port } } else { fed }
     }
 
-    /// Where characters may collide nobody waits until the line is free: who has a message says it, once.
+    /// Sends the messages of waiting clients at once on a line where characters may collide: none waits until it is free.
     pub(super) fn speak_into(&mut self, bus: u32) {
         let wire = &self.buses[bus as usize];
         let (Some(air), framed) = (&wire.air, self.framed(bus)) else { return };

@@ -15,7 +15,7 @@ pub(super) fn silence_after(line: Line) -> Duration {
     if ascii::is_on(line) { Duration::ZERO } else { Timing::of(line).t3_5 }
 }
 
-/// How long after its last character a drive on a line knows that a message is over.
+/// Time from the last character of a message until a drive on the line knows that it is over.
 pub(super) fn judgement(line: Line) -> Duration {
     if ascii::is_on(line) { Duration::ZERO } else { silence_after(line) + line.character() }
 }
@@ -97,7 +97,7 @@ impl Bench {
         !self.buses[bus.0 as usize].turn.is_busy()
     }
 
-    /// Somebody opens or leaves the port at the other end of a line (DTR, a pty).
+    /// Opens or closes the port at the other end of a line (DTR, a pty).
     pub fn attach(&mut self, bus: Bus, here: bool) {
         for n in 0..self.ports(bus).len() {
             let (seat, port) = self.ports(bus)[n];

@@ -45,18 +45,18 @@ pub use shaft_sensors::{CYCLES_PER_REV, Closed, FURTHEST_REV};
 use tcp_clients::Connections;
 pub use tcp_clients::{Ended, Outlet, TurnedAway};
 
-/// What holds for a whole bench.
+/// Settings of a whole bench.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Settings {
     /// Seed of every random choice.
     pub seed: u64,
-    /// How long characters take.
+    /// Time that characters take.
     pub line: LineMode,
-    /// How long half a message may wait for its rest, in time of the bench.
+    /// Longest wait for the rest of half a message, in time of the bench.
     pub patience: Duration,
-    /// How much of what happens is kept.
+    /// Retention of the trace.
     pub trace: TraceKeep,
-    /// How much of what is on the lines is kept.
+    /// Retention of the frames on the lines.
     pub capture: TraceKeep,
 }
 
@@ -72,14 +72,14 @@ impl Default for Settings {
     }
 }
 
-/// How a device is seated.
+/// Options of a device that is added.
 #[derive(Default)]
 pub struct Setup {
     /// No start-up delay.
     pub boot_fast: bool,
-    /// What is in its memory; cut or filled up with `0xFF` to its size. `None`: a new one.
+    /// Content of its memory; cut or filled up with `0xFF` to its size. `None`: a new memory.
     pub memory: Option<Vec<u8>>,
-    /// Who keeps its memory.
+    /// Called for each store to its memory.
     pub keep: Option<Keep>,
     /// Rows and their values: saved ones are in the memory before the first power-on, others are
     /// set after every power-on.
@@ -89,7 +89,7 @@ pub struct Setup {
     pub apart: bool,
 }
 
-/// Why a device cannot be seated; the bench is as before.
+/// Reason why a device cannot be added; the bench is as before.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub enum SeatError {
     /// A name is one word without dots that begins with no digit and none of `#`, `<`, `>` and `"`, and is not
@@ -99,9 +99,9 @@ pub enum SeatError {
     Taken(String),
     /// A preset is refused.
     Preset {
-        /// Of which row.
+        /// Row of the register map.
         row: usize,
-        /// Why.
+        /// Reason.
         why: Refused,
     },
 }
@@ -130,23 +130,23 @@ impl fmt::Display for Busy {
 
 impl std::error::Error for Busy {}
 
-/// What is done to a device's power.
+/// Change of a device's power.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum PowerAction {
-    /// Taken away.
+    /// Power goes.
     Off,
-    /// Given.
+    /// Power comes.
     On,
-    /// Taken away, and given again a tick later.
+    /// Power goes, and comes again a tick later.
     Cycle,
-    /// Fails in the middle of the next save, and stays away.
+    /// Power fails in the middle of the next save, and stays away.
     Cut,
 }
 
-/// What [`Bench::settle_until`] waits for, besides requests.
+/// State of [`Bench::settle_until`] between two calls.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Settling {
-    /// When what was done to pins and power has arrived, and patience has ended.
+    /// Time by which changes of pins and power have arrived, and waits for half messages have ended.
     hands: Instant,
 }
 
@@ -161,7 +161,7 @@ pub struct Bench {
     order: Vec<u32>,
     ranks: Vec<u32>,
     deadlines: Tournament,
-    /// Whether `order`, `ranks` and `deadlines` know all seats.
+    /// True if `order`, `ranks` and `deadlines` are up to date.
     indexed: bool,
     under_way: Queue<What>,
     /// Wires between pins.
@@ -179,7 +179,7 @@ pub struct Bench {
     connected: u32,
     /// Bytes that have arrived from clients, in the order of arrival.
     arrivals: u64,
-    /// What the device called last has sent.
+    /// Outputs of the device that was called last.
     outbox: Outbox,
     trace: Trace,
     capture: Capture,
@@ -323,7 +323,7 @@ impl Bench {
         (0..self.trace.drives.len() as u32).map(Seat)
     }
 
-    /// What a device is.
+    /// Description of a device.
     #[must_use]
     pub fn spec(&self, seat: Seat) -> &'static Spec {
         self.at(seat).spec
@@ -341,14 +341,14 @@ impl Bench {
         self.names.get(name).copied().flatten()
     }
 
-    /// Whether a seat, a shared line or a motor is called so: they have one list of names. That of a line which a
-    /// drive has for itself has a dot, which no other name has.
+    /// Returns whether a device, a shared line or a motor has that name: they have one list of names. The name of a line
+    /// that a drive has for itself has a dot, which no other name has.
     #[must_use]
     pub fn is_taken(&self, name: &str) -> bool {
         self.names.contains_key(name)
     }
 
-    /// What has happened.
+    /// Everything that has happened.
     #[must_use]
     pub fn trace(&self) -> &Trace {
         &self.trace
@@ -359,7 +359,7 @@ impl Bench {
         self.trace.has_written();
     }
 
-    /// What was on the lines.
+    /// Frames that were on the lines.
     #[must_use]
     pub fn capture(&self) -> &Capture {
         &self.capture
@@ -376,7 +376,7 @@ impl Bench {
 
 /// Time.
 impl Bench {
-    /// How far time has come.
+    /// Present time.
     #[must_use]
     pub fn now(&self) -> Instant {
         self.now
@@ -542,7 +542,7 @@ impl Bench {
         self.schedule(at, Class::of(&fed), place, What::Fed(fed));
     }
 
-    /// Something under way arrives.
+    /// Handles an event.
     fn happen(&mut self, event: Event<What>) {
         match event.what {
             What::Fed(fed) => self.deliver(event.seat, &fed),
@@ -640,7 +640,7 @@ impl Bench {
     }
 }
 
-/// What the outputs of a device go to.
+/// The place for the outputs of a device.
 fn tape<'a>(trace: &'a mut Trace, outbox: &'a mut Outbox, settings: Settings) -> Tape<'a> {
     Tape { trace, outbox, fast: settings.line == LineMode::Fast }
 }

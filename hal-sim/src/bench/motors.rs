@@ -22,27 +22,27 @@ use crate::slot::{Told, Wakes};
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
 pub struct Motor(u32);
 
-/// What a motor is.
+/// Model of a motor.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Fitting {
-    /// It follows the plans and steps of its drive.
+    /// A stepper motor, which follows the plans and steps of its drive.
     Stepper(stepper::Parameters),
-    /// It has brushes, or is a brushless one, and is turned by the duty of a drive that was seated
+    /// A motor with brushes, or a brushless one, turned by the duty of a drive that was added
     /// [`apart`](super::Setup::apart), or that may turn a stepper motor or this
     /// ([`dc_motor`](drivetwin_firmware::device::Spec::dc_motor)).
     Brush(motor::Parameters),
 }
 
-/// What a shaft does.
+/// State of a shaft.
 #[derive(Clone, Copy, PartialEq, Debug, Default)]
 pub struct Turn {
     /// Turns from where it began.
     pub revolutions: f64,
     /// Turns per minute, signed.
     pub rpm: f64,
-    /// Whether it cannot follow its drive.
+    /// True if it cannot follow its drive.
     pub stalled: bool,
-    /// What it draws, in mA; of a stepper motor the peak current that its drive gives it.
+    /// Current in mA; of a stepper motor the peak current that its drive gives it.
     pub ma: i32,
 }
 
@@ -62,13 +62,13 @@ pub(super) struct Fitted {
     name: String,
     drive: (Seat, Axis),
     machine: Machine,
-    /// How it turns at present.
+    /// Present motion.
     pace: Pace,
-    /// Where the shaft began.
+    /// Angle at which the shaft began.
     began: i64,
-    /// What its drive was told last to step in.
+    /// Microsteps that its drive reported last.
     microsteps: u16,
-    /// What it is to hear, and when.
+    /// Commands on their way to it, by time.
     inbox: VecDeque<(Instant, Told)>,
     /// The ends of the wires of its Hall sensors.
     halls: Vec<u32>,
@@ -123,14 +123,14 @@ impl Machine {
     }
 }
 
-/// What a motor did at an instant, on its way to its drive.
+/// Reports of a motor at an instant, on their way to its drive.
 #[derive(Default)]
 struct Felt {
     halls: [Option<Level>; HALL_PINS.len()],
     draws: Option<i32>,
     motor: Option<Box<motor::Parameters>>,
     rotation: Option<Rotation>,
-    /// Whether its arrival is foreseen.
+    /// True if its arrival is scheduled.
     foreseen: bool,
 }
 
@@ -271,13 +271,13 @@ impl Bench {
         &self.motors[motor.0 as usize].name
     }
 
-    /// What turns a motor.
+    /// The drive and axis that turn a motor.
     #[must_use]
     pub fn turned_by(&self, motor: Motor) -> (Seat, Axis) {
         self.motors[motor.0 as usize].drive
     }
 
-    /// What a motor's shaft does now.
+    /// State of a motor's shaft now.
     #[must_use]
     pub fn turn(&self, motor: Motor) -> Turn {
         let Fitted { machine, pace: Pace { since, h, a, turn, .. }, began, .. } =
@@ -332,7 +332,7 @@ impl Bench {
         self.outbox.told.clear();
     }
 
-    /// Whether hands hold the shaft of a drive's motor: the fault that is called so.
+    /// Returns whether the shaft of a drive's motor is blocked, by the fault of that name.
     fn is_held(&self, drive: Seat) -> bool {
         let stall = self.spec(drive).faults.iter().position(|fault| *fault == "stall");
         stall.is_some_and(|stall| self.faulty(drive, Fault(stall as u8)))
@@ -369,7 +369,7 @@ impl Bench {
         }
     }
 
-    /// Something that was foreseen at a motor is due.
+    /// Handles a prediction of a motor that is due.
     pub(super) fn motor_is_due(&mut self, place: u32, number: u32, class: Class) {
         let Some(motor) = at_place(place).filter(|&motor| self.motors[motor].number == number) else {
             return;
@@ -417,7 +417,7 @@ impl Bench {
         seated.motors.iter().filter_map(of).flatten().collect()
     }
 
-    /// What a motor's sensors have seen by a tick ago arrives.
+    /// Lets the sensors of a motor see its shaft as it was a tick ago.
     fn see(&mut self, motor: usize) {
         for n in 0.. {
             let Fitted { machine, pace, sensors, .. } = &mut self.motors[motor];
@@ -433,7 +433,7 @@ impl Bench {
         }
     }
 
-    /// What a motor did is on its way to its drive.
+    /// Sends reports of a motor on their way to its drive.
     fn carry_felt(&mut self, motor: usize) {
         let Fitted { felt, drive: (drive, _), .. } = &mut self.motors[motor];
         if self.seats[drive.0 as usize].halls.is_none() {
@@ -449,7 +449,7 @@ impl Bench {
         }
     }
 
-    /// What a motor did arrives at its drive.
+    /// Delivers reports of a motor to its drive.
     pub(super) fn felt(&mut self, motor: u32) {
         let Fitted { felt, drive: (drive, axis), .. } = &mut self.motors[motor as usize];
         let (felt, drive, axis) = (std::mem::take(felt), *drive, *axis);

@@ -11,7 +11,7 @@ use crate::slot::Moved;
 /// A wire.
 pub(super) struct PinWire {
     to: (Seat, Pin),
-    /// What has arrived at its end.
+    /// Level that has arrived at its end.
     level: Level,
 }
 

@@ -1,6 +1,6 @@
-//! What looks at the shafts of motors: encoders and switches.
+//! Sensors on the shafts of motors: encoders and switches.
 //!
-//! A sensor shows at each tick where the shaft is. What it shows next is foreseen, one change ahead.
+//! A sensor shows at each tick where the shaft is. Its next change is predicted, one ahead.
 
 use std::ops::RangeInclusive;
 
@@ -14,10 +14,10 @@ use crate::signals::pin_waveform::level_of;
 /// Cycles that an encoder may have in a turn.
 pub const CYCLES_PER_REV: RangeInclusive<u32> = 1..=100_000;
 
-/// How far from where a shaft began a switch may be, in turns, either way.
+/// Largest distance of a switch from where its shaft began, in turns, either way.
 pub const FURTHEST_REV: f64 = 10_000_000.0;
 
-/// Where a switch is closed: above one position of the shaft and below another, in turns from where it began.
+/// Range in which a switch is closed: above one position of the shaft and below another, in turns from where it began.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Closed {
     /// Above that, within ±[`FURTHEST_REV`].
@@ -33,17 +33,17 @@ pub(super) type Shows = [Option<(u32, Level)>; 3];
 /// encoders ("to coincide with the low states of channels A and B ... ¼ of one quadrature cycle wide").
 const INDEX: i64 = 2;
 
-/// What looks at a shaft. It is at one of many places, in the order of angles.
+/// A sensor on a shaft. It is at one of many places, in the order of angles.
 pub(super) struct Sensor {
-    /// Where its first wire goes: the order of a motor's sensors.
+    /// Target of its first wire: the order of a motor's sensors.
     pub(super) key: (String, Pin),
     sees: Sees,
-    /// Where the shaft began.
+    /// Angle at which the shaft began.
     began: i64,
     place: i64,
-    /// What its wires show of that; `None` before they have shown anything.
+    /// Levels of its wires; `None` before the first.
     shows: Option<Shows>,
-    /// When it comes to another place next, and to which.
+    /// Time of the next change of place, and that place.
     next: Instant,
     to: i64,
 }
@@ -69,7 +69,7 @@ impl Sees {
         }
     }
 
-    /// Where a count begins.
+    /// Angle at which a count begins.
     fn count_begins(counts: i64, count: i64) -> i64 {
         let (turn, part) = (count.div_euclid(counts), count.rem_euclid(counts));
         (turn << 32) - ((1 << 31) - (part << 32)).div_euclid(counts)
@@ -103,7 +103,7 @@ impl Sees {
         }
     }
 
-    /// Its wires, and what is on them at a place.
+    /// Wires of the sensor, and their levels at a place.
     fn shows(&self, place: i64) -> Shows {
         match *self {
             Self::Encoder { counts, wires: [a, b, index] } => {
@@ -123,12 +123,12 @@ impl Sees {
 }
 
 impl Sensor {
-    /// One that has shown nothing so far, at a shaft that began at an angle.
+    /// A sensor that has shown nothing so far, on a shaft that began at an angle.
     pub(super) fn new(key: (String, Pin), sees: Sees, began: i64) -> Self {
         Self { key, sees, began, place: 0, shows: None, next: Instant::NEVER, to: 0 }
     }
 
-    /// When it shows something else next, as it was foreseen.
+    /// Time of the next change, as predicted.
     pub(super) fn next(&self) -> Instant {
         self.next
     }
@@ -154,7 +154,7 @@ impl Sensor {
         }
     }
 
-    /// Whether the shaft has passed the place where it comes to next within the same tick.
+    /// Returns whether the shaft passes the next place within the same tick.
     fn is_beyond(&self, rotor: &dyn Rotor, at: Instant, forward: bool) -> bool {
         let further = self.sees.next(self.to, forward);
         further.is_some_and(|(_, angle)| rotor.is_at_least(at, angle.wrapping_add(self.began)) == forward)
@@ -164,7 +164,7 @@ impl Sensor {
         self.sees.place(rotor.angle_at(at).wrapping_sub(self.began))
     }
 
-    /// It shows what was foreseen. Returns the wires on which that is news, in the order in which they change; what
+    /// Carries out the predicted change. Returns the wires that change, in the order in which they change; what
     /// comes next is to be foreseen then. An index is inside the count that it marks: it rises after A and B, and falls
     /// before them.
     pub(super) fn seen(&mut self) -> Shows {

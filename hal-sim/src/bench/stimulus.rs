@@ -1,4 +1,4 @@
-//! What hands do to a bench: pins, faults, power, registers.
+//! Stimulus from outside: pins, faults, power, registers.
 
 use drivetwin_firmware::device::{Axis, Duration, Encoder, EncoderSpec, Fault, Level, Pin, Port, Refused};
 use drivetwin_protocol::registers::Shape;
@@ -35,7 +35,7 @@ impl Bench {
         self.schedule(at, Class::Pin, seat.0, What::Hand { pin, drive });
     }
 
-    /// What hands do to a pin arrives.
+    /// A change of a pin from outside arrives.
     pub(super) fn hand(&mut self, place: u32, pin: Pin, drive: Driving) {
         if let Some(state) = self.seats[place as usize].pin_mut(pin) {
             state.hold(drive);
@@ -182,7 +182,7 @@ impl Bench {
         }
     }
 
-    /// Whether a train of pulses, or an encoder, runs on a pin.
+    /// Returns whether a train of pulses, or an encoder, runs on a pin.
     fn runs(&mut self, seat: Seat, pin: Pin) -> bool {
         let seated = self.at_mut(seat);
         seated.encoders_at(pin).any(|encoder| encoder.edges.is_some())
@@ -201,7 +201,7 @@ impl Bench {
         self.send_to(at, seat.0, Fed::Fault { fault, on });
     }
 
-    /// Whether the cause of a fault is there.
+    /// Returns whether the cause of a fault is present.
     #[must_use]
     pub fn faulty(&self, seat: Seat, fault: Fault) -> bool {
         self.at(seat).body.faults.get(usize::from(fault.0)).copied().unwrap_or(false)
@@ -221,7 +221,7 @@ impl Bench {
         }
     }
 
-    /// Whether a device has power.
+    /// Returns whether a device has power.
     #[must_use]
     pub fn powered(&self, seat: Seat) -> bool {
         self.at(seat).body.powered
@@ -262,13 +262,13 @@ impl Bench {
         })
     }
 
-    /// What an axis does now; of a drive that has parted from its motor what the bench's does.
+    /// Motion of an axis now; with a motor of the bench that motor's.
     #[must_use]
     pub fn motion(&self, seat: Seat, axis: Axis) -> Motion {
         self.shaft(seat, axis).map_or_else(|| self.at(seat).motion(self.now, axis), Motion::from)
     }
 
-    /// What a port has seen since its device was seated.
+    /// Statistics of a port since its device was added.
     #[must_use]
     pub fn statistics(&self, seat: Seat, port: Port) -> Statistics {
         self.at(seat).body.ports.get(usize::from(port.0)).map(|port| port.statistics).unwrap_or_default()

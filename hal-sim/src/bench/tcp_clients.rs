@@ -25,7 +25,7 @@ const KEPT_BYTES: usize = 1 << 10;
 /// Bytes of answers that a client may leave unread before the drive hears no more of it.
 const UNREAD_BYTES: usize = 4 << 10;
 
-/// What somebody outside connects to.
+/// A line or TCP port that a client connects to.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
 pub enum Outlet {
     /// A serial line.
@@ -34,7 +34,7 @@ pub enum Outlet {
     Tcp(Seat, Port),
 }
 
-/// Why nobody is let in at a TCP port.
+/// Reason why a TCP port refuses a connection.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum TurnedAway {
     /// The drive has no power.
@@ -57,14 +57,14 @@ impl fmt::Display for TurnedAway {
 
 impl std::error::Error for TurnedAway {}
 
-/// Why a connection is closed.
+/// Reason why a connection is closed.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Ended {
     /// The drive has closed it.
     ByDrive,
     /// The drive has lost its power.
     NoPower,
-    /// What came is no Modbus/TCP.
+    /// The bytes were no Modbus/TCP.
     Broken(Broken),
 }
 
@@ -78,20 +78,20 @@ impl fmt::Display for Ended {
     }
 }
 
-/// Somebody outside, on a TCP connection.
+/// A client on a TCP connection.
 struct Connection {
     seat: Seat,
     port: Port,
     link: Link,
-    /// Where the length in a header ends a message.
+    /// Splitter of messages, on a port where the length in a header ends one.
     splitter: Option<Splitter>,
-    /// What it has said and is not on its way to the drive yet.
+    /// Bytes of the client that are not on their way to the drive yet.
     unheard: Vec<u8>,
-    /// How much of what it has said, or done, is on its way there.
+    /// Count of the client's inputs that are on their way there.
     under_way: usize,
-    /// What the drive has said and it has not taken.
+    /// Bytes of the drive that the client has not taken.
     inbox: Vec<u8>,
-    /// Whether what it has taken is not read where it goes.
+    /// True while what the client has taken is not read further on.
     held_back: bool,
     /// True if it is gone, and only what it has said before is still to be heard.
     is_gone: bool,
@@ -99,12 +99,12 @@ struct Connection {
 }
 
 impl Connection {
-    /// Whether it takes what is answered.
+    /// Returns whether the client takes its answers.
     fn reads(&self) -> bool {
         self.is_gone || (!self.held_back && self.inbox.len() < UNREAD_BYTES)
     }
 
-    /// What it has said is still to be heard, ahead of all else.
+    /// Puts bytes of the client back, ahead of all else.
     fn put_back(&mut self, mut bytes: Vec<u8>) {
         bytes.append(&mut self.unheard);
         self.unheard = bytes;
@@ -140,7 +140,7 @@ impl Connections {
         self.all.contains_key(&client)
     }
 
-    /// Who has something to read.
+    /// Clients with bytes to read.
     pub(super) fn audible(&self) -> impl Iterator<Item = u32> {
         self.audible.iter().copied()
     }
@@ -172,7 +172,7 @@ impl Connections {
 
 /// TCP ports.
 impl Bench {
-    /// What a port of a device is to somebody outside.
+    /// Outlet of a device's port: its line or TCP port.
     #[must_use]
     pub fn outlet(&self, seat: Seat, port: Port) -> Outlet {
         self.bus(seat, port).map_or(Outlet::Tcp(seat, port), Outlet::Line)
@@ -204,7 +204,7 @@ impl Bench {
         }
     }
 
-    /// Whether some TCP port is called so, with the name of its drive or without.
+    /// Returns whether a TCP port has that name, with the name of its drive or without.
     #[must_use]
     pub fn has_tcp_port(&self, name: &str) -> bool {
         let (drive, port) = name.split_once('.').map_or((None, name), |(drive, port)| (Some(drive), port));
@@ -212,7 +212,7 @@ impl Bench {
         drives.flat_map(|seat| seat.spec.ports).any(|of| of.is_tcp() && of.name == port)
     }
 
-    /// Somebody connects to a port of a device: to its TCP port, or to the line that its serial port is on.
+    /// Connects a client to a port of a device: to its TCP port, or to the line that its serial port is on.
     ///
     /// # Errors
     /// A TCP port lets nobody in now. A line always does.
@@ -223,8 +223,8 @@ impl Bench {
         self.join(self.outlet(seat, port))
     }
 
-    /// Whether an outlet accepts connections: not the TCP port of a drive that boots. Without power it does, to turn
-    /// everybody away.
+    /// Returns whether an outlet accepts connections: the TCP port of a drive that is starting does not. Without power
+    /// it does, and closes each at once.
     #[must_use]
     pub fn accepts(&self, outlet: Outlet) -> bool {
         match outlet {
@@ -233,7 +233,7 @@ impl Bench {
         }
     }
 
-    /// Somebody connects to an outlet.
+    /// Connects a client to an outlet.
     ///
     /// # Errors
     /// As [`connect_to`](Self::connect_to).
@@ -274,14 +274,14 @@ impl Bench {
         Ok(Client(client))
     }
 
-    /// Why the connection of a client is closed; `None` if it is not, or on a line. What the drive has said before
-    /// can still be [received](Self::receive).
+    /// Reason why the connection of a client is closed; `None` if it is open, or on a line. Bytes that the drive sent
+    /// before can still be [received](Self::receive).
     #[must_use]
     pub fn ended(&self, client: Client) -> Option<Ended> {
         self.connections.all.get(&client.0).and_then(|connection| connection.ended)
     }
 
-    /// Whether all that a client has said is heard, and on a line answered.
+    /// Returns whether everything from a client is received, and on a line answered.
     #[must_use]
     pub fn is_served(&self, client: Client) -> bool {
         match (self.connections.all.get(&client.0), self.clients.get(&client.0)) {
@@ -297,14 +297,14 @@ impl Bench {
         }
     }
 
-    /// Whether a drive is about to hear something of a client on a TCP connection.
+    /// Returns whether input of a client is on its way to a drive, on a TCP connection.
     #[must_use]
     pub fn is_under_way(&self, client: Client) -> bool {
         self.connections.all.get(&client.0).is_some_and(|connection| connection.under_way > 0)
     }
 
-    /// What a client [receives](Self::receive) is not read further on, or is again: meanwhile a drive hears no more of
-    /// it on a TCP connection. Nothing else comes of it on a line.
+    /// Sets whether what a client [receives](Self::receive) is not read further on: meanwhile a drive gets no more of
+    /// it on a TCP connection. Without effect on a line.
     pub fn hold_back(&mut self, client: Client, held_back: bool) {
         if let Some(connection) = self.connections.all.get_mut(&client.0)
             && std::mem::replace(&mut connection.held_back, held_back) != held_back
@@ -313,7 +313,7 @@ impl Bench {
         }
     }
 
-    /// How many are connected to a TCP port now.
+    /// Number of clients that are connected to a TCP port now.
     #[must_use]
     pub fn connections(&self, seat: Seat, port: Port) -> usize {
         let port = self.at(seat).body.ports.get(usize::from(port.0));
@@ -419,7 +419,7 @@ impl Bench {
         }
     }
 
-    /// Somebody on a TCP connection leaves. Who has not read what was answered is heard no further.
+    /// Disconnects a client from a TCP port. If it has not read its answers, no more of its input is delivered.
     pub(super) fn disconnect_tcp(&mut self, client: u32) {
         self.connections.audible.remove(&client);
         let Some(connection) = self.connections.all.get_mut(&client) else { return };

@@ -12,7 +12,7 @@ use crate::record::trace::Fed;
 use crate::scheduler::Class;
 use crate::slot::Sent;
 
-/// Who says something.
+/// Origin of characters on a line.
 #[derive(Clone, Copy)]
 pub(super) enum Voice {
     /// A client, or nobody.
@@ -30,7 +30,7 @@ impl Voice {
         }
     }
 
-    /// Whether a port on `line` can read it.
+    /// Returns whether a port on `line` can read it.
     fn fits(self, line: Line) -> bool {
         match self {
             Self::Client(sender) => sender.fits(line),
@@ -58,11 +58,11 @@ pub(super) struct Words<'a> {
     pub(super) number: Option<u32>,
 }
 
-/// When something said is heard.
+/// Times of a transmission.
 struct Said {
     /// The end of its last character.
     last: Instant,
-    /// When it is known that no more follows.
+    /// Time at which it is known that no more follows.
     judged: Instant,
 }
 
@@ -108,7 +108,7 @@ impl Bench {
         self.turn_until(bus, until);
     }
 
-    /// When so many characters, said to a port from `start` on, are heard.
+    /// Times at which so many characters, sent to a port from `start` on, are received.
     fn times(&self, seat: Seat, port: Port, start: Instant, count: usize, voice: Voice) -> Said {
         let Some(serial) = self.at(seat).serial(port) else { return Said { last: start, judged: start } };
         if self.fast() {
@@ -121,8 +121,8 @@ impl Bench {
         Said { last, judged: last + judgement(line) }
     }
 
-    /// When a character ends that begins at `start`, or as soon as it still can: a line may have been free for a
-    /// part of a character by now.
+    /// End of a character that begins at `start`, or as soon as it still can: a line may have been free for a part of a
+    /// character by now.
     fn first_ends(&self, start: Instant, character: Duration) -> Instant {
         (start + character).max(self.now + Duration::TICK)
     }
@@ -209,12 +209,12 @@ impl Bench {
         }
     }
 
-    /// How long so many characters take.
+    /// Time that so many characters take.
     pub(super) fn takes(&self, line: Line, count: usize) -> Duration {
         if self.fast() { Duration::ZERO } else { line.character() * count as u64 }
     }
 
-    /// What a drive has sent reaches all who listen, from `start` on; `outside` is what clients make of it.
+    /// Sends characters of a drive to all others on the line, from `start` on; `outside` is what clients make of it.
     pub(super) fn reach(
         &mut self,
         bus: u32,

@@ -19,7 +19,7 @@ use embedded_storage::{ReadStorage, Storage};
 /// Characters that a UART takes before the first of them has left.
 const FIFO: usize = 16;
 
-/// What a board did.
+/// Output of a board.
 #[derive(Clone, PartialEq, Debug)]
 pub enum Done {
     /// Characters left back to back, from the stamp on.
@@ -52,11 +52,11 @@ pub struct Board(Rc<RefCell<State>>);
 struct State {
     now: Instant,
     caught: VecDeque<(Instant, Caught)>,
-    /// What came on TCP connections; the bytes of a message.
+    /// Events of TCP connections, with the bytes of messages.
     came: VecDeque<(Instant, Port, Link, Came, Adu)>,
     done: Vec<(Instant, Done)>,
     uarts: Vec<Line>,
-    /// When each UART will have sent all it took, and where that began.
+    /// Time at which each UART has sent all that it took, and where that began.
     busy: Vec<Option<(Instant, usize)>>,
     levels: Vec<bool>,
     memory: Vec<u8>,
@@ -82,7 +82,7 @@ impl Board {
         })))
     }
 
-    /// What a [`Shell`](drivetwin_firmware::shell::Shell) is given to act with.
+    /// Outputs for a [`Shell`](drivetwin_firmware::shell::Shell).
     #[must_use]
     pub fn outputs(&self) -> SimOutputs {
         let state = self.0.borrow();
@@ -100,7 +100,7 @@ impl Board {
         self.0.borrow_mut().caught.push_back((at, caught));
     }
 
-    /// Something comes on a TCP connection at `at`, not before anything that came on one.
+    /// Adds an event of a TCP connection at `at`, not before any earlier one.
     pub fn come(&self, at: Instant, port: Port, link: Link, came: Came) {
         self.0.borrow_mut().came.push_back((at, port, link, came, Adu::new()));
     }
@@ -120,7 +120,7 @@ impl Board {
         state.now = state.now.max(now);
     }
 
-    /// When a UART that was full has room again; [`Instant::NEVER`] if none is.
+    /// Time at which a UART that was full has room again; [`Instant::NEVER`] if none is full.
     #[must_use]
     pub fn room_at(&self) -> Instant {
         let state = self.0.borrow();
@@ -128,7 +128,7 @@ impl Board {
         ports.map(|port| state.room_at(port)).filter(|&at| at > state.now).min().unwrap_or(Instant::NEVER)
     }
 
-    /// When its oldest input was caught, or came; [`Instant::NEVER`] if there is none.
+    /// Time of the oldest input that waits; [`Instant::NEVER`] if there is none.
     #[must_use]
     pub fn caught_at(&self) -> Instant {
         let state = self.0.borrow();
@@ -137,12 +137,12 @@ impl Board {
         caught.into_iter().chain(came).min().unwrap_or(Instant::NEVER)
     }
 
-    /// What it did so far, with stamps that ascend.
+    /// Outputs so far, with stamps that ascend.
     pub fn done(&self) -> Ref<'_, [(Instant, Done)]> {
         Ref::map(self.0.borrow(), |state| state.done.as_slice())
     }
 
-    /// Its memory.
+    /// Content of the memory.
     #[must_use]
     pub fn memory(&self) -> Vec<u8> {
         self.0.borrow().memory.clone()
@@ -374,7 +374,7 @@ impl digital::InputPin for WiredPin {
 #[derive(Debug)]
 pub struct Memory {
     board: Board,
-    /// What it would hold if the power never failed.
+    /// Content that it would have if power never failed.
     stored: Vec<u8>,
 }
 
@@ -550,7 +550,7 @@ mod tests {
         (sent, shell.failures())
     }
 
-    /// Of 230,400 8N1: 694.4 ticks, rounded.
+    /// A character at 230,400 8N1: 694.4 ticks, rounded.
     const CHARACTER: Duration = Duration::from_ticks(694);
     const ANSWER: &[u8] = b"r 14 0000110E !\r\n";
 

@@ -1,19 +1,19 @@
-//! Where the port of a drive is to be reached from outside, as users write it.
+//! Listening places of ports, as users write them.
 
 use std::fmt;
 use std::path::PathBuf;
 use std::str::FromStr;
 
-/// Where a port of a drive is to be reached: `[PORT=]URI`.
+/// Listening place of a port: `[PORT=]URI`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Listen {
     /// Which port of the drive; its first one if not said.
     pub port: Option<String>,
-    /// What it is reached by.
+    /// Place that it is reached by.
     pub uri: Uri,
 }
 
-/// What a port is reached by.
+/// A place that a port is reached by.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Uri {
     /// A pseudo terminal, and where to link it.
@@ -38,7 +38,7 @@ impl fmt::Display for Uri {
     }
 }
 
-/// Whether that is `HOST:PORT`.
+/// Returns whether a text is `HOST:PORT`.
 #[must_use]
 pub fn is_host_and_port(text: &str) -> bool {
     text.rsplit_once(':').is_some_and(|(host, port)| !host.is_empty() && port.parse::<u16>().is_ok())

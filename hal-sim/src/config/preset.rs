@@ -11,14 +11,14 @@ use crate::value::Value;
 /// A value for a register, or for the high or low word of one.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Preset {
-    /// Its row.
+    /// Row of the register map.
     pub row: usize,
     /// Which half is meant, if not the whole.
     half: Option<Half>,
     value: i64,
 }
 
-/// One word of a value of two.
+/// Half of a value: one word of two.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum Half {
     High,
@@ -78,13 +78,13 @@ impl Preset {
         Some(Ok(presets.map(|(&row, part)| Self { row, half: None, value: registers::text(part) }).collect()))
     }
 
-    /// Whether only a half is meant.
+    /// Returns whether only half of the value is set.
     pub fn is_half(&self) -> bool {
         self.half.is_some()
     }
 
-    /// Whether a save keeps all that is set; of some registers it keeps some bits, and the others
-    /// are forgotten until the drive has started.
+    /// Checks that a save keeps all that is set: of some registers it keeps some bits, and the others are lost until
+    /// the drive has started.
     ///
     /// # Errors
     /// One sentence: which bits can be preset.

@@ -1,27 +1,27 @@
-//! How the time of a bench runs, as users write it.
+//! Time modes of a bench, as users write them.
 
 use std::fmt;
 use std::str::FromStr;
 
 use drivetwin_firmware::device::Duration;
 
-/// How long half a message may wait for its rest, in ms of the wall clock.
+/// Longest wait for the rest of half a message, in ms of the wall clock.
 const PATIENCE_MS: u64 = 20;
 
 /// The greatest factor of [`Pace::Times`].
 const FASTEST: u32 = 1000;
 
-/// How the time of the bench runs.
+/// Time mode of a bench.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Pace {
     /// So many times as fast as the wall clock.
     Times(u32),
-    /// It stands, but for what a request or a call needs.
+    /// Time stands, but for what a request or a call needs.
     Manual,
 }
 
 impl Pace {
-    /// How long half a message may wait, in time of the bench.
+    /// Longest wait for the rest of half a message, in time of the bench.
     pub fn patience(self) -> Duration {
         match self {
             Self::Times(factor) => Duration::millis(PATIENCE_MS) * u64::from(factor),

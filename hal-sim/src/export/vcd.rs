@@ -53,7 +53,7 @@ pub struct Waves<W> {
     drives: Vec<Drive>,
     /// Drives that are yet to be seated, the next one last.
     seats: Vec<(Instant, usize)>,
-    /// When each wire, and behind them each motor, changes by itself.
+    /// Next change of each wire, and behind them of each motor, by itself.
     edges: Tournament,
     now: Instant,
     /// Wires that may have changed at `now`.
@@ -62,7 +62,7 @@ pub struct Waves<W> {
     stamped: Option<Instant>,
     /// Events taken from the trace.
     taken: u64,
-    /// How far the trace went.
+    /// Time that the trace has reached.
     end: Instant,
 }
 
@@ -86,18 +86,18 @@ struct Motor {
 /// A pin.
 struct Wire {
     pin: &'static PinSpec,
-    /// What the file calls it.
+    /// Code of the wire in the file.
     code: String,
-    /// Whether anybody knows what it does.
+    /// True while its waveform is known.
     known: bool,
     drives: Drives,
-    /// What comes from outside, if something does, in mV.
+    /// Stimulus from outside, if there is one, in mV.
     outside: Option<i32>,
-    /// What was last written.
+    /// Value that was written last.
     shown: Option<Value>,
 }
 
-/// What a file says of a pin.
+/// Value of a pin in a file.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Value {
     Bit(char),
@@ -263,7 +263,7 @@ impl<W: Write> Waves<W> {
         self.edges.set((self.wires.len() + place) as u32, shaper.due());
     }
 
-    /// Nobody knows the pulses of a motor: a text tells where it goes, not when it steps.
+    /// Marks the pulses of a motor as unknown: a text has where it goes, not when it steps.
     fn lose(&mut self, drive: usize, axis: Axis) {
         let Some(place) = self.motor(drive, axis) else { return };
         let Motor { step, dir, .. } = self.motors[place];
@@ -273,7 +273,7 @@ impl<W: Write> Waves<W> {
         }
     }
 
-    /// Something else comes to a pin from outside, or nothing any more.
+    /// Sets the stimulus of a pin from outside, or none.
     fn outside(&mut self, drive: usize, pin: Pin, mv: Option<i32>) {
         let Some(place) = self.place(drive, pin) else { return };
         let wire = &mut self.wires[place];
@@ -303,7 +303,7 @@ impl<W: Write> Waves<W> {
         self.drives.get(drive)?.motors.clone().find(|&place| self.motors[place].axis == axis)
     }
 
-    /// Nobody knows what happened before `at`.
+    /// Marks all as unknown before `at`.
     fn forget(&mut self, at: Instant) -> io::Result<()> {
         self.seats.retain(|(from, _)| *from > at);
         self.run_until(at)?;
@@ -374,7 +374,7 @@ impl<W: Write> Waves<W> {
         }
     }
 
-    /// What follows is at `at`.
+    /// Writes the time of what follows.
     fn stamp(&mut self, at: Instant) {
         if self.stamped != Some(at) {
             self.stamped = Some(at);
@@ -419,7 +419,7 @@ impl Wire {
 }
 
 impl fmt::Display for Value {
-    /// What stands before the code of the wire.
+    /// Text before the code of the wire.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match *self {
             Self::Bit(bit) => write!(f, "{bit}"),
@@ -429,7 +429,7 @@ impl fmt::Display for Value {
     }
 }
 
-/// What the file calls the wire at a place: printable characters, as few as there can be.
+/// Code of the wire at a place: printable characters, as few as possible.
 fn code(place: usize) -> String {
     const FIRST: u8 = b'!';
     const COUNT: usize = (b'~' - FIRST) as usize + 1;

@@ -7,20 +7,20 @@ use drivetwin_firmware::device::{Duration, Instant};
 use super::Sender;
 use crate::ids::Seat;
 
-/// Somebody outside.
+/// A client of a line, with its bytes in both directions.
 #[derive(Default)]
 pub(crate) struct Outside {
     pub(crate) bus: u32,
     /// The place of what arrived last before it came.
     since: u64,
-    /// Whether it has left, and only its whole messages are still sent.
+    /// True once it has left, and only its whole messages are still sent.
     pub(crate) left: bool,
-    /// Whether its port gives characters their time itself, so that it gets what a drive says whole.
+    /// True if its port paces characters itself, so that it gets what a drive sends at once.
     pub(crate) paces_itself: bool,
     pub(crate) sender: Sender,
     /// Bytes that are not on the line yet.
     pub(super) bytes: VecDeque<u8>,
-    /// How they came.
+    /// Arrival of the bytes, in pieces.
     pub(super) arrivals: VecDeque<Arrival>,
     /// Characters for it, as they end.
     inbox: VecDeque<Heard>,
@@ -29,12 +29,12 @@ pub(crate) struct Outside {
 /// A character for somebody outside.
 #[derive(Clone, Copy)]
 struct Heard {
-    /// When it ends.
+    /// End of the character.
     end: Instant,
     byte: u8,
     /// The drive that says it, if one does.
     from: Option<Seat>,
-    /// Whether it has collided: once spoiled it stays as it is, whatever else it meets.
+    /// True once it has collided: it stays corrupt as it is, whatever else it meets.
     spoiled: bool,
 }
 
@@ -58,10 +58,10 @@ pub(super) struct Arrival {
     mark: Mark,
 }
 
-/// What a character is that a client has for a line on which each one has its time.
+/// Kind of a character that a client has for a line on which each character has its time.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub(crate) struct Mark {
-    /// Nobody has said it.
+    /// Noise: no client has sent it.
     pub(crate) noise: bool,
     /// A drive finds that it is wrong.
     pub(crate) unreadable: bool,
@@ -79,7 +79,7 @@ impl Outside {
         self.arrivals.push_back(Arrival { order, at, count: bytes.len(), mark });
     }
 
-    /// What its first waiting byte is.
+    /// Mark of its first waiting byte.
     pub(crate) fn mark(&self) -> Mark {
         self.arrivals.front().map(|arrival| arrival.mark).unwrap_or_default()
     }
@@ -89,7 +89,7 @@ impl Outside {
         self.arrivals.front().map(|arrival| arrival.order)
     }
 
-    /// How many bytes wait.
+    /// Number of waiting bytes.
     pub(crate) fn backlog(&self) -> usize {
         self.bytes.len()
     }
@@ -135,7 +135,7 @@ impl Outside {
         self.inbox.retain(|heard| heard.end <= at || heard.from != Some(seat));
     }
 
-    /// When the next character for it ends.
+    /// End of the next character for it.
     fn due(&self) -> Instant {
         self.inbox.front().map_or(Instant::NEVER, |heard| heard.end)
     }
@@ -153,7 +153,7 @@ impl Outside {
 #[derive(Default)]
 pub(crate) struct Clients {
     all: BTreeMap<u32, Outside>,
-    /// When each one can read its next character, if there is one.
+    /// Time at which each one can read its next character, if there is one.
     audible: BTreeSet<(Instant, u32)>,
 }
 
@@ -217,12 +217,12 @@ impl Clients {
         self.listening(id, |outside| outside.receive(now, into)).unwrap_or(0)
     }
 
-    /// When somebody can read the next character.
+    /// Earliest time at which a client can read a character.
     pub(crate) fn due(&self) -> Instant {
         self.audible.first().map_or(Instant::NEVER, |&(at, _)| at)
     }
 
-    /// Who can read something by `now`.
+    /// Clients that can read a character by `now`.
     pub(crate) fn audible(&self, now: Instant) -> impl Iterator<Item = u32> {
         self.audible.iter().take_while(move |&&(at, _)| at <= now).map(|&(_, id)| id)
     }

@@ -8,14 +8,14 @@ use crate::rng::Dice;
 /// No character takes longer: 12 bits at 50 baud.
 const LONGEST_CHARACTER: Duration = Duration::millis(240);
 
-/// What is on a line on which characters may overlap.
+/// Characters on a line on which they may overlap.
 pub(crate) struct Air {
     spans: Vec<Span>,
-    /// How many there have been.
+    /// Count of transmissions.
     count: u32,
     /// Clients that have spoken since the line was free.
     pub(crate) spoke: Vec<u32>,
-    /// When it was free last.
+    /// Last time at which the line was free.
     pub(crate) free: Instant,
     dice: Dice,
 }
@@ -37,8 +37,7 @@ impl Air {
         Self { spans: Vec::new(), count: 0, spoke: Vec::new(), free: Instant::ZERO, dice }
     }
 
-    /// Somebody sends `count` characters from `from` on, which `frame` of the capture will be; returns a number
-    /// for them.
+    /// Adds `count` characters from `from` on, which `frame` of the capture will be; returns a number for them.
     pub(crate) fn carry(
         &mut self,
         now: Instant,
@@ -63,15 +62,15 @@ impl Air {
         self.spans.iter().filter(meets).map(|span| span.frame)
     }
 
-    /// Whether a character of that number that ends at `end` overlaps another one.
+    /// Returns whether a character of that number that ends at `end` overlaps another one.
     pub(crate) fn spoils(&self, number: u32, end: Instant) -> bool {
         let own = self.spans.iter().find(|span| span.number == number);
         let began = own.map_or(end, |span| end - span.character);
         self.spans.iter().any(|span| span.number != number && span.from < end && span.until > began)
     }
 
-    /// What a client hears of a character of a line that ends at `end` and overlaps another one: the same for all
-    /// clients, and never the character itself.
+    /// Byte that clients receive for a character of a line that ends at `end` and overlaps another one: the same for
+    /// all clients, and never the character itself.
     pub(crate) fn garbage(&self, line: Line, end: Instant, byte: u8) -> u8 {
         let mut dice = self.dice.clone();
         dice.skip(end.ticks());

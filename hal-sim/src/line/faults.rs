@@ -1,4 +1,4 @@
-//! What disturbs a line: frames lost, changed, doubled, cut, delayed, and noise between them.
+//! Faults of a line: frames lost, changed, doubled, cut, delayed, and noise between them.
 
 use drivetwin_firmware::device::{Duration, Ends, Line, PortSpec};
 use drivetwin_protocol::line::Parity;
@@ -13,9 +13,9 @@ pub const LONGEST_DELAY: Duration = Duration::secs(60);
 /// The slowest and the fastest rate at which clients may talk.
 pub const BAUDS: std::ops::RangeInclusive<u32> = 50..=4_000_000;
 
-/// What disturbs a line. Shares are of its frames, requests and replies alike where nothing else is said, from
-/// 0 to 1; the default disturbs nothing. Where each character has its time, a frame is what a client has written
-/// at once, or what a drive has sent at once.
+/// Faults of a line. Rates are per frame, for requests and replies alike unless a field says otherwise, from 0 to 1; by
+/// default there are none. Where each character has its time, a frame is what a client has written at once, or what a
+/// drive has sent at once.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct LineFaults {
     /// Frames that are lost.
@@ -52,7 +52,7 @@ impl Default for LineFaults {
 }
 
 impl LineFaults {
-    /// Nothing disturbs the line.
+    /// No faults.
     pub const NONE: Self = Self {
         drop: 0.0,
         corrupt: 0.0,
@@ -67,7 +67,7 @@ impl LineFaults {
         baud: None,
     };
 
-    /// What is a share of the frames, by name.
+    /// The rates, by name.
     pub fn shares(&mut self) -> [(&'static str, &mut f64); 7] {
         [
             ("drop", &mut self.drop),
@@ -80,7 +80,7 @@ impl LineFaults {
         ]
     }
 
-    /// Whether every value is in its range.
+    /// Checks that every value is in its range.
     ///
     /// # Errors
     /// One sentence: which is not, and what it takes.
@@ -103,8 +103,8 @@ impl LineFaults {
         }
     }
 
-    /// Whether a line with that port can be disturbed so: [`check`](Self::check), and only Modbus knows addresses
-    /// and exceptions.
+    /// Checks that a line with that port can have these faults: [`check`](Self::check), and addresses and exceptions
+    /// only on lines of Modbus.
     ///
     /// # Errors
     /// One sentence: what cannot be.
@@ -120,17 +120,17 @@ impl LineFaults {
     }
 }
 
-/// What disturbs a line, and the chances that decide about its frames.
+/// Faults of a line, and the random stream that decides about its frames.
 pub(crate) struct Disturbance {
     faults: LineFaults,
-    /// Whether that is nothing.
+    /// True if there are no faults.
     quiet: bool,
     requests: Dice,
     replies: Dice,
 }
 
 impl Disturbance {
-    /// Nothing yet, on the line of that name.
+    /// No faults yet, on the line of that name.
     pub(crate) fn new(seed: u64, line: &str) -> Self {
         Self {
             faults: LineFaults::NONE,
@@ -154,12 +154,12 @@ impl Disturbance {
         &self.faults
     }
 
-    /// What becomes of the next request; `None`: nothing happens to it.
+    /// Faults of the next request; `None`: it has none.
     pub(crate) fn request(&mut self) -> Option<Fate> {
         self.fate(|this| &mut this.requests)
     }
 
-    /// What becomes of the next reply; `None`: nothing happens to it.
+    /// Faults of the next reply; `None`: it has none.
     pub(crate) fn reply(&mut self) -> Option<Fate> {
         self.fate(|this| &mut this.replies)
     }
@@ -174,29 +174,29 @@ impl Disturbance {
     }
 }
 
-/// What becomes of a frame.
+/// Faults of one frame.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Fate {
-    /// Nobody hears it.
+    /// The frame is lost.
     pub(crate) lost: bool,
-    /// Where it ends too early.
+    /// Random number that says where it ends too early.
     cut: Option<u64>,
-    /// What is turned over.
+    /// Random number that says which bits are inverted.
     flip: Option<u64>,
-    /// It comes again.
+    /// The frame comes twice.
     pub(crate) twice: bool,
-    /// It bears another address.
+    /// The frame has another address.
     pub(crate) elsewhere: bool,
-    /// It is refused.
+    /// The request is refused with an exception.
     pub(crate) refused: bool,
-    /// What comes behind it.
+    /// Random number that gives noise behind it.
     noise: Option<u64>,
     /// The seed of the characters that somebody at another baud rate takes it for.
     garbage: u64,
 }
 
 impl Fate {
-    /// How many numbers a frame takes, whatever the faults are: so no share moves what another one does.
+    /// Random numbers that a frame takes, whatever the faults are: so no rate changes what another one does.
     const THROWS: u64 = 11;
 
     fn throw(faults: &LineFaults, dice: &mut Dice) -> Self {
@@ -217,7 +217,7 @@ impl Fate {
         }
     }
 
-    /// What is left of a frame.
+    /// The frame as its faults leave it.
     pub(crate) fn spoil(&self, line: Line, bytes: &[u8]) -> Text {
         if self.lost {
             return Text::default();
@@ -249,8 +249,8 @@ impl Fate {
         Some(text)
     }
 
-    /// What `count` characters of `line` are to somebody who reads `baud` bits per second: as many as have
-    /// room in their time, and no more.
+    /// Bytes that a reader at `baud` bits per second makes of `count` characters of `line`: as many as fit into their
+    /// time, and no more.
     pub(crate) fn garbage(&self, line: Line, baud: u32, count: usize) -> Vec<u8> {
         let room = count as u64 * u64::from(baud) / u64::from(line.baud.max(1));
         let mut dice = Dice::branch(self.garbage);
@@ -283,8 +283,8 @@ impl Refusal {
     /// A user-defined function (application, 5) that no drive has.
     const NOBODYS: u8 = 110;
 
-    /// How to refuse a request on a line of Modbus: what the drives hear instead. `None` where that cannot be,
-    /// because it is for all drives, or no request.
+    /// Refusal of a request on a line of Modbus, and what the drives get instead. `None` where it cannot be refused: a
+    /// broadcast, or no request.
     pub(crate) fn of(line: Line, request: &[u8], code: u8) -> Option<(Self, Vec<u8>)> {
         let (unit, mut pdu) = opened(line, request)?;
         let function = pdu.first_mut().filter(|function| unit != 0 && **function & EXCEPTION_BIT == 0)?;
@@ -293,7 +293,7 @@ impl Refusal {
         Some((refusal, framed(line, unit, &pdu)))
     }
 
-    /// What the drive's answer becomes, if it is that to the request.
+    /// The answer that replaces a drive's reply, if that is the reply to the request.
     pub(crate) fn answer(self, line: Line, reply: &[u8]) -> Option<Vec<u8>> {
         let (unit, pdu) = opened(line, reply)?;
         let refused = unit == self.unit && pdu.first() == Some(&(Self::NOBODYS | EXCEPTION_BIT));

@@ -1,4 +1,4 @@
-//! Serial lines: whose turn it is, and when each character is where.
+//! Serial lines: arbitration, faults, and the time of each character.
 
 mod client_buffers;
 pub(crate) mod collisions;
@@ -16,7 +16,7 @@ pub(crate) use collisions::Air;
 use faults::{Disturbance, Refusal, Text};
 pub(crate) use request_boundaries::Offer;
 
-/// How long characters take.
+/// Time that characters take.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub enum LineMode {
     /// Their time at the line's rate.
@@ -26,19 +26,19 @@ pub enum LineMode {
     Fast,
 }
 
-/// What is known of the settings of a sender's port; what is `None` fits every line.
+/// Serial settings of a sender as far as they are known; `None` fits every line.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct Sender {
     /// Bits per second.
     pub baud: Option<u32>,
     /// Stop bits.
     pub stop: Option<u8>,
-    /// Whether it asks for odd parity; a pty does not tell more of it.
+    /// True for odd parity; a pty shows no more of the parity.
     pub odd: Option<bool>,
 }
 
 impl Sender {
-    /// Whether a drive on `line` can read it.
+    /// Returns whether a drive on `line` can read it.
     #[must_use]
     pub fn fits(self, line: Line) -> bool {
         self.baud.is_none_or(|baud| baud == line.baud)
@@ -49,35 +49,35 @@ impl Sender {
 
 /// A line and the ports on it.
 pub(crate) struct Wire {
-    /// Its name on any bench: as given to it, or those of its drive and port.
+    /// Name of the line: as given to it, or the names of its drive and port.
     pub(crate) name: String,
     /// The name of its port, where a drive has it for itself.
     pub(crate) port: Option<&'static str>,
     /// By the names of their seats.
     pub(crate) ports: Vec<(Seat, Port)>,
-    /// Who listens.
+    /// Clients that are connected.
     pub(crate) clients: Vec<u32>,
     pub(crate) turn: Turn,
     /// The client that was served last.
     pub(crate) served: u32,
     /// The place of what it said in the order of arrival.
     pub(crate) said: u64,
-    /// When `turn`, or the patience with half a message, ends.
+    /// End of `turn`, or of the wait for the rest of half a message.
     pub(crate) until: Instant,
     /// From when a client's character may begin.
     pub(crate) free: Instant,
     /// The end of the time for which the client served last keeps a line on which each character has its time.
     pub(crate) kept_until: Instant,
-    /// When the last character of a drive has left.
+    /// Time at which the last character of a drive has left.
     pub(crate) sends_until: Instant,
     pub(crate) disturbance: Disturbance,
-    /// What comes, as it is, before the line is free again.
+    /// Requests that come, as they are, before the line is free again.
     pub(crate) behind: VecDeque<Request>,
     /// The request that is refused now.
     pub(crate) refusal: Option<Refusal>,
     /// Until when replies are on the line that were held up, or came twice: no other one overtakes them.
     pub(crate) held_up: Instant,
-    /// Where characters may collide, what is on the line.
+    /// Characters on the line, where they may collide.
     pub(crate) air: Option<Air>,
 }
 
@@ -88,20 +88,20 @@ pub(crate) struct Request {
     /// Place in the order of arrival.
     pub(crate) order: u64,
     pub(crate) sender: Sender,
-    /// How many characters it takes.
+    /// Number of characters.
     pub(crate) count: usize,
-    /// What of it is on the line.
+    /// Characters as they are on the line.
     pub(crate) text: Text,
-    /// How it is refused, and what the drives hear instead of it.
+    /// Refusal of the request, and what the drives get instead of it.
     pub(crate) refused: Option<(Refusal, Vec<u8>)>,
-    /// Whether nobody has said it.
+    /// True for noise, which no client has sent.
     pub(crate) noise: bool,
 }
 
-/// Whose turn it is on a line.
+/// State of a line.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum Turn {
-    /// Nobody's, or it is given to half a message.
+    /// Free, or given to half a message.
     Free,
     /// A message, or a character, is on its way to the drives, or they are judging it, or the client is
     /// held back.
@@ -113,7 +113,7 @@ pub(crate) enum Turn {
 }
 
 impl Turn {
-    /// Something is still under way to its end.
+    /// Returns whether a request is not complete yet.
     pub(crate) fn is_busy(self) -> bool {
         matches!(self, Self::Asked | Self::Answering)
     }
@@ -142,7 +142,7 @@ impl Wire {
         }
     }
 
-    /// When patience with half a message ends, if one waits for its rest.
+    /// End of the wait for the rest of half a message, if one waits.
     pub(crate) fn half_until(&self) -> Option<Instant> {
         (self.turn == Turn::Free && self.until != Instant::NEVER).then_some(self.until)
     }

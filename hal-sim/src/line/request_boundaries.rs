@@ -11,13 +11,13 @@ use super::Outside;
 /// Bytes of a client that came without a silence beyond patience.
 struct Spoken<'a> {
     bytes: &'a [u8],
-    /// When the last of them came.
+    /// Time at which the last of them came.
     last: Instant,
-    /// Whether more came after such a silence.
+    /// True if more came after such a silence.
     over: bool,
 }
 
-/// What a client has for the line.
+/// Bytes of a client that are ready for the line.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum Offer {
     /// So many bytes are to be sent, as from then on.
@@ -29,9 +29,9 @@ pub(crate) enum Offer {
 }
 
 impl Outside {
-    /// What it has for a line at `now`. On one of Modbus, `framed`, it is a message, cut where its check sum
-    /// holds or in ASCII behind its line feed; a burst that cannot become one goes as it is. Elsewhere it is
-    /// a character.
+    /// Returns what is ready for a line at `now`. On a line of Modbus, `framed`, that is a message, cut where its
+    /// checksum holds or in ASCII behind its line feed; a burst that cannot become one is sent as it is. Elsewhere it
+    /// is a character.
     pub(crate) fn offer(&mut self, now: Instant, framed: Option<Line>, patience: Duration) -> Offer {
         let Some(line) = framed else {
             return Offer::Message(1, self.arrivals.front().map_or(now, |arrival| arrival.at));
@@ -53,7 +53,7 @@ impl Outside {
         }
     }
 
-    /// What came first, up to a silence beyond `patience`.
+    /// The first bytes, up to a silence beyond `patience`.
     fn first_burst(&mut self, patience: Duration) -> Spoken<'_> {
         let bytes = &*self.bytes.make_contiguous();
         let mut count = 0;

@@ -1,5 +1,5 @@
-//! What was on the lines and TCP connections: frames as a probe on the wires sees them, disturbed as they are. Of frames that collided it
-//! keeps what each sender put there, and that nobody could read it.
+//! Captures of lines and TCP connections: frames as a probe on the wires sees them, with their faults. Of frames that
+//! collided it keeps the bytes of each sender, and that no receiver could read them.
 
 use std::collections::VecDeque;
 
@@ -14,30 +14,30 @@ pub struct Capture {
     frames: VecDeque<Frame>,
     keep: TraceKeep,
     bytes: usize,
-    /// How many frames a full ring has dropped.
+    /// Frames that a full ring has dropped.
     lost: u64,
 }
 
 /// Characters that were sent together.
 #[derive(Clone, Debug)]
 pub struct Frame {
-    /// When the first one begins.
+    /// Start of the first one.
     pub at: Instant,
-    /// How long all of them take; on a connection no time.
+    /// Time that all of them take; on a connection none.
     pub lasts: Duration,
-    /// Where.
+    /// Line or connection.
     pub on: Medium,
-    /// Who sent them.
+    /// Sender.
     pub from: Source,
     /// The settings of the line; `None` on a connection.
     pub line: Option<Line>,
     /// The characters; none when a connection is over.
     pub bytes: Vec<u8>,
-    /// Whether some of them overlapped others on the line.
+    /// True if some of them overlapped others on the line.
     pub collided: bool,
 }
 
-/// What carries frames.
+/// Medium that carries frames.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
 pub enum Medium {
     /// A line.
@@ -46,19 +46,19 @@ pub enum Medium {
     Tcp(Seat, Port, Link),
 }
 
-/// Who sent a frame.
+/// Sender of a frame.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Source {
-    /// Somebody outside.
+    /// A client.
     Client,
     /// A drive.
     Drive(Seat),
-    /// Nobody: noise.
+    /// Noise, without a sender.
     Noise,
 }
 
 impl Capture {
-    /// One that has seen nothing.
+    /// An empty capture.
     pub(crate) fn new(keep: TraceKeep) -> Self {
         Self { frames: VecDeque::new(), keep, bytes: 0, lost: 0 }
     }
@@ -105,7 +105,7 @@ impl Capture {
         self.seen() < seen
     }
 
-    /// What a drive says on a line ends at `at`.
+    /// Ends the frame of a drive on a line at `at`.
     pub(crate) fn cut(&mut self, bus: Bus, seat: Seat, at: Instant) {
         let said = |frame: &&mut Frame| frame.on == Medium::Line(bus) && frame.from == Source::Drive(seat);
         for frame in self.frames.iter_mut().filter(said).filter(|frame| frame.end() > at) {
@@ -147,7 +147,7 @@ impl Capture {
 }
 
 impl Frame {
-    /// When the last character ends.
+    /// End of the last character.
     #[must_use]
     pub fn end(&self) -> Instant {
         self.at + self.lasts

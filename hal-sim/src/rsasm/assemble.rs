@@ -17,9 +17,9 @@ use super::cursor::{Cursor, Place, Token};
 use super::{Error, RELATIVE, SPACES, SYSTEM, WAYS, WORD, ZERO};
 use crate::suggest;
 
-/// Where a jump may go to (6.9). A program has no line 1024, but the manual prints it.
+/// Targets of a jump (6.9). A program has no line 1024, but the manual prints it.
 const TARGETS: RangeInclusive<i64> = 0..=1_024;
-/// How far a relative jump may go (6.9).
+/// Distances of a relative jump (6.9).
 const DISTANCES: RangeInclusive<i64> = -1_024..=1_024;
 const BYTES: RangeInclusive<i64> = 0..=0xFF;
 const WORDS: RangeInclusive<i64> = 0..=0xFFFF;
@@ -60,10 +60,10 @@ pub fn assemble(source: &str) -> Result<Vec<u32>, Error> {
 
 /// A command or what stands in its place.
 struct Part<'a> {
-    /// Its first line in the program.
+    /// First line in the program.
     at: usize,
     content: Content,
-    /// What comes behind it in the text.
+    /// Operands in the text.
     operands: Cursor<'a>,
 }
 
@@ -88,7 +88,7 @@ impl Content {
     }
 }
 
-/// What a name of the text means.
+/// Meaning of a name in the text.
 #[derive(Clone, Copy)]
 enum Meaning {
     Constant(i64),
@@ -182,7 +182,7 @@ impl<'a> Names<'a> {
     }
 }
 
-/// What the language itself means by a name.
+/// Meaning of a name in the language itself.
 fn reserved(name: &str) -> Option<&'static str> {
     if instruction::code(name).is_some() {
         Some("a command")
@@ -363,7 +363,7 @@ impl Reader<'_, '_> {
         }
     }
 
-    /// How many lines a loop has: up to a label, or a number.
+    /// Lines of a loop: up to a label, or a number.
     fn body(&mut self) -> Result<i64, Error> {
         let mut ahead = self.cursor;
         let (place, _) = ahead.next()?;

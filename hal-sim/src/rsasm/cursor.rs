@@ -1,8 +1,8 @@
-//! What a line of text consists of.
+//! Parts of a line of text.
 
 use super::Error;
 
-/// Where something is in the text, both from 1.
+/// Place in the text: line and column, from 1.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct Place {
     pub(super) line: usize,
@@ -10,7 +10,7 @@ pub(super) struct Place {
 }
 
 impl Place {
-    /// What is wrong here.
+    /// An error at this place.
     pub(super) fn error(self, what: impl Into<String>) -> Error {
         Error { line: self.line, column: self.column, what: what.into() }
     }
@@ -21,7 +21,7 @@ pub(super) enum Token<'a> {
     /// A name, or what may be one.
     Word(&'a str),
     Number(i64),
-    /// One of `,:=`.
+    /// A sign: `,`, `:` or `=`.
     Sign(char),
     /// The line is over, or a comment begins.
     End,
@@ -91,7 +91,7 @@ impl<'a> Cursor<'a> {
         }
     }
 
-    /// Nothing may come any more.
+    /// Checks that the line ends here.
     pub(super) fn end(&mut self) -> Result<(), Error> {
         match self.next()? {
             (_, Token::End) => Ok(()),

@@ -54,13 +54,13 @@ fn label(at: usize) -> String {
 struct Found {
     instruction: Instruction,
     command: Command,
-    /// Its second line, or 0.
+    /// Second line of the command, or 0.
     constant: u32,
 }
 
 struct Listing<'a> {
     program: &'a [u32],
-    /// Where a command begins, or the program ends.
+    /// Lines at which a command begins, or the program ends.
     begins: Vec<bool>,
     /// Which of these places somebody jumps to.
     labelled: Vec<bool>,
@@ -87,7 +87,7 @@ impl<'a> Listing<'a> {
         listing
     }
 
-    /// How many lines from here on hold 0, up to the next label.
+    /// Lines from here on that hold 0, up to the next label.
     fn zeros(&self, at: usize) -> usize {
         let rest = self.program[at..].iter().zip(&self.labelled[at..]).enumerate();
         rest.take_while(|(n, (line, labelled))| **line == 0 && (*n == 0 || !**labelled)).count()
@@ -168,7 +168,7 @@ impl<'a> Listing<'a> {
     }
 }
 
-/// Where a command goes, or the loop ends that it begins.
+/// Target of a command, or the end of the loop that it begins.
 fn target(at: usize, Found { instruction, command, .. }: Found) -> Option<usize> {
     let data = instruction.data();
     match command.form {

@@ -5,9 +5,9 @@ use drivetwin_firmware::rs434::{MEMORY, program};
 /// A program as it lies in a drive's memory.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Image {
-    /// Where it begins.
+    /// Offset of the first byte in the memory.
     pub offset: u16,
-    /// Its lines and their check sum, up to the end of the memory.
+    /// Lines of the program and their checksum, up to the end of the memory.
     pub bytes: Vec<u8>,
 }
 

@@ -42,25 +42,25 @@ const SPACES: [(&str, Space); 4] = [
 const ZERO: &str = ".zero";
 /// The name of a line by its number.
 const WORD: &str = ".word";
-/// What makes a jump count from its own line.
+/// Word that makes a jump count from its own line.
 const RELATIVE: &str = "rel";
 /// The ways of a shift, by bTypeJmp.
 const WAYS: [&str; 2] = ["left", "right"];
 
-/// Whether a kind of drive carries out such programs: it has the register through which they come.
+/// Returns whether a kind of drive runs such programs: it has the register through which they come.
 #[must_use]
 pub fn runs_on(spec: &Spec) -> bool {
     spec.find("CMD_W").is_some()
 }
 
-/// What is wrong with a program's text.
+/// An error in a program's text.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Error {
     /// In which line of the text, from 1.
     pub line: usize,
     /// At which character of it, from 1.
     pub column: usize,
-    /// One sentence.
+    /// The error in one sentence.
     pub what: String,
 }
 

@@ -7,7 +7,7 @@ use crate::record::trace::Fed;
 pub(crate) use queue::{Event, Queue};
 pub(crate) use tournament::Tournament;
 
-/// What comes first of what happens at one instant.
+/// Order of events at one instant.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
 pub(crate) enum Class {
     Power,
@@ -17,12 +17,12 @@ pub(crate) enum Class {
     Deadline,
     /// A preset: it returns what became of it, so it cannot wait for its turn.
     Preset,
-    /// Whose turn it is on a line, when all drives have had their say.
+    /// End of a turn on a line, after all drives have acted.
     Turn,
 }
 
 impl Class {
-    /// Where something belongs.
+    /// Class of an input.
     pub(crate) fn of(fed: &Fed) -> Self {
         match fed {
             Fed::Power(_) => Self::Power,

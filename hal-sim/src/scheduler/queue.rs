@@ -17,7 +17,7 @@ pub(crate) struct Key {
     pub(crate) sequence: u64,
 }
 
-/// Something under way.
+/// An event that is under way.
 #[derive(Debug)]
 pub(crate) struct Event<T> {
     pub(crate) key: Key,

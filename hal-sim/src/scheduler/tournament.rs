@@ -11,7 +11,7 @@ pub(crate) struct Tournament {
 }
 
 impl Tournament {
-    /// Of these deadlines, in the order of their ranks.
+    /// A tournament of these deadlines, in the order of their ranks.
     pub(crate) fn new(deadlines: &[Instant]) -> Self {
         let leaves = deadlines.len().next_power_of_two();
         let mut nodes = vec![(Instant::NEVER, u32::MAX); 2 * leaves];

@@ -1,13 +1,13 @@
-//! What a device does with a pin, at any instant.
+//! Waveforms of outputs: the level at any instant.
 
 use drivetwin_firmware::device::{Duration, Instant, Level};
 
-/// What a device does with a pin.
+/// Output of a device at a pin.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Drives {
-    /// It holds a level, or lets the pin go.
+    /// A constant level, or the pin is released.
     Level(Level),
-    /// It repeats: high for `high`, low for the rest of `period`.
+    /// A wave: high for `high`, low for the rest of `period`.
     Wave { since: Instant, period: Duration, high: Duration },
 }
 
@@ -23,8 +23,8 @@ impl Drives {
         }
     }
 
-    /// When the level changes next after `at`, which is not before a wave began, if nothing else
-    /// happens; [`Instant::NEVER`] if it never does.
+    /// Next change of the level after `at`, which is not before a wave began, if the output stays the same;
+    /// [`Instant::NEVER`] if there is none.
     pub(crate) fn next_edge(self, at: Instant) -> Instant {
         match self {
             Self::Wave { since, period, high } if Duration::ZERO < high && high < period => {
@@ -41,7 +41,7 @@ pub(crate) fn level_of(high: bool) -> Level {
     if high { Level::High } else { Level::Low }
 }
 
-/// How far a wave is in its cycle. One without length is always at its beginning.
+/// Phase of a wave in its cycle. A wave without length is always at its beginning.
 fn phase(since: Instant, period: Duration, at: Instant) -> Duration {
     Duration::from_ticks(at.since(since).ticks() % period.ticks().max(1))
 }

@@ -45,7 +45,7 @@ pub(crate) struct Lent {
 }
 
 impl Lent {
-    /// Whether that one is lent.
+    /// Returns whether that output is lent.
     pub(crate) fn has(self, output: StepDir) -> bool {
         match output {
             StepDir::Step => self.step,
@@ -64,9 +64,9 @@ impl Lent {
 /// A change of STEP or DIR.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) struct Edge {
-    /// When.
+    /// Time of the edge.
     pub(crate) at: Instant,
-    /// Of which.
+    /// Output of the edge.
     pub(crate) output: StepDir,
     /// To which level.
     pub(crate) high: bool,
@@ -75,11 +75,11 @@ pub(crate) struct Edge {
 /// A pulse on STEP.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Pulse {
-    /// When it begins: the instant of the step.
+    /// Start: the instant of the step.
     pub rise: Instant,
-    /// When it ends.
+    /// End of the pulse.
     pub fall: Instant,
-    /// Whether DIR was high.
+    /// True if DIR was high.
     pub forward: bool,
 }
 
@@ -95,7 +95,7 @@ pub(crate) struct Shaper {
     planned: Option<Step>,
     /// Steps without a plan that are still to be made, signed.
     direct: i32,
-    /// When STEP rose last.
+    /// Last rise of STEP.
     rose: Option<Instant>,
     /// From when on a step without a plan may follow the last change of DIR.
     settled: Instant,
@@ -107,7 +107,7 @@ pub(crate) struct Shaper {
 }
 
 impl Shaper {
-    /// Of an axis that follows `plan`, from `at` on; DIR is what its last step left.
+    /// Pulses of an axis that follows `plan`, from `at` on; DIR is as its last step left it.
     pub(crate) fn new(at: Instant, plan: &Plan, dir: bool) -> Self {
         let mut shaper = Self { dir, ..Self::default() };
         shaper.plan(at, plan, Lent::default());
@@ -134,7 +134,7 @@ impl Shaper {
         *self = Self { since: at, step: self.step, dir: self.dir, ..Self::default() };
     }
 
-    /// Whether an output is high.
+    /// Returns whether an output is high.
     pub(crate) fn is_high(&self, output: StepDir) -> bool {
         match output {
             StepDir::Step => self.step,
@@ -142,7 +142,7 @@ impl Shaper {
         }
     }
 
-    /// When the next edge comes if nothing else happens; [`Instant::NEVER`] if none does.
+    /// Time of the next edge if the axis goes on like this; [`Instant::NEVER`] if there is none.
     pub(crate) fn due(&self) -> Instant {
         self.next().map_or(Instant::NEVER, |edge| edge.at)
     }
@@ -200,7 +200,7 @@ impl Shaper {
         (self.direct != 0).then_some(Step { at, forward })
     }
 
-    /// Whether the next step is one of the plan.
+    /// Returns whether the next step is one of the plan.
     fn plan_is_next(&self) -> bool {
         match (self.planned, self.next_direct()) {
             (Some(planned), Some(direct)) => planned.at <= direct.at,
@@ -218,10 +218,10 @@ fn edges(trace: &Trace, drive: usize, axis: Axis, until: Instant) -> Edges<'_> {
     Edges { news: Box::new(news), next: None, shaper: Shaper::default(), lent: Lent::default(), until }
 }
 
-/// What [`edges`] returns.
+/// Iterator that [`edges`] returns.
 struct Edges<'a> {
     news: Box<dyn Iterator<Item = (Instant, News<'a>)> + 'a>,
-    /// What happens to the axis when the edges up to then have been taken.
+    /// Next change of the axis, after the edges up to then have been taken.
     next: Option<(Instant, News<'a>)>,
     shaper: Shaper,
     /// Outputs that the device uses itself.
@@ -229,7 +229,7 @@ struct Edges<'a> {
     until: Instant,
 }
 
-/// What happens to an axis.
+/// Change of an axis.
 #[derive(Clone, Copy)]
 enum News<'a> {
     Plan(&'a Plan),

@@ -8,18 +8,18 @@ use crate::signals::pin_waveform::level_of;
 use crate::signals::pulses::{Lent, Shaper, StepDir};
 use crate::slot::Told;
 
-/// What an axis does at an instant.
+/// Motion of an axis at an instant.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct Motion {
     /// Steps or counts since the first power-on.
     pub position: i32,
     /// Steps or counts per second, signed.
     pub speed: I48F16,
-    /// Whether it is on its way.
+    /// True while it moves.
     pub moving: bool,
     /// Peak current in mA; of a motor what it draws.
     pub current_ma: u32,
-    /// What drives a motor without steps: 1/65536 of full on, signed.
+    /// Duty of a motor without steps: 1/65536 of full on, signed.
     pub duty: i32,
 }
 
@@ -35,25 +35,25 @@ impl From<Shaft> for Motion {
     }
 }
 
-/// What is known of an axis.
+/// State of an axis.
 pub(super) struct AxisState {
     step_dir: Option<(Pin, Pin)>,
     plan: Plan,
     /// Steps made without a plan since the last one.
     steps: i32,
-    /// Whether the last step before the plan was forward.
+    /// True if the last step before the plan was forward.
     forward: bool,
-    /// Whether the last of `steps` was, if there are any.
+    /// Direction of the last of `steps`, if there are any.
     stepped: Option<bool>,
     pub(super) current_ma: u32,
-    /// Whether the device has ever said what current it gives.
+    /// True once the device has reported its current.
     pub(super) tells_current: bool,
     pub(super) duty: i32,
-    /// Whether a motor of the bench listens.
+    /// True if a motor of the bench is turned.
     pub(super) turns_motor: bool,
     /// Makes the pulses for whoever is wired to them.
     pub(super) shaper: Option<Shaper>,
-    /// How often the next edge has changed.
+    /// Count of changes of the next edge.
     changes: u32,
     /// Which of STEP and DIR serve the device for other purposes, too.
     shared: Lent,
@@ -132,15 +132,15 @@ impl AxisState {
         self.stepped = Some(steps > 0);
     }
 
-    /// What a motor must know that has been told nothing so far, or that all has ended: as a drive does it, first how
-    /// the axis moves, then what current it gives. A current that was never said is left out: the motor of a drive that
-    /// does not say it has its rated one, also without power.
+    /// Commands for a motor that has received none so far, or all of which are void: as a drive gives them, first the
+    /// motion of the axis, then its current. A current that was never reported is left out: the motor of such a drive
+    /// has its rated current, also without power.
     pub(super) fn told(&self) -> impl Iterator<Item = Told> + use<> {
         let current = self.tells_current.then_some(Told::Current(self.current_ma));
         [Told::Plan(self.plan), Told::Duty(self.duty)].into_iter().chain(current)
     }
 
-    /// What it does.
+    /// Motion of the axis.
     pub(super) fn motion(&self, at: Instant) -> Motion {
         Motion {
             position: self.plan.position_at(at).wrapping_add(self.steps),
@@ -168,7 +168,7 @@ impl AxisState {
         Some(level_of(shaper.is_high(output)))
     }
 
-    /// Somebody is wired to the pulses from now on.
+    /// Makes pulses from now on, for a wire.
     pub(super) fn listen(&mut self, at: Instant, powered: bool) {
         if self.shaper.is_none() {
             self.shaper = Some(self.pulses(at, powered));
@@ -180,7 +180,7 @@ impl AxisState {
         if powered { Shaper::new(at, &self.plan, self.forward_at(at)) } else { Shaper::default() }
     }
 
-    /// When the next edge is due, and a number that tells it from those foreseen earlier.
+    /// Time of the next edge, and a number that tells it from earlier predictions.
     pub(super) fn next_edge(&mut self) -> Option<(Instant, u32)> {
         self.changes = self.changes.wrapping_add(1);
         Some((self.shaper.as_ref()?.due(), self.changes))
@@ -204,7 +204,7 @@ impl AxisState {
         Some((pin, edge.at, (!self.lent.has(edge.output)).then(|| level_of(edge.high))))
     }
 
-    /// Whether the last step by `at` was forward.
+    /// Returns whether the last step by `at` was forward.
     fn forward_at(&self, at: Instant) -> bool {
         if let Some(forward) = self.stepped
             && self.plan.end() <= at

@@ -1,4 +1,4 @@
-//! A device on a bench: when it is woken, what it is fed, and what others see of it.
+//! A device on a bench: its wake-ups, its inputs, and its state as others see it.
 
 mod axis;
 mod pins;
@@ -45,7 +45,7 @@ pub(crate) struct Seated {
     /// The last that happened to it: nothing can come before it any more.
     last: (Instant, Class),
     wakes: Wakes,
-    /// When it wants to be woken; without power never.
+    /// Next wake-up; without power never.
     deadline: Instant,
 }
 
@@ -81,7 +81,7 @@ impl Seated {
         }
     }
 
-    /// When it wants to be woken; without power never.
+    /// Next wake-up; without power never.
     pub(crate) fn deadline(&self) -> Instant {
         self.deadline
     }
@@ -280,7 +280,7 @@ impl Seated {
         self.body.ports.get(usize::from(port.0))?.serial.as_ref()
     }
 
-    /// When it began to send its last message on the port that `fed` comes to.
+    /// Time at which it began to send its last message on the port that `fed` comes to.
     pub(crate) fn began(&self, fed: &Fed) -> Option<Instant> {
         match *fed {
             Fed::Bytes { port, .. } | Fed::Spoiled { port } | Fed::Idle { port } => self.serial(port)?.began,
@@ -328,7 +328,7 @@ impl Seated {
         self.body.axes.iter().find_map(|axis| axis.level(at, pin, self.body.powered))
     }
 
-    /// What a device does with a pin.
+    /// Level that the device drives at a pin.
     pub(crate) fn driven(&self, at: Instant, pin: Pin) -> Level {
         match self.pulses_at(at, pin) {
             Some(level) => level,
@@ -336,7 +336,7 @@ impl Seated {
         }
     }
 
-    /// When a wave on an output changes next, and the number of that change.
+    /// Time of the next change of a wave on an output, and the number of that change.
     pub(crate) fn wave_after(&self, at: Instant, pin: Pin) -> Option<(Instant, u32)> {
         let pin = self.pin(pin)?;
         let due = pin.drives.next_edge(at);
@@ -352,7 +352,7 @@ impl Seated {
             .map(|(axis, _)| axis)
     }
 
-    /// Somebody is wired to the pulses of an axis from now on.
+    /// Makes the pulses of an axis from now on, for a wire.
     pub(crate) fn listen(&mut self, at: Instant, axis: Axis) {
         let powered = self.body.powered;
         if let Some(axis) = self.body.axis(axis) {
@@ -360,7 +360,7 @@ impl Seated {
         }
     }
 
-    /// When the next edge of an axis is due, and a number that tells it from those foreseen earlier.
+    /// Time of the next edge of an axis, and a number that tells it from earlier predictions.
     pub(crate) fn next_edge(&mut self, axis: Axis) -> Option<(Instant, u32)> {
         self.body.axis(axis)?.next_edge()
     }
@@ -376,7 +376,7 @@ impl Seated {
         self.body.axis(axis)?.take_edge(number, until)
     }
 
-    /// What an axis does: its motor, if it has one of its own, else what it was told.
+    /// Motion of an axis: that of its motor, if it has one of its own, else as commanded.
     pub(crate) fn motion(&self, at: Instant, axis: Axis) -> Motion {
         let told = || self.body.axes.get(usize::from(axis.0)).map(|axis| axis.motion(at));
         self.device.shaft(at, axis).map(Motion::from).or_else(told).unwrap_or_default()
@@ -388,10 +388,10 @@ impl Seated {
 pub(crate) struct Wakes(u32);
 
 impl Wakes {
-    /// What is woken so often at one instant hangs.
+    /// Wake-ups at one instant after which a device is taken for hanging.
     const MOST: u32 = 1_000_000;
 
-    /// It was woken at `due`, and wants to be woken next at `next`.
+    /// Counts a wake-up at `due`, after which the next one is at `next`.
     ///
     /// # Panics
     /// If it wants to be woken at one instant for ever: time would stand still.

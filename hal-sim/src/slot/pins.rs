@@ -5,7 +5,7 @@ use drivetwin_firmware::device::{Duration, HIGH_MV, Instant, LOGIC_HIGH_MV, Leve
 use crate::record::trace::Fed;
 use crate::signals::pin_waveform::{Drives, level_of};
 
-/// What is done to a pin from outside.
+/// Stimulus of a pin from outside.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Driving {
     /// Pulled to ground.
@@ -21,26 +21,26 @@ pub enum Driving {
 /// A pin and what both sides do to it.
 pub(crate) struct PinState {
     spec: &'static PinSpec,
-    /// What hands do to it.
+    /// Stimulus from outside.
     pub(crate) hands: Driving,
-    /// What of that has arrived.
+    /// Stimulus that has arrived.
     held: Driving,
     /// Hands have been there.
     touched: bool,
-    /// What wires do to it.
+    /// Stimulus by wires.
     pub(crate) wired: Driving,
     /// The wires that drive it, and those that it drives: places in the bench's list.
     pub(crate) driven_by: Vec<u32>,
     pub(crate) drives_wires: Vec<u32>,
-    /// What the device was told last.
+    /// Signal that the device was given last.
     pub(crate) told: Signal,
     /// The train of pulses that runs.
     pub(crate) train: Option<PulseTrain>,
-    /// How many trains there have been.
+    /// Count of trains.
     pub(crate) trains: u32,
-    /// What the device does with it.
+    /// Output of the device.
     pub(super) drives: Drives,
-    /// How often that has changed.
+    /// Count of changes of that.
     pub(super) changes: u32,
 }
 
@@ -64,7 +64,7 @@ impl PinState {
         pin
     }
 
-    /// What it reads, or shows, while nobody drives it: a contact that is wired is pulled up.
+    /// Idle level: a contact that is wired is pulled up.
     fn rest(&self) -> Level {
         let wired = !self.driven_by.is_empty();
         let used = self.spec.high_once_used && (wired || self.touched);
@@ -76,12 +76,12 @@ impl PinState {
         (self.held, self.touched) = (drive, true);
     }
 
-    /// What the device sees of what has arrived: where hands let go wires decide.
+    /// Signal that the device sees of what has arrived: a pin that is released from outside follows its wires.
     pub(crate) fn seen(&self) -> Signal {
         self.signal(if self.held == Driving::Open { self.wired } else { self.held })
     }
 
-    /// What the device sees while that is done to the pin.
+    /// Signal that the device sees with that stimulus.
     fn signal(&self, drive: Driving) -> Signal {
         let rests_high = self.rest() == Level::High;
         if self.spec.role == Role::Analogue {
@@ -104,12 +104,12 @@ impl PinState {
         })
     }
 
-    /// What is done to it from outside.
+    /// Stimulus that holds: from outside, else by wires.
     fn outside(&self) -> Driving {
         if self.hands == Driving::Open { self.wired } else { self.hands }
     }
 
-    /// Whether the device would see a high level now.
+    /// Returns whether the device would see a high level now.
     pub(crate) fn is_high(&self) -> bool {
         match self.signal(self.outside()) {
             Signal::Digital(high) => high,
@@ -119,7 +119,7 @@ impl PinState {
         }
     }
 
-    /// Whether the device sees something else than it believes before it is told.
+    /// Returns whether the signal is another one than a device assumes before its first input.
     pub(super) fn away(&self) -> bool {
         self.told != Self::new(self.spec).told
     }
@@ -134,17 +134,17 @@ impl PinState {
     }
 }
 
-/// What a device sees at an input.
+/// Signal at an input of a device.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum Signal {
     Digital(bool),
     Millivolts(i32),
-    /// Nobody drives it, and no wire ends there.
+    /// Not driven, and no wire ends there.
     Open,
 }
 
 impl Signal {
-    /// What the device is told.
+    /// Input of the device for that signal.
     pub(crate) fn fed(self, pin: Pin) -> Fed {
         match self {
             Self::Digital(high) => Fed::Edge { pin, high },
@@ -168,7 +168,7 @@ pub(crate) struct EdgeTrain {
 }
 
 impl EdgeTrain {
-    /// When the next edge is; `None` after the last one.
+    /// Time of the next edge; `None` after the last one.
     pub(crate) fn due(&self) -> Option<Instant> {
         // Exact below 2^53, to the nearest; beyond the end of time the conversion saturates.
         let later = if self.made % 2 == 1 { self.second_later } else { 0.0 };
@@ -183,16 +183,16 @@ pub(crate) struct PulseTrain {
     pub(crate) edges: EdgeTrain,
     /// The level between pulses.
     pub(crate) rest: bool,
-    /// What the pin goes back to.
+    /// Stimulus to which the pin returns.
     pub(crate) before: Driving,
 }
 
-/// What turns an encoder.
+/// Motion of an encoder that is turned from outside.
 #[derive(Default)]
 pub(crate) struct EncoderState {
     pub(crate) edges: Option<EdgeTrain>,
-    /// Whether B leads A.
+    /// True if B leads A.
     pub(crate) back: bool,
-    /// How often it was turned.
+    /// Count of turns that were ordered.
     pub(crate) turns: u32,
 }

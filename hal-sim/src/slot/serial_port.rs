@@ -4,7 +4,7 @@ use drivetwin_firmware::device::{Duration, Ends, Instant, Line, PortSpec};
 
 use super::tcp_port::Tcp;
 
-/// What a port has seen since its device was seated.
+/// Statistics of a port since its device was added.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct Statistics {
     /// Requests carried out.
@@ -17,17 +17,17 @@ pub struct Statistics {
     pub gap: u64,
     /// Frames of a wrong length.
     pub length: u64,
-    /// Frames with a character that nobody could read.
+    /// Frames with a parity or framing error.
     pub spoiled: u64,
-    /// Frames for somebody else.
+    /// Frames for another address.
     pub foreign: u64,
     /// Frames that came while the device was starting.
     pub starting: u64,
-    /// Of a TCP port: connections that there have been.
+    /// Connections so far, on a TCP port.
     pub connections: u64,
-    /// Of a TCP port: messages that the device was told; of MCode pieces of them.
+    /// Messages to the device, on a TCP port; of MCode pieces of them.
     pub messages: u64,
-    /// Of a TCP port: connections that were closed because what came was no Modbus/TCP.
+    /// Connections that were closed because the bytes were no Modbus/TCP, on a TCP port.
     pub broken: u64,
 }
 
@@ -39,10 +39,10 @@ impl Statistics {
     }
 }
 
-/// What is known of a port.
+/// State of a port.
 pub(crate) struct PortState {
     pub(crate) serial: Option<Serial>,
-    /// Of one that is no serial port.
+    /// State of a TCP port.
     pub(crate) tcp: Option<Tcp>,
     pub(crate) statistics: Statistics,
 }
@@ -66,9 +66,9 @@ pub(crate) struct Serial {
     /// Silence ends its messages, or in ASCII a line feed: one pair of wires for both directions.
     /// Otherwise each character has its time, and both directions run at once.
     pub(crate) silence: bool,
-    /// When its last message began to leave.
+    /// Time at which its last message began to leave.
     pub(super) began: Option<Instant>,
-    /// When its last character has left.
+    /// Time at which its last character has left.
     pub(crate) sends_until: Instant,
 }
 

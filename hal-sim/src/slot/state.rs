@@ -1,4 +1,4 @@
-//! What a device leaves behind: its memory, its power, and what it does to the world.
+//! State of a device on the bench: its memory, its power, and its outputs.
 
 use drivetwin_firmware::device::{
     Axis, Instant, Level, Line, Link, Note, Output, Pin, Plan, Port, Sink, Spec, Why,
@@ -15,7 +15,7 @@ use crate::signals::pin_waveform::Drives;
 /// Told each range of bytes as it is stored: where it begins, and the bytes.
 pub type Keep = Box<dyn FnMut(u16, &[u8])>;
 
-/// What a device leaves behind, in the world and in its memory.
+/// State of a device that outlives a call: memory, power and outputs.
 pub(crate) struct Body {
     pub(super) seat: u32,
     pub(crate) memory: Vec<u8>,
@@ -24,7 +24,7 @@ pub(crate) struct Body {
     /// The next power cut, and whether it has come.
     cut: Option<Place>,
     pub(super) dead: bool,
-    /// Where cuts fall.
+    /// Random stream of the places where power fails.
     dice: Dice,
     pub(crate) pins: Vec<PinState>,
     pub(super) axes: Vec<AxisState>,
@@ -34,7 +34,7 @@ pub(crate) struct Body {
     pub(crate) faults: Vec<bool>,
 }
 
-/// Where in a save power fails.
+/// Place in a save at which power fails.
 #[derive(Clone, Copy, Debug)]
 struct Place {
     /// Stores that still go through.
@@ -42,11 +42,11 @@ struct Place {
     part: Part,
 }
 
-/// How much of a store goes through.
+/// Part of a store that goes through.
 #[derive(Clone, Copy, Debug)]
 enum Part {
     Bytes(usize),
-    /// What a random number picks; `whole`: all of it may.
+    /// A random part; `whole`: it may be all of it.
     Random {
         number: u64,
         whole: bool,
@@ -57,25 +57,25 @@ enum Part {
 pub(crate) struct Sent {
     pub(crate) seat: u32,
     pub(crate) port: Port,
-    /// When the first one begins.
+    /// Start of the first one.
     pub(crate) start: Instant,
     pub(crate) line: Line,
-    /// How many; they are in [`Outbox::bytes`].
+    /// Number of characters; they are in [`Outbox::bytes`].
     pub(crate) count: usize,
 }
 
-/// What a device says on a TCP connection.
+/// A message of a device on a TCP connection.
 pub(crate) struct Said {
     pub(crate) seat: u32,
     pub(crate) port: Port,
     pub(crate) link: Link,
-    /// Who has it.
+    /// The client.
     pub(crate) client: u32,
-    /// How many bytes, which are in [`Outbox::messages`]; `None`: it closes the connection.
+    /// Number of bytes, which are in [`Outbox::messages`]; `None`: the device closes the connection.
     pub(crate) count: Option<usize>,
 }
 
-/// What an output did to which a wire goes.
+/// Change of an output that has a wire.
 pub(crate) enum Moved {
     /// A pin took a level then.
     Pin { pin: Pin, at: Instant, level: Level },
@@ -85,7 +85,7 @@ pub(crate) enum Moved {
     Axis { axis: Axis },
 }
 
-/// What a motor hears of its drive, and what else is done to it.
+/// A command to a motor: from its drive, or from outside.
 ///
 /// Of one instant it hears first how large the drive's steps are, which is what a plan is made of: a plan in steps of
 /// another size would make the shaft jump. The rest comes in the order in which the drive did it.
@@ -97,14 +97,14 @@ pub(crate) enum Told {
     Steps(i32),
     Current(u32),
     Duty(i32),
-    /// Its shaft is held, or let go.
+    /// The shaft is blocked, or released.
     Held(bool),
 }
 
-/// What a device has done in one call.
+/// Outputs of a device in one call.
 #[derive(Default)]
 pub(crate) struct Outbox {
-    /// What its motors are to hear: the device, its axis, when it was done.
+    /// Commands to its motors: the device, its axis, the time.
     pub(crate) told: Vec<(u32, Axis, Instant, Told)>,
     pub(crate) sent: Vec<Sent>,
     /// All characters, one message behind the other.
@@ -132,11 +132,11 @@ impl Outbox {
     }
 }
 
-/// What the outputs of a device go to, beside its body.
+/// Destination of a device's outputs, beside its body.
 pub(crate) struct Tape<'a> {
     pub(crate) trace: &'a mut Trace,
     pub(crate) outbox: &'a mut Outbox,
-    /// Whether characters take no time.
+    /// True if characters take no time.
     pub(crate) fast: bool,
 }
 
@@ -169,7 +169,7 @@ impl Sink for Hand<'_, '_> {
 }
 
 impl Body {
-    /// That of a device without power, on a seat of that name.
+    /// State of a device without power, with that name.
     pub(super) fn new(
         seat: u32,
         name: &str,
@@ -351,7 +351,7 @@ impl Body {
         }
     }
 
-    /// Something happens to an axis: if somebody listens, its edges up to then come first.
+    /// Changes an axis; if its pulses are wired, edges up to then come first.
     fn shape(&mut self, axis: Axis, at: Instant, outbox: &mut Outbox, happens: impl FnOnce(&mut AxisState)) {
         let Some(state) = self.axes.get_mut(usize::from(axis.0)) else { return };
         let mut moves = |state: &mut AxisState| {

@@ -1,4 +1,4 @@
-//! TCP ports of a device: who has which connection.
+//! TCP ports of a device, and the client of each connection.
 
 use std::collections::VecDeque;
 
@@ -15,9 +15,9 @@ pub(crate) struct Tcp {
     /// The length in a header ends its messages (Modbus/TCP), so they go whole.
     pub(crate) framed: bool,
     numbers: Vec<Number>,
-    /// Who has come, and the device has not heard of.
+    /// Clients that have connected, and the device does not know yet.
     coming: Vec<u32>,
-    /// Whose message the device is busy with, while it takes no other one.
+    /// Client whose message the device is busy with, while it takes no other one.
     pub(crate) busy_with: Option<Option<u32>>,
     /// Client that was heard last.
     pub(crate) heard: Option<u32>,
@@ -28,9 +28,9 @@ pub(crate) struct Tcp {
 /// The number of a connection.
 #[derive(Clone, Copy, Default)]
 struct Number {
-    /// Who has it.
+    /// Client that has the connection.
     given: Option<u32>,
-    /// Who has it as the device knows.
+    /// Client that has the connection as far as the device knows.
     known: Option<u32>,
 }
 
@@ -46,7 +46,7 @@ impl Tcp {
         }
     }
 
-    /// How many are connected.
+    /// Number of connected clients.
     pub(crate) fn connected(&self) -> usize {
         self.numbers.iter().filter(|number| number.given.is_some()).count()
     }
@@ -66,7 +66,7 @@ impl Tcp {
         Some(Link(place as u8))
     }
 
-    /// Somebody leaves; whether he was still there.
+    /// Removes a client; returns whether it was still connected.
     pub(crate) fn leave(&mut self, link: Link, client: u32) -> bool {
         self.number(link).is_some_and(|number| number.given.take_if(|given| *given == client).is_some())
     }
@@ -78,12 +78,12 @@ impl Tcp {
         }
     }
 
-    /// Whose turn it is, if the device takes more.
+    /// Next client to be served, if the device takes more.
     pub(crate) fn release(&mut self) -> Option<u32> {
         if self.busy_with.is_none() { self.held.pop_front() } else { None }
     }
 
-    /// Whose a number is as the device knows.
+    /// Client of a connection number as far as the device knows.
     pub(crate) fn known(&self, link: Link) -> Option<u32> {
         self.numbers.get(usize::from(link.0))?.known
     }

@@ -24,11 +24,11 @@ pub const MCODE: Port = Port(1);
 /// Connections that its port of text takes.
 const MOST: u8 = 4;
 
-/// Where text is spoken it greets with `>`; `x` closes the connection, `f` sends a MiB, `t` sends `T` at the deadlines
-/// of this instant and of each second after it, until the connection is closed.
+/// A device that echoes. On its port of text it greets with `>`; `x` closes the connection, `f` sends a MiB, `t` sends
+/// `T` at the deadlines of this instant and of each second after it, until the connection is closed.
 #[derive(Debug, Default)]
 pub struct Echo {
-    /// It sends `T` to its first connection, there or not, each time so much has passed since power came.
+    /// Interval at which it sends `T` to its first connection, there or not, from power-on.
     pub ring: Option<Duration>,
     /// The next such instant, and the connection.
     pub due: Option<(Instant, Link)>,

@@ -11,7 +11,7 @@ use drivetwin_protocol::registers::Register;
 use crate::signals::pin_waveform::level_of;
 
 drivetwin_protocol::registers! {
-    /// What a toy remembers.
+    /// Registers of a toy.
     pub enum Reg: HighFirst {
         /// Sent as the answer to `r`; 7 is refused.
         Volume = rw(0, "1").range(0, 250),
@@ -69,7 +69,7 @@ pub struct Toy {
     volume: u8,
     next: Option<Instant>,
     saved: Option<Instant>,
-    /// Its first deadline is the very instant of power-on; then the output goes high.
+    /// First deadline, at the very instant of power-on; then the output goes high.
     started: Option<Instant>,
     /// What it was told, for tests to see in its outputs.
     stalled: bool,

@@ -22,9 +22,9 @@ pub(super) const BUS: [&str; 4] = ["name", "listen", "drives", "collisions"];
 /// A line of the bench.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Line {
-    /// One that drives share: place in the layout.
+    /// A line that drives share: place in the layout.
     Shared(usize),
-    /// That of a port.
+    /// The line of a port.
     Own(usize, Port),
 }
 
@@ -157,7 +157,7 @@ impl Reader {
         Ok(())
     }
 
-    /// What a drive is.
+    /// Description of a drive.
     pub(super) fn spec(&self, drive: usize) -> &'static Spec {
         self.specs[drive]
     }
@@ -244,7 +244,7 @@ impl Reader {
             .collect()
     }
 
-    /// What a line is to the first drive on it.
+    /// Port of the first drive on a line.
     pub(super) fn port_of(&self, line: Line) -> Option<&'static PortSpec> {
         let (drive, port) = match line {
             Line::Shared(bus) => *self.layout.buses[bus].drives.first()?,
@@ -281,7 +281,7 @@ impl Reader {
     }
 }
 
-/// Whether a TCP port of a drive is called so.
+/// Returns whether a TCP port of a drive has that name.
 fn is_tcp_port(spec: &Spec, name: &str) -> bool {
     spec.ports.iter().any(|port| port.is_tcp() && port.name == name)
 }
@@ -299,7 +299,7 @@ fn path(table: &Table<'_>, key: &str) -> Result<Option<Said<PathBuf>>, Wrong> {
     Ok(Some(Said { is: Path::new(text.is).to_owned(), at: text.at }))
 }
 
-/// What `address` and `set` say, in the order of the rows and halves behind the whole, so that the order in the file
+/// Presets of `address` and `set`, in the order of the rows and halves behind the whole, so that the order in the file
 /// does not matter; each with the place of its value.
 fn presets(table: &Table<'_>, spec: &Spec) -> Result<Vec<Said<Preset>>, Wrong> {
     let mut presets = Vec::new();

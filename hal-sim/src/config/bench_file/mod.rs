@@ -22,14 +22,14 @@ use drivetwin_firmware::device::{Duration, Spec};
 use plant_tables::{ENCODER, MOTOR, SWITCH, WIRE};
 use table::{Said, Table, Wrong};
 
-/// What is wrong with a bench file.
+/// An error in a bench file.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct FileError {
     /// In which line, from 1.
     pub line: usize,
     /// At which character of it, from 1.
     pub column: usize,
-    /// One sentence.
+    /// The error in one sentence.
     pub what: String,
 }
 
@@ -81,13 +81,13 @@ fn fault_keys() -> Vec<&'static str> {
 /// Ticks in a ms.
 const MILLI: f64 = Duration::millis(1).ticks() as f64;
 
-/// What has been read so far, and what it may not clash with.
+/// Tables that have been read so far, and the names they have taken.
 #[derive(Default)]
 struct Reader {
     layout: Layout,
-    /// What every drive, bus and motor is called, and what it is.
+    /// Name of every drive, bus and motor, and which of them it is.
     names: BTreeMap<String, &'static str>,
-    /// What each drive is.
+    /// Description of each drive.
     specs: Vec<&'static Spec>,
     /// Which drives the file has reached nowhere.
     nowhere: Vec<bool>,
@@ -175,7 +175,7 @@ impl Reader {
     }
 }
 
-/// What a string means, if it is there.
+/// Parses the string of a key, if it is there.
 fn read_as<T>(
     text: Option<Said<&str>>,
     read: impl FnOnce(&str) -> Result<T, String>,

@@ -1,4 +1,4 @@
-//! What is around the drives: motors, what is on their shafts, and wires.
+//! Tables of the plant: motors, sensors on their shafts, and wires.
 
 use drivetwin_firmware::device::{Axis, Pin, Role, Spec};
 use drivetwin_firmware::motor::{self, stepper};
@@ -34,7 +34,7 @@ pub(super) const SWITCH: [&str; 3] = ["motor", "closed", "to"];
 /// The keys of `[[wire]]`.
 pub(super) const WIRE: [&str; 2] = ["from", "to"];
 
-/// What sort of a motor a drive turns.
+/// Kind of motor that a drive turns.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Sort {
     Stepper,

@@ -6,7 +6,7 @@ use toml::de::{DeInteger, DeTable, DeValue};
 use crate::config::preset::Number;
 use crate::suggest;
 
-/// Something is wrong at an offset of the text.
+/// An error at an offset of the text.
 #[derive(Debug)]
 pub(super) struct Wrong {
     pub(super) at: usize,
@@ -28,7 +28,7 @@ pub(super) struct Said<T> {
 }
 
 impl<T> Said<T> {
-    /// What is wrong with it.
+    /// An error at this value.
     pub(super) fn wrong(&self, what: impl Into<String>) -> Wrong {
         Wrong { at: self.at, what: what.into() }
     }
@@ -37,9 +37,9 @@ impl<T> Said<T> {
 /// A table.
 #[derive(Clone, Copy)]
 pub(super) struct Table<'a> {
-    /// What a sentence calls it.
+    /// Name of the table in sentences.
     what: &'static str,
-    /// Where it begins.
+    /// Offset of its beginning.
     pub(super) at: usize,
     keys: &'a DeTable<'a>,
 }

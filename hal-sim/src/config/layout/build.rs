@@ -109,7 +109,7 @@ impl Layout {
         format!("{}: {}{kept}", drive.name, preset::refusal(spec, row, name, why))
     }
 
-    /// What the motor of a drive says of what feeds both, in 0.1 V.
+    /// Supply voltage by the motor of a drive, in 0.1 V.
     fn supply(&self, drive: usize) -> Option<i64> {
         let of = |motor: &super::Motor| match motor.is {
             MotorKind::Brush(keys) if motor.drive == drive => keys.supply_mv,
@@ -251,7 +251,7 @@ fn brush(
 }
 
 impl Drive {
-    /// Whether a new drive of the kind takes its presets; which row does not, and why.
+    /// Checks that a new drive of the kind accepts its presets; the error has the row that it refuses, and the reason.
     pub(crate) fn try_presets(&self) -> Result<(), (usize, Refused)> {
         let Some(device) = catalog::make(self.kind).ok().filter(|_| !self.presets.is_empty()) else {
             return Ok(());
@@ -284,7 +284,7 @@ fn values(presets: &[Preset], spec: &Spec, memory: Option<&[u8]>) -> Vec<(usize,
     values
 }
 
-/// What a row holds when a drive wakes up with `memory`.
+/// Value of a row when a drive starts with `memory`.
 fn stored(spec: &Spec, memory: Option<&[u8]>, row: usize) -> i64 {
     let mut bench = Bench::new();
     let setup = Setup { boot_fast: true, memory: memory.map(<[u8]>::to_vec), ..Setup::default() };

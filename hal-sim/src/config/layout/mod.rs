@@ -1,4 +1,4 @@
-//! What is on a bench, as plain data: what a bench file says, or the options of a single drive.
+//! The configuration of a bench as plain data: from a bench file, or from the options of a single drive.
 //!
 //! What makes a [`Layout`] checks it: names are there once, places are those of something, pins and registers exist,
 //! values are legal. One function makes the [bench](Layout::build) of it, and relies on that.
@@ -19,16 +19,16 @@ use crate::line::LineMode;
 use crate::line::faults::LineFaults;
 use crate::suggest;
 
-/// What is on a bench.
+/// Configuration of a bench.
 #[derive(Clone, Debug, Default)]
 pub struct Layout {
     /// Seed of every random choice.
     pub seed: Option<u64>,
-    /// How time runs.
+    /// Time mode.
     pub time: Option<Pace>,
-    /// How long characters take.
+    /// Time that characters take.
     pub line: Option<LineMode>,
-    /// Its drives.
+    /// Drives.
     pub drives: Vec<Drive>,
     /// Lines that drives share. A serial port that is on none has one of its own.
     pub buses: Vec<Bus>,
@@ -40,7 +40,7 @@ pub struct Layout {
     pub switches: Vec<Switch>,
     /// Wires from pin to pin.
     pub wires: Vec<Wire>,
-    /// What disturbs lines from the beginning.
+    /// Faults of lines from the beginning.
     pub faults: Vec<Disturbed>,
 }
 
@@ -79,13 +79,13 @@ pub type At = (usize, Pin);
 /// A drive.
 #[derive(Clone, Debug)]
 pub struct Drive {
-    /// Its name.
+    /// Name of the drive.
     pub name: String,
-    /// What it is.
+    /// Kind of the drive.
     pub kind: &'static str,
-    /// Where its own lines are reached.
+    /// Listening places of its own ports.
     pub listen: Vec<(Port, Uri)>,
-    /// Where its memory is kept.
+    /// File of its non-volatile memory.
     pub nv: Option<PathBuf>,
     /// Registers that are preset, its address among them.
     pub presets: Vec<Preset>,
@@ -100,40 +100,41 @@ pub struct Drive {
 /// A line that drives share.
 #[derive(Clone, Debug)]
 pub struct Bus {
-    /// Its name.
+    /// Name of the line.
     pub name: String,
-    /// Where it is reached.
+    /// Listening places of the line.
     pub listen: Vec<Uri>,
-    /// Who is on it: places in [`Layout::drives`], and ports.
+    /// Drives on it: places in [`Layout::drives`], and ports.
     pub drives: Vec<(usize, Port)>,
-    /// Whether characters that overlap spoil each other.
+    /// True if characters that overlap corrupt each other.
     pub collisions: bool,
 }
 
 /// A motor.
 #[derive(Clone, Debug)]
 pub struct Motor {
-    /// Its name.
+    /// Name of the motor.
     pub name: String,
-    /// What turns it: place in [`Layout::drives`].
+    /// Drive that turns it: place in [`Layout::drives`].
     pub drive: usize,
     /// By which axis.
     pub axis: Axis,
-    /// What it is.
+    /// Kind of motor.
     pub is: MotorKind,
 }
 
-/// What a motor is.
+/// Kind of a motor.
 #[derive(Clone, Debug)]
 pub enum MotorKind {
-    /// It follows the steps of its drive.
+    /// A stepper motor, which follows the steps of its drive.
     Stepper(motor::stepper::Parameters),
-    /// One with brushes, or a brushless one. What is not said is as the drive's registers describe it when it has been powered on for the first time, with
-    /// its memory and presets. From then on it is a motor of its own and follows no register.
+    /// A motor with brushes, or a brushless one. A key that is not given is as the drive's registers describe the motor
+    /// when the drive has been powered on for the first time, with its memory and presets. From then on it is a motor
+    /// of its own and follows no register.
     Brush(BrushKeys),
 }
 
-/// What is said of a brush motor, or of a brushless one; see [`motor::Parameters`].
+/// Keys of a brush motor, or of a brushless one; see [`motor::Parameters`].
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 #[expect(missing_docs, reason = "the fields are those of `motor::Parameters`")]
 pub struct BrushKeys {
@@ -153,11 +154,11 @@ pub struct Encoder {
     pub motor: usize,
     /// Cycles of A in a turn.
     pub cycles_per_rev: u32,
-    /// Where A goes.
+    /// Pin of A.
     pub a: Option<At>,
-    /// Where B goes.
+    /// Pin of B.
     pub b: Option<At>,
-    /// Where the index goes.
+    /// Pin of the index.
     pub index: Option<At>,
 }
 
@@ -166,7 +167,7 @@ pub struct Encoder {
 pub struct Switch {
     /// Place in [`Layout::motors`].
     pub motor: usize,
-    /// Where it is closed.
+    /// Range in which it is closed.
     pub closed: Closed,
     /// The pin that it pulls to ground.
     pub to: At,
@@ -181,12 +182,12 @@ pub struct Wire {
     pub to: At,
 }
 
-/// What disturbs a line.
+/// Faults of a line.
 #[derive(Clone, Debug)]
 pub struct Disturbed {
-    /// Its name, as [`Bench::find_bus`](crate::bench::Bench::find_bus) finds it.
+    /// Name of the line, as [`Bench::find_bus`](crate::bench::Bench::find_bus) finds it.
     pub bus: String,
-    /// How.
+    /// Faults.
     pub faults: LineFaults,
 }
 
@@ -217,13 +218,13 @@ pub fn no_line(name: &str) -> String {
     format!("{name} is a TCP port and no line")
 }
 
-/// Whether two paths in one folder are the same, as far as they tell.
+/// Returns whether two paths in one folder are the same, as far as their text shows.
 pub(crate) fn same_path(a: &Path, b: &Path) -> bool {
     // Joined to any folder, `./a` is `a`.
     Path::new("/").join(a) == Path::new("/").join(b)
 }
 
-/// Whether two places to be reached cannot both be.
+/// Returns whether two listening places exclude each other.
 #[must_use]
 pub fn clash(a: &Uri, b: &Uri) -> bool {
     match (a, b) {

@@ -52,7 +52,7 @@ const DRIVE_PORT: u32 = 502;
 /// finds the query of a response on its own line.
 const FIRST_CLIENT_PORT: u32 = 1024;
 
-/// What a packet carries.
+/// Protocol of a packet.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Protocol {
     /// A frame of Modbus RTU with its CRC.
@@ -83,22 +83,22 @@ pub enum Way {
 pub struct Packet<'a> {
     /// On which line, as [`Blocks::line`] said.
     pub line: u32,
-    /// When it begins.
+    /// Start of the packet.
     pub at: Instant,
     /// Which way it goes.
     pub way: Way,
-    /// What it carries.
+    /// Protocol of its bytes.
     pub protocol: Protocol,
     /// The bytes.
     pub bytes: &'a [u8],
-    /// Whether others spoiled it on the line, so that nobody could read it.
+    /// True if others corrupted it on the line, so that no receiver could read it.
     pub collided: bool,
-    /// How many before it were lost.
+    /// Packets before it that were lost.
     pub lost: u64,
 }
 
 impl Packet<'_> {
-    /// Whether what was on the line is what its protocol calls a frame.
+    /// Returns whether the bytes are a frame of their protocol.
     fn is_whole(&self) -> bool {
         match self.protocol {
             _ if self.collided => false,
@@ -235,7 +235,7 @@ impl<W: Write> Blocks<W> {
     }
 }
 
-/// What Wireshark's dissector of exported PDUs takes: tags, in network order, and the bytes.
+/// Input of Wireshark's dissector of exported PDUs: tags, in network order, and the bytes.
 fn exported(packet: &Packet) -> Vec<u8> {
     let mut data = Vec::new();
     let mut tag = |kind: u16, value: &[u8]| {

@@ -39,7 +39,7 @@ pub fn write(bench: &Bench, out: impl Write) -> io::Result<()> {
     file.finish()
 }
 
-/// What a bench still knows of its lines at an instant, to be written elsewhere.
+/// Frames that a bench still has at an instant, to be written elsewhere.
 pub struct Snapshot {
     capture: Capture,
     /// So many frames there were.
@@ -82,11 +82,11 @@ impl Snapshot {
     }
 }
 
-/// What a file has to know of a line or a TCP port.
+/// Facts of a line or a TCP port that a file needs.
 #[derive(Clone, Default)]
 struct About {
     name: String,
-    /// What ends a message there.
+    /// End of a message there.
     ends: Option<Ends>,
 }
 
@@ -101,7 +101,7 @@ impl About {
     }
 }
 
-/// Where that is.
+/// Outlet of a medium.
 fn outlet(on: Medium) -> Outlet {
     match on {
         Medium::Line(bus) => Outlet::Line(bus),
@@ -116,7 +116,7 @@ fn outlet(on: Medium) -> Outlet {
 /// order in which they end.
 pub struct Pcapng<W> {
     blocks: Blocks<W>,
-    /// What the file calls each line or connection, and what ends a message on it.
+    /// Number of each line or connection in the file, and the end of a message on it.
     lines: BTreeMap<Medium, (u32, Option<Ends>)>,
     /// Text that is not written yet.
     texts: BTreeMap<(Medium, Way), Text>,
@@ -129,9 +129,9 @@ pub struct Pcapng<W> {
 
 /// Characters that belong together.
 struct Text {
-    /// When the first one begins.
+    /// Start of the first one.
     at: Instant,
-    /// When the last one ends.
+    /// End of the last one.
     end: Instant,
     /// Until then a line feed may follow a carriage return.
     open: Instant,
@@ -284,7 +284,7 @@ impl<W: Write> Pcapng<W> {
         self.blocks.packet(&Packet { lost, ..packet })
     }
 
-    /// What the file calls a line or a connection, and what ends a message on it.
+    /// Number of a line or a connection in the file, and the end of a message on it.
     fn line(&mut self, on: Medium, about: &dyn Fn(Outlet) -> About) -> io::Result<(u32, Option<Ends>)> {
         if let Some(&known) = self.lines.get(&on) {
             return Ok(known);
@@ -300,12 +300,12 @@ impl<W: Write> Pcapng<W> {
 }
 
 impl Text {
-    /// Whether it is a whole line.
+    /// Returns whether it is a whole line.
     fn is_line(&self) -> bool {
         self.bytes.last().is_some_and(|&byte| ends_line(byte))
     }
 
-    /// Whether a character that begins at `at` belongs to it; behind the end of a line only another such that
+    /// Returns whether a character that begins at `at` belongs to it; behind the end of a line only another end that
     /// comes within a `character`.
     fn goes_on(&self, at: Instant, byte: u8, character: Duration) -> bool {
         let follows = ends_line(byte) && at <= self.end + character;
@@ -317,7 +317,7 @@ fn ends_line(byte: u8) -> bool {
     matches!(byte, b'\r' | b'\n')
 }
 
-/// What is spoken on a line.
+/// Protocol on a line.
 fn protocol(ends: Option<Ends>, frame: &Frame) -> Protocol {
     match ends {
         _ if frame.from == Source::Noise => Protocol::Noise,

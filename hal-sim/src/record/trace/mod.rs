@@ -1,4 +1,4 @@
-//! What happened on a bench, as text that people read and write.
+//! A recording of a bench, as text that people read and write.
 //!
 //! ```text
 //! drivetwin trace 1                     the format, before anything else
@@ -74,10 +74,10 @@ pub(crate) use text::{is_name, without_comment};
 /// Makes a device of a kind; `None` if there is no such kind.
 pub type Make<'a> = dyn Fn(&str) -> Option<Box<dyn Device>> + 'a;
 
-/// How much of what happens is kept.
+/// Retention of a trace.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum TraceKeep {
-    /// Nothing.
+    /// No events.
     Off,
     /// The last so many bytes, in memory.
     Ring(usize),
@@ -92,7 +92,7 @@ impl TraceKeep {
     pub const RING: usize = 64 << 20;
 }
 
-/// What is kept by default: [`TraceKeep::RING`].
+/// The default: [`TraceKeep::RING`].
 impl Default for TraceKeep {
     fn default() -> Self {
         Self::Ring(Self::RING)
@@ -104,13 +104,13 @@ impl Default for TraceKeep {
 pub struct Trace {
     /// Seed of every random choice.
     pub seed: u64,
-    /// Who takes part.
+    /// Drives on the bench.
     pub drives: Vec<Drive>,
     /// Which outputs count when it is replayed.
     pub compare: Vec<Group>,
-    /// How many events a full ring has dropped; what has lost its beginning cannot be replayed.
+    /// Events that a full ring has dropped; a trace without its beginning cannot be replayed.
     pub lost: u64,
-    /// How far time went; of a text without `end` its last stamp.
+    /// Time at the end; of a text without `end` its last stamp.
     pub end: Instant,
     /// True if it tells all until then. A text without `end` may break off within its last stamp.
     pub ended: bool,
@@ -125,36 +125,36 @@ pub struct Trace {
 /// A drive that takes part.
 #[derive(Clone, Debug)]
 pub struct Drive {
-    /// Its name.
+    /// Name of the drive.
     pub name: String,
-    /// What it is.
+    /// Description of its kind.
     pub spec: &'static Spec,
-    /// Whether it has no start-up delay.
+    /// True without start-up delay.
     pub boot_fast: bool,
     /// Characters take no time on its serial lines.
     pub fast_line: bool,
-    /// Whether it has parted from the motor that it brings.
+    /// True if its motor is one of the bench, and not its own.
     pub apart: bool,
-    /// When it was seated and powered on.
+    /// Time at which it was added and powered on.
     pub from: Instant,
-    /// What its memory held then, [`Spec::memory`] bytes.
+    /// Content of its memory then, [`Spec::memory`] bytes.
     pub memory: Vec<u8>,
 }
 
 /// A line of a trace.
 #[derive(Clone, PartialEq, Debug)]
 pub struct Entry {
-    /// When.
+    /// Time of the event.
     pub at: Instant,
-    /// Whose: place in [`Trace::drives`].
+    /// Drive: place in [`Trace::drives`].
     pub drive: usize,
-    /// What.
+    /// The event.
     pub event: Event,
     /// The line it was read from, from 1; 0 if it was recorded.
     pub line: usize,
 }
 
-/// One thing that happened.
+/// An event: an input or an output of a drive.
 #[derive(Clone, PartialEq, Debug)]
 pub enum Event {
     /// Fed to a drive.
@@ -163,11 +163,11 @@ pub enum Event {
     Did(Did),
 }
 
-/// What is fed to a drive: an [`Input`] that owns its bytes, or what else is done to it.
+/// An input of a drive: an [`Input`] that owns its bytes, a change of power, or a preset.
 #[derive(Clone, PartialEq, Eq, Debug)]
 #[expect(missing_docs, reason = "the fields are those of `Input`")]
 pub enum Fed {
-    /// Its power comes or goes.
+    /// Change of power.
     Power(Power),
     /// [`Input::Fault`]
     Fault { fault: Fault, on: bool },
@@ -207,7 +207,7 @@ pub enum Fed {
 }
 
 impl Fed {
-    /// What the drive is told; `None` for power and presets.
+    /// The input as the drive gets it; `None` for power and presets.
     #[must_use]
     pub fn input(&self) -> Option<Input<'_>> {
         Some(match *self {
@@ -232,27 +232,27 @@ impl Fed {
     }
 }
 
-/// What happens to a drive's power.
+/// Change of a drive's power.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Power {
-    /// It comes.
+    /// Power comes.
     On,
-    /// It goes.
+    /// Power goes.
     Off,
-    /// It fails in the next save; `None` leaves the place to the seed.
+    /// Power fails in the next save; `None` leaves the place to the seed.
     Cut(Option<Cut>),
 }
 
-/// Where power fails in a save.
+/// Place in a save at which power fails.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Cut {
     /// So many stores go through.
     pub stores: u32,
-    /// Of the next one so many bytes do.
+    /// Bytes of the next store that go through.
     pub bytes: usize,
 }
 
-/// What a drive did: an [`Output`] that owns what it holds.
+/// An output of a drive: an [`Output`] that owns its data.
 #[derive(Clone, PartialEq, Debug)]
 #[expect(missing_docs, reason = "the fields are those of `Output`")]
 pub enum Did {
@@ -280,12 +280,12 @@ pub enum Did {
     Duty { axis: Axis, duty: i32 },
     /// [`Output::Store`]
     Store { offset: u16, bytes: Vec<u8> },
-    /// Its power fails in that store: a [cut](Power::Cut) has come.
+    /// Power fails in that store: a [cut](Power::Cut) has come.
     PowerOff,
 }
 
 impl Did {
-    /// What `output` is in a trace; `None` for a note, and for what a motor says to its drive.
+    /// The record of `output`; `None` for a note, and for reports of a motor to its drive.
     #[must_use]
     pub fn of(output: Output<'_>) -> Option<Self> {
         Some(match output {
@@ -306,7 +306,7 @@ impl Did {
         })
     }
 
-    /// What a text tells of it at that stamp: of a plan its course. So are traces compared.
+    /// The record as a text has it at that stamp: of a plan its course. Traces are compared in this form.
     #[must_use]
     pub fn told(&self, at: Instant) -> Cow<'_, Self> {
         match self {
@@ -317,7 +317,7 @@ impl Did {
         }
     }
 
-    /// Its group.
+    /// Group of the record.
     #[must_use]
     pub fn group(&self) -> Group {
         match self {
@@ -337,7 +337,7 @@ impl Did {
 /// Outputs that are compared, or not, together.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Group {
-    /// What is sent.
+    /// Characters and messages that are sent.
     Tx,
     /// Changes of the line's settings.
     Line,
@@ -345,7 +345,7 @@ pub enum Group {
     Pins,
     /// Plans, steps, currents and duties.
     Motion,
-    /// What goes into the memory, and power cuts.
+    /// Stores to the memory, and power cuts.
     Stores,
 }
 
@@ -371,23 +371,23 @@ impl Group {
 pub struct Course {
     /// The position at its beginning.
     pub from: i32,
-    /// Its stretches.
+    /// Stretches of the course.
     pub legs: Vec<Leg>,
-    /// Where it stands at last; `None` if it never does.
+    /// Final position; `None` if there is none.
     pub to: Option<i32>,
 }
 
 /// A stretch of constant acceleration.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Leg {
-    /// How long; [`Duration::FOREVER`] without end.
+    /// Time of the stretch; [`Duration::FOREVER`] without end.
     pub time: Duration,
     /// The speed at its end, in thousandths of a step per second, signed.
     pub speed: i64,
 }
 
 impl Course {
-    /// What a plan does from `at` on.
+    /// Course of a plan from `at` on.
     #[must_use]
     pub fn of(plan: &Plan, at: Instant) -> Self {
         let from = plan.position_at(at);
@@ -445,7 +445,7 @@ impl Trace {
         }
     }
 
-    /// What happened: as it was read, or as it was recorded.
+    /// Events: as read, or as recorded.
     pub fn events(&self) -> impl ExactSizeIterator<Item = &Entry> {
         self.events.iter()
     }
@@ -474,7 +474,7 @@ impl Trace {
         }
     }
 
-    /// Whether all that happened is in it.
+    /// Returns whether no event is missing.
     pub(crate) fn is_whole(&self) -> bool {
         self.keep != TraceKeep::Off && self.lost == 0
     }
@@ -502,7 +502,7 @@ impl Trace {
         self.events.push_back(entry);
     }
 
-    /// How far it has come: events so far, with those that a ring has dropped.
+    /// Mark behind the last event: events so far, with those that a ring has dropped.
     #[must_use]
     pub fn mark(&self) -> u64 {
         self.lost + self.events.len() as u64

@@ -1,4 +1,4 @@
-//! What a ring in memory costs.
+//! Memory that a ring takes.
 
 use std::collections::VecDeque;
 

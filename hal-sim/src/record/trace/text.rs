@@ -22,12 +22,12 @@ const FORMER_PROJECT: &str = "standin";
 /// Bytes in a line of memory.
 const MEMORY_ROW: usize = 16;
 
-/// What is wrong with the text of a trace.
+/// An error in the text of a trace.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct ParseError {
     /// In which line, from 1.
     pub line: usize,
-    /// One sentence.
+    /// The error in one sentence.
     pub what: String,
 }
 
@@ -159,7 +159,7 @@ impl Trace {
         format!("{}{name} {sign} {}", stamp(entry.at), self.words(entry))
     }
 
-    /// What a line of the text says happened: `rx 01 03`.
+    /// The words of an event in a line of text: `rx 01 03`.
     #[must_use]
     pub fn words(&self, entry: &Entry) -> String {
         let Some(drive) = self.drives.get(entry.drive) else { return String::new() };
@@ -256,7 +256,7 @@ fn on_off(on: bool) -> &'static str {
     if on { "on" } else { "off" }
 }
 
-/// What was fed, in words.
+/// An input in words.
 fn fed_text(spec: &'static Spec, fed: &Fed) -> String {
     match fed {
         Fed::Power(Power::On) => "power on".to_owned(),
@@ -298,7 +298,7 @@ fn fed_text(spec: &'static Spec, fed: &Fed) -> String {
     }
 }
 
-/// What a drive did at `at`, in words.
+/// An output at `at` in words.
 fn did_text(spec: &'static Spec, at: Instant, did: &Did) -> String {
     match did {
         Did::Bytes { port, bytes } => {
@@ -353,7 +353,7 @@ fn thousandths(value: i64) -> String {
 /// A text being read.
 struct Reader {
     trace: Trace,
-    /// Whether the line with the version has come.
+    /// True once the line with the version has come.
     begun: bool,
     /// The last stamp of what is fed.
     fed: Instant,
@@ -515,14 +515,14 @@ impl Reader {
     }
 }
 
-/// Whether a drive may be called so. Dots are for what belongs to it, its pins and its own lines.
+/// Returns whether a drive can have that name. Dots are for what belongs to it, its pins and its own lines.
 pub(crate) fn is_name(name: &str) -> bool {
     let reserved = |first: char| first.is_ascii_digit() || "#<>\"".contains(first);
     let parted = |char: char| char == '.' || char.is_whitespace();
     !name.is_empty() && !name.starts_with(reserved) && !name.contains(parted) && name != "end"
 }
 
-/// What was fed.
+/// Parses an input.
 fn fed(spec: &'static Spec, words: &mut Words<'_>) -> Result<Fed, String> {
     let (word, port) = words.at_port(spec)?;
     Ok(match word {
@@ -641,7 +641,7 @@ fn motor(parameters: &Parameters) -> String {
     )
 }
 
-/// What a drive did.
+/// Parses an output.
 fn did(spec: &'static Spec, words: &mut Words<'_>) -> Result<Did, String> {
     let (word, port) = words.at_port(spec)?;
     Ok(match word {
