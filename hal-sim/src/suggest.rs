@@ -5,8 +5,8 @@ use std::fmt::Write as _;
 /// So many names can be listed in a sentence.
 const FEW: usize = 16;
 
-/// Characters of a name that are looked at: the time to compare two names grows with both of their lengths, and who asks
-/// may send thousands.
+/// Characters of a name that are looked at: the time to compare two names grows with both of their lengths, and who
+/// asks may send thousands.
 const MOST: usize = 64;
 
 /// A sentence: there is no `what` of that `name`, and the nearest one, or which there are if none is near.

@@ -12,7 +12,8 @@ use drivetwin_sim::rsasm::{self, Image};
 /// More bytes than the text of a program needs.
 const MOST_TEXT: usize = 1 << 20;
 
-/// Assembles the program `source` into the file `output`, as bytes or as `hex`; without a file returns the hexadecimal text.
+/// Assembles the program `source` into the file `output`, as bytes or as `hex`; without a file returns the hexadecimal
+/// text.
 ///
 /// # Errors
 /// One sentence: what is wrong, and where.

@@ -12,8 +12,8 @@ use crate::running::{Scratch, ask};
 /// Blocks of a file, of 512 or 1,024 bytes as the shell has it: a few exchanges.
 const BLOCKS: u32 = 32;
 
-/// Starts an MD3 none of whose files may become longer than `blocks`, asks it again and again, and ends it: the exit code,
-/// and what it said.
+/// Starts an MD3 none of whose files may become longer than `blocks`, asks it again and again, and ends it: the exit
+/// code, and what it said.
 fn ends(blocks: u32, option: &str, file: &str, requests: &[Frame]) -> (Option<i32>, String) {
     let script = format!("trap '' XFSZ; ulimit -f {blocks}; exec \"$0\" \"$@\"");
     let mut child = Command::new("sh")

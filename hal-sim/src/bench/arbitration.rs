@@ -161,8 +161,8 @@ impl Bench {
         }
     }
 
-    /// Ends a turn on a line where silence ends a message: it lasts until all drives have judged that, and answered, and what
-    /// follows it is over.
+    /// Ends a turn on a line where silence ends a message: it lasts until all drives have judged that, and answered,
+    /// and what follows it is over.
     fn turn_ends_of_frames(&mut self, bus: u32, at: Instant) {
         // Once: drives may answer each other's answers for ever.
         if self.buses[bus as usize].turn == Turn::Asked && self.answers(bus, at) {
@@ -182,9 +182,10 @@ impl Bench {
         }
     }
 
-    /// Ends a turn on a line where each character has its time: the client goes on; or, held back, tries again; or it has said all.
-    /// Then it keeps the line for as long as silence would take to end a message: programs write a command in
-    /// pieces, and those of two clients must not mix. An answer that begins at once ends the exchange before that.
+    /// Ends a turn on a line where each character has its time: the client goes on; or, held back, tries again; or it
+    /// has said all. Then it keeps the line for as long as silence would take to end a message: programs write a
+    /// command in pieces, and those of two clients must not mix. An answer that begins at once ends the exchange before
+    /// that.
     fn turn_ends_of_characters(&mut self, bus: u32, at: Instant) {
         let wire = &mut self.buses[bus as usize];
         let spoke = wire.turn == Turn::Asked && wire.free == at;

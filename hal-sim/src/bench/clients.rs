@@ -67,8 +67,9 @@ impl Bench {
         }
     }
 
-    /// Bytes of a client that are not on the line yet, or on a TCP connection not on their way to the drive. A host that
-    /// reads only while this is small holds back who sends faster than the line, or does not read what is answered.
+    /// Bytes of a client that are not on the line yet, or on a TCP connection not on their way to the drive. A host
+    /// that reads only while this is small holds back who sends faster than the line, or does not read what is
+    /// answered.
     #[must_use]
     pub fn backlog(&self, client: Client) -> usize {
         let on_a_line = self.clients.get(&client.0).map(Outside::backlog);
@@ -96,8 +97,8 @@ impl Bench {
         }
     }
 
-    /// Sends a whole frame to the first port of a device, [settles](Self::settle), and returns what came. Silence ends a
-    /// frame that could be half of a longer one.
+    /// Sends a whole frame to the first port of a device, [settles](Self::settle), and returns what came. Silence ends
+    /// a frame that could be half of a longer one.
     pub fn ask(&mut self, seat: Seat, frame: &[u8]) -> Vec<u8> {
         let mut reply = Vec::new();
         if let Ok(client) = self.connect_to(seat, Port(0)) {

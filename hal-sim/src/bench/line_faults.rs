@@ -175,7 +175,8 @@ impl Bench {
         if air.is_some_and(|air| air.spoils(number, self.now)) { Fed::Spoiled { port } } else { fed }
     }
 
-    /// Sends the messages of waiting clients at once on a line where characters may collide: none waits until it is free.
+    /// Sends the messages of waiting clients at once on a line where characters may collide: none waits until it is
+    /// free.
     pub(super) fn speak_into(&mut self, bus: u32) {
         let wire = &self.buses[bus as usize];
         let (Some(air), framed) = (&wire.air, self.framed(bus)) else { return };

@@ -302,9 +302,9 @@ impl Bench {
         Ok(Seat(place))
     }
 
-    /// Presets rows that are not saved, now and after every power-on, in place of those it was seated with. At the instant
-    /// of its power-on that is after what stands at its pins, which a preset of [`Setup`] comes before: nobody knows its
-    /// wires then.
+    /// Presets rows that are not saved, now and after every power-on, in place of those it was seated with. At the
+    /// instant of its power-on that is after what stands at its pins, which a preset of [`Setup`] comes before: nobody
+    /// knows its wires then.
     ///
     /// # Errors
     /// A preset is refused; those before it are set.
@@ -341,8 +341,8 @@ impl Bench {
         self.names.get(name).copied().flatten()
     }
 
-    /// Returns whether a device, a shared line or a motor has that name: they have one list of names. The name of a line
-    /// that a drive has for itself has a dot, which no other name has.
+    /// Returns whether a device, a shared line or a motor has that name: they have one list of names. The name of a
+    /// line that a drive has for itself has a dot, which no other name has.
     #[must_use]
     pub fn is_taken(&self, name: &str) -> bool {
         self.names.contains_key(name)

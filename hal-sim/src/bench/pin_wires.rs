@@ -51,10 +51,10 @@ impl Bench {
         pulses::pulses(&self.trace, seat.0 as usize, axis, self.now)
     }
 
-    /// Wires an output pin to an input pin, for good. A drive that was seated at this instant finds the output's level at
-    /// power-on, and no edge. What the output does arrives a tick later: the
-    /// levels it is set to, each edge of a wave, each step pulse and each change of direction; an
-    /// output that floats leaves the input to its pull-up. Edges are made only while a wire is there.
+    /// Wires an output pin to an input pin, for good. A drive that was seated at this instant finds the output's level
+    /// at power-on, and no edge. What the output does arrives a tick later: the levels it is set to, each edge of a
+    /// wave, each step pulse and each change of direction; an output that floats leaves the input to its pull-up. Edges
+    /// are made only while a wire is there.
     ///
     /// Several outputs may be wired to one input: low wins over high. An input that
     /// [hands](Self::set_pin) hold sees only them, until they let go.

@@ -1,9 +1,9 @@
 //! TCP ports of drives: who connects to them, what goes back and forth.
 //!
-//! A message takes no time, and a drive hears it at the instant at which its last byte came, and what it answers then is
-//! there at once. It hears one message of a connection after the other, and those of several in turns. Of a client that
-//! leaves its answers unread it hears no more until they are taken, so that there are never many of them. While a drive
-//! [takes](drivetwin_firmware::device::Device::takes) nothing all of them wait.
+//! A message takes no time, and a drive hears it at the instant at which its last byte came, and what it answers then
+//! is there at once. It hears one message of a connection after the other, and those of several in turns. Of a client
+//! that leaves its answers unread it hears no more until they are taken, so that there are never many of them. While a
+//! drive [takes](drivetwin_firmware::device::Device::takes) nothing all of them wait.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;

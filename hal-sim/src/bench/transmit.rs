@@ -231,9 +231,9 @@ impl Bench {
         self.record(bus, start, sent.line, Source::Drive(Seat(sent.seat)), bytes, number);
     }
 
-    /// Characters reach all clients, from `start` on; `from` is the drive that says them, if one does. What it answers to
-    /// somebody who has left does not reach those who have come since that was asked: one of them may have taken over the
-    /// port.
+    /// Characters reach all clients, from `start` on; `from` is the drive that says them, if one does. What it answers
+    /// to somebody who has left does not reach those who have come since that was asked: one of them may have taken
+    /// over the port.
     pub(super) fn reach_clients(
         &mut self,
         bus: u32,

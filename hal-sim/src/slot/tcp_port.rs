@@ -9,8 +9,8 @@ pub const MOST_CONNECTIONS: usize = 64;
 
 /// A TCP port.
 ///
-/// A device hears of who comes and goes when its turn comes. So a number may be given to somebody while the device still
-/// takes it for that of who had it before.
+/// A device hears of who comes and goes when its turn comes. So a number may be given to somebody while the device
+/// still takes it for that of who had it before.
 pub(crate) struct Tcp {
     /// The length in a header ends its messages (Modbus/TCP), so they go whole.
     pub(crate) framed: bool,

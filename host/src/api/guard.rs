@@ -1,10 +1,10 @@
 //! A web page must not be able to drive a bench.
 //!
-//! A page may send "simple" requests anywhere, and may rename its own host to a loopback address. So
-//! the `Host` of a request must be a loopback one, or the very address that the API was told to listen
-//! on, or a name that the user allows; and what changes something has a media type that no page may send without asking first, which is
-//! never allowed. Where a browser says that a page of another origin asks, nothing is answered, so that a
-//! page takes nobody's place either.
+//! A page may send "simple" requests anywhere, and may rename its own host to a loopback address. So the `Host` of a
+//! request must be a loopback one, or the very address that the API was told to listen on, or a name that the user
+//! allows; and what changes something has a media type that no page may send without asking first, which is never
+//! allowed. Where a browser says that a page of another origin asks, nothing is answered, so that a page takes nobody's
+//! place either.
 
 use std::error::Error as _;
 use std::net::{IpAddr, SocketAddr};

@@ -102,7 +102,8 @@ fn nobody_more(what: &str) -> Problem {
     Problem::new(StatusCode::SERVICE_UNAVAILABLE, detail)
 }
 
-/// Serves the API on `listener`, for requests to this machine or to the `allowed` names, on a thread of its own, until the process ends.
+/// Serves the API on `listener`, for requests to this machine or to the `allowed` names, on a thread of its own, until
+/// the process ends.
 ///
 /// # Errors
 /// The system gives no thread, or does not let it wait.

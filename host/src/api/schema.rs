@@ -303,8 +303,8 @@ pub(super) struct Power {
     pub(super) action: Action,
 }
 
-/// Action on the power: `off`, `on`, `cycle` for both at once, or `cut`: the drive runs on, and power fails in the middle
-/// of its next save.
+/// Action on the power: `off`, `on`, `cycle` for both at once, or `cut`: the drive runs on, and power fails in the
+/// middle of its next save.
 #[derive(Clone, Copy, Deserialize, ToSchema)]
 #[serde(rename_all = "lowercase")]
 pub(super) enum Action {

@@ -78,7 +78,8 @@ trait Endpoint {
         Instant::NEVER
     }
 
-    /// Returns whether [`Endpoint::deliver`] is called whenever time has passed, though the drives may have sent nothing.
+    /// Returns whether [`Endpoint::deliver`] is called whenever time has passed, though the drives may have sent
+    /// nothing.
     fn follows_time(&self) -> bool {
         false
     }

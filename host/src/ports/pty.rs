@@ -8,8 +8,9 @@
 //! (`ECHOK`), because the C library compares what was before with what it finds after that. A program
 //! that takes its second step within that moment still gets `EINVAL`.
 //!
-//! The next one may open a pty before the last one is seen to have left it. Then what he wrote lies in one queue with what
-//! the last one wrote, so nothing of that queue is dropped: it is read to its end, and [`Openings`] tell whose it is.
+//! The next one may open a pty before the last one is seen to have left it. Then what he wrote lies in one queue with
+//! what the last one wrote, so nothing of that queue is dropped: it is read to its end, and [`Openings`] tell whose it
+//! is.
 
 use std::cell::RefCell;
 use std::ffi::OsStr;
@@ -283,8 +284,8 @@ impl Pty {
         polled.is_ok() && master[0].revents().contains(PollFlags::HUP)
     }
 
-    /// Drops what the drives sent and nobody has read, lets stopped output go on, and puts the flags that no opener is to
-    /// care for into the state that the next one needs. All other settings are his, and he may be there already.
+    /// Drops what the drives sent and nobody has read, lets stopped output go on, and puts the flags that no opener is
+    /// to care for into the state that the next one needs. All other settings are his, and he may be there already.
     fn reset(&mut self) -> io::Result<()> {
         tcflush(&self.master, QueueSelector::OFlush)?;
         let far = ioctl_tiocgptpeer(&self.master, OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC)?;

@@ -1,8 +1,8 @@
 //! Openings, closings and writes of the programs at the ptys.
 //!
-//! The system tells it in order, but apart from the bytes: those of one program lie beside those of the next. It may tell
-//! two openings, or two closings, one right behind the other, as one; so the last closing is told for certain by the pty's
-//! master only.
+//! The system tells it in order, but apart from the bytes: those of one program lie beside those of the next. It may
+//! tell two openings, or two closings, one right behind the other, as one; so the last closing is told for certain by
+//! the pty's master only.
 
 use std::collections::BTreeMap;
 use std::io;

@@ -1,11 +1,11 @@
 //! A line reached by a serial port of this machine.
 //!
-//! It is the drive's end of a cable, so its settings follow the drive's, and it gives characters their time
-//! itself: what a drive sends goes there whole. Other settings wait until the port has sent what it has, which at
-//! 300 baud takes seconds, and with an adapter that hangs for ever; so a thread waits for that. A character of wrong parity comes as 0, by which its frame
-//! fails. The port is ours alone. One that is unplugged is looked for until it is back; meanwhile nobody is
-//! on that end of the line. Its modem lines are not read: a drive that its host resets (by DTR) is reset when
-//! the port is there, and not when a program at the other end opens its own.
+//! It is the drive's end of a cable, so its settings follow the drive's, and it gives characters their time itself:
+//! what a drive sends goes there whole. Other settings wait until the port has sent what it has, which at 300 baud
+//! takes seconds, and with an adapter that hangs for ever; so a thread waits for that. A character of wrong parity
+//! comes as 0, by which its frame fails. The port is ours alone. One that is unplugged is looked for until it is back;
+//! meanwhile nobody is on that end of the line. Its modem lines are not read: a drive that its host resets (by DTR) is
+//! reset when the port is there, and not when a program at the other end opens its own.
 
 use std::io;
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};

@@ -220,7 +220,8 @@ impl Connection {
         matches!(self.outlet, Outlet::Tcp(..))
     }
 
-    /// Passes to the drive what has come, unless it begins as a browser's connection does. Returns whether something was passed.
+    /// Passes to the drive what has come, unless it begins as a browser's connection does. Returns whether something
+    /// was passed.
     fn pass(&mut self, bench: &mut Bench, bytes: &[u8]) -> bool {
         let Some(gate) = &mut self.gate else {
             bench.send(self.client, bytes);

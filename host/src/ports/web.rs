@@ -1,8 +1,9 @@
 //! Browsers that are led to a drive.
 //!
-//! A web page may send a POST to any port of the machine that shows it, and a drive would carry out the lines or frames in
-//! its body. A connection that begins with the first line of an HTTP request is closed before the drive hears a byte. So is
-//! one to a TCP port of a drive that begins as TLS does, which a browser may try first: its second byte is Ctrl-C.
+//! A web page may send a POST to any port of the machine that shows it, and a drive would carry out the lines or frames
+//! in its body. A connection that begins with the first line of an HTTP request is closed before the drive hears a
+//! byte. So is one to a TCP port of a drive that begins as TLS does, which a browser may try first: its second byte is
+//! Ctrl-C.
 
 /// Methods that a browser sends.
 const METHODS: [&[u8]; 9] =

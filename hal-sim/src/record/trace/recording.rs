@@ -10,7 +10,8 @@ use super::{Event, Trace};
 /// So much text is written at once.
 const CHUNK: usize = 64 << 10;
 
-/// Lines that wait for their stamp, at most. A drive may put far more than a second ahead where characters take no time.
+/// Lines that wait for their stamp, at most. A drive may put far more than a second ahead where characters take no
+/// time.
 const MOST_AHEAD: usize = 100_000;
 
 /// A recording: the text of a [`Trace`], written as that grows, in the order of its stamps. It holds only what drives

@@ -39,8 +39,8 @@ impl fmt::Display for ParseError {
 
 impl std::error::Error for ParseError {}
 
-/// The whole lines of a file, and whether half a line behind them is left out: what a program leaves that is killed while
-/// it writes. An `end` is whole without a line feed, too.
+/// The whole lines of a file, and whether half a line behind them is left out: what a program leaves that is killed
+/// while it writes. An `end` is whole without a line feed, too.
 #[must_use]
 pub fn whole_lines(file: &[u8]) -> (&[u8], bool) {
     let whole = file.iter().rposition(|&byte| byte == b'\n').map_or(0, |last| last + 1);
