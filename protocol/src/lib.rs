@@ -1,4 +1,4 @@
-//! What crosses a wire, whoever made the drive: time, serial lines, register maps, Modbus.
+//! Everything that crosses a wire, for any drive: time, serial lines, register maps, Modbus.
 //!
 //! | module | what it holds |
 //! |---|---|

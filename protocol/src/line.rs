@@ -1,4 +1,4 @@
-//! What both ends of a serial line must agree on, and how long a character takes there.
+//! Serial settings, which both ends of a line share, and the time of a character.
 
 use core::fmt;
 
@@ -24,9 +24,9 @@ pub struct Line {
     pub baud: u32,
     /// Data bits of a character: 7 or 8.
     pub data: u8,
-    /// Its parity bit.
+    /// Parity bit.
     pub parity: Parity,
-    /// Its stop bits: 1 or 2.
+    /// Stop bits: 1 or 2.
     pub stop: u8,
 }
 

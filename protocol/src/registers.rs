@@ -19,12 +19,12 @@ pub enum Order {
     LowFirst,
 }
 
-/// How a map uses its addresses.
+/// Use of addresses in a map.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Layout {
     /// Order of the words of a value.
     pub order: Order,
-    /// Whether an address names a whole value, however long (QSB, MDROBOT), and not one word of it.
+    /// True if an address names a whole value, however long (QSB, MDROBOT), and not one word of it.
     pub objects: bool,
 }
 
@@ -41,7 +41,7 @@ impl Layout {
     pub const ObjectsLowFirst: Self = Self { order: Order::LowFirst, objects: true };
 }
 
-/// Where a row is: the four address spaces of Modbus, and two that no bus reaches.
+/// Space of a row: the four address spaces of Modbus, and two that no bus reaches.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Space {
     /// Coils: functions 1, 5, 15.
@@ -58,7 +58,7 @@ pub enum Space {
     Setting,
 }
 
-/// What the bus may do with a row.
+/// Access of the bus to a row.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Access {
     /// Read and write.
@@ -72,13 +72,13 @@ pub enum Access {
 }
 
 impl Access {
-    /// Whether the bus may read it.
+    /// Returns whether the bus may read it.
     #[must_use]
     pub const fn reads(self) -> bool {
         matches!(self, Self::ReadWrite | Self::ReadOnly)
     }
 
-    /// Whether the bus may write it.
+    /// Returns whether the bus may write it.
     #[must_use]
     pub const fn writes(self) -> bool {
         matches!(self, Self::ReadWrite | Self::WriteOnly)
@@ -99,9 +99,9 @@ impl Access {
 /// The form of a value.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Shape {
-    /// One bit of a coil or discrete input.
+    /// A bit: coil or discrete input.
     Bit,
-    /// One byte, in the low half of a word.
+    /// A byte, in the low half of a word.
     U8,
     /// An unsigned word.
     U16,
@@ -111,7 +111,7 @@ pub enum Shape {
     U32,
     /// Two words, signed.
     I32,
-    /// That many words with a meaning each; no number as a whole.
+    /// Words, that many, with a meaning each; no number as a whole.
     Words(u8),
 }
 
@@ -206,21 +206,21 @@ const fn is_text(value: i64) -> bool {
     true
 }
 
-/// What a bus and a drive go by of a [`Row`].
+/// The part of a [`Row`] that a bus and a drive use.
 #[derive(Clone, Copy, Debug)]
 #[non_exhaustive]
 pub struct Entry {
-    /// Its address space.
+    /// Address space.
     pub space: Space,
-    /// Its address there; of several words the lowest.
+    /// Address in it; of several words the lowest.
     pub address: u16,
     /// The space of bits in which its one word is too, at the same address: set or not.
     pub also: Option<Space>,
-    /// What the bus may do.
+    /// Access of the bus.
     pub access: Access,
-    /// Its form.
+    /// Shape of the value.
     pub shape: Shape,
-    /// What a write may bring; anything else is refused.
+    /// Legal values of a write; any other is refused.
     pub legal: Legal,
     /// Limits applied when the value is used; it reads back as written.
     pub clamp: Option<(i64, i64)>,
@@ -228,28 +228,28 @@ pub struct Entry {
     pub reset: i64,
     /// Bits of each word that a save keeps; 0 for a row that is not saved.
     pub saved: u16,
-    /// Whether the drive brings it up to date before each read.
+    /// True if the drive updates it before each read.
     pub live: bool,
-    /// Whether the bus may have it sent again and again (QSB).
+    /// True if the bus can have it streamed (QSB).
     pub streams: bool,
     /// Which variants of the product have it, a bit each.
     pub variants: u8,
-    /// Whether it is there only at times, which the drive knows.
+    /// True if it is present only at times, which the drive knows.
     pub optional: bool,
 }
 
-/// One row of a register map: an [`Entry`], and what people read of it, which no board needs. Built by the
-/// words of [`registers!`](crate::registers!).
+/// A row of a register map: an [`Entry`], and documentation, which no board needs. Built by the words of
+/// [`registers!`](crate::registers!).
 #[derive(Clone, Copy, Debug)]
 #[non_exhaustive]
 pub struct Row {
     /// The manual's name.
     pub name: &'static str,
-    /// What it is, with its unit: the rustdoc of the row.
+    /// Meaning and unit: the rustdoc of the row.
     pub doc: &'static str,
     /// The section of the manual.
     pub section: &'static str,
-    /// Why it is not modelled; empty if it is.
+    /// Reason why it is not modelled; empty if it is.
     pub missing: &'static str,
     /// The factory value says that nothing is set; a write cannot bring it.
     pub unset: bool,
@@ -364,7 +364,7 @@ impl Row {
         self
     }
 
-    /// One byte.
+    /// A byte.
     #[must_use]
     pub const fn u8(self) -> Self {
         self.shaped(Shape::U8)
@@ -449,7 +449,7 @@ impl Row {
         self.saved_bits(u16::MAX)
     }
 
-    /// Of which a save keeps these bits.
+    /// Makes it a value of which a save keeps these bits.
     #[must_use]
     pub const fn saved_bits(mut self, mask: u16) -> Self {
         self.entry.saved = mask;
@@ -507,7 +507,7 @@ impl Row {
 }
 
 impl Entry {
-    /// Whether a write may bring `value`.
+    /// Returns whether a write may bring `value`.
     #[must_use]
     pub const fn accepts(&self, value: i64) -> bool {
         let (least, greatest) = self.shape.limits();
@@ -551,13 +551,13 @@ impl Entry {
         }
     }
 
-    /// Whether it is in `space`, or there too.
+    /// Returns whether it is in `space`, or there too.
     #[must_use]
     pub const fn is_in(&self, space: Space) -> bool {
         self.space as u8 == space as u8 || matches!(self.also, Some(also) if also as u8 == space as u8)
     }
 
-    /// Whether a drive may be without it: one that only some variants have, or that is there only at times.
+    /// Returns whether a drive may lack it: only some variants have it, or it is present only at times.
     #[must_use]
     pub const fn is_conditional(&self) -> bool {
         self.optional || self.variants != u8::MAX
@@ -583,9 +583,9 @@ pub struct Run {
 /// A whole register map.
 #[derive(Debug)]
 pub struct Table {
-    /// Its rows, in the manual's order.
+    /// Rows, in the manual's order.
     pub rows: &'static [Row],
-    /// What a bus and a drive go by of them.
+    /// The part of them that a bus and a drive use.
     pub entries: &'static Entries,
 }
 
@@ -597,27 +597,27 @@ impl Deref for Table {
     }
 }
 
-/// What a bus and a drive go by of a [`Table`].
+/// The part of a [`Table`] that a bus and a drive use.
 #[derive(Debug)]
 pub struct Entries {
-    /// Those of its rows, in their order.
+    /// Entries of the rows, in their order.
     pub list: &'static [Entry],
-    /// How it uses addresses.
+    /// Use of addresses.
     pub layout: Layout,
     /// Place of each row's first word in the bank.
     places: &'static [u16],
     /// Runs that one read may cover.
     runs: &'static [Run],
-    /// Whether any row is live.
+    /// True if any row is live.
     live: bool,
-    /// Whether a drive may be without any row.
+    /// True if a drive may lack a row.
     conditional: bool,
 }
 
 /// A place in a map that somebody named.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Named {
-    /// Its row.
+    /// Index of the row.
     pub row: usize,
     /// The one word of the row that is meant (`SpeedHigh`), counted in bus order; all if `None`.
     pub word: Option<u16>,
@@ -760,7 +760,7 @@ impl Entries {
         (0..count).map(move |n| if low_first { count - 1 - n } else { n })
     }
 
-    /// Whether any row wants to be brought up to date before it is read.
+    /// Returns whether any row is to be updated before it is read.
     #[must_use]
     pub fn has_live(&self) -> bool {
         self.live
@@ -771,7 +771,7 @@ impl Entries {
         self.rows_at(places, |row| row.live)
     }
 
-    /// Whether a drive may be without any row.
+    /// Returns whether a drive may lack a row.
     #[must_use]
     pub fn has_conditional(&self) -> bool {
         self.conditional
@@ -799,14 +799,14 @@ impl Entries {
     }
 }
 
-/// What [`registers!`](crate::registers!) gives its enum.
+/// Implemented by [`registers!`](crate::registers!) for its enum.
 pub trait Register: Copy + 'static {
     /// The map it names the rows of.
     const TABLE: &'static Table;
-    /// What a bus and a drive go by of it.
+    /// The part of the map that a bus and a drive use.
     const ENTRIES: &'static Entries;
 
-    /// Its row.
+    /// Index of the row.
     fn row(self) -> usize;
 
     /// The name of a row.
@@ -938,12 +938,12 @@ pub const fn check(rows: &[Row], layout: Layout) {
     }
 }
 
-/// Whether two rows are in the same space.
+/// Returns whether two rows are in the same space.
 const fn share_a_space(row: &Entry, other: &Entry) -> bool {
     row.is_in(other.space) || matches!(other.also, Some(also) if row.is_in(also))
 }
 
-/// What a bus and a drive go by of a map's rows.
+/// Entries of a map's rows.
 #[doc(hidden)]
 #[must_use]
 #[expect(clippy::indexing_slicing, reason = "only ever evaluated by the compiler")]
@@ -1000,7 +1000,7 @@ pub const fn places<const N: usize>(rows: &[Row; N]) -> [u16; N] {
     places
 }
 
-/// How many runs of readable addresses a map has.
+/// Number of contiguous readable ranges of a map.
 #[doc(hidden)]
 #[must_use]
 pub const fn run_count(rows: &[Row], layout: Layout) -> usize {
@@ -1045,7 +1045,7 @@ pub const fn runs<const N: usize>(rows: &[Row], layout: Layout) -> [Run; N] {
     runs
 }
 
-/// Where rows are looked for: in their own spaces, and as bits.
+/// Spaces in which rows are looked up: their own, and bits.
 #[derive(Clone, Copy)]
 enum View {
     Own,
@@ -1055,7 +1055,7 @@ enum View {
 /// Every view.
 const VIEWS: &[View] = &[View::Own, View::Also];
 
-/// Where a bus may read a row.
+/// Space in which a bus may read a row.
 const fn seen(row: &Entry, view: View) -> Option<Space> {
     if !row.access.reads() {
         return None;
@@ -1067,7 +1067,7 @@ const fn seen(row: &Entry, view: View) -> Option<Space> {
     }
 }
 
-/// Whether a read may begin at the row `i` but not go on into it from the row before.
+/// Returns whether row `i` starts a new contiguous readable range.
 #[expect(clippy::indexing_slicing, reason = "only ever evaluated by the compiler")]
 const fn begins_a_run(rows: &[Row], i: usize, view: View, layout: Layout) -> bool {
     let row = &rows[i].entry;

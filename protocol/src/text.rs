@@ -7,21 +7,21 @@ use heapless::Vec;
 const CR: u8 = b'\r';
 const LF: u8 = b'\n';
 
-/// What is wrong with a line, whatever it says.
+/// Error of a line, whatever its text.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Flaw {
-    /// It has more characters than there is room for; the first ones are kept.
+    /// More characters than there is room for; the first ones are kept.
     TooLong,
-    /// It has a character that nobody could read; none are kept.
+    /// A character with a parity or framing error; none are kept.
     Spoiled,
 }
 
 /// A line that has ended, without its end.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Line<const N: usize> {
-    /// Its characters.
+    /// Characters of the line.
     pub text: Vec<u8, N>,
-    /// What is wrong with it.
+    /// Error of the line.
     pub flaw: Option<Flaw>,
 }
 
@@ -45,7 +45,7 @@ pub struct Lines<const N: usize> {
 }
 
 impl<const N: usize> Lines<N> {
-    /// Nothing has come yet.
+    /// An empty line.
     #[must_use]
     pub const fn new() -> Self {
         Self { text: Vec::new(), flaw: None }

@@ -20,7 +20,7 @@ pub struct Instant(u64);
 pub struct Duration(u64);
 
 impl Instant {
-    /// When everything begins.
+    /// The beginning of time.
     pub const ZERO: Self = Self(0);
     /// Later than everything: the deadline of what only an input can wake.
     pub const NEVER: Self = Self(u64::MAX);
@@ -140,7 +140,7 @@ impl Mul<u64> for Duration {
     }
 }
 
-/// How often `other` fits; a span of zero counts as one tick.
+/// Division: how often `other` fits; a span of zero counts as one tick.
 impl Div for Duration {
     type Output = u64;
     fn div(self, other: Self) -> u64 {
@@ -150,11 +150,11 @@ impl Div for Duration {
 
 /// Spans as people write them: `2_500.millis()`.
 pub trait Span {
-    /// That many microseconds.
+    /// A span of that many microseconds.
     fn micros(self) -> Duration;
-    /// That many milliseconds.
+    /// A span of that many milliseconds.
     fn millis(self) -> Duration;
-    /// That many seconds.
+    /// A span of that many seconds.
     fn secs(self) -> Duration;
 }
 

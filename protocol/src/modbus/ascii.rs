@@ -18,7 +18,7 @@ const MOST_BYTES: usize = FRAME_BYTES - 1;
 /// The longest silence inside a message.
 const PATIENCE: Duration = Duration::secs(1);
 
-/// Whether a line is one of ASCII: 7 data bits are too few for RTU.
+/// Returns whether a line carries ASCII: 7 data bits are too few for RTU.
 #[must_use]
 pub const fn is_on(line: Line) -> bool {
     line.data == 7
@@ -94,7 +94,7 @@ const fn digit(character: u8) -> Option<u8> {
     }
 }
 
-/// What has come of a message.
+/// State of a receiver: the part of a message that has come.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum State {
     /// No colon yet.
@@ -103,7 +103,7 @@ enum State {
     Receiving(Option<u8>),
     /// Digits and a CR: an LF is to follow.
     Ending,
-    /// What is dropped with its LF.
+    /// A message that is dropped with its LF.
     Bad(Why),
     /// All of it: the body is good, or else why not.
     Over(Option<Why>),
@@ -189,7 +189,7 @@ impl Receiver {
         }
     }
 
-    /// When a message is over; [`Instant::NEVER`] while none is.
+    /// Time at which a message is over; [`Instant::NEVER`] while none is.
     #[must_use]
     pub fn deadline(&self) -> Instant {
         match self.state {
@@ -198,7 +198,7 @@ impl Receiver {
         }
     }
 
-    /// Whether a message is over at `at`.
+    /// Returns whether a message is over at `at`.
     #[must_use]
     pub fn is_over(&self, at: Instant) -> bool {
         self.deadline() <= at
@@ -250,7 +250,7 @@ mod tests {
     const REQUEST: &[u8] = b":1103006B00027F\r\n";
     const BODY: &[u8] = &[0x11, 3, 0, 0x6B, 0, 2];
 
-    /// What a receiver makes of characters that come together.
+    /// Result of a receiver for characters that come together.
     fn received(characters: &[u8]) -> Option<Result<Vec<u8>, Why>> {
         let mut receiver = Receiver::new(LINE);
         receiver.bytes(START, characters);

@@ -3,7 +3,7 @@
 use super::Reply;
 use super::pdu::{ENCAPSULATED_INTERFACE, Exception, PDU_BYTES};
 
-/// What stands behind the function code.
+/// MEI type, behind the function code.
 const READ_DEVICE_IDENTIFICATION: u8 = 14;
 
 /// The bit of a conformity level that says that single objects can be read.

@@ -21,10 +21,10 @@ pub const FRAME_BYTES: usize = 256;
 /// A frame of a serial line.
 pub type Frame = heapless::Vec<u8, FRAME_BYTES>;
 
-/// Where a reply is put together, whatever carries it: a [`Frame`] or a [`tcp::Adu`].
+/// Buffer of a reply, whatever carries it: a [`Frame`] or a [`tcp::Adu`].
 pub type Reply = heapless::VecView<u8>;
 
-/// Why a slave is silent.
+/// Reason why a slave is silent.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Why {
@@ -42,14 +42,14 @@ pub enum Why {
     Starting,
 }
 
-/// What the front of a burst of characters is, for a host whose own gaps say nothing.
+/// Result of [`front`]: the first frame in a burst of characters, for a host whose own gaps say nothing.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Burst {
-    /// That many bytes go to the drives together: they are a whole frame.
+    /// A whole frame of that many bytes, which go to the drives together.
     Frame(usize),
     /// The rest is still to come.
     Partial,
-    /// It may be whole, or is as long as a frame and none: silence decides.
+    /// Perhaps whole, or as long as a frame and none: silence decides.
     Unsure,
     /// Length of a front that can become no frame any more.
     Broken(usize),
@@ -72,7 +72,7 @@ pub fn front(line: Line, burst: &[u8], voices: Voices) -> Burst {
     if ascii::is_on(line) { ascii::front(burst) } else { rtu::front(burst, voices) }
 }
 
-/// How many bytes of a burst go to the drives together when silence has ended it and [`front`] has found no frame.
+/// Bytes of a burst that go to the drives together when silence has ended it and [`front`] has found no frame.
 #[must_use]
 pub fn ended(line: Line, burst: &[u8], voices: Voices) -> usize {
     if ascii::is_on(line) { burst.len() } else { rtu::ended(burst, voices) }

@@ -25,7 +25,7 @@ pub const PDU_BYTES: usize = 253;
 /// The bit of a reply's function code that marks an exception.
 pub const EXCEPTION_BIT: u8 = 0x80;
 
-/// Why a slave refuses a request (application, chapter 7).
+/// Exception code of a slave that refuses a request (application, chapter 7).
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[repr(u8)]
@@ -36,7 +36,7 @@ pub enum Exception {
     IllegalDataAddress = 2,
     /// A value in the request is not allowed.
     IllegalDataValue = 3,
-    /// Something went wrong while doing it.
+    /// An error occurred while it was carried out.
     ServerDeviceFailure = 4,
 }
 
@@ -57,14 +57,14 @@ pub enum Request<'a> {
         function: u8,
         /// The lowest address.
         first: u16,
-        /// How many.
+        /// Number of registers or bits.
         count: u16,
     },
     /// Functions 5 and 6: one coil (`0xFF00` or `0x0000`) or register.
     WriteSingle {
         /// Which of the two.
         function: u8,
-        /// Its address.
+        /// Address of the register or coil.
         address: u16,
         /// The word to write.
         value: u16,
@@ -75,18 +75,18 @@ pub enum Request<'a> {
         function: u8,
         /// The lowest address.
         first: u16,
-        /// How many.
+        /// Number of registers or bits.
         count: u16,
-        /// What follows the byte count.
+        /// Bytes behind the byte count.
         values: &'a [u8],
         /// The byte count.
         bytes: u8,
     },
     /// Any other function.
     Other {
-        /// Its code.
+        /// Function code.
         function: u8,
-        /// What follows it.
+        /// Bytes behind the function code.
         data: &'a [u8],
     },
 }

@@ -91,10 +91,10 @@ const fn half_times(span: Duration, n: u64) -> Duration {
     Duration::from_ticks((span.ticks() * n).div_ceil(2))
 }
 
-/// What has come of a frame.
+/// State of a receiver: the part of a frame that has come.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum State {
-    /// Nothing: the line is silent.
+    /// Silence on the line.
     Idle,
     /// A frame that may still be good.
     Receiving,
@@ -113,7 +113,7 @@ pub struct Receiver {
     state: State,
     /// End of the last character.
     last: Instant,
-    /// When the frame is over, should nothing more come; never on a silent line.
+    /// Time at which the frame is over, should no more come; never on a silent line.
     over: Instant,
 }
 
@@ -184,13 +184,13 @@ impl Receiver {
         self.over = last + self.timing.t3_5 + self.timing.character;
     }
 
-    /// When a frame is over, should nothing more come; [`Instant::NEVER`] on a silent line.
+    /// Time at which a frame is over, should no more come; [`Instant::NEVER`] on a silent line.
     #[must_use]
     pub fn deadline(&self) -> Instant {
         self.over
     }
 
-    /// Whether a frame is over at `at`, or before a character that ends then.
+    /// Returns whether a frame is over at `at`, or before a character that ends then.
     #[must_use]
     pub fn is_over(&self, at: Instant) -> bool {
         self.deadline() <= at
@@ -239,8 +239,8 @@ pub fn front(burst: &[u8], voices: Voices) -> Burst {
     }
 }
 
-/// How many bytes of a burst go to the drives together when silence has ended it, and [`front`] has found no frame: all
-/// of it if its CRC holds; else up to where one holds before a frame; else all of it, as on a line.
+/// Bytes of a burst that go to the drives together when silence has ended it, and [`front`] has found no frame: all of
+/// it if its CRC holds; else up to where one holds before a frame; else all of it, as on a line.
 #[must_use]
 pub fn ended(burst: &[u8], voices: Voices) -> usize {
     let is_whole = |frame: &[u8]| frame.len() <= FRAME_BYTES && checked(frame).is_some();
@@ -647,7 +647,8 @@ mod tests {
         assert_eq!(front(&frame(1, &[0xC1, 1]), Master), Burst::Unsure, "no master says it");
     }
 
-    /// What a host makes of a stream of which it reads so many bytes at once, and behind which the line is silent.
+    /// Frames that a host cuts out of a stream which it reads in pieces of these lengths, and behind which the line is
+    /// silent.
     fn frames(stream: &[u8], reads: &[usize], voices: Voices) -> Vec<Vec<u8>> {
         let (mut waiting, mut frames) = (Vec::new(), Vec::new());
         let mut sizes = reads.iter().copied().cycle();

@@ -14,7 +14,7 @@ use super::tcp::{self, Adu};
 use super::{Frame, Reply, Why, rtu};
 use crate::registers::{Entries, Register, Shape, Space};
 
-/// What a manual says about its bus.
+/// Rules of a manual for its bus.
 #[derive(Clone, Copy, Debug)]
 pub struct Rules {
     /// The functions it knows; others are [`Exception::IllegalFunction`].
@@ -28,7 +28,7 @@ pub struct Rules {
     /// Bits that a read or a write may cover for each word: 16, which take the same room, where a manual does
     /// not say otherwise.
     pub bits_per_word: u16,
-    /// Whether a write may bring a part of a value of several words.
+    /// True if a write may bring a part of a value of several words.
     pub writes_halves: bool,
     /// For a quantity of 0 or beyond the most, one that is not that of an object, a part of a value where that
     /// cannot be written, a byte count that does not match, and a coil's value that is neither on nor off.
@@ -41,7 +41,7 @@ pub struct Rules {
 
 /// A drive as its bus sees it: for the time of one request.
 pub trait Map {
-    /// Its registers.
+    /// Registers of the map.
     type Register: Register;
 
     /// The words of its bank.
@@ -56,12 +56,12 @@ pub trait Map {
     /// A register, or a half of it, has been written: do what it means.
     fn written(&mut self, register: Self::Register);
 
-    /// What the bus goes by: of a variant of the product its own limits.
+    /// The register map for the bus; variants of a product may return one with other limits.
     fn entries(&self) -> &'static Entries {
         Self::Register::ENTRIES
     }
 
-    /// Whether a value that its row accepts may be written now.
+    /// Checks that a value that its row accepts may be written now.
     ///
     /// # Errors
     /// The exception that refuses it.
@@ -82,8 +82,8 @@ pub trait Map {
     /// A value outside the range of its row was refused.
     fn out_of_range(&mut self, _register: Self::Register, _value: i64) {}
 
-    /// Whether a register is there now, of those that only some variants have or that are optional; one that is
-    /// not is [`Exception::IllegalDataAddress`].
+    /// Returns whether a register is present now, of those that only some variants have or that are optional; one that
+    /// is not is [`Exception::IllegalDataAddress`].
     fn is_there(&self, _register: Self::Register) -> bool {
         true
     }
@@ -98,7 +98,7 @@ pub trait Map {
     }
 }
 
-/// What a write brings, for [`Map::carry_out`].
+/// Values of a write request, for [`Map::carry_out`].
 #[derive(Debug)]
 pub struct Values<'a, R> {
     entries: &'static Entries,
@@ -146,16 +146,16 @@ impl<R: Register> Values<'_, R> {
     }
 }
 
-/// What became of a frame.
+/// Outcome of a frame.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Outcome {
     /// Carried out, or refused; `reply` holds the answer unless it was a broadcast.
     Served {
         /// The address it was for.
         unit: u8,
-        /// Its function.
+        /// Function code.
         function: u8,
-        /// Why it was refused.
+        /// Exception that refused it.
         refused: Option<Exception>,
     },
     /// Ignored.
@@ -241,7 +241,7 @@ fn refuse(function: u8, exception: Exception, head: usize, reply: &mut Reply) {
     let _ = reply.extend_from_slice(&[function | EXCEPTION_BIT, exception.code()]);
 }
 
-/// Why a request has no normal reply.
+/// Reason why a request has no normal reply.
 enum Refusal {
     Exception(Exception),
     Drop(Why),
@@ -349,7 +349,7 @@ fn read<M: Map>(
     Ok(())
 }
 
-/// Whether the drive has each of these rows now.
+/// Returns whether the drive has each of these rows now.
 fn all_there<M: Map>(mut rows: impl Iterator<Item = usize>, map: &M) -> bool {
     rows.all(|row| M::Register::from_row(row).is_some_and(|register| map.is_there(register)))
 }
@@ -416,14 +416,14 @@ fn write<M: Map>(
     Ok(())
 }
 
-/// What a write brings for one row.
+/// Part of a write for one row.
 struct Part {
     row: usize,
     /// The first word of the row that it brings, in bus order.
     first: u16,
-    /// How many.
+    /// Number of words.
     words: u16,
-    /// Where in the request they begin, in words.
+    /// Offset in the request at which they begin, in words.
     offset: usize,
 }
 

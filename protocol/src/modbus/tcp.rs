@@ -16,7 +16,7 @@ pub type Adu = heapless::Vec<u8, ADU_BYTES>;
 /// Bytes up to the length, which does not count them.
 const UNCOUNTED: usize = 6;
 
-/// What a header says beside protocol and length: a server copies both into its reply.
+/// Header without protocol and length: a server copies both fields into its reply.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Header {
@@ -68,7 +68,7 @@ pub fn read(header: Header, first: u16, count: u16) -> Adu {
     frame(header, &[READ_HOLDING_REGISTERS, a, b, c, d])
 }
 
-/// Why nothing on a connection has a meaning any more: where the next ADU begins is unknown.
+/// Reason why the rest of a connection has no meaning: the beginning of the next ADU is unknown.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Broken {
@@ -120,7 +120,7 @@ pub struct Splitter {
 }
 
 impl Splitter {
-    /// Of a new connection.
+    /// The splitter of a new connection.
     #[must_use]
     pub const fn new() -> Self {
         Self { part: Adu::new() }
@@ -324,7 +324,7 @@ mod tests {
         }
     }
 
-    /// Whether no ADU begins like this, byte by byte.
+    /// Returns whether no ADU begins like this, byte by byte.
     fn refused(front: &[u8]) -> bool {
         (0..front.len()).any(|place| match place {
             2..=4 => front[place] != 0,
