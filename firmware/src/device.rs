@@ -36,7 +36,7 @@ places! {
     Encoder,
     /// Place in [`Spec::faults`].
     Fault,
-    /// One TCP connection of a port; numbers are used again, but never while open.
+    /// A TCP connection of a port; numbers are used again, but never while open.
     Link,
 }
 
@@ -46,7 +46,7 @@ pub const HIGH_MV: i32 = 1_400;
 /// A high level as a voltage, in mV; a low one is 0.
 pub const LOGIC_HIGH_MV: i32 = 5_000;
 
-/// What an output pin does.
+/// Level of an output pin.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Level {
@@ -58,7 +58,7 @@ pub enum Level {
     Float,
 }
 
-/// What happens to a drive.
+/// An input of a drive.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub enum Input<'a> {
     /// Characters of a serial port. The stamp is the end of the first one's stop bit; the others
@@ -66,48 +66,48 @@ pub enum Input<'a> {
     /// nothing behind a line feed where 7 data bits tell that Modbus ASCII is spoken there; splitting
     /// them anywhere changes nothing.
     Bytes {
-        /// Where.
+        /// Port.
         port: Port,
         /// The characters.
         bytes: &'a [u8],
     },
     /// A character that nobody could read: parity, framing, overrun, collision, another baud rate.
     Spoiled {
-        /// Where.
+        /// Port.
         port: Port,
     },
     /// The line itself says that the frame is over (`--line fast`, a UART's idle interrupt).
     Idle {
-        /// Where.
+        /// Port.
         port: Port,
     },
     /// The host opened or left the port (DTR; a pty opened or closed).
     Attached {
-        /// Where.
+        /// Port.
         port: Port,
-        /// Whether somebody is there.
+        /// True once a program is there.
         here: bool,
     },
-    /// Somebody has connected to a TCP port. The number is the lowest that is free on that port.
+    /// A client has connected to a TCP port. The number is the lowest that is free on that port.
     Opened {
-        /// Where.
+        /// Port.
         port: Port,
         /// Which connection that is.
         link: Link,
     },
-    /// Of a TCP connection: a whole Modbus ADU; of MCode what came, cut behind the end of each
+    /// A message on a TCP connection: a whole Modbus ADU; of MCode the bytes that came, cut behind the end of each
     /// line, as [`next_line`](drivetwin_protocol::text::next_line) does.
     Message {
-        /// Where.
+        /// Port.
         port: Port,
         /// On which connection.
         link: Link,
-        /// What came.
+        /// Bytes of the message.
         bytes: &'a [u8],
     },
     /// A TCP connection was closed, and not by the drive itself.
     Closed {
-        /// Where.
+        /// Port.
         port: Port,
         /// Which.
         link: Link,
@@ -129,7 +129,7 @@ pub enum Input<'a> {
     Millivolts {
         /// Which.
         pin: Pin,
-        /// Its voltage in mV.
+        /// Voltage in mV.
         mv: i32,
     },
     /// Quarter cycles from a counter in hardware; boards only, instead of edges.
@@ -147,17 +147,17 @@ pub enum Input<'a> {
     Fault {
         /// Which.
         fault: Fault,
-        /// It is there.
+        /// True while the cause is present.
         on: bool,
     },
-    /// Of a motor: what a drive's axis may carry, as [`Output::Current`] says.
+    /// Current limit, to a motor: as [`Output::Current`].
     Current {
         /// Which axis.
         axis: Axis,
         /// Peak current in mA; 0 opens the terminals.
         ma: u32,
     },
-    /// Of a motor: what turns it, as [`Output::Duty`] says.
+    /// Duty, to a motor: as [`Output::Duty`].
     Duty {
         /// Which axis.
         axis: Axis,
@@ -186,18 +186,18 @@ pub enum Input<'a> {
         /// Angle, speed and acceleration at the stamp.
         rotation: Rotation,
     },
-    /// Of a stepper motor: how the drive's axis moves from the stamp on, as [`Output::Plan`] says.
+    /// Plan of the drive's axis, to a stepper motor: as [`Output::Plan`].
     Plan {
         /// Which axis.
         axis: Axis,
         /// In steps of the drive.
         plan: &'a Plan,
     },
-    /// Of a stepper motor: steps without a ramp, as [`Output::Step`] says.
+    /// Steps without a ramp, to a stepper motor: as [`Output::Step`].
     Step {
         /// Which axis.
         axis: Axis,
-        /// How many, signed.
+        /// Number of steps, signed.
         steps: i32,
     },
     /// A board took a plan late, so that many more steps were made than the plan says; never in the
@@ -210,20 +210,20 @@ pub enum Input<'a> {
     },
 }
 
-/// What a drive does.
+/// An output of a drive.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub enum Output<'a> {
     /// Characters leave from the stamp on, back to back at the line's rate; whoever runs the drive
     /// paces them. The stamp may lie ahead: a reply delay.
     Bytes {
-        /// Where.
+        /// Port.
         port: Port,
         /// The characters.
         bytes: &'a [u8],
     },
     /// A message on a TCP connection.
     Message {
-        /// Where.
+        /// Port.
         port: Port,
         /// On which connection.
         link: Link,
@@ -232,14 +232,14 @@ pub enum Output<'a> {
     },
     /// The drive closes a TCP connection.
     Close {
-        /// Where.
+        /// Port.
         port: Port,
         /// Which.
         link: Link,
     },
     /// The line from the next character on: after all [`Output::Bytes`] put before it have left.
     Line {
-        /// Where.
+        /// Port.
         port: Port,
         /// The new settings.
         line: Line,
@@ -261,7 +261,7 @@ pub enum Output<'a> {
         /// High at its beginning.
         high: Duration,
     },
-    /// How an axis moves from the stamp on.
+    /// Plan of an axis from the stamp on.
     Plan {
         /// Which.
         axis: Axis,
@@ -272,24 +272,24 @@ pub enum Output<'a> {
     Step {
         /// Which axis.
         axis: Axis,
-        /// How many, signed.
+        /// Number of steps, signed.
         steps: i32,
     },
-    /// What may hold or turn the motor.
+    /// Current limit of the motor.
     Current {
         /// Which axis.
         axis: Axis,
         /// Peak current in mA; 0 opens the terminals.
         ma: u32,
     },
-    /// What turns a motor without steps.
+    /// Duty of a motor without steps.
     Duty {
         /// Which axis.
         axis: Axis,
         /// Duty in 1/65536, signed; 0 shorts the terminals.
         duty: i32,
     },
-    /// Of a motor: the current that it draws from now on.
+    /// Current that a motor draws from now on, from a motor.
     Draws {
         /// Which axis.
         axis: Axis,
@@ -312,7 +312,7 @@ pub enum Output<'a> {
     },
     /// Bytes of the non-volatile memory. A power cut leaves any prefix of them.
     Store {
-        /// Where they begin.
+        /// Offset of the first byte.
         offset: u16,
         /// The bytes.
         bytes: &'a [u8],
@@ -321,39 +321,39 @@ pub enum Output<'a> {
     Note(Note),
 }
 
-/// What a log may want to know.
+/// A note for a log.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Note {
     /// A request was carried out.
     Request {
-        /// Where.
+        /// Port.
         port: Port,
         /// The address it was for.
         unit: u8,
-        /// Its function.
+        /// Function code.
         function: u8,
     },
     /// A request was refused.
     Refused {
-        /// Where.
+        /// Port.
         port: Port,
-        /// Its function.
+        /// Function code.
         function: u8,
         /// The exception code.
         code: u8,
     },
     /// A frame was ignored.
     Dropped {
-        /// Where.
+        /// Port.
         port: Port,
-        /// Why.
+        /// Reason.
         why: Why,
     },
 }
 
 impl Note {
-    /// What a log says of a Modbus message on a serial port.
+    /// The note for a Modbus message on a serial port.
     #[must_use]
     pub fn of(port: Port, outcome: Outcome) -> Self {
         match outcome {
@@ -366,7 +366,7 @@ impl Note {
     }
 }
 
-/// Where a drive's outputs go, and where it reads its memory.
+/// Destination of a drive's outputs, and its non-volatile memory.
 pub trait Sink {
     /// `output` holds from `at` on. Stamps are those of the call they are put in, except where
     /// [`Output`] says that they may lie ahead.
@@ -377,7 +377,7 @@ pub trait Sink {
     fn memory(&self) -> &[u8];
 }
 
-/// Where nobody hears of anything, and nothing is kept.
+/// A sink that drops all outputs and has no memory.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Nowhere;
 
@@ -389,7 +389,7 @@ impl Sink for Nowhere {
     }
 }
 
-/// What a drive is told when power comes.
+/// Conditions at power-on.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct Boot {
     /// Seed of every random choice.
@@ -400,14 +400,14 @@ pub struct Boot {
     pub fast_line: bool,
 }
 
-/// Why a register cannot be preset.
+/// Reason why a register cannot be preset.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Refused {
     /// There is no such row.
     NoSuchRegister,
-    /// It shows something that cannot be preset.
+    /// The register cannot be preset.
     ReadOnly,
-    /// Its row does not accept the value.
+    /// The row does not accept the value.
     OutOfRange,
     /// The saved values cannot be changed, because the memory is bad.
     BadMemory,
@@ -415,7 +415,7 @@ pub enum Refused {
     Busy,
 }
 
-/// How a message on a port ends.
+/// End of a message on a port.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Ends {
     /// By 3.5 characters of silence (Modbus RTU), or, on a line of 7 data bits, by a line feed (Modbus
@@ -432,30 +432,30 @@ pub enum Ends {
 /// A port of a drive.
 #[derive(Clone, Copy, Debug)]
 pub struct PortSpec {
-    /// Its name, as users type it.
+    /// Name, as users type it.
     pub name: &'static str,
-    /// How its messages end.
+    /// End of its messages.
     pub ends: Ends,
     /// The factory line of a serial port; `None` for TCP.
     pub line: Option<Line>,
 }
 
 impl PortSpec {
-    /// Whether it takes TCP connections, and is no serial port.
+    /// Returns whether it takes TCP connections, and is no serial port.
     #[must_use]
     pub fn is_tcp(&self) -> bool {
         self.line.is_none()
     }
 }
 
-/// What a pin is for.
+/// Role of a pin.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Role {
     /// The drive reads it.
     Input,
     /// The drive drives it.
     Output,
-    /// One or the other, as its registers say.
+    /// Input or output, as the registers say.
     Both,
     /// An analogue input.
     Analogue,
@@ -471,16 +471,15 @@ pub enum Role {
 pub struct PinSpec {
     /// The manual's name.
     pub name: &'static str,
-    /// What it is for.
+    /// Role.
     pub role: Role,
-    /// What it reads, or shows, while nobody drives it. An input that floats tells a contact that is not wired from one
-    /// that is open: then the drive is told [`Input::Open`], and high once a wire leads there.
+    /// Idle level, while the pin is not driven. With `Float` the drive distinguishes a contact that is not wired
+    /// ([`Input::Open`]) from an open contact (high, once a wire leads there).
     pub rest: Level,
     /// The pin rests high, whatever `rest` says, as soon as a wire or a switch leads there or a hand has been there: a
     /// contact that counts as closed until somebody uses it.
     pub high_once_used: bool,
-    /// Of an analogue input that can measure a current: the resistance across which that is a voltage, in Ω. 0 of one
-    /// that cannot.
+    /// Shunt of an analogue input that can measure a current, in Ω; 0 of one that cannot.
     pub shunt_ohm: u16,
 }
 
@@ -491,7 +490,7 @@ impl PinSpec {
         Self { name, role, rest, high_once_used: false, shunt_ohm: 0 }
     }
 
-    /// Whether the drive can be told [`Input::Open`] of it.
+    /// Returns whether the drive distinguishes a contact that is not wired, by [`Input::Open`].
     #[must_use]
     pub fn tells_open(&self) -> bool {
         self.rest == Level::Float && matches!(self.role, Role::Input | Role::Both | Role::Mixed)
@@ -501,7 +500,7 @@ impl PinSpec {
 /// An axis of a drive.
 #[derive(Clone, Copy, Debug)]
 pub struct AxisSpec {
-    /// Its name.
+    /// Name of the axis.
     pub name: &'static str,
     /// The pins that carry its step pulses and its direction. Where they are [`Role::Both`], a plan takes
     /// them, low until its first step; a level or a wave put at one of them takes that one back.
@@ -528,13 +527,13 @@ pub struct Command {
     pub name: &'static str,
     /// The section of the manual.
     pub section: &'static str,
-    /// What it does, or would do.
+    /// Effect, also if it is not modelled.
     pub doc: &'static str,
-    /// Why it is not modelled; empty if it is.
+    /// Reason why it is not modelled; empty if it is.
     pub missing: &'static str,
 }
 
-/// What a drive is.
+/// Description of a kind of drive.
 #[derive(Debug)]
 pub struct Spec {
     /// The kind, as users type it.
@@ -543,29 +542,29 @@ pub struct Spec {
     pub product: &'static str,
     /// The manual that it follows.
     pub manual: &'static str,
-    /// Its ports.
+    /// Ports.
     pub ports: &'static [PortSpec],
-    /// Its pins.
+    /// Pins.
     pub pins: &'static [PinSpec],
     /// Other names of some of them.
     pub aliases: &'static [(&'static str, Pin)],
-    /// Its axes.
+    /// Axes.
     pub axes: &'static [AxisSpec],
-    /// Its encoder inputs.
+    /// Encoder inputs.
     pub encoders: &'static [EncoderSpec],
     /// The faults its manual knows, as users type them.
     pub faults: &'static [&'static str],
     /// Bytes of its non-volatile memory.
     pub memory: u16,
-    /// Its registers, with those of all variants of the product.
+    /// Registers, with those of all variants of the product.
     pub registers: &'static Table,
     /// Which variant it is, as in [`Entry::variants`](drivetwin_protocol::registers::Entry::variants).
     pub variant: u8,
-    /// Whether its manual counts registers in decimal, and not in hexadecimal.
+    /// True if its manual counts registers in decimal, and not in hexadecimal.
     pub decimal: bool,
-    /// What users may type before the name of a register: its prefix in the manual.
+    /// Prefix of register names in the manual, which users may type.
     pub prefix: &'static str,
-    /// Its commands, where a row alone cannot tell them.
+    /// Commands, where a row alone does not list them.
     pub commands: &'static [Command],
     /// The row that holds its bus address.
     pub address: Option<usize>,
@@ -574,7 +573,7 @@ pub struct Spec {
     /// The row, and its bit, that says that the motor is one with brushes, and not a stepper; `None` if it has no
     /// choice.
     pub dc_motor: Option<(usize, u16)>,
-    /// Its modelled limits that no row tells.
+    /// Limits of the model that no row states.
     pub not_modelled: &'static [&'static str],
 }
 
@@ -614,7 +613,7 @@ impl Spec {
         own.chain(self.aliases.iter().copied())
     }
 
-    /// Whether it is reached by TCP alone.
+    /// Returns whether it is reached by TCP alone.
     #[must_use]
     pub fn is_on_network(&self) -> bool {
         !self.ports.is_empty() && self.ports.iter().all(PortSpec::is_tcp)
@@ -626,7 +625,7 @@ impl Spec {
         self.registers.rows.iter().enumerate().filter(move |(_, row)| row.variants & variant != 0)
     }
 
-    /// What [`Table::find`] finds by its name, with the prefix or without, if this variant of the product has it.
+    /// Finds a register by its name, with the prefix or without, if this variant of the product has it.
     #[must_use]
     pub fn find(&self, name: &str) -> Option<Named> {
         let named = self.registers.find(name.strip_prefix(self.prefix).unwrap_or(name))?;
@@ -635,29 +634,29 @@ impl Spec {
     }
 }
 
-/// What a motor does at an instant.
+/// State of a motor's shaft at an instant.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Shaft {
-    /// Where it is, in counts: each edge of its Hall sensors is one, 4 a pulse of two sensors and 6 of three, also for
-    /// a drive that looks at one sensor or none; wraps.
+    /// Position in counts: each edge of its Hall sensors is one, 4 a pulse of two sensors and 6 of three, also for a
+    /// drive that uses one sensor or none; wraps.
     pub position: i32,
     /// Counts per second, signed.
     pub speed: I48F16,
-    /// What turns it: the duty of the supply, in 1/65536, signed.
+    /// Duty of the supply, in 1/65536, signed.
     pub duty: i32,
-    /// What it draws, in mA, signed as the duty is.
+    /// Current in mA, signed as the duty is.
     pub ma: i32,
 }
 
 /// A drive, or anything else that sits on a bench.
 pub trait Device {
-    /// What it is.
+    /// Description of its kind.
     fn spec(&self) -> &'static Spec;
 
     /// Power comes: everything volatile is forgotten. Also how a drive restarts itself.
     fn power_on(&mut self, at: Instant, boot: Boot, out: &mut dyn Sink);
 
-    /// Something happens.
+    /// Handles an input.
     fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Sink);
 
     /// Returns whether a TCP port accepts connections; only an input or a timeout changes it.
@@ -665,16 +664,16 @@ pub trait Device {
         true
     }
 
-    /// Whether it takes what comes on the connections of a TCP port; only an input or a timeout changes it. Until it
-    /// does a message, or the end of a connection, waits with whoever carries it.
+    /// Returns whether it takes messages on the connections of a TCP port; only an input or a timeout changes it. Until
+    /// it does a message, or the end of a connection, waits outside.
     fn takes(&self, _port: Port) -> bool {
         true
     }
 
-    /// When it wants to be woken; [`Instant::NEVER`] if only an input can.
+    /// Next wake-up; [`Instant::NEVER`] if only an input can change anything.
     fn deadline(&self) -> Instant;
 
-    /// It is woken. At an instant that is not its deadline nothing happens.
+    /// Wakes the drive. At an instant that is not its deadline nothing happens.
     fn timeout(&mut self, at: Instant, out: &mut dyn Sink);
 
     /// A register as it reads at `at`, without the bus's side effects; 0 for a row that is not there. Of more than four
@@ -694,7 +693,7 @@ pub trait Device {
     /// The row refuses it; nothing has changed then.
     fn poke(&mut self, at: Instant, row: usize, value: i64, out: &mut dyn Sink) -> Result<(), Refused>;
 
-    /// What the motor on an axis does; `None` where a plan says it, or nobody knows.
+    /// State of the motor on an axis; `None` where a plan has it, or it is unknown.
     fn shaft(&self, _at: Instant, _axis: Axis) -> Option<Shaft> {
         None
     }
@@ -717,7 +716,7 @@ pub trait Device {
     }
 }
 
-/// One that lies elsewhere.
+/// A device by reference.
 impl<D: Device + ?Sized> Device for &mut D {
     fn spec(&self) -> &'static Spec {
         (**self).spec()
@@ -793,8 +792,8 @@ pub fn advance<'a, D: Device + ?Sized>(
     wake(device, due, now, true, out)
 }
 
-/// One input of [`advance`]: the deadlines before it, of which `due` is the first, then `input`. Returns
-/// the next deadline. For whoever cannot lend all inputs at once.
+/// Carries out one input of [`advance`]: the deadlines before it, of which `due` is the first, then `input`. Returns
+/// the next deadline. For callers that cannot lend all inputs at once.
 pub fn feed<D: Device + ?Sized>(
     device: &mut D,
     due: Instant,

@@ -17,14 +17,14 @@ pub const fn bytes(words: usize) -> u16 {
     (2 * words + 2) as u16
 }
 
-/// What a memory holds.
+/// Content of a memory.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Content {
-    /// Nothing was ever saved: the drive is new.
+    /// New: nothing was ever saved.
     New,
     /// An image that passes.
     Good,
-    /// Something else.
+    /// Bad: neither new nor good.
     Bad,
 }
 
@@ -130,7 +130,7 @@ fn whole_copy(bytes: &[u8], is_first: bool) -> Option<Copy<'_>> {
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Save {
     crc: [u8; 2],
-    /// Where it goes.
+    /// Offset of the next byte.
     place: u16,
     due: Instant,
 }
@@ -167,7 +167,7 @@ impl Save {
         Self { crc, place, due: at + time }
     }
 
-    /// When its time is over.
+    /// Time at which it is complete.
     #[must_use]
     pub fn due(self) -> Instant {
         self.due

@@ -35,7 +35,7 @@ pub const ONE_ANSWER: usize = 272;
 /// lost as a whole and counted.
 pub const ANSWERS: usize = 1_024;
 
-/// What an interrupt caught.
+/// An event that an interrupt caught.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Caught {
@@ -61,7 +61,7 @@ pub enum Caught {
     Slipped(Axis, i32),
 }
 
-/// What a board hears, and what time it is.
+/// Inputs of a board, and its clock.
 pub trait Inputs {
     /// Now. Everything caught until now is there when this returns.
     fn now(&self) -> Instant;
@@ -70,16 +70,16 @@ pub trait Inputs {
     fn caught(&mut self, until: Instant) -> Option<(Instant, Caught)>;
 }
 
-/// What happens on a TCP connection.
+/// An event of a TCP connection.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Came {
-    /// Somebody connected.
+    /// A client connected.
     Opened,
     /// A message: of Modbus a whole ADU, of MCode what came, never past the end of a line nor more than an
     /// [`Adu`] holds.
     Message,
-    /// It is closed, though the drive did not close it.
+    /// Closed, though the drive did not close it.
     Closed,
 }
 
@@ -109,7 +109,7 @@ pub trait Links {
     fn close(&mut self, port: Port, link: Link);
 }
 
-/// One that lies elsewhere.
+/// Links by reference.
 impl<L: Links> Links for &mut L {
     fn next(
         &mut self,
@@ -152,7 +152,7 @@ impl Links for NoLinks {
     }
 }
 
-/// What a board does.
+/// Outputs of a board.
 pub trait Outputs {
     /// The sending half of a UART. Its `write` takes what its buffer has room for and never waits.
     type Serial: Write + WriteReady;
@@ -184,8 +184,8 @@ pub trait Outputs {
     /// The non-volatile memory.
     fn memory(&mut self) -> &mut Self::Memory;
 
-    /// What it holds, as the drive reads it: at least [`Spec::memory`](crate::device::Spec::memory) bytes, `0xFF`
-    /// where nothing was ever stored. The shell keeps no copy.
+    /// Content of the memory, as the drive reads it: at least [`Spec::memory`](crate::device::Spec::memory) bytes,
+    /// `0xFF` where nothing was ever stored. The shell keeps no copy.
     fn stored(&self) -> &[u8];
 
     /// The motion of an axis from now on; nothing where no steps are made. Returns how much later than
@@ -207,8 +207,7 @@ pub trait Outputs {
     fn duty(&mut self, _axis: Axis, _duty: i32) {}
 }
 
-/// How late a drive may be told that it is due, before its time waits: longer than a board's flash takes to
-/// erase a sector.
+/// Longest delay of a wake-up, before the drive's time waits: longer than a board's flash takes to erase a sector.
 const PATIENCE: Duration = Duration::millis(60);
 
 /// A drive on a board. `CHARACTERS` is how many characters may wait to be sent.
@@ -229,15 +228,15 @@ struct Hands<O, const CHARACTERS: usize> {
     outputs: O,
     waves: Vec<Wave, WAVES>,
     messages: Deque<Message, MESSAGES>,
-    /// Of all messages, in their order.
+    /// Characters of all messages, in their order.
     characters: Characters<CHARACTERS>,
-    /// How long one takes on the line, as the drive said last.
+    /// Time of a character on the line, as the drive set it last.
     character: Duration,
     /// Time on the line of all messages that did not fit: the drive reckons with it, the line does not.
     lost: Duration,
-    /// When the network wants to be looked at.
+    /// Next poll of the network.
     network: Instant,
-    /// How far the drive's time is behind the board's.
+    /// Delay of the drive's time behind the board's.
     behind: Duration,
     failures: u32,
 }
@@ -246,7 +245,7 @@ struct Hands<O, const CHARACTERS: usize> {
 #[derive(Debug)]
 struct Characters<const N: usize> {
     kept: Vec<u8, N>,
-    /// How many of them have left.
+    /// Number of characters that have left.
     gone: usize,
 }
 
@@ -256,7 +255,7 @@ struct Wave {
     pin: Pin,
     period: Duration,
     high: Duration,
-    /// When it changes next.
+    /// Time of its next change.
     due: Instant,
     /// To which level.
     rises: bool,
@@ -266,14 +265,14 @@ struct Wave {
 #[derive(Clone, Copy, Debug)]
 struct Message {
     port: Port,
-    /// When its first character may leave.
+    /// Earliest start of the first character.
     from: Instant,
     begun: bool,
-    /// When its last one has left, as the drive reckons.
+    /// End of the last character, as the drive expects it.
     until: Instant,
     /// Characters that have not left.
     left: usize,
-    /// What the line becomes behind it.
+    /// Settings of the line behind it.
     then: Option<Line>,
 }
 
@@ -368,7 +367,7 @@ impl<D: Device, I: Inputs, O: Outputs, const CHARACTERS: usize> Shell<D, I, O, C
         self.due = feed(&mut self.device, self.due, self.past, input, &mut self.hands);
     }
 
-    /// When something is due next, should nothing be caught before.
+    /// Time of the next work, should no input come before.
     #[must_use]
     pub fn deadline(&self) -> Instant {
         self.due().min(self.hands.deadline())
@@ -385,7 +384,7 @@ impl<D: Device, I: Inputs, O: Outputs, const CHARACTERS: usize> Shell<D, I, O, C
         &self.device
     }
 
-    /// How often a pin, a port, a connection or the memory failed.
+    /// Failures of a pin, a port, a connection or the memory.
     #[must_use]
     pub fn failures(&self) -> u32 {
         self.hands.failures
@@ -524,13 +523,13 @@ impl<const N: usize> Characters<N> {
         self.gone = 0;
     }
 
-    /// Those at the front, at most that many.
+    /// Characters at the front, at most that many.
     fn front(&self, most: usize) -> &[u8] {
         let rest = self.kept.get(self.gone..).unwrap_or(&[]);
         rest.get(..most).unwrap_or(rest)
     }
 
-    /// They have left.
+    /// Removes characters that have left.
     fn take(&mut self, count: usize) {
         self.gone += count;
         if self.gone >= self.kept.len() {

@@ -6,7 +6,8 @@ use crate::device::{Duration, Instant};
 /// Holds a new level back until it has lasted, each input for itself, and forgets it if it does not.
 #[derive(Clone, Debug)]
 pub(crate) struct Filter {
-    /// When the other level of A, B and index will have lasted; [`Instant::NEVER`] if it is not there.
+    /// Time at which the other level of A, B and index will have lasted long enough; [`Instant::NEVER`] if it is not
+    /// there.
     due: [Instant; 3],
 }
 
@@ -34,7 +35,7 @@ impl Filter {
         lasting == Duration::ZERO
     }
 
-    /// When the first level held back will have lasted; [`Instant::NEVER`] if none is.
+    /// Time at which the first level that is held back will have lasted long enough; [`Instant::NEVER`] if none is.
     #[inline]
     pub(crate) fn deadline(&self) -> Instant {
         let [a, b, index] = self.due;

@@ -64,7 +64,7 @@ const FILTER_HZ: u64 = 24_000_000;
 const A: u8 = 2;
 const B: u8 = 1;
 
-/// Of the eight edges, those on the way up: a bit each, of A and then of B, numbered by the levels after it.
+/// Edges that count up, of the eight: a bit each, of A and then of B, numbered by the levels after it.
 const FORWARD: u8 = 0b1001_0110;
 
 /// The counter.
@@ -153,8 +153,8 @@ impl Ls7366r {
         self.settle();
     }
 
-    /// When an edge that the filter holds back will take effect; [`Instant::NEVER`] if there is none.
-    /// Nothing is lost if nobody comes then.
+    /// Time at which an edge that the filter holds back takes effect; [`Instant::NEVER`] if there is none. No edge is
+    /// lost if no call comes then.
     #[must_use]
     pub fn deadline(&self) -> Instant {
         self.filter.deadline()
@@ -168,8 +168,7 @@ impl Ls7366r {
         }
     }
 
-    /// What has happened since the last call: CY, BW, CMP, IDX of [`status`]. Those that MDR1 selects have
-    /// pulsed DFLAG/.
+    /// Events since the last call: CY, BW, CMP, IDX of [`status`]. Those that MDR1 selects have pulsed DFLAG/.
     pub fn take_events(&mut self) -> u8 {
         core::mem::take(&mut self.events)
     }
@@ -186,7 +185,7 @@ impl Ls7366r {
         self.decoding = Decoding::new(self.mdr0, reversed);
     }
 
-    /// Whether CNT_EN is high; it is when nothing is connected.
+    /// Sets CNT_EN; it is high when nothing is connected.
     pub fn set_enabled(&mut self, enabled: bool) {
         self.count.set_halt(Halt::PIN, !enabled);
     }
@@ -275,7 +274,7 @@ impl Ls7366r {
         self.latched = 0;
     }
 
-    /// Whether LFLAG/ is low: a flag that MDR1 selects is latched.
+    /// Returns whether LFLAG/ is low: a flag that MDR1 selects is latched.
     #[must_use]
     pub fn lflag(&self) -> bool {
         self.latched & self.mdr1 & mdr1::FLAGS != 0
@@ -361,7 +360,7 @@ fn levels(a: bool, b: bool) -> u8 {
     u8::from(a) * A + u8::from(b) * B
 }
 
-/// What INDEX/ does besides setting IDX.
+/// Function of INDEX/ besides setting IDX.
 #[derive(Clone, Copy, Debug)]
 enum Function {
     None,
@@ -374,7 +373,7 @@ enum Function {
 const BOTH_ALIKE: u8 = 0b1001;
 const ANY: u8 = 0b1111;
 
-/// What MDR0 says, made ready for edges.
+/// Settings of MDR0, made ready for edges.
 #[derive(Clone, Debug)]
 struct Decoding {
     quadrature: bool,
@@ -383,7 +382,7 @@ struct Decoding {
     up: u8,
     gate: u8,
     function: Function,
-    /// How long levels of A and B must last, and of INDEX/.
+    /// Time for which levels of A and B must last, and of INDEX/.
     lasting: Duration,
     index_lasting: Duration,
 }

@@ -1,4 +1,4 @@
-//! Where an axis is, and how fast, at any instant.
+//! Plans of motion: the position and speed of an axis at any instant.
 //!
 //! A plan is a short list of segments of constant acceleration. All numbers are integers in units
 //! chosen so that nothing is ever rounded on the way: with *f* ticks in a second, speed *v* (steps/s)
@@ -48,7 +48,7 @@ pub const MAX_SPEED: u32 = (TICKS_PER_SECOND / 2) as u32;
 /// The greatest acceleration of a plan, in steps/s².
 pub const MAX_ACCELERATION: u32 = i32::MAX as u32;
 
-/// How fast a profile move may be. What is above a limit acts as the limit.
+/// Limits of a profile move. A value above a limit acts as the limit.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Rates {
     /// Steps per second at its beginning and at its end; above `speed` it acts as that.
@@ -69,7 +69,7 @@ impl Rates {
     }
 }
 
-/// What an axis does from an instant on.
+/// Motion of an axis from an instant on.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Plan {
@@ -266,20 +266,20 @@ impl Plan {
         Self { start: self.start + late, ..*self }
     }
 
-    /// When it began.
+    /// Start of the plan.
     #[must_use]
     pub fn start(&self) -> Instant {
         self.start
     }
 
-    /// When it stands again; [`Instant::NEVER`] if it goes on without end.
+    /// End of the motion; [`Instant::NEVER`] if it goes on without end.
     #[must_use]
     #[inline(never)]
     pub fn end(&self) -> Instant {
         self.segments().iter().fold(self.start, |at, segment| at + Duration::from_ticks(segment.ticks))
     }
 
-    /// Its segments, in order; one may be empty.
+    /// Segments, in order; one may be empty.
     #[must_use]
     pub fn segments(&self) -> &[Segment] {
         self.segments.get(..usize::from(self.count)).unwrap_or(&self.segments)

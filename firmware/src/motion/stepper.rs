@@ -16,10 +16,10 @@ use drivetwin_protocol::time::{Duration, Instant};
 
 use super::{Plan, Step, Walker};
 
-/// How long STEP is high: this, or half the interval to the next step if that is shorter. A board's pulse
-/// may be longer by what finding the next step takes.
+/// High time of STEP: this, or half the interval to the next step if that is shorter. A board's pulse may be longer by
+/// the time that finding the next step takes.
 pub const HIGH: Duration = Duration::micros(2);
-/// How long before the first step of a reversal DIR changes: this, or half the interval if that is shorter.
+/// Set-up time of DIR before the first step of a reversal: this, or half the interval if that is shorter.
 pub const SETUP: Duration = Duration::micros(5);
 /// Time by which DIR changes before a step without a plan, if it does: the pause between two such steps, so that what
 /// comes every [`CYCLE`] may turn DIR each time without falling behind.
@@ -27,7 +27,7 @@ pub const DIR_SETUP: Duration = Duration::micros(2);
 /// The least time between two steps without a plan: a pulse, and as long a pause.
 pub const CYCLE: Duration = Duration::micros(4);
 
-/// How far ahead of the clock a plan that is made later begins.
+/// Lead of a plan that is made later, ahead of the clock.
 const LEAD: Duration = Duration::micros(10);
 
 /// The outputs of an axis.
@@ -51,7 +51,7 @@ pub struct Stepper<P> {
     next: Step,
     /// The level of DIR.
     forward: bool,
-    /// When something is to be done next.
+    /// Time of the next work.
     due: Instant,
     /// The last step, as it was due, or what holds the next one without a plan as a step would.
     last: Instant,
@@ -76,12 +76,12 @@ impl<P: StepDir> Stepper<P> {
         }
     }
 
-    /// Somebody else has the pins while it stands, and gives them back low.
+    /// Releases the pins, low, while the axis stands: another function has them.
     pub fn let_go(&mut self) {
         self.forward = false;
     }
 
-    /// When the timer must come.
+    /// Time of the next interrupt.
     #[must_use]
     pub fn due(&self) -> Instant {
         self.due
@@ -125,7 +125,7 @@ impl<P: StepDir> Stepper<P> {
         self.schedule();
     }
 
-    /// Whether the next step is one of the plan, or none.
+    /// Returns whether the next step is one of the plan, or there is none.
     fn plan_is_next(&self) -> bool {
         self.direct == 0 || self.next.at <= self.last + CYCLE
     }
@@ -153,7 +153,7 @@ const fn way(step: Step) -> i32 {
 
 /// A step timer, as the loop sees it.
 pub trait StepTimer {
-    /// Its pins.
+    /// Pins of the axis.
     type Pins: StepDir;
 
     /// The clock that it goes by.
@@ -173,12 +173,12 @@ pub struct Follower {
     next: Course,
 }
 
-/// How an axis follows a plan.
+/// Deviation of an axis from a plan.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct Followed {
-    /// How many steps more than planned it has made.
+    /// Steps made beyond the planned ones.
     pub slipped: i32,
-    /// How much later than planned it makes all of it.
+    /// Delay of the whole plan.
     pub late: Duration,
 }
 
@@ -198,7 +198,7 @@ impl Default for Follower {
 }
 
 impl Follower {
-    /// Of an axis that stands.
+    /// A follower of an axis that stands.
     #[must_use]
     pub fn new() -> Self {
         let next = Course { walker: Walker::done(), next: NONE, position: 0 };
@@ -250,7 +250,7 @@ impl Follower {
 }
 
 impl Course {
-    /// What `plan` does after `after`.
+    /// Takes the part of `plan` after `after`.
     fn take(&mut self, plan: &Plan, after: Instant) {
         self.walker.follow(plan, after);
         self.next = self.walker.next().unwrap_or(NONE);
@@ -284,7 +284,7 @@ mod tests {
     use proptest::prelude::*;
     use std::vec::Vec;
 
-    /// What happened on the pins, in order: a rise, with the instant, or the new DIR.
+    /// Change of the pins, in order: a rise, with the instant, or the new DIR.
     #[derive(Clone, Copy, PartialEq, Eq, Debug)]
     enum Seen {
         Rise(bool),
@@ -322,7 +322,7 @@ mod tests {
         now: core::cell::Cell<u64>,
         pace: u64,
         stepper: Stepper<Pins>,
-        /// When each step and each change of DIR came.
+        /// Time of each step and each change of DIR.
         at: Vec<(u64, Seen)>,
     }
 

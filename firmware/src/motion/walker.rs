@@ -28,7 +28,7 @@ use super::search::least;
 pub struct Step {
     /// The tick nearest to its instant in the plan.
     pub at: Instant,
-    /// Whether the position grows.
+    /// True if the position grows.
     pub forward: bool,
 }
 
@@ -56,14 +56,14 @@ struct Leg {
     more: u32,
     /// Laps after this one, of [`LAP`] steps each: a small core counts 32 bits in fewer instructions.
     laps: u32,
-    /// Whether the position grows.
+    /// True if the position grows.
     forward: bool,
     pace: Pace,
 }
 
 const LAP: u32 = u32::MAX;
 
-/// How the steps of a leg follow each other.
+/// Intervals of the steps of a leg.
 #[derive(Clone, Copy, Debug)]
 enum Pace {
     Ramp(Ramp),
@@ -71,7 +71,7 @@ enum Pace {
 }
 
 impl Walker {
-    /// Of `plan`, from its first step later than `after`; one before the plan's start acts as that.
+    /// A walker of `plan`, from its first step later than `after`; one before the plan's start acts as that.
     #[must_use]
     pub fn new(plan: &Plan, after: Instant) -> Self {
         let mut walker = Self::done();
@@ -151,14 +151,14 @@ impl Iterator for Walker {
 struct Stretch<'a> {
     segment: &'a Segment,
     begin: u64,
-    /// How long it has run then.
+    /// Time that it has run then.
     since: u64,
     /// Steps made by then, beyond its `from`.
     made: i64,
 }
 
 impl<'a> Stretch<'a> {
-    /// Of `segment`, which begins at the tick `begin`: what is later than `after`, and, if that is before
+    /// The stretch of `segment`, which begins at the tick `begin`: its part later than `after`, and, if that is before
     /// it, beyond `position`.
     fn of(segment: &'a Segment, begin: u64, after: u64, position: i32) -> Self {
         let since = after.saturating_sub(begin);
@@ -209,7 +209,7 @@ impl<'a> Stretch<'a> {
         stand.unwrap_or(position)
     }
 
-    /// Its next step, and `others` after it.
+    /// The next step, and `others` after it.
     fn leg(&self, others: u64) -> Leg {
         let Self { segment, begin, since, made } = *self;
         let start = begin.saturating_add(since);
@@ -237,13 +237,13 @@ impl Leg {
         true
     }
 
-    /// One step.
+    /// A single step.
     const fn single(tick: u64, forward: bool) -> Self {
         Self { first: tick, base: tick, more: 0, laps: 0, forward, pace: Pace::Cruise(Cruise::STANDING) }
     }
 }
 
-/// Where a segment is at a tick, as seen from a step.
+/// Motion of a segment at a tick, as seen from a step.
 #[derive(Clone, Copy, Debug)]
 struct Motion {
     /// Acceleration, in steps/s².
@@ -255,7 +255,7 @@ struct Motion {
 }
 
 impl Motion {
-    /// Of `segment`, `d` ticks in, seen from the step that is the `n`th beyond its `from`.
+    /// The motion of `segment`, `d` ticks in, seen from the step that is the `n`th beyond its `from`.
     fn of(segment: &Segment, d: u64, n: i64) -> Self {
         // The difference is small; what 64 bits lose of both is the same.
         let due = n.wrapping_mul(STEP).wrapping_sub(segment.phase(d) as i64);
@@ -294,13 +294,13 @@ impl Motion {
         least(|d| !self.after(d.cast_signed()).is_early()).cast_signed()
     }
 
-    /// Whether this is before the tick of the step; not so beyond standstill.
+    /// Returns whether this is before the tick of the step; false beyond standstill.
     fn is_early(self) -> bool {
         self.h >= 0 && self.due >= self.h.max(1)
     }
 
-    /// Whether this is the tick of the step: it is not early here, and was a tick before, when half a
-    /// tick's way at that speed and half a tick's at this one were still to come.
+    /// Returns whether this is the tick of the step: it is not early here, and was a tick before, when half a tick's
+    /// way at that speed and half a tick's at this one were still to come.
     #[inline]
     fn is_nearest(self) -> bool {
         // -h <= due is -1 - due < h, and a negative due ^ -1 is -1 - due: one comparison for both.
@@ -323,16 +323,16 @@ struct Ramp {
     short: u32,
     /// The last interval, in 1/64 tick.
     interval: i32,
-    /// How long after its tick the last step was due, in 1/64 tick.
+    /// Delay of the last step after its tick, in 1/64 tick.
     part: i32,
     /// [`STEP`]: a Cortex-M3 has it from here in one instruction, and as a constant in four.
     step: i64,
-    /// When the next step may be due, in ticks from the last one's.
+    /// Guess of the next step, in ticks from the last one.
     guess: i32,
 }
 
-/// How often a step is looked for at most. The third one of the slowest ramps takes 12; in a ramp that
-/// has begun it is hardly ever more than one.
+/// Most attempts to find a step. The third one of the slowest ramps takes 12; in a ramp that has begun it is hardly
+/// ever more than one.
 const TRIES: u32 = 16;
 
 impl Ramp {

@@ -2,7 +2,7 @@
 
 use super::status::{BW, CMP, CY};
 
-/// What becomes of CNTR at its ends (MDR0 bits 3:2).
+/// Behaviour of CNTR at its ends (MDR0 bits 3:2).
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum Cycle {
     /// Goes on from the other end.

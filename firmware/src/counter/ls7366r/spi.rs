@@ -5,7 +5,7 @@ mod tests;
 
 use super::Ls7366r;
 
-/// What SS/ low begins: an instruction and its data. SS/ high, which ends it, is dropping this.
+/// A transmission, from SS/ low on: an instruction and its data. Dropping it is SS/ high, which ends it.
 ///
 /// Bring the counter up to date with [`Ls7366r::timeout`] before.
 #[derive(Debug)]
@@ -17,11 +17,11 @@ pub struct Transmission<'a> {
 #[derive(Debug)]
 enum Stage {
     Instruction,
-    /// What is still to be sent, from the highest byte on.
+    /// Data to be sent, from the highest byte on.
     Read(u32),
-    /// What has come, and how many bytes are still to come.
+    /// Data received so far, and the number of bytes to come.
     Write(Register, u32, u8),
-    /// Nothing more is taken before SS/ goes high.
+    /// Complete: no more is taken before SS/ goes high.
     Over,
 }
 

@@ -9,7 +9,7 @@ use super::STEP;
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Segment {
-    /// How long, in ticks; `u64::MAX` without end.
+    /// Length in ticks; `u64::MAX` without end.
     pub ticks: u64,
     /// Acceleration in steps/s²; negative slows down.
     pub a: i32,
@@ -19,7 +19,7 @@ pub struct Segment {
     pub from: i32,
     /// Phase beyond `from` at its first tick, `0..2·f²`.
     pub rest: i64,
-    /// Whether steps count down.
+    /// True if steps count down.
     pub back: bool,
 }
 
@@ -52,7 +52,7 @@ impl Segment {
         if self.back { self.from.wrapping_sub(steps) } else { self.from.wrapping_add(steps) }
     }
 
-    /// This segment, begun at another phase beyond its `from`.
+    /// The segment, begun at another phase beyond its `from`.
     #[inline(never)]
     pub(super) fn at_phase(self, phase: i128) -> Self {
         let steps = steps_in(phase);
@@ -61,7 +61,7 @@ impl Segment {
         Self { from: self.step(steps), rest, ..self }
     }
 
-    /// What is left of this segment `d` ticks in.
+    /// The rest of this segment `d` ticks in.
     pub(super) fn since(self, d: u64) -> Self {
         let ticks = if self.ticks == u64::MAX { u64::MAX } else { self.ticks.saturating_sub(d) };
         Self { ticks, h: self.speed(d), ..self }.at_phase(self.phase(d))
@@ -147,7 +147,7 @@ fn whole_ticks(change: u64, a: NonZero<u32>) -> u64 {
     change.div_ceil(NonZero::<u64>::from(a).get())
 }
 
-/// How far it is from the speed `h` down to `last`, which is not more than a tick's change below.
+/// Distance from the speed `h` down to `last`, which is not more than a tick's change below.
 fn way_to(h: u64, last: u64, a: NonZero<u32>) -> u64 {
     if last == 0 {
         return vertex(h, a);
@@ -155,7 +155,7 @@ fn way_to(h: u64, last: u64, a: NonZero<u32>) -> u64 {
     divided(u128::from(h - last) * u128::from(h + last), a.into()) as u64
 }
 
-/// How far standstill is at the speed `h`, which is not more than a tick's change.
+/// Distance to standstill at the speed `h`, which is not more than a tick's change.
 pub(super) fn vertex(h: u64, a: NonZero<u32>) -> u64 {
     h * h / NonZero::<u64>::from(a)
 }
@@ -163,7 +163,7 @@ pub(super) fn vertex(h: u64, a: NonZero<u32>) -> u64 {
 /// Whole steps in `phase`, which is not negative but for what was rounded.
 #[inline(never)]
 fn steps_in(phase: i128) -> u64 {
-    /// What is left of [`STEP`] without its factors of 2: 5¹².
+    /// Odd part of [`STEP`], without its factors of 2: 5¹².
     const ODD: u64 = (STEP >> STEP.trailing_zeros()).cast_unsigned();
     // Two digits of 32 bits: a division of 128 is as long as all of a plan.
     let phase = phase.max(0).cast_unsigned() >> STEP.trailing_zeros();
