@@ -45,7 +45,7 @@ impl Drive {
         self.cut_back = false;
     }
 
-    /// When the cutback begins.
+    /// Time at which the cutback begins.
     pub(super) fn cutback_due(&self) -> Instant {
         let timeout = self.bank.word(Reg::CurrentCutbackSettings) >> 8;
         let waits =

@@ -26,14 +26,14 @@ use super::{BUSY, J2_9, J2_10, J2_12, J3_8, MEMORY};
 use crate::device::{self, Instant, Level, Output, Refused, Sink};
 use crate::memory::Save;
 
-/// Whether the drive listens and moves.
+/// State of the drive, from power-on to ready.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum State {
-    /// It never had power.
+    /// Never powered.
     Off,
     /// The start-up delay runs: no current, no ears.
     Starting(Startup),
-    /// It has no start-up delay, and is ready when all that holds in this instant was told.
+    /// Without start-up delay: ready when all inputs of this instant have come.
     Waking(Instant),
     /// Normal operation, or a fault.
     Ready,
@@ -45,7 +45,7 @@ pub(super) struct Drive {
     pub(super) version: Version,
     pub(super) state: State,
     pub(super) bank: Bank<Reg, { Reg::WORDS }>,
-    /// Whether pins or counts have changed since they were put into the bank.
+    /// True if pins or counts have changed since they were put into the bank.
     pub(super) stale: bool,
     eeprom: Eeprom,
 
@@ -62,14 +62,13 @@ pub(super) struct Drive {
     pub(super) alternate: bool,
     /// Step pulses before this instant come too fast.
     pub(super) steps_from: Instant,
-    /// What was last written to IOPortData.
+    /// Value that was last written to IOPortData.
     latch: u16,
     pub(super) encoder: Encoder,
 
     pub(super) motor: Motor,
     pub(super) motion: Motion,
-    /// Whether levels of pins 4 and 5 and the endless modes move the motor: a stop ends that, until
-    /// they ask anew.
+    /// True while levels of pins 4 and 5 and the endless modes move the motor: a stop ends that, until they ask anew.
     pub(super) armed: bool,
 
     /// No motor current until it is enabled (7.15).
@@ -81,12 +80,12 @@ pub(super) struct Drive {
     pub(super) quiet_since: Instant,
     /// The cutback timeout is over.
     pub(super) cut_back: bool,
-    /// When it will be, as last shown: the deadline is asked for often.
+    /// Time of the cutback, as last computed: the deadline is asked for often.
     cutback_at: Instant,
     /// Peak phase current, in mA.
     pub(super) current: u32,
     pub(super) lights: Lights,
-    /// Whether BUSY is switched to ground.
+    /// True while BUSY is switched to ground.
     busy: bool,
 }
 
@@ -294,7 +293,7 @@ impl Drive {
         Ok(())
     }
 
-    /// Something was written: what it means, in the manual's order.
+    /// Carries out a written register, in the manual's order.
     pub(super) fn written(&mut self, at: Instant, reg: Reg, out: &mut dyn Sink) {
         match reg {
             Reg::MotorCurrentAndMicrostepping => {
@@ -400,7 +399,7 @@ impl Drive {
         self.motor.slipped(steps);
     }
 
-    /// Whether J2 pins 9, 10 and 12 are outputs.
+    /// Returns whether J2 pins 9, 10 and 12 are outputs.
     pub(super) fn gpio_outputs(&self) -> bool {
         self.bank.word(Reg::PinFunctionAndPolarity) & pin_function::OUTPUTS != 0
     }

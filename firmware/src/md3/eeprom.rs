@@ -7,10 +7,10 @@ use super::registers::{Reg, eeprom_control};
 use crate::device::{Duration, Instant, Sink};
 use crate::memory::{self, Content, Save};
 
-/// How long a save takes (7.20 does not say).
+/// Time of a save (7.20 does not give it).
 pub(super) const SAVE: Duration = Duration::millis(20);
 
-/// What the drive knows of its EEPROM.
+/// State of the EEPROM as the drive knows it.
 #[derive(Clone, Debug)]
 pub(super) struct Eeprom {
     /// CRC status, in the high byte of EEPROMControl.
@@ -28,7 +28,7 @@ impl Eeprom {
         self.status | if self.save.is_some() { eeprom_control::WRITE } else { 0 }
     }
 
-    /// Whether a save runs.
+    /// Returns whether a save runs.
     pub(super) fn is_saving(&self) -> bool {
         self.save.is_some()
     }

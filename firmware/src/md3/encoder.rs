@@ -95,7 +95,7 @@ impl Encoder {
         }
     }
 
-    /// When the first level held back will have lasted; [`Instant::NEVER`] if none is.
+    /// Time at which the first level that is held back will have lasted long enough; [`Instant::NEVER`] if none is.
     pub(super) fn deadline(&self) -> Instant {
         self.filter.deadline()
     }
@@ -108,9 +108,9 @@ impl Encoder {
         }
     }
 
-    /// What a counter in hardware saw since the last time: `steps` quarter cycles, positive with A leading
-    /// B, after which A and B have these levels. The same as so many edges while the index keeps its
-    /// level, but past the filter. Levels to which the steps do not lead are taken over uncounted.
+    /// Takes what a counter in hardware saw since the last time: `steps` quarter cycles, positive with A leading B,
+    /// after which A and B have these levels. The same as so many edges while the index keeps its level, but past the
+    /// filter. Levels to which the steps do not lead are taken over uncounted.
     pub(super) fn take_steps(&mut self, steps: i32, a: bool, b: bool) {
         self.filter.forget_a_and_b();
         let forward = steps > 0;
@@ -214,14 +214,14 @@ impl Encoder {
     }
 }
 
-/// What the registers say, made ready for edges.
+/// Settings of the registers, made ready for edges.
 #[derive(Clone, Debug)]
 struct Decoding {
     enabled: bool,
     x4: bool,
     swapped: bool,
     gating: u16,
-    /// How long the filter wants a level to last; zero while it is off.
+    /// Time for which the filter wants a level to last; zero while it is off.
     lasting: Duration,
     /// Edges of pin A and of pin B count.
     counts_a: bool,
@@ -250,7 +250,7 @@ impl Decoding {
         }
     }
 
-    /// Whether the index is valid at these levels of the pins (7.11, two tables).
+    /// Returns whether the index is valid at these levels of the pins (7.11, two tables).
     fn gate(&self, pin_a: bool, pin_b: bool) -> bool {
         let (a, b) = if self.swapped { (pin_b, pin_a) } else { (pin_a, pin_b) };
         self.enabled

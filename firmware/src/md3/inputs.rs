@@ -1,4 +1,4 @@
-//! What happens when a pin of J2 changes (7.8).
+//! Reactions to changes of the pins of J2 (7.8).
 
 use super::PORT_BITS;
 use super::drive::{Drive, State};
@@ -91,7 +91,7 @@ impl Drive {
         (self.inhibited, self.bus_inhibited) = self.inhibits();
     }
 
-    /// Whether INHIBIT and INHIBIT_MODBUS_MOTION are active.
+    /// Returns whether INHIBIT and INHIBIT_MODBUS_MOTION are active.
     fn inhibits(&self) -> (bool, bool) {
         let active = self.active & J2_3 != 0;
         let is = |function| active && self.pins.pin_3 == function;

@@ -100,7 +100,7 @@ static NOT_MODELLED: [&str; 14] = [
     "memory of where the first index began (7.13): a shaft that turns round on the index counts it again",
 ];
 
-/// What both versions have in common.
+/// The description that both versions share.
 const fn spec(kind: &'static str, product: &'static str, registers: &'static Table) -> Spec {
     Spec {
         kind,

@@ -1,4 +1,4 @@
-//! What moves an MD3's motor: commands, moves, jogs and home cycles (7.5 to 7.8, 7.15 to 7.19).
+//! Motion of an MD3: commands, moves, jogs and home cycles (7.5 to 7.8, 7.15 to 7.19).
 
 use fixed::types::{I24F8, U24F8};
 
@@ -9,10 +9,10 @@ use super::registers::{Reg, homing, motion_control};
 use crate::device::{Duration, Instant, Sink};
 use crate::motion::Rates;
 
-/// How often the flag is sampled (7.5).
+/// Interval at which the flag is sampled (7.5).
 const FLAG_SAMPLE: Duration = Duration::micros(4);
 
-/// What moves.
+/// Present motion.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum Motion {
     None,
@@ -29,9 +29,9 @@ pub(super) struct Jog {
     by_pins: bool,
     /// Against the sign of Speed.
     reversed: bool,
-    /// What it ramps to and stays at.
+    /// Speed that it ramps to and keeps.
     speed: I24F8,
-    /// It slows down, and is over when it stands.
+    /// True while it slows down, and ends when it stands.
     ends: bool,
 }
 
@@ -45,13 +45,13 @@ pub(super) enum Part {
     Seen {
         sample: Instant,
     },
-    /// It was found: to a standstill.
+    /// Flag found: to a standstill.
     Slowing,
     Offset,
 }
 
 impl Motion {
-    /// Its bit in MotionControl (7.15).
+    /// Bit in MotionControl (7.15).
     pub(super) fn bit(self) -> u16 {
         match self {
             Self::None => 0,
@@ -127,8 +127,7 @@ impl Drive {
         }
     }
 
-    /// Nothing while something else moves, and nothing without an acceleration, which would take for
-    /// ever.
+    /// Starts a jog; without effect while another motion runs, and without an acceleration, which would take for ever.
     fn jog(&mut self, by_pins: bool, reversed: bool, at: Instant, out: &mut dyn Sink) {
         let speed = self.jog_speed(reversed);
         let starts = self.motion == Motion::None && self.may_move() && speed != 0;
@@ -143,7 +142,7 @@ impl Drive {
         if reversed { -self.speed() } else { self.speed() }
     }
 
-    /// What pins 4 and 5 ask for in the modes that jog: in which direction, if at all.
+    /// Direction that pins 4 and 5 ask for in the modes that jog, if any.
     fn jog_wanted(&self) -> Option<bool> {
         let (pin_4, pin_5) = (self.active & J2_4 != 0, self.active & J2_5 != 0);
         match (self.pins.mode, pin_4, pin_5) {
@@ -205,7 +204,7 @@ impl Drive {
         true
     }
 
-    /// Whether what a home cycle searches for is there.
+    /// Returns whether the flag that a home cycle searches for is present.
     fn flag(&self) -> bool {
         match homing::mode(self.homing()) {
             // "Active high encoder index pulse on J2 pin 9"
@@ -243,7 +242,7 @@ impl Drive {
         self.bank.word(Reg::HomingConfiguration)
     }
 
-    /// When what moves wants to be looked at.
+    /// Time of the next work for the present motion.
     pub(super) fn motion_due(&self) -> Instant {
         match self.motion {
             // A jog goes on when its ramp has reached standstill: the speed may rise again.
@@ -255,7 +254,7 @@ impl Drive {
         }
     }
 
-    /// Something that moved has come to its end, or the flag is sampled.
+    /// Handles the end of a motion, or a sample of the flag.
     pub(super) fn motion_over(&mut self, at: Instant, out: &mut dyn Sink) {
         let over = self.motion;
         let goes_on = match over {
@@ -392,12 +391,12 @@ impl Drive {
         self.restart_cutback(at);
     }
 
-    /// Whether a command may set the motor in motion.
+    /// Returns whether a command may start motion.
     pub(super) fn may_move(&self) -> bool {
         self.state == State::Ready && !self.fault && !self.disabled
     }
 
-    /// Whether steps may begin: a DC motor only jogs (7.2).
+    /// Returns whether steps may begin: a DC motor only jogs (7.2).
     pub(super) fn may_step(&self) -> bool {
         self.may_move() && self.motion == Motion::None && !self.motor.is_dc()
     }

@@ -1,4 +1,4 @@
-//! What the drive does with its motor: steps along a plan while there is current, or a duty cycle.
+//! The drive's side of the motor: steps along a plan while there is current, or a duty cycle.
 
 use core::num::NonZeroU64;
 
@@ -22,7 +22,7 @@ pub(super) struct Motor {
     plan: Plan,
     /// Steps made beside the plan since it was made.
     beside: i32,
-    /// Where the motor stands while it does not follow the plan.
+    /// Position of the motor while it does not follow the plan.
     stands: Option<i32>,
     has_current: bool,
     pwm: Option<Pwm>,
@@ -30,7 +30,7 @@ pub(super) struct Motor {
     duty: i32,
     /// The counts that it will have in the end.
     aim: I24F8,
-    /// When a period begins that has another duty.
+    /// Start of the next period with another duty.
     next_period: Instant,
 }
 
@@ -53,22 +53,22 @@ impl Motor {
         out.put(at, Output::Plan { axis: AXIS, plan: &self.plan });
     }
 
-    /// When the plan stands.
+    /// Time at which the plan stands.
     pub(super) fn end(&self) -> Instant {
         self.plan.end()
     }
 
-    /// Whether it is a brush motor.
+    /// Returns whether it is a brush motor.
     pub(super) fn is_dc(&self) -> bool {
         self.pwm.is_some()
     }
 
-    /// How a brush motor is driven; `None` for a stepper.
+    /// PWM of a brush motor; `None` for a stepper.
     pub(super) fn pwm(&self) -> Option<Pwm> {
         self.pwm
     }
 
-    /// Whether a brush motor is turned.
+    /// Returns whether a brush motor is driven.
     pub(super) fn is_driven(&self) -> bool {
         self.duty != 0
     }
@@ -148,7 +148,7 @@ impl Motor {
         }
     }
 
-    /// Where the plan is, with the steps beside it.
+    /// Position of the plan, with the steps beside it.
     fn planned(&self, at: Instant) -> i32 {
         self.plan.position_at(at).wrapping_add(self.beside)
     }
@@ -189,7 +189,7 @@ impl Motor {
         self.schedule(at);
     }
 
-    /// When the duty changes next: with a period, never within one.
+    /// Schedules the next change of duty: with a period, never within one.
     fn schedule(&mut self, at: Instant) {
         self.next_period = match self.pwm {
             Some(Pwm { period, .. }) if self.has_current && self.duty != self.duty_of(self.aim.into()) => {

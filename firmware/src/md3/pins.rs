@@ -1,10 +1,10 @@
-//! What J2 pins 2 to 5 are for (7.8).
+//! Functions of J2 pins 2 to 5 (7.8).
 
 use super::registers::homing::{self, Mode as Homing};
 use super::registers::io_port::INPUTS;
 use super::registers::pin_function;
 
-/// What pin 2 is.
+/// Function of pin 2.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum Pin2 {
     /// The home sensor's flag.
@@ -17,7 +17,7 @@ pub(super) enum Pin2 {
     None,
 }
 
-/// What pin 3 is.
+/// Function of pin 3.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum Pin3 {
     /// INHIBIT: no current, while it is active.
@@ -30,7 +30,7 @@ pub(super) enum Pin3 {
     None,
 }
 
-/// What pins 4 and 5 do, in the order of the codes.
+/// Functions of pins 4 and 5, in the order of the codes.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum Mode {
     /// 0000: a step when 4 becomes active, in the direction of 5.

@@ -138,7 +138,7 @@ pub(super) mod homing {
     /// The search goes backward.
     pub(in super::super) const BACKWARD: u16 = 1 << 4;
 
-    /// What a home cycle searches for, and how it stops there.
+    /// Home mode: what it searches for, and how it stops there.
     #[derive(Clone, Copy, PartialEq, Eq, Debug)]
     pub(in super::super) struct Mode {
         /// The index on J2 pin 9, not the flag on pin 2.
@@ -240,7 +240,7 @@ pub(super) fn microsteps(setting: u16) -> u16 {
     if setting & motor::DC != 0 { 1 } else { 1 << (setting >> motor::PARAMETER_AT & 0x1F).min(8) }
 }
 
-/// How a DC motor is driven (7.2).
+/// PWM of a DC motor (7.2).
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct Pwm {
     /// A cycle.
@@ -262,8 +262,8 @@ const PWM: [(u32, u32); 9] = [
     (40_000, 2_000),
 ];
 
-/// How `setting` of [`Reg::MotorCurrentAndMicrostepping`] drives a DC motor; `None` for a stepper.
-/// Codes beyond the table act as its last row.
+/// PWM of a DC motor for `setting` of [`Reg::MotorCurrentAndMicrostepping`]; `None` for a stepper. Codes beyond the
+/// table act as its last row.
 pub(super) fn pwm(setting: u16) -> Option<Pwm> {
     if setting & motor::DC == 0 {
         return None;

@@ -1,4 +1,4 @@
-//! What the MD3's two lights show, and how it starts (sections 2, 4 and 7.20).
+//! The MD3's two lights, and its start (sections 2, 4 and 7.20).
 
 use super::{GREEN, RED};
 use crate::device::{Duration, Instant, Level, Output, Sink};
@@ -15,7 +15,7 @@ const BAD_FLASHES: Duration = Duration::secs(5);
 const FLASH: Duration = Duration::millis(500);
 /// The bright part of any flash.
 const BRIGHT: Duration = Duration::millis(250);
-/// How long each light has its turn when they alternate.
+/// Time that each light is on when they alternate.
 const TURN: Duration = Duration::millis(500);
 /// Heartbeat, and flash of a fault (section 2 says about 1.5 s).
 const HEARTBEAT: Duration = Duration::millis(1_500);
@@ -24,9 +24,9 @@ const HEARTBEAT: Duration = Duration::millis(1_500);
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct Startup {
     phase: Phase,
-    /// When the phase ends.
+    /// End of the phase.
     pub(super) due: Instant,
-    /// When the drive is ready.
+    /// Time at which the drive is ready.
     pub(super) ready: Instant,
 }
 
@@ -76,7 +76,7 @@ impl Startup {
     }
 }
 
-/// What the lights say (section 2).
+/// States of the lights (section 2).
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum Lights {
     /// As [`Startup`] says.

@@ -30,7 +30,7 @@ const LEAST_STEP: Duration = Duration::micros(50);
 /// The most that a torque accelerates: steeper is nothing that turns.
 const STEEPEST: i64 = 16 * Stretch::STEEPEST;
 
-/// What a motor's terminals are connected to.
+/// Connection of a motor's terminals.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Terminals {
     /// A bridge without power.
@@ -41,12 +41,12 @@ pub(super) enum Terminals {
     Driven {
         /// In 1/65536 of the supply; 0 shorts them.
         duty: i32,
-        /// What they may carry.
+        /// Current limit, in mA.
         limit_ma: u32,
     },
 }
 
-/// What follows from the parameters, in the units of a [`Stretch`].
+/// Constants that follow from the parameters, in the units of a [`Stretch`].
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct Constants {
     /// The speed at which the motor makes the voltage of the supply.
@@ -59,7 +59,7 @@ pub(super) struct Constants {
     /// The current of the supply at standstill, in mA.
     pub(super) stall_ma: i64,
     friction: i64,
-    /// Of the load, against forward motion.
+    /// Torque of the load, against forward motion.
     load: i64,
     /// Friction and load as parts of `torque`, in parts of `stall`: so a motor whose `stall` is bounded comes to the
     /// right speed.
@@ -130,7 +130,7 @@ impl Constants {
         Duration::from_ticks(self.time_constant_ticks().min(LONGEST).cast_unsigned())
     }
 
-    /// What goes on from `now`, and what it draws there, in mA.
+    /// Next stretch from `now`, and the current there, in mA.
     pub(super) fn next(&self, now: Stretch, terminals: Terminals, held: bool) -> (Stretch, i32) {
         let (push, most_ma) = match terminals {
             Terminals::Driven { duty, limit_ma } => (self.push(duty, now.speed), i64::from(limit_ma)),
@@ -184,7 +184,7 @@ impl Constants {
         ((self.stall * i64::from(duty.clamp(-FULL_DUTY, FULL_DUTY))) >> 16) - against
     }
 
-    /// What an acceleration of a duty draws, in mA.
+    /// Current for an acceleration by a duty, in mA.
     fn draws(&self, push: i64) -> i64 {
         ((2 * push).saturating_mul(self.stall_ma).div_euclid(self.stall.max(1)) + 1) >> 1
     }

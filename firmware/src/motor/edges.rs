@@ -1,4 +1,4 @@
-//! What the edges of a sensor tell of the speed of a shaft.
+//! The speed of a shaft by the edges of a sensor.
 
 use drivetwin_protocol::time::TICKS_PER_SECOND;
 use fixed::types::I40F24;

@@ -1,4 +1,4 @@
-//! What the control loop of a drive knows of its motor.
+//! Feedback of a motor to the control loop of its drive.
 //!
 //! A real drive estimates what happens between two edges of its sensors. Here the motor is simulated by the same
 //! process, which knows: so the motor reports its [`Parameters`] and its [`Rotation`], and nothing is estimated. Where
@@ -32,7 +32,7 @@ pub(crate) struct Known {
     stall_ma: i64,
     /// Part of the way to its final speed that the motor makes in a [`TICK`], above 0.
     pub(crate) gain: I40F24,
-    /// One by that.
+    /// Inverse of that.
     inverse: I40F24,
     /// Time in which it comes within 1/e of its final speed, in ticks of the loop.
     pub(crate) slowness: I40F24,

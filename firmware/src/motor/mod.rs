@@ -41,17 +41,16 @@ use crate::device::{
 /// The only axis of a motor, and of the drive that has it.
 pub(crate) const AXIS: Axis = Axis(0);
 
-/// What a brush motor, or a brushless one, and its load are. What is beyond a limit acts as the limit.
+/// Parameters of a brush motor, or of a brushless one, and its load. A value beyond a limit acts as the limit.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Parameters {
-    /// What feeds the drive, in mV, 1 to 100,000.
+    /// Supply voltage, in mV, 1 to 100,000.
     pub supply_mv: u32,
-    /// How fast the motor turns at the full supply without load and friction, in rpm, 60 to 200,000: its
-    /// torque constant.
+    /// Speed at the full supply without load and friction, in rpm, 60 to 200,000: its torque constant.
     pub no_load_rpm: u32,
-    /// Of its winding, in mΩ, 10 to 1,000,000.
+    /// Resistance of the winding, in mΩ, 10 to 1,000,000.
     pub resistance_mohm: u32,
-    /// Of rotor and load, in g·cm², 1 to 10,000,000.
+    /// Inertia of rotor and load, in g·cm², 1 to 10,000,000.
     pub inertia_gcm2: u32,
     /// Torque against any motion, in µN·m, up to 100,000,000; also what holds it at rest.
     pub friction_unm: u32,
@@ -59,7 +58,7 @@ pub struct Parameters {
     pub load_unm: i32,
     /// Pulses of a Hall sensor in a turn, 1 to 1,000; of a brushless motor its pairs of poles.
     pub hall_pulses: u16,
-    /// Its Hall sensors: 2, a quarter of a pulse apart, or 3, a third of one (brushless).
+    /// Hall sensors: 2, a quarter of a pulse apart, or 3, a third of one (brushless).
     pub hall_sensors: u8,
     /// Cycles of its encoder in a turn; 0 without one.
     pub encoder_cycles: u16,
@@ -116,7 +115,7 @@ impl Parameters {
         self.hall_sensors.clamp(Self::LEAST.hall_sensors, Self::MOST.hall_sensors)
     }
 
-    /// Whether it is a brushless motor: one with three Hall sensors.
+    /// Returns whether it is a brushless motor: one with three Hall sensors.
     #[must_use]
     pub fn is_brushless(&self) -> bool {
         self.sensors() == 3
@@ -151,7 +150,7 @@ pub const HALL_C: Pin = Pin(5);
 pub const HALL_PINS: &[Pin] = &[HALL_A, HALL_B, HALL_C];
 const ENCODER_PINS: &[Pin] = &[ENCODER_A, ENCODER_B, ENCODER_I];
 
-/// Its shaft is held.
+/// Blocked shaft.
 pub const STALL: Fault = Fault(0);
 
 const fn sensor(name: &'static str) -> PinSpec {
@@ -173,7 +172,7 @@ static MOTOR: Spec = Spec {
 pub struct Motor {
     parameters: Parameters,
     constants: Constants,
-    /// What its terminals may carry, in mA; 0 while they are open.
+    /// Current limit, in mA; 0 while the terminals are open.
     limit_ma: u32,
     /// In 1/65536 of the supply.
     duty: i32,
@@ -183,7 +182,7 @@ pub struct Motor {
     encoder: Wheel,
     /// The next edge of a sensor.
     edge: Instant,
-    /// That one, or the end of the stretch.
+    /// Time of that edge, or of the end of the stretch.
     due: Instant,
     ma: i32,
     /// The last report of its shaft, and its instant.
@@ -191,7 +190,7 @@ pub struct Motor {
 }
 
 impl Motor {
-    /// One that stands, with open terminals, in the middle between two edges of its Hall sensors.
+    /// A motor that stands, with open terminals, in the middle between two edges of its Hall sensors.
     #[must_use]
     pub fn new(parameters: Parameters) -> Self {
         let halls = Wheel::halls(&parameters);
@@ -213,7 +212,7 @@ impl Motor {
         }
     }
 
-    /// What it is.
+    /// Parameters.
     #[must_use]
     pub fn parameters(&self) -> &Parameters {
         &self.parameters
@@ -225,7 +224,7 @@ impl Motor {
         self.stretch.at(at).rotation()
     }
 
-    /// It is another motor from now on, at the same count of its Hall sensors and as fast in turns.
+    /// Changes the parameters, at the same count of its Hall sensors and as fast in turns.
     pub fn become_another(&mut self, at: Instant, parameters: Parameters, out: &mut dyn Sink) {
         if parameters == self.parameters {
             return;
@@ -342,7 +341,7 @@ impl Device for Motor {
         &MOTOR
     }
 
-    /// Its sensors have power again; the shaft does not know.
+    /// Powers the sensors; the shaft stays as it is.
     fn power_on(&mut self, at: Instant, _boot: Boot, out: &mut dyn Sink) {
         self.coast(at);
         self.held = false;

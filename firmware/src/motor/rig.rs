@@ -38,7 +38,7 @@ pub struct Rig<D> {
     pulled: [bool; HALL_PINS.len()],
 }
 
-/// What is on its way. All of it was put at one instant, because what was put before has arrived by then.
+/// Signals that are on their way. All were put at one instant, because earlier ones have arrived by then.
 #[derive(Clone, Debug)]
 struct Wires {
     arrives: Instant,
@@ -127,7 +127,7 @@ impl<D: Turns> Rig<D> {
         Self { drive, parted: false, motor, wires: Wires::EMPTY, halls, pulled }
     }
 
-    /// What has come through the wires by `at`.
+    /// Delivers the signals that have arrived by `at`.
     fn arrive(&mut self, at: Instant, out: &mut dyn Sink) {
         if self.wires.arrives > at {
             return;

@@ -1,4 +1,4 @@
-//! What turns, seen by what is on its shaft.
+//! A rotor, as the sensors on its shaft see it.
 
 use crate::device::{Device, Instant};
 
@@ -7,35 +7,35 @@ use crate::device::{Device, Instant};
 /// Angles are in 2⁻³² turns and wrap. What is asked about an instant holds from the last call of the device on and
 /// before [`until`](Self::until); in that time the shaft does not turn round.
 pub trait Rotor: Device {
-    /// When it begins to turn otherwise if nothing happens to it: one of its deadlines.
+    /// Time until which it turns as at present if nothing happens to it: one of its deadlines.
     fn until(&self) -> Instant;
 
-    /// Where the shaft is.
+    /// Angle of the shaft.
     fn angle_at(&self, at: Instant) -> i64;
 
-    /// Whether the shaft is at an angle, or forward of it.
+    /// Returns whether the shaft is at an angle, or forward of it.
     fn is_at_least(&self, at: Instant, angle: i64) -> bool {
         self.angle_at(at).wrapping_sub(angle) >= 0
     }
 
-    /// How it turns at present.
+    /// Present motion.
     fn pace(&self) -> Pace;
 
-    /// Whether it cannot follow its drive.
+    /// Returns whether it cannot follow its drive.
     fn stalled(&self) -> bool;
 
-    /// What it draws, in mA, signed as a duty is.
+    /// Current in mA, signed as a duty is.
     fn draws_ma(&self) -> i32;
 }
 
-/// How a shaft turns from an instant on, to reckon with where a tick more or less does not matter.
+/// Motion of a shaft from an instant on, to compute with where a tick more or less does not matter.
 ///
 /// *d* ticks later it has made `d·(2h + a·d)` of the `turn` parts of a turn.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Pace {
     /// From when on.
     pub since: Instant,
-    /// Where it was then, in 2⁻³² turns.
+    /// Angle then, in 2⁻³² turns.
     pub angle: i64,
     /// Half of its speed, in parts of a turn a tick, signed.
     pub h: i64,

@@ -34,7 +34,7 @@ use drivetwin_protocol::time::TICKS_PER_SECOND;
 const CATCH_UP: Duration = Duration::millis(1);
 /// The longest stretch, so that nothing here exceeds 127 bits, and no position wraps unseen.
 const LONGEST: Duration = Duration::from_ticks(1 << 31);
-/// What is less is no jump, in units of phase: the even way of catching up is a whole number of units a tick.
+/// Smallest jump, in units of phase: the even way of catching up is a whole number of units a tick.
 const NOTHING: i128 = 1 << 16;
 /// The field's torque repeats after so many full steps.
 const PERIOD: i64 = 4;
@@ -45,7 +45,7 @@ const TORQUE: i128 = 10_541_437;
 /// More than any drive gives, in mA.
 const MOST_MA: u32 = 1_000_000;
 
-/// What a stepper motor and its load are. What is beyond a limit acts as the limit.
+/// Parameters of a stepper motor and its load. A value beyond a limit acts as the limit.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Parameters {
     /// Full steps in a turn, 4 to 10,000.
@@ -57,7 +57,7 @@ pub struct Parameters {
     pub rated_ma: u32,
     /// The speed at which no torque is left, in rpm, 1 to 200,000; it falls evenly with the speed.
     pub pull_out_rpm: u32,
-    /// Of rotor and load, in g·cm², 1 to 10,000,000.
+    /// Inertia of rotor and load, in g·cm², 1 to 10,000,000.
     pub inertia_gcm2: u32,
     /// Torque against any motion, in µN·m, up to 100,000,000: all that holds the shaft without current.
     pub friction_unm: u32,
@@ -121,17 +121,17 @@ static STEPPER: Spec = Spec {
     ..Spec::BARE
 };
 
-/// How the shaft turns from an instant on. It does not turn round inside.
+/// Motion of the shaft from an instant on. It does not reverse inside.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 struct Stretch {
     since: Instant,
     end: Instant,
-    /// Its phase at the beginning.
+    /// Phase at the beginning.
     from: i128,
     /// Speed and acceleration as those of a [`Segment`](crate::motion::Segment), but signed.
     h: i64,
     a: i64,
-    /// How much of `h` catches up with the field.
+    /// Part of `h` that catches up with the field.
     catches_up: i64,
 }
 
@@ -173,19 +173,19 @@ pub struct Stepper {
     current_ma: Option<u32>,
     held: bool,
     plan: Plan,
-    /// Where phase 0 is, in 2⁻³² turns.
+    /// Angle of phase 0, in 2⁻³² turns.
     origin: i64,
-    /// Where the field is, in whole steps of the drive from there.
+    /// Position of the field, in whole steps of the drive from there.
     field: i64,
-    /// What the plan's position was there.
+    /// Position of the plan there.
     planned: i32,
-    /// How far from the field the shaft belongs, in steps of the drive: some periods of its torque.
+    /// Offset of the shaft from the field, in steps of the drive: some periods of its torque.
     lost: i64,
     /// Not following the field: held, turned by its load, or at rest.
     is_loose: bool,
     /// The drive keeps its field beside a shaft that does not follow, and so its whole torque.
     keeps_field: bool,
-    /// When the last step without a plan was.
+    /// Time of the last step without a plan.
     stepped: Instant,
     /// Until when it catches up with the field.
     catches_up: Instant,
@@ -193,7 +193,7 @@ pub struct Stepper {
 }
 
 impl Stepper {
-    /// One that stands at angle 0, at a drive of full steps.
+    /// A motor that stands at angle 0, at a drive of full steps.
     #[must_use]
     pub fn new(parameters: Parameters) -> Self {
         Self {
@@ -257,7 +257,7 @@ impl Stepper {
         }
     }
 
-    /// Its drive, which knows where the shaft is, moves the field there: if it rests though nothing holds it, it
+    /// Moves the field to the shaft, as a drive does that knows where it is: a shaft that rests though nothing holds it
     /// follows from there on, at the nearest place of the field's torque.
     pub fn catch(&mut self, at: Instant) {
         if self.is_free() && self.stretch.speed_at(at) == 0 {
@@ -437,7 +437,7 @@ impl Stepper {
         self.field += periods as i64 * steps;
     }
 
-    /// How the shaft goes on from `shaft` if it follows the field.
+    /// Stretch of the shaft from `shaft` if it follows the field.
     fn following(&mut self, at: Instant, within: Duration, shaft: i128, field: &Field) -> Stretch {
         let aim = i128::from(self.field + self.lost) * i128::from(STEP) + field.fraction;
         let gap = aim - shaft;
@@ -465,7 +465,7 @@ impl Stepper {
         }
     }
 
-    /// How far from the field the shaft belongs if it falls in at the nearest place.
+    /// Offset of the shaft from the field if it falls in at the nearest place.
     fn nearest_period(&self, shaft: i128) -> i64 {
         let steps = PERIOD * i64::from(self.microsteps);
         let period = i128::from(steps) * i128::from(STEP);
@@ -474,7 +474,7 @@ impl Stepper {
         (periods as i64).wrapping_mul(steps)
     }
 
-    /// Whether the torque at standstill suffices to turn the shaft from one phase to another.
+    /// Returns whether the torque at standstill suffices to turn the shaft from one phase to another.
     fn overcomes(&self, from: i128, to: i128) -> bool {
         let way = (to - from).signum() as i64;
         self.fails_after(&Stretch { h: way, ..Stretch::rest(Instant::ZERO, Instant::ZERO, from) }) != Some(0)
@@ -539,14 +539,14 @@ impl Stepper {
     }
 }
 
-/// What the field of a plan does from an instant on.
+/// Field of a plan from an instant on.
 struct Field {
     /// Phase beyond the plan's position there.
     fraction: i128,
     /// As of a [`Stretch`].
     h: i64,
     a: i64,
-    /// When it does something else.
+    /// End of this motion.
     end: Instant,
 }
 
@@ -603,7 +603,7 @@ impl Device for Stepper {
         &STEPPER
     }
 
-    /// Nothing of it needs power: the shaft stays where it is.
+    /// Without effect: the shaft stays where it is.
     fn power_on(&mut self, _at: Instant, _boot: Boot, _out: &mut dyn Sink) {}
 
     fn input(&mut self, at: Instant, input: Input<'_>, _out: &mut dyn Sink) {

@@ -7,7 +7,7 @@ use crate::device::{Duration, Instant};
 /// so much resistance that it brakes nothing, gets no faster.
 pub(super) const MOST: i64 = 1 << 44;
 
-/// How a shaft turns from an instant on. It never turns round inside: the speed ends at 0.
+/// Motion of a shaft from an instant on. It never reverses inside: the speed ends at 0.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct Stretch {
     since: Instant,
@@ -17,7 +17,7 @@ pub(super) struct Stretch {
     pub(super) speed: i64,
     /// In 2⁻⁶⁴ turns a tick².
     acceleration: i64,
-    /// How long; without end only where nothing moves.
+    /// Length; without end only at standstill.
     length: Duration,
 }
 
@@ -33,7 +33,8 @@ impl Stretch {
         Self { since, angle, speed: 0, acceleration: 0, length: Duration::FOREVER }
     }
 
-    /// What begins here with that acceleration and lasts `length`, or until it stands or is as fast as anything.
+    /// The stretch that begins here with that acceleration and lasts `length`, or until it stands or is as fast as
+    /// possible.
     pub(super) fn with(self, acceleration: i64, length: Duration) -> Self {
         let fastest = MOST * acceleration.signum();
         let acceleration =
@@ -47,17 +48,17 @@ impl Stretch {
         Self { length: length.min(Self::LONGEST).min(changes), ..lasting }
     }
 
-    /// Whether its acceleration is against its speed.
+    /// Returns whether its acceleration is against its speed.
     fn slows(&self) -> bool {
         self.speed.signum() * self.acceleration.signum() < 0
     }
 
-    /// How many ticks it accelerates until it has that speed.
+    /// Ticks until it has that speed.
     fn ticks_to(&self, speed: i64) -> u64 {
         ((speed - self.speed).unsigned_abs() << 8).div_ceil(self.acceleration.unsigned_abs().max(1))
     }
 
-    /// When it stands if its acceleration lasts, also after its end; never if it does not slow down.
+    /// Time at which it stands if its acceleration lasts, also after its end; never if it does not slow down.
     pub(super) fn stands(&self) -> Instant {
         if self.slows() { self.since + Duration::from_ticks(self.ticks_to(0)) } else { Instant::NEVER }
     }
@@ -70,8 +71,8 @@ impl Stretch {
         self.since + self.length
     }
 
-    /// Where it is at `at`, not before it began nor after its end; from there on it stands, or goes on
-    /// [`with`](Self::with) something.
+    /// State at `at`, not before it began nor after its end; from there on it stands, or goes on [`with`](Self::with)
+    /// another acceleration.
     pub(super) fn at(&self, at: Instant) -> Self {
         let Rotation { angle, speed, .. } = self.rotation().after(at.since(self.since).min(self.length));
         Self { since: at, angle, speed, ..*self }
@@ -87,7 +88,7 @@ impl Stretch {
         self.at(self.end()).speed
     }
 
-    /// Where it is at `at`, however late, if its acceleration lasts: until it stands, or until nothing is faster.
+    /// State at `at`, however late, if its acceleration lasts: until it stands, or is as fast as possible.
     pub(super) fn lasting_to(&self, at: Instant) -> Self {
         let last = if self.slows() { 0 } else { MOST * self.acceleration.signum() };
         let passed = at.since(self.since).ticks();
@@ -104,7 +105,7 @@ impl Stretch {
         Self { since: at, angle: self.angle.wrapping_add(way as i64), speed, ..*self }
     }
 
-    /// What to reckon with.
+    /// Motion to compute with.
     pub(super) fn pace(&self) -> Pace {
         Pace { since: self.since, angle: self.angle, h: self.speed << 8, a: self.acceleration, turn: 1 << 65 }
     }

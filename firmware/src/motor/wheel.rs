@@ -1,4 +1,4 @@
-//! What sensors around a shaft see of it: two a quarter of a period apart, or three a third of one.
+//! Levels of the sensors around a shaft: two a quarter of a period apart, or three a third of one.
 
 use fixed::types::I48F16;
 

@@ -19,17 +19,17 @@ use crate::memory::Save;
 /// From a reset to the banner; the list does not say.
 const STARTUP: Duration = Duration::millis(50);
 
-/// Whether the adapter listens.
+/// State of the adapter, from power-on to ready.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum State {
-    /// It never had power.
+    /// Never powered.
     Off,
     /// Until the banner, which comes at that instant.
     Starting(Instant),
     Ready,
 }
 
-/// What comes from outside, which outlasts a reset.
+/// Levels of the inputs, which outlast a reset.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Pins {
     pub(super) a: bool,
@@ -42,7 +42,7 @@ pub(super) struct Pins {
 }
 
 impl Pins {
-    /// Nothing is connected.
+    /// Levels with no connection.
     const OPEN: Self = Self { a: true, b: true, index: false, mv: LOGIC_HIGH_MV, dio: 0xF };
 }
 
@@ -62,7 +62,7 @@ pub(super) struct Adapter {
     pub(super) pwm: Pwm,
     /// Lines of the port that it pulls low, a bit each; those of the motor drive are not among them.
     pub(super) pulled: u8,
-    /// When the pulse of a trigger ends, which inverts DIO0.
+    /// End of a trigger's pulse, which inverts DIO0.
     pub(super) pulse: Option<Instant>,
     pub(super) streams: Streams,
     pub(super) motor: Motor,
@@ -128,12 +128,12 @@ impl Adapter {
         }
     }
 
-    /// Whether it ever had power.
+    /// Returns whether it was ever powered.
     pub(super) fn has_run(&self) -> bool {
         self.state != State::Off
     }
 
-    /// Whether it has started.
+    /// Returns whether it has started.
     pub(super) fn is_ready(&self) -> bool {
         self.state == State::Ready
     }
@@ -227,7 +227,7 @@ impl Adapter {
         self.pins.index == (self.bank.word(Reg::Mdr1) & mdr1::INVERT_INDEX != 0)
     }
 
-    /// Whether something is to happen when the counter does.
+    /// Returns whether events of the counter have an effect.
     fn watches_counter(&self) -> bool {
         let triggers = self.bank.word(Reg::Mdr1) & mdr1::TRIGGERS != 0;
         self.is_ready() && (triggers || self.streams.running() & stream::STATUS != 0)
@@ -245,7 +245,7 @@ impl Adapter {
         }
     }
 
-    /// Whether this variant has a row.
+    /// Returns whether this variant has a row.
     pub(super) fn has(&self, row: &Entry) -> bool {
         row.variants & self.variant.bit != 0
     }

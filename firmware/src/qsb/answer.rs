@@ -1,4 +1,4 @@
-//! What is answered, and how the answer leaves.
+//! Answers, and how they leave.
 
 use drivetwin_protocol::registers::{Entry, Register, Shape, Space};
 use drivetwin_protocol::text::Line;

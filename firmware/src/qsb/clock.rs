@@ -4,10 +4,10 @@ use crate::device::{Duration, Instant};
 
 /// 1/512 s, exactly.
 pub(super) const TICK: Duration = Duration::from_ticks(31_250);
-/// What the stamp of an analogue packet counts.
+/// Unit of the stamp of an analogue packet.
 const HALF_MILLISECOND: Duration = Duration::micros(500);
 
-/// What counts from the reset on, and TIME STAMP.
+/// Time since the reset, and TIME STAMP.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Clock {
     reset: Instant,
@@ -25,7 +25,7 @@ impl Clock {
         at.since(self.reset) / TICK
     }
 
-    /// When that many ticks are past.
+    /// Time at which that many ticks have passed.
     pub(super) fn instant(self, ticks: u64) -> Instant {
         self.reset + TICK * ticks
     }

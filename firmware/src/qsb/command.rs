@@ -6,7 +6,7 @@ use heapless::Vec;
 /// The most characters of a line that are looked at.
 pub(super) const LINE_CHARACTERS: usize = 16;
 
-/// What the letter of a command asks for.
+/// Letter of a command.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum Verb {
     /// `R`

@@ -1,4 +1,4 @@
-//! What READ ENCODER brings in each MODE.
+//! READ ENCODER in each MODE.
 
 use super::adapter::Adapter;
 use super::registers::Reg;
@@ -21,7 +21,7 @@ pub(super) enum Mode {
 }
 
 impl Mode {
-    /// How long a measurement takes (INTERVAL RATE).
+    /// Time of a measurement (INTERVAL RATE).
     pub(super) fn measurement(self) -> Duration {
         match self {
             Self::Quadrature | Self::Pwm => Duration::micros(100),

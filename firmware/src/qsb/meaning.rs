@@ -1,4 +1,4 @@
-//! What a register reads, and what a write of it means.
+//! Effect of reading and writing each register.
 
 use drivetwin_protocol::registers::Register;
 
@@ -187,7 +187,7 @@ impl Adapter {
     }
 }
 
-/// What a register keeps of a value.
+/// Value that a register keeps of a written one.
 fn kept(reg: Reg, value: i64) -> i64 {
     match reg {
         Reg::Mode => value & 3,

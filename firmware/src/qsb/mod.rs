@@ -83,7 +83,7 @@ static NOT_MODELLED: [&str; 4] = [
     "noise of the analogue input and of a PWM encoder: a voltage and a duty are read exactly",
 ];
 
-/// What all variants have in common.
+/// The description that all variants share.
 const fn spec(kind: &'static str, product: &'static str, variant: Variant) -> Spec {
     let (pins, _) = PINS.split_at(DIO0.0 as usize + variant.lines.count_ones() as usize);
     Spec {

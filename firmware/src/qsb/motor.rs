@@ -7,7 +7,7 @@ use super::{AXIS, DIO1, DIO2};
 use crate::device::{Duration, Instant, Level, Output, Plan, Sink};
 use crate::motion::{Rates, SETUP, Walker};
 
-/// What the commands of the motor order (COMMAND 4 to 9).
+/// Orders of the motor's commands (COMMAND 4 to 9).
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum Order {
     /// Slow down, and end what runs.
@@ -57,7 +57,7 @@ mod status {
     pub(super) const ACTIVE: u8 = 1 << 4;
 }
 
-/// What the motor was ordered to do.
+/// Motion that was ordered.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum Motion {
     /// To the position `end`.
@@ -72,10 +72,9 @@ enum State {
     Inactive,
     Ready,
     Runs(Motion),
-    /// It slows down, and is over when it stands.
+    /// Slows down, and ends when it stands.
     Stops(Motion),
-    /// It slows down, and is paused when it stands; or goes on, with the acceleration of the order that
-    /// came meanwhile.
+    /// Slows down, and is paused when it stands; or goes on, with the acceleration of an order that came meanwhile.
     Pauses(Motion, Option<u32>),
     Paused(Motion),
 }
@@ -104,7 +103,7 @@ impl Motor {
         }
     }
 
-    /// Whether DIO1 and DIO2 are the motor's.
+    /// Returns whether DIO1 and DIO2 are the motor's.
     pub(super) fn is_active(&self) -> bool {
         self.state != State::Inactive
     }
@@ -191,12 +190,12 @@ impl Motor {
         self.forward != (at >= self.turns)
     }
 
-    /// When what moves comes to an end, or DIO2 changes.
+    /// Time at which the motion ends, or DIO2 changes.
     pub(super) fn deadline(&self) -> Instant {
         self.turns.min(self.over())
     }
 
-    /// One of the two has come.
+    /// Handles that time.
     pub(super) fn timeout(&mut self, at: Instant, out: &mut dyn Sink) {
         self.turn(at);
         if self.over() <= at {
@@ -212,7 +211,7 @@ impl Motor {
         self.beside = self.beside.wrapping_add(steps);
     }
 
-    /// What runs or is paused.
+    /// Motion that runs or is paused.
     fn motion(&self) -> Option<Motion> {
         match self.state {
             State::Inactive | State::Ready => None,
@@ -222,7 +221,7 @@ impl Motor {
         }
     }
 
-    /// When what moves is over, if it ends.
+    /// End of the motion, if it ends.
     fn over(&self) -> Instant {
         match self.state {
             State::Runs(Motion::Move { .. }) | State::Stops(_) | State::Pauses(..) => self.plan.end(),
@@ -233,7 +232,7 @@ impl Motor {
         }
     }
 
-    /// What follows then.
+    /// State after that.
     fn next(&self) -> State {
         match self.state {
             State::Pauses(motion, Some(_)) => State::Runs(motion),
@@ -295,7 +294,7 @@ impl Motor {
         }
     }
 
-    /// When DIO2 changes after `at`: [`SETUP`] before a step in the other direction, or at once.
+    /// Time at which DIO2 changes after `at`: [`SETUP`] before a step in the other direction, or at once.
     fn next_turn(&self, at: Instant) -> Instant {
         let same = self.plan.segments().iter().take_while(|segment| segment.back != self.forward);
         let end = same.fold(self.plan.start(), |at, segment| at + Duration::from_ticks(segment.ticks));

@@ -58,7 +58,7 @@ impl Adapter {
         counter.cntr()
     }
 
-    /// Something happened to the counter that MDR1 selects.
+    /// Handles an event of the counter that MDR1 selects.
     pub(super) fn trigger(&mut self, at: Instant, out: &mut dyn Sink) {
         const PULSE: u16 = config::PULSE | 1 << config::OUTPUTS;
         if self.bank.word(Reg::DigIOConfig) & PULSE != PULSE {

@@ -5,18 +5,18 @@ use drivetwin_protocol::line::{Line, Parity};
 /// The factory's firmware.
 const FIRMWARE: i64 = 0x0E;
 
-/// What the variants of the product differ in, besides their registers.
+/// Differences of the variants of the product, besides their registers.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Variant {
-    /// Its bit in the rows of the registers.
+    /// Bit in the rows of the registers.
     pub(super) bit: u8,
-    /// What its name ends with.
+    /// Last letter of its name.
     pub(super) letter: u8,
-    /// Its digit in VERSION.
+    /// Digit in VERSION.
     pub(super) digit: u8,
     /// Lines of its digital port, a bit each.
     pub(super) lines: u8,
-    /// Whether two of them may step a motor.
+    /// True if two of them may step a motor.
     pub(super) motor: bool,
 }
 
@@ -25,7 +25,7 @@ pub(super) const M: Variant = Variant { bit: 1 << 1, letter: b'M', digit: 1, lin
 pub(super) const S: Variant = Variant { bit: 1 << 2, letter: b'S', digit: 2, lines: 0, motor: false };
 
 drivetwin_protocol::registers! {
-    /// What the letters R, W and S name; the settings behind them a command or the maker sets.
+    /// Registers that the letters R, W and S name; the settings behind them a command or the maker sets.
     pub enum Reg: ObjectsHighFirst {
         /// Bits 1:0 what encoder is read: 0 quadrature or step/direction, 1 PWM, 2 analogue. Bit 4
         /// reads 1 while a 12-bit PWM encoder is seen.
@@ -49,13 +49,13 @@ drivetwin_protocol::registers! {
         Str = ro(0x06, "STR").u8().reset(0x0A).streams(),
         /// The count now.
         Otr = ro(0x07, "OTR").u32(),
-        /// What the counter loads and compares with.
+        /// Value that the counter loads and compares with.
         Dtr = rw(0x08, "DTR").u32().reset(0x1F3).saved(),
         /// Clears 0 MDR0, 1 MDR1, 2 CNTR, 3 STR.
         ClearReg = wo(0x09, "CLEAR REG").u8().range(0, 3),
         /// 0 DTR to CNTR, 1 CNTR to OTR.
         LoadReg = wo(0x0A, "LOAD REG").u8().range(0, 1),
-        /// How far the encoder's value must have gone to be streamed again; 0 streams each.
+        /// Change of the encoder's value after which it is streamed again; 0 streams each.
         Threshold = rw(0x0B, "THRESHOLD").saved(),
         /// Time between two streamed values of the encoder, in 1/512 s: 0 as fast as it can, 0xFFFF
         /// never. Also how long a trigger's pulse lasts.
@@ -76,7 +76,7 @@ drivetwin_protocol::registers! {
         MdStatus = ro(0x13, "MD STATUS").u8().reset(1).streams().only(M.bit),
         /// Five digits of the serial number, one of the variant (0 D, 1 M, 2 S), two of the firmware.
         Version = ro(0x14, "VERSION").u32(),
-        /// How responses are formatted: bit 0 LF, 1 CR, 2 time stamp, 3 spaces between fields.
+        /// Format of responses: bit 0 LF, 1 CR, 2 time stamp, 3 spaces between fields.
         Eor = rw(0x15, "EOR").u8().range(0, 0xF).reset(0xB).saved(),
         /// 1 ends streams, 3 saves, x0A sets the baud rate. Of the QSB-M: 0 ends the motor drive, 2
         /// begins it, 4 stops, 5 quits, 6 pauses, 7 resumes, 8 moves, 9 jogs.
@@ -89,8 +89,8 @@ drivetwin_protocol::registers! {
         BaudRate = setting(1, "COMMAND A").u8().range(0, 7).reset(FACTORY_RATE as i64).saved(),
         /// The motor drive is active after a reset, as command 3 saved it.
         MotorDrive = setting(2, "COMMAND 3").u8().range(0, 1).saved().only(M.bit),
-        /// What streams after a reset, as command 3 saved it: bits 0 DIG I/O, 1 CAPTURE, 2 STR,
-        /// 3 READ ENCODER, 4 MD STATUS.
+        /// Streams after a reset, as command 3 saved them: bits 0 DIG I/O, 1 CAPTURE, 2 STR, 3 READ ENCODER, 4 MD
+        /// STATUS.
         Streams = setting(3, "COMMAND 3").u8().range(0, 0x1F).saved(),
         /// Version of the firmware: the two last digits of VERSION, in hexadecimal, and those of the banner.
         Firmware = setting(4, "VERSION").u8().reset(FIRMWARE).saved(),

@@ -1,4 +1,4 @@
-//! What outlasts a reset: the parameters of command 3, and the baud rate (COMMAND).
+//! Values that outlast a reset: the parameters of command 3, and the baud rate (COMMAND).
 
 use drivetwin_protocol::registers::{Bank, Register};
 
@@ -8,7 +8,7 @@ use super::{MEMORY, Words};
 use crate::device::{Duration, Instant, Refused, Sink};
 use crate::memory::{self, Content, Save};
 
-/// How long a save takes; the list does not say.
+/// Time of a save; the list does not give it.
 const SAVE: Duration = Duration::millis(10);
 
 /// Rows of one word each that the first memories did not have: such a memory is still good.
@@ -20,7 +20,7 @@ fn is_older(memory: &[u8]) -> bool {
 }
 
 impl Adapter {
-    /// What was saved last; of a new or a bad memory the factory's values.
+    /// Values that were saved last; of a new or a bad memory the factory's.
     pub(super) fn stored(&self, out: &dyn Sink) -> Words {
         let mut words = Bank::factory();
         // While a save runs its image is there, and only its check sum is not.

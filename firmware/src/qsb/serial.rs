@@ -1,4 +1,4 @@
-//! What leaves: one text behind the other.
+//! Output on the line: one text behind the other.
 
 use super::USB;
 use super::registers::{FACTORY_LINE, line};
@@ -12,7 +12,7 @@ pub(super) struct Serial {
     /// The time of a character; none on a line on which characters take none.
     character: Duration,
     fast: bool,
-    /// When all that was put has left.
+    /// Time at which all that was put has left.
     sent: Instant,
 }
 
@@ -26,7 +26,7 @@ impl Serial {
         if fast { Duration::ZERO } else { line.character() }
     }
 
-    /// When the line is free.
+    /// Time at which the line is free.
     pub(super) fn free_at(&self) -> Instant {
         self.sent
     }

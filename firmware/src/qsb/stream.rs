@@ -6,18 +6,18 @@ use super::adapter::Adapter;
 use super::registers::Reg;
 use crate::device::{Instant, Sink};
 
-/// What streams, in the order of the bits of [`Reg::Streams`].
+/// Streams, in the order of the bits of [`Reg::Streams`].
 const STREAMS: [Reg; 5] = [Reg::DigIO, Reg::Capture, Reg::Str, Reg::ReadEncoder, Reg::MdStatus];
 /// The one that keeps time; the others wait for a change.
 const ENCODER: u8 = bit(Reg::ReadEncoder);
 /// The counter's status, which is to be looked at whenever it may change.
 pub(super) const STATUS: u8 = bit(Reg::Str);
-/// What W160 and W161 end.
+/// Streams that W160 and W161 end.
 pub(super) const ENDED_BY_COMMAND: u8 = bit(Reg::DigIO) | ENCODER | bit(Reg::MdStatus);
 /// INTERVAL RATE: no output.
 const PAUSED: u16 = 0xFFFF;
 
-/// Its bit in [`Reg::Streams`]; 0 for a register that does not stream.
+/// Bit in [`Reg::Streams`]; 0 for a register that does not stream.
 const fn bit(reg: Reg) -> u8 {
     match reg {
         Reg::DigIO => 1 << 0,
@@ -33,15 +33,15 @@ const fn bit(reg: Reg) -> u8 {
 #[derive(Clone, Debug)]
 pub(super) struct Streams {
     running: u8,
-    /// What was sent last of each; of READ ENCODER what THRESHOLD looks at.
+    /// Value of each that was sent last; of READ ENCODER the one that THRESHOLD compares.
     sent: [u32; STREAMS.len()],
-    /// When the first of the other streams came to differ from what was sent; never, if none does.
+    /// Time since which one of the other streams differs from what was sent; never, if none does.
     changed: Instant,
-    /// When the encoder was measured last.
+    /// Time of the last measurement of the encoder.
     measured: Instant,
-    /// When it is to be measured next.
+    /// Time of the next measurement.
     next: Instant,
-    /// Those that had their turn while others waited for the line.
+    /// Streams that were served while others waited for the line.
     served: u8,
 }
 
@@ -57,7 +57,7 @@ impl Streams {
         }
     }
 
-    /// Those that run, as in [`Reg::Streams`].
+    /// Streams that run, as in [`Reg::Streams`].
     pub(super) fn running(&self) -> u8 {
         self.running
     }
@@ -116,12 +116,12 @@ impl Adapter {
         }
     }
 
-    /// What decides whether a value is news.
+    /// Value that decides whether a register has changed.
     fn compared(&self, at: Instant, reg: Reg) -> u32 {
         if reg == Reg::ReadEncoder { self.encoder_value() } else { self.value(at, reg) as u32 }
     }
 
-    /// When the encoder is to be measured next: an interval after the last time, but not in the past.
+    /// Schedules the next measurement: an interval after the last one, but not in the past.
     pub(super) fn schedule(&mut self, at: Instant) {
         let measured = self.streams.measured;
         self.streams.next = match self.bank.word(Reg::IntervalRate) {
@@ -137,7 +137,7 @@ impl Adapter {
         };
     }
 
-    /// When there is something to send and the line is free for it.
+    /// Time at which there is a record to send and the line is free for it.
     pub(super) fn stream_due(&self) -> Instant {
         let due = self.streams.changed.min(self.streams.next);
         if due == Instant::NEVER { due } else { due.max(self.serial.free_at()) }
@@ -163,7 +163,7 @@ impl Adapter {
         }
     }
 
-    /// Something happened: whether a register differs from what was sent of it.
+    /// Notes whether a register differs from what was sent of it.
     pub(super) fn note_changes(&mut self, at: Instant) {
         self.streams.changed = match self.changed(at) {
             0 => Instant::NEVER,
