@@ -132,6 +132,12 @@ impl Recorder {
         self.notes.iter().map(|(_, note)| *note).collect()
     }
 
+    /// Offset and length of each store, with its instant.
+    #[must_use]
+    pub fn stored(&self) -> Vec<(Instant, u16, usize)> {
+        self.stores.iter().map(|(at, offset, bytes)| (*at, *offset, bytes.len())).collect()
+    }
+
     /// Bytes put at a port, with their instants.
     #[must_use]
     pub fn sent(&self, port: Port) -> Vec<(Instant, Vec<u8>)> {

@@ -64,6 +64,7 @@ fn a_recorder_keeps_each_kind() {
     assert_eq!(out.motors, [(AT, axis, Parameters::NOMINAL)]);
     assert_eq!(out.rotations, [(AT, axis, Rotation { angle: 1, speed: 2, acceleration: 3 })]);
     assert_eq!(out.stores, [(AT, 1, vec![8, 9])]);
+    assert_eq!(out.stored(), [(AT, 1, 2)]);
     assert_eq!((&out.notes[..], &out.noted()[..]), (&[(AT, NOTE)][..], &[NOTE][..]));
     assert_eq!(out.memory(), [0xFF, 8, 9, 0xFF]);
 }
