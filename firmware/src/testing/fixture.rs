@@ -150,4 +150,28 @@ impl<D: Device> Fixture<D> {
     pub fn try_set(&mut self, register: impl Register, value: i64) -> Result<(), Refused> {
         self.drive.poke(self.now, register.row(), value, &mut self.out)
     }
+
+    /// A register as it reads now, by its name.
+    ///
+    /// # Panics
+    /// There is none of that name.
+    #[track_caller]
+    pub fn get_named(&self, name: &str) -> i64 {
+        self.drive.peek(self.now, self.row(name))
+    }
+
+    /// Presets a register by its name, past the bus, now.
+    ///
+    /// # Panics
+    /// There is none of that name, or the device refuses the value.
+    #[track_caller]
+    pub fn set_named(&mut self, name: &str, value: i64) {
+        let row = self.row(name);
+        assert_eq!(self.drive.poke(self.now, row, value, &mut self.out), Ok(()), "{name} = {value}");
+    }
+
+    #[track_caller]
+    fn row(&self, name: &str) -> usize {
+        self.drive.spec().find(name).unwrap_or_else(|| panic!("{name}")).row
+    }
 }

@@ -2,6 +2,7 @@ use std::vec;
 use std::vec::Vec;
 
 use drivetwin_protocol::line::{Line, Parity};
+use drivetwin_protocol::registers::Register;
 
 use super::{Fixture, Recorder, Transcript, Treatment};
 use crate::device::{
@@ -154,7 +155,8 @@ fn a_transcript_keeps_the_order() {
     }
 }
 
-static SPEC: Spec = Spec { memory: 2, faults: &["HOT", "COLD"], ..Spec::BARE };
+static SPEC: Spec =
+    Spec { memory: 2, faults: &["HOT", "COLD"], registers: Reg::TABLE, variant: u8::MAX, ..Spec::BARE };
 
 /// A device that puts as a store each thing that it is told, and wants to be woken a millisecond after power comes.
 #[derive(Default)]
@@ -248,7 +250,8 @@ fn a_fixture_tells_its_device_things_in_time() {
         (dut.try_set(Reg::First, -1), dut.get(Reg::Second)),
         (Err(Refused::OutOfRange), ms as i64 + 2)
     );
-    assert_eq!(dut.told(), [(ms + 1, 41)]);
+    dut.set_named("First", 1);
+    assert_eq!((dut.get_named("2"), dut.told()), (ms as i64 + 2, vec![(ms + 1, 41), (ms + 1, 40)]));
 }
 
 #[test]
