@@ -251,7 +251,7 @@ fn a_fixture_tells_its_device_things_in_time() {
         (Err(Refused::OutOfRange), ms as i64 + 2)
     );
     dut.set_named("First", 1);
-    assert_eq!((dut.get_named("2"), dut.told()), (ms as i64 + 2, vec![(ms + 1, 41), (ms + 1, 40)]));
+    assert_eq!((dut.get_named("Second"), dut.told()), (ms as i64 + 2, vec![(ms + 1, 41), (ms + 1, 40)]));
 }
 
 #[test]
