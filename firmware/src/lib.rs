@@ -13,6 +13,7 @@
 //! | [`qsb`] | US Digital QSB, encoder adapter |
 //! | [`rs434`] | RS 434544 and 434546, brush motor controllers |
 //! | [`shell`] | the main loop of a board, over embedded-hal, embedded-io and nb |
+//! | `testing` | a fixture and recorders for tests; behind the feature `testing`, with `std` |
 //!
 //! No `std`, no clock, no socket, no board, no float, no heap, no `unsafe`, no panic.
 #![no_std]
@@ -28,7 +29,7 @@
     allow(clippy::unwrap_used, clippy::indexing_slicing, clippy::panic, reason = "a test may fail")
 )]
 
-#[cfg(test)]
+#[cfg(any(test, feature = "testing"))]
 extern crate std;
 
 pub mod counter;
@@ -42,6 +43,8 @@ pub mod motor;
 pub mod qsb;
 pub mod rs434;
 pub mod shell;
+#[cfg(any(test, feature = "testing"))]
+pub mod testing;
 
 /// The one list of drives: hands a constructor of each kind, of type `fn() -> impl Device`, to a
 /// macro of the caller. The simulator boxes them all, a board picks one.

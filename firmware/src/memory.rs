@@ -199,6 +199,8 @@ mod tests {
     use drivetwin_protocol::registers::{Bank, Register as _};
     use std::vec::Vec;
 
+    use crate::testing::{Recorder, Treatment};
+
     drivetwin_protocol::registers! {
         /// Saved and other rows.
         enum Reg: HighFirst {
@@ -220,33 +222,22 @@ mod tests {
     const START: Instant = Instant::from_ticks(5);
     const TIME: Duration = Duration::millis(3);
 
-    /// A memory, when something was stored last, and where everything was.
-    struct Memory {
-        bytes: Vec<u8>,
-        at: Instant,
-        places: Vec<u16>,
+    /// A new memory: a save stores and does nothing else.
+    fn recorder(size: usize) -> Recorder {
+        Recorder::new(size).ruled(|output| match output {
+            Output::Store { .. } => Treatment::Keep,
+            _ => Treatment::Refuse,
+        })
     }
 
-    impl Memory {
-        fn new(size: usize) -> Self {
-            Self { bytes: std::vec![0xFF; size], at: Instant::ZERO, places: Vec::new() }
-        }
+    /// Instant of the last store.
+    fn stored_at(out: &Recorder) -> Instant {
+        out.stores.last().unwrap().0
     }
 
-    impl Sink for Memory {
-        fn put(&mut self, at: Instant, output: Output<'_>) {
-            let Output::Store { offset, bytes } = output else {
-                panic!("a save stores and does nothing else")
-            };
-            let place = usize::from(offset);
-            self.bytes[place..place + bytes.len()].copy_from_slice(bytes);
-            self.at = at;
-            self.places.push(offset);
-        }
-
-        fn memory(&self) -> &[u8] {
-            &self.bytes
-        }
+    /// Places of all stores.
+    fn places(out: &Recorder) -> Vec<u16> {
+        out.stores.iter().map(|(_, offset, _)| *offset).collect()
     }
 
     /// A memory of these bytes and their CRC, high byte first.
@@ -278,18 +269,18 @@ mod tests {
         let mut bank: Bank<Reg, { Reg::WORDS }> = Bank::factory();
         bank.set(Reg::Speed, 0x0102_0304);
         bank.set(Reg::Pins, 0xFFFF);
-        let mut memory = Memory::new(BYTES + 2);
-        let save = Save::of_rows::<BYTES>(Reg::ENTRIES, bank.words(), START, TIME, &mut memory);
-        assert_eq!((memory.at, save.due()), (START, START + TIME));
-        assert_eq!(memory.bytes[..8], [0x12, 0x34, 1, 2, 3, 4, 0, 0xF0]);
-        assert_eq!(memory.bytes[10..], [0xFF; 2], "somebody else's");
-        assert_eq!(content(&memory.bytes, WORDS), Content::Bad);
-        assert!(is_unfinished(&memory.bytes, WORDS));
-        save.finish(START + TIME, &mut memory);
-        assert_eq!(memory.at, START + TIME);
-        assert_eq!(memory.bytes[..10], sealed(&[0x12, 0x34, 1, 2, 3, 4, 0, 0xF0]));
-        assert_eq!(content(&memory.bytes, WORDS), Content::Good);
-        assert!(!is_unfinished(&memory.bytes, WORDS));
+        let mut out = recorder(BYTES + 2);
+        let save = Save::of_rows::<BYTES>(Reg::ENTRIES, bank.words(), START, TIME, &mut out);
+        assert_eq!((stored_at(&out), save.due()), (START, START + TIME));
+        assert_eq!(out.memory[..8], [0x12, 0x34, 1, 2, 3, 4, 0, 0xF0]);
+        assert_eq!(out.memory[10..], [0xFF; 2], "somebody else's");
+        assert_eq!(content(&out.memory, WORDS), Content::Bad);
+        assert!(is_unfinished(&out.memory, WORDS));
+        save.finish(START + TIME, &mut out);
+        assert_eq!(stored_at(&out), START + TIME);
+        assert_eq!(out.memory[..10], sealed(&[0x12, 0x34, 1, 2, 3, 4, 0, 0xF0]));
+        assert_eq!(content(&out.memory, WORDS), Content::Good);
+        assert!(!is_unfinished(&out.memory, WORDS));
         assert!(!is_unfinished(&[0xFF; BYTES], WORDS) && !is_unfinished(&[0; 3], WORDS));
     }
 
@@ -328,21 +319,21 @@ mod tests {
     fn two_copies_are_written_in_turn() {
         assert_eq!((copy(WORDS), two_copies(WORDS)), (COPY, 24));
         let mut bank: Bank<Reg, { Reg::WORDS }> = Bank::factory();
-        let mut memory = Memory::new(2 * COPY);
-        assert_eq!(latest(&memory.bytes, WORDS), None, "a new memory has none");
+        let mut out = recorder(2 * COPY);
+        assert_eq!(latest(&out.memory, WORDS), None, "a new memory has none");
         for save in 0_u16..600 {
             bank.set(Reg::Address, save.into());
             bank.set(Reg::Pins, 0xFFFF);
-            save_copy::<COPY>(Reg::ENTRIES, bank.words(), START, &mut memory);
+            save_copy::<COPY>(Reg::ENTRIES, bank.words(), START, &mut out);
             let [high, low] = save.to_be_bytes();
             let image = [high, low, 0xA1, 0xA2, 0xA3, 0xA4, 0, 0xF0];
-            assert_eq!(latest(&memory.bytes, WORDS), Some(&image[..]));
+            assert_eq!(latest(&out.memory, WORDS), Some(&image[..]));
             // The first one goes behind a memory of one image.
             let place = if save % 2 == 0 { COPY } else { 0 };
-            assert_eq!(memory.bytes[place..place + COPY], counted(low, &image));
+            assert_eq!(out.memory[place..place + COPY], counted(low, &image));
         }
-        assert_eq!(memory.at, START);
-        assert_eq!(memory.places[..4], [12, 0, 12, 0]);
+        assert_eq!(stored_at(&out), START);
+        assert_eq!(places(&out)[..4], [12, 0, 12, 0]);
     }
 
     #[test]
@@ -372,18 +363,18 @@ mod tests {
 
     #[test]
     fn bytes_of_another_kind_are_saved_behind_the_rows() {
-        let mut memory = Memory::new(20);
-        memory.bytes[..BYTES].copy_from_slice(&sealed(&FACTORY));
+        let mut out = recorder(20);
+        out.memory[..BYTES].copy_from_slice(&sealed(&FACTORY));
         let program = [7, 6, 5, 4];
-        let save = Save::of_bytes(&program, 12, START, TIME, &mut memory);
-        assert_eq!((memory.at, save.due()), (START, START + TIME));
-        assert_eq!(memory.bytes[..12], [&sealed(&FACTORY)[..], &[0xFF; 2]].concat());
-        assert_eq!(memory.bytes[12..16], program);
-        assert_eq!(memory.places, [16, 12], "never a right sum behind half an image");
-        assert_eq!(content(&memory.bytes[12..], 2), Content::Bad);
-        assert!(is_unfinished(&memory.bytes[12..], 2));
-        save.finish(START + TIME, &mut memory);
-        assert_eq!(memory.bytes[12..18], sealed(&program));
-        assert_eq!(memory.bytes[18..], [0xFF; 2]);
+        let save = Save::of_bytes(&program, 12, START, TIME, &mut out);
+        assert_eq!((stored_at(&out), save.due()), (START, START + TIME));
+        assert_eq!(out.memory[..12], [&sealed(&FACTORY)[..], &[0xFF; 2]].concat());
+        assert_eq!(out.memory[12..16], program);
+        assert_eq!(places(&out), [16, 12], "never a right sum behind half an image");
+        assert_eq!(content(&out.memory[12..], 2), Content::Bad);
+        assert!(is_unfinished(&out.memory[12..], 2));
+        save.finish(START + TIME, &mut out);
+        assert_eq!(out.memory[12..18], sealed(&program));
+        assert_eq!(out.memory[18..], [0xFF; 2]);
     }
 }

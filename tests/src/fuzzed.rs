@@ -2,9 +2,9 @@
 //! `tests/fuzzed.rs` replays those that are kept in `fuzz/corpus`.
 
 use drivetwin_firmware::device::{
-    Boot, Device, Duration, Encoder, Ends, Fault, Input, Instant, Line, Link, Output, Pin, Port, Sink,
-    advance, feed,
+    Boot, Device, Duration, Encoder, Ends, Fault, Input, Instant, Line, Link, Pin, Port, advance, feed,
 };
+use drivetwin_firmware::testing::Transcript;
 use drivetwin_protocol::line::Parity;
 use drivetwin_protocol::modbus::rtu::{self, checked, crc};
 use drivetwin_protocol::modbus::tcp::{self, Splitter};
@@ -180,7 +180,7 @@ fn mcode_lines(mut bytes: &[u8]) {
     assert_eq!(cut.concat(), bytes);
     assert_eq!(lines(&cut), lines(&[bytes]));
     let mut drive = catalog::make("mdrive").expect("a kind");
-    let mut log = Log::new(vec![0xFF; usize::from(drive.spec().memory)]);
+    let mut log = Transcript::new(drive.spec().memory.into()).without_notes();
     drive.power_on(Instant::ZERO, Boot { seed: 1, fast: true, ..Boot::default() }, &mut log);
     let mut at = Instant::ZERO + Duration::secs(2);
     let port = port(&*drive, Ends::Return).expect("a port of MCode");
@@ -203,7 +203,7 @@ fn lines(parts: &[&[u8]]) -> Vec<(Vec<u8>, bool)> {
 fn qsb_lines(mut bytes: &[u8]) {
     let Some(kind) = take(&mut bytes) else { return };
     let mut drive = catalog::make(["qsb-d", "qsb-m", "qsb-s"][usize::from(kind) % 3]).expect("a kind");
-    let mut log = Log::new(vec![0xFF; usize::from(drive.spec().memory)]);
+    let mut log = Transcript::new(drive.spec().memory.into()).without_notes();
     drive.power_on(Instant::ZERO, Boot { seed: 1, fast: true, ..Boot::default() }, &mut log);
     let mut at = Instant::ZERO + Duration::secs(1);
     for byte in bytes.iter().take(400) {
@@ -261,44 +261,11 @@ fn memory(mut bytes: &[u8]) {
         }
     }
     let mut drive = catalog::make(spec.kind).expect("a kind");
-    let mut log = Log::new(memory.clone());
+    let mut log = Transcript::with_memory(memory.clone()).without_notes();
     drive.power_on(Instant::ZERO, Boot { seed: 1, fast: how & 1 != 0, ..Boot::default() }, &mut log);
     settle(&mut *drive, Instant::ZERO + Duration::secs(1), &mut log);
     // A program that starts by itself may save.
     assert!(spec.registers.rows.iter().any(|row| row.name == "MODE_USER_PROGRAM") || log.memory == memory);
-}
-
-/// Everything that a drive does, as text.
-struct Log {
-    memory: Vec<u8>,
-    did: Vec<String>,
-    line: Option<Line>,
-}
-
-impl Log {
-    fn new(memory: Vec<u8>) -> Self {
-        Self { memory, did: Vec::new(), line: None }
-    }
-}
-
-impl Sink for Log {
-    fn put(&mut self, at: Instant, output: Output<'_>) {
-        match output {
-            Output::Store { offset, bytes } => {
-                let place = usize::from(offset);
-                self.memory[place..place + bytes.len()].copy_from_slice(bytes);
-            }
-            Output::Line { line, .. } => self.line = Some(line),
-            // They count what was ignored, which depends on the pieces.
-            Output::Note(_) => return,
-            _ => {}
-        }
-        self.did.push(format!("{} {output:?}", at.ticks()));
-    }
-
-    fn memory(&self) -> &[u8] {
-        &self.memory
-    }
 }
 
 /// Port of a drive where messages end so.
@@ -308,13 +275,13 @@ fn port(drive: &dyn Device, ends: Ends) -> Option<Port> {
 }
 
 /// Something happens to a drive, which is woken before that.
-fn feed_at(drive: &mut dyn Device, at: Instant, input: Input<'_>, log: &mut Log) {
+fn feed_at(drive: &mut dyn Device, at: Instant, input: Input<'_>, log: &mut Transcript) {
     let due = drive.deadline();
     feed(drive, due, at, input, log);
 }
 
 /// Nothing more happens to a drive until `at`; what it wants then lies ahead.
-fn settle(drive: &mut dyn Device, at: Instant, log: &mut Log) {
+fn settle(drive: &mut dyn Device, at: Instant, log: &mut Transcript) {
     let due = advance(drive, at, core::iter::empty(), log);
     assert!(due > at, "a deadline at {} that was due at {}", due.ticks(), at.ticks());
 }
@@ -370,7 +337,7 @@ fn drive(kind: &str, mut bytes: &[u8]) {
     let boot = Boot { seed: 1, fast: how & 1 != 0, ..Boot::default() };
     let new = || {
         let mut drive = catalog::make(kind).unwrap_or_else(|error| panic!("{error}"));
-        let mut log = Log::new(vec![0xFF; usize::from(drive.spec().memory)]);
+        let mut log = Transcript::new(drive.spec().memory.into()).without_notes();
         drive.power_on(Instant::ZERO, boot, &mut log);
         (drive, log)
     };
@@ -394,9 +361,9 @@ fn drive(kind: &str, mut bytes: &[u8]) {
     let (mut late, mut other) = new();
     let inputs = events.iter().map(|(at, happens, bytes)| (*at, happens.input(bytes)));
     advance(&mut *late, end + LONGEST, inputs, &mut other);
-    let differs = log.did.iter().zip(&other.did).position(|(one, other)| one != other);
-    assert_eq!(differs.map(|n| (&log.did[n], &other.did[n])), None, "called late");
-    assert_eq!((log.did.len(), log.memory), (other.did.len(), other.memory), "called late");
+    let differs = log.outputs.iter().zip(&other.outputs).position(|(one, other)| one != other);
+    assert_eq!(differs.map(|n| (&log.outputs[n], &other.outputs[n])), None, "called late");
+    assert_eq!((log.outputs.len(), log.memory), (other.outputs.len(), other.memory), "called late");
 }
 
 /// Longer than a character on any line.

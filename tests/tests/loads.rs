@@ -17,14 +17,14 @@ const X4_MAX: u16 = 3 << 1;
 
 /// A motor of 1 N·m at 2 A with 20 mN·m of friction and 400 g·cm², 600 rpm at most, at an MD3 of 1 A that counts the
 /// 500 cycles of its encoder.
-struct Bed {
+struct Fixture {
     bench: Bench,
     x: Seat,
     motor: Motor,
     began: u16,
 }
 
-impl Bed {
+impl Fixture {
     fn new(kind: &str, steps_per_rev: u32, load_mnm: f64) -> Self {
         let text = format!(
             "line = 'fast'\n\
@@ -35,12 +35,12 @@ impl Bed {
         );
         let layout = bench_file::parse(&text).unwrap_or_else(|error| panic!("{error}"));
         let built = layout.build(layout.settings(), Vec::new()).unwrap_or_else(|error| panic!("{error}"));
-        let mut bed = Self { bench: built.bench, x: built.seats[0], motor: built.motors[0], began: 0 };
-        bed.wait(1.millis());
-        bed.write(at::ENCODER, X4_MAX);
-        bed.write(at::MAX_COUNT, 0xFFFF);
-        bed.began = bed.read(at::ENCODER_COUNT);
-        bed
+        let mut fixture = Self { bench: built.bench, x: built.seats[0], motor: built.motors[0], began: 0 };
+        fixture.wait(1.millis());
+        fixture.write(at::ENCODER, X4_MAX);
+        fixture.write(at::MAX_COUNT, 0xFFFF);
+        fixture.began = fixture.read(at::ENCODER_COUNT);
+        fixture
     }
 
     fn wait(&mut self, span: Duration) {
@@ -78,29 +78,31 @@ fn slides(load_mnm: f64, holds_mnm: f64, seconds: f64) -> f64 {
     -load_mnm.signum() * size
 }
 
-type Release = fn(&mut Bed);
+type Release = fn(&mut Fixture);
 
 /// What is done to the drive, and what holds the shaft then in mN·m: 500 at 1 A, and friction.
 const RELEASES: &[(&str, f64, Release)] = &[
-    ("cutback to 0.9 A, longer than it takes", 470.0, |bed| bed.write(at::CURRENT_CUTBACK, 1 << 8 | 9)),
-    ("cutback to 0.4 A", 220.0, |bed| bed.write(at::CURRENT_CUTBACK, 1 << 8 | 4)),
-    ("cutback to nothing", 20.0, |bed| bed.write(at::CURRENT_CUTBACK, 1 << 8)),
-    ("0.6 A (7.2)", 320.0, |bed| bed.write(at::CURRENT_AND_MICROSTEPPING, 0x0306)),
-    ("full steps: 71 % (7.2)", 375.0, |bed| bed.write(at::CURRENT_AND_MICROSTEPPING, 0x000a)),
-    ("no current (7.2)", 20.0, |bed| bed.write(at::CURRENT_AND_MICROSTEPPING, 0x0300)),
-    ("Disable (7.15)", 20.0, |bed| bed.write(at::MOTION, bit::DISABLE)),
-    ("INHIBIT (7.8)", 20.0, |bed| bed.low("J2.3")),
-    ("LOWCURRENT (7.8)", 270.0, |bed| {
-        bed.write(at::HOMING, 2 << 1);
-        bed.write(at::CURRENT_CUTBACK, 5);
-        bed.low("J2.2");
+    ("cutback to 0.9 A, longer than it takes", 470.0, |fixture| {
+        fixture.write(at::CURRENT_CUTBACK, 1 << 8 | 9);
     }),
-    ("a fault (7.15)", 20.0, |bed| {
-        let faults = bed.bench.spec(bed.x).faults;
+    ("cutback to 0.4 A", 220.0, |fixture| fixture.write(at::CURRENT_CUTBACK, 1 << 8 | 4)),
+    ("cutback to nothing", 20.0, |fixture| fixture.write(at::CURRENT_CUTBACK, 1 << 8)),
+    ("0.6 A (7.2)", 320.0, |fixture| fixture.write(at::CURRENT_AND_MICROSTEPPING, 0x0306)),
+    ("full steps: 71 % (7.2)", 375.0, |fixture| fixture.write(at::CURRENT_AND_MICROSTEPPING, 0x000a)),
+    ("no current (7.2)", 20.0, |fixture| fixture.write(at::CURRENT_AND_MICROSTEPPING, 0x0300)),
+    ("Disable (7.15)", 20.0, |fixture| fixture.write(at::MOTION, bit::DISABLE)),
+    ("INHIBIT (7.8)", 20.0, |fixture| fixture.low("J2.3")),
+    ("LOWCURRENT (7.8)", 270.0, |fixture| {
+        fixture.write(at::HOMING, 2 << 1);
+        fixture.write(at::CURRENT_CUTBACK, 5);
+        fixture.low("J2.2");
+    }),
+    ("a fault (7.15)", 20.0, |fixture| {
+        let faults = fixture.bench.spec(fixture.x).faults;
         let place = faults.iter().position(|name| *name == "over_temperature").unwrap();
-        bed.bench.fault(bed.x, Fault(place as u8), true);
+        fixture.bench.fault(fixture.x, Fault(place as u8), true);
     }),
-    ("power off", 20.0, |bed| bed.bench.power(bed.x, PowerAction::Off)),
+    ("power off", 20.0, |fixture| fixture.bench.power(fixture.x, PowerAction::Off)),
 ];
 
 #[test]
@@ -112,17 +114,21 @@ fn a_load_turns_the_shaft_of_an_md3_when_it_exceeds_what_holds_it() {
             for more in [-0.5, 0.5, 20.0] {
                 for way in [1.0, -1.0] {
                     let load = way * (holds + more);
-                    let mut bed = Bed::new(kind, steps_per_rev, load);
-                    bed.wait(200.millis());
-                    assert_eq!((bed.turns(), bed.read(at::ENCODER_COUNT)), (0.0, bed.began), "{what}: held");
-                    release(&mut bed);
+                    let mut fixture = Fixture::new(kind, steps_per_rev, load);
+                    fixture.wait(200.millis());
+                    assert_eq!(
+                        (fixture.turns(), fixture.read(at::ENCODER_COUNT)),
+                        (0.0, fixture.began),
+                        "{what}: held"
+                    );
+                    release(&mut fixture);
                     if what.starts_with("cutback") {
                         // The time since power-on counts for it.
-                        bed.wait(1.micros());
+                        fixture.wait(1.micros());
                     }
-                    let start = bed.turns();
-                    bed.wait(100.millis());
-                    let turns = bed.turns();
+                    let start = fixture.turns();
+                    fixture.wait(100.millis());
+                    let turns = fixture.turns();
                     let expected = slides(load, holds, 0.1);
                     // Accelerations are whole steps/s², currents whole mA.
                     assert!(
@@ -134,7 +140,7 @@ fn a_load_turns_the_shaft_of_an_md3_when_it_exceeds_what_holds_it() {
                         continue;
                     }
                     let counted =
-                        f64::from(bed.read(at::ENCODER_COUNT).wrapping_sub(bed.began).cast_signed());
+                        f64::from(fixture.read(at::ENCODER_COUNT).wrapping_sub(fixture.began).cast_signed());
                     assert!(
                         (counted.abs() - turns.abs() * 2_000.0).abs() <= 1.0,
                         "{counted} of {turns} turns"
@@ -150,17 +156,17 @@ fn a_load_turns_the_shaft_of_an_md3_when_it_exceeds_what_holds_it() {
 fn a_load_that_is_too_heavy_turns_a_motor_at_its_current() {
     for (load, holds) in [(519.0, true), (521.0, false), (5_000.0, false), (100_000.0, false)] {
         for load in [load, -load] {
-            let mut bed = Bed::new("md3", 200, load);
-            bed.wait(199.millis());
-            let (turn, expected) = (bed.bench.turn(bed.motor), slides(load, 520.0, 0.2));
+            let mut fixture = Fixture::new("md3", 200, load);
+            fixture.wait(199.millis());
+            let (turn, expected) = (fixture.bench.turn(fixture.motor), slides(load, 520.0, 0.2));
             assert!(
                 (turn.revolutions - expected).abs() < 0.02 * expected.abs() + 1e-4,
                 "{load} mN·m: {turn:?}"
             );
             assert_eq!(turn.stalled, !holds);
             // On and on it turns no faster than at the pull-out speed.
-            bed.wait(5.secs());
-            let rpm = bed.bench.turn(bed.motor).rpm;
+            fixture.wait(5.secs());
+            let rpm = fixture.bench.turn(fixture.motor).rpm;
             let fastest = if holds { 0.0 } else { -600.0 * load.signum() };
             assert!((rpm - fastest).abs() < 0.01, "{load} mN·m: {rpm} rpm");
         }
@@ -171,28 +177,28 @@ fn a_load_that_is_too_heavy_turns_a_motor_at_its_current() {
 #[test]
 fn current_that_comes_back_holds_the_shaft_where_it_is() {
     for load in [120.0, -120.0] {
-        let mut bed = Bed::new("md3", 200, load);
-        bed.wait(1.secs());
-        bed.write(at::MOTION, bit::DISABLE);
-        bed.wait(100.millis());
-        let released = bed.turns();
+        let mut fixture = Fixture::new("md3", 200, load);
+        fixture.wait(1.secs());
+        fixture.write(at::MOTION, bit::DISABLE);
+        fixture.wait(100.millis());
+        let released = fixture.turns();
         assert!((released - slides(load, 20.0, 0.1)).abs() < 1e-3);
-        bed.write(at::MOTION, 0);
-        bed.wait(1.secs());
+        fixture.write(at::MOTION, 0);
+        fixture.wait(1.secs());
         // 12.5 rad in 0.1 s at 250 rad/s: 400 mN·m brake by 10,000 rad/s² in 3.125 rad; then to the nearest of four
         // full steps, a fiftieth of a turn.
         let speed = 2_500.0_f64 * 0.1;
         let speed = speed.min(10.0 * TAU);
         let braked = released - load.signum() * speed * speed / (2.0 * 10_000.0) / TAU;
-        let stands = bed.turns();
+        let stands = fixture.turns();
         assert!((stands - braked).abs() <= 0.0101, "{stands}, not {braked}");
         assert!((stands * 50.0 - (stands * 50.0).round()).abs() < 1e-6, "{stands}");
         // 1,600 steps of 1/8 are a turn.
-        md3::write_pair(&mut bed.bench, bed.x, at::MOVE_STEPS, 1_600);
-        bed.write(at::MOTION, bit::MOVE);
-        bed.wait(5.secs());
-        assert!((bed.turns() - stands - 1.0).abs() < 1e-6, "{}", bed.turns());
-        assert!(!bed.bench.turn(bed.motor).stalled);
+        md3::write_pair(&mut fixture.bench, fixture.x, at::MOVE_STEPS, 1_600);
+        fixture.write(at::MOTION, bit::MOVE);
+        fixture.wait(5.secs());
+        assert!((fixture.turns() - stands - 1.0).abs() < 1e-6, "{}", fixture.turns());
+        assert!(!fixture.bench.turn(fixture.motor).stalled);
     }
 }
 

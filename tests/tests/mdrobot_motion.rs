@@ -2,58 +2,25 @@
 //! fast as it says; with other motors, too.
 #![allow(missing_docs, reason = "a test")]
 
-use drivetwin_firmware::device::{Axis, Boot, Device, Duration, Fault, Instant, Output, Sink, advance};
+use drivetwin_firmware::device::{Axis, Device, Duration, Fault, Instant};
 use drivetwin_firmware::mdrobot::mdrobot;
 use drivetwin_firmware::motor::Parameters;
+use drivetwin_firmware::testing::{Fixture, Treatment};
 use drivetwin_protocol::time::Span;
 use drivetwin_sim::bench::{Bench, Fitting, Motor, Seat, Settings, Setup};
 use drivetwin_sim::line::LineMode;
 use proptest::prelude::*;
 
-/// New memory, and nobody else.
-struct Nowhere(Vec<u8>);
-
-impl Sink for Nowhere {
-    fn put(&mut self, _at: Instant, _output: Output<'_>) {}
-
-    fn memory(&self) -> &[u8] {
-        &self.0
-    }
+/// A controller that has run for half a second.
+fn controller() -> Fixture<impl Device> {
+    let mut dut = Fixture::new(mdrobot()).ruled(|_| Treatment::Ignore).ready();
+    dut.wait(Duration::millis(500));
+    dut
 }
 
-/// A controller that its bus commands, and a clock.
-struct Rig<D> {
-    drive: D,
-    out: Nowhere,
-    now: Instant,
-}
-
-impl<D: Device> Rig<D> {
-    fn new(mut drive: D) -> Self {
-        let mut out = Nowhere(vec![0xFF; usize::from(drive.spec().memory)]);
-        drive.power_on(Instant::ZERO, Boot { fast: true, ..Boot::default() }, &mut out);
-        let mut rig = Self { drive, out, now: Instant::ZERO };
-        rig.run_ms(500);
-        rig
-    }
-
-    fn run_ms(&mut self, ms: u64) {
-        self.now += Duration::millis(ms);
-        advance(&mut self.drive, self.now, std::iter::empty(), &mut self.out);
-    }
-
-    fn write(&mut self, name: &str, value: i64) {
-        let row = self.drive.spec().find(name).unwrap().row;
-        self.drive.poke(self.now, row, value, &mut self.out).unwrap();
-    }
-
-    fn read(&self, name: &str) -> i64 {
-        self.drive.peek(self.now, self.drive.spec().find(name).unwrap().row)
-    }
-
-    fn shaft(&self) -> i64 {
-        self.drive.shaft(self.now, Axis(0)).unwrap().position.into()
-    }
+/// Counts of its shaft.
+fn counts_of(dut: &Fixture<impl Device>) -> i64 {
+    dut.drive.shaft(dut.now, Axis(0)).unwrap().position.into()
 }
 
 proptest! {
@@ -62,39 +29,39 @@ proptest! {
     /// The speed counts down to one count by PV_GAIN, 20 rpm a count: e-fold in 60/(20·3·4) s of 4 poles.
     #[test]
     fn a_move_ends_on_its_count(count in -2_000..2_001_i64, rpm in 60..3_001_i64, load in 50..201_i64) {
-        let mut rig = Rig::new(mdrobot());
-        rig.write("MAX_RPM", rpm);
-        rig.write("MAX_LOAD", load);
-        rig.write("UI_COM", 1);
-        let shaft = rig.shaft();
-        rig.write("POSI_CMD", count);
+        let mut dut = controller();
+        dut.set_named("MAX_RPM", rpm);
+        dut.set_named("MAX_LOAD", load);
+        dut.set_named("UI_COM", 1);
+        let shaft = counts_of(&dut);
+        dut.set_named("POSI_CMD", count);
         let turns = count.unsigned_abs() / 12;
-        rig.run_ms(60_000 * turns / rpm.unsigned_abs() + 60_000 / rpm.unsigned_abs() + 5_000);
-        let position = rig.read("POSI_DATA");
+        dut.wait(Duration::millis(60_000 * turns / rpm.unsigned_abs() + 60_000 / rpm.unsigned_abs() + 5_000));
+        let position = dut.get_named("POSI_DATA");
         prop_assert!((position - count).abs() <= 1, "{} for {}", position, count);
-        prop_assert_eq!(rig.shaft() - shaft, position);
-        prop_assert_eq!((rig.read("RPM_DATA"), rig.read("CTRL_STATUS")), (0, 0));
+        prop_assert_eq!(counts_of(&dut) - shaft, position);
+        prop_assert_eq!((dut.get_named("RPM_DATA"), dut.get_named("CTRL_STATUS")), (0, 0));
     }
 
     /// As fast as it says in every ms, and in the end as commanded; 12 counts a turn.
     #[test]
     fn it_turns_as_fast_as_it_says(rpm in 100..2_501_i64, back in any::<bool>(), slow in 0..300_i64) {
         let rpm = if back { -rpm } else { rpm };
-        let mut rig = Rig::new(mdrobot());
+        let mut dut = controller();
         for (name, value) in [("SLOW_START", slow), ("UI_COM", 1), ("START_STOP", 1), ("VEL_CMD", rpm)] {
-            rig.write(name, value);
+            dut.set_named(name, value);
         }
         // 15 s for 1,023 and MAX_RPM, 3,000.
-        rig.run_ms((rpm.unsigned_abs() * slow.unsigned_abs() * 5).div_ceil(1_023) + 2_000);
-        let shaft = rig.shaft();
+        dut.wait(Duration::millis((rpm.unsigned_abs() * slow.unsigned_abs() * 5).div_ceil(1_023) + 2_000));
+        let shaft = counts_of(&dut);
         for _ in 0..2_000 {
-            rig.run_ms(1);
-            let off = (rig.read("RPM_DATA") - rpm).abs();
-            prop_assert!(off <= (rpm.abs() / 100).max(2), "{} for {}", rig.read("RPM_DATA"), rpm);
+            dut.wait(Duration::millis(1));
+            let off = (dut.get_named("RPM_DATA") - rpm).abs();
+            prop_assert!(off <= (rpm.abs() / 100).max(2), "{} for {}", dut.get_named("RPM_DATA"), rpm);
         }
         let ideal = rpm * 12 * 2 / 60;
-        prop_assert!((rig.shaft() - shaft - ideal).abs() <= ideal.abs() / 100 + 2);
-        prop_assert_eq!(rig.read("CTRL_STATUS"), 0);
+        prop_assert!((counts_of(&dut) - shaft - ideal).abs() <= ideal.abs() / 100 + 2);
+        prop_assert_eq!(dut.get_named("CTRL_STATUS"), 0);
     }
 }
 

@@ -43,7 +43,7 @@ fn assert_replays(bench: &Bench) {
 }
 
 /// An MD3 that turns a motor of 200 steps in steps of 1/8, whose encoder of 1,000 cycles a QSB-M reads.
-struct Bed {
+struct Fixture {
     bench: Bench,
     md3: Seat,
     motor: Motor,
@@ -51,7 +51,7 @@ struct Bed {
     client: Client,
 }
 
-impl Bed {
+impl Fixture {
     fn new() -> Self {
         Self::with(Parameters::NOMINAL, 1_000)
     }
@@ -65,12 +65,12 @@ impl Bed {
         bench.encode(motor, cycles_per_rev, to);
         let client = bench.connect(bench.bus(qsb, Port(0)).unwrap());
         bench.run_until(100.millis());
-        let mut bed = Self { bench, md3, motor, qsb, client };
+        let mut fixture = Self { bench, md3, motor, qsb, client };
         // Quadrature, each edge of both channels counts.
-        bed.bench.send(bed.client, b"W033\r");
-        bed.wait(5.millis());
-        bed.heard();
-        bed
+        fixture.bench.send(fixture.client, b"W033\r");
+        fixture.wait(5.millis());
+        fixture.heard();
+        fixture
     }
 
     fn heard(&mut self) -> String {
@@ -113,35 +113,35 @@ impl Bed {
 
 #[test]
 fn a_qsb_reads_exactly_what_an_md3_moves() {
-    let mut bed = Bed::new();
-    assert_eq!(bed.counted(), 0);
+    let mut fixture = Fixture::new();
+    assert_eq!(fixture.counted(), 0);
     // 1,600 steps a turn, and 4,000 counts: 2.5 a step.
     let mut position = 0;
     for steps in [10_000, -3_200, 1, 1, -70_002, 2, 64_000] {
-        bed.set(Reg::MoveSteps, steps);
-        bed.set(Reg::Speed, 20_000);
-        bed.set(Reg::AccelDecel, 100_000);
-        bed.set(Reg::MotionControl, motion_control::MOVE.into());
-        bed.wait(5.secs());
+        fixture.set(Reg::MoveSteps, steps);
+        fixture.set(Reg::Speed, 20_000);
+        fixture.set(Reg::AccelDecel, 100_000);
+        fixture.set(Reg::MotionControl, motion_control::MOVE.into());
+        fixture.wait(5.secs());
         position += steps;
         // In the middle of a count, or at an edge: then it belongs to the count behind it.
         let counts = (position as f64 * 2.5 + 0.5).floor();
-        assert_eq!(f64::from(bed.counted()), counts, "at {position}");
-        let turn = bed.bench.turn(bed.motor);
+        assert_eq!(f64::from(fixture.counted()), counts, "at {position}");
+        let turn = fixture.bench.turn(fixture.motor);
         assert_eq!((turn.revolutions * 1_600.0).round(), position as f64);
         assert_eq!((turn.rpm, turn.stalled), (0.0, false));
     }
-    assert_replays(&bed.bench);
+    assert_replays(&fixture.bench);
 }
 
 #[test]
 fn every_edge_of_an_encoder_is_at_its_tick() {
-    let mut bed = Bed::new();
-    bed.set(Reg::MoveSteps, 10_000);
-    let start = bed.bench.now();
-    bed.set(Reg::MotionControl, motion_control::MOVE.into());
-    bed.wait(3.secs());
-    let edges = bed.edges(start);
+    let mut fixture = Fixture::new();
+    fixture.set(Reg::MoveSteps, 10_000);
+    let start = fixture.bench.now();
+    fixture.set(Reg::MotionControl, motion_control::MOVE.into());
+    fixture.wait(3.secs());
+    let edges = fixture.edges(start);
     // 10,000 steps of 1,600 in a turn are 25,000 counts of 4,000.
     assert_eq!(edges.len(), 25_000);
     for (count, (edge, ..)) in (1_u32..).zip(edges) {
@@ -167,14 +167,14 @@ fn every_edge_of_an_encoder_is_at_its_tick() {
 fn an_encoder_does_not_lag() {
     // 32 steps a turn, and 400,000 counts: 12,500 a step.
     let most = *CYCLES_PER_REV.end();
-    let mut bed = Bed::with(Parameters { steps_per_rev: 4, ..Parameters::NOMINAL }, most + 1);
+    let mut fixture = Fixture::with(Parameters { steps_per_rev: 4, ..Parameters::NOMINAL }, most + 1);
     let counts_per_step = f64::from(4 * most) / 32.0;
-    bed.set(Reg::MoveSteps, 128);
-    bed.set(Reg::Speed, 20_000);
-    bed.set(Reg::AccelDecel, 80_000);
-    let start = bed.bench.now();
-    bed.set(Reg::MotionControl, motion_control::MOVE.into());
-    bed.wait(100.millis());
+    fixture.set(Reg::MoveSteps, 128);
+    fixture.set(Reg::Speed, 20_000);
+    fixture.set(Reg::AccelDecel, 80_000);
+    let start = fixture.bench.now();
+    fixture.set(Reg::MotionControl, motion_control::MOVE.into());
+    fixture.wait(100.millis());
     // 64 steps at 80,000 steps/s² take 40 ms, and 64 back: up to 3,200 steps/s, which are 2.5 counts a tick.
     let half = 0.04;
     // The motor hears of it a tick later.
@@ -185,7 +185,7 @@ fn an_encoder_does_not_lag() {
             if seconds < half { 40_000.0 * seconds * seconds } else { 128.0 - 40_000.0 * left * left };
         steps * counts_per_step
     };
-    let edges = bed.edges(start);
+    let edges = fixture.edges(start);
     let (mut a, mut b, mut clear) = (true, true, 0_u32);
     for together in edges.chunk_by(|one, next| one.0 == next.0) {
         let tick = together[0].0;
@@ -225,31 +225,31 @@ fn a_switch_may_be_anywhere() {
         (bounds(Some(1.0), Some(f64::NAN)), Level::High),
     ] {
         let most = Parameters { steps_per_rev: Parameters::MOST.steps_per_rev, ..Parameters::NOMINAL };
-        let mut bed = Bed::with(most, 1);
-        let to = pin(&bed.bench, bed.md3, "J2.2");
-        bed.bench.switch(bed.motor, closed, to);
-        bed.set(Reg::MoveSteps, 1_000);
-        bed.set(Reg::MotionControl, motion_control::MOVE.into());
-        bed.wait(1.secs());
-        assert_eq!(bed.bench.level(to.0, to.1), level, "{closed:?}");
+        let mut fixture = Fixture::with(most, 1);
+        let to = pin(&fixture.bench, fixture.md3, "J2.2");
+        fixture.bench.switch(fixture.motor, closed, to);
+        fixture.set(Reg::MoveSteps, 1_000);
+        fixture.set(Reg::MotionControl, motion_control::MOVE.into());
+        fixture.wait(1.secs());
+        assert_eq!(fixture.bench.level(to.0, to.1), level, "{closed:?}");
     }
 }
 
 #[test]
 fn an_md3_homes_onto_a_switch() {
-    let mut bed = Bed::new();
-    let home = pin(&bed.bench, bed.md3, "J2.2");
-    bed.bench.switch(bed.motor, Closed { above_rev: None, below_rev: Some(-2.0) }, home);
-    bed.wait(1.millis());
-    assert_eq!(bed.bench.level(home.0, home.1), Level::High);
+    let mut fixture = Fixture::new();
+    let home = pin(&fixture.bench, fixture.md3, "J2.2");
+    fixture.bench.switch(fixture.motor, Closed { above_rev: None, below_rev: Some(-2.0) }, home);
+    fixture.wait(1.millis());
+    assert_eq!(fixture.bench.level(home.0, home.1), Level::High);
     // Backward to the flag on J2 pin 2, and stop there at once (7.5), at the factory's 5,000 steps/s.
-    bed.set(Reg::HomingConfiguration, 1 << 4);
-    bed.set(Reg::MotionControl, motion_control::HOME.into());
-    bed.wait(5.secs());
+    fixture.set(Reg::HomingConfiguration, 1 << 4);
+    fixture.set(Reg::MotionControl, motion_control::HOME.into());
+    fixture.wait(5.secs());
     // −3,200 steps; the flag is sampled every 4 µs, a fiftieth of a step. The step that has begun is made.
-    assert_eq!(bed.bench.motion(bed.md3, AXIS).position, -3_200);
-    assert_eq!(bed.bench.level(home.0, home.1), Level::High, "the shaft is at −2 turns and not below");
-    assert_replays(&bed.bench);
+    assert_eq!(fixture.bench.motion(fixture.md3, AXIS).position, -3_200);
+    assert_eq!(fixture.bench.level(home.0, home.1), Level::High, "the shaft is at −2 turns and not below");
+    assert_replays(&fixture.bench);
 }
 
 /// What is done to an RS drive.

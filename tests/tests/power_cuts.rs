@@ -2,39 +2,10 @@
 //! new values; others have those of the factory, too, and say that their memory is bad, if they can.
 #![allow(missing_docs, reason = "a test")]
 
-use drivetwin_firmware::device::{Boot, Device, Instant, Output, Sink, advance};
+use drivetwin_firmware::device::{Boot, Device, Instant, Output, advance};
+use drivetwin_firmware::testing::{Recorder, Treatment};
 use drivetwin_protocol::time::Span;
 use drivetwin_sim::catalog;
-
-/// A memory that holds what comes before power is lost.
-struct Memory {
-    bytes: Vec<u8>,
-    /// Bytes that it still takes.
-    left: usize,
-    /// Bytes that it has taken.
-    taken: usize,
-}
-
-impl Memory {
-    fn of(bytes: &[u8], left: usize) -> Self {
-        Self { bytes: bytes.to_vec(), left, taken: 0 }
-    }
-}
-
-impl Sink for Memory {
-    fn put(&mut self, _at: Instant, output: Output<'_>) {
-        if let Output::Store { offset, bytes } = output {
-            let count = bytes.len().min(self.left);
-            self.bytes[usize::from(offset)..][..count].copy_from_slice(&bytes[..count]);
-            self.left -= count;
-            self.taken += count;
-        }
-    }
-
-    fn memory(&self) -> &[u8] {
-        &self.bytes
-    }
-}
 
 /// The way in which a kind of drive saves.
 struct Kind {
@@ -110,18 +81,33 @@ const fn mdrive(kind: &'static str) -> Kind {
     }
 }
 
+/// A recorder with this memory, which still takes `left` bytes before power is lost.
+fn memory_of(bytes: &[u8], left: usize) -> Recorder {
+    let mut out = Recorder::with_memory(bytes.to_vec()).ruled(|output| match output {
+        Output::Store { .. } => Treatment::Keep,
+        _ => Treatment::Ignore,
+    });
+    out.bytes_left = left;
+    out
+}
+
+/// Bytes of all stores.
+fn stored_bytes(out: &Recorder) -> usize {
+    out.stores.iter().map(|(_, _, bytes)| bytes.len()).sum()
+}
+
 /// A drive that runs on a memory.
 struct Drive {
     device: Box<dyn Device>,
-    memory: Memory,
+    out: Recorder,
     now: Instant,
 }
 
 impl Drive {
-    fn wake(kind: &Kind, memory: Memory) -> Self {
+    fn wake(kind: &Kind, out: Recorder) -> Self {
         let device = catalog::make(kind.kind).unwrap();
-        let mut drive = Self { device, memory, now: Instant::ZERO };
-        drive.device.power_on(drive.now, Boot { fast: true, ..Boot::default() }, &mut drive.memory);
+        let mut drive = Self { device, out, now: Instant::ZERO };
+        drive.device.power_on(drive.now, Boot { fast: true, ..Boot::default() }, &mut drive.out);
         // A bad memory may make a start longer.
         drive.run(20_000);
         drive
@@ -129,7 +115,7 @@ impl Drive {
 
     fn run(&mut self, ms: u64) {
         self.now += ms.millis();
-        advance(&mut *self.device, self.now, core::iter::empty(), &mut self.memory);
+        advance(&mut *self.device, self.now, core::iter::empty(), &mut self.out);
     }
 
     fn row(&self, name: &str) -> usize {
@@ -142,7 +128,7 @@ impl Drive {
 
     fn set(&mut self, name: &str, value: i64) {
         let row = self.row(name);
-        let set = self.device.poke(self.now, row, value, &mut self.memory);
+        let set = self.device.poke(self.now, row, value, &mut self.out);
         assert_eq!(set, Ok(()), "{name} = {value}");
     }
 
@@ -187,18 +173,18 @@ fn power_lost_at_any_byte_of_a_save_mixes_nothing() {
     for kind in &KINDS {
         let size = usize::from(catalog::make(kind.kind).unwrap().spec().memory);
         let mut memory = vec![0xFF; size];
-        let factory = Drive::wake(kind, Memory::of(&memory, 0)).values(kind);
+        let factory = Drive::wake(kind, memory_of(&memory, 0)).values(kind);
         let mut old = factory;
         for values in written(kind) {
-            let mut whole = Drive::wake(kind, Memory::of(&memory, usize::MAX));
+            let mut whole = Drive::wake(kind, memory_of(&memory, usize::MAX));
             assert_eq!(whole.values(kind), old, "{}", kind.kind);
             whole.save(kind, &values);
-            let (new, stored) = (whole.values(kind), whole.memory.taken);
+            let (new, stored) = (whole.values(kind), stored_bytes(&whole.out));
             assert!(new != old && stored > 0, "{}: {values:?}", kind.kind);
             for left in 0..stored {
-                let mut cut = Drive::wake(kind, Memory::of(&memory, left));
+                let mut cut = Drive::wake(kind, memory_of(&memory, left));
                 cut.save(kind, &values);
-                let again = Drive::wake(kind, Memory::of(&cut.memory.bytes, usize::MAX));
+                let again = Drive::wake(kind, memory_of(&cut.out.memory, usize::MAX));
                 let found = again.values(kind);
                 assert!(
                     found == old || found == new || (found == factory && again.may_be_new(kind)),
@@ -206,7 +192,7 @@ fn power_lost_at_any_byte_of_a_save_mixes_nothing() {
                     kind.kind
                 );
             }
-            memory = whole.memory.bytes;
+            memory = whole.out.memory;
             old = new;
         }
     }

@@ -3,48 +3,15 @@
 #![allow(missing_docs, reason = "a test")]
 
 use drivetwin_firmware::device::{
-    Boot, Device, Duration, Encoder, Ends, Fault, Input, Instant, Link, Output, Pin, Port, Sink, advance,
+    Boot, Device, Duration, Encoder, Ends, Fault, Input, Instant, Link, Pin, Port, advance,
 };
+use drivetwin_firmware::testing::Transcript;
 use drivetwin_protocol::line::{Line, Parity};
 use drivetwin_protocol::modbus::{ascii, rtu, tcp};
 use drivetwin_protocol::text::next_line;
 use drivetwin_tests::md3::at;
 use drivetwin_tests::toy::Toy;
 use proptest::prelude::*;
-
-/// Everything a drive puts, as text.
-struct Log {
-    memory: Vec<u8>,
-    lines: Vec<String>,
-    /// The settings of its serial line, when it has said them.
-    line: Option<Line>,
-}
-
-impl Log {
-    fn new(memory: Vec<u8>) -> Self {
-        Self { memory, lines: Vec::new(), line: None }
-    }
-}
-
-impl Sink for Log {
-    fn put(&mut self, at: Instant, output: Output<'_>) {
-        if let Output::Store { offset, bytes } = output {
-            let place = usize::from(offset);
-            self.memory[place..place + bytes.len()].copy_from_slice(bytes);
-        }
-        if let Output::Line { line, .. } = output {
-            self.line = Some(line);
-        }
-        // Notes count what was ignored; how often a deaf drive is spoken to depends on the pieces.
-        if !matches!(output, Output::Note(_)) {
-            self.lines.push(format!("{} {output:?}", at.ticks()));
-        }
-    }
-
-    fn memory(&self) -> &[u8] {
-        &self.memory
-    }
-}
 
 /// Something that happens to a drive.
 #[derive(Clone, Debug)]
@@ -437,7 +404,7 @@ fn run(
 ) -> Vec<String> {
     let mut drive = (subject.make)();
     let spec = drive.spec();
-    let mut log = Log::new(vec![0xFF; usize::from(spec.memory)]);
+    let mut log = Transcript::new(spec.memory.into()).without_notes();
     let port = spec.ports.first().expect("every drive here has a port");
     let silence = port.ends == Ends::Silence;
     let longest = longest(&*drive);
@@ -514,7 +481,7 @@ fn run(
         drivetwin_firmware::device::feed(&mut *drive, due, *at, input, &mut log);
     }
     advance(&mut *drive, at + longest, core::iter::empty(), &mut log);
-    log.lines
+    log.outputs
 }
 
 /// More bytes than any drive's memory has.
@@ -541,7 +508,7 @@ proptest! {
         for make in DRIVES {
             let mut drive = make();
             let rows = drive.spec().registers.rows;
-            let mut log = Log::new(vec![0xFF; usize::from(drive.spec().memory)]);
+            let mut log = Transcript::new(drive.spec().memory.into()).without_notes();
             for powered in [false, true] {
                 let taken = drive.poke(Instant::ZERO, row, value, &mut log).is_ok();
                 if let Some(row) = rows.get(row) {
@@ -561,7 +528,7 @@ proptest! {
             let mut drive = make();
             let mut kept = memory.clone();
             kept.resize(usize::from(drive.spec().memory), 0xFF);
-            let mut log = Log::new(kept.clone());
+            let mut log = Transcript::with_memory(kept.clone()).without_notes();
             drive.power_on(Instant::ZERO, Boot { seed: 1, fast: false, ..Boot::default() }, &mut log);
             advance(&mut *drive, Instant::ZERO + Duration::secs(30), core::iter::empty(), &mut log);
             prop_assert_eq!(&log.memory, &kept, "nothing is stored without a save");
@@ -588,7 +555,7 @@ proptest! {
                 memory.extend(rtu::crc(&program).to_be_bytes());
             }
             memory.truncate(usize::from(spec.memory));
-            let mut log = Log::new(memory);
+            let mut log = Transcript::with_memory(memory).without_notes();
             drive.power_on(Instant::ZERO, Boot { seed: 1, fast, ..Boot::default() }, &mut log);
             advance(&mut *drive, Instant::ZERO + Duration::secs(2), core::iter::empty(), &mut log);
         }

@@ -19,7 +19,7 @@ const PAUSED: u32 = 0x14;
 const JOGGING: u32 = 0x18;
 
 /// A QSB-M whose DIO1 and DIO2 step an MD3, and a client at its port.
-struct Bed {
+struct Fixture {
     bench: Bench,
     qsb: Seat,
     md3: Seat,
@@ -28,7 +28,7 @@ struct Bed {
     offset: i32,
 }
 
-impl Bed {
+impl Fixture {
     /// With the motor drive active.
     fn new() -> Self {
         let mut bench = Bench::with(Settings { trace: TraceKeep::All, ..Settings::default() });
@@ -45,13 +45,13 @@ impl Bed {
         bench.run_until(20.millis());
         let mut banner = Vec::new();
         bench.receive(client, &mut banner);
-        let mut bed = Self { bench, qsb, md3, client, offset: 0 };
-        assert_eq!(bed.stepped(), 0, "the lines are let go, and the MD3 pulls both up");
-        bed.ask("W162");
+        let mut fixture = Self { bench, qsb, md3, client, offset: 0 };
+        assert_eq!(fixture.stepped(), 0, "the lines are let go, and the MD3 pulls both up");
+        fixture.ask("W162");
         // An MD3 steps when J2.4 falls, and so it does here; J2.5 was still high, which is forward.
-        assert_eq!(bed.stepped(), 1);
-        bed.offset = 1;
-        bed
+        assert_eq!(fixture.stepped(), 1);
+        fixture.offset = 1;
+        fixture
     }
 
     /// Sends a command, and returns the data of its reply.
@@ -126,7 +126,7 @@ fn pin(bench: &Bench, seat: Seat, name: &str) -> Pin {
 
 #[test]
 fn moves_of_a_qsb_are_moves_of_the_md3() {
-    let mut bed = Bed::new();
+    let mut fixture = Fixture::new();
     let mut position = 0;
     let moves = [
         (13_000, 360_000, 26_000),
@@ -137,103 +137,103 @@ fn moves_of_a_qsb_are_moves_of_the_md3() {
         (5_000, 20_000, 0),
     ];
     for (rate, acceleration, steps) in moves {
-        bed.set(rate, acceleration, steps);
-        bed.ask("W168");
-        bed.until(READY);
+        fixture.set(rate, acceleration, steps);
+        fixture.ask("W168");
+        fixture.until(READY);
         position += steps;
-        bed.both_stand_at(position);
+        fixture.both_stand_at(position);
     }
-    let made: i32 = bed.pulses().iter().map(|pulse| if pulse.forward { 1 } else { -1 }).sum();
+    let made: i32 = fixture.pulses().iter().map(|pulse| if pulse.forward { 1 } else { -1 }).sum();
     assert_eq!(made, position);
 }
 
 #[test]
 fn pauses_lose_no_step() {
-    let mut bed = Bed::new();
-    bed.set(13_000, 40_000, 30_000);
-    bed.ask("W168");
+    let mut fixture = Fixture::new();
+    fixture.set(13_000, 40_000, 30_000);
+    fixture.ask("W168");
     // In the ramp up, in the cruise, and resumed before it stands.
     for (ms, stands) in [(100, true), (1_000, true), (700, false)] {
-        bed.wait(ms.millis());
-        bed.ask("W166");
+        fixture.wait(ms.millis());
+        fixture.ask("W166");
         if stands {
-            bed.until(PAUSED);
-            let position = bed.stepped();
-            bed.wait(500.millis());
-            assert_eq!(bed.stepped(), position);
+            fixture.until(PAUSED);
+            let position = fixture.stepped();
+            fixture.wait(500.millis());
+            assert_eq!(fixture.stepped(), position);
         }
-        bed.ask("W167");
-        assert_eq!(bed.ask("R13"), MOVING);
+        fixture.ask("W167");
+        assert_eq!(fixture.ask("R13"), MOVING);
     }
     // In its own ramp down, which ends on the last step: nothing is left to resume.
-    bed.wait(1_000.millis());
-    assert!((28_000..30_000).contains(&bed.stepped()), "{}", bed.stepped());
-    bed.ask("W166");
-    bed.until(PAUSED);
-    bed.both_stand_at(30_000);
-    bed.ask("W167");
-    assert_eq!(bed.ask("R13"), READY);
-    assert_eq!(bed.pulses().len(), 30_000);
+    fixture.wait(1_000.millis());
+    assert!((28_000..30_000).contains(&fixture.stepped()), "{}", fixture.stepped());
+    fixture.ask("W166");
+    fixture.until(PAUSED);
+    fixture.both_stand_at(30_000);
+    fixture.ask("W167");
+    assert_eq!(fixture.ask("R13"), READY);
+    assert_eq!(fixture.pulses().len(), 30_000);
 }
 
 #[test]
 fn a_jog_at_13_000_makes_12_992_steps_a_second() {
-    let mut bed = Bed::new();
-    bed.set(32, 360_000, 0);
-    bed.jog(13_000);
-    bed.wait(2.secs());
-    let pulses = bed.pulses();
+    let mut fixture = Fixture::new();
+    fixture.set(32, 360_000, 0);
+    fixture.jog(13_000);
+    fixture.wait(2.secs());
+    let pulses = fixture.pulses();
     // The ramp takes 12,992²/720,000 = 234.4 steps.
     let second = pulses[300 + 12_992].rise.since(pulses[300].rise);
     assert!(second.ticks().abs_diff(1.secs().ticks()) <= 1, "{second:?}");
     assert!(pulses.windows(2).all(|pair| pair[0].fall < pair[1].rise));
     // Back by way of standstill, paused, resumed, and stopped at once.
-    bed.jog(-13_000);
-    bed.wait(3.secs());
-    bed.ask("W166");
-    bed.until(PAUSED);
-    let position = bed.bench.motion(bed.qsb, AXIS).position;
-    bed.both_stand_at(position);
-    bed.ask("W167");
-    bed.wait(1.secs());
-    bed.ask("W165");
-    assert_eq!(bed.ask("R13"), READY);
-    let position = bed.bench.motion(bed.qsb, AXIS).position;
+    fixture.jog(-13_000);
+    fixture.wait(3.secs());
+    fixture.ask("W166");
+    fixture.until(PAUSED);
+    let position = fixture.bench.motion(fixture.qsb, AXIS).position;
+    fixture.both_stand_at(position);
+    fixture.ask("W167");
+    fixture.wait(1.secs());
+    fixture.ask("W165");
+    assert_eq!(fixture.ask("R13"), READY);
+    let position = fixture.bench.motion(fixture.qsb, AXIS).position;
     assert!(position < 0, "{position}");
-    bed.both_stand_at(position);
-    let made: i32 = bed.pulses().iter().map(|pulse| if pulse.forward { 1 } else { -1 }).sum();
+    fixture.both_stand_at(position);
+    let made: i32 = fixture.pulses().iter().map(|pulse| if pulse.forward { 1 } else { -1 }).sum();
     assert_eq!(made, position);
 }
 
 #[test]
 fn the_digital_port_has_its_lines_back_when_the_motor_drive_ends() {
-    let mut bed = Bed::new();
-    bed.set(1_000, 100_000, 100);
-    bed.ask("W168");
-    bed.until(READY);
-    assert_eq!((bed.level("DIO1"), bed.level("DIO2")), (Level::Low, Level::High));
+    let mut fixture = Fixture::new();
+    fixture.set(1_000, 100_000, 100);
+    fixture.ask("W168");
+    fixture.until(READY);
+    assert_eq!((fixture.level("DIO1"), fixture.level("DIO2")), (Level::Low, Level::High));
     // Read as step low and forward; what is written waits.
-    bed.ask("W02F00");
-    bed.ask("W019");
-    assert_eq!(bed.ask("R01"), 0xD);
-    assert_eq!((bed.level("DIO1"), bed.level("DIO2")), (Level::Low, Level::High));
+    fixture.ask("W02F00");
+    fixture.ask("W019");
+    assert_eq!(fixture.ask("R01"), 0xD);
+    assert_eq!((fixture.level("DIO1"), fixture.level("DIO2")), (Level::Low, Level::High));
     // As they were saved: inputs, which the MD3 pulls up. A rise is no step.
-    bed.ask("W160");
-    assert_eq!((bed.level("DIO1"), bed.level("DIO2")), (Level::High, Level::High));
-    assert_eq!(bed.ask("R13"), 0x01);
-    bed.both_stand_at(100);
+    fixture.ask("W160");
+    assert_eq!((fixture.level("DIO1"), fixture.level("DIO2")), (Level::High, Level::High));
+    assert_eq!(fixture.ask("R13"), 0x01);
+    fixture.both_stand_at(100);
     // By hand: backward, and a step.
-    bed.ask("W02F00");
-    bed.ask("W01B");
-    bed.ask("W019");
-    assert_eq!(bed.stepped(), 99);
+    fixture.ask("W02F00");
+    fixture.ask("W01B");
+    fixture.ask("W019");
+    assert_eq!(fixture.stepped(), 99);
     // It takes them again, and the MD3 has seen no edge: DIO1 was low.
-    let at: Instant = bed.bench.now();
-    bed.ask("W162");
-    assert_eq!(bed.stepped(), 99);
-    bed.ask("W168");
-    bed.until(READY);
-    assert_eq!(bed.stepped(), 199);
-    let pulses = bed.pulses();
+    let at: Instant = fixture.bench.now();
+    fixture.ask("W162");
+    assert_eq!(fixture.stepped(), 99);
+    fixture.ask("W168");
+    fixture.until(READY);
+    assert_eq!(fixture.stepped(), 199);
+    let pulses = fixture.pulses();
     assert_eq!(pulses.iter().filter(|pulse| pulse.rise > at && pulse.forward).count(), 100);
 }

@@ -1,24 +1,10 @@
 //! Moves of an RS 434544 with its motor, by its registers: whatever they say, it ends on its count.
 #![allow(missing_docs, reason = "a test")]
 
-use drivetwin_firmware::device::{Axis, Boot, Device, Duration, Instant, Output, Sink, advance};
+use drivetwin_firmware::device::{Axis, Device, Duration, Instant};
 use drivetwin_firmware::rs434::rs434544;
+use drivetwin_firmware::testing::{Fixture, Treatment};
 use proptest::prelude::*;
-
-/// New memory, and nobody else.
-struct Nowhere(Vec<u8>);
-
-impl Sink for Nowhere {
-    fn put(&mut self, _at: Instant, _output: Output<'_>) {}
-
-    fn memory(&self) -> &[u8] {
-        &self.0
-    }
-}
-
-fn row(device: &impl Device, name: &str) -> usize {
-    device.spec().find(name).unwrap().row
-}
 
 proptest! {
     #![proptest_config(ProptestConfig { cases: 32, max_shrink_iters: 100, ..ProptestConfig::default() })]
@@ -32,34 +18,26 @@ proptest! {
         let size = a_second.max(1.0).powf(part).round() as i64;
         let counts = if back { -size } else { size };
 
-        let mut drive = rs434544();
-        let mut out = Nowhere(vec![0xFF; usize::from(drive.spec().memory)]);
-        let mut now = Instant::ZERO;
-        drive.power_on(now, Boot { fast: true, ..Boot::default() }, &mut out);
-        now += Duration::millis(1);
-        advance(&mut drive, now, std::iter::empty(), &mut out);
+        let mut dut = Fixture::new(rs434544()).ruled(|_| Treatment::Ignore).ready();
+        dut.wait(Duration::millis(1));
         for (name, value) in [
             ("RATED_SPEED", rated), ("PULSES_PER_REVOLUTION", pulses), ("REF_CURRENT", current), ("SPEED", speed),
             ("ACC", acc), ("DEC", dec), ("MODE_ROTATION", 2), ("OFFSET", counts), ("START_bit", 1),
         ] {
-            let row = row(&drive, name);
-            drive.poke(now, row, value, &mut out).unwrap();
+            dut.set_named(name, value);
         }
-        let read = |drive: &_, now, name| Device::peek(drive, now, row(drive, name));
-        prop_assert_eq!(read(&drive, now, "STATUS"), if back { 2 } else { 1 });
-        let shaft = drive.shaft(now, Axis(0)).unwrap().position;
-        while read(&drive, now, "STATUS") != 0 {
-            now += Duration::millis(10);
-            advance(&mut drive, now, std::iter::empty(), &mut out);
-            prop_assert!(now < Instant::from(Duration::secs(60)), "still on its way");
+        prop_assert_eq!(dut.get_named("STATUS"), if back { 2 } else { 1 });
+        let shaft = dut.drive.shaft(dut.now, Axis(0)).unwrap().position;
+        while dut.get_named("STATUS") != 0 {
+            dut.wait(Duration::millis(10));
+            prop_assert!(dut.now < Instant::from(Duration::secs(60)), "still on its way");
         }
         // What friction lets it run on would show.
-        now += Duration::secs(1);
-        advance(&mut drive, now, std::iter::empty(), &mut out);
-        prop_assert_eq!(read(&drive, now, "CURRENT_POSITION"), counts);
-        prop_assert_eq!(read(&drive, now, "OFFSET"), 0);
-        prop_assert_eq!(i64::from(drive.shaft(now, Axis(0)).unwrap().position - shaft), counts);
+        dut.wait(Duration::secs(1));
+        prop_assert_eq!(dut.get_named("CURRENT_POSITION"), counts);
+        prop_assert_eq!(dut.get_named("OFFSET"), 0);
+        prop_assert_eq!(i64::from(dut.drive.shaft(dut.now, Axis(0)).unwrap().position - shaft), counts);
         // Only the limit of the current may have held it back.
-        prop_assert_eq!(read(&drive, now, "ERROR") & !0x800, 0);
+        prop_assert_eq!(dut.get_named("ERROR") & !0x800, 0);
     }
 }

@@ -2,7 +2,8 @@
 //! with a CRC that holds too early, pipelined ADUs, lines of MCode and of a QSB, in any reads.
 #![allow(missing_docs, reason = "a test")]
 
-use drivetwin_firmware::device::{Boot, Duration, Ends, Input, Instant, Output, Port, Sink, advance, feed};
+use drivetwin_firmware::device::{Boot, Duration, Ends, Input, Instant, Port, advance, feed};
+use drivetwin_firmware::testing::Recorder;
 use drivetwin_protocol::modbus::rtu::{self, checked, crc};
 use drivetwin_protocol::modbus::tcp;
 use drivetwin_sim::bench::{Bench, Client, Settings, Setup};
@@ -27,42 +28,21 @@ fn kinds_of(ends: Ends) -> Vec<&'static str> {
     kinds
 }
 
-/// Bytes that a drive says at its serial port.
-struct Said {
-    memory: Vec<u8>,
-    bytes: Vec<u8>,
-}
-
-impl Sink for Said {
-    fn put(&mut self, _: Instant, output: Output<'_>) {
-        match output {
-            Output::Bytes { port: SERIAL, bytes } => self.bytes.extend(bytes),
-            Output::Store { offset, bytes } => {
-                let place = usize::from(offset);
-                self.memory[place..place + bytes.len()].copy_from_slice(bytes);
-            }
-            _ => {}
-        }
-    }
-
-    fn memory(&self) -> &[u8] {
-        &self.memory
-    }
-}
-
 /// Answers of a drive to each frame with a second of silence behind it: there is no host.
 fn with_silences(kind: &str, frames: &[Vec<u8>]) -> Vec<Vec<u8>> {
     let mut drive = catalog::make(kind).expect("a kind");
-    let mut said = Said { memory: vec![0xFF; usize::from(drive.spec().memory)], bytes: Vec::new() };
-    drive.power_on(Instant::ZERO, Boot { seed: 1, fast: true, ..Boot::default() }, &mut said);
+    let mut out = Recorder::new(drive.spec().memory.into());
+    drive.power_on(Instant::ZERO, Boot { seed: 1, fast: true, ..Boot::default() }, &mut out);
     let mut at = Instant::ZERO + START;
-    advance(&mut *drive, at, core::iter::empty(), &mut said);
+    advance(&mut *drive, at, core::iter::empty(), &mut out);
     let answers = frames.iter().map(|frame| {
         let due = drive.deadline();
-        feed(&mut *drive, due, at, Input::Bytes { port: SERIAL, bytes: frame }, &mut said);
+        feed(&mut *drive, due, at, Input::Bytes { port: SERIAL, bytes: frame }, &mut out);
         at += Duration::secs(1);
-        advance(&mut *drive, at, core::iter::empty(), &mut said);
-        core::mem::take(&mut said.bytes)
+        advance(&mut *drive, at, core::iter::empty(), &mut out);
+        let answer = out.sent(SERIAL).into_iter().flat_map(|(_, bytes)| bytes).collect();
+        out.clear();
+        answer
     });
     answers.collect()
 }

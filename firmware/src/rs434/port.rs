@@ -138,7 +138,8 @@ impl Serial {
 mod tests {
     use super::*;
     use drivetwin_protocol::line::Parity;
-    use std::vec::Vec;
+
+    use crate::testing::{Recorder, Treatment};
 
     const RTU: Line = Line::new(115_200, 8, Parity::Even, 1);
     const ASCII: Line = Line::new(9_600, 7, Parity::Even, 1);
@@ -153,32 +154,19 @@ mod tests {
     /// 01 + 03 + 50 + 00 + 00 + 01 = 55h, and 55h + ABh = 100h.
     const ASCII_BODY: &[u8] = b":010350000001AB\r\n";
 
-    #[derive(Default)]
-    struct World {
-        sent: Vec<(Instant, Vec<u8>)>,
-        notes: Vec<(Instant, Note)>,
-        lines: Vec<(Instant, Line)>,
-    }
-
-    impl Sink for World {
-        fn put(&mut self, at: Instant, output: Output<'_>) {
-            match output {
-                Output::Bytes { port: RS485, bytes } => self.sent.push((at, bytes.to_vec())),
-                Output::Line { port: RS485, line } => self.lines.push((at, line)),
-                Output::Note(note) => self.notes.push((at, note)),
-                other => panic!("{other:?}"),
+    fn recorder() -> Recorder {
+        Recorder::default().ruled(|output| match output {
+            Output::Bytes { port: RS485, .. } | Output::Line { port: RS485, .. } | Output::Note(_) => {
+                Treatment::Keep
             }
-        }
-
-        fn memory(&self) -> &[u8] {
-            &[]
-        }
+            _ => Treatment::Refuse,
+        })
     }
 
     /// A port that hears since [`START`].
-    fn powered(line: Line, world: &mut World) -> Serial {
+    fn powered(line: Line, out: &mut Recorder) -> Serial {
         let mut port = Serial::new(RTU);
-        port.power_on(START, line, START, world);
+        port.power_on(START, line, START, out);
         port
     }
 
@@ -194,22 +182,22 @@ mod tests {
             (RTU, &RTU_BODY[..], ticks(7 * RTU_CHARACTER) + silence, RTU_CHARACTER),
             (ASCII, ASCII_BODY, ticks(16 * ASCII_CHARACTER), ASCII_CHARACTER),
         ] {
-            let mut world = World::default();
-            let mut port = powered(line, &mut world);
-            assert_eq!(world.lines, [(START, line)]);
+            let mut out = recorder();
+            let mut port = powered(line, &mut out);
+            assert_eq!(out.lines, [(START, RS485, line)]);
             assert_eq!(port.deadline(), Instant::NEVER);
             let first = START + ticks(character);
-            port.bytes(first, message, &mut world);
+            port.bytes(first, message, &mut out);
             let over = first + over;
             assert_eq!(port.deadline(), over);
             assert!(!port.is_over(over - Duration::TICK) && port.is_over(over));
             assert_eq!(port.take(), Some(Ok(&BODY[..])));
             assert_eq!(port.deadline(), Instant::NEVER);
             let delay = Duration::millis(3);
-            let left = port.reply(over, delay, &Frame::from_slice(&BODY).unwrap(), &mut world);
-            assert_eq!(world.sent, [(over + delay, message.to_vec())]);
+            let left = port.reply(over, delay, &Frame::from_slice(&BODY).unwrap(), &mut out);
+            assert_eq!(out.sent(RS485), [(over + delay, message.to_vec())]);
             assert_eq!(left, over + delay + ticks(character * message.len() as u64));
-            assert_eq!(world.notes, []);
+            assert_eq!(out.notes, []);
         }
     }
 
@@ -218,9 +206,9 @@ mod tests {
         for (line, message) in
             [(RTU, &[1, 3, 0x50, 0, 0, 1, 0x95, 0x0B][..]), (ASCII, b":010350000001AA\r\n")]
         {
-            let mut world = World::default();
-            let mut port = powered(line, &mut world);
-            port.bytes(START + Duration::TICK, message, &mut world);
+            let mut out = recorder();
+            let mut port = powered(line, &mut out);
+            port.bytes(START + Duration::TICK, message, &mut out);
             assert_eq!(port.take(), Some(Err(Why::Crc)));
         }
     }
@@ -228,13 +216,13 @@ mod tests {
     #[test]
     fn a_spoiled_character_is_told_and_spoils_the_message() {
         for (line, message) in [(RTU, &RTU_BODY[..]), (ASCII, ASCII_BODY)] {
-            let mut world = World::default();
-            let mut port = powered(line, &mut world);
+            let mut out = recorder();
+            let mut port = powered(line, &mut out);
             assert!(!port.spoiled(START - Duration::TICK), "not before it has ears");
             let (first, character) = (START + Duration::TICK, line.character());
-            port.bytes(first, &message[..3], &mut world);
+            port.bytes(first, &message[..3], &mut out);
             assert!(port.spoiled(first + character * 3));
-            port.bytes(first + character * 4, &message[4..], &mut world);
+            port.bytes(first + character * 4, &message[4..], &mut out);
             assert_eq!(port.take(), Some(Err(Why::Spoiled)));
         }
     }
@@ -242,26 +230,26 @@ mod tests {
     #[test]
     fn what_ends_before_it_hears_is_lost() {
         for (line, message) in [(RTU, &RTU_BODY[..]), (ASCII, ASCII_BODY)] {
-            let mut world = World::default();
-            let mut port = powered(line, &mut world);
+            let mut out = recorder();
+            let mut port = powered(line, &mut out);
             let character = line.character();
             // Of a burst all is lost that ends before, and a message follows.
             let burst = [&[0x30, 0x31, 0x32][..], message].concat();
             let first = START - character * 3;
             for cut in 0..burst.len() {
-                port.power_on(first, line, START, &mut world);
-                port.bytes(first, &burst[..cut], &mut world);
-                port.bytes(first + character * cut as u64, &burst[cut..], &mut world);
+                port.power_on(first, line, START, &mut out);
+                port.bytes(first, &burst[..cut], &mut out);
+                port.bytes(first + character * cut as u64, &burst[cut..], &mut out);
                 assert_eq!(port.take(), Some(Ok(&BODY[..])), "{line}, cut at {cut}");
             }
-            world.notes.clear();
-            port.bytes(START + Duration::secs(1), &message[..3], &mut world);
+            out.notes.clear();
+            port.bytes(START + Duration::secs(1), &message[..3], &mut out);
             port.mute();
             assert_eq!(port.take(), None);
-            port.bytes(START + Duration::secs(9), message, &mut world);
+            port.bytes(START + Duration::secs(9), message, &mut out);
             assert_eq!((port.deadline(), port.take()), (Instant::NEVER, None));
             let deaf = Note::Dropped { port: RS485, why: Why::Starting };
-            assert_eq!(world.notes, [(START + Duration::secs(9), deaf)]);
+            assert_eq!(out.notes, [(START + Duration::secs(9), deaf)]);
         }
     }
 }

@@ -94,22 +94,22 @@ impl Device for Lender {
 }
 
 /// A bench with a lender on it that has power, and one that listens to it.
-struct Bed {
+struct Fixture {
     bench: Bench,
     lender: Seat,
     ear: Seat,
 }
 
-impl Bed {
+impl Fixture {
     fn new(wired: bool) -> Self {
         let mut bench = Bench::with(Settings { trace: TraceKeep::All, ..Settings::default() });
         let (lender, ear) = (bench.add::<Lender>("lender"), bench.add::<Lender>("ear"));
         bench.run_until(1.millis());
-        let mut bed = Self { bench, lender, ear };
+        let mut fixture = Self { bench, lender, ear };
         if wired {
-            bed.wire();
+            fixture.wire();
         }
-        bed
+        fixture
     }
 
     fn wire(&mut self) {
@@ -148,35 +148,35 @@ impl Bed {
 }
 
 /// When pulses rise and fall, in µs, and whether they go forward.
-fn pulses(bed: &Bed) -> Vec<(f64, f64, bool)> {
+fn pulses(fixture: &Fixture) -> Vec<(f64, f64, bool)> {
     let micros = |at: Instant| at.ticks() as f64 / 16.0;
-    let pulses = bed.bench.pulses(bed.lender.step());
+    let pulses = fixture.bench.pulses(fixture.lender.step());
     pulses.map(|Pulse { rise, fall, forward }| (micros(rise), micros(fall), forward)).collect()
 }
 
 #[test]
 fn a_plan_takes_pins_that_were_let_go() {
-    let mut bed = Bed::new(true);
-    assert_eq!(bed.levels(bed.lender), [Level::High; 2]);
-    bed.poke(10, 7);
-    assert_eq!(bed.levels(bed.lender), [Level::Low; 2]);
+    let mut fixture = Fixture::new(true);
+    assert_eq!(fixture.levels(fixture.lender), [Level::High; 2]);
+    fixture.poke(10, 7);
+    assert_eq!(fixture.levels(fixture.lender), [Level::Low; 2]);
     let heard = ["S- 10000", "D- 10000", "D+ 109995", "S+ 110000", "S- 110002", "S+ 210000", "S- 210002"];
-    assert_eq!(bed.heard(500), heard);
-    assert_eq!(pulses(&bed), [(110_000.0, 110_002.0, true), (210_000.0, 210_002.0, true)]);
+    assert_eq!(fixture.heard(500), heard);
+    assert_eq!(pulses(&fixture), [(110_000.0, 110_002.0, true), (210_000.0, 210_002.0, true)]);
 }
 
 #[test]
 fn a_level_takes_its_pin_until_the_next_plan() {
-    let mut bed = Bed::new(true);
-    bed.poke(10, 7);
-    bed.poke(150, 1);
-    assert_eq!(bed.levels(bed.lender), [Level::High; 2]);
+    let mut fixture = Fixture::new(true);
+    fixture.poke(10, 7);
+    fixture.poke(150, 1);
+    assert_eq!(fixture.levels(fixture.lender), [Level::High; 2]);
     // The second step is not seen. DIR was not taken, and is high from the first one.
-    let before = bed.heard(299).len();
-    assert_eq!(bed.heard(299)[before - 1], "S+ 150000");
-    bed.poke(300, 8);
-    bed.poke(600, 5);
-    bed.poke(700, 2);
+    let before = fixture.heard(299).len();
+    assert_eq!(fixture.heard(299)[before - 1], "S+ 150000");
+    fixture.poke(300, 8);
+    fixture.poke(600, 5);
+    fixture.poke(700, 2);
     let heard = [
         "S- 300000",
         "D- 399995",
@@ -187,93 +187,93 @@ fn a_level_takes_its_pin_until_the_next_plan() {
         "D+ 600000",
         "S+ 700000",
     ];
-    assert_eq!(bed.heard(900)[before..], heard);
+    assert_eq!(fixture.heard(900)[before..], heard);
     let expected =
         [(110_000.0, 110_002.0, true), (400_000.0, 400_002.0, false), (500_000.0, 500_002.0, false)];
-    assert_eq!(pulses(&bed), expected);
+    assert_eq!(pulses(&fixture), expected);
 }
 
 #[test]
 fn the_direction_is_low_when_a_plan_takes_it() {
     for (wired, late) in [(true, false), (false, true), (false, false)] {
-        let mut bed = Bed::new(wired);
-        bed.poke(10, 7);
-        bed.poke(300, 4);
+        let mut fixture = Fixture::new(wired);
+        fixture.poke(10, 7);
+        fixture.poke(300, 4);
         if late {
-            bed.wire();
+            fixture.wire();
         }
         // It was forward; so the next plan must turn it again.
-        bed.poke(400, 7);
-        bed.bench.run_until(499.millis());
-        assert_eq!(bed.levels(bed.lender), [Level::Low; 2]);
-        bed.bench.run_until(550.millis());
-        assert_eq!(bed.levels(bed.lender), [Level::Low, Level::High]);
+        fixture.poke(400, 7);
+        fixture.bench.run_until(499.millis());
+        assert_eq!(fixture.levels(fixture.lender), [Level::Low; 2]);
+        fixture.bench.run_until(550.millis());
+        assert_eq!(fixture.levels(fixture.lender), [Level::Low, Level::High]);
     }
 }
 
 #[test]
 fn a_plan_that_turns_the_direction_at_once_is_heard() {
-    let mut bed = Bed::new(true);
+    let mut fixture = Fixture::new(true);
     for what in [0, 3] {
-        bed.poke(5, what);
+        fixture.poke(5, what);
     }
-    bed.poke(10, 11);
-    bed.bench.run_until(10_003.micros());
+    fixture.poke(10, 11);
+    fixture.bench.run_until(10_003.micros());
     // It has come 190.687 steps in the 1 ms before, of which 93 µs were a ramp: the next one is 1.57 µs away.
-    assert_eq!(bed.heard(10)[2..], ["D+ 10000", "S+ 10001.5625"]);
-    assert_eq!(bed.levels(bed.ear), bed.levels(bed.lender));
+    assert_eq!(fixture.heard(10)[2..], ["D+ 10000", "S+ 10001.5625"]);
+    assert_eq!(fixture.levels(fixture.ear), fixture.levels(fixture.lender));
 }
 
 #[test]
 fn a_level_cuts_a_pulse_off() {
-    let mut bed = Bed::new(true);
-    bed.poke(10, 7);
-    bed.bench.run_until(110_001.micros());
-    bed.bench.poke(bed.lender, 0, 0).unwrap();
-    assert_eq!(bed.heard(400)[3..], ["S+ 110000", "S- 110001"]);
-    assert_eq!(pulses(&bed), [(110_000.0, 110_001.0, true)]);
+    let mut fixture = Fixture::new(true);
+    fixture.poke(10, 7);
+    fixture.bench.run_until(110_001.micros());
+    fixture.bench.poke(fixture.lender, 0, 0).unwrap();
+    assert_eq!(fixture.heard(400)[3..], ["S+ 110000", "S- 110001"]);
+    assert_eq!(pulses(&fixture), [(110_000.0, 110_001.0, true)]);
     // A plan does not bring the rest of it back.
-    let mut bed = Bed::new(true);
-    bed.poke(10, 7);
-    bed.bench.run_until(110_001.micros());
+    let mut fixture = Fixture::new(true);
+    fixture.poke(10, 7);
+    fixture.bench.run_until(110_001.micros());
     for what in [1, 6] {
-        bed.bench.poke(bed.lender, 0, what).unwrap();
+        fixture.bench.poke(fixture.lender, 0, what).unwrap();
     }
-    assert_eq!(bed.levels(bed.lender), [Level::Low, Level::High]);
+    assert_eq!(fixture.levels(fixture.lender), [Level::Low, Level::High]);
 }
 
 #[test]
 fn a_pin_that_is_let_go_is_an_input() {
-    let mut bed = Bed::new(false);
-    bed.bench.wire((bed.ear, STEP), (bed.lender, STEP));
-    bed.poke(10, 6);
-    bed.poke(20, 2);
-    let edges = bed.bench.peek(bed.lender, 0);
-    bed.bench.run_until(30.millis());
+    let mut fixture = Fixture::new(false);
+    fixture.bench.wire((fixture.ear, STEP), (fixture.lender, STEP));
+    fixture.poke(10, 6);
+    fixture.poke(20, 2);
+    let edges = fixture.bench.peek(fixture.lender, 0);
+    fixture.bench.run_until(30.millis());
     // The other one pulls it down, and lets it go.
     for (ms, what, level) in [(40, 0, Level::Low), (50, 2, Level::High)] {
-        bed.bench.run_until(ms.millis());
-        bed.bench.poke(bed.ear, 0, what).unwrap();
-        bed.bench.run_until((ms + 1).millis());
-        assert_eq!(bed.bench.level(bed.lender, STEP), level);
+        fixture.bench.run_until(ms.millis());
+        fixture.bench.poke(fixture.ear, 0, what).unwrap();
+        fixture.bench.run_until((ms + 1).millis());
+        assert_eq!(fixture.bench.level(fixture.lender, STEP), level);
     }
-    assert_eq!(bed.bench.peek(bed.lender, 0), edges + 2);
+    assert_eq!(fixture.bench.peek(fixture.lender, 0), edges + 2);
 }
 
 #[test]
 fn without_power_the_pins_are_let_go() {
-    let mut bed = Bed::new(true);
-    bed.poke(10, 7);
-    bed.bench.run_until(150.millis());
-    bed.bench.power(bed.lender, PowerAction::Off);
-    bed.bench.run_until(151.millis());
-    assert_eq!(bed.levels(bed.lender), [Level::High; 2]);
-    bed.bench.power(bed.lender, PowerAction::On);
-    bed.bench.run_until(300.millis());
-    assert_eq!(bed.levels(bed.lender), [Level::High; 2]);
+    let mut fixture = Fixture::new(true);
+    fixture.poke(10, 7);
+    fixture.bench.run_until(150.millis());
+    fixture.bench.power(fixture.lender, PowerAction::Off);
+    fixture.bench.run_until(151.millis());
+    assert_eq!(fixture.levels(fixture.lender), [Level::High; 2]);
+    fixture.bench.power(fixture.lender, PowerAction::On);
+    fixture.bench.run_until(300.millis());
+    assert_eq!(fixture.levels(fixture.lender), [Level::High; 2]);
     // DIR was high; STEP comes up when it is let go.
-    assert_eq!(bed.heard(500).last().unwrap(), "S+ 150000");
-    assert_eq!(pulses(&bed).len(), 1);
+    assert_eq!(fixture.heard(500).last().unwrap(), "S+ 150000");
+    assert_eq!(pulses(&fixture).len(), 1);
 }
 
 /// The level of the lender's STEP or DIR in a file of waveforms, in ticks.
@@ -299,30 +299,30 @@ proptest! {
     fn wires_levels_and_waveforms_agree(
         orders in proptest::collection::vec((1_u64..150, 0_u8..11, 0_u64..100), 1..20),
     ) {
-        let (mut bed, mut deaf) = (Bed::new(true), Bed::new(false));
+        let (mut fixture, mut deaf) = (Fixture::new(true), Fixture::new(false));
         let mut samples = Vec::new();
         let mut ms = 1;
         for (wait, what, sample) in orders {
             ms += wait;
-            for bed in [&mut bed, &mut deaf] {
+            for fixture in [&mut fixture, &mut deaf] {
                 // Beside all steps, which are at whole milliseconds after a plan began, or between.
-                bed.bench.run_until((1_000 * ms + 300).micros());
-                bed.bench.poke(bed.lender, 0, what.into()).unwrap();
+                fixture.bench.run_until((1_000 * ms + 300).micros());
+                fixture.bench.poke(fixture.lender, 0, what.into()).unwrap();
             }
             let at = Instant::from((1_000 * ms + 300).micros()) + (sample * sample * 15).micros();
-            let levels = [&mut bed, &mut deaf].map(|bed| {
-                bed.bench.run_until(at);
-                bed.levels(bed.lender)
+            let levels = [&mut fixture, &mut deaf].map(|fixture| {
+                fixture.bench.run_until(at);
+                fixture.levels(fixture.lender)
             });
             prop_assert_eq!(levels[0], levels[1], "{:?}", at);
-            bed.bench.run_until(at + Duration::TICK);
-            prop_assert_eq!(bed.levels(bed.ear), levels[0], "{:?}", at);
+            fixture.bench.run_until(at + Duration::TICK);
+            prop_assert_eq!(fixture.levels(fixture.ear), levels[0], "{:?}", at);
             samples.push((at, levels[0]));
             ms += sample * sample * 15 / 1_000 + 1;
         }
-        bed.bench.run_until(ms.millis());
+        fixture.bench.run_until(ms.millis());
         let mut file = Vec::new();
-        vcd::write(bed.bench.trace(), &mut file).unwrap();
+        vcd::write(fixture.bench.trace(), &mut file).unwrap();
         let file = String::from_utf8(file).unwrap();
         for (at, levels) in samples {
             prop_assert_eq!([STEP, DIR].map(|pin| shown(&file, pin, at)), levels, "{:?}", at);

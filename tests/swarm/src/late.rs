@@ -1,32 +1,13 @@
 //! Drives that are called late: by the library's own loop, with inputs that have waited. What they do is the same as
 //! when they are called at each deadline.
 
-use drivetwin_firmware::device::{Boot, Device, Duration, Input, Instant, Output, Sink, advance, feed};
+use drivetwin_firmware::device::{Boot, Device, Duration, Input, Instant, advance, feed};
+use drivetwin_firmware::testing::Transcript;
 use drivetwin_sim::catalog;
 use drivetwin_sim::record::trace::{Did, Event, Fed, Power, Trace};
 use fastrand::Rng;
 
 use crate::oracle::Failure;
-
-/// All that a drive puts, as text.
-struct Log {
-    memory: Vec<u8>,
-    lines: Vec<String>,
-}
-
-impl Sink for Log {
-    fn put(&mut self, at: Instant, output: Output<'_>) {
-        if let Output::Store { offset, bytes } = output {
-            let place = usize::from(offset);
-            self.memory[place..place + bytes.len()].copy_from_slice(bytes);
-        }
-        self.lines.push(format!("{} {output:?}", at.ticks()));
-    }
-
-    fn memory(&self) -> &[u8] {
-        &self.memory
-    }
-}
 
 /// Timeouts of a drive at one instant.
 const MOST_TIMEOUTS: u32 = 100_000;
@@ -34,7 +15,7 @@ const MOST_TIMEOUTS: u32 = 100_000;
 /// A drive by itself.
 struct Alone<'a> {
     device: Box<dyn Device>,
-    log: Log,
+    log: Transcript,
     name: &'a str,
     powered: bool,
     /// Chances of a drive that is called late.
@@ -127,7 +108,7 @@ pub(crate) fn judge(trace: &Trace) -> Result<(), Failure> {
 fn play(trace: &Trace, place: usize, late: Option<Rng>) -> Result<Vec<String>, Failure> {
     let drive = &trace.drives[place];
     let device = catalog::make(drive.spec.kind).map_err(|error| Failure::new("no such kind", error))?;
-    let log = Log { memory: drive.memory.clone(), lines: Vec::new() };
+    let log = Transcript::with_memory(drive.memory.clone());
     let (powered, waiting, last) = (true, Vec::new(), drive.from);
     let mut alone = Alone { device, log, name: &drive.name, powered, late, waiting, last };
     if drive.apart {
@@ -161,5 +142,5 @@ fn play(trace: &Trace, place: usize, late: Option<Rng>) -> Result<Vec<String>, F
     if alone.powered {
         alone.come_to(trace.end, true)?;
     }
-    Ok(alone.log.lines)
+    Ok(alone.log.outputs)
 }

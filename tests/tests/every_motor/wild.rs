@@ -3,23 +3,13 @@
 use std::iter;
 
 use drivetwin_firmware::device::{
-    Axis, Boot, Device, Duration, Input, Instant, Output, Pin, Rotation, Sink, advance, feed,
+    Axis, Boot, Device, Duration, Input, Instant, Pin, Rotation, advance, feed,
 };
 use drivetwin_firmware::mdrobot::mdrobot;
 use drivetwin_firmware::motor::Parameters;
 use drivetwin_firmware::rs434::rs434544;
+use drivetwin_firmware::testing::Recorder;
 use proptest::prelude::*;
-
-/// New memory, and nobody else.
-struct Nowhere(Vec<u8>);
-
-impl Sink for Nowhere {
-    fn put(&mut self, _at: Instant, _output: Output<'_>) {}
-
-    fn memory(&self) -> &[u8] {
-        &self.0
-    }
-}
 
 #[derive(Clone, Debug)]
 enum Act {
@@ -76,7 +66,7 @@ fn play(mut drive: impl Device, orders: &[(&str, i64)], acts: &[(Act, u64)]) {
         names.iter().map(|&(name, value)| (drive.spec().find(name).unwrap().row, value)).collect()
     };
     drive.part();
-    let mut out = Nowhere(vec![0xFF; usize::from(drive.spec().memory)]);
+    let mut out = Recorder::new(drive.spec().memory.into()).memory_only();
     let mut now = Instant::ZERO;
     drive.power_on(now, Boot { fast: true, ..Boot::default() }, &mut out);
     let orders = rows(orders, &drive);

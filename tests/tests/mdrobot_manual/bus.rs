@@ -1,7 +1,8 @@
 //! The line: 19,200 8N1; silences, noise, others' traffic, two controllers (2.1 to 2.6; decisions 1 to 5).
 
-use drivetwin_firmware::device::{Boot, Device, Input, Instant, Output, Pin, Port, Sink, advance};
+use drivetwin_firmware::device::{Boot, Device, Input, Instant, Pin, Port, advance};
 use drivetwin_firmware::mdrobot::mdrobot;
+use drivetwin_firmware::testing::Recorder;
 use drivetwin_protocol::modbus::rtu;
 use drivetwin_protocol::time::{Duration, Span};
 use drivetwin_sim::bench::{Bench, Client, Seat, Setup};
@@ -155,32 +156,12 @@ fn page_3_noise() {
     }
 }
 
-/// What a controller says.
-struct Heard {
-    said: Vec<u8>,
-    /// A new one, which is all 0xFF.
-    memory: Vec<u8>,
-}
-
-impl Sink for Heard {
-    fn put(&mut self, _: Instant, output: Output<'_>) {
-        if let Output::Bytes { bytes, .. } = output {
-            self.said.extend(bytes);
-        }
-    }
-
-    fn memory(&self) -> &[u8] {
-        &self.memory
-    }
-}
-
 /// Feeds characters with a silence before each, in ticks, and returns what is answered.
 fn fed(characters: &[(u8, u64)]) -> Vec<u8> {
     let mut drive = mdrobot();
-    let memory = vec![0xFF; usize::from(drive.spec().memory)];
-    let mut heard = Heard { said: Vec::new(), memory };
+    let mut out = Recorder::new(drive.spec().memory.into());
     let power = Instant::ZERO;
-    drive.power_on(power, Boot::default(), &mut heard);
+    drive.power_on(power, Boot::default(), &mut out);
     let mut at = power + BOOT + 1.millis();
     let mut inputs = Vec::new();
     for &(byte, silence) in characters {
@@ -190,8 +171,8 @@ fn fed(characters: &[(u8, u64)]) -> Vec<u8> {
     let bytes: Vec<[u8; 1]> = inputs.iter().map(|&(_, byte)| [byte]).collect();
     let inputs =
         inputs.iter().zip(&bytes).map(|(&(at, _), byte)| (at, Input::Bytes { port: Port(0), bytes: byte }));
-    advance(&mut drive, at + 100.millis(), inputs, &mut heard);
-    heard.said
+    advance(&mut drive, at + 100.millis(), inputs, &mut out);
+    out.bytes.into_iter().flat_map(|(.., bytes)| bytes).collect()
 }
 
 /// Silences inside a frame: up to 1.5 characters are none, above that the frame is spoiled, as both its parts (serial

@@ -4,31 +4,31 @@ use super::*;
 
 #[test]
 fn a_thermal_fault_stays_until_it_has_cooled() {
-    let mut bed = Bed::ready();
+    let mut dut = ready();
     let hot = |on| Input::Fault { fault: Fault(0), on };
-    bed.write(0x11, 2);
-    bed.input(bed.now, hot(true));
-    assert_eq!((bed.read(0x11), bed.level("J3.7")), (0x8000, Level::Low));
-    assert_eq!(bed.world.current.last().unwrap().1, 0);
-    let position = bed.position();
-    bed.write(0x11, 0x8001);
-    assert_eq!(bed.read(0x11), 0x8000);
-    bed.input(bed.now, hot(false));
-    assert_eq!(bed.read(0x11), 0x8000, "it stays until it is cleared");
-    bed.write(0x11, 1);
-    assert_eq!((bed.read(0x11), bed.position()), (0x8000, position), "answered, and nothing moves");
-    bed.write(0x11, 0x8000);
-    assert_eq!((bed.read(0x11), bed.level("J3.7")), (0, Level::Float));
-    assert_eq!(bed.world.current.last().unwrap().1, 1_000);
+    dut.write(0x11, 2);
+    dut.input(dut.now, hot(true));
+    assert_eq!((dut.read(0x11), dut.level("J3.7")), (0x8000, Level::Low));
+    assert_eq!(dut.current(), 0);
+    let position = dut.position();
+    dut.write(0x11, 0x8001);
+    assert_eq!(dut.read(0x11), 0x8000);
+    dut.input(dut.now, hot(false));
+    assert_eq!(dut.read(0x11), 0x8000, "it stays until it is cleared");
+    dut.write(0x11, 1);
+    assert_eq!((dut.read(0x11), dut.position()), (0x8000, position), "answered, and nothing moves");
+    dut.write(0x11, 0x8000);
+    assert_eq!((dut.read(0x11), dut.level("J3.7")), (0, Level::Float));
+    assert_eq!(dut.current(), 1_000);
 }
 
 #[test]
 fn other_faults_are_cleared_by_a_write_that_may_move_at_once() {
-    let mut bed = Bed::ready();
-    bed.input(bed.now, Input::Fault { fault: Fault(1), on: true });
-    assert_eq!(bed.read(0x11), 0x8000);
-    bed.write(0x11, 0x8001);
-    assert_eq!(bed.read(0x11), 1);
+    let mut dut = ready();
+    dut.input(dut.now, Input::Fault { fault: Fault(1), on: true });
+    assert_eq!(dut.read(0x11), 0x8000);
+    dut.write(0x11, 0x8001);
+    assert_eq!(dut.read(0x11), 1);
 }
 
 #[test]
@@ -56,134 +56,134 @@ fn the_manuals_currents() {
 
 #[test]
 fn full_step_gets_71_percent_and_a_dc_motor_all() {
-    let mut bed = Bed::ready();
-    bed.set(Reg::MotorCurrentAndMicrostepping, 0x0014);
-    assert_eq!(bed.current(), 1_420);
-    bed.set(Reg::MotorCurrentAndMicrostepping, 0x2014);
-    assert_eq!(bed.current(), 2_000);
+    let mut dut = ready();
+    dut.preset(Reg::MotorCurrentAndMicrostepping, 0x0014);
+    assert_eq!(dut.current(), 1_420);
+    dut.preset(Reg::MotorCurrentAndMicrostepping, 0x2014);
+    assert_eq!(dut.current(), 2_000);
 }
 
 #[test]
 fn cutback_comes_when_nothing_was_asked_for_as_long() {
-    let mut bed = Bed::ready();
-    bed.set(Reg::CurrentCutbackSettings, 0x0505); // half a second, 0.5 A
-    bed.run_until(500.millis() - Duration::TICK);
-    assert_eq!((bed.current(), bed.level("D5")), (1_000, Level::Low));
-    bed.run_until(500.millis());
-    assert_eq!((bed.current(), bed.level("D5")), (500, Level::High));
+    let mut dut = ready();
+    dut.preset(Reg::CurrentCutbackSettings, 0x0505); // half a second, 0.5 A
+    dut.run_until(500.millis() - Duration::TICK);
+    assert_eq!((dut.current(), dut.level("D5")), (1_000, Level::Low));
+    dut.run_until(500.millis());
+    assert_eq!((dut.current(), dut.level("D5")), (500, Level::High));
     // A change of an input gives the current back.
-    bed.run_until(1.secs());
-    bed.pin(5, false);
-    assert_eq!((bed.current(), bed.level("D5")), (1_000, Level::Low));
+    dut.run_until(1.secs());
+    dut.pin(5, false);
+    assert_eq!((dut.current(), dut.level("D5")), (1_000, Level::Low));
     // A motion has it until its end, and the time begins anew there.
-    bed.run_until(2.secs());
-    assert_eq!(bed.current(), 500);
-    bed.set(Reg::MotionControl, MOVE);
-    assert_eq!(bed.current(), 1_000);
-    bed.run_until(Instant::from(5.secs()) - Duration::TICK);
-    assert_eq!(bed.current(), 1_000);
-    bed.run_until(5.secs());
-    assert_eq!(bed.current(), 500);
+    dut.run_until(2.secs());
+    assert_eq!(dut.current(), 500);
+    dut.preset(Reg::MotionControl, MOVE);
+    assert_eq!(dut.current(), 1_000);
+    dut.run_until(Instant::from(5.secs()) - Duration::TICK);
+    assert_eq!(dut.current(), 1_000);
+    dut.run_until(5.secs());
+    assert_eq!(dut.current(), 500);
     // Other writes do not count, a write of 0x11 does.
-    bed.set(Reg::UserRegister, 1);
-    assert_eq!(bed.current(), 500);
-    bed.set(Reg::MotionControl, 0);
-    assert_eq!(bed.current(), 1_000);
-    bed.run_until(10.secs());
-    bed.set(Reg::CurrentCutbackSettings, 0x0005);
-    assert_eq!((bed.current(), bed.level("D5")), (1_000, Level::Low), "no timeout, no cutback");
-    bed.set(Reg::CurrentCutbackSettings, 0x0a07);
-    assert_eq!(bed.current(), 700, "the time that has passed counts");
+    dut.preset(Reg::UserRegister, 1);
+    assert_eq!(dut.current(), 500);
+    dut.preset(Reg::MotionControl, 0);
+    assert_eq!(dut.current(), 1_000);
+    dut.run_until(10.secs());
+    dut.preset(Reg::CurrentCutbackSettings, 0x0005);
+    assert_eq!((dut.current(), dut.level("D5")), (1_000, Level::Low), "no timeout, no cutback");
+    dut.preset(Reg::CurrentCutbackSettings, 0x0a07);
+    assert_eq!(dut.current(), 700, "the time that has passed counts");
 }
 
 #[test]
 fn lowcurrent_lowers_it_whatever_the_timeout() {
-    let mut bed = Bed::ready();
-    bed.set(Reg::HomingConfiguration, 2 << 1);
-    bed.set(Reg::CurrentCutbackSettings, 0x0005);
-    bed.pin(2, false);
-    assert_eq!((bed.current(), bed.level("D5")), (500, Level::High));
-    bed.set(Reg::MotionControl, JOG);
-    assert_eq!(bed.current(), 500);
-    bed.pin(2, true);
-    assert_eq!((bed.current(), bed.level("D5")), (1_000, Level::Low));
+    let mut dut = ready();
+    dut.preset(Reg::HomingConfiguration, 2 << 1);
+    dut.preset(Reg::CurrentCutbackSettings, 0x0005);
+    dut.pin(2, false);
+    assert_eq!((dut.current(), dut.level("D5")), (500, Level::High));
+    dut.preset(Reg::MotionControl, JOG);
+    assert_eq!(dut.current(), 500);
+    dut.pin(2, true);
+    assert_eq!((dut.current(), dut.level("D5")), (1_000, Level::Low));
 }
 
 #[test]
 fn a_current_of_0_moves_nothing() {
-    let mut bed = Bed::ready();
-    bed.set(Reg::HomingConfiguration, 2 << 1);
-    bed.set(Reg::MotionControl, MOVE);
-    bed.run_until(1.secs());
-    bed.pin(2, false); // LOWCURRENT, at level 0
-    bed.run_until(1_500.millis());
-    assert_eq!((bed.current(), bed.position(), bed.control()), (0, 3_750, MOVE));
-    bed.pin(2, true);
-    bed.run_until(3.secs());
-    assert_eq!(bed.position(), 7_500);
+    let mut dut = ready();
+    dut.preset(Reg::HomingConfiguration, 2 << 1);
+    dut.preset(Reg::MotionControl, MOVE);
+    dut.run_until(1.secs());
+    dut.pin(2, false); // LOWCURRENT, at level 0
+    dut.run_until(1_500.millis());
+    assert_eq!((dut.current(), dut.position(), dut.control()), (0, 3_750, MOVE));
+    dut.pin(2, true);
+    dut.run_until(3.secs());
+    assert_eq!(dut.position(), 7_500);
 }
 
 #[test]
 fn a_step_pulse_that_ends_the_cutback_is_made() {
-    let mut bed = Bed::ready();
-    bed.set(Reg::CurrentCutbackSettings, 0x0100); // 0.1 s, no current
-    bed.run_until(1.secs());
-    assert_eq!(bed.current(), 0);
-    bed.pin(4, false);
-    assert_eq!((bed.current(), bed.position()), (1_000, 1));
+    let mut dut = ready();
+    dut.preset(Reg::CurrentCutbackSettings, 0x0100); // 0.1 s, no current
+    dut.run_until(1.secs());
+    assert_eq!(dut.current(), 0);
+    dut.pin(4, false);
+    assert_eq!((dut.current(), dut.position()), (1_000, 1));
 }
 
 #[test]
 fn inhibit_lets_the_profile_run_on_without_the_motor() {
-    let mut bed = Bed::ready();
-    bed.set(Reg::MotionControl, MOVE);
-    bed.run_until(1.secs());
-    assert_eq!(bed.position(), 3_750);
-    bed.pin(3, false);
-    assert_eq!((bed.current(), bed.control()), (0, MOVE));
-    bed.run_until(1_500.millis());
-    assert_eq!((bed.position(), bed.control(), bed.busy()), (3_750, MOVE, true));
-    bed.pin(3, true);
-    assert_eq!((bed.current(), bed.position()), (1_000, 3_750));
-    bed.run_until(2_500.millis() - Duration::TICK);
-    assert_eq!(bed.control(), MOVE);
-    bed.run_until(2_500.millis());
+    let mut dut = ready();
+    dut.preset(Reg::MotionControl, MOVE);
+    dut.run_until(1.secs());
+    assert_eq!(dut.position(), 3_750);
+    dut.pin(3, false);
+    assert_eq!((dut.current(), dut.control()), (0, MOVE));
+    dut.run_until(1_500.millis());
+    assert_eq!((dut.position(), dut.control(), dut.busy()), (3_750, MOVE, true));
+    dut.pin(3, true);
+    assert_eq!((dut.current(), dut.position()), (1_000, 3_750));
+    dut.run_until(2_500.millis() - Duration::TICK);
+    assert_eq!(dut.control(), MOVE);
+    dut.run_until(2_500.millis());
     // What would have been made in half a second is lost.
-    assert_eq!((bed.control(), bed.position()), (0, 7_500));
+    assert_eq!((dut.control(), dut.position()), (0, 7_500));
     // Begun and ended without current: no step.
-    bed.pin(3, false);
-    bed.set(Reg::MotionControl, MOVE);
-    bed.run_until(10.secs());
-    assert_eq!((bed.control(), bed.position()), (0, 7_500));
-    bed.pin(4, false);
-    bed.pin(3, true);
-    assert_eq!(bed.position(), 7_500);
-    bed.set(Reg::MotionControl, MOVE);
-    bed.run_until(20.secs());
-    assert_eq!(bed.position(), 17_500);
+    dut.pin(3, false);
+    dut.preset(Reg::MotionControl, MOVE);
+    dut.run_until(10.secs());
+    assert_eq!((dut.control(), dut.position()), (0, 7_500));
+    dut.pin(4, false);
+    dut.pin(3, true);
+    assert_eq!(dut.position(), 7_500);
+    dut.preset(Reg::MotionControl, MOVE);
+    dut.run_until(20.secs());
+    assert_eq!(dut.position(), 17_500);
 }
 
 #[test]
 fn inhibit_is_a_level_at_power_up() {
-    let mut bed = Bed::booting();
-    bed.pin(3, false);
-    bed.run_until(3.secs());
-    assert_eq!(bed.current(), 0);
-    bed.pin(3, true);
-    assert_eq!(bed.current(), 1_000);
+    let mut dut = booting();
+    dut.pin(3, false);
+    dut.run_until(3.secs());
+    assert_eq!(dut.current(), 0);
+    dut.pin(3, true);
+    assert_eq!(dut.current(), 1_000);
 }
 
 #[test]
 fn pin_3_clears_a_fault_in_each_of_its_functions() {
     for function in [0, 1, 2] {
-        let mut bed = Bed::ready();
-        bed.set(Reg::PinFunctionAndPolarity, function << 8);
-        bed.input(bed.now, Input::Fault { fault: Fault(1), on: true });
-        assert_eq!((bed.control(), bed.busy()), (FAULT, true));
-        bed.pin(3, false);
+        let mut dut = ready();
+        dut.preset(Reg::PinFunctionAndPolarity, function << 8);
+        dut.input(dut.now, Input::Fault { fault: Fault(1), on: true });
+        assert_eq!((dut.control(), dut.busy()), (FAULT, true));
+        dut.pin(3, false);
         let homes = if function == 1 { HOME } else { 0 };
-        assert_eq!(bed.control(), homes, "function {function}");
-        let mut hot = Bed::ready();
+        assert_eq!(dut.control(), homes, "function {function}");
+        let mut hot = ready();
         hot.set(Reg::PinFunctionAndPolarity, function << 8);
         hot.input(hot.now, Input::Fault { fault: Fault(0), on: true });
         hot.pin(3, false);
@@ -193,55 +193,55 @@ fn pin_3_clears_a_fault_in_each_of_its_functions() {
 
 #[test]
 fn a_fault_flashes_red_and_stops_the_green_heartbeat() {
-    let mut bed = Bed::ready();
-    bed.run_until(1.secs());
-    bed.world.waves.clear();
-    bed.input(bed.now, Input::Fault { fault: Fault(1), on: true });
-    assert_eq!(bed.world.waves, [(bed.now, RED, 1_500.millis(), 250.millis())]);
-    assert_eq!(bed.level("D6"), Level::Low);
-    bed.run_until(2.secs());
-    bed.set(Reg::MotionControl, FAULT);
-    assert_eq!(bed.world.waves[1..], [(bed.now, GREEN, 1_500.millis(), 250.millis())]);
-    assert_eq!(bed.level("D5"), Level::Low);
+    let mut dut = ready();
+    dut.run_until(1.secs());
+    dut.out.waves.clear();
+    dut.input(dut.now, Input::Fault { fault: Fault(1), on: true });
+    assert_eq!(dut.out.waves, [(dut.now, RED, 1_500.millis(), 250.millis())]);
+    assert_eq!(dut.level("D6"), Level::Low);
+    dut.run_until(2.secs());
+    dut.preset(Reg::MotionControl, FAULT);
+    assert_eq!(dut.out.waves[1..], [(dut.now, GREEN, 1_500.millis(), 250.millis())]);
+    assert_eq!(dut.level("D5"), Level::Low);
 }
 
 #[test]
 fn a_new_polarity_ends_the_cutback_before_its_step() {
-    let mut bed = Bed::ready();
-    bed.set(Reg::CurrentCutbackSettings, 0x0a00);
-    bed.run_until(2.secs());
-    assert_eq!(bed.current(), 0);
-    bed.set(Reg::PinFunctionAndPolarity, 0b0010);
-    assert_eq!((bed.position(), bed.current(), bed.level("D5")), (1, 1_000, Level::Low));
+    let mut dut = ready();
+    dut.preset(Reg::CurrentCutbackSettings, 0x0a00);
+    dut.run_until(2.secs());
+    assert_eq!(dut.current(), 0);
+    dut.preset(Reg::PinFunctionAndPolarity, 0b0010);
+    assert_eq!((dut.position(), dut.current(), dut.level("D5")), (1, 1_000, Level::Low));
 }
 
 #[test]
 fn a_fault_that_a_new_function_clears_begins_the_cutback_anew() {
     for function in [0x0104, 0x0204] {
-        let mut bed = Bed::ready();
-        bed.set(Reg::Speed, 0);
-        bed.set(Reg::CurrentCutbackSettings, 0x0a05);
-        bed.input(bed.now, Input::Fault { fault: Fault(1), on: true });
-        bed.run_until(5.secs());
-        bed.set(Reg::PinFunctionAndPolarity, function);
-        assert_eq!((bed.control(), bed.current()), (0, 1_000));
-        bed.run_until(Instant::from(6.secs()) - Duration::TICK);
-        assert_eq!(bed.current(), 1_000);
-        bed.run_until(6.secs());
-        assert_eq!(bed.current(), 500);
+        let mut dut = ready();
+        dut.preset(Reg::Speed, 0);
+        dut.preset(Reg::CurrentCutbackSettings, 0x0a05);
+        dut.input(dut.now, Input::Fault { fault: Fault(1), on: true });
+        dut.run_until(5.secs());
+        dut.preset(Reg::PinFunctionAndPolarity, function);
+        assert_eq!((dut.control(), dut.current()), (0, 1_000));
+        dut.run_until(Instant::from(6.secs()) - Duration::TICK);
+        assert_eq!(dut.current(), 1_000);
+        dut.run_until(6.secs());
+        assert_eq!(dut.current(), 500);
     }
 }
 
 #[test]
 fn a_cause_at_power_up_shows_whatever_pin_3_holds() {
     for function in [0, 1, 2] {
-        let mut bed = Bed::off(vec![0xFF; MEMORY]);
+        let mut dut = off(vec![0xFF; MEMORY]);
         let row = Reg::PinFunctionAndPolarity.row();
-        bed.drive.poke(Instant::ZERO, row, function << 8, &mut bed.world).unwrap();
-        bed.power_on(Boot::default());
-        bed.pin(3, false);
-        bed.input(bed.now, Input::Fault { fault: Fault(1), on: true });
-        bed.run_until(3.secs());
-        assert_eq!((bed.control(), bed.current()), (FAULT, 0), "function {function}");
+        dut.drive.poke(Instant::ZERO, row, function << 8, &mut dut.out).unwrap();
+        dut.power_on(Boot::default());
+        dut.pin(3, false);
+        dut.input(dut.now, Input::Fault { fault: Fault(1), on: true });
+        dut.run_until(3.secs());
+        assert_eq!((dut.control(), dut.current()), (FAULT, 0), "function {function}");
     }
 }

@@ -10,31 +10,21 @@ use super::super::ANALOG;
 use super::*;
 use crate::device::{Level, Output};
 use crate::motion::{Rates, Walker};
+use crate::testing::{Recorder, Treatment};
 
-/// What the I/O put.
-#[derive(Default)]
-struct World {
-    levels: Vec<(Instant, Pin, Level)>,
-}
-
-impl Sink for World {
-    fn put(&mut self, at: Instant, output: Output<'_>) {
-        match output {
-            Output::Level { pin, level } => self.levels.push((at, pin, level)),
-            other => panic!("I/O does not {other:?}"),
-        }
-    }
-
-    fn memory(&self) -> &[u8] {
-        &[]
-    }
+/// Levels: the I/O puts nothing else.
+fn recorder() -> Recorder {
+    Recorder::default().ruled(|output| match output {
+        Output::Level { .. } => Treatment::Keep,
+        _ => Treatment::Refuse,
+    })
 }
 
 /// The I/O, and what time it is.
-struct Bed {
+struct Dut {
     io: Io,
     filters: Filters,
-    world: World,
+    out: Recorder,
     now: Instant,
 }
 
@@ -50,13 +40,13 @@ fn tick(ticks: u64) -> Instant {
     Instant::from_ticks(ticks)
 }
 
-impl Bed {
+impl Dut {
     fn new() -> Self {
         let filters = Filters { clock: 2, pulse: 10, ..Filters::NONE };
-        let mut bed = Self { io: Io::REST, filters, world: World::default(), now: Instant::ZERO };
-        bed.io.power_on(bed.now, true, &mut bed.world);
-        bed.filter(|_| {});
-        bed
+        let mut dut = Self { io: Io::REST, filters, out: recorder(), now: Instant::ZERO };
+        dut.io.power_on(dut.now, true, &mut dut.out);
+        dut.filter(|_| {});
+        dut
     }
 
     /// All deadlines before `at`, and at `at` if `inclusive`.
@@ -68,7 +58,7 @@ impl Bed {
             }
             assert!(due >= self.now, "a deadline is not over when it is told");
             self.now = due;
-            self.io.timeout(due, &mut self.world);
+            self.io.timeout(due, &mut self.out);
             assert!(self.io.deadline() > due || self.io.events.len() < EVENTS, "it makes no progress");
         }
         self.now = at;
@@ -82,33 +72,33 @@ impl Bed {
 
     fn edge(&mut self, at: Instant, pin: Pin, high: bool) {
         self.wake(at, false);
-        self.io.edge(at, pin, high, &mut self.world);
+        self.io.edge(at, pin, high, &mut self.out);
     }
 
     fn open(&mut self, at: Instant, pin: Pin) {
         self.wake(at, false);
-        self.io.opened(at, pin, &mut self.world);
+        self.io.opened(at, pin, &mut self.out);
     }
 
     fn set_up(&mut self, n: u8, values: [u16; 3]) -> Result<(), Error> {
-        self.io.set_up(self.now, n, values, &mut self.world)
+        self.io.set_up(self.now, n, values, &mut self.out)
     }
 
     fn filter(&mut self, change: impl Fn(&mut Filters)) {
         change(&mut self.filters);
-        self.io.set_filters(self.now, self.filters, &mut self.world);
+        self.io.set_filters(self.now, self.filters, &mut self.out);
     }
 
     fn write(&mut self, n: u8, active: bool) -> Result<(), Error> {
-        self.io.write(self.now, n, active, &mut self.world)
+        self.io.write(self.now, n, active, &mut self.out)
     }
 
     fn show(&mut self, shown: Shown) {
-        self.io.show(self.now, shown, &mut self.world);
+        self.io.show(self.now, shown, &mut self.out);
     }
 
     fn follow(&mut self, plan: &Plan) {
-        self.io.plan(self.now, plan, &mut self.world);
+        self.io.plan(self.now, plan, &mut self.out);
     }
 
     fn events(&mut self) -> Vec<Event> {
@@ -117,7 +107,7 @@ impl Bed {
 
     /// The levels that were put since this was last asked.
     fn put(&mut self) -> Vec<(Instant, Pin, Level)> {
-        core::mem::take(&mut self.world.levels)
+        core::mem::take(&mut self.out.levels)
     }
 
     fn active(&self) -> [bool; 4] {
@@ -144,21 +134,21 @@ fn inputs_are_active_low_or_high_sinking_or_sourcing_driven_or_open() {
         (1, 1, None, false, false),
     ] {
         for (n, pin) in (1..=4).zip(PINS) {
-            let mut bed = Bed::new();
-            bed.set_up(n, [0, active_high, sources]).unwrap();
+            let mut dut = Dut::new();
+            dut.set_up(n, [0, active_high, sources]).unwrap();
             // Away from where it will be, so that it has to come.
-            bed.edge(at_us(1), pin, !level);
-            assert_eq!(bed.io.is_active(n), !active);
+            dut.edge(at_us(1), pin, !level);
+            assert_eq!(dut.io.is_active(n), !active);
             match outside {
-                Some(high) => bed.edge(at_us(2), pin, high),
-                None => bed.open(at_us(2), pin),
+                Some(high) => dut.edge(at_us(2), pin, high),
+                None => dut.open(at_us(2), pin),
             }
-            assert_eq!(bed.io.is_active(n), active, "{active_high} {sources} {outside:?}");
+            assert_eq!(dut.io.is_active(n), active, "{active_high} {sources} {outside:?}");
             // The others are open and sink: high. Levels do not know of the active state (MC 5-36, 5-37).
             let levels = if level { 0b1111 } else { 0b1111 ^ 1 << (n - 1) };
-            assert_eq!(bed.io.levels(), levels);
-            assert_eq!(bed.io.raw_levels(), levels);
-            assert_eq!(bed.put(), [], "an input puts nothing out");
+            assert_eq!(dut.io.levels(), levels);
+            assert_eq!(dut.io.raw_levels(), levels);
+            assert_eq!(dut.put(), [], "an input puts nothing out");
         }
     }
 }
@@ -173,96 +163,96 @@ fn an_output_drives_what_the_table_of_output_conditions_says() {
         ([16, 1, 1], High, Float),
         ([16, 0, 1], Float, High),
     ] {
-        let mut bed = Bed::new();
-        bed.set_up(2, values).unwrap();
-        let level = |bed: &mut Bed, before| {
-            bed.put().last().map_or(before, |&(_, pin, level)| {
+        let mut dut = Dut::new();
+        dut.set_up(2, values).unwrap();
+        let level = |dut: &mut Dut, before| {
+            dut.put().last().map_or(before, |&(_, pin, level)| {
                 assert_eq!(pin, IO2);
                 level
             })
         };
-        assert_eq!(level(&mut bed, Float), off);
-        assert!(!bed.io.is_active(2));
-        bed.write(2, true).unwrap();
-        assert_eq!(level(&mut bed, off), on);
-        assert!(bed.io.is_active(2));
-        bed.write(2, true).unwrap();
-        assert_eq!(bed.put(), [], "it is so already");
-        bed.write(2, false).unwrap();
-        assert_eq!(level(&mut bed, on), off);
-        assert!(!bed.io.is_active(2));
+        assert_eq!(level(&mut dut, Float), off);
+        assert!(!dut.io.is_active(2));
+        dut.write(2, true).unwrap();
+        assert_eq!(level(&mut dut, off), on);
+        assert!(dut.io.is_active(2));
+        dut.write(2, true).unwrap();
+        assert_eq!(dut.put(), [], "it is so already");
+        dut.write(2, false).unwrap();
+        assert_eq!(level(&mut dut, on), off);
+        assert!(!dut.io.is_active(2));
     }
 }
 
 #[test]
 fn the_level_of_an_output_is_what_it_drives_or_what_it_leaves_to_others() {
-    let mut bed = Bed::new();
+    let mut dut = Dut::new();
     // Active low, sinking: on is low.
-    bed.set_up(1, [16, 0, 0]).unwrap();
-    assert_eq!(bed.io.raw_levels(), 0b1111);
-    bed.edge(at_us(1), IO1, false);
-    assert_eq!(bed.io.raw_levels(), 0b1110);
-    bed.edge(at_us(2), IO1, true);
-    bed.write(1, true).unwrap();
-    assert_eq!(bed.io.raw_levels(), 0b1110, "it sinks whatever somebody else does");
-    assert_eq!(bed.io.levels(), 0b1110);
+    dut.set_up(1, [16, 0, 0]).unwrap();
+    assert_eq!(dut.io.raw_levels(), 0b1111);
+    dut.edge(at_us(1), IO1, false);
+    assert_eq!(dut.io.raw_levels(), 0b1110);
+    dut.edge(at_us(2), IO1, true);
+    dut.write(1, true).unwrap();
+    assert_eq!(dut.io.raw_levels(), 0b1110, "it sinks whatever somebody else does");
+    assert_eq!(dut.io.levels(), 0b1110);
     // Active high, sourcing: off is pulled down.
-    bed.set_up(4, [16, 1, 1]).unwrap();
-    assert_eq!(bed.io.raw_levels(), 0b0110);
-    bed.write(4, true).unwrap();
-    assert_eq!(bed.io.raw_levels(), 0b1110);
+    dut.set_up(4, [16, 1, 1]).unwrap();
+    assert_eq!(dut.io.raw_levels(), 0b0110);
+    dut.write(4, true).unwrap();
+    assert_eq!(dut.io.raw_levels(), 0b1110);
 }
 
 #[test]
 fn an_output_that_stays_one_stays_active() {
-    let mut bed = Bed::new();
-    bed.set_up(1, [16, 0, 0]).unwrap();
-    bed.write(1, true).unwrap();
-    bed.set_up(1, [16, 1, 1]).unwrap();
-    assert!(bed.io.is_active(1));
-    assert_eq!(bed.put(), [(Instant::ZERO, IO1, Level::Low), (Instant::ZERO, IO1, Level::High)]);
+    let mut dut = Dut::new();
+    dut.set_up(1, [16, 0, 0]).unwrap();
+    dut.write(1, true).unwrap();
+    dut.set_up(1, [16, 1, 1]).unwrap();
+    assert!(dut.io.is_active(1));
+    assert_eq!(dut.put(), [(Instant::ZERO, IO1, Level::Low), (Instant::ZERO, IO1, Level::High)]);
     // As an input it lets go, and comes back inactive.
-    bed.set_up(1, [0, 1, 1]).unwrap();
-    bed.set_up(1, [16, 1, 1]).unwrap();
-    assert!(!bed.io.is_active(1));
-    assert_eq!(bed.put(), [(Instant::ZERO, IO1, Level::Float)]);
+    dut.set_up(1, [0, 1, 1]).unwrap();
+    dut.set_up(1, [16, 1, 1]).unwrap();
+    assert!(!dut.io.is_active(1));
+    assert_eq!(dut.put(), [(Instant::ZERO, IO1, Level::Float)]);
 }
 
 #[test]
 fn what_cannot_be_set_up_is_refused_and_changes_nothing() {
-    let mut bed = Bed::new();
-    bed.set_up(1, [1, 1, 0]).unwrap();
-    assert_eq!(bed.events(), [Event::Contact(Contact::Home, true), Event::Active(1)]);
+    let mut dut = Dut::new();
+    dut.set_up(1, [1, 1, 0]).unwrap();
+    assert_eq!(dut.events(), [Event::Contact(Contact::Home, true), Event::Active(1)]);
     for kind in (9..=10).chain(12..=15).chain([22]).chain(26..=70).chain([255, u16::MAX]) {
-        assert_eq!(bed.set_up(1, [kind, 0, 0]), Err(Error::IllegalType), "{kind}");
+        assert_eq!(dut.set_up(1, [kind, 0, 0]), Err(Error::IllegalType), "{kind}");
     }
-    assert_eq!(bed.set_up(1, [0, 2, 0]), Err(Error::IllegalValue));
-    assert_eq!(bed.set_up(1, [0, 0, 2]), Err(Error::IllegalValue));
-    assert_eq!(bed.set_up(1, [9, 2, 2]), Err(Error::IllegalType), "the type is looked at first");
-    assert_eq!(bed.io.contact(Contact::Home), Some(true));
+    assert_eq!(dut.set_up(1, [0, 2, 0]), Err(Error::IllegalValue));
+    assert_eq!(dut.set_up(1, [0, 0, 2]), Err(Error::IllegalValue));
+    assert_eq!(dut.set_up(1, [9, 2, 2]), Err(Error::IllegalType), "the type is looked at first");
+    assert_eq!(dut.io.contact(Contact::Home), Some(true));
     for n in [0, 5, 255] {
-        assert_eq!(bed.set_up(n, [0, 0, 0]), Err(Error::IllegalIo));
-        assert_eq!(bed.write(n, true), Err(Error::IllegalIo));
+        assert_eq!(dut.set_up(n, [0, 0, 0]), Err(Error::IllegalIo));
+        assert_eq!(dut.write(n, true), Err(Error::IllegalIo));
     }
-    assert_eq!(bed.events(), []);
+    assert_eq!(dut.events(), []);
 }
 
 #[test]
 fn a_type_is_given_once_but_the_general_ones() {
     // MC 9.1, error 6.
     for kind in [1, 2, 3, 4, 5, 6, 7, 8, 11, 17, 18, 19, 20, 21, 23, 24, 25] {
-        let mut bed = Bed::new();
-        bed.set_up(3, [kind, 0, 0]).unwrap();
-        assert_eq!(bed.set_up(1, [kind, 0, 0]), Err(Error::TypeTaken), "{kind}");
-        assert_eq!(bed.set_up(1, [kind, 2, 0]), Err(Error::IllegalValue), "values are looked at first");
-        bed.set_up(3, [kind, 1, 1]).unwrap();
-        bed.set_up(3, [0, 0, 0]).unwrap();
-        bed.set_up(1, [kind, 0, 0]).unwrap();
+        let mut dut = Dut::new();
+        dut.set_up(3, [kind, 0, 0]).unwrap();
+        assert_eq!(dut.set_up(1, [kind, 0, 0]), Err(Error::TypeTaken), "{kind}");
+        assert_eq!(dut.set_up(1, [kind, 2, 0]), Err(Error::IllegalValue), "values are looked at first");
+        dut.set_up(3, [kind, 1, 1]).unwrap();
+        dut.set_up(3, [0, 0, 0]).unwrap();
+        dut.set_up(1, [kind, 0, 0]).unwrap();
     }
-    let mut bed = Bed::new();
+    let mut dut = Dut::new();
     for kind in [0, 16] {
         for n in 1..=4 {
-            bed.set_up(n, [kind, 0, 0]).unwrap();
+            dut.set_up(n, [kind, 0, 0]).unwrap();
         }
     }
 }
@@ -270,49 +260,49 @@ fn a_type_is_given_once_but_the_general_ones() {
 #[test]
 fn only_a_general_purpose_output_can_be_written() {
     // MC 9.1, error 9.
-    let mut bed = Bed::new();
+    let mut dut = Dut::new();
     for kind in [0, 1, 2, 3, 4, 5, 6, 7, 8, 11, 17, 18, 19, 20, 21, 23, 24, 25] {
-        bed.set_up(1, [kind, 0, 0]).unwrap();
-        bed.put();
-        assert_eq!(bed.write(1, true), Err(Error::NoOutput), "{kind}");
-        assert_eq!(bed.put(), []);
+        dut.set_up(1, [kind, 0, 0]).unwrap();
+        dut.put();
+        assert_eq!(dut.write(1, true), Err(Error::NoOutput), "{kind}");
+        assert_eq!(dut.put(), []);
     }
 }
 
 #[test]
 fn an_input_counts_once_it_was_stable_for_its_time() {
     // MC 5-16: "must be stable for time amount of milliseconds before a change in state is detected".
-    let mut bed = Bed::new();
-    bed.filter(|filters| filters.debounce_ms = [0, 150, 0, 255]);
-    bed.edge(at_ms(10), IO2, false);
-    assert_eq!((bed.io.levels(), bed.io.raw_levels()), (0b1111, 0b1101), "IN is not debounced (MC 5-37)");
-    bed.at(tick(at_ms(160).ticks() - 1));
-    assert_eq!((bed.events(), bed.active()), (vec![], [false; 4]));
-    bed.at(at_ms(160));
-    assert_eq!(bed.events(), [Event::Active(2)]);
-    assert_eq!((bed.active(), bed.io.levels()), ([false, true, false, false], 0b1101));
+    let mut dut = Dut::new();
+    dut.filter(|filters| filters.debounce_ms = [0, 150, 0, 255]);
+    dut.edge(at_ms(10), IO2, false);
+    assert_eq!((dut.io.levels(), dut.io.raw_levels()), (0b1111, 0b1101), "IN is not debounced (MC 5-37)");
+    dut.at(tick(at_ms(160).ticks() - 1));
+    assert_eq!((dut.events(), dut.active()), (vec![], [false; 4]));
+    dut.at(at_ms(160));
+    assert_eq!(dut.events(), [Event::Active(2)]);
+    assert_eq!((dut.active(), dut.io.levels()), ([false, true, false, false], 0b1101));
     // It bounces: the time begins anew.
-    bed.edge(at_ms(200), IO2, true);
-    bed.edge(at_ms(300), IO2, false);
-    bed.edge(at_ms(301), IO2, true);
-    bed.at(tick(at_ms(451).ticks() - 1));
-    assert!(bed.io.is_active(2));
-    bed.at(at_ms(451));
-    assert!(!bed.io.is_active(2));
-    assert_eq!(bed.events(), []);
+    dut.edge(at_ms(200), IO2, true);
+    dut.edge(at_ms(300), IO2, false);
+    dut.edge(at_ms(301), IO2, true);
+    dut.at(tick(at_ms(451).ticks() - 1));
+    assert!(dut.io.is_active(2));
+    dut.at(at_ms(451));
+    assert!(!dut.io.is_active(2));
+    assert_eq!(dut.events(), []);
     // A pulse that is exactly as long counts, one that is a tick shorter does not.
-    bed.edge(at_ms(1_000), IO4, false);
-    bed.edge(at_ms(1_255), IO4, true);
-    assert_eq!(bed.events(), [Event::Active(4)]);
-    bed.at(at_ms(2_000));
-    bed.edge(at_ms(2_000), IO4, false);
-    bed.edge(tick(at_ms(2_255).ticks() - 1), IO4, true);
-    bed.at(at_ms(3_000));
-    assert_eq!(bed.events(), []);
+    dut.edge(at_ms(1_000), IO4, false);
+    dut.edge(at_ms(1_255), IO4, true);
+    assert_eq!(dut.events(), [Event::Active(4)]);
+    dut.at(at_ms(2_000));
+    dut.edge(at_ms(2_000), IO4, false);
+    dut.edge(tick(at_ms(2_255).ticks() - 1), IO4, true);
+    dut.at(at_ms(3_000));
+    assert_eq!(dut.events(), []);
     // Without a time everything counts at once.
-    bed.edge(at_ms(3_000), IO1, false);
-    bed.edge(at_ms(3_000), IO1, true);
-    assert_eq!(bed.events(), [Event::Active(1)]);
+    dut.edge(at_ms(3_000), IO1, false);
+    dut.edge(at_ms(3_000), IO1, true);
+    assert_eq!(dut.events(), [Event::Active(1)]);
 }
 
 #[test]
@@ -324,37 +314,37 @@ fn contacts_tell_when_they_become_active_and_when_not() {
         (7, Contact::JogPlus),
         (8, Contact::JogMinus),
     ] {
-        let mut bed = Bed::new();
-        assert_eq!(bed.io.contact(contact), None);
-        bed.set_up(3, [kind, 0, 0]).unwrap();
-        assert_eq!(bed.io.contact(contact), Some(false));
-        bed.edge(at_ms(1), IO3, false);
-        assert_eq!(bed.io.contact(contact), Some(true));
-        assert_eq!(bed.events(), [Event::Contact(contact, true), Event::Active(3)]);
-        bed.open(at_ms(2), IO3);
-        assert_eq!(bed.events(), [Event::Contact(contact, false)]);
+        let mut dut = Dut::new();
+        assert_eq!(dut.io.contact(contact), None);
+        dut.set_up(3, [kind, 0, 0]).unwrap();
+        assert_eq!(dut.io.contact(contact), Some(false));
+        dut.edge(at_ms(1), IO3, false);
+        assert_eq!(dut.io.contact(contact), Some(true));
+        assert_eq!(dut.events(), [Event::Contact(contact, true), Event::Active(3)]);
+        dut.open(at_ms(2), IO3);
+        assert_eq!(dut.events(), [Event::Contact(contact, false)]);
         // What is no longer that contact is not active as one.
-        bed.edge(at_ms(3), IO3, false);
-        bed.events();
-        bed.set_up(3, [0, 0, 0]).unwrap();
-        assert_eq!(bed.io.contact(contact), None);
-        assert_eq!(bed.events(), [Event::Contact(contact, false), Event::Active(3)]);
+        dut.edge(at_ms(3), IO3, false);
+        dut.events();
+        dut.set_up(3, [0, 0, 0]).unwrap();
+        assert_eq!(dut.io.contact(contact), None);
+        assert_eq!(dut.events(), [Event::Contact(contact, false), Event::Active(3)]);
     }
 }
 
 #[test]
 fn what_an_input_asks_for_is_told_once_each_time_it_becomes_active() {
     for (kind, event) in [(4, Event::Go), (5, Event::SoftStop), (6, Event::Pause), (11, Event::Reset)] {
-        let mut bed = Bed::new();
-        bed.edge(at_ms(1), IO1, false);
-        bed.events();
-        bed.set_up(1, [kind, 1, 1]).unwrap();
-        assert_eq!(bed.events(), []);
+        let mut dut = Dut::new();
+        dut.edge(at_ms(1), IO1, false);
+        dut.events();
+        dut.set_up(1, [kind, 1, 1]).unwrap();
+        assert_eq!(dut.events(), []);
         for ms in [10, 20] {
-            bed.edge(at_ms(ms), IO1, true);
-            assert_eq!(bed.events(), [event, Event::Active(1)]);
-            bed.edge(at_ms(ms + 1), IO1, false);
-            assert_eq!(bed.events(), []);
+            dut.edge(at_ms(ms), IO1, true);
+            assert_eq!(dut.events(), [event, Event::Active(1)]);
+            dut.edge(at_ms(ms + 1), IO1, false);
+            assert_eq!(dut.events(), []);
         }
     }
 }
@@ -364,114 +354,114 @@ fn what_an_input_asks_for_is_told_once_each_time_it_becomes_active() {
 #[test]
 fn a_reset_that_sources_resets_unless_it_is_grounded() {
     let reset = [Event::Reset, Event::Active(1)];
-    let mut bed = Bed::new();
-    bed.set_up(1, [11, 1, 1]).unwrap();
-    assert_eq!(bed.events(), reset);
-    let mut bed = Bed::new();
-    bed.edge(at_ms(1), IO1, false);
-    bed.events();
-    bed.set_up(1, [11, 1, 1]).unwrap();
-    assert_eq!(bed.events(), [], "grounded");
+    let mut dut = Dut::new();
+    dut.set_up(1, [11, 1, 1]).unwrap();
+    assert_eq!(dut.events(), reset);
+    let mut dut = Dut::new();
+    dut.edge(at_ms(1), IO1, false);
+    dut.events();
+    dut.set_up(1, [11, 1, 1]).unwrap();
+    assert_eq!(dut.events(), [], "grounded");
     // One that was pulled down already is low.
-    let mut bed = Bed::new();
-    bed.set_up(1, [0, 1, 1]).unwrap();
-    bed.set_up(1, [11, 1, 1]).unwrap();
-    assert_eq!(bed.events(), []);
+    let mut dut = Dut::new();
+    dut.set_up(1, [0, 1, 1]).unwrap();
+    dut.set_up(1, [11, 1, 1]).unwrap();
+    assert_eq!(dut.events(), []);
     // Of another type it falls, and does nothing; nor does a reset that is active low, or sinks and is grounded.
     for set_up in [[5, 1, 1], [11, 0, 0]] {
-        let mut bed = Bed::new();
-        bed.set_up(1, set_up).unwrap();
-        assert_eq!(bed.events(), [], "{set_up:?}");
+        let mut dut = Dut::new();
+        dut.set_up(1, set_up).unwrap();
+        assert_eq!(dut.events(), [], "{set_up:?}");
     }
 }
 
 #[test]
 fn an_input_that_is_active_when_it_is_set_up_becomes_so_once_it_has_settled() {
     // MC 5-63: "If setting the input to sourcing, active true, ground the input first or a reset will occur."
-    let mut bed = Bed::new();
-    bed.edge(at_ms(1), IO1, true);
-    bed.set_up(1, [11, 1, 1]).unwrap();
-    assert_eq!(bed.events(), [Event::Reset, Event::Active(1)]);
-    bed.set_up(1, [11, 1, 1]).unwrap();
-    assert_eq!(bed.events(), [], "that is no other set-up");
+    let mut dut = Dut::new();
+    dut.edge(at_ms(1), IO1, true);
+    dut.set_up(1, [11, 1, 1]).unwrap();
+    assert_eq!(dut.events(), [Event::Reset, Event::Active(1)]);
+    dut.set_up(1, [11, 1, 1]).unwrap();
+    assert_eq!(dut.events(), [], "that is no other set-up");
     // MC 5-64, note 2: "Once set wait debounce time before using an input."
-    bed.edge(at_ms(2), IO1, false);
-    bed.filter(|filters| filters.debounce_ms = [20, 0, 0, 0]);
-    bed.set_up(1, [4, 0, 0]).unwrap();
-    bed.at(tick(at_ms(22).ticks() - 1));
-    assert_eq!((bed.events(), bed.io.is_active(1)), (vec![], false));
-    bed.at(at_ms(22));
-    assert_eq!((bed.events(), bed.io.is_active(1)), (vec![Event::Go, Event::Active(1)], true));
+    dut.edge(at_ms(2), IO1, false);
+    dut.filter(|filters| filters.debounce_ms = [20, 0, 0, 0]);
+    dut.set_up(1, [4, 0, 0]).unwrap();
+    dut.at(tick(at_ms(22).ticks() - 1));
+    assert_eq!((dut.events(), dut.io.is_active(1)), (vec![], false));
+    dut.at(at_ms(22));
+    assert_eq!((dut.events(), dut.io.is_active(1)), (vec![Event::Go, Event::Active(1)], true));
 }
 
 #[test]
 fn another_active_state_makes_the_release_of_a_switch_an_activation() {
     // MC 8.7 measures the length of a switch with that.
-    let mut bed = Bed::new();
-    bed.edge(at_ms(1), IO1, false);
-    assert_eq!(bed.events(), [Event::Active(1)]);
-    bed.set_up(1, [0, 1, 0]).unwrap();
-    assert_eq!((bed.events(), bed.io.is_active(1)), (vec![], false));
-    bed.edge(at_ms(2), IO1, true);
-    assert_eq!((bed.events(), bed.io.is_active(1)), (vec![Event::Active(1)], true));
+    let mut dut = Dut::new();
+    dut.edge(at_ms(1), IO1, false);
+    assert_eq!(dut.events(), [Event::Active(1)]);
+    dut.set_up(1, [0, 1, 0]).unwrap();
+    assert_eq!((dut.events(), dut.io.is_active(1)), (vec![], false));
+    dut.edge(at_ms(2), IO1, true);
+    assert_eq!((dut.events(), dut.io.is_active(1)), (vec![Event::Active(1)], true));
 }
 
 #[test]
 fn what_is_held_when_set_ups_are_loaded_was_so_before() {
-    let mut bed = Bed::new();
-    bed.filter(|filters| filters.debounce_ms = [255; 4]);
-    bed.edge(at_ms(1), IO1, false);
-    bed.edge(at_ms(1), IO2, false);
-    bed.io.begin_load();
-    bed.set_up(1, [11, 0, 0]).unwrap();
-    bed.set_up(2, [2, 0, 0]).unwrap();
-    bed.set_up(3, [16, 0, 1]).unwrap();
-    let now = bed.now;
-    bed.io.end_load(now, &mut bed.world);
-    assert_eq!(bed.events(), [Event::Contact(Contact::PlusLimit, true)]);
-    assert_eq!(bed.active(), [true, true, false, false]);
-    assert_eq!(bed.put(), [(at_ms(1), IO3, Level::High)]);
-    bed.at(at_ms(1_000));
-    assert_eq!(bed.events(), []);
+    let mut dut = Dut::new();
+    dut.filter(|filters| filters.debounce_ms = [255; 4]);
+    dut.edge(at_ms(1), IO1, false);
+    dut.edge(at_ms(1), IO2, false);
+    dut.io.begin_load();
+    dut.set_up(1, [11, 0, 0]).unwrap();
+    dut.set_up(2, [2, 0, 0]).unwrap();
+    dut.set_up(3, [16, 0, 1]).unwrap();
+    let now = dut.now;
+    dut.io.end_load(now, &mut dut.out);
+    assert_eq!(dut.events(), [Event::Contact(Contact::PlusLimit, true)]);
+    assert_eq!(dut.active(), [true, true, false, false]);
+    assert_eq!(dut.put(), [(at_ms(1), IO3, Level::High)]);
+    dut.at(at_ms(1_000));
+    assert_eq!(dut.events(), []);
 }
 
 #[test]
 fn types_can_change_places_when_they_are_loaded() {
-    let mut bed = Bed::new();
-    bed.set_up(1, [1, 0, 0]).unwrap();
-    bed.set_up(2, [17, 0, 0]).unwrap();
-    bed.io.begin_load();
-    bed.set_up(1, [17, 0, 0]).unwrap();
-    bed.set_up(2, [1, 0, 0]).unwrap();
-    assert_eq!(bed.set_up(3, [1, 0, 0]), Err(Error::TypeTaken));
-    let now = bed.now;
-    bed.io.end_load(now, &mut bed.world);
-    assert_eq!(bed.io.contact(Contact::Home), Some(false));
+    let mut dut = Dut::new();
+    dut.set_up(1, [1, 0, 0]).unwrap();
+    dut.set_up(2, [17, 0, 0]).unwrap();
+    dut.io.begin_load();
+    dut.set_up(1, [17, 0, 0]).unwrap();
+    dut.set_up(2, [1, 0, 0]).unwrap();
+    assert_eq!(dut.set_up(3, [1, 0, 0]), Err(Error::TypeTaken));
+    let now = dut.now;
+    dut.io.end_load(now, &mut dut.out);
+    assert_eq!(dut.io.contact(Contact::Home), Some(false));
 }
 
 #[test]
 fn a_restart_lets_go_of_outputs_and_knows_the_levels() {
-    let mut bed = Bed::new();
-    bed.edge(at_ms(1), IO2, false);
-    bed.edge(at_ms(1), CAPTURE, false);
-    bed.edge(at_ms(1), IO7, false);
-    bed.at(at_ms(2));
-    bed.set_up(1, [16, 0, 0]).unwrap();
-    bed.write(1, true).unwrap();
-    bed.io.set_up_capture(bed.now, [61, 0], &mut bed.world).unwrap();
-    bed.set_up(2, [2, 0, 0]).unwrap();
-    bed.put();
-    bed.events();
-    bed.io.power_on(bed.now, false, &mut bed.world);
-    assert_eq!(bed.put(), [(at_ms(2), CAPTURE, Level::Float), (at_ms(2), IO1, Level::Float)]);
-    assert_eq!(bed.events(), []);
-    assert_eq!((bed.io.raw_levels(), bed.active()), (0b1101, [false, true, false, false]));
+    let mut dut = Dut::new();
+    dut.edge(at_ms(1), IO2, false);
+    dut.edge(at_ms(1), CAPTURE, false);
+    dut.edge(at_ms(1), IO7, false);
+    dut.at(at_ms(2));
+    dut.set_up(1, [16, 0, 0]).unwrap();
+    dut.write(1, true).unwrap();
+    dut.io.set_up_capture(dut.now, [61, 0], &mut dut.out).unwrap();
+    dut.set_up(2, [2, 0, 0]).unwrap();
+    dut.put();
+    dut.events();
+    dut.io.power_on(dut.now, false, &mut dut.out);
+    assert_eq!(dut.put(), [(at_ms(2), CAPTURE, Level::Float), (at_ms(2), IO1, Level::Float)]);
+    assert_eq!(dut.events(), []);
+    assert_eq!((dut.io.raw_levels(), dut.active()), (0b1101, [false, true, false, false]));
     // The limit is told again to a motion that has forgotten it.
-    bed.set_up(2, [2, 0, 0]).unwrap();
-    assert_eq!(bed.events(), [Event::Contact(Contact::PlusLimit, true), Event::Active(2)]);
+    dut.set_up(2, [2, 0, 0]).unwrap();
+    assert_eq!(dut.events(), [Event::Contact(Contact::PlusLimit, true), Event::Active(2)]);
     // A new power-on is told everything anew.
-    bed.io.power_on(bed.now, true, &mut bed.world);
-    assert_eq!((bed.io.raw_levels(), bed.active()), (0b1111, [false; 4]));
+    dut.io.power_on(dut.now, true, &mut dut.out);
+    assert_eq!((dut.io.raw_levels(), dut.active()), (0b1111, [false; 4]));
 }
 
 #[test]
@@ -488,32 +478,32 @@ fn outputs_with_a_type_show_what_is_so() {
         (25, |shown| &mut shown.makes_up),
     ];
     for (kind, field) in fields {
-        let mut bed = Bed::new();
-        bed.set_up(4, [kind, 0, 0]).unwrap();
+        let mut dut = Dut::new();
+        dut.set_up(4, [kind, 0, 0]).unwrap();
         for (other, field) in fields {
             let mut shown = Shown::default();
             *field(&mut shown) = true;
-            bed.show(shown);
-            assert_eq!(bed.io.is_active(4), kind == other);
-            assert_eq!(bed.put().is_empty(), kind != other);
-            bed.show(Shown::default());
-            assert!(!bed.io.is_active(4));
-            bed.put();
+            dut.show(shown);
+            assert_eq!(dut.io.is_active(4), kind == other);
+            assert_eq!(dut.put().is_empty(), kind != other);
+            dut.show(Shown::default());
+            assert!(!dut.io.is_active(4));
+            dut.put();
         }
         // Active low, sinking.
         let mut shown = Shown::default();
         *field(&mut shown) = true;
-        bed.show(shown);
-        assert_eq!(bed.put(), [(Instant::ZERO, IO4, Level::Low)]);
+        dut.show(shown);
+        assert_eq!(dut.put(), [(Instant::ZERO, IO4, Level::Low)]);
     }
 }
 
 /// I5 with this set-up and voltage.
 fn reads(values: [u16; 2], mv: i32) -> u16 {
-    let mut bed = Bed::new();
-    bed.io.set_up_analogue(bed.now, values).unwrap();
-    bed.io.voltage(bed.now, mv);
-    bed.io.analogue(bed.now)
+    let mut dut = Dut::new();
+    dut.io.set_up_analogue(dut.now, values).unwrap();
+    dut.io.voltage(dut.now, mv);
+    dut.io.analogue(dut.now)
 }
 
 #[test]
@@ -531,74 +521,74 @@ fn the_analogue_input_reads_1023_at_full_scale() {
         // "For 4 to 20 mA current mode, the range for I5 is 205 to 1023."
         assert_eq!(reads([10, 1], ma * 250), expected.max(205), "{ma} mA");
     }
-    let mut bed = Bed::new();
+    let mut dut = Dut::new();
     for kind in [0, 8, 11, 60] {
-        assert_eq!(bed.io.set_up_analogue(bed.now, [kind, 0]), Err(Error::IllegalType));
+        assert_eq!(dut.io.set_up_analogue(dut.now, [kind, 0]), Err(Error::IllegalType));
     }
-    assert_eq!(bed.io.set_up_analogue(bed.now, [9, 2]), Err(Error::IllegalValue));
+    assert_eq!(dut.io.set_up_analogue(dut.now, [9, 2]), Err(Error::IllegalValue));
 }
 
 #[test]
 fn d5_averages_readings_of_every_millisecond() {
     // MC 5-17: with X = 10 an average of 0 goes 1/10 of what is left with each reading.
     for over in [2_u8, 10, 100, 255] {
-        let mut bed = Bed::new();
-        bed.filter(|filters| filters.average = over);
-        bed.io.voltage(at_us(500), 5_000);
+        let mut dut = Dut::new();
+        dut.filter(|filters| filters.average = over);
+        dut.io.voltage(at_us(500), 5_000);
         let mut average = 0.0_f64;
         for ms in 0..3_000 {
-            assert_eq!(bed.io.analogue(tick(at_ms(ms + 1).ticks() - 1)), average.round() as u16);
+            assert_eq!(dut.io.analogue(tick(at_ms(ms + 1).ticks() - 1)), average.round() as u16);
             average += (1_023.0 - average) / f64::from(over);
-            let read = bed.io.analogue(at_ms(ms + 1));
+            let read = dut.io.analogue(at_ms(ms + 1));
             // Where the average is at half a count the last digit decides.
             let near = (average.fract() - 0.5).abs() < 0.01;
             assert!(read == average.round() as u16 || near, "{over} {ms}: {read}, {average}");
             if near {
-                bed.io.voltage(at_us(ms * 1_000 + 1_500), 5_000);
+                dut.io.voltage(at_us(ms * 1_000 + 1_500), 5_000);
                 break;
             }
         }
         // It comes to what is there, however long nobody asks.
-        assert_eq!(bed.io.analogue(at_ms(1_000_000_000)), 1_023);
+        assert_eq!(dut.io.analogue(at_ms(1_000_000_000)), 1_023);
     }
 }
 
 #[test]
 fn an_average_goes_on_from_what_it_is() {
-    let mut bed = Bed::new();
-    bed.io.voltage(Instant::ZERO, 5_000);
-    bed.at(at_ms(10));
-    bed.filter(|filters| filters.average = 2);
-    assert_eq!(bed.io.analogue(at_ms(10)), 1_023, "it begins with what is there");
-    bed.io.voltage(tick(at_ms(20).ticks() + 1), 0);
-    assert_eq!(bed.io.analogue(at_ms(20)), 1_023);
-    assert_eq!(bed.io.analogue(at_ms(21)), 512, "511.5");
-    assert_eq!(bed.io.analogue(at_ms(22)), 256, "255.75");
+    let mut dut = Dut::new();
+    dut.io.voltage(Instant::ZERO, 5_000);
+    dut.at(at_ms(10));
+    dut.filter(|filters| filters.average = 2);
+    assert_eq!(dut.io.analogue(at_ms(10)), 1_023, "it begins with what is there");
+    dut.io.voltage(tick(at_ms(20).ticks() + 1), 0);
+    assert_eq!(dut.io.analogue(at_ms(20)), 1_023);
+    assert_eq!(dut.io.analogue(at_ms(21)), 512, "511.5");
+    assert_eq!(dut.io.analogue(at_ms(22)), 256, "255.75");
     // What comes at the instant of a reading comes before it.
-    bed.io.voltage(at_ms(23), 5_000);
-    assert_eq!(bed.io.analogue(at_ms(23)), 639, "(255.75 + 1023) / 2 = 639.375");
-    bed.filter(|filters| filters.average = 0);
-    assert_eq!(bed.io.analogue(at_ms(23)), 1_023);
+    dut.io.voltage(at_ms(23), 5_000);
+    assert_eq!(dut.io.analogue(at_ms(23)), 639, "(255.75 + 1023) / 2 = 639.375");
+    dut.filter(|filters| filters.average = 0);
+    assert_eq!(dut.io.analogue(at_ms(23)), 1_023);
 }
 
 #[test]
 fn an_analogue_voltage_is_no_level() {
-    let mut bed = Bed::new();
-    bed.edge(at_ms(1), ANALOG, false);
-    assert_eq!((bed.io.raw_levels(), bed.events()), (0b1111, vec![]));
+    let mut dut = Dut::new();
+    dut.edge(at_ms(1), ANALOG, false);
+    assert_eq!((dut.io.raw_levels(), dut.events()), (0b1111, vec![]));
 }
 
 /// I/O 7 and 8 as inputs of a code, followed.
-fn follower(code: u16, active: [u16; 2], ratio: u16) -> Bed {
-    let mut bed = Bed::new();
-    bed.filter(|filters| (filters.clock, filters.ratio) = (0, ratio));
-    bed.io.set_up_clock(bed.now, 7, [code, active[0]], &mut bed.world).unwrap();
-    bed.io.set_up_clock(bed.now, 8, [code, active[1]], &mut bed.world).unwrap();
-    bed.filter(|filters| filters.clocked = true);
-    bed
+fn follower(code: u16, active: [u16; 2], ratio: u16) -> Dut {
+    let mut dut = Dut::new();
+    dut.filter(|filters| (filters.clock, filters.ratio) = (0, ratio));
+    dut.io.set_up_clock(dut.now, 7, [code, active[0]], &mut dut.out).unwrap();
+    dut.io.set_up_clock(dut.now, 8, [code, active[1]], &mut dut.out).unwrap();
+    dut.filter(|filters| filters.clocked = true);
+    dut
 }
 
-impl Bed {
+impl Dut {
     /// Levels of I/O 7 and 8, a µs apart. Returns the steps of each.
     fn clock(&mut self, levels: &[(u8, u8)]) -> Vec<i32> {
         let mut steps = Vec::new();
@@ -666,28 +656,28 @@ fn the_clock_ratio_scales_what_comes_and_loses_nothing() {
 #[test]
 fn clock_inputs_do_nothing_without_cm() {
     let pulses: Vec<(u8, u8)> = [(0, 1), (1, 1)].repeat(4);
-    let mut bed = follower(33, [0, 0], 1_000);
-    bed.filter(|filters| filters.clocked = false);
-    assert!(!bed.io.follows_clock());
-    assert_eq!(bed.clock(&pulses), [0; 8]);
-    bed.filter(|filters| filters.clocked = true);
-    assert!(bed.io.follows_clock());
+    let mut dut = follower(33, [0, 0], 1_000);
+    dut.filter(|filters| filters.clocked = false);
+    assert!(!dut.io.follows_clock());
+    assert_eq!(dut.clock(&pulses), [0; 8]);
+    dut.filter(|filters| filters.clocked = true);
+    assert!(dut.io.follows_clock());
     for kind in [0, 32, 36, 48, 52, 60] {
-        let refused = bed.io.set_up_clock(bed.now, 7, [kind, 0], &mut bed.world);
+        let refused = dut.io.set_up_clock(dut.now, 7, [kind, 0], &mut dut.out);
         assert_eq!(refused, Err(Error::IllegalClockType));
     }
-    let refused = bed.io.set_up_clock(bed.now, 7, [33, 2], &mut bed.world);
+    let refused = dut.io.set_up_clock(dut.now, 7, [33, 2], &mut dut.out);
     assert_eq!(refused, Err(Error::IllegalValue));
 }
 
 /// MC 5-66: "I/O 7 and I/O 8 are setup in pairs"; each has its own active state.
 #[test]
 fn one_of_a_pair_sets_up_both() {
-    let mut bed = follower(33, [0, 1], 1_000);
-    bed.io.set_up_clock(bed.now, 8, [35, 0], &mut bed.world).unwrap();
-    assert_eq!(bed.clock(&[(0, 1), (1, 1), (1, 0)]), [1, 0, -1], "up and down");
-    bed.io.set_up_clock(bed.now, 7, [49, 0], &mut bed.world).unwrap();
-    assert!(!bed.io.follows_clock(), "outputs");
+    let mut dut = follower(33, [0, 1], 1_000);
+    dut.io.set_up_clock(dut.now, 8, [35, 0], &mut dut.out).unwrap();
+    assert_eq!(dut.clock(&[(0, 1), (1, 1), (1, 0)]), [1, 0, -1], "up and down");
+    dut.io.set_up_clock(dut.now, 7, [49, 0], &mut dut.out).unwrap();
+    assert!(!dut.io.follows_clock(), "outputs");
 }
 
 #[test]
@@ -699,46 +689,46 @@ fn fm_and_fc_let_pass_what_is_at_least_as_long_as_their_pulse() {
             if length == 0 {
                 continue;
             }
-            let mut bed = follower(33, [0, 0], 1_000);
-            bed.filter(|filters| (filters.clock, filters.capture) = (filter, filter));
-            bed.edge(tick(1_000), IO7, false);
-            bed.edge(tick(1_000 + length), IO7, true);
-            bed.at(tick(2_000));
-            assert_eq!(bed.events(), if passes { vec![Event::Clock(1)] } else { vec![] }, "FM {filter}");
-            bed.edge(tick(3_000), CAPTURE, false);
-            bed.edge(tick(3_000 + length), CAPTURE, true);
+            let mut dut = follower(33, [0, 0], 1_000);
+            dut.filter(|filters| (filters.clock, filters.capture) = (filter, filter));
+            dut.edge(tick(1_000), IO7, false);
+            dut.edge(tick(1_000 + length), IO7, true);
+            dut.at(tick(2_000));
+            assert_eq!(dut.events(), if passes { vec![Event::Clock(1)] } else { vec![] }, "FM {filter}");
+            dut.edge(tick(3_000), CAPTURE, false);
+            dut.edge(tick(3_000 + length), CAPTURE, true);
             let captured = vec![Event::Capture];
-            assert_eq!(bed.events(), if passes { captured } else { vec![] }, "FC {filter}");
-            bed.at(tick(4_000));
-            assert_eq!(bed.events(), []);
+            assert_eq!(dut.events(), if passes { captured } else { vec![] }, "FC {filter}");
+            dut.at(tick(4_000));
+            assert_eq!(dut.events(), []);
         }
     }
 }
 
 #[test]
 fn a_capture_comes_of_the_edge_to_its_active_level() {
-    let mut bed = Bed::new();
-    bed.edge(at_us(10), CAPTURE, false);
-    bed.at(tick(160));
-    assert_eq!(bed.events(), []);
-    bed.at(tick(161));
-    assert_eq!(bed.events(), [Event::Capture]);
-    bed.io.set_up_capture(bed.now, [60, 1], &mut bed.world).unwrap();
-    assert_eq!(bed.events(), []);
-    bed.edge(at_us(30), CAPTURE, true);
-    bed.at(tick(480));
-    assert_eq!(bed.events(), []);
-    bed.at(tick(481));
-    assert_eq!(bed.events(), [Event::Capture]);
-    bed.edge(at_us(40), CAPTURE, false);
-    bed.at(at_us(50));
-    assert_eq!(bed.events(), []);
-    assert_eq!(bed.put(), []);
+    let mut dut = Dut::new();
+    dut.edge(at_us(10), CAPTURE, false);
+    dut.at(tick(160));
+    assert_eq!(dut.events(), []);
+    dut.at(tick(161));
+    assert_eq!(dut.events(), [Event::Capture]);
+    dut.io.set_up_capture(dut.now, [60, 1], &mut dut.out).unwrap();
+    assert_eq!(dut.events(), []);
+    dut.edge(at_us(30), CAPTURE, true);
+    dut.at(tick(480));
+    assert_eq!(dut.events(), []);
+    dut.at(tick(481));
+    assert_eq!(dut.events(), [Event::Capture]);
+    dut.edge(at_us(40), CAPTURE, false);
+    dut.at(at_us(50));
+    assert_eq!(dut.events(), []);
+    assert_eq!(dut.put(), []);
     for kind in [0, 59, 62] {
-        let refused = bed.io.set_up_capture(bed.now, [kind, 0], &mut bed.world);
+        let refused = dut.io.set_up_capture(dut.now, [kind, 0], &mut dut.out);
         assert_eq!(refused, Err(Error::IllegalType));
     }
-    let refused = bed.io.set_up_capture(bed.now, [60, 2], &mut bed.world);
+    let refused = dut.io.set_up_capture(dut.now, [60, 2], &mut dut.out);
     assert_eq!(refused, Err(Error::IllegalValue));
 }
 
@@ -747,53 +737,53 @@ fn a_trip_output_is_active_for_the_clock_width() {
     // MC 5-15: CW x 50 ns; 100 are 5 µs.
     for (active, idle, pulse) in [(0, Level::High, Level::Low), (1, Level::Low, Level::High)] {
         for (width, ticks) in [(100, 80), (10, 8), (1, 1), (0, 1), (255, 204)] {
-            let mut bed = Bed::new();
-            bed.filter(|filters| filters.pulse = width);
-            bed.io.set_up_capture(bed.now, [61, active], &mut bed.world).unwrap();
-            assert_eq!(bed.put(), [(Instant::ZERO, CAPTURE, idle)]);
-            bed.at(at_us(10));
-            bed.io.pulse(bed.now, &mut bed.world);
-            bed.at(at_us(100));
-            assert_eq!(bed.put(), [(tick(160), CAPTURE, pulse), (tick(160 + ticks), CAPTURE, idle)]);
+            let mut dut = Dut::new();
+            dut.filter(|filters| filters.pulse = width);
+            dut.io.set_up_capture(dut.now, [61, active], &mut dut.out).unwrap();
+            assert_eq!(dut.put(), [(Instant::ZERO, CAPTURE, idle)]);
+            dut.at(at_us(10));
+            dut.io.pulse(dut.now, &mut dut.out);
+            dut.at(at_us(100));
+            assert_eq!(dut.put(), [(tick(160), CAPTURE, pulse), (tick(160 + ticks), CAPTURE, idle)]);
         }
     }
     // A capture input has no pulses, a trip output captures nothing.
-    let mut bed = Bed::new();
-    bed.io.pulse(bed.now, &mut bed.world);
-    assert_eq!(bed.put(), []);
-    bed.io.set_up_capture(bed.now, [61, 0], &mut bed.world).unwrap();
-    bed.edge(at_us(1), CAPTURE, false);
-    bed.at(at_us(2));
-    assert_eq!(bed.events(), []);
+    let mut dut = Dut::new();
+    dut.io.pulse(dut.now, &mut dut.out);
+    assert_eq!(dut.put(), []);
+    dut.io.set_up_capture(dut.now, [61, 0], &mut dut.out).unwrap();
+    dut.edge(at_us(1), CAPTURE, false);
+    dut.at(at_us(2));
+    assert_eq!(dut.events(), []);
 }
 
 /// I/O 7 and 8 as outputs of a code.
-fn teller(code: u16, active: [u16; 2]) -> Bed {
-    let mut bed = follower(code, active, 1_000);
-    assert!(!bed.io.follows_clock());
-    assert!(bed.io.wants_plan());
-    bed.follow(&Plan::rest(Instant::ZERO, 0));
-    assert!(!bed.io.wants_plan());
-    bed
+fn teller(code: u16, active: [u16; 2]) -> Dut {
+    let mut dut = follower(code, active, 1_000);
+    assert!(!dut.io.follows_clock());
+    assert!(dut.io.wants_plan());
+    dut.follow(&Plan::rest(Instant::ZERO, 0));
+    assert!(!dut.io.wants_plan());
+    dut
 }
 
 /// There and back by `steps`, 1,000 steps/s, from 1 ms on.
-fn there_and_back(bed: &mut Bed, steps: i32) {
+fn there_and_back(dut: &mut Dut, steps: i32) {
     let rates = Rates::even(U24F8::from_num(1_000), 1_000_000);
     for (ms, from, by) in [(1, 0, steps), (101, steps, -steps)] {
-        bed.at(at_ms(ms));
-        let plan = Plan::profile(bed.now, from, by, rates);
-        bed.follow(&plan);
+        dut.at(at_ms(ms));
+        let plan = Plan::profile(dut.now, from, by, rates);
+        dut.follow(&plan);
     }
-    bed.at(at_ms(200));
+    dut.at(at_ms(200));
 }
 
 #[test]
 fn step_and_direction_are_told_with_the_clock_width() {
-    let mut bed = teller(49, [0, 1]);
+    let mut dut = teller(49, [0, 1]);
     // Idle: I/O 7 inactive high, I/O 8 forward low.
-    assert_eq!(bed.put(), [(Instant::ZERO, IO8, Level::Low), (Instant::ZERO, IO7, Level::High)]);
-    there_and_back(&mut bed, 2);
+    assert_eq!(dut.put(), [(Instant::ZERO, IO8, Level::Low), (Instant::ZERO, IO7, Level::High)]);
+    there_and_back(&mut dut, 2);
     let rates = Rates::even(U24F8::from_num(1_000), 1_000_000);
     let mut expected = Vec::new();
     for (ms, from, by) in [(1, 0, 2), (101, 2, -2)] {
@@ -809,26 +799,26 @@ fn step_and_direction_are_told_with_the_clock_width() {
             expected.push((tick(step.ticks() + 8), IO7, Level::High));
         }
     }
-    assert_eq!(bed.put(), expected);
+    assert_eq!(dut.put(), expected);
 }
 
 #[test]
 fn clocks_up_and_down_are_told_at_their_own_point() {
-    let mut bed = teller(51, [1, 1]);
-    bed.put();
-    there_and_back(&mut bed, 3);
+    let mut dut = teller(51, [1, 1]);
+    dut.put();
+    there_and_back(&mut dut, 3);
     let rises: Vec<Pin> =
-        bed.put().iter().filter(|(_, _, level)| *level == Level::High).map(|&(_, pin, _)| pin).collect();
+        dut.put().iter().filter(|(_, _, level)| *level == Level::High).map(|&(_, pin, _)| pin).collect();
     assert_eq!(rises, [IO7, IO7, IO7, IO8, IO8, IO8]);
 }
 
 #[test]
 fn a_quadrature_is_told_with_an_edge_for_each_step() {
     use Level::{High, Low};
-    let mut bed = teller(50, [1, 1]);
-    assert_eq!(bed.put().len(), 2);
-    there_and_back(&mut bed, 5);
-    let edges: Vec<(Pin, Level)> = bed.put().iter().map(|&(_, pin, level)| (pin, level)).collect();
+    let mut dut = teller(50, [1, 1]);
+    assert_eq!(dut.put().len(), 2);
+    there_and_back(&mut dut, 5);
+    let edges: Vec<(Pin, Level)> = dut.put().iter().map(|&(_, pin, level)| (pin, level)).collect();
     let there = [(IO7, High), (IO8, High), (IO7, Low), (IO8, Low), (IO7, High)];
     let back = [(IO7, Low), (IO8, High), (IO7, High), (IO8, Low), (IO7, Low)];
     assert_eq!(edges, [there, back].concat());
@@ -837,13 +827,13 @@ fn a_quadrature_is_told_with_an_edge_for_each_step() {
 #[test]
 fn fast_pulses_last_half_of_their_period() {
     // 5,000,000 steps/s: 3.2 ticks each, CW = 10 would be 8.
-    let mut bed = teller(49, [1, 1]);
-    bed.put();
+    let mut dut = teller(49, [1, 1]);
+    dut.put();
     let rates =
         Rates { start: U24F8::from_num(5_000_000), ..Rates::even(U24F8::from_num(5_000_000), 1_000_000) };
-    bed.follow(&Plan::profile(bed.now, 0, 1_000, rates));
-    bed.at(at_ms(10));
-    let put = bed.put();
+    dut.follow(&Plan::profile(dut.now, 0, 1_000, rates));
+    dut.at(at_ms(10));
+    let put = dut.put();
     assert_eq!(put.len(), 2_000);
     for (pulse, next) in put.chunks(2).zip(put.chunks(2).skip(1)) {
         let [(rise, _, Level::High), (fall, _, Level::Low)] = *pulse else { panic!("{pulse:?}") };
@@ -854,22 +844,22 @@ fn fast_pulses_last_half_of_their_period() {
 
 #[test]
 fn without_cm_clock_outputs_are_let_go() {
-    let mut bed = teller(49, [0, 0]);
-    bed.put();
-    bed.filter(|filters| filters.clocked = false);
-    assert_eq!(bed.put(), [(Instant::ZERO, IO7, Level::Float), (Instant::ZERO, IO8, Level::Float)]);
-    there_and_back(&mut bed, 5);
-    assert_eq!(bed.put(), []);
+    let mut dut = teller(49, [0, 0]);
+    dut.put();
+    dut.filter(|filters| filters.clocked = false);
+    assert_eq!(dut.put(), [(Instant::ZERO, IO7, Level::Float), (Instant::ZERO, IO8, Level::Float)]);
+    there_and_back(&mut dut, 5);
+    assert_eq!(dut.put(), []);
     // In the middle of a motion they tell of what is left of it.
-    let plan = Plan::profile(bed.now, 0, 10, Rates::even(U24F8::from_num(1_000), 1_000_000));
-    bed.at(at_ms(200) + Duration::micros(5_500));
-    bed.filter(|filters| filters.clocked = true);
-    assert!(bed.io.wants_plan());
-    let left = 10 - plan.position_at(bed.now);
-    bed.follow(&plan);
-    bed.put();
-    bed.at(at_ms(300));
-    assert_eq!(bed.put().len(), 2 * left as usize);
+    let plan = Plan::profile(dut.now, 0, 10, Rates::even(U24F8::from_num(1_000), 1_000_000));
+    dut.at(at_ms(200) + Duration::micros(5_500));
+    dut.filter(|filters| filters.clocked = true);
+    assert!(dut.io.wants_plan());
+    let left = 10 - plan.position_at(dut.now);
+    dut.follow(&plan);
+    dut.put();
+    dut.at(at_ms(300));
+    assert_eq!(dut.put().len(), 2 * left as usize);
 }
 
 /// What may happen to it.
@@ -906,35 +896,35 @@ proptest! {
     fn whatever_happens_contacts_are_as_they_were_told_and_every_deadline_comes(
         script in prop::collection::vec((0..100_000_u64, acts()), 0..60)
     ) {
-        let mut bed = Bed::new();
+        let mut dut = Dut::new();
         let mut told = [false; 5];
         for (later, act) in script {
-            bed.at(bed.now + Duration::from_ticks(later));
-            let now = bed.now;
-            let Bed { io, world, filters, .. } = &mut bed;
+            dut.at(dut.now + Duration::from_ticks(later));
+            let now = dut.now;
+            let Dut { io, out, filters, .. } = &mut dut;
             match act {
-                Act::Edge(pin, high) => io.edge(now, Pin(pin), high, world),
-                Act::Open(pin) => io.opened(now, Pin(pin), world),
-                Act::SetUp(n, values) => drop(io.set_up(now, n, values, world)),
-                Act::Write(n, on) => drop(io.write(now, n, on, world)),
+                Act::Edge(pin, high) => io.edge(now, Pin(pin), high, out),
+                Act::Open(pin) => io.opened(now, Pin(pin), out),
+                Act::SetUp(n, values) => drop(io.set_up(now, n, values, out)),
+                Act::Write(n, on) => drop(io.write(now, n, on, out)),
                 Act::Debounce(ms) => {
                     filters.debounce_ms = ms;
-                    io.set_filters(now, *filters, world);
+                    io.set_filters(now, *filters, out);
                 }
                 Act::Load => {
                     io.begin_load();
-                    io.end_load(now, world);
+                    io.end_load(now, out);
                 }
                 Act::Restart => {
-                    io.power_on(now, false, world);
+                    io.power_on(now, false, out);
                     told = [false; 5];
                 }
-                Act::Show(on) => io.show(now, Shown { moving: on, fault: !on, ..Shown::default() }, world),
-                Act::Pulse => io.pulse(now, world),
+                Act::Show(on) => io.show(now, Shown { moving: on, fault: !on, ..Shown::default() }, out),
+                Act::Pulse => io.pulse(now, out),
             }
             prop_assert!(io.deadline() > now);
             prop_assert!(io.events.len() < EVENTS);
-            for event in bed.events() {
+            for event in dut.events() {
                 if let Event::Contact(contact, active) = event {
                     let place = CONTACTS.iter().position(|&known| known == contact).unwrap();
                     prop_assert!(told[place] != active, "it is told once");
@@ -942,12 +932,12 @@ proptest! {
                 }
             }
             for (place, contact) in CONTACTS.into_iter().enumerate() {
-                prop_assert_eq!(bed.io.contact(contact) == Some(true), told[place]);
+                prop_assert_eq!(dut.io.contact(contact) == Some(true), told[place]);
             }
         }
         // Debounced levels come to what is there.
-        bed.at(bed.now + Duration::millis(256));
-        prop_assert_eq!(bed.io.levels(), bed.io.raw_levels());
-        prop_assert_eq!(bed.io.deadline(), Instant::NEVER);
+        dut.at(dut.now + Duration::millis(256));
+        prop_assert_eq!(dut.io.levels(), dut.io.raw_levels());
+        prop_assert_eq!(dut.io.deadline(), Instant::NEVER);
     }
 }

@@ -4,156 +4,156 @@ use super::*;
 
 #[test]
 fn examples_of_the_manual() {
-    let mut bed = Bed::plus();
+    let mut dut = Dut::plus();
     // FB 4.2.4 and 4.2.5 print 8Ah for VM, which is at 8Bh: 768,000 is 000BB800h, 600,000 000927C0h.
-    assert_eq!(bed.ask(&[3, 0, 0x8B, 0, 2]), [3, 4, 0x00, 0x0B, 0xB8, 0x00]);
-    assert_eq!(bed.ask(&[16, 0, 0x8B, 0, 2, 4, 0x00, 0x09, 0x27, 0xC0]), [16, 0, 0x8B, 0, 2]);
-    assert_eq!(bed.get(Reg::VM), 600_000);
-    assert_eq!(bed.ask(&[3, 0, 0x8A, 0, 2]), [3, 4, 0x03, 0xE8, 0x00, 0x09], "halves of VI and VM");
+    assert_eq!(dut.ask(&[3, 0, 0x8B, 0, 2]), [3, 4, 0x00, 0x0B, 0xB8, 0x00]);
+    assert_eq!(dut.ask(&[16, 0, 0x8B, 0, 2, 4, 0x00, 0x09, 0x27, 0xC0]), [16, 0, 0x8B, 0, 2]);
+    assert_eq!(dut.get(Reg::VM), 600_000);
+    assert_eq!(dut.ask(&[3, 0, 0x8A, 0, 2]), [3, 4, 0x03, 0xE8, 0x00, 0x09], "halves of VI and VM");
 }
 
 #[test]
 fn inputs_as_bits() {
-    let mut bed = Bed::plus();
+    let mut dut = Dut::plus();
     // FB 4.2.1: I1, I2 and I4 are active, that is low (MC 5-64).
     for (n, low) in [(1, true), (2, true), (3, false), (4, true)] {
-        bed.drive(n, !low);
+        dut.drive(n, !low);
     }
-    assert_eq!(bed.ask(&[2, 0x00, 0x2D, 0x00, 0x04]), [2, 1, 0x0B]);
-    assert_eq!(bed.ask(&[2, 0x00, 0x2E, 0x00, 0x02]), [2, 1, 0b01]);
-    assert_eq!(bed.ask(&[3, 0x00, 0x2D, 0x00, 0x04]), [3, 8, 0, 1, 0, 1, 0, 0, 0, 1]);
-    assert_eq!((bed.read(0x3A, 1), bed.read(0x3B, 1)), (0b0100, 0b0100), "levels");
+    assert_eq!(dut.ask(&[2, 0x00, 0x2D, 0x00, 0x04]), [2, 1, 0x0B]);
+    assert_eq!(dut.ask(&[2, 0x00, 0x2E, 0x00, 0x02]), [2, 1, 0b01]);
+    assert_eq!(dut.ask(&[3, 0x00, 0x2D, 0x00, 0x04]), [3, 8, 0, 1, 0, 1, 0, 0, 0, 1]);
+    assert_eq!((dut.read(0x3A, 1), dut.read(0x3B, 1)), (0b0100, 0b0100), "levels");
     for (first, count, exception) in
         [(0x2D, 0, 3), (0x2D, 5, 3), (0x2E, 4, 2), (0x31, 1, 2), (0x2C, 1, 2), (0x4B, 1, 2)]
     {
-        bed.refused(&[2, 0, first, 0, count], exception, 0);
+        dut.refused(&[2, 0, first, 0, count], exception, 0);
     }
 }
 
 #[test]
 fn outputs_as_bits() {
-    let mut bed = Bed::plus();
+    let mut dut = Dut::plus();
     for reg in [Reg::S1, Reg::S2, Reg::S3, Reg::S4] {
-        bed.set(reg, 16 << 32 | 1 << 16);
+        dut.set(reg, 16 << 32 | 1 << 16);
     }
     // FB 4.2.3: O3 on; 4.2.2: O1 and O3 are.
-    assert_eq!(bed.ask(&[5, 0x00, 0x4D, 0xFF, 0x00]), [5, 0x00, 0x4D, 0xFF, 0x00]);
-    bed.write(0x4B, 1, 1);
-    assert_eq!(bed.ask(&[1, 0x00, 0x4B, 0x00, 0x04]), [1, 1, 0x05]);
-    assert_eq!(bed.ask(&[5, 0x00, 0x4B, 0x00, 0x00]), [5, 0x00, 0x4B, 0x00, 0x00]);
-    assert_eq!(bed.ask(&[3, 0x00, 0x4B, 0x00, 0x04]), [3, 8, 0, 0, 0, 0, 0, 1, 0, 0]);
-    bed.write(0x55, 1, 0b1010);
-    assert_eq!(bed.ask(&[1, 0x00, 0x4B, 0x00, 0x04]), [1, 1, 0b1010]);
-    bed.write(0x56, 1, 0b0101);
-    assert_eq!(bed.ask(&[1, 0x00, 0x4B, 0x00, 0x04]), [1, 1, 0b0101]);
-    assert_eq!(bed.ask(&[16, 0, 0x4B, 0, 4, 8, 0, 1, 0, 1, 0, 1, 0, 0]), [16, 0, 0x4B, 0, 4]);
-    assert_eq!(bed.ask(&[1, 0x00, 0x4B, 0x00, 0x04]), [1, 1, 0b0111]);
+    assert_eq!(dut.ask(&[5, 0x00, 0x4D, 0xFF, 0x00]), [5, 0x00, 0x4D, 0xFF, 0x00]);
+    dut.write(0x4B, 1, 1);
+    assert_eq!(dut.ask(&[1, 0x00, 0x4B, 0x00, 0x04]), [1, 1, 0x05]);
+    assert_eq!(dut.ask(&[5, 0x00, 0x4B, 0x00, 0x00]), [5, 0x00, 0x4B, 0x00, 0x00]);
+    assert_eq!(dut.ask(&[3, 0x00, 0x4B, 0x00, 0x04]), [3, 8, 0, 0, 0, 0, 0, 1, 0, 0]);
+    dut.write(0x55, 1, 0b1010);
+    assert_eq!(dut.ask(&[1, 0x00, 0x4B, 0x00, 0x04]), [1, 1, 0b1010]);
+    dut.write(0x56, 1, 0b0101);
+    assert_eq!(dut.ask(&[1, 0x00, 0x4B, 0x00, 0x04]), [1, 1, 0b0101]);
+    assert_eq!(dut.ask(&[16, 0, 0x4B, 0, 4, 8, 0, 1, 0, 1, 0, 1, 0, 0]), [16, 0, 0x4B, 0, 4]);
+    assert_eq!(dut.ask(&[1, 0x00, 0x4B, 0x00, 0x04]), [1, 1, 0b0111]);
     for value in [[0xFF, 0x01], [0x00, 0x01], [0x01, 0x00], [0xFF, 0xFF]] {
-        bed.refused(&[5, 0, 0x4B, value[0], value[1]], 3, 0);
+        dut.refused(&[5, 0, 0x4B, value[0], value[1]], 3, 0);
     }
-    bed.refused(&[5, 0, 0x2D, 0xFF, 0], 2, 0);
-    bed.refused(&[5, 0, 0x09, 0xFF, 0], 2, 0);
-    bed.refused(&[1, 0, 0x4B, 0, 5], 3, 0);
-    bed.refused(&[1, 0, 0x2D, 0, 1], 2, 0);
+    dut.refused(&[5, 0, 0x2D, 0xFF, 0], 2, 0);
+    dut.refused(&[5, 0, 0x09, 0xFF, 0], 2, 0);
+    dut.refused(&[1, 0, 0x4B, 0, 5], 3, 0);
+    dut.refused(&[1, 0, 0x2D, 0, 1], 2, 0);
 }
 
 #[test]
 fn some_outputs() {
-    let mut bed = Bed::plus();
-    bed.set(Reg::S3, 16 << 32);
+    let mut dut = Dut::plus();
+    dut.set(Reg::S3, 16 << 32);
     // What is no output takes no 1, and is passed over with 0.
-    bed.refused(&[16, 0, 0x55, 0, 1, 2, 0, 0b0110], 4, 9);
-    assert_eq!(bed.read(0x4D, 1), 0);
-    bed.write(0x55, 1, 0b0100);
-    assert_eq!(bed.read(0x4D, 1), 1);
-    bed.refused(&[16, 0, 0x4C, 0, 2, 4, 0, 1, 0, 0], 4, 9);
-    assert_eq!(bed.read(0x4D, 1), 1, "all or nothing");
+    dut.refused(&[16, 0, 0x55, 0, 1, 2, 0, 0b0110], 4, 9);
+    assert_eq!(dut.read(0x4D, 1), 0);
+    dut.write(0x55, 1, 0b0100);
+    assert_eq!(dut.read(0x4D, 1), 1);
+    dut.refused(&[16, 0, 0x4C, 0, 2, 4, 0, 1, 0, 0], 4, 9);
+    assert_eq!(dut.read(0x4D, 1), 1, "all or nothing");
 }
 
 #[test]
 fn one_to_four_registers() {
-    let mut bed = Bed::plus();
-    assert_eq!(bed.ask(&[3, 0, 0x5F, 0, 4]), [3, 8, 0, 0, 0, 0, 0, 0, 0, 0]);
-    bed.refused(&[3, 0, 0x5F, 0, 0], 3, 0);
-    bed.refused(&[3, 0, 0x5F, 0, 5], 3, 0);
-    bed.refused(&[3, 0, 0x5F, 1, 0], 3, 0);
-    assert_eq!(bed.ask(&[16, 0, 0x5F, 0, 4, 8, 0, 0, 0, 1, 0xFF, 0xFF, 0xFF, 0xFF]), [16, 0, 0x5F, 0, 4]);
-    assert_eq!((bed.get(Reg::R1), bed.get(Reg::R2)), (1, -1));
-    bed.refused(&[16, 0, 0x5F, 0, 5, 10, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0], 3, 0);
-    bed.refused(&[16, 0, 0x5F, 0, 0, 0], 3, 0);
-    bed.refused(&[16, 0, 0x5F, 0, 2, 2, 0, 0], 3, 0);
-    bed.refused(&[16, 0, 0x5F, 0, 1, 2, 0, 0], 3, 0);
-    bed.refused(&[16, 0, 0x60, 0, 2, 4, 0, 0, 0, 0], 3, 0);
-    assert_eq!((bed.get(Reg::R1), bed.get(Reg::R2)), (1, -1), "half of a value is not written");
+    let mut dut = Dut::plus();
+    assert_eq!(dut.ask(&[3, 0, 0x5F, 0, 4]), [3, 8, 0, 0, 0, 0, 0, 0, 0, 0]);
+    dut.refused(&[3, 0, 0x5F, 0, 0], 3, 0);
+    dut.refused(&[3, 0, 0x5F, 0, 5], 3, 0);
+    dut.refused(&[3, 0, 0x5F, 1, 0], 3, 0);
+    assert_eq!(dut.ask(&[16, 0, 0x5F, 0, 4, 8, 0, 0, 0, 1, 0xFF, 0xFF, 0xFF, 0xFF]), [16, 0, 0x5F, 0, 4]);
+    assert_eq!((dut.get(Reg::R1), dut.get(Reg::R2)), (1, -1));
+    dut.refused(&[16, 0, 0x5F, 0, 5, 10, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0], 3, 0);
+    dut.refused(&[16, 0, 0x5F, 0, 0, 0], 3, 0);
+    dut.refused(&[16, 0, 0x5F, 0, 2, 2, 0, 0], 3, 0);
+    dut.refused(&[16, 0, 0x5F, 0, 1, 2, 0, 0], 3, 0);
+    dut.refused(&[16, 0, 0x60, 0, 2, 4, 0, 0, 0, 0], 3, 0);
+    assert_eq!((dut.get(Reg::R1), dut.get(Reg::R2)), (1, -1), "half of a value is not written");
 }
 
 #[test]
 fn functions_that_are_not_there() {
-    let mut bed = Bed::plus();
+    let mut dut = Dut::plus();
     for function in (0..=127).filter(|function| ![1, 2, 3, 5, 16, 43, 65, 66].contains(function)) {
-        bed.refused(&[function, 0, 0, 0, 1], 1, 0);
+        dut.refused(&[function, 0, 0, 0, 1], 1, 0);
     }
 }
 
 #[test]
 fn several_values_are_judged_on_their_outcome() {
-    let mut bed = Bed::plus();
+    let mut dut = Dut::plus();
     let both = |vi: u16, vm: u32| {
         let ([a, b], [c, d, e, f]) = (vi.to_be_bytes(), vm.to_be_bytes());
         [16, 0, 0x89, 0, 4, 8, 0, 0, a, b, c, d, e, f]
     };
     // Neither would go alone: VM below the old VI, then VI above the old VM.
-    assert_eq!(bed.ask(&both(100, 500)), [16, 0, 0x89, 0, 4]);
-    assert_eq!(bed.ask(&both(800, 900)), [16, 0, 0x89, 0, 4]);
-    bed.refused(&both(900, 900), 3, 22);
-    bed.refused(&both(0, 900), 3, 21);
-    assert_eq!((bed.get(Reg::VI), bed.get(Reg::VM)), (800, 900));
+    assert_eq!(dut.ask(&both(100, 500)), [16, 0, 0x89, 0, 4]);
+    assert_eq!(dut.ask(&both(800, 900)), [16, 0, 0x89, 0, 4]);
+    dut.refused(&both(900, 900), 3, 22);
+    dut.refused(&both(0, 900), 3, 21);
+    assert_eq!((dut.get(Reg::VI), dut.get(Reg::VM)), (800, 900));
     // D1 and D2 of three that are not all legal.
-    bed.refused(&[16, 0, 0x0F, 0, 3, 6, 0, 7, 0, 7, 1, 0], 3, 21);
-    assert_eq!((bed.get(Reg::D1), bed.get(Reg::D2)), (0, 0));
+    dut.refused(&[16, 0, 0x0F, 0, 3, 6, 0, 7, 0, 7, 1, 0], 3, 21);
+    assert_eq!((dut.get(Reg::D1), dut.get(Reg::D2)), (0, 0));
 }
 
 #[test]
 fn what_is_counted_beside_it() {
-    let mut bed = Bed::plus();
+    let mut dut = Dut::plus();
     let three = |db: u8, counted: u8, de: u8| [16, 0, 0x1A, 0, 3, 6, 0, db, 0, counted, 0, de];
     // DB, then DC of it, then DE.
-    assert_eq!(bed.ask(&three(50, 0x1A, 1)), [16, 0, 0x1A, 0, 3]);
-    assert_eq!((bed.read(0x1A, 1), bed.read(0x1B, 1)), (49, 0));
+    assert_eq!(dut.ask(&three(50, 0x1A, 1)), [16, 0, 0x1A, 0, 3]);
+    assert_eq!((dut.read(0x1A, 1), dut.read(0x1B, 1)), (49, 0));
     // 0 cannot be counted down, whatever it was.
-    bed.refused(&three(0, 0x1A, 0), 3, 21);
-    assert_eq!((bed.read(0x1A, 1), bed.read(0x1C, 1)), (49, 1), "all or nothing");
+    dut.refused(&three(0, 0x1A, 0), 3, 21);
+    assert_eq!((dut.read(0x1A, 1), dut.read(0x1C, 1)), (49, 1), "all or nothing");
     // TE of 8 for TT alone would become 7, for trips that are not defined.
-    bed.connect(CLIENT);
-    bed.type_in(CLIENT, "PG 1\rLB K1\rRT\rPG\rTT=100,K1\rTE=8\r");
-    bed.refused(&three(7, 0x7D, 0), 4, 27);
-    assert_eq!((bed.read(0x1A, 1), bed.read(0x7D, 1), bed.read(0x1C, 1)), (49, 8, 1));
-    bed.type_in(CLIENT, "TE=0\r");
+    dut.connect(CLIENT);
+    dut.type_in(CLIENT, "PG 1\rLB K1\rRT\rPG\rTT=100,K1\rTE=8\r");
+    dut.refused(&three(7, 0x7D, 0), 4, 27);
+    assert_eq!((dut.read(0x1A, 1), dut.read(0x7D, 1), dut.read(0x1C, 1)), (49, 8, 1));
+    dut.type_in(CLIENT, "TE=0\r");
     // DE is 0 when it is counted down, and 1 only behind that.
-    bed.write(0x1C, 1, 0);
-    bed.refused(&three(7, 0x1C, 1), 3, 21);
-    assert_eq!(bed.read(0x1A, 1), 49);
+    dut.write(0x1C, 1, 0);
+    dut.refused(&three(7, 0x1C, 1), 3, 21);
+    assert_eq!(dut.read(0x1A, 1), 49);
 }
 
 #[test]
 fn a_move_and_what_stands_beside_it() {
-    let mut bed = Bed::plus();
+    let mut dut = Dut::plus();
     // LM and MA; MR, MS and MT.
-    assert_eq!(bed.ask(&[16, 0, 0x42, 0, 3, 6, 0, 2, 0, 0, 0x27, 0x10]), [16, 0, 0x42, 0, 3]);
-    assert_eq!((bed.get(Reg::LM), bed.get(Reg::MA)), (2, 10_000));
-    bed.refused(&[16, 0, 0x46, 0, 4, 8, 0, 0, 0, 1, 0, 3, 0, 0], 3, 21);
-    assert_eq!(bed.get(Reg::MR), 0);
+    assert_eq!(dut.ask(&[16, 0, 0x42, 0, 3, 6, 0, 2, 0, 0, 0x27, 0x10]), [16, 0, 0x42, 0, 3]);
+    assert_eq!((dut.get(Reg::LM), dut.get(Reg::MA)), (2, 10_000));
+    dut.refused(&[16, 0, 0x46, 0, 4, 8, 0, 0, 0, 1, 0, 3, 0, 0], 3, 21);
+    assert_eq!(dut.get(Reg::MR), 0);
     // Of a Hybrid another MS calibrates, and nothing may move meanwhile.
-    let mut bed = Bed::hybrid();
-    bed.refused(&[16, 0, 0x46, 0, 3, 6, 0, 0, 0, 1, 0, 128], 4, 89);
-    assert_eq!((bed.get(Reg::MR), bed.get(Reg::MS), bed.get(Reg::MV)), (0, 256, 0));
-    assert_eq!(bed.ask(&[16, 0, 0x46, 0, 3, 6, 0, 0, 0, 1, 1, 0]), [16, 0, 0x46, 0, 3]);
+    let mut dut = Dut::hybrid();
+    dut.refused(&[16, 0, 0x46, 0, 3, 6, 0, 0, 0, 1, 0, 128], 4, 89);
+    assert_eq!((dut.get(Reg::MR), dut.get(Reg::MS), dut.get(Reg::MV)), (0, 256, 0));
+    assert_eq!(dut.ask(&[16, 0, 0x46, 0, 3, 6, 0, 0, 0, 1, 1, 0]), [16, 0, 0x46, 0, 3]);
 }
 
 #[test]
 fn the_identification() {
-    for (mut bed, part, firmware) in
-        [(Bed::plus(), "MDI3CRL23A7-EQ", "MDI 3.0.0.9"), (Bed::hybrid(), "MAI3CRL23A7-EQ", "ASI 4.0.0.8")]
+    for (mut dut, part, firmware) in
+        [(Dut::plus(), "MDI3CRL23A7-EQ", "MDI 3.0.0.9"), (Dut::hybrid(), "MAI3CRL23A7-EQ", "ASI 4.0.0.8")]
     {
         let objects =
             ["SEM USA", part, "4.0.0.0", "www.imshome.com", "MDrive Ethernet", "123456789", firmware];
@@ -165,30 +165,30 @@ fn the_identification() {
             }
             pdu
         };
-        assert_eq!(bed.ask(&[43, 14, 1, 0]), stream(1, 3));
-        assert_eq!(bed.ask(&[43, 14, 2, 0]), stream(2, 7));
-        assert_eq!(bed.ask(&[43, 14, 3, 0]), stream(3, 7));
-        assert_eq!(bed.ask(&[43, 14, 2, 99]), stream(2, 7));
+        assert_eq!(dut.ask(&[43, 14, 1, 0]), stream(1, 3));
+        assert_eq!(dut.ask(&[43, 14, 2, 0]), stream(2, 7));
+        assert_eq!(dut.ask(&[43, 14, 3, 0]), stream(3, 7));
+        assert_eq!(dut.ask(&[43, 14, 2, 99]), stream(2, 7));
         let mut single = vec![43, 14, 4, 0x82, 0, 0, 1, 5, 9];
         single.extend(b"123456789");
-        assert_eq!(bed.ask(&[43, 14, 4, 5]), single);
-        bed.refused(&[43, 14, 4, 7], 2, 0);
-        bed.refused(&[43, 14, 5, 0], 3, 0);
-        bed.refused(&[43, 13, 1, 0], 1, 0);
+        assert_eq!(dut.ask(&[43, 14, 4, 5]), single);
+        dut.refused(&[43, 14, 4, 7], 2, 0);
+        dut.refused(&[43, 14, 5, 0], 3, 0);
+        dut.refused(&[43, 13, 1, 0], 1, 0);
     }
 }
 
 #[test]
 fn any_unit_is_answered() {
-    let mut bed = Bed::plus();
+    let mut dut = Dut::plus();
     for unit in [0, 1, 17, 255] {
-        let before = bed.world.said.len();
+        let before = dut.out.messages.len();
         let request = [0, 9, 0, 0, 0, 6, unit, 3, 0, 9, 0, 1];
-        bed.input(Input::Message { port: MODBUS, link: Link(3), bytes: &request });
+        dut.tell(Input::Message { port: MODBUS, link: Link(3), bytes: &request });
         let reply = vec![0, 9, 0, 0, 0, 5, unit, 3, 2, 0, 1];
-        assert_eq!(bed.world.said[before..], [(MODBUS, Link(3), reply)]);
+        assert_eq!(dut.out.messages[before..], [(dut.now, MODBUS, Link(3), reply)]);
     }
-    assert_eq!(bed.world.notes.last(), Some(&Note::Request { port: MODBUS, unit: 255, function: 3 }));
+    assert_eq!(dut.out.noted().last(), Some(&Note::Request { port: MODBUS, unit: 255, function: 3 }));
 }
 
 proptest::proptest! {
@@ -200,14 +200,14 @@ proptest::proptest! {
             0..24,
         ),
     ) {
-        for mut bed in [Bed::plus(), Bed::hybrid()] {
+        for mut dut in [Dut::plus(), Dut::hybrid()] {
             let pdu = [&[function][..], &data].concat();
-            let reply = bed.ask(&pdu);
+            let reply = dut.ask(&pdu);
             proptest::prop_assert!(reply[0] & 0x7F == function && reply.len() <= 253);
             let refused = reply[0] & 0x80 != 0;
             proptest::prop_assert!(!refused || reply.len() == 2 && (1..=4).contains(&reply[1]));
             // Structure never reaches MCode.
-            proptest::prop_assert!(!refused || reply[1] > 2 || bed.get(Reg::ER) == 0);
+            proptest::prop_assert!(!refused || reply[1] > 2 || dut.get(Reg::ER) == 0);
         }
     }
 }

@@ -20,11 +20,11 @@ const COUNTS: i64 = 20;
 /// Steps in a full step, with MS = 256.
 const STEPS: i64 = 256;
 
-fn bed() -> Bed {
-    Bed::hybrid()
+fn dut() -> Dut {
+    Dut::hybrid()
 }
 
-impl Bed {
+impl Dut {
     /// AF as MCode reads it.
     fn flags(&self) -> i64 {
         self.drive.drive.read_mcode(self.now, Reg::AF).into()
@@ -36,11 +36,8 @@ impl Bed {
         let mut step = Duration::secs(1);
         while step > Duration::ZERO {
             // A copy looks ahead.
-            let mut ahead = Self {
-                drive: self.drive.clone(),
-                world: World { memory: self.world.memory.clone(), ..World::default() },
-                now: self.now,
-            };
+            let mut ahead = Self::off(self.drive.clone(), self.out.memory.clone());
+            ahead.now = self.now;
             ahead.wait(step);
             assert!(ahead.now.since(begin) < 60.secs(), "it lasts");
             if is_so(&ahead) {
@@ -57,119 +54,119 @@ impl Bed {
 #[test]
 fn a_calibration_turns_the_shaft_but_c1() {
     // MC 5-9: pause, 6 full steps forward, wait, 3 back, pause; 3.12 s with CT = 250.
-    let mut bed = bed();
-    bed.set(Reg::CT, 250);
-    let counts = bed.get(Reg::C2);
-    bed.set(Reg::SC, 1);
-    assert_eq!(bed.get(Reg::AF), 0);
+    let mut dut = dut();
+    dut.set(Reg::CT, 250);
+    let counts = dut.get(Reg::C2);
+    dut.set(Reg::SC, 1);
+    assert_eq!(dut.get(Reg::AF), 0);
     for (ms, full_steps) in [(249, 0), (250 + 1_581, 6), (250 + 1_580 + 249, 6), (250 + 1_580 + 250 + 791, 3)]
     {
         let at = Instant::from(Duration::millis(ms));
-        bed.run_until(at);
-        assert_eq!(bed.get(Reg::C2) - counts, full_steps * COUNTS, "{ms} ms");
-        assert_eq!((bed.get(Reg::C1), bed.get(Reg::P)), (0, 0));
-        assert_eq!((bed.get(Reg::MV), bed.get(Reg::V), bed.get(Reg::VC)), (0, 0, 0));
+        dut.run_until(at);
+        assert_eq!(dut.get(Reg::C2) - counts, full_steps * COUNTS, "{ms} ms");
+        assert_eq!((dut.get(Reg::C1), dut.get(Reg::P)), (0, 0));
+        assert_eq!((dut.get(Reg::MV), dut.get(Reg::V), dut.get(Reg::VC)), (0, 0, 0));
     }
-    bed.run_until(Instant::from_ticks(Duration::millis(3_120).ticks() - 1));
-    assert_eq!(bed.get(Reg::AF), 0);
-    bed.run_until(Duration::millis(3_120));
-    assert_eq!(bed.get(Reg::AF), AT_ZERO | CALIBRATED, "192 (MC 5-2)");
-    assert_eq!((bed.get(Reg::C1), bed.get(Reg::C2) - counts), (0, 3 * COUNTS));
-    assert_eq!(bed.error(), 0);
+    dut.run_until(Instant::from_ticks(Duration::millis(3_120).ticks() - 1));
+    assert_eq!(dut.get(Reg::AF), 0);
+    dut.run_until(Duration::millis(3_120));
+    assert_eq!(dut.get(Reg::AF), AT_ZERO | CALIBRATED, "192 (MC 5-2)");
+    assert_eq!((dut.get(Reg::C1), dut.get(Reg::C2) - counts), (0, 3 * COUNTS));
+    assert_eq!(dut.error(), 0);
     // A move counts on from there.
-    bed.set(Reg::MR, 2 * 51_200);
-    bed.wait(10.secs());
-    assert_eq!((bed.get(Reg::C1), bed.get(Reg::C2) - counts), (2 * 51_200, 3 * COUNTS + 8_000));
+    dut.set(Reg::MR, 2 * 51_200);
+    dut.wait(10.secs());
+    assert_eq!((dut.get(Reg::C1), dut.get(Reg::C2) - counts), (2 * 51_200, 3 * COUNTS + 8_000));
 }
 
 #[test]
 fn power_on_calibrates_before_the_sign_on() {
-    let mut bed = Bed::off(Mdrive::hybrid(), vec![0xFF; MEMORY]);
-    bed.power_on(false);
-    bed.wait(400.millis());
-    assert_eq!(bed.get(Reg::AF), 0);
+    let mut dut = Dut::off(Mdrive::hybrid(), vec![0xFF; MEMORY]);
+    dut.power_on(false);
+    dut.wait(400.millis());
+    assert_eq!(dut.get(Reg::AF), 0);
     // CT = 200: 150 ms less.
-    bed.run_until(Duration::millis(300 + 2_969));
-    assert_eq!(bed.get(Reg::AF), 0);
-    bed.run_until(Duration::millis(300 + 2_970));
-    assert_eq!(bed.get(Reg::AF), AT_ZERO | CALIBRATED);
+    dut.run_until(Duration::millis(300 + 2_969));
+    assert_eq!(dut.get(Reg::AF), 0);
+    dut.run_until(Duration::millis(300 + 2_970));
+    assert_eq!(dut.get(Reg::AF), AT_ZERO | CALIBRATED);
 }
 
 #[test]
 fn what_calibrates() {
-    let calibrates = |prepare: &dyn Fn(&mut Bed), reg, value| {
-        let mut bed = bed();
-        prepare(&mut bed);
-        bed.wait(10.secs());
-        bed.set(reg, value);
-        bed.get(Reg::AF) & CALIBRATED == 0
+    let calibrates = |prepare: &dyn Fn(&mut Dut), reg, value| {
+        let mut dut = dut();
+        prepare(&mut dut);
+        dut.wait(10.secs());
+        dut.set(reg, value);
+        dut.get(Reg::AF) & CALIBRATED == 0
     };
     assert!(calibrates(&|_| {}, Reg::SC, 1));
     assert!(calibrates(&|_| {}, Reg::CF, 1));
-    assert!(calibrates(&|bed| bed.set(Reg::AS, 0), Reg::AS, 1));
+    assert!(calibrates(&|dut| dut.set(Reg::AS, 0), Reg::AS, 1));
     assert!(!calibrates(&|_| {}, Reg::AS, 1));
-    assert!(calibrates(&|bed| bed.set(Reg::DE, 0), Reg::DE, 1));
+    assert!(calibrates(&|dut| dut.set(Reg::DE, 0), Reg::DE, 1));
     assert!(!calibrates(&|_| {}, Reg::DE, 1));
     assert!(calibrates(&|_| {}, Reg::MS, 128));
     assert!(!calibrates(&|_| {}, Reg::MS, 256));
     // Ctrl-C, which takes as long as power-on.
-    let mut bed = Bed::off(Mdrive::hybrid(), vec![0xFF; MEMORY]);
-    bed.power_on(false);
-    bed.wait(5.secs());
-    assert_eq!(bed.get(Reg::AF) & CALIBRATED, CALIBRATED);
-    bed.connect(Link(0));
-    bed.type_in(Link(0), "\x03");
-    bed.wait(1.secs());
-    assert_eq!(bed.get(Reg::AF) & CALIBRATED, 0);
+    let mut dut = Dut::off(Mdrive::hybrid(), vec![0xFF; MEMORY]);
+    dut.power_on(false);
+    dut.wait(5.secs());
+    assert_eq!(dut.get(Reg::AF) & CALIBRATED, CALIBRATED);
+    dut.connect(Link(0));
+    dut.type_in(Link(0), "\x03");
+    dut.wait(1.secs());
+    assert_eq!(dut.get(Reg::AF) & CALIBRATED, 0);
 }
 
 #[test]
 fn what_a_calibration_forbids_and_what_forbids_it() {
-    let mut bed = bed();
-    bed.set(Reg::SC, 1);
+    let mut dut = dut();
+    dut.set(Reg::SC, 1);
     // MC 9.6: 88 moves, 87 AS.
-    bed.refused(&[16, 0, 0x46, 0, 2, 4, 0, 0, 0x10, 0], 4, 88);
-    bed.refused(&[16, 0, 0x78, 0, 2, 4, 0, 0, 0x10, 0], 4, 88);
-    bed.refused(&[16, 0, 0x8E, 0, 1, 2, 0, 1], 4, 87);
-    bed.wait(4.secs());
-    bed.write(0x78, 2, 5_000);
-    bed.wait(1.secs());
+    dut.refused(&[16, 0, 0x46, 0, 2, 4, 0, 0, 0x10, 0], 4, 88);
+    dut.refused(&[16, 0, 0x78, 0, 2, 4, 0, 0, 0x10, 0], 4, 88);
+    dut.refused(&[16, 0, 0x8E, 0, 1, 2, 0, 1], 4, 87);
+    dut.wait(4.secs());
+    dut.write(0x78, 2, 5_000);
+    dut.wait(1.secs());
     // 89 SC, 94 CF in motion.
-    bed.refused(&[16, 0, 0xA1, 0, 1, 2, 0, 1], 4, 89);
-    bed.refused(&[16, 0, 0x93, 0, 1, 2, 0, 1], 4, 94);
-    assert_eq!(bed.get(Reg::AF) & CALIBRATED, CALIBRATED);
+    dut.refused(&[16, 0, 0xA1, 0, 1, 2, 0, 1], 4, 89);
+    dut.refused(&[16, 0, 0x93, 0, 1, 2, 0, 1], 4, 94);
+    assert_eq!(dut.get(Reg::AF) & CALIBRATED, CALIBRATED);
 }
 
 #[test]
 fn a_rotor_that_cannot_be_calibrated_is_given_up_after_10_s() {
     // MC 5-9: 109, the flag is set, the bridge off.
     for (fault, held) in [("calibration", false), ("stall", true), ("locked_rotor", false)] {
-        let mut bed = bed();
-        bed.fault(fault, true);
-        bed.error();
-        let counts = bed.get(Reg::C2);
-        let begin = bed.now;
-        bed.set(Reg::CF, 1);
-        assert_eq!(bed.lasts(|bed| bed.flags() & FAILED == 0), 10.secs(), "{fault}");
-        assert_eq!(bed.now.since(begin), 10.secs());
-        assert_eq!(bed.flags(), LOCKED | CALIBRATED | FAILED);
+        let mut dut = dut();
+        dut.fault(fault, true);
+        dut.error();
+        let counts = dut.get(Reg::C2);
+        let begin = dut.now;
+        dut.set(Reg::CF, 1);
+        assert_eq!(dut.lasts(|dut| dut.flags() & FAILED == 0), 10.secs(), "{fault}");
+        assert_eq!(dut.now.since(begin), 10.secs());
+        assert_eq!(dut.flags(), LOCKED | CALIBRATED | FAILED);
         // One byte on the bus (FB 5.1).
-        assert_eq!(bed.get(Reg::AF), LOCKED | CALIBRATED);
-        assert_eq!(bed.ask(&[3, 0, 0x8F, 0, 1]), [3, 2, 0, 136]);
-        assert_eq!((bed.get(Reg::LR), bed.error()), (1, 109));
+        assert_eq!(dut.get(Reg::AF), LOCKED | CALIBRATED);
+        assert_eq!(dut.ask(&[3, 0, 0x8F, 0, 1]), [3, 2, 0, 136]);
+        assert_eq!((dut.get(Reg::LR), dut.error()), (1, 109));
         if held {
-            assert_eq!(bed.get(Reg::C2), counts);
+            assert_eq!(dut.get(Reg::C2), counts);
         }
         // The bridge is off: the indexer runs, the motor does not.
-        let counts = bed.get(Reg::C2);
-        bed.set(Reg::MR, 51_200);
-        bed.wait(5.secs());
-        assert_eq!((bed.get(Reg::C1), bed.get(Reg::C2)), (51_200, counts));
+        let counts = dut.get(Reg::C2);
+        dut.set(Reg::MR, 51_200);
+        dut.wait(5.secs());
+        assert_eq!((dut.get(Reg::C1), dut.get(Reg::C2)), (51_200, counts));
         // Once the cause is gone CF is enough.
-        bed.fault(fault, false);
-        bed.set(Reg::CF, 1);
-        bed.wait(5.secs());
-        assert_eq!((bed.get(Reg::AF), bed.get(Reg::LR)), (AT_ZERO | CALIBRATED, 0));
+        dut.fault(fault, false);
+        dut.set(Reg::CF, 1);
+        dut.wait(5.secs());
+        assert_eq!((dut.get(Reg::AF), dut.get(Reg::LR)), (AT_ZERO | CALIBRATED, 0));
     }
 }
 
@@ -177,79 +174,79 @@ fn a_rotor_that_cannot_be_calibrated_is_given_up_after_10_s() {
 fn a_rotor_at_its_bounds_is_locked_after_lt() {
     // MC 5-10, 5-44: 1.1, 1.3, 1.5 and 1.7 full steps.
     for (bounds, tenths) in [(0, 11), (1, 13), (2, 15), (3, 17)] {
-        let mut bed = bed();
-        bed.set(Reg::CB, bounds);
-        bed.set(Reg::LT, 65_535);
-        bed.fault("stall", true);
-        bed.write(0x78, 2, 1_000);
-        let reaches = bed.lasts(|bed| bed.get(Reg::AF) & ACTIVE == 0);
+        let mut dut = dut();
+        dut.set(Reg::CB, bounds);
+        dut.set(Reg::LT, 65_535);
+        dut.fault("stall", true);
+        dut.write(0x78, 2, 1_000);
+        let reaches = dut.lasts(|dut| dut.get(Reg::AF) & ACTIVE == 0);
         // At 1,000 steps/s, from the first tick on: VI is as much.
-        assert_eq!(bed.get(Reg::C1), STEPS * tenths / 10);
-        assert_eq!(bed.get(Reg::LL), STEPS * tenths / 10);
+        assert_eq!(dut.get(Reg::C1), STEPS * tenths / 10);
+        assert_eq!(dut.get(Reg::LL), STEPS * tenths / 10);
         assert_eq!(reaches, (STEPS as u64 * tenths as u64 / 10).millis());
-        bed.set(Reg::LT, 500);
-        assert_eq!(bed.lasts(|bed| bed.get(Reg::LR) == 0), 500.millis());
-        assert_eq!(bed.get(Reg::AF), LOCKED | CALIBRATED);
-        assert_eq!(bed.error(), 104);
+        dut.set(Reg::LT, 500);
+        assert_eq!(dut.lasts(|dut| dut.get(Reg::LR) == 0), 500.millis());
+        assert_eq!(dut.get(Reg::AF), LOCKED | CALIBRATED);
+        assert_eq!(dut.error(), 104);
         // "Clear Locked Rotor Fault not allowed while in Motion", then it calibrates.
-        bed.fault("stall", false);
-        bed.write(0x78, 2, 0);
-        bed.wait(1.secs());
-        bed.set(Reg::CF, 1);
-        bed.wait(5.secs());
-        assert_eq!((bed.get(Reg::AF), bed.get(Reg::LL)), (AT_ZERO | CALIBRATED, 0));
+        dut.fault("stall", false);
+        dut.write(0x78, 2, 0);
+        dut.wait(1.secs());
+        dut.set(Reg::CF, 1);
+        dut.wait(5.secs());
+        assert_eq!((dut.get(Reg::AF), dut.get(Reg::LL)), (AT_ZERO | CALIBRATED, 0));
     }
 }
 
 #[test]
 fn a_rotor_that_is_free_again_goes_on_and_lags() {
-    let mut bed = bed();
-    let counts = bed.get(Reg::C2);
-    bed.fault("stall", true);
-    bed.write(0x78, 2, 10_000);
-    bed.wait(1.secs());
-    assert_eq!(bed.get(Reg::AF), ACTIVE | CALIBRATED);
-    bed.fault("stall", false);
-    bed.wait(1.secs());
-    bed.write(0x78, 2, 0);
-    bed.wait(1.secs());
+    let mut dut = dut();
+    let counts = dut.get(Reg::C2);
+    dut.fault("stall", true);
+    dut.write(0x78, 2, 10_000);
+    dut.wait(1.secs());
+    assert_eq!(dut.get(Reg::AF), ACTIVE | CALIBRATED);
+    dut.fault("stall", false);
+    dut.wait(1.secs());
+    dut.write(0x78, 2, 0);
+    dut.wait(1.secs());
     // It falls in where the field's torque repeats: every four full steps.
-    let lag = bed.get(Reg::LL);
+    let lag = dut.get(Reg::LL);
     assert_eq!(lag % (4 * STEPS), 0);
     assert!((lag - 9_500).abs() <= 2 * STEPS + 600, "{lag}");
-    assert_eq!(bed.get(Reg::AF), CALIBRATED);
-    assert_eq!(bed.get(Reg::C2) - counts, (bed.get(Reg::C1) - lag) * COUNTS / STEPS);
-    assert_eq!(bed.error(), 0);
+    assert_eq!(dut.get(Reg::AF), CALIBRATED);
+    assert_eq!(dut.get(Reg::C2) - counts, (dut.get(Reg::C1) - lag) * COUNTS / STEPS);
+    assert_eq!(dut.error(), 0);
     // MU = n,1 forgets it.
-    bed.connect(Link(0));
-    bed.type_in(Link(0), "MU=0,1\r");
-    assert_eq!((bed.get(Reg::LL), bed.get(Reg::AF)), (0, AT_ZERO | CALIBRATED));
+    dut.connect(Link(0));
+    dut.type_in(Link(0), "MU=0,1\r");
+    assert_eq!((dut.get(Reg::LL), dut.get(Reg::AF)), (0, AT_ZERO | CALIBRATED));
 }
 
 #[test]
 fn missed_steps_are_made_up_for_at_mf_or_ss() {
     // MC 5-46, 5-50: MU 1 at MF, 2 at SS: 10 MHz/(255 + 2) = 38,910.
     for (mode, reg, value, frequency) in [(1, Reg::MF, 1_000, 1_000), (2, Reg::SS, 255, 38_910)] {
-        let mut bed = bed();
-        let counts = bed.get(Reg::C2);
-        bed.set(reg, value);
-        bed.set(Reg::VM, 30_000);
-        bed.fault("stall", true);
-        bed.set(Reg::MR, 2_048);
-        bed.wait(500.millis());
-        assert_eq!((bed.get(Reg::LL), bed.get(Reg::C1)), (2_048, 2_048));
-        bed.fault("stall", false);
-        bed.wait(10.millis());
-        assert_eq!((bed.get(Reg::LL), bed.get(Reg::C2) - counts), (2_048, 0), "MU is 0");
-        bed.set(Reg::MU, mode);
-        assert_eq!(bed.get(Reg::AF), ACTIVE | CALIBRATED);
-        let took = bed.lasts(|bed| bed.get(Reg::AF) & ACTIVE != 0);
+        let mut dut = dut();
+        let counts = dut.get(Reg::C2);
+        dut.set(reg, value);
+        dut.set(Reg::VM, 30_000);
+        dut.fault("stall", true);
+        dut.set(Reg::MR, 2_048);
+        dut.wait(500.millis());
+        assert_eq!((dut.get(Reg::LL), dut.get(Reg::C1)), (2_048, 2_048));
+        dut.fault("stall", false);
+        dut.wait(10.millis());
+        assert_eq!((dut.get(Reg::LL), dut.get(Reg::C2) - counts), (2_048, 0), "MU is 0");
+        dut.set(Reg::MU, mode);
+        assert_eq!(dut.get(Reg::AF), ACTIVE | CALIBRATED);
+        let took = dut.lasts(|dut| dut.get(Reg::AF) & ACTIVE != 0);
         let expected = Duration::from_ticks(16_000_000 * 2_048 / frequency);
         let off = took.max(expected) - took.min(expected);
         assert!(off <= 10.micros(), "{took:?}, {expected:?}");
-        assert_eq!((bed.get(Reg::LL), bed.get(Reg::C1)), (0, 2_048));
-        assert_eq!(bed.get(Reg::C2) - counts, 8 * COUNTS);
-        assert_eq!(bed.get(Reg::AF), AT_ZERO | CALIBRATED);
+        assert_eq!((dut.get(Reg::LL), dut.get(Reg::C1)), (0, 2_048));
+        assert_eq!(dut.get(Reg::C2) - counts, 8 * COUNTS);
+        assert_eq!(dut.get(Reg::AF), AT_ZERO | CALIBRATED);
     }
 }
 
@@ -267,24 +264,24 @@ fn make_up_is_cleared_when_the_bridge_is_disabled() {
             (1, "locked_rotor"),
             (2, "over_temperature"),
         ] {
-            let mut bed = bed();
-            bed.set(Reg::AS, circuitry);
-            bed.wait(5.secs());
-            bed.set(Reg::MU, mode);
-            bed.wait(1.secs());
-            assert_eq!(bed.get(Reg::MU), mode);
+            let mut dut = dut();
+            dut.set(Reg::AS, circuitry);
+            dut.wait(5.secs());
+            dut.set(Reg::MU, mode);
+            dut.wait(1.secs());
+            assert_eq!(dut.get(Reg::MU), mode);
             match disables {
-                "DE" => bed.set(Reg::DE, 0),
-                "DC" => bed.set(Reg::DC, 0x1C),
-                fault => bed.fault(fault, true),
+                "DE" => dut.set(Reg::DE, 0),
+                "DC" => dut.set(Reg::DC, 0x1C),
+                fault => dut.fault(fault, true),
             }
-            bed.wait(100.secs());
+            dut.wait(100.secs());
             let left = if circuitry == 0 { mode } else { 0 };
-            assert_eq!(bed.get(Reg::MU), left, "AS {circuitry}, {disables}");
+            assert_eq!(dut.get(Reg::MU), left, "AS {circuitry}, {disables}");
             // What is written then stays.
-            bed.set(Reg::MU, mode);
-            bed.set(Reg::HC, 6);
-            assert_eq!(bed.get(Reg::MU), mode);
+            dut.set(Reg::MU, mode);
+            dut.set(Reg::HC, 6);
+            assert_eq!(dut.get(Reg::MU), mode);
         }
     }
 }
@@ -294,52 +291,52 @@ fn make_up_is_cleared_when_the_bridge_is_disabled() {
 #[test]
 fn a_load_turns_a_rotor_at_rest() {
     for (load, way, limit) in [(109, 0, 0), (-109, 0, 0), (111, 1, 107), (-111, -1, 106)] {
-        let mut bed = bed();
-        bed.set(Reg::HoldingTorque, 400);
-        bed.set(Reg::HC, 25);
-        bed.set(Reg::LT, 5_000);
-        bed.wait(3.secs());
-        bed.set(Reg::Load, load);
-        bed.wait(1.secs());
+        let mut dut = dut();
+        dut.set(Reg::HoldingTorque, 400);
+        dut.set(Reg::HC, 25);
+        dut.set(Reg::LT, 5_000);
+        dut.wait(3.secs());
+        dut.set(Reg::Load, load);
+        dut.wait(1.secs());
         // 12.5 rad, of a radian 51,200/2π steps; forward motion of the steps is lag.
         let lag = way * 101_859;
-        assert!((bed.get(Reg::LL) - lag).abs() <= 60, "{load}: {}", bed.get(Reg::LL));
-        assert_eq!(bed.get(Reg::LR), 0);
-        bed.wait(1.secs());
-        assert_eq!(bed.error(), limit);
+        assert!((dut.get(Reg::LL) - lag).abs() <= 60, "{load}: {}", dut.get(Reg::LL));
+        assert_eq!(dut.get(Reg::LR), 0);
+        dut.wait(1.secs());
+        assert_eq!(dut.error(), limit);
         // Lighter, and MU brings it back.
-        bed.set(Reg::Load, 0);
-        bed.set(Reg::MU, 1);
-        bed.wait(3.secs());
-        assert_eq!((bed.get(Reg::LL), bed.get(Reg::LR), bed.get(Reg::C1)), (0, 0, 0));
+        dut.set(Reg::Load, 0);
+        dut.set(Reg::MU, 1);
+        dut.wait(3.secs());
+        assert_eq!((dut.get(Reg::LL), dut.get(Reg::LR), dut.get(Reg::C1)), (0, 0, 0));
         // Without the bridge friction alone holds it.
-        bed.set(Reg::DE, 0);
-        bed.set(Reg::Load, load.signum() * 9);
-        assert_eq!(bed.turned(1.secs()), 0);
-        bed.set(Reg::Load, load.signum() * 12);
-        assert_eq!(bed.turned(1.secs()).signum(), -load.signum());
+        dut.set(Reg::DE, 0);
+        dut.set(Reg::Load, load.signum() * 9);
+        assert_eq!(dut.turned(1.secs()), 0);
+        dut.set(Reg::Load, load.signum() * 12);
+        assert_eq!(dut.turned(1.secs()).signum(), -load.signum());
     }
 }
 
 #[test]
 fn a_move_does_not_wait_for_make_up() {
-    let mut bed = bed();
-    bed.fault("stall", true);
-    bed.set(Reg::MR, 2_048);
-    bed.wait(500.millis());
-    bed.fault("stall", false);
-    bed.set(Reg::MF, 306);
-    bed.set(Reg::MU, 1);
-    bed.wait(1.secs());
-    let left = bed.get(Reg::LL);
+    let mut dut = dut();
+    dut.fault("stall", true);
+    dut.set(Reg::MR, 2_048);
+    dut.wait(500.millis());
+    dut.fault("stall", false);
+    dut.set(Reg::MF, 306);
+    dut.set(Reg::MU, 1);
+    dut.wait(1.secs());
+    let left = dut.get(Reg::LL);
     assert!((2_048 - left - 306).abs() <= 2, "{left}");
-    let begin = bed.get(Reg::C1);
-    bed.set(Reg::MR, 51_200);
-    bed.wait(100.millis());
-    assert_eq!(bed.get(Reg::MV), 1);
-    assert!((bed.get(Reg::LL) - left).abs() <= 1);
-    bed.wait(20.secs());
-    assert_eq!((bed.get(Reg::C1), bed.get(Reg::LL)), (begin + 51_200, 0));
+    let begin = dut.get(Reg::C1);
+    dut.set(Reg::MR, 51_200);
+    dut.wait(100.millis());
+    assert_eq!(dut.get(Reg::MV), 1);
+    assert!((dut.get(Reg::LL) - left).abs() <= 1);
+    dut.wait(20.secs());
+    assert_eq!((dut.get(Reg::C1), dut.get(Reg::LL)), (begin + 51_200, 0));
 }
 
 #[test]
@@ -348,94 +345,94 @@ fn lag_and_lead_limits() {
     for (reg, address, speed, error, bit) in
         [(Reg::LG, 0x97, 1_000, 107, LAG), (Reg::LD, 0x95, -1_000, 106, LEAD)]
     {
-        let mut bed = bed();
-        bed.write(address, 2, 300);
-        assert_eq!(bed.get(reg), 300);
-        bed.set(Reg::LT, 60_000);
-        bed.fault("stall", true);
-        bed.write(0x78, 2, speed);
-        let took = bed.lasts(|bed| bed.get(Reg::AF) & bit == 0);
+        let mut dut = dut();
+        dut.write(address, 2, 300);
+        assert_eq!(dut.get(reg), 300);
+        dut.set(Reg::LT, 60_000);
+        dut.fault("stall", true);
+        dut.write(0x78, 2, speed);
+        let took = dut.lasts(|dut| dut.get(Reg::AF) & bit == 0);
         assert_eq!(took, 300.millis());
-        assert_eq!(bed.get(Reg::LL), 300 * speed.signum());
-        assert_eq!(bed.error(), error);
+        assert_eq!(dut.get(Reg::LL), 300 * speed.signum());
+        assert_eq!(dut.error(), error);
         // Told once.
-        bed.wait(100.millis());
-        assert_eq!(bed.error(), 0);
+        dut.wait(100.millis());
+        assert_eq!(dut.error(), 0);
     }
 }
 
 #[test]
 fn faults_without_a_cause_in_the_model() {
     for (fault, bit, error) in [("lead_limit", LEAD, 106), ("lag_limit", LAG, 107)] {
-        let mut bed = bed();
-        bed.fault(fault, true);
-        assert_eq!(bed.get(Reg::AF), AT_ZERO | CALIBRATED | bit);
-        assert_eq!(bed.error(), error);
-        bed.fault(fault, true);
-        assert_eq!(bed.error(), 0);
-        bed.fault(fault, false);
-        assert_eq!(bed.get(Reg::AF), AT_ZERO | CALIBRATED);
+        let mut dut = dut();
+        dut.fault(fault, true);
+        assert_eq!(dut.get(Reg::AF), AT_ZERO | CALIBRATED | bit);
+        assert_eq!(dut.error(), error);
+        dut.fault(fault, true);
+        assert_eq!(dut.error(), 0);
+        dut.fault(fault, false);
+        assert_eq!(dut.get(Reg::AF), AT_ZERO | CALIBRATED);
     }
-    let mut bed = bed();
-    bed.fault("locked_rotor", true);
-    assert_eq!((bed.get(Reg::AF), bed.get(Reg::LR), bed.error()), (LOCKED | CALIBRATED, 1, 104));
-    bed.fault("locked_rotor", false);
-    assert_eq!(bed.get(Reg::LR), 1, "until CF");
-    bed.set(Reg::CF, 1);
-    assert_eq!(bed.get(Reg::LR), 0);
+    let mut dut = dut();
+    dut.fault("locked_rotor", true);
+    assert_eq!((dut.get(Reg::AF), dut.get(Reg::LR), dut.error()), (LOCKED | CALIBRATED, 1, 104));
+    dut.fault("locked_rotor", false);
+    assert_eq!(dut.get(Reg::LR), 1, "until CF");
+    dut.set(Reg::CF, 1);
+    assert_eq!(dut.get(Reg::LR), 0);
 }
 
 #[test]
 fn torque_mode_turns_the_rotor_without_steps() {
-    let mut bed = bed();
+    let mut dut = dut();
     // 10 MHz/(198 + 2) = 50,000 steps/s.
-    bed.set(Reg::TS, 198);
-    bed.set(Reg::TD, 0);
-    let counts = bed.get(Reg::C2);
-    bed.set(Reg::AS, 3);
-    assert_eq!(bed.get(Reg::AF), ACTIVE | CALIBRATED);
-    bed.wait(1.secs());
-    let before = bed.get(Reg::C2);
+    dut.set(Reg::TS, 198);
+    dut.set(Reg::TD, 0);
+    let counts = dut.get(Reg::C2);
+    dut.set(Reg::AS, 3);
+    assert_eq!(dut.get(Reg::AF), ACTIVE | CALIBRATED);
+    dut.wait(1.secs());
+    let before = dut.get(Reg::C2);
     assert!(before < counts);
-    bed.wait(1.secs());
-    let turned = before - bed.get(Reg::C2);
+    dut.wait(1.secs());
+    let turned = before - dut.get(Reg::C2);
     assert!((turned - 50_000 * 4_000 / 51_200).abs() <= 1, "{turned}");
-    assert_eq!((bed.get(Reg::V), bed.get(Reg::MV), bed.get(Reg::C1), bed.get(Reg::LL)), (0, 0, 0, 0));
+    assert_eq!((dut.get(Reg::V), dut.get(Reg::MV), dut.get(Reg::C1), dut.get(Reg::LL)), (0, 0, 0, 0));
     // "Takes effect when torque mode starts" (MC 5-72).
-    bed.set(Reg::TD, 1);
-    let before = bed.get(Reg::C2);
-    bed.wait(100.millis());
-    assert!(bed.get(Reg::C2) < before);
+    dut.set(Reg::TD, 1);
+    let before = dut.get(Reg::C2);
+    dut.wait(100.millis());
+    assert!(dut.get(Reg::C2) < before);
     // A rotor that is stopped is locked after LT, but the bridge stays on (MC 5-44).
-    bed.fault("stall", true);
-    assert_eq!(bed.lasts(|bed| bed.get(Reg::LR) == 0), 2.secs());
-    assert_eq!((bed.error(), bed.get(Reg::AF)), (0, LOCKED | ACTIVE | CALIBRATED));
-    bed.fault("stall", false);
-    let before = bed.get(Reg::C2);
-    bed.wait(100.millis());
-    assert!(bed.get(Reg::C2) < before);
-    assert_eq!(bed.get(Reg::LR), 0);
+    dut.fault("stall", true);
+    assert_eq!(dut.lasts(|dut| dut.get(Reg::LR) == 0), 2.secs());
+    assert_eq!((dut.error(), dut.get(Reg::AF)), (0, LOCKED | ACTIVE | CALIBRATED));
+    dut.fault("stall", false);
+    let before = dut.get(Reg::C2);
+    dut.wait(100.millis());
+    assert!(dut.get(Reg::C2) < before);
+    assert_eq!(dut.get(Reg::LR), 0);
     // Back to the position: it comes to standstill, and there neither lags nor leads.
-    bed.set(Reg::AS, 2);
-    bed.wait(100.millis());
-    let counts = bed.get(Reg::C2);
-    bed.wait(1.secs());
-    assert_eq!((bed.get(Reg::C2), bed.get(Reg::AF)), (counts, AT_ZERO | CALIBRATED));
-    bed.set(Reg::MR, 51_200);
-    bed.wait(5.secs());
-    assert_eq!((bed.get(Reg::C1), bed.get(Reg::C2)), (51_200, counts + 4_000));
+    dut.set(Reg::AS, 2);
+    dut.wait(100.millis());
+    let counts = dut.get(Reg::C2);
+    dut.wait(1.secs());
+    assert_eq!((dut.get(Reg::C2), dut.get(Reg::AF)), (counts, AT_ZERO | CALIBRATED));
+    dut.set(Reg::MR, 51_200);
+    dut.wait(5.secs());
+    assert_eq!((dut.get(Reg::C1), dut.get(Reg::C2)), (51_200, counts + 4_000));
 }
 
 /// At 3,000 rpm, which 25 % of the torque take 1.024 s to reach: 9,765 full steps/s².
-fn at_full_speed() -> Bed {
-    let mut bed = bed();
-    bed.set(Reg::AS, 3);
-    bed.wait(2.secs());
-    assert_eq!(bed.turned(10.millis()), 2_000, "counts: 4,000 a turn, 50 turns/s");
-    bed
+fn at_full_speed() -> Dut {
+    let mut dut = dut();
+    dut.set(Reg::AS, 3);
+    dut.wait(2.secs());
+    assert_eq!(dut.turned(10.millis()), 2_000, "counts: 4,000 a turn, 50 turns/s");
+    dut
 }
 
-impl Bed {
+impl Dut {
     /// Counts of C2 in that time.
     fn turned(&mut self, time: Duration) -> i64 {
         let before = self.get(Reg::C2);
@@ -451,249 +448,249 @@ impl Bed {
 
 #[test]
 fn a_rotor_that_was_held_begins_anew() {
-    let mut bed = at_full_speed();
-    bed.fault("stall", true);
-    let position = bed.drive.drive.motion.plan().position_at(bed.now);
-    assert_eq!((bed.turned(3.secs()), bed.speed(), bed.get(Reg::LR)), (0, 0, 1));
-    assert_eq!(bed.drive.drive.motion.plan().position_at(bed.now), position);
-    bed.fault("stall", false);
-    assert_eq!((bed.speed(), bed.get(Reg::LR)), (0, 0));
+    let mut dut = at_full_speed();
+    dut.fault("stall", true);
+    let position = dut.drive.drive.motion.plan().position_at(dut.now);
+    assert_eq!((dut.turned(3.secs()), dut.speed(), dut.get(Reg::LR)), (0, 0, 1));
+    assert_eq!(dut.drive.drive.motion.plan().position_at(dut.now), position);
+    dut.fault("stall", false);
+    assert_eq!((dut.speed(), dut.get(Reg::LR)), (0, 0));
     // 9,765 full steps/s²: 2.4 counts in 5 ms, 976 in 100 ms, full speed after 1.024 s.
-    assert!((1..=4).contains(&bed.turned(5.millis())));
-    let turned = bed.turned(95.millis());
+    assert!((1..=4).contains(&dut.turned(5.millis())));
+    let turned = dut.turned(95.millis());
     assert!((970..=977).contains(&turned), "{turned}");
-    bed.wait(930.millis());
-    assert_eq!((bed.turned(10.millis()), bed.speed()), (2_000, 2_560_000));
+    dut.wait(930.millis());
+    assert_eq!((dut.turned(10.millis()), dut.speed()), (2_000, 2_560_000));
 }
 
 #[test]
 fn what_ends_torque_mode_brakes_the_rotor() {
     for mode in [2, 1, 0] {
-        let mut bed = at_full_speed();
-        bed.set(Reg::AS, mode);
-        assert_eq!(bed.get(Reg::AF), ACTIVE | CALIBRATED);
+        let mut dut = at_full_speed();
+        dut.set(Reg::AS, mode);
+        assert_eq!(dut.get(Reg::AF), ACTIVE | CALIBRATED);
         // RC is 25 %: 1.024 s to standstill, 102,400 counts.
-        assert!((1_955..=2_000).contains(&bed.turned(10.millis())));
-        bed.refused(&[16, 0, 0xA1, 0, 1, 2, 0, 1], 4, 89);
-        bed.refused(&[16, 0, 0x93, 0, 1, 2, 0, 1], 4, 94);
-        bed.refused(&[16, 0, 0x76, 0, 1, 2, 0, 1], 4, 73);
-        bed.refused(&[16, 0, 0x48, 0, 1, 2, 0, 128], 4, 89);
-        let turned = bed.turned(1_020.millis());
+        assert!((1_955..=2_000).contains(&dut.turned(10.millis())));
+        dut.refused(&[16, 0, 0xA1, 0, 1, 2, 0, 1], 4, 89);
+        dut.refused(&[16, 0, 0x93, 0, 1, 2, 0, 1], 4, 94);
+        dut.refused(&[16, 0, 0x76, 0, 1, 2, 0, 1], 4, 73);
+        dut.refused(&[16, 0, 0x48, 0, 1, 2, 0, 128], 4, 89);
+        let turned = dut.turned(1_020.millis());
         assert!((100_390..=100_450).contains(&turned), "{turned}");
         let at_zero = if mode == 0 { 0 } else { AT_ZERO };
-        assert_eq!((bed.turned(1.secs()), bed.get(Reg::AF), bed.get(Reg::LL)), (0, at_zero | CALIBRATED, 0));
-        bed.set(Reg::S, 1);
+        assert_eq!((dut.turned(1.secs()), dut.get(Reg::AF), dut.get(Reg::LL)), (0, at_zero | CALIBRATED, 0));
+        dut.set(Reg::S, 1);
     }
 }
 
 #[test]
 fn a_move_waits_for_the_rotor() {
-    let mut bed = at_full_speed();
-    bed.set(Reg::MR, 51_200);
-    bed.wait(1.secs());
-    assert_eq!((bed.get(Reg::MV), bed.get(Reg::C1)), (0, 0), "torque mode makes no steps");
-    bed.set(Reg::AS, 2);
-    bed.set(Reg::MR, 51_200);
-    assert_eq!((bed.get(Reg::MV), bed.get(Reg::MP)), (1, 1));
-    bed.wait(1_030.millis());
-    let counts = bed.get(Reg::C2);
-    bed.wait(2.secs());
-    assert_eq!((bed.get(Reg::C1), bed.get(Reg::MV)), (51_200, 0));
-    assert!((3_990..=4_000).contains(&(bed.get(Reg::C2) - counts)));
+    let mut dut = at_full_speed();
+    dut.set(Reg::MR, 51_200);
+    dut.wait(1.secs());
+    assert_eq!((dut.get(Reg::MV), dut.get(Reg::C1)), (0, 0), "torque mode makes no steps");
+    dut.set(Reg::AS, 2);
+    dut.set(Reg::MR, 51_200);
+    assert_eq!((dut.get(Reg::MV), dut.get(Reg::MP)), (1, 1));
+    dut.wait(1_030.millis());
+    let counts = dut.get(Reg::C2);
+    dut.wait(2.secs());
+    assert_eq!((dut.get(Reg::C1), dut.get(Reg::MV)), (51_200, 0));
+    assert!((3_990..=4_000).contains(&(dut.get(Reg::C2) - counts)));
 }
 
 #[test]
 fn without_a_bridge_the_rotor_coasts() {
-    let mut bed = at_full_speed();
-    bed.set(Reg::DE, 0);
+    let mut dut = at_full_speed();
+    dut.set(Reg::DE, 0);
     // 10 mN·m at 400 g·cm²: 7,950 full steps/s², 1.258 s to standstill, 125,786 counts.
-    assert!((1_960..=2_000).contains(&bed.turned(10.millis())));
-    bed.refused(&[16, 0, 0x1C, 0, 1, 2, 0, 1], 4, 89);
-    let turned = bed.turned(1_260.millis());
+    assert!((1_960..=2_000).contains(&dut.turned(10.millis())));
+    dut.refused(&[16, 0, 0x1C, 0, 1, 2, 0, 1], 4, 89);
+    let turned = dut.turned(1_260.millis());
     assert!((123_780..=123_850).contains(&turned), "{turned}");
-    assert_eq!(bed.turned(1.secs()), 0);
-    bed.set(Reg::DE, 1);
-    assert_eq!(bed.get(Reg::AF), 0, "it calibrates");
+    assert_eq!(dut.turned(1.secs()), 0);
+    dut.set(Reg::DE, 1);
+    assert_eq!(dut.get(Reg::AF), 0, "it calibrates");
     // More friction, less time.
-    let mut bed = at_full_speed();
-    bed.set(Reg::Friction, 100);
-    bed.set(Reg::DE, 0);
-    bed.wait(130.millis());
-    assert_eq!(bed.turned(1.secs()), 0);
+    let mut dut = at_full_speed();
+    dut.set(Reg::Friction, 100);
+    dut.set(Reg::DE, 0);
+    dut.wait(130.millis());
+    assert_eq!(dut.turned(1.secs()), 0);
 }
 
 /// What torque there is for its speed: at TQ 25 of 400 mN·m, less 10 of friction, nine tenths of 3,000 rpm.
 #[test]
 fn a_motor_of_the_bench_turns_as_fast_as_its_torque_allows() {
-    let mut bed = bed();
-    bed.set(Reg::HoldingTorque, 400);
-    bed.set(Reg::AS, 3);
-    bed.wait(3.secs());
-    let turned = bed.turned(100.millis());
+    let mut dut = dut();
+    dut.set(Reg::HoldingTorque, 400);
+    dut.set(Reg::AS, 3);
+    dut.wait(3.secs());
+    let turned = dut.turned(100.millis());
     assert!((14_000..=18_000).contains(&turned), "{turned}");
     // A load that is too heavy stops it, and locks it after LT; without that it begins anew.
-    bed.set(Reg::Load, 105);
-    assert_eq!((bed.turned(1_999.millis()), bed.get(Reg::LR)), (0, 0));
-    assert_eq!((bed.turned(2.millis()), bed.get(Reg::LR)), (0, 1));
-    bed.set(Reg::Load, 0);
-    assert!((1..=4).contains(&bed.turned(5.millis())));
-    assert_eq!(bed.get(Reg::LR), 0);
-    bed.wait(3.secs());
-    assert_eq!(bed.turned(100.millis()), turned);
-    bed.set(Reg::AS, 2);
-    bed.wait(5.secs());
-    assert_eq!((bed.turned(1.secs()), bed.get(Reg::AF)), (0, AT_ZERO | CALIBRATED));
+    dut.set(Reg::Load, 105);
+    assert_eq!((dut.turned(1_999.millis()), dut.get(Reg::LR)), (0, 0));
+    assert_eq!((dut.turned(2.millis()), dut.get(Reg::LR)), (0, 1));
+    dut.set(Reg::Load, 0);
+    assert!((1..=4).contains(&dut.turned(5.millis())));
+    assert_eq!(dut.get(Reg::LR), 0);
+    dut.wait(3.secs());
+    assert_eq!(dut.turned(100.millis()), turned);
+    dut.set(Reg::AS, 2);
+    dut.wait(5.secs());
+    assert_eq!((dut.turned(1.secs()), dut.get(Reg::AF)), (0, AT_ZERO | CALIBRATED));
 }
 
 /// What turns it back is heavier than torque and friction: 1 mN·m by 4·10⁻⁵ kg·m² are 25 rad/s², in 0.2 s half a
 /// radian, 318 of 4,000 counts. Once the load is gone 110 mN·m stop its 5 rad/s within 2 ms, and torque turns it again.
 #[test]
 fn a_load_turns_the_rotor_back_in_torque_mode() {
-    let mut bed = bed();
-    bed.set(Reg::HoldingTorque, 400);
-    bed.set(Reg::Load, 105);
-    bed.set(Reg::AS, 3);
-    bed.wait(5.secs());
-    assert_eq!(bed.turned(100.millis()), 0);
-    bed.set(Reg::Load, 111);
-    let turned_back = -bed.turned(200.millis());
+    let mut dut = dut();
+    dut.set(Reg::HoldingTorque, 400);
+    dut.set(Reg::Load, 105);
+    dut.set(Reg::AS, 3);
+    dut.wait(5.secs());
+    assert_eq!(dut.turned(100.millis()), 0);
+    dut.set(Reg::Load, 111);
+    let turned_back = -dut.turned(200.millis());
     assert!((315..=320).contains(&turned_back), "{turned_back}");
-    bed.set(Reg::Load, 0);
-    bed.wait(5.millis());
-    assert!(bed.turned(100.millis()) > 100);
+    dut.set(Reg::Load, 0);
+    dut.wait(5.millis());
+    assert!(dut.turned(100.millis()) > 100);
 }
 
 /// FB 5.1: with AS 1 and 2 the rotor responds at 10 MHz/(SS + 2) at most, 38,910 steps/s with 255.
 #[test]
 fn a_rotor_that_is_slower_than_the_motion_lags() {
     for mode in [1, 2] {
-        let mut bed = bed();
-        bed.set(Reg::AS, mode);
-        bed.set(Reg::SS, 255);
-        bed.set(Reg::VM, 100_000);
-        bed.set(Reg::LG, 20_000);
-        let counts = bed.get(Reg::C2);
-        bed.set(Reg::MR, 100_000);
-        assert_eq!(bed.get(Reg::AF), AT_ZERO | CALIBRATED);
-        bed.wait(200.millis());
-        let turned = bed.turned(100.millis());
+        let mut dut = dut();
+        dut.set(Reg::AS, mode);
+        dut.set(Reg::SS, 255);
+        dut.set(Reg::VM, 100_000);
+        dut.set(Reg::LG, 20_000);
+        let counts = dut.get(Reg::C2);
+        dut.set(Reg::MR, 100_000);
+        assert_eq!(dut.get(Reg::AF), AT_ZERO | CALIBRATED);
+        dut.wait(200.millis());
+        let turned = dut.turned(100.millis());
         assert!((turned - 3_891 * 4_000 / 51_200).abs() <= 1, "{turned}");
-        assert_eq!(bed.get(Reg::AF), ACTIVE | CALIBRATED);
-        bed.wait(2.secs());
+        assert_eq!(dut.get(Reg::AF), ACTIVE | CALIBRATED);
+        dut.wait(2.secs());
         // 61,090 steps/s for 0.90001 s, and twice the ramp of 61.09 ms to that.
-        let lag = bed.get(Reg::LL);
+        let lag = dut.get(Reg::LL);
         assert!((lag - 58_715).abs() <= 10, "{lag}");
-        assert_eq!((bed.get(Reg::AF), bed.get(Reg::LR), bed.error()), (LAG | CALIBRATED, 0, 107));
-        assert_eq!(bed.get(Reg::C2) - counts, (100_000 - lag) * 4_000 / 51_200);
+        assert_eq!((dut.get(Reg::AF), dut.get(Reg::LR), dut.error()), (LAG | CALIBRATED, 0, 107));
+        assert_eq!(dut.get(Reg::C2) - counts, (100_000 - lag) * 4_000 / 51_200);
         // At 38,910 steps/s, too, whatever MF is.
-        bed.set(Reg::MU, 1);
-        let took = bed.lasts(|bed| bed.get(Reg::AF) & ACTIVE != 0);
+        dut.set(Reg::MU, 1);
+        let took = dut.lasts(|dut| dut.get(Reg::AF) & ACTIVE != 0);
         assert!((1_500..=1_520).contains(&(took.ticks() / 16_000)), "{took:?}");
-        assert_eq!((bed.get(Reg::LL), bed.get(Reg::C2) - counts), (0, 100_000 * 4_000 / 51_200));
+        assert_eq!((dut.get(Reg::LL), dut.get(Reg::C2) - counts), (0, 100_000 * 4_000 / 51_200));
     }
     // Without the circuitry it does not count, and 0 is as fast as anything moves.
     for (mode, system) in [(0, 255), (2, 0)] {
-        let mut bed = bed();
-        bed.set(Reg::AS, mode);
-        bed.set(Reg::SS, system);
-        bed.set(Reg::VM, 5_000_000);
-        bed.set(Reg::A, 50_000_000);
-        bed.set(Reg::SL, 5_000_000);
-        bed.wait(1.secs());
-        assert_eq!(bed.turned(100.millis()), 39_063);
+        let mut dut = dut();
+        dut.set(Reg::AS, mode);
+        dut.set(Reg::SS, system);
+        dut.set(Reg::VM, 5_000_000);
+        dut.set(Reg::A, 50_000_000);
+        dut.set(Reg::SL, 5_000_000);
+        dut.wait(1.secs());
+        assert_eq!(dut.turned(100.millis()), 39_063);
     }
 }
 
 /// A locked rotor ends the motion as a stall does, and what waits for it.
 #[test]
 fn a_locked_rotor_ends_the_motion() {
-    let mut bed = bed();
-    bed.set(Reg::MR, 512_000);
-    bed.wait(200.millis());
-    bed.set(Reg::MR, 1_000);
-    bed.fault("locked_rotor", true);
-    assert_eq!((bed.get(Reg::MV), bed.error()), (0, 104));
-    let steps = bed.get(Reg::C1);
-    bed.wait(5.secs());
-    assert_eq!((bed.get(Reg::C1), bed.get(Reg::MV), bed.get(Reg::V)), (steps, 0, 0));
+    let mut dut = dut();
+    dut.set(Reg::MR, 512_000);
+    dut.wait(200.millis());
+    dut.set(Reg::MR, 1_000);
+    dut.fault("locked_rotor", true);
+    assert_eq!((dut.get(Reg::MV), dut.error()), (0, 104));
+    let steps = dut.get(Reg::C1);
+    dut.wait(5.secs());
+    assert_eq!((dut.get(Reg::C1), dut.get(Reg::MV), dut.get(Reg::V)), (steps, 0, 0));
 }
 
 #[test]
 fn an_overheated_drive_warns_and_switches_itself_off() {
-    let mut bed = bed();
-    assert_eq!(bed.get(Reg::IT), 40);
-    bed.set(Reg::WT, 60);
-    bed.fault("over_temperature", true);
+    let mut dut = dut();
+    assert_eq!(dut.get(Reg::IT), 40);
+    dut.set(Reg::WT, 60);
+    dut.fault("over_temperature", true);
     // 10 °C/s: above 60 °C after 2.1 s, 90 °C after 5 s.
-    bed.wait(2_099.millis());
-    assert_eq!((bed.get(Reg::IT), bed.error()), (60, 0));
-    bed.wait(1.millis());
-    assert_eq!((bed.get(Reg::IT), bed.error()), (61, 71));
-    bed.wait(2_899.millis());
-    assert_eq!((bed.get(Reg::AF), bed.error()), (AT_ZERO | CALIBRATED, 0));
-    bed.wait(1.millis());
-    assert_eq!((bed.get(Reg::IT), bed.get(Reg::AF), bed.error()), (90, HARDWARE | CALIBRATED, 72));
-    bed.wait(10.secs());
-    assert_eq!(bed.get(Reg::IT), 95);
+    dut.wait(2_099.millis());
+    assert_eq!((dut.get(Reg::IT), dut.error()), (60, 0));
+    dut.wait(1.millis());
+    assert_eq!((dut.get(Reg::IT), dut.error()), (61, 71));
+    dut.wait(2_899.millis());
+    assert_eq!((dut.get(Reg::AF), dut.error()), (AT_ZERO | CALIBRATED, 0));
+    dut.wait(1.millis());
+    assert_eq!((dut.get(Reg::IT), dut.get(Reg::AF), dut.error()), (90, HARDWARE | CALIBRATED, 72));
+    dut.wait(10.secs());
+    assert_eq!(dut.get(Reg::IT), 95);
     // CF does not help while it is hot.
-    bed.set(Reg::CF, 1);
-    bed.wait(10.secs());
-    assert_eq!(bed.get(Reg::AF), HARDWARE);
-    bed.fault("over_temperature", false);
-    bed.wait(10.secs());
-    assert_eq!(bed.get(Reg::IT), 40);
-    bed.set(Reg::CF, 1);
-    bed.wait(5.secs());
-    assert_eq!((bed.get(Reg::AF), bed.error()), (AT_ZERO | CALIBRATED, 0));
+    dut.set(Reg::CF, 1);
+    dut.wait(10.secs());
+    assert_eq!(dut.get(Reg::AF), HARDWARE);
+    dut.fault("over_temperature", false);
+    dut.wait(10.secs());
+    assert_eq!(dut.get(Reg::IT), 40);
+    dut.set(Reg::CF, 1);
+    dut.wait(5.secs());
+    assert_eq!((dut.get(Reg::AF), dut.error()), (AT_ZERO | CALIBRATED, 0));
 }
 
 #[test]
 fn without_the_circuitry_nobody_looks_after_the_rotor() {
-    let mut bed = bed();
-    bed.set(Reg::AS, 0);
-    bed.fault("stall", true);
-    bed.write(0x78, 2, 100_000);
-    bed.wait(10.secs());
-    assert_eq!((bed.get(Reg::AF), bed.get(Reg::LL), bed.get(Reg::LR)), (CALIBRATED, 0, 0));
-    assert_eq!(bed.error(), 0);
+    let mut dut = dut();
+    dut.set(Reg::AS, 0);
+    dut.fault("stall", true);
+    dut.write(0x78, 2, 100_000);
+    dut.wait(10.secs());
+    assert_eq!((dut.get(Reg::AF), dut.get(Reg::LL), dut.get(Reg::LR)), (CALIBRATED, 0, 0));
+    assert_eq!(dut.error(), 0);
 }
 
 #[test]
 fn outputs_show_the_circuitry() {
-    let mut bed = bed();
+    let mut dut = dut();
     // Locked rotor, Hybrid active, make-up active (MC 5-64).
-    bed.set(Reg::S1, 21 << 32);
-    bed.set(Reg::S2, 24 << 32);
-    bed.set(Reg::S3, 25 << 32);
-    bed.fault("stall", true);
-    bed.set(Reg::MR, 2_048);
-    bed.wait(500.millis());
-    assert_eq!([Reg::O1, Reg::O2, Reg::O3].map(|reg| bed.get(reg)), [0, 1, 0]);
-    bed.fault("stall", false);
-    bed.set(Reg::MF, 1_000);
-    bed.set(Reg::MU, 1);
-    bed.wait(100.millis());
-    assert_eq!([Reg::O1, Reg::O2, Reg::O3].map(|reg| bed.get(reg)), [0, 1, 1]);
-    bed.wait(5.secs());
-    bed.fault("locked_rotor", true);
-    assert_eq!([Reg::O1, Reg::O2, Reg::O3].map(|reg| bed.get(reg)), [1, 0, 0]);
+    dut.set(Reg::S1, 21 << 32);
+    dut.set(Reg::S2, 24 << 32);
+    dut.set(Reg::S3, 25 << 32);
+    dut.fault("stall", true);
+    dut.set(Reg::MR, 2_048);
+    dut.wait(500.millis());
+    assert_eq!([Reg::O1, Reg::O2, Reg::O3].map(|reg| dut.get(reg)), [0, 1, 0]);
+    dut.fault("stall", false);
+    dut.set(Reg::MF, 1_000);
+    dut.set(Reg::MU, 1);
+    dut.wait(100.millis());
+    assert_eq!([Reg::O1, Reg::O2, Reg::O3].map(|reg| dut.get(reg)), [0, 1, 1]);
+    dut.wait(5.secs());
+    dut.fault("locked_rotor", true);
+    assert_eq!([Reg::O1, Reg::O2, Reg::O3].map(|reg| dut.get(reg)), [1, 0, 0]);
 }
 
 #[test]
 fn a_status_trips_instead_of_an_error() {
     // MC 5-71.
-    let mut bed = bed();
-    bed.connect(Link(0));
-    bed.type_in(Link(0), "PG 1\rLB K1\rR1=R1+1\rRT\rPG\rTA=4,K1\rTE=32\r");
-    bed.error();
-    bed.fault("locked_rotor", true);
-    bed.wait(100.millis());
-    assert_eq!((bed.get(Reg::R1), bed.error(), bed.get(Reg::TE)), (1, 0, 0));
+    let mut dut = dut();
+    dut.connect(Link(0));
+    dut.type_in(Link(0), "PG 1\rLB K1\rR1=R1+1\rRT\rPG\rTA=4,K1\rTE=32\r");
+    dut.error();
+    dut.fault("locked_rotor", true);
+    dut.wait(100.millis());
+    assert_eq!((dut.get(Reg::R1), dut.error(), dut.get(Reg::TE)), (1, 0, 0));
     // Calibration done.
-    bed.fault("locked_rotor", false);
-    bed.type_in(Link(0), "TA=1,K1\rTE=32\rCF\r");
-    bed.wait(5.secs());
-    assert_eq!((bed.get(Reg::R1), bed.error()), (2, 0));
+    dut.fault("locked_rotor", false);
+    dut.type_in(Link(0), "TA=1,K1\rTE=32\rCF\r");
+    dut.wait(5.secs());
+    assert_eq!((dut.get(Reg::R1), dut.error()), (2, 0));
 }
 
 const FAULTS: [&str; 6] =
@@ -734,33 +731,33 @@ proptest! {
     fn whatever_happens_time_goes_on_and_a_healthy_rotor_is_where_the_steps_are(
         script in prop::collection::vec((0..20_000_000_u64, acts()), 0..30)
     ) {
-        let mut bed = bed();
+        let mut dut = dut();
         for (later, act) in script {
-            bed.wait(Duration::from_ticks(later));
+            dut.wait(Duration::from_ticks(later));
             match act {
-                Act::Set(reg, value) => drop(bed.try_set(reg, value)),
-                Act::Fault(fault, on) => bed.fault(fault, on),
+                Act::Set(reg, value) => drop(dut.try_set(reg, value)),
+                Act::Fault(fault, on) => dut.fault(fault, on),
             }
-            prop_assert!(bed.drive.deadline() > bed.now);
+            prop_assert!(dut.drive.deadline() > dut.now);
         }
         for fault in FAULTS {
-            bed.fault(fault, false);
+            dut.fault(fault, false);
         }
         for reg in [Reg::SL, Reg::AS, Reg::DE, Reg::P] {
             // A drive that moves, or calibrates, refuses some of these.
-            let _ = bed.try_set(reg, 0);
-            bed.wait(20.secs());
+            let _ = dut.try_set(reg, 0);
+            dut.wait(20.secs());
         }
         for (reg, value) in [(Reg::CB, 1), (Reg::CT, 200), (Reg::MS, 256), (Reg::AS, 2), (Reg::DE, 1)] {
-            bed.set(reg, value);
-            bed.wait(20.secs());
+            dut.set(reg, value);
+            dut.wait(20.secs());
         }
-        prop_assert_eq!(bed.get(Reg::AF) & !(LEAD | LAG), AT_ZERO | CALIBRATED);
-        let (steps, counts) = (bed.get(Reg::C1), bed.get(Reg::C2));
-        bed.set(Reg::MR, 51_200);
-        bed.wait(20.secs());
-        prop_assert_eq!((bed.get(Reg::C1) - steps, bed.get(Reg::C2) - counts), (51_200, 4_000));
-        prop_assert_eq!(bed.get(Reg::LL), 0);
+        prop_assert_eq!(dut.get(Reg::AF) & !(LEAD | LAG), AT_ZERO | CALIBRATED);
+        let (steps, counts) = (dut.get(Reg::C1), dut.get(Reg::C2));
+        dut.set(Reg::MR, 51_200);
+        dut.wait(20.secs());
+        prop_assert_eq!((dut.get(Reg::C1) - steps, dut.get(Reg::C2) - counts), (51_200, 4_000));
+        prop_assert_eq!(dut.get(Reg::LL), 0);
     }
 }
 
@@ -768,36 +765,36 @@ proptest! {
 #[test]
 fn a_load_locks_the_rotor() {
     for lightens in [false, true] {
-        let mut bed = bed();
-        bed.set(Reg::HoldingTorque, 1_000);
+        let mut dut = dut();
+        dut.set(Reg::HoldingTorque, 1_000);
         // 250 mN·m and friction hold it, and do not turn it.
-        bed.set(Reg::HC, 25);
-        bed.set(Reg::Load, 255);
-        bed.set(Reg::SL, 51_200);
-        bed.wait(1.secs());
-        assert_eq!(bed.get(Reg::AF) & (ACTIVE | LOCKED), ACTIVE);
+        dut.set(Reg::HC, 25);
+        dut.set(Reg::Load, 255);
+        dut.set(Reg::SL, 51_200);
+        dut.wait(1.secs());
+        assert_eq!(dut.get(Reg::AF) & (ACTIVE | LOCKED), ACTIVE);
         if lightens {
-            bed.set(Reg::Load, 100);
-            let counts = bed.get(Reg::C2);
-            bed.wait(1.secs());
-            assert!(bed.get(Reg::C2) - counts >= 3_950, "a turn in a second, from where it stands");
+            dut.set(Reg::Load, 100);
+            let counts = dut.get(Reg::C2);
+            dut.wait(1.secs());
+            assert!(dut.get(Reg::C2) - counts >= 3_950, "a turn in a second, from where it stands");
         }
-        bed.wait(2.secs());
-        assert_eq!((bed.get(Reg::LR), bed.error()), if lightens { (0, 0) } else { (1, 104) });
+        dut.wait(2.secs());
+        assert_eq!((dut.get(Reg::LR), dut.error()), if lightens { (0, 0) } else { (1, 104) });
     }
 }
 
 /// DC is next to DE: it takes DE to 0, and DE 1 would calibrate then (FB 5.1, CA), which it cannot in motion (89).
 #[test]
 fn one_write_does_not_calibrate_in_motion() {
-    let mut bed = bed();
+    let mut dut = dut();
     let both = [16, 0, 0x1B, 0, 2, 4, 0, 0x1C, 0, 1];
-    bed.set(Reg::SL, 51_200);
-    bed.wait(100.millis());
-    bed.refused(&both, 4, 89);
-    assert_eq!((bed.get(Reg::DE), bed.get(Reg::AF) & CALIBRATED), (1, CALIBRATED), "nothing has changed");
-    bed.set(Reg::SL, 0);
-    bed.wait(1.secs());
-    assert_eq!(bed.ask(&both), both[..5]);
-    assert_eq!((bed.get(Reg::DE), bed.get(Reg::AF) & CALIBRATED), (1, 0));
+    dut.set(Reg::SL, 51_200);
+    dut.wait(100.millis());
+    dut.refused(&both, 4, 89);
+    assert_eq!((dut.get(Reg::DE), dut.get(Reg::AF) & CALIBRATED), (1, CALIBRATED), "nothing has changed");
+    dut.set(Reg::SL, 0);
+    dut.wait(1.secs());
+    assert_eq!(dut.ask(&both), both[..5]);
+    assert_eq!((dut.get(Reg::DE), dut.get(Reg::AF) & CALIBRATED), (1, 0));
 }

@@ -10,6 +10,7 @@ mod saved;
 mod specific;
 mod startup;
 
+use core::ops::{Deref, DerefMut};
 use std::string::String;
 use std::vec;
 use std::vec::Vec;
@@ -19,62 +20,47 @@ use drivetwin_protocol::registers::Register;
 use drivetwin_protocol::time::Span;
 
 use super::{MCODE, MEMORY, MODBUS, Mdrive, Reg};
-use crate::device::{
-    Boot, Device, Duration, Fault, Input, Instant, Level, Link, Note, Output, Pin, Port, Refused, Sink,
-    advance,
-};
+use crate::device::{Boot, Device, Duration, Input, Instant, Level, Link, Note, Output, Pin, Refused};
+use crate::testing::{Fixture, Treatment};
 
 const CLIENT: Link = Link(0);
 
-/// What a drive did.
-#[derive(Default)]
-struct World {
-    memory: Vec<u8>,
-    /// What it said, and where.
-    said: Vec<(Port, Link, Vec<u8>)>,
-    notes: Vec<Note>,
-    levels: Vec<(Instant, Pin, Level)>,
-    stores: Vec<(Instant, u16, Vec<u8>)>,
+/// A drive on a network.
+struct Dut {
+    fixture: Fixture<Mdrive>,
 }
 
-impl Sink for World {
-    fn put(&mut self, at: Instant, output: Output<'_>) {
-        match output {
-            Output::Message { port, link, bytes } => self.said.push((port, link, bytes.to_vec())),
-            Output::Note(note) => self.notes.push(note),
-            Output::Level { pin, level } => self.levels.push((at, pin, level)),
-            Output::Store { offset, bytes } => {
-                let place = usize::from(offset);
-                self.stores.push((at, offset, bytes.to_vec()));
-                self.memory[place..place + bytes.len()].copy_from_slice(bytes);
-            }
-            _ => {}
-        }
-    }
+impl Deref for Dut {
+    type Target = Fixture<Mdrive>;
 
-    fn memory(&self) -> &[u8] {
-        &self.memory
+    fn deref(&self) -> &Self::Target {
+        &self.fixture
     }
 }
 
-/// A drive, its world, and what time it is.
-struct Bed {
-    drive: Mdrive,
-    world: World,
-    now: Instant,
+impl DerefMut for Dut {
+    fn deref_mut(&mut self) -> &mut Self::Target {
+        &mut self.fixture
+    }
 }
 
-impl Bed {
+impl Dut {
     /// A drive without power, with this memory.
     fn off(drive: Mdrive, memory: Vec<u8>) -> Self {
-        Self { drive, world: World { memory, ..World::default() }, now: Instant::ZERO }
+        let fixture = Fixture::with_memory(drive, memory).ruled(|output| match output {
+            Output::Message { .. } | Output::Note(_) | Output::Level { .. } | Output::Store { .. } => {
+                Treatment::Keep
+            }
+            _ => Treatment::Ignore,
+        });
+        Self { fixture }
     }
 
     /// A new drive that is ready at 0.
     fn ready(drive: Mdrive) -> Self {
-        let mut bed = Self::off(drive, vec![0xFF; MEMORY]);
-        bed.power_on(true);
-        bed
+        let mut dut = Self::off(drive, vec![0xFF; MEMORY]);
+        dut.power_on(true);
+        dut
     }
 
     fn plus() -> Self {
@@ -86,37 +72,18 @@ impl Bed {
     }
 
     fn power_on(&mut self, fast: bool) {
-        self.drive.power_on(self.now, Boot { fast, ..Boot::default() }, &mut self.world);
-        self.run_until(self.now);
-    }
-
-    /// Power goes, and comes again 1 s later.
-    fn cycle(&mut self) {
-        self.now += 1.secs();
-        self.power_on(true);
-    }
-
-    fn run_until(&mut self, at: impl Into<Instant>) {
-        self.now = at.into();
-        advance(&mut self.drive, self.now, core::iter::empty(), &mut self.world);
-    }
-
-    fn wait(&mut self, span: Duration) {
-        self.run_until(self.now + span);
-    }
-
-    fn input(&mut self, input: Input<'_>) {
-        advance(&mut self.drive, self.now, core::iter::once((self.now, input)), &mut self.world);
+        self.fixture.power_on(Boot { fast, ..Boot::default() });
+        self.wait(Duration::ZERO);
     }
 
     /// A request and the PDU of its reply, at once.
     fn ask(&mut self, pdu: &[u8]) -> Vec<u8> {
         let header = Header { transaction: 0x1234, unit: 1 };
         let request = tcp::frame(header, pdu);
-        let before = self.world.said.len();
-        self.input(Input::Message { port: MODBUS, link: CLIENT, bytes: &request });
-        let mut said = self.world.said[before..].iter().filter(|(port, ..)| *port == MODBUS);
-        let (_, link, reply) = said.next().unwrap();
+        let before = self.out.messages.len();
+        self.tell(Input::Message { port: MODBUS, link: CLIENT, bytes: &request });
+        let mut said = self.out.messages[before..].iter().filter(|(_, port, ..)| *port == MODBUS);
+        let (_, _, link, reply) = said.next().unwrap();
         assert!(said.next().is_none(), "one reply");
         let (answered, pdu) = tcp::parse(reply).unwrap();
         assert_eq!((*link, answered), (CLIENT, header));
@@ -165,11 +132,12 @@ impl Bed {
 
     /// Types on a connection of MCode; returns what comes back until its last line is executed.
     fn type_in(&mut self, link: Link, text: &str) -> String {
-        let before = self.world.said.len();
+        let before = self.out.messages.len();
         for line in text.split_inclusive('\r') {
-            self.input(Input::Message { port: MCODE, link, bytes: line.as_bytes() });
+            self.tell(Input::Message { port: MCODE, link, bytes: line.as_bytes() });
             while !self.drive.takes(MCODE) {
-                self.run_until(self.drive.deadline());
+                let due = self.drive.deadline();
+                self.run_until(due);
             }
         }
         self.mcode_said(before, link)
@@ -177,34 +145,17 @@ impl Bed {
 
     /// What it said to a connection of MCode.
     fn mcode_said(&self, from: usize, link: Link) -> String {
-        let said = self.world.said[from..].iter().filter(|(port, to, _)| (*port, *to) == (MCODE, link));
+        let said = self.out.messages[from..].iter().filter(|(_, port, to, _)| (*port, *to) == (MCODE, link));
         String::from_utf8(said.flat_map(|(.., bytes)| bytes.clone()).collect()).unwrap()
     }
 
     /// IO1 to IO4 driven low, or high.
     fn drive(&mut self, n: u8, high: bool) {
-        self.input(Input::Edge { pin: Pin(n - 1), high });
+        self.tell(Input::Edge { pin: Pin(n - 1), high });
     }
 
     fn connect(&mut self, link: Link) {
-        self.input(Input::Opened { port: MCODE, link });
-    }
-
-    fn get(&self, reg: Reg) -> i64 {
-        self.drive.peek(self.now, reg.row())
-    }
-
-    fn set(&mut self, reg: Reg, value: i64) {
-        assert_eq!(self.try_set(reg, value), Ok(()), "{reg:?} = {value}");
-    }
-
-    fn try_set(&mut self, reg: Reg, value: i64) -> Result<(), Refused> {
-        self.drive.poke(self.now, reg.row(), value, &mut self.world)
-    }
-
-    fn fault(&mut self, name: &str, on: bool) {
-        let place = self.drive.spec().faults.iter().position(|known| *known == name).unwrap();
-        self.input(Input::Fault { fault: Fault(place as u8), on });
+        self.tell(Input::Opened { port: MCODE, link });
     }
 }
 

@@ -71,59 +71,59 @@ const HYBRID: &[Row] = &[
     ("TS", 0xA7, 1, 0, BYTE.0, BYTE.1),
 ];
 
-fn obeys(fresh: fn() -> Bed, rows: &[Row]) {
+fn obeys(fresh: fn() -> Dut, rows: &[Row]) {
     for &(name, address, words, default, legal, illegal) in rows {
-        let mut bed = fresh();
-        assert_eq!(bed.read(address, words), default, "{name} by default");
+        let mut dut = fresh();
+        assert_eq!(dut.read(address, words), default, "{name} by default");
         for &(value, error) in illegal {
-            assert_eq!(bed.try_write(address, words, value), [0x90, 3], "{name} = {value}");
-            assert_eq!(bed.error(), error, "{name} = {value}");
-            assert_eq!(bed.read(address, words), default, "{name} after {value}");
+            assert_eq!(dut.try_write(address, words, value), [0x90, 3], "{name} = {value}");
+            assert_eq!(dut.error(), error, "{name} = {value}");
+            assert_eq!(dut.read(address, words), default, "{name} after {value}");
         }
         for &value in legal {
-            bed.write(address, words, value);
-            let read = bed.read(address, words);
+            dut.write(address, words, value);
+            let read = dut.read(address, words);
             assert_eq!(read, if words == 1 { value & 0xFFFF } else { value }, "{name}");
-            assert_eq!(bed.error(), 0, "{name} = {value}");
+            assert_eq!(dut.error(), 0, "{name} = {value}");
         }
     }
 }
 
-fn is_missing(bed: &mut Bed, rows: &[Row]) {
+fn is_missing(dut: &mut Dut, rows: &[Row]) {
     for &(_, address, words, ..) in rows {
-        bed.refused(&[3, 0, address, 0, words], 2, 0);
-        assert_eq!(bed.try_write(address, words, 1), [0x90, 2], "{address:#04x}");
-        assert_eq!(bed.error(), 0);
+        dut.refused(&[3, 0, address, 0, words], 2, 0);
+        assert_eq!(dut.try_write(address, words, 1), [0x90, 2], "{address:#04x}");
+        assert_eq!(dut.error(), 0);
     }
 }
 
 #[test]
 fn what_both_products_have() {
-    obeys(Bed::plus, COMMON);
-    obeys(Bed::hybrid, COMMON);
+    obeys(Dut::plus, COMMON);
+    obeys(Dut::hybrid, COMMON);
 }
 
 #[test]
 fn what_only_one_product_has() {
-    obeys(Bed::plus, PLUS);
-    obeys(Bed::hybrid, HYBRID);
-    is_missing(&mut Bed::plus(), HYBRID);
-    is_missing(&mut Bed::hybrid(), PLUS);
+    obeys(Dut::plus, PLUS);
+    obeys(Dut::hybrid, HYBRID);
+    is_missing(&mut Dut::plus(), HYBRID);
+    is_missing(&mut Dut::hybrid(), PLUS);
     for address in [0x32, 0x7B] {
-        Bed::hybrid().refused(&[3, 0, address, 0, 1], 2, 0);
-        Bed::plus().read(address, 1);
+        Dut::hybrid().refused(&[3, 0, address, 0, 1], 2, 0);
+        Dut::plus().read(address, 1);
     }
     for address in [0x8E, 0x8F, 0x93, 0x9B, 0xA1] {
-        Bed::plus().refused(&[3, 0, address, 0, 1], 2, 0);
-        Bed::hybrid().read(address, 1);
+        Dut::plus().refused(&[3, 0, address, 0, 1], 2, 0);
+        Dut::hybrid().read(address, 1);
     }
 }
 
 #[test]
 fn the_line_count_of_the_encoder() {
     // MC 5-22.
-    assert_eq!(Bed::plus().get(Reg::EL), 512);
-    assert_eq!(Bed::hybrid().get(Reg::EL), 1_000);
+    assert_eq!(Dut::plus().get(Reg::EL), 512);
+    assert_eq!(Dut::hybrid().get(Reg::EL), 1_000);
 }
 
 #[test]
@@ -135,96 +135,96 @@ fn reserved_addresses() {
                 0x3E, 0x40, 0x41, 0x4F, 0x54, 0x5B, 0x5D, 0x5E, 0x68, 0x75, 0x7C, 0x7E, 0x84, 0x87, 0x8D,
                 0xA3, 0xA4,
             ]);
-    for (bed, address) in reserved.flat_map(|address| [(Bed::plus(), address), (Bed::hybrid(), address)]) {
-        let mut bed = bed;
-        bed.refused(&[3, 0, address, 0, 1], 2, 0);
-        bed.refused(&[16, 0, address, 0, 1, 2, 0, 0], 2, 0);
+    for (dut, address) in reserved.flat_map(|address| [(Dut::plus(), address), (Dut::hybrid(), address)]) {
+        let mut dut = dut;
+        dut.refused(&[3, 0, address, 0, 1], 2, 0);
+        dut.refused(&[16, 0, address, 0, 1, 2, 0, 0], 2, 0);
     }
-    let mut bed = Bed::plus();
-    bed.refused(&[3, 0, 0xB8, 0, 1], 2, 0);
-    bed.refused(&[3, 0xFF, 0xFF, 0, 2], 2, 0);
-    bed.refused(&[3, 0, 0x09, 0, 2], 2, 0);
+    let mut dut = Dut::plus();
+    dut.refused(&[3, 0, 0xB8, 0, 1], 2, 0);
+    dut.refused(&[3, 0xFF, 0xFF, 0, 2], 2, 0);
+    dut.refused(&[3, 0, 0x09, 0, 2], 2, 0);
 }
 
 #[test]
 fn what_can_only_be_read() {
-    let mut bed = Bed::plus();
+    let mut dut = Dut::plus();
     for address in [0x1F, 0x2D, 0x2E, 0x2F, 0x30, 0x31, 0x32, 0x3A, 0x3B, 0x45, 0x4A, 0x88] {
-        bed.read(address, 1);
-        bed.refused(&[16, 0, address, 0, 1, 2, 0, 0], 2, 0);
+        dut.read(address, 1);
+        dut.refused(&[16, 0, address, 0, 1, 2, 0, 0], 2, 0);
     }
     for address in [0x59, 0x85] {
-        bed.read(address, 2);
-        bed.refused(&[16, 0, address, 0, 2, 4, 0, 0, 0, 0], 2, 0);
+        dut.read(address, 2);
+        dut.refused(&[16, 0, address, 0, 2, 4, 0, 0, 0, 0], 2, 0);
     }
-    let mut bed = Bed::hybrid();
-    bed.refused(&[16, 0, 0x8F, 0, 1, 2, 0, 0], 2, 0);
-    bed.refused(&[16, 0, 0x99, 0, 2, 4, 0, 0, 0, 0], 2, 0);
-    bed.refused(&[16, 0, 0x9B, 0, 1, 2, 0, 0], 2, 0);
+    let mut dut = Dut::hybrid();
+    dut.refused(&[16, 0, 0x8F, 0, 1, 2, 0, 0], 2, 0);
+    dut.refused(&[16, 0, 0x99, 0, 2, 4, 0, 0, 0, 0], 2, 0);
+    dut.refused(&[16, 0, 0x9B, 0, 1, 2, 0, 0], 2, 0);
 }
 
 #[test]
 fn commands_can_be_read() {
-    let mut bed = Bed::plus();
-    assert_eq!([0x43, 0x46, 0x78].map(|address| bed.read(address, 2)), [0, 0, 0], "MA, MR, SL");
-    assert_eq!(bed.read(0x2B, 1), 1, "HM");
-    bed.write(0x76, 1, 200);
-    bed.write(0x37, 1, 0x5F);
-    assert_eq!([0x1B, 0x37, 0x55, 0x56, 0x76].map(|address| bed.read(address, 1)), [0; 5]);
-    assert_eq!(bed.read(0x5F, 2), 1, "R1");
-    bed.write(0x43, 2, 1_000);
-    assert_eq!(bed.read(0x43, 2), 1_000);
-    let mut bed = Bed::plus();
-    bed.write(0x46, 2, -70_000);
-    assert_eq!(bed.read(0x46, 2), -70_000);
-    let mut bed = Bed::plus();
-    bed.write(0x78, 2, -5_000_000);
-    assert_eq!(bed.read(0x78, 2), -5_000_000);
+    let mut dut = Dut::plus();
+    assert_eq!([0x43, 0x46, 0x78].map(|address| dut.read(address, 2)), [0, 0, 0], "MA, MR, SL");
+    assert_eq!(dut.read(0x2B, 1), 1, "HM");
+    dut.write(0x76, 1, 200);
+    dut.write(0x37, 1, 0x5F);
+    assert_eq!([0x1B, 0x37, 0x55, 0x56, 0x76].map(|address| dut.read(address, 1)), [0; 5]);
+    assert_eq!(dut.read(0x5F, 2), 1, "R1");
+    dut.write(0x43, 2, 1_000);
+    assert_eq!(dut.read(0x43, 2), 1_000);
+    let mut dut = Dut::plus();
+    dut.write(0x46, 2, -70_000);
+    assert_eq!(dut.read(0x46, 2), -70_000);
+    let mut dut = Dut::plus();
+    dut.write(0x78, 2, -5_000_000);
+    assert_eq!(dut.read(0x78, 2), -5_000_000);
     for value in [-5_000_001, 5_000_001] {
-        assert_eq!((bed.try_write(0x78, 2, value), bed.error()), (vec![0x90, 3], 21));
+        assert_eq!((dut.try_write(0x78, 2, value), dut.error()), (vec![0x90, 3], 21));
     }
     for value in [0, 5, 256] {
-        let mut bed = Bed::plus();
-        assert_eq!((bed.try_write(0x2B, 1, value), bed.error()), (vec![0x90, 3], 81), "HM {value}");
+        let mut dut = Dut::plus();
+        assert_eq!((dut.try_write(0x2B, 1, value), dut.error()), (vec![0x90, 3], 81), "HM {value}");
     }
 }
 
 #[test]
 fn an_error_is_cleared_by_reading_it_or_by_writing_0() {
-    let mut bed = Bed::plus();
-    bed.try_write(0x67, 1, 101);
-    assert_eq!((bed.read(0x1F, 1), bed.get(Reg::ER)), (1, 21));
-    assert_eq!((bed.read(0x1F, 1), bed.get(Reg::ER)), (1, 21), "not by looking");
-    bed.write(0x21, 1, 0);
-    assert_eq!((bed.read(0x1F, 1), bed.read(0x21, 1)), (0, 0));
-    bed.try_write(0x21, 1, 5);
-    assert_eq!(bed.error(), 21);
+    let mut dut = Dut::plus();
+    dut.try_write(0x67, 1, 101);
+    assert_eq!((dut.read(0x1F, 1), dut.get(Reg::ER)), (1, 21));
+    assert_eq!((dut.read(0x1F, 1), dut.get(Reg::ER)), (1, 21), "not by looking");
+    dut.write(0x21, 1, 0);
+    assert_eq!((dut.read(0x1F, 1), dut.read(0x21, 1)), (0, 0));
+    dut.try_write(0x21, 1, 5);
+    assert_eq!(dut.error(), 21);
 }
 
 #[test]
 fn delays_together_have_65535_ms() {
-    let mut bed = Bed::plus();
-    bed.write(0x49, 1, 65_000);
+    let mut dut = Dut::plus();
+    dut.write(0x49, 1, 65_000);
     // 65,535 - 65,000 = 535.
-    bed.write(0x2C, 1, 535);
-    assert_eq!((bed.try_write(0x2C, 1, 536), bed.error()), (vec![0x90, 3], 21));
-    bed.write(0x49, 1, 0);
-    bed.write(0x2C, 1, 65_535);
-    assert_eq!((bed.try_write(0x49, 1, 1), bed.error()), (vec![0x90, 3], 21));
-    assert_eq!((bed.read(0x2C, 1), bed.read(0x49, 1)), (65_535, 0));
+    dut.write(0x2C, 1, 535);
+    assert_eq!((dut.try_write(0x2C, 1, 536), dut.error()), (vec![0x90, 3], 21));
+    dut.write(0x49, 1, 0);
+    dut.write(0x2C, 1, 65_535);
+    assert_eq!((dut.try_write(0x49, 1, 1), dut.error()), (vec![0x90, 3], 21));
+    assert_eq!((dut.read(0x2C, 1), dut.read(0x49, 1)), (65_535, 0));
 }
 
 #[test]
 fn the_encoder_has_other_units() {
     // MC 7-22: 51,200 steps and 4 x 512 counts are a turn, so that 25 steps are a count.
-    let mut bed = Bed::plus();
-    bed.write(0x1E, 1, 1);
+    let mut dut = Dut::plus();
+    dut.write(0x1E, 1, 1);
     let counts = [(0x00, 40_000), (0x18, 40_000), (0x89, 40), (0x8B, 30_720)];
-    assert_eq!(counts.map(|(address, _)| (address, bed.read(address, 2))), counts);
-    bed.write(0x1E, 1, 1);
-    assert_eq!(bed.read(0x8B, 2), 30_720, "it was so already");
-    bed.write(0x00, 2, 61_035_160);
-    bed.write(0x8B, 2, 200_000);
+    assert_eq!(counts.map(|(address, _)| (address, dut.read(address, 2))), counts);
+    dut.write(0x1E, 1, 1);
+    assert_eq!(dut.read(0x8B, 2), 30_720, "it was so already");
+    dut.write(0x00, 2, 61_035_160);
+    dut.write(0x8B, 2, 200_000);
     for (address, value, error) in [
         (0x00, 61_035_161, 21),
         (0x18, 61_035_161, 21),
@@ -232,97 +232,97 @@ fn the_encoder_has_other_units() {
         (0x78, 200_001, 21),
         (0x78, -200_001, 21),
     ] {
-        assert_eq!((bed.try_write(address, 2, value), bed.error()), (vec![0x90, 3], error), "{address:#04x}");
+        assert_eq!((dut.try_write(address, 2, value), dut.error()), (vec![0x90, 3], error), "{address:#04x}");
     }
-    assert_eq!((bed.try_write(0x48, 1, 128), bed.error()), (vec![0x90, 3], 36), "MS is locked");
-    bed.write(0x48, 1, 256);
-    bed.write(0x1E, 1, 0);
+    assert_eq!((dut.try_write(0x48, 1, 128), dut.error()), (vec![0x90, 3], 36), "MS is locked");
+    dut.write(0x48, 1, 256);
+    dut.write(0x1E, 1, 0);
     // 61,035,160 x 25 is above what A may be.
     let steps = [(0x00, 1_525_878_997), (0x18, 1_000_000), (0x89, 1_000), (0x8B, 5_000_000)];
-    assert_eq!(steps.map(|(address, _)| (address, bed.read(address, 2))), steps);
+    assert_eq!(steps.map(|(address, _)| (address, dut.read(address, 2))), steps);
 }
 
 /// MC 7-16: MS is 256 then. The motor is to be as fast as it was.
 #[test]
 fn the_encoder_takes_ms_to_256() {
-    let mut bed = Bed::plus();
-    bed.write(0x48, 1, 128);
-    bed.write(0x1E, 1, 1);
-    assert_eq!(bed.read(0x48, 1), 256);
+    let mut dut = Dut::plus();
+    dut.write(0x48, 1, 128);
+    dut.write(0x1E, 1, 1);
+    assert_eq!(dut.read(0x48, 1), 256);
     // 25,600 steps a turn and 2,048 counts.
-    assert_eq!([0x00, 0x18, 0x89, 0x8B].map(|address| bed.read(address, 2)), [80_000, 80_000, 80, 61_440]);
-    bed.write(0x1E, 1, 0);
-    assert_eq!((bed.read(0x48, 1), bed.read(0x8B, 2)), (256, 1_536_000));
+    assert_eq!([0x00, 0x18, 0x89, 0x8B].map(|address| dut.read(address, 2)), [80_000, 80_000, 80, 61_440]);
+    dut.write(0x1E, 1, 0);
+    assert_eq!((dut.read(0x48, 1), dut.read(0x8B, 2)), (256, 1_536_000));
     // On a Hybrid another MS calibrates (FB 5.1, CA), which it does not in motion.
-    let mut bed = Bed::hybrid();
-    bed.write(0x48, 1, 128);
-    bed.wait(4.secs());
-    bed.write(0x78, 2, 5_000);
-    bed.refused(&[16, 0, 0x1E, 0, 1, 2, 0, 1], 4, 89);
-    bed.write(0x78, 2, 0);
-    bed.wait(1.secs());
-    bed.write(0x1E, 1, 1);
-    assert_eq!((bed.read(0x48, 1), bed.read(0x8F, 1)), (256, 0));
-    bed.wait(4.secs());
-    bed.write(0x46, 2, 4_000);
-    bed.wait(4.secs());
-    assert_eq!(bed.get(Reg::C1), 51_200);
+    let mut dut = Dut::hybrid();
+    dut.write(0x48, 1, 128);
+    dut.wait(4.secs());
+    dut.write(0x78, 2, 5_000);
+    dut.refused(&[16, 0, 0x1E, 0, 1, 2, 0, 1], 4, 89);
+    dut.write(0x78, 2, 0);
+    dut.wait(1.secs());
+    dut.write(0x1E, 1, 1);
+    assert_eq!((dut.read(0x48, 1), dut.read(0x8F, 1)), (256, 0));
+    dut.wait(4.secs());
+    dut.write(0x46, 2, 4_000);
+    dut.wait(4.secs());
+    assert_eq!(dut.get(Reg::C1), 51_200);
 }
 
 #[test]
 fn what_does_not_go_with_the_encoder() {
-    let mut bed = Bed::plus();
+    let mut dut = Dut::plus();
     // MS is EL x 8 / 200 at least (MC 5-21): for 512 lines 20.48.
-    bed.write(0x48, 1, 16);
-    assert_eq!((bed.try_write(0x1E, 1, 1), bed.error()), (vec![0x90, 3], 36));
-    assert_eq!((bed.read(0x1E, 1), bed.read(0x48, 1)), (0, 16));
-    bed.write(0x48, 1, 256);
+    dut.write(0x48, 1, 16);
+    assert_eq!((dut.try_write(0x1E, 1, 1), dut.error()), (vec![0x90, 3], 36));
+    assert_eq!((dut.read(0x1E, 1), dut.read(0x48, 1)), (0, 16));
+    dut.write(0x48, 1, 256);
     // 24 steps are no whole count.
-    bed.write(0x89, 2, 24);
-    assert_eq!((bed.try_write(0x1E, 1, 1), bed.error()), (vec![0x90, 3], 90));
-    assert_eq!((bed.read(0x1E, 1), bed.read(0x89, 2), bed.read(0x8B, 2)), (0, 24, 768_000));
-    bed.write(0x89, 2, 25);
+    dut.write(0x89, 2, 24);
+    assert_eq!((dut.try_write(0x1E, 1, 1), dut.error()), (vec![0x90, 3], 90));
+    assert_eq!((dut.read(0x1E, 1), dut.read(0x89, 2), dut.read(0x8B, 2)), (0, 24, 768_000));
+    dut.write(0x89, 2, 25);
     // 26 to 49 steps are one count, too.
-    bed.write(0x8B, 2, 49);
-    assert_eq!((bed.try_write(0x1E, 1, 1), bed.error()), (vec![0x90, 3], 90));
-    bed.write(0x8B, 2, 50);
-    bed.write(0x1E, 1, 1);
-    assert_eq!((bed.read(0x89, 2), bed.read(0x8B, 2)), (1, 2));
+    dut.write(0x8B, 2, 49);
+    assert_eq!((dut.try_write(0x1E, 1, 1), dut.error()), (vec![0x90, 3], 90));
+    dut.write(0x8B, 2, 50);
+    dut.write(0x1E, 1, 1);
+    assert_eq!((dut.read(0x89, 2), dut.read(0x8B, 2)), (1, 2));
     // EL x 8 / 200 is at most 256 (MC 5-22).
-    assert_eq!(bed.try_set(Reg::EL, 6_401), Err(Refused::OutOfRange));
-    bed.set(Reg::EL, 6_400);
+    assert_eq!(dut.try_set(Reg::EL, 6_401), Err(Refused::OutOfRange));
+    dut.set(Reg::EL, 6_400);
 }
 
 #[test]
 fn jog_and_clock_exclude_each_other() {
-    let mut bed = Bed::plus();
-    bed.write(0x0B, 1, 1);
-    assert_eq!((bed.try_write(0x3F, 1, 1), bed.error()), (vec![0x90, 4], 87));
-    bed.write(0x0B, 1, 0);
-    bed.write(0x3F, 1, 1);
-    assert_eq!((bed.try_write(0x0B, 1, 1), bed.error()), (vec![0x90, 4], 87));
+    let mut dut = Dut::plus();
+    dut.write(0x0B, 1, 1);
+    assert_eq!((dut.try_write(0x3F, 1, 1), dut.error()), (vec![0x90, 4], 87));
+    dut.write(0x0B, 1, 0);
+    dut.write(0x3F, 1, 1);
+    assert_eq!((dut.try_write(0x0B, 1, 1), dut.error()), (vec![0x90, 4], 87));
 }
 
 #[test]
 fn counting_by_address() {
-    let mut bed = Bed::plus();
+    let mut dut = Dut::plus();
     // R1 at 5Fh, RC at 67h.
-    bed.write(0x37, 1, 0x5F);
-    bed.write(0x37, 1, 0x5F);
-    bed.write(0x1B, 1, 0x5F);
-    assert_eq!(bed.read(0x5F, 2), 1);
-    bed.write(0x5F, 2, 2_147_483_647);
-    bed.write(0x37, 1, 0x5F);
-    assert_eq!(bed.read(0x5F, 2), -2_147_483_648, "wraps");
-    bed.write(0x67, 1, 100);
-    assert_eq!((bed.try_write(0x37, 1, 0x67), bed.error()), (vec![0x90, 3], 21));
-    bed.write(0x1B, 1, 0x67);
-    assert_eq!(bed.read(0x67, 1), 99);
+    dut.write(0x37, 1, 0x5F);
+    dut.write(0x37, 1, 0x5F);
+    dut.write(0x1B, 1, 0x5F);
+    assert_eq!(dut.read(0x5F, 2), 1);
+    dut.write(0x5F, 2, 2_147_483_647);
+    dut.write(0x37, 1, 0x5F);
+    assert_eq!(dut.read(0x5F, 2), -2_147_483_648, "wraps");
+    dut.write(0x67, 1, 100);
+    assert_eq!((dut.try_write(0x37, 1, 0x67), dut.error()), (vec![0x90, 3], 21));
+    dut.write(0x1B, 1, 0x67);
+    assert_eq!(dut.read(0x67, 1), 99);
     // Only to read, a command, half of a value, reserved, V1 that nobody declared, no byte.
     for address in [0x4A, 0x43, 0x76, 0x60, 0x02, 0xA8, 0x8E, 0x15F] {
         for command in [0x1B, 0x37] {
             assert_eq!(
-                (bed.try_write(command, 1, address), bed.error()),
+                (dut.try_write(command, 1, address), dut.error()),
                 (vec![0x90, 3], 26),
                 "{address:#04x}"
             );
@@ -332,89 +332,89 @@ fn counting_by_address() {
 
 #[test]
 fn outputs_that_are_inputs_or_typed_cannot_be_written() {
-    let mut bed = Bed::plus();
+    let mut dut = Dut::plus();
     for address in [0x4B, 0x4C, 0x4D, 0x4E] {
-        bed.refused(&[16, 0, address, 0, 1, 2, 0, 1], 4, 9);
-        bed.refused(&[5, 0, address, 0, 0], 4, 9);
+        dut.refused(&[16, 0, address, 0, 1, 2, 0, 1], 4, 9);
+        dut.refused(&[5, 0, address, 0, 0], 4, 9);
     }
-    bed.refused(&[16, 0, 0x55, 0, 1, 2, 0, 0], 4, 9);
-    bed.refused(&[16, 0, 0x56, 0, 1, 2, 0, 0x10], 3, 21);
+    dut.refused(&[16, 0, 0x55, 0, 1, 2, 0, 0], 4, 9);
+    dut.refused(&[16, 0, 0x56, 0, 1, 2, 0, 0x10], 3, 21);
 }
 
 #[test]
 fn the_bus_takes_less_than_mcode() {
-    let mut bed = Bed::plus();
-    assert_eq!((bed.try_write(0x09, 1, 2), bed.error()), (vec![0x90, 3], 21), "CE");
-    assert_eq!((bed.try_write(0x7D, 1, 44), bed.error()), (vec![0x90, 3], 21), "TE");
-    assert_eq!((bed.try_write(0x7D, 1, 64), bed.error()), (vec![0x90, 3], 21), "TE");
-    bed.write(0x7D, 1, 0);
+    let mut dut = Dut::plus();
+    assert_eq!((dut.try_write(0x09, 1, 2), dut.error()), (vec![0x90, 3], 21), "CE");
+    assert_eq!((dut.try_write(0x7D, 1, 44), dut.error()), (vec![0x90, 3], 21), "TE");
+    assert_eq!((dut.try_write(0x7D, 1, 64), dut.error()), (vec![0x90, 3], 21), "TE");
+    dut.write(0x7D, 1, 0);
 }
 
 #[test]
 fn user_variables_are_there_once_declared() {
-    let mut bed = Bed::plus();
+    let mut dut = Dut::plus();
     for n in 0..8 {
         let address = 0xA8 + 2 * n;
-        bed.refused(&[3, 0, address, 0, 2], 2, 0);
-        bed.refused(&[16, 0, address, 0, 2, 4, 0, 0, 0, 7], 2, 0);
+        dut.refused(&[3, 0, address, 0, 2], 2, 0);
+        dut.refused(&[16, 0, address, 0, 2, 4, 0, 0, 0, 7], 2, 0);
         let name = [b'V', b'1' + n];
         let value = crate::mdrive::mcode::names::Meaning::Global(-i32::from(n));
-        bed.drive.drive.mcode.names.add(name, value).unwrap();
-        assert_eq!(bed.read(address, 2), -i64::from(n));
-        bed.write(address, 2, 123_456_789);
-        assert_eq!(bed.read(address, 2), 123_456_789);
-        bed.write(0x1B, 1, address.into());
-        assert_eq!(bed.read(address, 2), 123_456_788, "DC");
+        dut.drive.drive.mcode.names.add(name, value).unwrap();
+        assert_eq!(dut.read(address, 2), -i64::from(n));
+        dut.write(address, 2, 123_456_789);
+        assert_eq!(dut.read(address, 2), 123_456_789);
+        dut.write(0x1B, 1, address.into());
+        assert_eq!(dut.read(address, 2), 123_456_788, "DC");
     }
     let label = crate::mdrive::mcode::names::Meaning::Label(1);
-    let mut bed = Bed::plus();
-    bed.drive.drive.mcode.names.add(*b"V1", label).unwrap();
-    bed.refused(&[3, 0, 0xA8, 0, 2], 2, 0);
+    let mut dut = Dut::plus();
+    dut.drive.drive.mcode.names.add(*b"V1", label).unwrap();
+    dut.refused(&[3, 0, 0xA8, 0, 2], 2, 0);
 }
 
 #[test]
 fn frequencies_are_in_hz_in_mcode() {
-    let mut bed = Bed::hybrid();
-    bed.connect(CLIENT);
+    let mut dut = Dut::hybrid();
+    dut.connect(CLIENT);
     for (reg, name, address) in [(Reg::SS, "SS", 0xA2), (Reg::TS, "TS", 0xA7)] {
-        let print = |bed: &mut Bed| {
-            let said = bed.type_in(CLIENT, &std::format!("PR {name}\r"));
+        let print = |dut: &mut Dut| {
+            let said = dut.type_in(CLIENT, &std::format!("PR {name}\r"));
             said.lines().nth(1).unwrap().parse::<i64>().unwrap()
         };
-        assert_eq!(print(&mut bed), 5_000_000);
+        assert_eq!(print(&mut dut), 5_000_000);
         // 10 MHz / (n + 2), rounded down.
         for n in 0..=255 {
-            bed.write(address, 1, n);
-            let hz = print(&mut bed);
+            dut.write(address, 1, n);
+            let hz = print(&mut dut);
             assert_eq!(hz, 10_000_000 / (n + 2));
-            bed.type_in(CLIENT, &std::format!("{name}=5000000\r{name}={hz}\r"));
-            assert_eq!((bed.get(reg), bed.error()), (n, 0), "{hz} Hz are {n} again");
+            dut.type_in(CLIENT, &std::format!("{name}=5000000\r{name}={hz}\r"));
+            assert_eq!((dut.get(reg), dut.error()), (n, 0), "{hz} Hz are {n} again");
         }
         for hz in [38_909, 5_000_001, 0, -5, 1, 2_147_483_647] {
-            bed.type_in(CLIENT, &std::format!("{name}={hz}\r"));
-            assert_eq!((bed.error(), bed.get(reg)), (21, 255), "{hz} Hz");
+            dut.type_in(CLIENT, &std::format!("{name}={hz}\r"));
+            assert_eq!((dut.error(), dut.get(reg)), (21, 255), "{hz} Hz");
         }
     }
 }
 
 #[test]
 fn mcode_takes_more_than_the_bus() {
-    let mut bed = Bed::plus();
-    bed.connect(CLIENT);
-    bed.type_in(CLIENT, "CE=2\rS4=16,1,0\rOT=255\r");
-    assert_eq!((bed.get(Reg::CE), bed.get(Reg::O4), bed.error()), (2, 0, 9), "1 to 3 are no outputs");
-    bed.type_in(CLIENT, "OT=248\r");
-    assert_eq!((bed.get(Reg::O4), bed.error()), (1, 0));
-    bed.type_in(CLIENT, "OT=256\r");
-    assert_eq!(bed.error(), 21);
-    bed.type_in(CLIENT, "CE=3\r");
-    assert_eq!(bed.error(), 21);
+    let mut dut = Dut::plus();
+    dut.connect(CLIENT);
+    dut.type_in(CLIENT, "CE=2\rS4=16,1,0\rOT=255\r");
+    assert_eq!((dut.get(Reg::CE), dut.get(Reg::O4), dut.error()), (2, 0, 9), "1 to 3 are no outputs");
+    dut.type_in(CLIENT, "OT=248\r");
+    assert_eq!((dut.get(Reg::O4), dut.error()), (1, 0));
+    dut.type_in(CLIENT, "OT=256\r");
+    assert_eq!(dut.error(), 21);
+    dut.type_in(CLIENT, "CE=3\r");
+    assert_eq!(dut.error(), 21);
 }
 
 #[test]
 fn by_and_it_can_only_be_read() {
-    let bed = Bed::hybrid();
-    for row in bed.drive.spec().registers.rows.iter().filter(|row| ["BY", "IT"].contains(&row.name)) {
+    let dut = Dut::hybrid();
+    for row in dut.drive.spec().registers.rows.iter().filter(|row| ["BY", "IT"].contains(&row.name)) {
         assert_eq!(row.access.as_str(), "R", "{}", row.name);
     }
 }

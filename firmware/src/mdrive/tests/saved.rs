@@ -3,7 +3,7 @@
 use super::*;
 use crate::mdrive::mcode::names::Meaning;
 
-impl Bed {
+impl Dut {
     fn declare(&mut self, name: &[u8; 2], meaning: Meaning) {
         self.drive.drive.mcode.names.add(*name, meaning).unwrap();
     }
@@ -20,10 +20,10 @@ impl Bed {
 
 #[test]
 fn what_a_save_keeps() {
-    for fresh in [Bed::plus, Bed::hybrid] {
-        let mut bed = fresh();
+    for fresh in [Dut::plus, Dut::hybrid] {
+        let mut dut = fresh();
         let (hybrid, mut values) =
-            (bed.drive.spec().kind == "mdrive-hybrid", vec![(Reg::A, 5_000), (Reg::VM, 70_000)]);
+            (dut.drive.spec().kind == "mdrive-hybrid", vec![(Reg::A, 5_000), (Reg::VM, 70_000)]);
         values.extend([
             (Reg::CE, 0),
             (Reg::D5, 9),
@@ -35,56 +35,56 @@ fn what_a_save_keeps() {
         values.extend([(Reg::S5, 10 << 16 | 1), (Reg::ES, 2), (Reg::NE, 0), (Reg::HT, 0)]);
         values.push(if hybrid { (Reg::LT, 777) } else { (Reg::SF, 0) });
         for &(reg, value) in &values {
-            bed.set(reg, value);
+            dut.set(reg, value);
         }
-        bed.declare(b"Q1", Meaning::Global(-123_456));
-        bed.declare(b"X ", Meaning::Global(7));
-        bed.declare(b"Q2", Meaning::Local(1));
-        bed.set(Reg::C1, 99);
-        bed.save();
+        dut.declare(b"Q1", Meaning::Global(-123_456));
+        dut.declare(b"X ", Meaning::Global(7));
+        dut.declare(b"Q2", Meaning::Local(1));
+        dut.set(Reg::C1, 99);
+        dut.save();
         // What came behind it is not kept.
-        bed.set(Reg::R4, 6);
-        bed.try_write(0x67, 1, 0);
-        bed.cycle();
+        dut.set(Reg::R4, 6);
+        dut.try_write(0x67, 1, 0);
+        dut.cycle();
         for &(reg, value) in &values {
-            assert_eq!(bed.get(reg), value, "{reg:?}");
+            assert_eq!(dut.get(reg), value, "{reg:?}");
         }
-        assert_eq!(bed.meaning(b"Q1"), Some(Meaning::Global(-123_456)));
-        assert_eq!(bed.meaning(b"X "), Some(Meaning::Global(7)));
-        assert_eq!(bed.meaning(b"Q2"), None);
-        assert_eq!((bed.get(Reg::C1), bed.error()), (0, 0));
+        assert_eq!(dut.meaning(b"Q1"), Some(Meaning::Global(-123_456)));
+        assert_eq!(dut.meaning(b"X "), Some(Meaning::Global(7)));
+        assert_eq!(dut.meaning(b"Q2"), None);
+        assert_eq!((dut.get(Reg::C1), dut.error()), (0, 0));
     }
 }
 
 #[test]
 fn what_is_not_saved_is_lost() {
-    let mut bed = Bed::plus();
-    bed.set(Reg::VM, 70_000);
-    bed.declare(b"Q1", Meaning::Global(5));
-    bed.cycle();
-    assert_eq!((bed.get(Reg::VM), bed.meaning(b"Q1"), bed.error()), (768_000, None, 0));
+    let mut dut = Dut::plus();
+    dut.set(Reg::VM, 70_000);
+    dut.declare(b"Q1", Meaning::Global(5));
+    dut.cycle();
+    assert_eq!((dut.get(Reg::VM), dut.meaning(b"Q1"), dut.error()), (768_000, None, 0));
 }
 
 #[test]
 fn power_that_goes_at_any_byte_of_a_save() {
-    let mut bed = Bed::plus();
-    bed.set(Reg::R1, 1);
-    bed.declare(b"Q1", Meaning::Global(1));
-    bed.save();
-    let old = bed.world.memory.clone();
-    bed.world.stores.clear();
-    bed.set(Reg::R1, 2);
-    bed.write(0x1F + 2, 1, 0);
-    bed.drive.drive.mcode.names.set(*b"Q1", 2).unwrap();
-    bed.declare(b"Q9", Meaning::Global(9));
-    bed.save();
-    let stores = bed.world.stores.iter().flat_map(|(_, offset, bytes)| {
+    let mut dut = Dut::plus();
+    dut.set(Reg::R1, 1);
+    dut.declare(b"Q1", Meaning::Global(1));
+    dut.save();
+    let old = dut.out.memory.clone();
+    dut.out.stores.clear();
+    dut.set(Reg::R1, 2);
+    dut.write(0x1F + 2, 1, 0);
+    dut.drive.drive.mcode.names.set(*b"Q1", 2).unwrap();
+    dut.declare(b"Q9", Meaning::Global(9));
+    dut.save();
+    let stores = dut.out.stores.iter().flat_map(|(_, offset, bytes)| {
         bytes.iter().enumerate().map(|(n, &byte)| (usize::from(*offset) + n, byte))
     });
     let bytes: Vec<(usize, u8)> = stores.collect();
     let (mut memory, mut bad) = (old, 0);
     for stored in 0..=bytes.len() {
-        let mut cut = Bed::off(Mdrive::plus(), memory.clone());
+        let mut cut = Dut::off(Mdrive::plus(), memory.clone());
         cut.power_on(true);
         let state = (cut.get(Reg::R1), cut.meaning(b"Q1"), cut.meaning(b"Q9"), cut.get(Reg::ER));
         let (one, two, nine) = (Some(Meaning::Global(1)), Some(Meaning::Global(2)), Some(Meaning::Global(9)));
@@ -116,18 +116,18 @@ fn every_cut(memory: &[u8], stores: &[(Instant, u16, Vec<u8>)]) -> Vec<Vec<u8>> 
 
 #[test]
 fn power_that_goes_at_any_byte_of_fd() {
-    let mut bed = Bed::plus();
-    bed.connect(CLIENT);
-    bed.type_in(CLIENT, "EM=2\rVA Q1=1\rR1=5\rPG 1\rLB K1\rE\rPG\r");
-    bed.save();
-    let old = bed.world.memory.clone();
-    bed.world.stores.clear();
-    bed.type_in(CLIENT, "FD\r");
-    bed.wait(100.millis());
-    let cuts = every_cut(&old, &bed.world.stores);
+    let mut dut = Dut::plus();
+    dut.connect(CLIENT);
+    dut.type_in(CLIENT, "EM=2\rVA Q1=1\rR1=5\rPG 1\rLB K1\rE\rPG\r");
+    dut.save();
+    let old = dut.out.memory.clone();
+    dut.out.stores.clear();
+    dut.type_in(CLIENT, "FD\r");
+    dut.wait(100.millis());
+    let cuts = every_cut(&old, &dut.out.stores);
     let mut outcomes = [0; 3];
     for (n, memory) in cuts.iter().enumerate() {
-        let mut cut = Bed::off(Mdrive::plus(), memory.clone());
+        let mut cut = Dut::off(Mdrive::plus(), memory.clone());
         cut.power_on(true);
         let state = (cut.get(Reg::R1), cut.meaning(b"Q1"), cut.meaning(b"K1"), cut.error());
         let outcome = match state {
@@ -143,13 +143,13 @@ fn power_that_goes_at_any_byte_of_fd() {
 
 #[test]
 fn a_memory_that_does_not_pass() {
-    let mut bed = Bed::plus();
-    bed.set(Reg::R1, 5);
-    bed.save();
+    let mut dut = Dut::plus();
+    dut.set(Reg::R1, 5);
+    dut.save();
     for place in [0, 40, 200, 900] {
-        let mut memory = bed.world.memory.clone();
+        let mut memory = dut.out.memory.clone();
         memory[place] ^= 1;
-        let mut bad = Bed::off(Mdrive::plus(), memory);
+        let mut bad = Dut::off(Mdrive::plus(), memory);
         assert_eq!(bad.try_set(Reg::R2, 1), Err(Refused::BadMemory));
         bad.power_on(true);
         assert_eq!((bad.get(Reg::R1), bad.error()), (0, 70), "{place}");
@@ -165,35 +165,35 @@ fn a_memory_of_what_no_write_could_bring() {
     for pair in
         [[(Reg::JE, 1), (Reg::CM, 1)], [(Reg::VI, 5_000), (Reg::VM, 5_000)], [(Reg::HT, 1), (Reg::R1, 7)]]
     {
-        let mut bed = Bed::plus();
+        let mut dut = Dut::plus();
         for (reg, value) in pair {
             // Past the drive.
-            bed.drive.drive.bank.set(reg, value);
+            dut.drive.drive.bank.set(reg, value);
         }
-        bed.save();
-        bed.cycle();
+        dut.save();
+        dut.cycle();
         let factory = pair.map(|(reg, _)| Reg::ENTRIES.list[reg.row()].reset);
-        assert_eq!(pair.map(|(reg, _)| bed.get(reg)), factory, "{pair:?}");
+        assert_eq!(pair.map(|(reg, _)| dut.get(reg)), factory, "{pair:?}");
     }
 }
 
 #[test]
 fn a_save_in_motion() {
-    let mut bed = Bed::plus();
-    bed.write(0x78, 2, 10_000);
-    bed.wait(100.millis());
-    bed.refused(&[16, 0, 0x76, 0, 1, 2, 0, 1], 4, 73);
-    assert_eq!(bed.world.stores, []);
+    let mut dut = Dut::plus();
+    dut.write(0x78, 2, 10_000);
+    dut.wait(100.millis());
+    dut.refused(&[16, 0, 0x76, 0, 1, 2, 0, 1], 4, 73);
+    assert_eq!(dut.out.stores, []);
 }
 
 #[test]
 fn presets_before_power() {
-    let mut bed = Bed::off(Mdrive::plus(), vec![0xFF; MEMORY]);
-    bed.set(Reg::VM, 90_000);
-    bed.set(Reg::VI, 80_000);
-    bed.set(Reg::S2, 16 << 32 | 1 << 16 | 1);
-    bed.set(Reg::EE, 1);
-    bed.set(Reg::SerialCommands, 1);
+    let mut dut = Dut::off(Mdrive::plus(), vec![0xFF; MEMORY]);
+    dut.set(Reg::VM, 90_000);
+    dut.set(Reg::VI, 80_000);
+    dut.set(Reg::S2, 16 << 32 | 1 << 16 | 1);
+    dut.set(Reg::EE, 1);
+    dut.set(Reg::SerialCommands, 1);
     for (reg, value, refused) in [
         (Reg::VI, 4_000, Refused::OutOfRange),
         (Reg::RC, 101, Refused::OutOfRange),
@@ -203,18 +203,18 @@ fn presets_before_power() {
         (Reg::EF, 1, Refused::ReadOnly),
         (Reg::LT, 5, Refused::NoSuchRegister),
     ] {
-        assert_eq!(bed.try_set(reg, value), Err(refused), "{reg:?}");
+        assert_eq!(dut.try_set(reg, value), Err(refused), "{reg:?}");
     }
-    bed.power_on(true);
+    dut.power_on(true);
     // 90,000 and 80,000 steps/s are 3,600 and 3,200 counts/s.
-    assert_eq!([Reg::VM, Reg::VI, Reg::A, Reg::EE].map(|reg| bed.get(reg)), [3_600, 3_200, 40_000, 1]);
-    assert_eq!((bed.get(Reg::S2), bed.get(Reg::SerialCommands)), (16 << 32 | 1 << 16 | 1, 1));
-    assert_eq!(bed.error(), 0);
+    assert_eq!([Reg::VM, Reg::VI, Reg::A, Reg::EE].map(|reg| dut.get(reg)), [3_600, 3_200, 40_000, 1]);
+    assert_eq!((dut.get(Reg::S2), dut.get(Reg::SerialCommands)), (16 << 32 | 1 << 16 | 1, 1));
+    assert_eq!(dut.error(), 0);
 }
 
 #[test]
 fn presets_later() {
-    let mut bed = Bed::plus();
+    let mut dut = Dut::plus();
     for (reg, value, refused) in [
         (Reg::MV, 1, Refused::ReadOnly),
         (Reg::BY, 1, Refused::ReadOnly),
@@ -226,64 +226,64 @@ fn presets_later() {
         (Reg::S1, 9 << 32, Refused::OutOfRange),
         (Reg::SerialCommands, 2, Refused::OutOfRange),
     ] {
-        assert_eq!(bed.try_set(reg, value), Err(refused), "{reg:?}");
+        assert_eq!(dut.try_set(reg, value), Err(refused), "{reg:?}");
     }
-    bed.set(Reg::S1, 16 << 32);
-    bed.set(Reg::O1, 1);
-    bed.set(Reg::P, -5);
-    assert_eq!((bed.get(Reg::O1), bed.get(Reg::P)), (1, -5));
-    assert_eq!(bed.error(), 0, "a preset is no write of the bus");
-    let mut bed = Bed::hybrid();
-    bed.set(Reg::SS, 198);
-    assert_eq!(bed.get(Reg::SS), 198, "the register, not Hz");
+    dut.set(Reg::S1, 16 << 32);
+    dut.set(Reg::O1, 1);
+    dut.set(Reg::P, -5);
+    assert_eq!((dut.get(Reg::O1), dut.get(Reg::P)), (1, -5));
+    assert_eq!(dut.error(), 0, "a preset is no write of the bus");
+    let mut dut = Dut::hybrid();
+    dut.set(Reg::SS, 198);
+    assert_eq!(dut.get(Reg::SS), 198, "the register, not Hz");
 }
 
 #[test]
 fn ip_brings_back_what_is_saved() {
-    let mut bed = Bed::plus();
-    bed.connect(CLIENT);
-    bed.type_in(CLIENT, "RC=70\rVA Q1=1\rS1=16,1,0\rS\rRC=80\rQ1=2\rS1=0,0,0\rP=5\rIP\r");
+    let mut dut = Dut::plus();
+    dut.connect(CLIENT);
+    dut.type_in(CLIENT, "RC=70\rVA Q1=1\rS1=16,1,0\rS\rRC=80\rQ1=2\rS1=0,0,0\rP=5\rIP\r");
     // User variables and counters are none of the factory's variables (MC 3-3).
-    let now = (bed.get(Reg::RC), bed.get(Reg::S1), bed.meaning(b"Q1"), bed.get(Reg::P), bed.error());
+    let now = (dut.get(Reg::RC), dut.get(Reg::S1), dut.meaning(b"Q1"), dut.get(Reg::P), dut.error());
     assert_eq!(now, (70, 16 << 32 | 1 << 16, Some(Meaning::Global(2)), 5, 0));
-    bed.write(0x78, 2, 5_000);
-    bed.wait(10.millis());
-    bed.type_in(CLIENT, "RC=90\rIP\r");
-    assert_eq!((bed.error(), bed.get(Reg::RC)), (74, 90));
+    dut.write(0x78, 2, 5_000);
+    dut.wait(10.millis());
+    dut.type_in(CLIENT, "RC=90\rIP\r");
+    assert_eq!((dut.error(), dut.get(Reg::RC)), (74, 90));
 }
 
 #[test]
 fn fd_is_as_the_factory_made_it() {
-    let mut bed = Bed::plus();
-    bed.set(Reg::SerialCommands, 1);
-    bed.connect(CLIENT);
-    bed.type_in(CLIENT, "RC=70\rVA Q1=1\rLK=1\rS\rCP\rPG 1\rLB K1\rE\rPG\rP=5\rEM=2\r");
-    assert_eq!(bed.type_in(CLIENT, "FD\r"), "Copyright 2001-2010 by Schneider Electric Motion USA.\r\n>");
+    let mut dut = Dut::plus();
+    dut.set(Reg::SerialCommands, 1);
+    dut.connect(CLIENT);
+    dut.type_in(CLIENT, "RC=70\rVA Q1=1\rLK=1\rS\rCP\rPG 1\rLB K1\rE\rPG\rP=5\rEM=2\r");
+    assert_eq!(dut.type_in(CLIENT, "FD\r"), "Copyright 2001-2010 by Schneider Electric Motion USA.\r\n>");
     for _ in 0..2 {
-        let now = [Reg::RC, Reg::P, Reg::LK, Reg::EM].map(|reg| bed.get(reg));
+        let now = [Reg::RC, Reg::P, Reg::LK, Reg::EM].map(|reg| dut.get(reg));
         assert_eq!(now, [25, 0, 0, 0]);
-        assert_eq!((bed.meaning(b"Q1"), bed.meaning(b"K1"), bed.error()), (None, None, 0));
-        assert_eq!(bed.get(Reg::SerialCommands), 1);
-        bed.wait(100.millis());
-        bed.cycle();
+        assert_eq!((dut.meaning(b"Q1"), dut.meaning(b"K1"), dut.error()), (None, None, 0));
+        assert_eq!(dut.get(Reg::SerialCommands), 1);
+        dut.wait(100.millis());
+        dut.cycle();
     }
-    bed.connect(CLIENT);
-    assert_eq!(bed.type_in(CLIENT, "L\r"), "L\r\n>");
-    bed.write(0x78, 2, 5_000);
-    bed.wait(10.millis());
-    bed.type_in(CLIENT, "FD\r");
-    assert_eq!(bed.error(), 73);
+    dut.connect(CLIENT);
+    assert_eq!(dut.type_in(CLIENT, "L\r"), "L\r\n>");
+    dut.write(0x78, 2, 5_000);
+    dut.wait(10.millis());
+    dut.type_in(CLIENT, "FD\r");
+    assert_eq!(dut.error(), 73);
 }
 
 #[test]
 fn the_lock_holds_until_everything_is_cleared() {
-    let mut bed = Bed::plus();
-    bed.connect(CLIENT);
-    bed.type_in(CLIENT, "LK=1\rLK=0\r");
-    assert_eq!((bed.error(), bed.get(Reg::LK)), (44, 1));
-    bed.type_in(CLIENT, "CP\r");
-    assert_eq!((bed.error(), bed.get(Reg::LK)), (0, 0));
-    bed.type_in(CLIENT, "LK=1\r");
-    bed.cycle();
-    assert_eq!(bed.get(Reg::LK), 0, "it was not saved");
+    let mut dut = Dut::plus();
+    dut.connect(CLIENT);
+    dut.type_in(CLIENT, "LK=1\rLK=0\r");
+    assert_eq!((dut.error(), dut.get(Reg::LK)), (44, 1));
+    dut.type_in(CLIENT, "CP\r");
+    assert_eq!((dut.error(), dut.get(Reg::LK)), (0, 0));
+    dut.type_in(CLIENT, "LK=1\r");
+    dut.cycle();
+    assert_eq!(dut.get(Reg::LK), 0, "it was not saved");
 }

@@ -19,7 +19,7 @@ fn write(name: &str, string: &str) -> Vec<u8> {
     [&[66][..], &mnemonic(name), &[string.len() as u8], string.as_bytes()].concat()
 }
 
-impl Bed {
+impl Dut {
     /// What function 65 says.
     fn specific(&mut self, name: &str) -> String {
         let reply = self.ask(&read(name));
@@ -36,14 +36,14 @@ impl Bed {
 
 #[test]
 fn examples_of_the_manual() {
-    let mut bed = Bed::plus();
+    let mut dut = Dut::plus();
     // FB 4.3.3: S1=0,1,0. It prints function 41h.
     let request = [0x42, 0x20, 0x20, 0x31, 0x53, 0x06, 0x3D, 0x30, 0x2C, 0x31, 0x2C, 0x30];
-    assert_eq!(bed.ask(&request), [0x42, 0x04, 0x20, 0x20, 0x31, 0x53]);
-    assert_eq!(bed.specific("S1"), "0, 1, 0");
+    assert_eq!(dut.ask(&request), [0x42, 0x04, 0x20, 0x20, 0x31, 0x53]);
+    assert_eq!(dut.specific("S1"), "0, 1, 0");
     // FB 4.3.2: TR.
     let reply = [0x41, 0x07, 0x30, 0x2C, 0x20, 0x30, 0x2C, 0x20, 0x30];
-    assert_eq!(bed.ask(&[0x41, 0x20, 0x20, 0x52, 0x54]), reply);
+    assert_eq!(dut.ask(&[0x41, 0x20, 0x20, 0x52, 0x54]), reply);
     // FB 4.3.1.
     assert_eq!(mnemonic("S13"), [0x20, 0x33, 0x31, 0x53]);
     assert_eq!(mnemonic("CR"), [0x20, 0x20, 0x52, 0x43]);
@@ -56,17 +56,17 @@ fn examples_of_the_manual() {
         ("S13", "=60,0", "60, 0"),
         ("TR", "=6500", "6500, 0, 0"),
     ] {
-        bed.set_specific(name, string);
-        assert_eq!(bed.specific(name), values, "{name}{string}");
+        dut.set_specific(name, string);
+        assert_eq!(dut.specific(name), values, "{name}{string}");
     }
-    let mut bed = Bed::hybrid();
-    bed.set_specific("MU", "=2,0");
-    assert_eq!(bed.specific("MU"), "2, 0");
+    let mut dut = Dut::hybrid();
+    dut.set_specific("MU", "=2,0");
+    assert_eq!(dut.specific("MU"), "2, 0");
 }
 
 #[test]
 fn defaults() {
-    let mut bed = Bed::plus();
+    let mut dut = Dut::plus();
     for (name, values) in [
         ("S1", "0, 0, 0"),
         ("S4", "0, 0, 0"),
@@ -77,9 +77,9 @@ fn defaults() {
         ("CR", "1.000"),
         ("TR", "0, 0, 0"),
     ] {
-        assert_eq!(bed.specific(name), values, "{name}");
+        assert_eq!(dut.specific(name), values, "{name}");
     }
-    assert_eq!(Bed::hybrid().specific("MU"), "0, 0");
+    assert_eq!(Dut::hybrid().specific("MU"), "0, 0");
 }
 
 #[test]
@@ -89,25 +89,25 @@ fn types_of_inputs_and_outputs() {
         .into_iter()
         .chain([(1, 16), (2, 17), (3, 18), (4, 19), (1, 20), (2, 23)])
     {
-        let mut bed = Bed::plus();
+        let mut dut = Dut::plus();
         // "Ground the input first or a reset will occur" (MC 5-63).
-        bed.drive(n, false);
+        dut.drive(n, false);
         let (name, string) = (std::format!("S{n}"), std::format!("={kind},1,1"));
-        bed.set_specific(&name, &string);
-        assert_eq!(bed.specific(&name), std::format!("{kind}, 1, 1"));
+        dut.set_specific(&name, &string);
+        assert_eq!(dut.specific(&name), std::format!("{kind}, 1, 1"));
     }
     for kind in [9, 10, 12, 15, 22, 26, 33, 60, 255] {
-        Bed::plus().refused(&write("S2", &std::format!("={kind},0,0")), 3, 8);
+        Dut::plus().refused(&write("S2", &std::format!("={kind},0,0")), 3, 8);
     }
     for kind in [21, 24, 25] {
         let string = std::format!("={kind},0,0");
-        Bed::plus().refused(&write("S2", &string), 3, 8);
-        Bed::hybrid().set_specific("S2", &string);
+        Dut::plus().refused(&write("S2", &string), 3, 8);
+        Dut::hybrid().set_specific("S2", &string);
     }
-    let mut bed = Bed::plus();
-    bed.set_specific("S1", "=2,0,0");
-    bed.refused(&write("S3", "=2,0,0"), 3, 6);
-    assert_eq!(bed.specific("S3"), "0, 0, 0");
+    let mut dut = Dut::plus();
+    dut.set_specific("S1", "=2,0,0");
+    dut.refused(&write("S3", "=2,0,0"), 3, 6);
+    assert_eq!(dut.specific("S3"), "0, 0, 0");
     for (name, string, error) in [
         ("S1", "=0,2,0", 21),
         ("S1", "=0,0,2", 21),
@@ -124,48 +124,48 @@ fn types_of_inputs_and_outputs() {
         ("CR", "=0", 21),
         ("CR", "=2.001", 21),
     ] {
-        Bed::plus().refused(&write(name, string), 3, error);
+        Dut::plus().refused(&write(name, string), 3, error);
     }
 }
 
 /// MC 5-66: they are set up in pairs.
 #[test]
 fn a_clock_type_is_that_of_both() {
-    let mut bed = Bed::plus();
-    bed.set_specific("S8", "=49,1");
-    assert_eq!((bed.specific("S7").as_str(), bed.specific("S8").as_str()), ("49, 0", "49, 1"));
-    bed.set_specific("S7", "=34,1");
-    assert_eq!((bed.specific("S7").as_str(), bed.specific("S8").as_str()), ("34, 1", "34, 1"));
+    let mut dut = Dut::plus();
+    dut.set_specific("S8", "=49,1");
+    assert_eq!((dut.specific("S7").as_str(), dut.specific("S8").as_str()), ("49, 0", "49, 1"));
+    dut.set_specific("S7", "=34,1");
+    assert_eq!((dut.specific("S7").as_str(), dut.specific("S8").as_str()), ("34, 1", "34, 1"));
 }
 
 #[test]
 fn values_that_are_left_out_are_0() {
-    let mut bed = Bed::plus();
-    bed.set_specific("S1", "=16,1,1");
-    bed.set_specific("S1", "=16");
-    assert_eq!(bed.specific("S1"), "16, 0, 0");
-    bed.set_specific("S5", "=10");
-    assert_eq!(bed.specific("S5"), "10, 0");
+    let mut dut = Dut::plus();
+    dut.set_specific("S1", "=16,1,1");
+    dut.set_specific("S1", "=16");
+    assert_eq!(dut.specific("S1"), "16, 0, 0");
+    dut.set_specific("S5", "=10");
+    assert_eq!(dut.specific("S5"), "10, 0");
 }
 
 #[test]
 fn what_is_no_mnemonic_of_these_functions() {
     for name in ["VM", "S6", "S9", "S", "S0", "S14", "PR", "MU", "TP", ""] {
-        let mut bed = Bed::plus();
-        bed.refused(&read(name), 2, 0);
-        bed.refused(&write(name, "=1"), 2, 0);
+        let mut dut = Dut::plus();
+        dut.refused(&read(name), 2, 0);
+        dut.refused(&write(name, "=1"), 2, 0);
     }
     for name in ["S7", "S8", "CR"] {
-        Bed::hybrid().refused(&read(name), 2, 0);
+        Dut::hybrid().refused(&read(name), 2, 0);
     }
     for sent in [*b"S1  ", *b"  s1", *b"1S  ", *b" 1S "] {
-        Bed::plus().refused(&[&[65][..], &sent].concat(), 2, 0);
+        Dut::plus().refused(&[&[65][..], &sent].concat(), 2, 0);
     }
 }
 
 #[test]
 fn wrong_structure_does_not_reach_mcode() {
-    let mut bed = Bed::plus();
+    let mut dut = Dut::plus();
     for pdu in [
         &[65][..],
         &[66, b' ', b' ', b'1'],
@@ -177,11 +177,11 @@ fn wrong_structure_does_not_reach_mcode() {
         &[65, b' ', b' ', b' ', b'E', 1, b'1'],
         &[65, b' ', b' ', b'X', b'E'],
     ] {
-        bed.refused(pdu, 3, 0);
+        dut.refused(pdu, 3, 0);
     }
     let long = std::format!("=0,0,{:024}", 0);
     assert_eq!(long.len(), 29);
-    bed.refused(&write("S1", &long), 3, 0);
+    dut.refused(&write("S1", &long), 3, 0);
 }
 
 #[test]
@@ -194,44 +194,44 @@ fn strings_that_are_none() {
         ("EX", "768", 42),
         ("EX", "5", 42),
     ] {
-        Bed::plus().refused(&write(name, string), 3, error);
+        Dut::plus().refused(&write(name, string), 3, error);
     }
     for string in ["=", "=,,", "=,1,0", "=x", "=0,0,0,0", "==", "=0 0", "=\"", "=\u{1}"] {
-        let mut bed = Bed::plus();
-        assert_eq!(bed.ask(&write("S1", string)), [0xC2, 3], "{string}");
-        assert_ne!(bed.error(), 0, "{string}");
-        assert_eq!(bed.specific("S1"), "0, 0, 0");
+        let mut dut = Dut::plus();
+        assert_eq!(dut.ask(&write("S1", string)), [0xC2, 3], "{string}");
+        assert_ne!(dut.error(), 0, "{string}");
+        assert_eq!(dut.specific("S1"), "0, 0, 0");
     }
 }
 
 #[test]
 fn a_program_is_run_and_ended() {
     for function in [65, 66] {
-        let mut bed = Bed::plus();
-        bed.connect(CLIENT);
-        bed.type_in(CLIENT, "PG 100\rLB A3\rIC R1\rBR A3\rE\rPG\r");
-        let tell = |bed: &mut Bed, name: &str, data: &[u8]| {
-            let reply = bed.ask(&[&[function][..], &mnemonic(name), data].concat());
+        let mut dut = Dut::plus();
+        dut.connect(CLIENT);
+        dut.type_in(CLIENT, "PG 100\rLB A3\rIC R1\rBR A3\rE\rPG\r");
+        let tell = |dut: &mut Dut, name: &str, data: &[u8]| {
+            let reply = dut.ask(&[&[function][..], &mnemonic(name), data].concat());
             let expected =
                 if function == 65 { vec![65, 0] } else { [&[66, 4][..], &mnemonic(name)].concat() };
             assert_eq!(reply, expected, "{name}");
         };
-        tell(&mut bed, "EX", b"\x02A3");
-        assert_eq!(bed.get(Reg::BY), 1);
-        bed.wait(100.millis());
-        let counted = bed.read(0x5F, 2);
+        tell(&mut dut, "EX", b"\x02A3");
+        assert_eq!(dut.get(Reg::BY), 1);
+        dut.wait(100.millis());
+        let counted = dut.read(0x5F, 2);
         // Three lines of 210 µs.
         assert!((155..=160).contains(&counted), "{counted}");
-        tell(&mut bed, "PS", &[]);
-        let paused = bed.read(0x5F, 2);
-        bed.wait(100.millis());
-        assert_eq!(bed.read(0x5F, 2), paused);
-        tell(&mut bed, "RS", &[0]);
-        bed.wait(100.millis());
-        assert!(bed.read(0x5F, 2) > paused);
-        tell(&mut bed, "E", &[]);
-        assert_eq!(bed.get(Reg::BY), 0);
-        tell(&mut bed, "EX", b"\x04=100");
-        assert_eq!((bed.get(Reg::BY), bed.error()), (1, 0));
+        tell(&mut dut, "PS", &[]);
+        let paused = dut.read(0x5F, 2);
+        dut.wait(100.millis());
+        assert_eq!(dut.read(0x5F, 2), paused);
+        tell(&mut dut, "RS", &[0]);
+        dut.wait(100.millis());
+        assert!(dut.read(0x5F, 2) > paused);
+        tell(&mut dut, "E", &[]);
+        assert_eq!(dut.get(Reg::BY), 0);
+        tell(&mut dut, "EX", b"\x04=100");
+        assert_eq!((dut.get(Reg::BY), dut.error()), (1, 0));
     }
 }

@@ -7,46 +7,46 @@ use super::*;
 const WAYS: [(Pin, i16, Pin); 2] = [(START_STOP, 1, DIR), (DIR, -1, START_STOP)];
 
 /// A motor that turns `way` at 1,500 rpm between two closed switches, and slows down in 7.5 s from there.
-fn turning(way: i16) -> Bed {
-    let mut bed = Bed::armed();
-    bed.contact(DIR, true);
-    bed.contact(START_STOP, true);
-    bed.write(130, (way * 1_500).cast_unsigned());
-    bed.wait(2.secs());
-    assert!((1_485..=1_515).contains(&(i64::from(way) * bed.rpm())), "{}", bed.rpm());
-    bed.write(154, 1_023);
-    bed
+fn turning(way: i16) -> Dut {
+    let mut dut = Dut::armed();
+    dut.contact(DIR, true);
+    dut.contact(START_STOP, true);
+    dut.write(130, (way * 1_500).cast_unsigned());
+    dut.wait(2.secs());
+    assert!((1_485..=1_515).contains(&(i64::from(way) * dut.rpm())), "{}", dut.rpm());
+    dut.write(154, 1_023);
+    dut
 }
 
 /// The output, word 3 of MONITOR.
-fn output(bed: &mut Bed) -> u16 {
-    bed.read_words(196, 6)[2]
+fn output(dut: &mut Dut) -> u16 {
+    dut.read_words(196, 6)[2]
 }
 
 #[test]
 fn one_stops_a_shaft_that_still_turns_there_whatever_the_order_is() {
-    let orders: [fn(&mut Bed, i16); 4] = [
-        |bed, way| bed.write(130, (way * -1_500).cast_unsigned()),
-        |bed, _| bed.write(130, 0),
-        |bed, _| bed.write(100, 0),
+    let orders: [fn(&mut Dut, i16); 4] = [
+        |dut, way| dut.write(130, (way * -1_500).cast_unsigned()),
+        |dut, _| dut.write(130, 0),
+        |dut, _| dut.write(100, 0),
         // A position that lies behind.
-        |bed, way| bed.write_words(244, if way > 0 { &[0xFF00, 0xFFFF] } else { &[0x0100, 0] }),
+        |dut, way| dut.write_words(244, if way > 0 { &[0xFF00, 0xFFFF] } else { &[0x0100, 0] }),
     ];
     for (switch, way, _) in WAYS {
         for (which, order) in orders.into_iter().enumerate() {
-            let mut bed = turning(way);
-            bed.write(40, 1);
-            order(&mut bed, way);
-            bed.wait(50.millis());
-            let rpm = i64::from(way) * bed.rpm();
+            let mut dut = turning(way);
+            dut.write(40, 1);
+            order(&mut dut, way);
+            dut.wait(50.millis());
+            let rpm = i64::from(way) * dut.rpm();
             assert!(rpm > 200, "{which}: {rpm} rpm");
-            bed.contact(switch, false);
-            assert_eq!(output(&mut bed), 0, "{which}");
+            dut.contact(switch, false);
+            assert_eq!(output(&mut dut), 0, "{which}");
             // Shorted windings stop it at once, and nothing turns it after that.
-            bed.wait(500.millis());
-            let position = bed.get(Pid::POSI_DATA);
-            bed.wait(20.secs());
-            assert_eq!((bed.get(Pid::POSI_DATA), bed.rpm()), (position, 0), "{which}");
+            dut.wait(500.millis());
+            let position = dut.get(Pid::POSI_DATA);
+            dut.wait(20.secs());
+            assert_eq!((dut.get(Pid::POSI_DATA), dut.rpm()), (position, 0), "{which}");
         }
     }
 }
@@ -55,12 +55,12 @@ fn one_stops_a_shaft_that_still_turns_there_whatever_the_order_is() {
 fn the_other_one_lets_it_slow_down() {
     for (_, way, other) in WAYS {
         for rpm in [0, way * 500] {
-            let mut bed = turning(way);
-            bed.write(130, rpm.cast_unsigned());
-            bed.contact(other, false);
-            bed.wait(1.secs());
-            assert_ne!(output(&mut bed), 0, "it is driven down its ramp");
-            assert!((1_250..=1_350).contains(&(i64::from(way) * bed.rpm())), "{}", bed.rpm());
+            let mut dut = turning(way);
+            dut.write(130, rpm.cast_unsigned());
+            dut.contact(other, false);
+            dut.wait(1.secs());
+            assert_ne!(output(&mut dut), 0, "it is driven down its ramp");
+            assert!((1_250..=1_350).contains(&(i64::from(way) * dut.rpm())), "{}", dut.rpm());
         }
     }
 }
@@ -68,52 +68,52 @@ fn the_other_one_lets_it_slow_down() {
 #[test]
 fn one_frees_it_if_limit_stop_cond_is_0() {
     for (switch, way, _) in WAYS {
-        let mut bed = turning(way);
-        bed.write(130, (way * -1_500).cast_unsigned());
-        bed.wait(500.millis());
-        bed.contact(switch, false);
-        bed.wait(10.millis());
-        assert_eq!((output(&mut bed), bed.get(Pid::TQ_DATA)), (0, 0));
-        assert!(i64::from(way) * bed.rpm() > 500, "{}", bed.rpm());
+        let mut dut = turning(way);
+        dut.write(130, (way * -1_500).cast_unsigned());
+        dut.wait(500.millis());
+        dut.contact(switch, false);
+        dut.wait(10.millis());
+        assert_eq!((output(&mut dut), dut.get(Pid::TQ_DATA)), (0, 0));
+        assert!(i64::from(way) * dut.rpm() > 500, "{}", dut.rpm());
     }
 }
 
 #[test]
 fn nothing_drives_it_on_after_it_has_been_freed() {
     for (switch, way, _) in WAYS {
-        let mut bed = turning(way);
-        bed.contact(switch, false);
+        let mut dut = turning(way);
+        dut.contact(switch, false);
         for (pid, value) in [(100, 0), (100, 1), (130, 0)] {
-            bed.write(pid, value);
-            bed.wait(10.millis());
-            assert_eq!((output(&mut bed), bed.get(Pid::TQ_DATA)), (0, 0), "PID {pid} = {value}");
+            dut.write(pid, value);
+            dut.wait(10.millis());
+            assert_eq!((output(&mut dut), dut.get(Pid::TQ_DATA)), (0, 0), "PID {pid} = {value}");
         }
-        assert!(i64::from(way) * bed.rpm() > 500, "{}", bed.rpm());
+        assert!(i64::from(way) * dut.rpm() > 500, "{}", dut.rpm());
     }
 }
 
 #[test]
 fn the_way_back_brakes_a_shaft_that_turns_on() {
-    let orders: [fn(&mut Bed, i16); 2] = [
-        |bed, way| bed.write(130, (way * -300).cast_unsigned()),
+    let orders: [fn(&mut Dut, i16); 2] = [
+        |dut, way| dut.write(130, (way * -300).cast_unsigned()),
         // To position 0, at 300 rpm.
-        |bed, _| bed.write_words(219, &[0, 0, 300]),
+        |dut, _| dut.write_words(219, &[0, 0, 300]),
     ];
     for (switch, way, _) in WAYS {
         for (which, order) in orders.into_iter().enumerate() {
-            let mut bed = turning(way);
-            bed.contact(switch, false);
-            bed.wait(100.millis());
-            let from = bed.get(Pid::POSI_DATA);
-            order(&mut bed, way);
+            let mut dut = turning(way);
+            dut.contact(switch, false);
+            dut.wait(100.millis());
+            let from = dut.get(Pid::POSI_DATA);
+            order(&mut dut, way);
             // SLOW_DOWN, 7.5 s from 1,500 rpm, would lead 94 turns on.
-            bed.wait(1.secs());
-            let on = i64::from(way) * (bed.get(Pid::POSI_DATA) - from);
+            dut.wait(1.secs());
+            let on = i64::from(way) * (dut.get(Pid::POSI_DATA) - from);
             assert!(on < 12 * 3, "{which}: {on} counts on");
-            let back = -i64::from(way) * bed.rpm();
+            let back = -i64::from(way) * dut.rpm();
             assert!((285..=315).contains(&back), "{which}: {back} rpm");
-            bed.contact(switch, true);
-            assert_eq!(bed.get(Pid::IN_POSITION_OK), 0, "{which}");
+            dut.contact(switch, true);
+            assert_eq!(dut.get(Pid::IN_POSITION_OK), 0, "{which}");
         }
     }
 }
@@ -121,19 +121,19 @@ fn the_way_back_brakes_a_shaft_that_turns_on() {
 #[test]
 fn a_motor_comes_back_out_of_an_open_one() {
     for (switch, way, _) in WAYS {
-        let mut bed = turning(way);
-        bed.write(40, 1);
-        bed.contact(switch, false);
-        bed.wait(1.secs());
-        let position = bed.get(Pid::POSI_DATA);
+        let mut dut = turning(way);
+        dut.write(40, 1);
+        dut.contact(switch, false);
+        dut.wait(1.secs());
+        let position = dut.get(Pid::POSI_DATA);
         // Slowly, and with everything that a master writes meanwhile.
-        bed.write(130, (way * -100).cast_unsigned());
+        dut.write(130, (way * -100).cast_unsigned());
         for _ in 0..20 {
-            bed.wait(100.millis());
-            bed.write(154, 0);
-            bed.write(130, (way * -100).cast_unsigned());
+            dut.wait(100.millis());
+            dut.write(154, 0);
+            dut.write(130, (way * -100).cast_unsigned());
         }
-        let way_back = i64::from(-way) * (bed.get(Pid::POSI_DATA) - position);
+        let way_back = i64::from(-way) * (dut.get(Pid::POSI_DATA) - position);
         // 100 rpm are 20 counts a second.
         assert!((30..=50).contains(&way_back), "{way_back}");
     }

@@ -5,22 +5,15 @@ use proptest::prelude::*;
 use std::vec::Vec;
 
 use super::*;
-use crate::device::{Axis, Output};
+use crate::device::Axis;
 use crate::motion::Rates;
+use crate::testing::{Recorder, Treatment};
 
 const AXIS: Axis = Axis(0);
 
 /// A stepper motor puts nothing.
-struct Nowhere;
-
-impl Sink for Nowhere {
-    fn put(&mut self, _at: Instant, output: Output<'_>) {
-        panic!("a stepper motor does not put {output:?}");
-    }
-
-    fn memory(&self) -> &[u8] {
-        &[]
-    }
+fn nothing() -> Recorder {
+    Recorder::default().ruled(|_| Treatment::Refuse)
 }
 
 fn at_us(us: u64) -> Instant {
@@ -29,7 +22,7 @@ fn at_us(us: u64) -> Instant {
 
 fn tell(motor: &mut Stepper, at: Instant, input: Input<'_>) {
     wake_until(motor, at);
-    motor.input(at, input, &mut Nowhere);
+    motor.input(at, input, &mut nothing());
 }
 
 fn plan(motor: &mut Stepper, at: Instant, plan: &Plan) {
@@ -43,7 +36,7 @@ fn step(motor: &mut Stepper, at: Instant, steps: i32) {
 fn wake_until(motor: &mut Stepper, at: Instant) {
     while motor.deadline() < at {
         let due = motor.deadline();
-        motor.timeout(due, &mut Nowhere);
+        motor.timeout(due, &mut nothing());
         assert!(motor.deadline() > due, "it wants to be woken again at once");
     }
 }
@@ -52,7 +45,7 @@ fn wake_until(motor: &mut Stepper, at: Instant) {
 fn turns(motor: &mut Stepper, at: Instant) -> f64 {
     wake_until(motor, at);
     if motor.deadline() == at {
-        motor.timeout(at, &mut Nowhere);
+        motor.timeout(at, &mut nothing());
     }
     motor.angle_at(at) as f64 / 4_294_967_296.0
 }
@@ -187,7 +180,7 @@ fn stalls(motor: &mut Stepper, until: Instant) -> Option<Instant> {
     while motor.deadline() < until {
         let due = motor.deadline();
         assert!(!motor.stalled());
-        motor.timeout(due, &mut Nowhere);
+        motor.timeout(due, &mut nothing());
         if motor.stalled() {
             return Some(due);
         }
@@ -450,7 +443,7 @@ proptest! {
                 last = seen[seen.len() - 1];
                 now = until;
                 if motor.deadline() == now {
-                    motor.timeout(now, &mut Nowhere);
+                    motor.timeout(now, &mut nothing());
                 }
             }
             let rests = course.end() <= now;
@@ -459,14 +452,14 @@ proptest! {
                 0 | 1 => course.towards(now, I24F8::from_num(number), 300_000),
                 2 => {
                     if rests {
-                        motor.input(now, Input::Step { axis: AXIS, steps: number.signum() }, &mut Nowhere);
+                        motor.input(now, Input::Step { axis: AXIS, steps: number.signum() }, &mut nothing());
                     }
                     continue;
                 }
                 3 => course.halt(now),
                 _ => continue,
             };
-            motor.input(now, Input::Plan { axis: AXIS, plan: &course }, &mut Nowhere);
+            motor.input(now, Input::Plan { axis: AXIS, plan: &course }, &mut nothing());
         }
         let steps = turns(&mut motor, now) * 1_600.0;
         prop_assert!((steps - steps.round()).abs() < 1e-5, "{}", steps);
@@ -529,7 +522,7 @@ proptest! {
             while motor.deadline() <= then {
                 now = motor.deadline();
                 let before = motor.angle_at(now);
-                motor.timeout(now, &mut Nowhere);
+                motor.timeout(now, &mut nothing());
                 prop_assert!(motor.deadline() > now, "it wants to be woken again at once");
                 prop_assert!(motor.angle_at(now).abs_diff(before) <= 4, "it jumps by {}", motor.angle_at(now) - before);
                 wakes += 1;
@@ -545,16 +538,16 @@ proptest! {
             match happens {
                 Happens::Slews(speed) => course = course.towards(now, I24F8::from_bits(speed), 300_000),
                 Happens::Halts => course = course.halt(now),
-                Happens::Steps(steps) => motor.input(now, Input::Step { axis: AXIS, steps }, &mut Nowhere),
-                Happens::Current(ma) => motor.input(now, Input::Current { axis: AXIS, ma }, &mut Nowhere),
-                Happens::Held(on) => motor.input(now, Input::Fault { fault: STALL, on }, &mut Nowhere),
+                Happens::Steps(steps) => motor.input(now, Input::Step { axis: AXIS, steps }, &mut nothing()),
+                Happens::Current(ma) => motor.input(now, Input::Current { axis: AXIS, ma }, &mut nothing()),
+                Happens::Held(on) => motor.input(now, Input::Fault { fault: STALL, on }, &mut nothing()),
                 Happens::Load(parameters) => motor.load(now, parameters),
                 Happens::Keeps(keeps) => motor.keep_field(now, keeps),
                 Happens::Catches => motor.catch(now),
                 Happens::Microsteps(microsteps) => motor.set_microsteps(now, microsteps),
             }
             if let Happens::Slews(_) | Happens::Halts = happens {
-                motor.input(now, Input::Plan { axis: AXIS, plan: &course }, &mut Nowhere);
+                motor.input(now, Input::Plan { axis: AXIS, plan: &course }, &mut nothing());
             }
             prop_assert!(motor.deadline() > now);
             // A plan's phase is between two steps of the one that it takes over.

@@ -8,37 +8,23 @@ use std::vec::Vec;
 
 use super::*;
 use crate::device::{Duration, advance};
+use crate::testing::{Recorder, Treatment};
 
 const AXIS: Axis = Axis(0);
 
-/// What a motor put.
-#[derive(Default)]
-struct Log {
-    edges: Vec<(Instant, Pin, bool)>,
-    draws: Vec<(Instant, i32)>,
-    reports: Vec<(Instant, Rotation)>,
-}
-
-impl Sink for Log {
-    fn put(&mut self, at: Instant, output: Output<'_>) {
-        match output {
-            Output::Level { pin, level } => self.edges.push((at, pin, level == Level::High)),
-            Output::Draws { ma, .. } => self.draws.push((at, ma)),
-            Output::Rotation { rotation, .. } => self.reports.push((at, rotation)),
-            Output::Motor { .. } => {}
-            _ => panic!("a motor does not put {output:?}"),
-        }
-    }
-
-    fn memory(&self) -> &[u8] {
-        &[]
-    }
+/// Levels, currents and rotations: a motor puts nothing else, but for its parameters.
+fn recorder() -> Recorder {
+    Recorder::default().ruled(|output| match output {
+        Output::Level { .. } | Output::Draws { .. } | Output::Rotation { .. } => Treatment::Keep,
+        Output::Motor { .. } => Treatment::Ignore,
+        _ => Treatment::Refuse,
+    })
 }
 
 /// A motor that has had power for no time.
 fn motor(parameters: Parameters) -> Motor {
     let mut motor = Motor::new(parameters);
-    motor.power_on(Instant::ZERO, Boot::default(), &mut Log::default());
+    motor.power_on(Instant::ZERO, Boot::default(), &mut recorder());
     motor
 }
 
@@ -78,12 +64,12 @@ fn a_small_current_turns_the_lightest_of_motors_too() {
         friction_unm: 0,
         ..Parameters::NOMINAL
     };
-    let (mut motor, mut log) = (motor(light), Log::default());
-    motor.input(at_ms(0), current(20), &mut log);
-    motor.input(at_ms(0), duty(4_183), &mut log);
-    advance(&mut motor, at_ms(1), core::iter::empty(), &mut log);
+    let (mut motor, mut out) = (motor(light), recorder());
+    motor.input(at_ms(0), current(20), &mut out);
+    motor.input(at_ms(0), duty(4_183), &mut out);
+    advance(&mut motor, at_ms(1), core::iter::empty(), &mut out);
     assert_eq!((turns_per_second(&motor, at_ms(1)) * 1e3).round(), 256.0);
-    assert_eq!(log.draws, [(at_ms(0), 20)]);
+    assert_eq!(out.draws, [(at_ms(0), AXIS, 20)]);
 }
 
 /// A drive knows where the shaft is at any instant, and a steady shaft reports no more than 4 ms want: 250 times a
@@ -97,24 +83,24 @@ fn reports_tell_where_the_shaft_is() {
         (Parameters { inertia_gcm2: 20_000, ..load(-50_000, 10_000) }, -10_000, 3_000),
         (Parameters { inertia_gcm2: 1, ..load(0, 10_000) }, 20_000, 20_000),
     ] {
-        let (mut motor, mut log) = (motor(parameters), Log::default());
-        motor.input(at_ms(0), duty(drive), &mut log);
-        motor.input(at_ms(0), current(ma), &mut log);
+        let (mut motor, mut out) = (motor(parameters), recorder());
+        motor.input(at_ms(0), duty(drive), &mut out);
+        motor.input(at_ms(0), current(ma), &mut out);
         for n in 0..4_000_u64 {
             // Let go it coasts; a load turns it round.
             if n == 2_000 {
-                log.reports.drain(..log.reports.len() - 1);
-                motor.input(at_ms(1_000), current(0), &mut log);
+                out.rotations.drain(..out.rotations.len() - 1);
+                motor.input(at_ms(1_000), current(0), &mut out);
             }
             let at = Instant::ZERO + Duration::micros(500) * n;
-            advance(&mut motor, at, core::iter::empty(), &mut log);
-            let &(since, report) = log.reports.last().unwrap();
+            advance(&mut motor, at, core::iter::empty(), &mut out);
+            let &(since, _, report) = out.rotations.last().unwrap();
             let (told, is) = (report.after(at.since(since)), motor.rotation_at(at));
             assert!(told.is_like(is), "{told:?} is not {is:?} at {at:?}");
             if n == 1_999 {
                 // The heavy one is still on its way; the speed of the lightest is rounded in each of its 50 µs.
                 let most = if (100..10_000).contains(&parameters.inertia_gcm2) { 130 } else { 1_000 };
-                let late = log.reports.iter().filter(|(at, _)| *at >= at_ms(500)).count();
+                let late = out.rotations.iter().filter(|(at, ..)| *at >= at_ms(500)).count();
                 assert!(late <= most, "{late} reports in half a second of {parameters:?}");
             }
         }
@@ -123,12 +109,12 @@ fn reports_tell_where_the_shaft_is() {
 
 #[test]
 fn at_full_duty_it_comes_to_its_no_load_speed_but_for_friction() {
-    let (mut motor, mut log) = (motor(Parameters { friction_unm: 0, ..Parameters::NOMINAL }), Log::default());
-    motor.input(at_ms(0), duty(65_536), &mut log);
-    motor.input(at_ms(0), current(100_000), &mut log);
+    let (mut motor, mut out) = (motor(Parameters { friction_unm: 0, ..Parameters::NOMINAL }), recorder());
+    motor.input(at_ms(0), duty(65_536), &mut out);
+    motor.input(at_ms(0), current(100_000), &mut out);
     // 24 V at 0.5 Ω.
-    assert_eq!(log.draws, [(at_ms(0), 48_000)]);
-    advance(&mut motor, at_ms(1_000), core::iter::empty(), &mut log);
+    assert_eq!(out.draws, [(at_ms(0), AXIS, 48_000)]);
+    advance(&mut motor, at_ms(1_000), core::iter::empty(), &mut out);
     assert!((turns_per_second(&motor, at_ms(1_000)) - 50.0).abs() < 0.001);
     assert_eq!(motor.shaft(at_ms(1_000), AXIS).unwrap().ma, 0);
 }
@@ -137,24 +123,23 @@ fn at_full_duty_it_comes_to_its_no_load_speed_but_for_friction() {
 fn friction_holds_what_is_not_stronger() {
     // 24 V·60/(2π·3,000) is 76.394 mN·m/A: 10 mN·m are 130.9 mA, at 48 A for 65,536 a duty of 178.7.
     for (drive, turns) in [(178, false), (179, true), (-178, false), (-179, true)] {
-        let (mut motor, mut log) = (motor(Parameters::NOMINAL), Log::default());
-        motor.input(at_ms(0), duty(drive), &mut log);
-        motor.input(at_ms(0), current(20_000), &mut log);
+        let (mut motor, mut out) = (motor(Parameters::NOMINAL), recorder());
+        motor.input(at_ms(0), duty(drive), &mut out);
+        motor.input(at_ms(0), current(20_000), &mut out);
         assert_eq!(motor.deadline() != Instant::NEVER, turns, "{drive}");
     }
 }
 
 #[test]
 fn a_load_turns_open_terminals_and_is_braked_by_shorted_ones() {
-    let (mut motor, mut log) =
-        (motor(Parameters { load_unm: -50_000, ..Parameters::NOMINAL }), Log::default());
-    motor.input(at_ms(0), held(true), &mut log);
-    motor.input(at_ms(0), held(false), &mut log);
-    advance(&mut motor, at_ms(100), core::iter::empty(), &mut log);
+    let (mut motor, mut out) = (motor(Parameters { load_unm: -50_000, ..Parameters::NOMINAL }), recorder());
+    motor.input(at_ms(0), held(true), &mut out);
+    motor.input(at_ms(0), held(false), &mut out);
+    advance(&mut motor, at_ms(100), core::iter::empty(), &mut out);
     // 40 mN·m on 400 g·cm² are 1,000 rad/s².
     assert!((turns_per_second(&motor, at_ms(100)) - 100.0 / TAU).abs() < 0.001);
-    motor.input(at_ms(100), current(20_000), &mut log);
-    advance(&mut motor, at_ms(1_000), core::iter::empty(), &mut log);
+    motor.input(at_ms(100), current(20_000), &mut out);
+    advance(&mut motor, at_ms(1_000), core::iter::empty(), &mut out);
     // 40 mN·m are 523.6 mA and, in 0.5 Ω, 261.8 mV: 32.725 rpm.
     assert!((turns_per_second(&motor, at_ms(1_000)) - 32.725 / 60.0).abs() < 0.001);
     assert_eq!(motor.shaft(at_ms(1_000), AXIS).unwrap().ma, -524);
@@ -165,13 +150,13 @@ fn what_a_load_turns_faster_than_its_supply_does_charges_it() {
     // Whatever it is put to, and may carry: 990 mN·m are 12.959 A and, in 0.5 Ω, 6.48 V more than 24 V.
     for (way, limit, drive) in [(1, 0, 0), (-1, 0, 0), (1, 1_000, 0), (-1, 1_000, 65_536), (1, 1_000, 65_536)]
     {
-        let (mut motor, mut log) =
-            (motor(Parameters { load_unm: way * -1_000_000, ..Parameters::NOMINAL }), Log::default());
-        motor.input(at_ms(0), duty(drive), &mut log);
-        motor.input(at_ms(0), current(limit), &mut log);
-        motor.input(at_ms(0), held(true), &mut log);
-        motor.input(at_ms(0), held(false), &mut log);
-        advance(&mut motor, at_ms(500), core::iter::empty(), &mut log);
+        let (mut motor, mut out) =
+            (motor(Parameters { load_unm: way * -1_000_000, ..Parameters::NOMINAL }), recorder());
+        motor.input(at_ms(0), duty(drive), &mut out);
+        motor.input(at_ms(0), current(limit), &mut out);
+        motor.input(at_ms(0), held(true), &mut out);
+        motor.input(at_ms(0), held(false), &mut out);
+        advance(&mut motor, at_ms(500), core::iter::empty(), &mut out);
         let rpm = turns_per_second(&motor, at_ms(500)) * 60.0;
         assert!((rpm - 3_809.9 * f64::from(way)).abs() < 1.0, "{rpm}");
         let ma = motor.shaft(at_ms(500), AXIS).unwrap().ma;
@@ -179,11 +164,11 @@ fn what_a_load_turns_faster_than_its_supply_does_charges_it() {
     }
     // Without power there is nothing to be charged: as fast as anything is, and braked when it comes.
     let mut motor = motor(Parameters { load_unm: -1_000_000, ..Parameters::NOMINAL });
-    motor.input(at_ms(0), held(true), &mut Log::default());
-    motor.input(at_ms(0), held(false), &mut Log::default());
+    motor.input(at_ms(0), held(true), &mut recorder());
+    motor.input(at_ms(0), held(false), &mut recorder());
     assert_eq!(turns_per_second(&motor, at_ms(10_000)), 3_906.25);
-    motor.power_on(at_ms(10_000), Boot::default(), &mut Log::default());
-    advance(&mut motor, at_ms(10_100), core::iter::empty(), &mut Log::default());
+    motor.power_on(at_ms(10_000), Boot::default(), &mut recorder());
+    advance(&mut motor, at_ms(10_100), core::iter::empty(), &mut recorder());
     assert!((turns_per_second(&motor, at_ms(10_100)) * 60.0 - 3_809.9).abs() < 1.0);
 }
 
@@ -192,9 +177,9 @@ fn nothing_turns_faster_than_the_fastest() {
     // A winding that brakes nothing.
     let parameters = Parameters { load_unm: -100_000_000, resistance_mohm: 1_000_000, ..Parameters::NOMINAL };
     let mut motor = motor(parameters);
-    motor.input(at_ms(0), current(1), &mut Log::default());
+    motor.input(at_ms(0), current(1), &mut recorder());
     for at in (1..200).map(at_ms) {
-        advance(&mut motor, at, core::iter::empty(), &mut Log::default());
+        advance(&mut motor, at, core::iter::empty(), &mut recorder());
         assert!(turns_per_second(&motor, at) <= 3_906.25);
     }
     assert_eq!(turns_per_second(&motor, at_ms(199)), 3_906.25);
@@ -202,9 +187,9 @@ fn nothing_turns_faster_than_the_fastest() {
     let slow =
         Parameters { no_load_rpm: 60, resistance_mohm: 10, load_unm: -1_000_000, ..Parameters::NOMINAL };
     let mut motor = super::Motor::new(slow);
-    motor.power_on(at_ms(0), Boot::default(), &mut Log::default());
-    motor.power_on(at_ms(10_000), Boot::default(), &mut Log::default());
-    advance(&mut motor, at_ms(10_100), core::iter::empty(), &mut Log::default());
+    motor.power_on(at_ms(0), Boot::default(), &mut recorder());
+    motor.power_on(at_ms(10_000), Boot::default(), &mut recorder());
+    advance(&mut motor, at_ms(10_100), core::iter::empty(), &mut recorder());
     assert!(turns_per_second(&motor, at_ms(10_100)) < 2.0);
 }
 
@@ -214,42 +199,42 @@ fn the_lightest_motor_breaks_loose_by_what_is_stronger_than_its_friction() {
     // 10 mN·m are 131 mA.
     for (ma, turns) in [(130, false), (132, true)] {
         let mut motor = motor(light);
-        motor.input(at_ms(0), duty(32_768), &mut Log::default());
-        motor.input(at_ms(0), current(ma), &mut Log::default());
+        motor.input(at_ms(0), duty(32_768), &mut recorder());
+        motor.input(at_ms(0), current(ma), &mut recorder());
         assert_eq!(motor.deadline() != Instant::NEVER, turns, "{ma} mA");
     }
 }
 
 #[test]
 fn a_held_shaft_stands_and_draws_what_the_voltage_gives() {
-    let (mut motor, mut log) = (motor(Parameters::NOMINAL), Log::default());
-    motor.input(at_ms(0), duty(16_384), &mut log);
-    motor.input(at_ms(0), current(20_000), &mut log);
-    advance(&mut motor, at_ms(100), core::iter::empty(), &mut log);
-    motor.input(at_ms(100), held(true), &mut log);
+    let (mut motor, mut out) = (motor(Parameters::NOMINAL), recorder());
+    motor.input(at_ms(0), duty(16_384), &mut out);
+    motor.input(at_ms(0), current(20_000), &mut out);
+    advance(&mut motor, at_ms(100), core::iter::empty(), &mut out);
+    motor.input(at_ms(100), held(true), &mut out);
     let shaft = motor.shaft(at_ms(100), AXIS).unwrap();
     assert_eq!(
         (shaft.speed, shaft.ma, motor.deadline()),
         (fixed::types::I48F16::ZERO, 12_000, Instant::NEVER)
     );
-    motor.input(at_ms(200), held(false), &mut log);
-    advance(&mut motor, at_ms(300), core::iter::empty(), &mut log);
+    motor.input(at_ms(200), held(false), &mut out);
+    advance(&mut motor, at_ms(300), core::iter::empty(), &mut out);
     assert!(turns_per_second(&motor, at_ms(300)) > 10.0);
 }
 
 #[test]
 fn without_power_it_coasts() {
-    let (mut motor, mut log) = (motor(Parameters::NOMINAL), Log::default());
-    motor.input(at_ms(0), duty(65_536), &mut log);
-    motor.input(at_ms(0), current(20_000), &mut log);
-    advance(&mut motor, at_ms(1_000), core::iter::empty(), &mut log);
+    let (mut motor, mut out) = (motor(Parameters::NOMINAL), recorder());
+    motor.input(at_ms(0), duty(65_536), &mut out);
+    motor.input(at_ms(0), current(20_000), &mut out);
+    advance(&mut motor, at_ms(1_000), core::iter::empty(), &mut out);
     let fast = turns_per_second(&motor, at_ms(1_000));
     // 10 mN·m on 400 g·cm² are 250 rad/s², 39.79 rps², and up to 1 ms of it was not looked at.
     let slower = turns_per_second(&motor, at_ms(1_500));
     assert!((fast - slower - 19.89).abs() < 0.05, "{fast} {slower}");
-    motor.power_on(at_ms(1_500), Boot::default(), &mut log);
+    motor.power_on(at_ms(1_500), Boot::default(), &mut out);
     assert_eq!(turns_per_second(&motor, at_ms(1_500)), slower);
-    motor.power_on(at_ms(10_000), Boot::default(), &mut log);
+    motor.power_on(at_ms(10_000), Boot::default(), &mut out);
     assert_eq!(motor.deadline(), Instant::NEVER);
 }
 
@@ -257,10 +242,10 @@ fn without_power_it_coasts() {
 fn without_power_it_coasts_however_long() {
     let spun = |load_unm, friction_unm| {
         let mut motor = motor(Parameters { load_unm, friction_unm, ..Parameters::NOMINAL });
-        motor.input(at_ms(0), duty(32_768), &mut Log::default());
-        motor.input(at_ms(0), current(20_000), &mut Log::default());
-        advance(&mut motor, at_ms(1_000), core::iter::empty(), &mut Log::default());
-        motor.input(at_ms(1_000), current(0), &mut Log::default());
+        motor.input(at_ms(0), duty(32_768), &mut recorder());
+        motor.input(at_ms(0), current(20_000), &mut recorder());
+        advance(&mut motor, at_ms(1_000), core::iter::empty(), &mut recorder());
+        motor.input(at_ms(1_000), current(0), &mut recorder());
         motor
     };
     let day = Instant::from(Duration::secs(86_400));
@@ -276,7 +261,7 @@ fn without_power_it_coasts_however_long() {
         for at in [day, Instant::from(Duration::from_ticks(1 << 60))] {
             assert_eq!(turns_per_second(&motor, at), -3_906.25 * f64::from(load.signum()));
         }
-        motor.power_on(day, Boot::default(), &mut Log::default());
+        motor.power_on(day, Boot::default(), &mut recorder());
         assert!(motor.deadline() > day && motor.deadline() <= day + Duration::from_ticks(1 << 16));
     }
     assert_eq!(turns_per_second(&spun(0, 1), day), 0.0);
@@ -285,31 +270,36 @@ fn without_power_it_coasts_however_long() {
 #[test]
 fn an_encoder_tells_the_same_turns_and_an_index_each() {
     let parameters = Parameters { encoder_cycles: 100, ..Parameters::NOMINAL };
-    let (mut motor, mut log) = (motor(parameters), Log::default());
-    motor.input(at_ms(0), duty(65_536), &mut log);
-    motor.input(at_ms(0), current(20_000), &mut log);
-    advance(&mut motor, at_ms(1_000), core::iter::empty(), &mut log);
-    let count = |pins: &[Pin]| log.edges.iter().filter(|(_, pin, _)| pins.contains(pin)).count() as i64;
+    let (mut motor, mut out) = (motor(parameters), recorder());
+    motor.input(at_ms(0), duty(65_536), &mut out);
+    motor.input(at_ms(0), current(20_000), &mut out);
+    advance(&mut motor, at_ms(1_000), core::iter::empty(), &mut out);
+    let count = |pins: &[Pin]| out.levels.iter().filter(|(_, pin, _)| pins.contains(pin)).count() as i64;
     let (halls, encoder) = (count(&[HALL_A, HALL_B]), count(&[ENCODER_A, ENCODER_B]));
     assert!(halls > 500 && (encoder - halls * 400 / 16).abs() <= 25, "{halls} {encoder}");
     assert!((count(&[ENCODER_I]) - encoder / 200).abs() <= 1);
 }
 
+/// A level as the manuals print it.
+fn digit(level: Level) -> char {
+    if level == Level::High { '1' } else { '0' }
+}
+
 /// What Hall sensors of a motor show while it is turned, each after the other, as long as a turn takes.
 fn shown(parameters: Parameters, drive: i32) -> Vec<String> {
-    let (mut motor, mut log) = (Motor::new(parameters), Log::default());
-    motor.power_on(Instant::ZERO, Boot::default(), &mut log);
-    motor.input(at_ms(0), duty(drive), &mut log);
-    motor.input(at_ms(0), current(20_000), &mut log);
-    advance(&mut motor, at_ms(100), core::iter::empty(), &mut log);
+    let (mut motor, mut out) = (Motor::new(parameters), recorder());
+    motor.power_on(Instant::ZERO, Boot::default(), &mut out);
+    motor.input(at_ms(0), duty(drive), &mut out);
+    motor.input(at_ms(0), current(20_000), &mut out);
+    advance(&mut motor, at_ms(100), core::iter::empty(), &mut out);
     let pins = [HALL_A, HALL_B, HALL_C];
     let mut levels = [None; 3];
     let mut shown = Vec::new();
-    for (at, pin, high) in log.edges {
-        levels[pins.iter().position(|of| *of == pin).unwrap()] = Some(high);
+    for (at, pin, level) in out.levels {
+        levels[pins.iter().position(|of| *of == pin).unwrap()] = Some(level);
         // At the beginning the sensors tell their levels one after the other.
         if at > Instant::ZERO || pin == pins[usize::from(parameters.hall_sensors) - 1] {
-            shown.push(levels.into_iter().flatten().map(|high| if high { '1' } else { '0' }).collect());
+            shown.push(levels.into_iter().flatten().map(digit).collect());
         }
     }
     shown
@@ -335,21 +325,21 @@ fn hall_sensors_go_through_their_states_one_by_one() {
 
 #[test]
 fn another_motor_is_at_the_same_count() {
-    let (mut motor, mut log) = (motor(Parameters::NOMINAL), Log::default());
-    motor.input(at_ms(0), duty(-65_536), &mut log);
-    motor.input(at_ms(0), current(20_000), &mut log);
-    advance(&mut motor, at_ms(300), core::iter::empty(), &mut log);
+    let (mut motor, mut out) = (motor(Parameters::NOMINAL), recorder());
+    motor.input(at_ms(0), duty(-65_536), &mut out);
+    motor.input(at_ms(0), current(20_000), &mut out);
+    advance(&mut motor, at_ms(300), core::iter::empty(), &mut out);
     let before = motor.shaft(at_ms(300), AXIS).unwrap().position;
-    let edges = log.edges.len();
+    let edges = out.levels.len();
     for hall_pulses in [1, 12, 5, 4] {
-        motor.become_another(at_ms(300), Parameters { hall_pulses, ..Parameters::NOMINAL }, &mut log);
+        motor.become_another(at_ms(300), Parameters { hall_pulses, ..Parameters::NOMINAL }, &mut out);
         assert_eq!(motor.shaft(at_ms(300), AXIS).unwrap().position, before);
     }
-    assert_eq!(log.edges.len(), edges);
+    assert_eq!(out.levels.len(), edges);
     // With another sensor more it is also there, and tells what each of them shows.
-    motor.become_another(at_ms(300), Parameters { hall_sensors: 3, ..Parameters::NOMINAL }, &mut log);
+    motor.become_another(at_ms(300), Parameters { hall_sensors: 3, ..Parameters::NOMINAL }, &mut out);
     assert_eq!(motor.shaft(at_ms(300), AXIS).unwrap().position, before);
     let states = ["101", "100", "110", "010", "011", "001"];
-    let state: String = log.edges[edges..].iter().map(|&(.., high)| if high { '1' } else { '0' }).collect();
+    let state: String = out.levels[edges..].iter().map(|&(.., level)| digit(level)).collect();
     assert_eq!(state, states[before.rem_euclid(6) as usize]);
 }

@@ -91,17 +91,17 @@ proptest! {
     /// Speed within 1 % of the fastest so far, way within 1 % of what it would be at that.
     #[test]
     fn a_motor_turns_as_its_equations_say(parameters in parameters(), script in script()) {
-        let (mut reference, mut log) = (Reference::new(parameters), Log::default());
+        let (mut reference, mut out) = (Reference::new(parameters), recorder());
         let mut motor = motor(parameters);
         let counts = counts(&parameters);
         let (mut ms, mut fastest) = (0, f64::from(parameters.no_load_rpm) / 60.0);
         for (span, drive, ma) in script {
-            motor.input(at_ms(ms), current(ma), &mut log);
-            motor.input(at_ms(ms), duty(drive), &mut log);
+            motor.input(at_ms(ms), current(ma), &mut out);
+            motor.input(at_ms(ms), duty(drive), &mut out);
             (reference.duty, reference.limit) = (f64::from(drive) / 65_536.0, f64::from(ma) * 1e-3);
             reference.run(span);
             ms += span;
-            advance(&mut motor, at_ms(ms), core::iter::empty(), &mut log);
+            advance(&mut motor, at_ms(ms), core::iter::empty(), &mut out);
             fastest = fastest.max((reference.speed / TAU).abs());
             let speed = turns_per_second(&motor, at_ms(ms));
             prop_assert!((speed - reference.speed / TAU).abs() <= 0.01 * fastest, "{} rps, not {}", speed, reference.speed / TAU);
@@ -115,27 +115,27 @@ proptest! {
     fn every_edge_is_where_the_shaft_crosses_it(parameters in parameters(), script in script()) {
         let (mut motor, mut ms) = (motor(parameters), 0);
         for (span, drive, ma) in script {
-            motor.input(at_ms(ms), current(ma), &mut Log::default());
-            motor.input(at_ms(ms), duty(drive), &mut Log::default());
+            motor.input(at_ms(ms), current(ma), &mut recorder());
+            motor.input(at_ms(ms), duty(drive), &mut recorder());
             ms += span;
             while motor.deadline() <= at_ms(ms) {
                 let due = motor.deadline();
                 let place = |at| i64::from(motor.shaft(at, AXIS).unwrap().position);
                 let (before, here) = (place(due - Duration::TICK), place(due));
-                let mut log = Log::default();
-                motor.timeout(due, &mut log);
+                let mut out = recorder();
+                motor.timeout(due, &mut out);
                 // Of two both sensors are high in count 0, and A leads; of three each is high for half of a pulse
                 // from where it rises, a third of one behind the last.
                 let (of, high): (i64, &[_]) = match parameters.hall_sensors {
                     2 => (4, &[(HALL_A, [3, 0].as_slice()), (HALL_B, &[0, 1])]),
                     _ => (6, &[(HALL_A, &[0, 1, 2]), (HALL_B, &[2, 3, 4]), (HALL_C, &[4, 5, 0])]),
                 };
-                for &(_, pin, level) in &log.edges {
+                for &(_, pin, level) in &out.levels {
                     let (_, counts) = high.iter().find(|(of, _)| *of == pin).unwrap();
-                    prop_assert_eq!(level, counts.contains(&here.rem_euclid(of)), "{:?} in {}", pin, here);
+                    prop_assert_eq!(level == Level::High, counts.contains(&here.rem_euclid(of)), "{:?} in {}", pin, here);
                 }
-                if !log.edges.is_empty() {
-                    prop_assert_eq!(((here - before).abs(), log.edges.len()), (1, 1));
+                if !out.levels.is_empty() {
+                    prop_assert_eq!(((here - before).abs(), out.levels.len()), (1, 1));
                 }
             }
         }
@@ -147,12 +147,12 @@ proptest! {
         let (mut motor, mut ms) = (motor(parameters), 0);
         let full = f64::from(parameters.no_load_rpm) / 60.0;
         for (span, drive, ma) in script {
-            motor.input(at_ms(ms), current(ma), &mut Log::default());
-            motor.input(at_ms(ms), duty(drive), &mut Log::default());
+            motor.input(at_ms(ms), current(ma), &mut recorder());
+            motor.input(at_ms(ms), duty(drive), &mut recorder());
             ms += span;
             while motor.deadline() <= at_ms(ms) {
                 let at = motor.deadline();
-                motor.timeout(at, &mut Log::default());
+                motor.timeout(at, &mut recorder());
                 let (turns, drawn) = (turns_per_second(&motor, at), motor.shaft(at, AXIS).unwrap().ma);
                 let charges = turns.abs() > 0.999 * full && f64::from(drawn) * turns < 0.0;
                 prop_assert!(drawn.unsigned_abs() <= ma || charges, "{} mA at {} rps", drawn, turns);
@@ -165,16 +165,16 @@ proptest! {
     fn it_coasts_in_one_go_as_stretch_by_stretch(
         parameters in parameters(), spun in -65_536..65_537_i32, ms in 1..3_000_u64,
     ) {
-        let (mut motor, mut log) = (motor(parameters), Log::default());
-        motor.input(at_ms(0), duty(spun), &mut log);
-        motor.input(at_ms(0), current(20_000), &mut log);
-        advance(&mut motor, at_ms(300), core::iter::empty(), &mut log);
-        motor.input(at_ms(300), current(0), &mut log);
+        let (mut motor, mut out) = (motor(parameters), recorder());
+        motor.input(at_ms(0), duty(spun), &mut out);
+        motor.input(at_ms(0), current(20_000), &mut out);
+        advance(&mut motor, at_ms(300), core::iter::empty(), &mut out);
+        motor.input(at_ms(300), current(0), &mut out);
         let at = at_ms(300 + ms);
         let unseen = motor.shaft(at, AXIS).unwrap();
         let full = f64::from(parameters.no_load_rpm) / 60.0;
         prop_assume!([at_ms(300), at].map(|at| turns_per_second(&motor, at).abs() < full) == [true; 2]);
-        advance(&mut motor, at, core::iter::empty(), &mut log);
+        advance(&mut motor, at, core::iter::empty(), &mut out);
         let seen = motor.shaft(at, AXIS).unwrap();
         prop_assert!((unseen.position - seen.position).abs() <= 1, "{:?} {:?}", unseen, seen);
         let off = (unseen.speed - seen.speed).abs().to_num::<f64>();
@@ -186,16 +186,16 @@ proptest! {
         parameters in parameters(), spun in -65_536..65_537_i32, shorted in any::<bool>(),
     ) {
         let parameters = Parameters { load_unm: 0, friction_unm: parameters.friction_unm.max(1_000), ..parameters };
-        let (mut motor, mut log) = (motor(parameters), Log::default());
-        motor.input(at_ms(0), current(40_000), &mut log);
-        motor.input(at_ms(0), duty(spun), &mut log);
-        advance(&mut motor, at_ms(500), core::iter::empty(), &mut log);
-        motor.input(at_ms(500), duty(0), &mut log);
-        motor.input(at_ms(500), current(if shorted { 40_000 } else { 0 }), &mut log);
+        let (mut motor, mut out) = (motor(parameters), recorder());
+        motor.input(at_ms(0), current(40_000), &mut out);
+        motor.input(at_ms(0), duty(spun), &mut out);
+        advance(&mut motor, at_ms(500), core::iter::empty(), &mut out);
+        motor.input(at_ms(500), duty(0), &mut out);
+        motor.input(at_ms(500), current(if shorted { 40_000 } else { 0 }), &mut out);
         let mut speed = turns_per_second(&motor, at_ms(500)).abs();
         while motor.deadline() != Instant::NEVER {
             let at = motor.deadline();
-            motor.timeout(at, &mut log);
+            motor.timeout(at, &mut out);
             let slower = turns_per_second(&motor, at).abs();
             prop_assert!(slower <= speed, "{} after {}", slower, speed);
             speed = slower;

@@ -8,68 +8,55 @@ use drivetwin_protocol::time::Span;
 use proptest::prelude::*;
 
 use super::*;
-use crate::device::Pin;
+use crate::testing::{Recorder, Treatment};
 
 /// To 2,000 steps/s in 0.2 s and 200 steps.
 const RATES: Settings = Settings { step_rate: 2_000, acceleration: 10_000, steps: 2_000, jog_rate: 2_000 };
 
-/// What a motor did.
-#[derive(Default)]
-struct World {
-    levels: Vec<(Instant, Pin, Level)>,
-    plans: Vec<(Instant, Plan)>,
+/// Levels and plans: a motor does nothing else.
+fn recorder() -> Recorder {
+    Recorder::default().ruled(|output| match output {
+        Output::Level { .. } | Output::Plan { axis: AXIS, .. } => Treatment::Keep,
+        _ => Treatment::Refuse,
+    })
 }
 
-impl Sink for World {
-    fn put(&mut self, at: Instant, output: Output<'_>) {
-        match output {
-            Output::Level { pin, level } => self.levels.push((at, pin, level)),
-            Output::Plan { axis: AXIS, plan } => self.plans.push((at, *plan)),
-            other => panic!("a motor does not {other:?}"),
-        }
-    }
-
-    fn memory(&self) -> &[u8] {
-        &[]
-    }
-}
-
-impl World {
+impl Recorder {
     fn position_at(&self, at: Instant) -> i32 {
-        let plan = self.plans.iter().rfind(|(from, _)| *from <= at);
-        plan.map_or(0, |(_, plan)| plan.position_at(at))
+        let plan = self.plans.iter().rfind(|(from, ..)| *from <= at);
+        plan.map_or(0, |(.., plan)| plan.position_at(at))
     }
 
     /// All steps up to `until`, as walked.
-    fn steps(&self, until: Instant) -> Vec<crate::motion::Step> {
+    fn walked(&self, until: Instant) -> Vec<crate::motion::Step> {
         let mut steps = Vec::new();
-        for (n, (from, plan)) in self.plans.iter().enumerate() {
-            let until = self.plans.get(n + 1).map_or(until, |(next, _)| *next);
+        for (n, (from, _, plan)) in self.plans.iter().enumerate() {
+            let until = self.plans.get(n + 1).map_or(until, |(next, ..)| *next);
             steps.extend(Walker::new(plan, *from).take_while(|step| step.at <= until));
         }
         steps
     }
 }
 
-/// A motor, its world, and what time it is.
-struct Bed {
+/// A motor, its out, and what time it is.
+struct Dut {
     motor: Motor,
-    world: World,
+    out: Recorder,
     now: Instant,
     settings: Settings,
 }
 
-impl Bed {
+impl Dut {
     /// Active from the beginning.
     fn new() -> Self {
-        let mut bed = Self::inactive();
-        bed.motor.activate(bed.now, &mut bed.world);
-        bed
+        let mut dut = Self::inactive();
+        dut.motor.activate(dut.now, &mut dut.out);
+        dut
     }
 
     fn inactive() -> Self {
         let now = Instant::ZERO;
-        Self { motor: Motor::new(now), world: World::default(), now, settings: RATES }
+        Self { motor: Motor::new(now), out: recorder(), now, settings: RATES }
     }
 
     fn run_until(&mut self, until: impl Into<Instant>) {
@@ -78,13 +65,13 @@ impl Bed {
             let due = self.motor.deadline();
             assert!(due >= self.now, "nothing is due in the past");
             self.now = due;
-            self.motor.timeout(due, &mut self.world);
+            self.motor.timeout(due, &mut self.out);
         }
         self.now = until;
     }
 
     fn order(&mut self, order: Order) -> bool {
-        self.motor.order(self.now, order, &self.settings, &mut self.world)
+        self.motor.order(self.now, order, &self.settings, &mut self.out)
     }
 
     fn order_at(&mut self, ms: u64, order: Order) {
@@ -97,7 +84,7 @@ impl Bed {
     }
 
     fn position(&self) -> i32 {
-        self.world.position_at(self.now)
+        self.out.position_at(self.now)
     }
 
     /// Asserts the position and MD STATUS then, and that the status was another just before.
@@ -119,39 +106,39 @@ const ORDERS: [Order; 6] = [Order::Stop, Order::Quit, Order::Pause, Order::Resum
 
 #[test]
 fn an_inactive_motor_does_nothing_and_refuses_to_start() {
-    let mut bed = Bed::inactive();
+    let mut dut = Dut::inactive();
     for order in ORDERS {
-        assert_eq!(bed.order(order), !matches!(order, Order::Move | Order::Jog), "{order:?}");
+        assert_eq!(dut.order(order), !matches!(order, Order::Move | Order::Jog), "{order:?}");
     }
-    bed.motor.deactivate(bed.now, &mut bed.world);
-    assert_eq!((bed.motor.is_active(), bed.status(), bed.motor.deadline()), (false, 0x01, Instant::NEVER));
-    assert!(bed.world.levels.is_empty() && bed.world.plans.is_empty());
+    dut.motor.deactivate(dut.now, &mut dut.out);
+    assert_eq!((dut.motor.is_active(), dut.status(), dut.motor.deadline()), (false, 0x01, Instant::NEVER));
+    assert!(dut.out.levels.is_empty() && dut.out.plans.is_empty());
 }
 
 #[test]
 fn an_active_motor_has_pulled_its_pins_low_and_stands() {
-    let mut bed = Bed::new();
-    let now = bed.now;
-    assert_eq!(bed.world.levels, [(now, DIO1, Level::Low), (now, DIO2, Level::Low)]);
-    assert_eq!(bed.world.plans, [(now, Plan::rest(now, 0))]);
-    bed.motor.activate(now, &mut bed.world);
-    assert_eq!((bed.world.levels.len(), bed.world.plans.len()), (2, 1));
-    assert_eq!((bed.motor.is_active(), bed.status(), bed.motor.is_forward(now)), (true, 0x11, false));
+    let mut dut = Dut::new();
+    let now = dut.now;
+    assert_eq!(dut.out.levels, [(now, DIO1, Level::Low), (now, DIO2, Level::Low)]);
+    assert_eq!(dut.out.plans, [(now, AXIS, Plan::rest(now, 0))]);
+    dut.motor.activate(now, &mut dut.out);
+    assert_eq!((dut.out.levels.len(), dut.out.plans.len()), (2, 1));
+    assert_eq!((dut.motor.is_active(), dut.status(), dut.motor.is_forward(now)), (true, 0x11, false));
 }
 
 #[test]
 fn a_move_is_a_trapezoid() {
     for steps in [2_000, -2_000] {
-        let mut bed = Bed::new();
-        bed.settings.steps = steps;
-        bed.order_at(0, Order::Move);
+        let mut dut = Dut::new();
+        dut.settings.steps = steps;
+        dut.order_at(0, Order::Move);
         let sign = steps.signum();
-        bed.is(100, 50 * sign, 0x12);
-        bed.is(200, 200 * sign, 0x12);
-        bed.is(700, 1_200 * sign, 0x12);
+        dut.is(100, 50 * sign, 0x12);
+        dut.is(200, 200 * sign, 0x12);
+        dut.is(700, 1_200 * sign, 0x12);
         // 2,000 steps at 2,000 a second, and half of each ramp.
-        bed.becomes(1_200.millis(), steps, 0x11);
-        let made = bed.world.steps(Instant::NEVER);
+        dut.becomes(1_200.millis(), steps, 0x11);
+        let made = dut.out.walked(Instant::NEVER);
         assert_eq!(made.len(), 2_000);
         assert!(made.iter().all(|step| step.forward == (steps > 0)));
         assert_eq!(made.last().map(|step| step.at), Some(1_200.millis().into()));
@@ -160,215 +147,215 @@ fn a_move_is_a_trapezoid() {
 
 #[test]
 fn a_short_move_is_a_triangle() {
-    let mut bed = Bed::new();
-    bed.settings.steps = 200;
-    bed.order_at(0, Order::Move);
+    let mut dut = Dut::new();
+    dut.settings.steps = 200;
+    dut.order_at(0, Order::Move);
     // 2·sqrt(200/10,000) s = 4,525,483.4 ticks
-    bed.becomes(Instant::from_ticks(4_525_483), 200, 0x11);
+    dut.becomes(Instant::from_ticks(4_525_483), 200, 0x11);
 }
 
 #[test]
 fn rates_are_used_in_steps_of_16_towards_0() {
-    let mut bed = Bed::new();
-    bed.settings = Settings { step_rate: 2_015, acceleration: 10_015, jog_rate: -2_015, ..RATES };
-    bed.order_at(0, Order::Move);
-    bed.becomes(1_200.millis(), 2_000, 0x11);
-    bed.order_at(2_000, Order::Jog);
-    bed.is(3_000, 2_000 - 200 - 1_600, 0x18);
+    let mut dut = Dut::new();
+    dut.settings = Settings { step_rate: 2_015, acceleration: 10_015, jog_rate: -2_015, ..RATES };
+    dut.order_at(0, Order::Move);
+    dut.becomes(1_200.millis(), 2_000, 0x11);
+    dut.order_at(2_000, Order::Jog);
+    dut.is(3_000, 2_000 - 200 - 1_600, 0x18);
 }
 
 #[test]
 fn at_the_limits_13_000_acts_as_12_992() {
-    let mut bed = Bed::new();
-    bed.settings = Settings { step_rate: 13_000, acceleration: 360_000, steps: 129_920, jog_rate: 13_000 };
-    bed.order_at(0, Order::Move);
+    let mut dut = Dut::new();
+    dut.settings = Settings { step_rate: 13_000, acceleration: 360_000, steps: 129_920, jog_rate: 13_000 };
+    dut.order_at(0, Order::Move);
     // 10 s at 12,992 steps/s, and 12,992/360,000 s = 0.0360888... s
-    bed.becomes(Instant::from_ticks(160_577_422), 129_920, 0x11);
+    dut.becomes(Instant::from_ticks(160_577_422), 129_920, 0x11);
 }
 
 #[test]
 fn below_16_nothing_moves() {
     for (step_rate, acceleration) in [(15, 10_000), (2_000, 15)] {
-        let mut bed = Bed::new();
-        bed.settings = Settings { step_rate, acceleration, jog_rate: -15, ..RATES };
-        assert!(bed.order(Order::Move));
-        assert_eq!(bed.status(), 0x11);
-        assert!(bed.order(Order::Jog));
-        assert!(!bed.order(Order::Move));
-        bed.is(1_000, 0, 0x18);
-        bed.order_at(1_000, Order::Stop);
-        assert_eq!(bed.status(), 0x11);
+        let mut dut = Dut::new();
+        dut.settings = Settings { step_rate, acceleration, jog_rate: -15, ..RATES };
+        assert!(dut.order(Order::Move));
+        assert_eq!(dut.status(), 0x11);
+        assert!(dut.order(Order::Jog));
+        assert!(!dut.order(Order::Move));
+        dut.is(1_000, 0, 0x18);
+        dut.order_at(1_000, Order::Stop);
+        assert_eq!(dut.status(), 0x11);
     }
 }
 
 #[test]
 fn no_steps_are_done_at_once() {
-    let mut bed = Bed::new();
-    bed.settings.steps = 0;
-    assert!(bed.order(Order::Move));
-    assert_eq!((bed.status(), bed.motor.deadline()), (0x11, Instant::NEVER));
+    let mut dut = Dut::new();
+    dut.settings.steps = 0;
+    assert!(dut.order(Order::Move));
+    assert_eq!((dut.status(), dut.motor.deadline()), (0x11, Instant::NEVER));
 }
 
 #[test]
 fn a_paused_move_makes_the_steps_that_are_left() {
-    let mut bed = Bed::new();
-    bed.order_at(0, Order::Move);
-    bed.order_at(700, Order::Pause);
-    bed.is(800, 1_200 + 150, 0x12);
-    bed.becomes(900.millis(), 1_400, 0x14);
+    let mut dut = Dut::new();
+    dut.order_at(0, Order::Move);
+    dut.order_at(700, Order::Pause);
+    dut.is(800, 1_200 + 150, 0x12);
+    dut.becomes(900.millis(), 1_400, 0x14);
     // The rate of the move itself holds, and the acceleration of now: to 2,000 steps/s in 0.05 s.
-    bed.settings = Settings { step_rate: 500, acceleration: 40_000, steps: 7, jog_rate: 32 };
-    bed.order_at(2_000, Order::Resume);
-    assert_eq!(bed.status(), 0x12);
-    bed.becomes(2_350.millis(), 2_000, 0x11);
-    assert_eq!(bed.world.steps(Instant::NEVER).len(), 2_000);
+    dut.settings = Settings { step_rate: 500, acceleration: 40_000, steps: 7, jog_rate: 32 };
+    dut.order_at(2_000, Order::Resume);
+    assert_eq!(dut.status(), 0x12);
+    dut.becomes(2_350.millis(), 2_000, 0x11);
+    assert_eq!(dut.out.walked(Instant::NEVER).len(), 2_000);
 }
 
 #[test]
 fn a_move_resumed_while_it_slows_down_goes_on_when_it_stands() {
-    let mut bed = Bed::new();
-    bed.order_at(0, Order::Move);
-    bed.order_at(700, Order::Pause);
-    bed.order_at(750, Order::Resume);
-    bed.is(900, 1_400, 0x12);
-    bed.becomes(1_400.millis(), 2_000, 0x11);
+    let mut dut = Dut::new();
+    dut.order_at(0, Order::Move);
+    dut.order_at(700, Order::Pause);
+    dut.order_at(750, Order::Resume);
+    dut.is(900, 1_400, 0x12);
+    dut.becomes(1_400.millis(), 2_000, 0x11);
 }
 
 #[test]
 fn a_pause_takes_a_resume_back() {
-    let mut bed = Bed::new();
-    bed.order_at(0, Order::Move);
+    let mut dut = Dut::new();
+    dut.order_at(0, Order::Move);
     for (ms, order) in [(700, Order::Pause), (750, Order::Resume), (800, Order::Pause)] {
-        bed.order_at(ms, order);
+        dut.order_at(ms, order);
     }
-    bed.becomes(900.millis(), 1_400, 0x14);
-    bed.is(5_000, 1_400, 0x14);
+    dut.becomes(900.millis(), 1_400, 0x14);
+    dut.is(5_000, 1_400, 0x14);
 }
 
 #[test]
 fn a_move_never_goes_beyond_its_last_step() {
     for (order, status) in [(Order::Pause, 0x14), (Order::Stop, 0x11)] {
-        let mut bed = Bed::new();
-        bed.order_at(0, Order::Move);
+        let mut dut = Dut::new();
+        dut.order_at(0, Order::Move);
         // Still 1,000 steps/s, and 50 steps: at 64 steps/s² they would be 7,812.
-        bed.is(1_100, 1_950, 0x12);
-        bed.settings.acceleration = 64;
-        bed.order_at(1_100, order);
-        bed.becomes(1_200.millis(), 2_000, status);
-        bed.order_at(1_300, Order::Resume);
-        assert_eq!(bed.status(), 0x11);
-        bed.is(9_000, 2_000, 0x11);
+        dut.is(1_100, 1_950, 0x12);
+        dut.settings.acceleration = 64;
+        dut.order_at(1_100, order);
+        dut.becomes(1_200.millis(), 2_000, status);
+        dut.order_at(1_300, Order::Resume);
+        assert_eq!(dut.status(), 0x11);
+        dut.is(9_000, 2_000, 0x11);
     }
 }
 
 #[test]
 fn a_jog_goes_on_until_it_is_stopped() {
-    let mut bed = Bed::new();
-    bed.order_at(0, Order::Jog);
-    bed.is(1_000, 1_800, 0x18);
-    bed.is(10_000, 19_800, 0x18);
-    bed.order_at(10_000, Order::Stop);
-    assert_eq!(bed.status(), 0x18);
-    bed.becomes(10_200.millis(), 20_000, 0x11);
+    let mut dut = Dut::new();
+    dut.order_at(0, Order::Jog);
+    dut.is(1_000, 1_800, 0x18);
+    dut.is(10_000, 19_800, 0x18);
+    dut.order_at(10_000, Order::Stop);
+    assert_eq!(dut.status(), 0x18);
+    dut.becomes(10_200.millis(), 20_000, 0x11);
 }
 
 #[test]
 fn a_jog_ramps_to_another_rate() {
-    let mut bed = Bed::new();
-    bed.order_at(0, Order::Jog);
+    let mut dut = Dut::new();
+    dut.order_at(0, Order::Jog);
     // A rate that is only written changes nothing.
-    bed.settings.jog_rate = 1_008;
-    bed.is(1_000, 1_800, 0x18);
+    dut.settings.jog_rate = 1_008;
+    dut.is(1_000, 1_800, 0x18);
     // 992 steps/s less in 0.0992 s, 149.1968 steps; then 1,008 for 0.9008 s.
-    bed.order_at(1_000, Order::Jog);
-    bed.is(2_000, 1_800 + 149 + 908, 0x18);
+    dut.order_at(1_000, Order::Jog);
+    dut.is(2_000, 1_800 + 149 + 908, 0x18);
     // Stands after 0.1008 s and 50.8 steps, then 50 back in 0.1 s.
-    bed.settings.jog_rate = -2_000;
-    bed.order_at(2_000, Order::Jog);
-    let turned = bed.now + 100_800.micros();
-    bed.run_until(turned);
-    let furthest = bed.position();
+    dut.settings.jog_rate = -2_000;
+    dut.order_at(2_000, Order::Jog);
+    let turned = dut.now + 100_800.micros();
+    dut.run_until(turned);
+    let furthest = dut.position();
     assert!((2_857 + 50..=2_857 + 51).contains(&furthest), "{furthest}");
-    bed.run_until(turned + 100.millis());
-    assert_eq!((bed.position(), bed.status()), (furthest - 50, 0x18));
+    dut.run_until(turned + 100.millis());
+    assert_eq!((dut.position(), dut.status()), (furthest - 50, 0x18));
     // To 0: it stands, and still jogs.
-    bed.run_until(turned + 1_200.millis());
-    bed.settings.jog_rate = 0;
-    assert!(bed.order(Order::Jog));
-    bed.run_until(turned + 5.secs());
-    assert_eq!((bed.position(), bed.status()), (furthest - 2_400, 0x18));
+    dut.run_until(turned + 1_200.millis());
+    dut.settings.jog_rate = 0;
+    assert!(dut.order(Order::Jog));
+    dut.run_until(turned + 5.secs());
+    assert_eq!((dut.position(), dut.status()), (furthest - 2_400, 0x18));
 }
 
 #[test]
 fn a_paused_jog_goes_on_at_its_own_rate() {
-    let mut bed = Bed::new();
-    bed.order_at(0, Order::Jog);
-    bed.order_at(1_000, Order::Pause);
-    bed.is(1_100, 1_950, 0x18);
-    bed.becomes(1_200.millis(), 2_000, 0x14);
-    bed.settings.jog_rate = -32;
-    bed.settings.acceleration = 20_000;
-    bed.order_at(2_000, Order::Resume);
+    let mut dut = Dut::new();
+    dut.order_at(0, Order::Jog);
+    dut.order_at(1_000, Order::Pause);
+    dut.is(1_100, 1_950, 0x18);
+    dut.becomes(1_200.millis(), 2_000, 0x14);
+    dut.settings.jog_rate = -32;
+    dut.settings.acceleration = 20_000;
+    dut.order_at(2_000, Order::Resume);
     // 0.1 s and 100 steps of ramp
-    bed.is(3_000, 2_000 + 100 + 1_800, 0x18);
+    dut.is(3_000, 2_000 + 100 + 1_800, 0x18);
 }
 
 #[test]
 fn a_jog_resumed_while_it_slows_down_ramps_up_at_once() {
-    let mut bed = Bed::new();
-    bed.order_at(0, Order::Jog);
-    bed.order_at(1_000, Order::Pause);
-    bed.order_at(1_100, Order::Resume);
-    bed.is(1_200, 2_100, 0x18);
-    bed.is(2_200, 4_100, 0x18);
+    let mut dut = Dut::new();
+    dut.order_at(0, Order::Jog);
+    dut.order_at(1_000, Order::Pause);
+    dut.order_at(1_100, Order::Resume);
+    dut.is(1_200, 2_100, 0x18);
+    dut.is(2_200, 4_100, 0x18);
 }
 
 #[test]
 fn another_jog_ends_the_pause_of_a_jog() {
-    let mut bed = Bed::new();
-    bed.order_at(0, Order::Jog);
-    bed.order_at(1_000, Order::Pause);
-    bed.is(1_500, 2_000, 0x14);
-    bed.settings.jog_rate = -2_000;
-    bed.order_at(2_000, Order::Jog);
-    bed.is(3_000, 200, 0x18);
+    let mut dut = Dut::new();
+    dut.order_at(0, Order::Jog);
+    dut.order_at(1_000, Order::Pause);
+    dut.is(1_500, 2_000, 0x14);
+    dut.settings.jog_rate = -2_000;
+    dut.order_at(2_000, Order::Jog);
+    dut.is(3_000, 200, 0x18);
 }
 
 #[test]
 fn a_stop_ends_what_is_paused_or_slows_down() {
     // While it slows down to the pause, and in the pause.
     for ms in [800, 1_500] {
-        let mut bed = Bed::new();
-        bed.order_at(0, Order::Move);
-        bed.order_at(700, Order::Pause);
-        bed.order_at(ms, Order::Stop);
-        bed.is(1_500, 1_400, 0x11);
-        bed.order_at(1_600, Order::Resume);
-        bed.is(2_000, 1_400, 0x11);
+        let mut dut = Dut::new();
+        dut.order_at(0, Order::Move);
+        dut.order_at(700, Order::Pause);
+        dut.order_at(ms, Order::Stop);
+        dut.is(1_500, 1_400, 0x11);
+        dut.order_at(1_600, Order::Resume);
+        dut.is(2_000, 1_400, 0x11);
         // A move counts from where it stands.
-        bed.order_at(2_000, Order::Move);
-        bed.is(3_200, 3_400, 0x11);
+        dut.order_at(2_000, Order::Move);
+        dut.is(3_200, 3_400, 0x11);
     }
 }
 
 #[test]
 fn what_stops_cannot_be_paused() {
-    let mut bed = Bed::new();
-    bed.order_at(0, Order::Move);
-    bed.order_at(700, Order::Stop);
-    bed.order_at(750, Order::Pause);
-    bed.order_at(800, Order::Resume);
-    bed.becomes(900.millis(), 1_400, 0x11);
+    let mut dut = Dut::new();
+    dut.order_at(0, Order::Move);
+    dut.order_at(700, Order::Stop);
+    dut.order_at(750, Order::Pause);
+    dut.order_at(800, Order::Resume);
+    dut.becomes(900.millis(), 1_400, 0x11);
 }
 
 #[test]
 fn quit_stands_at_once() {
     for (before, at) in [(Order::Move, 700), (Order::Jog, 700)] {
-        let mut bed = Bed::new();
-        bed.order_at(0, before);
-        bed.order_at(at, Order::Quit);
-        bed.is(at, 1_200, 0x11);
-        bed.is(9_000, 1_200, 0x11);
+        let mut dut = Dut::new();
+        dut.order_at(0, before);
+        dut.order_at(at, Order::Quit);
+        dut.is(at, 1_200, 0x11);
+        dut.is(9_000, 1_200, 0x11);
     }
 }
 
@@ -392,22 +379,22 @@ fn what_may_be_ordered_when() {
         (vec![jogs, stopped], 800, false, true),
     ] {
         for order in ORDERS {
-            let mut bed = Bed::new();
+            let mut dut = Dut::new();
             for (ms, order) in &script {
-                bed.order_at(*ms, *order);
+                dut.order_at(*ms, *order);
             }
-            bed.run_until(Instant::from(ms.millis()) - Duration::TICK);
+            dut.run_until(Instant::from(ms.millis()) - Duration::TICK);
             // An input comes before a deadline of the same instant.
-            bed.now += Duration::TICK;
+            dut.now += Duration::TICK;
             let may = match order {
                 Order::Move => may_move,
                 Order::Jog => may_jog,
                 _ => true,
             };
-            let before = (bed.status(), bed.world.plans.len());
-            assert_eq!(bed.order(order), may, "{order:?} at {ms} ms of {script:?}");
+            let before = (dut.status(), dut.out.plans.len());
+            assert_eq!(dut.order(order), may, "{order:?} at {ms} ms of {script:?}");
             if !may {
-                assert_eq!((bed.status(), bed.world.plans.len()), before);
+                assert_eq!((dut.status(), dut.out.plans.len()), before);
             }
         }
     }
@@ -415,55 +402,55 @@ fn what_may_be_ordered_when() {
 
 #[test]
 fn the_direction_changes_5_us_before_the_first_step() {
-    let mut bed = Bed::new();
-    bed.order_at(0, Order::Jog);
+    let mut dut = Dut::new();
+    dut.order_at(0, Order::Jog);
     // The first step after sqrt(2/10,000) s = 226,274.2 ticks
     let turn = Instant::from_ticks(226_274) - 5.micros();
-    assert_eq!(bed.motor.deadline(), turn);
-    assert!(!bed.motor.is_forward(turn - Duration::TICK) && bed.motor.is_forward(turn));
+    assert_eq!(dut.motor.deadline(), turn);
+    assert!(!dut.motor.is_forward(turn - Duration::TICK) && dut.motor.is_forward(turn));
     // Stands after 0.2 s, and as long after that the first step back.
-    bed.settings.jog_rate = -2_000;
-    bed.order_at(1_000, Order::Jog);
+    dut.settings.jog_rate = -2_000;
+    dut.order_at(1_000, Order::Jog);
     let turn = turn + 1_200.millis();
-    assert_eq!(bed.motor.deadline(), turn);
-    bed.run_until(turn - Duration::TICK);
-    assert!(bed.motor.is_forward(bed.now));
-    bed.run_until(turn);
-    assert!(!bed.motor.is_forward(bed.now));
-    assert_eq!(bed.motor.deadline(), Instant::NEVER);
+    assert_eq!(dut.motor.deadline(), turn);
+    dut.run_until(turn - Duration::TICK);
+    assert!(dut.motor.is_forward(dut.now));
+    dut.run_until(turn);
+    assert!(!dut.motor.is_forward(dut.now));
+    assert_eq!(dut.motor.deadline(), Instant::NEVER);
     // Active anew, it is low whatever it was.
-    bed.settings.jog_rate = 2_000;
-    assert!(bed.order(Order::Jog));
-    bed.run_until(5.secs());
-    assert!(bed.motor.is_forward(bed.now));
-    bed.motor.deactivate(bed.now, &mut bed.world);
-    bed.motor.activate(bed.now, &mut bed.world);
-    assert!(!bed.motor.is_forward(bed.now));
+    dut.settings.jog_rate = 2_000;
+    assert!(dut.order(Order::Jog));
+    dut.run_until(5.secs());
+    assert!(dut.motor.is_forward(dut.now));
+    dut.motor.deactivate(dut.now, &mut dut.out);
+    dut.motor.activate(dut.now, &mut dut.out);
+    assert!(!dut.motor.is_forward(dut.now));
 }
 
 #[test]
 fn it_stands_where_it_is_deactivated() {
-    let mut bed = Bed::new();
-    bed.order_at(0, Order::Move);
-    bed.run_until(700.millis());
-    bed.motor.deactivate(bed.now, &mut bed.world);
-    bed.is(5_000, 1_200, 0x01);
-    bed.motor.activate(bed.now, &mut bed.world);
-    bed.is(6_000, 1_200, 0x11);
-    assert_eq!(bed.world.plans.last(), Some(&(5.secs().into(), Plan::rest(5.secs().into(), 1_200))));
+    let mut dut = Dut::new();
+    dut.order_at(0, Order::Move);
+    dut.run_until(700.millis());
+    dut.motor.deactivate(dut.now, &mut dut.out);
+    dut.is(5_000, 1_200, 0x01);
+    dut.motor.activate(dut.now, &mut dut.out);
+    dut.is(6_000, 1_200, 0x11);
+    assert_eq!(dut.out.plans.last(), Some(&(5.secs().into(), AXIS, Plan::rest(5.secs().into(), 1_200))));
 }
 
 #[test]
 fn steps_that_a_board_has_slipped_count() {
-    let mut bed = Bed::new();
-    bed.order_at(0, Order::Move);
-    bed.order_at(700, Order::Pause);
-    bed.motor.slipped(3);
-    bed.run_until(900.millis());
-    assert_eq!(bed.status(), 0x14);
-    bed.order_at(1_000, Order::Resume);
-    let (_, plan) = bed.world.plans.last().unwrap();
-    assert_eq!((plan.position_at(bed.now), plan.position_at(Instant::NEVER)), (1_403, 2_000));
+    let mut dut = Dut::new();
+    dut.order_at(0, Order::Move);
+    dut.order_at(700, Order::Pause);
+    dut.motor.slipped(3);
+    dut.run_until(900.millis());
+    assert_eq!(dut.status(), 0x14);
+    dut.order_at(1_000, Order::Resume);
+    let (.., plan) = dut.out.plans.last().unwrap();
+    assert_eq!((plan.position_at(dut.now), plan.position_at(Instant::NEVER)), (1_403, 2_000));
 }
 
 /// What a motor should do, in seconds and steps, without plans and ticks.
@@ -530,12 +517,12 @@ impl Model {
     }
 
     /// Goes on to `until`; at each end it is where the motor says that it was then.
-    fn run_until(&mut self, until: f64, world: &World) -> Result<(), TestCaseError> {
+    fn run_until(&mut self, until: f64, out: &Recorder) -> Result<(), TestCaseError> {
         while self.ends() <= until {
             let end = self.ends();
             self.pass(end);
             self.ramps.clear();
-            let position = world.position_at(instant(end + 1e-6));
+            let position = out.position_at(instant(end + 1e-6));
             prop_assert!(
                 (self.position - f64::from(position)).abs() < f64::from(self.doubt),
                 "{} instead of {:?}",
@@ -652,7 +639,7 @@ proptest! {
             (0_u64..3_000, proptest::sample::select(&ORDERS[..]), settings()), 1..30,
         ),
     ) {
-        let mut bed = Bed::new();
+        let mut dut = Dut::new();
         let mut model = Model {
             now: 0.0, position: 0.0, speed: 0.0, doing: Doing::Nothing, goal: 0.0, jogs: false, rate: 0.0,
             ramps: vec![], doubt: 2,
@@ -664,22 +651,22 @@ proptest! {
             while (model.ends() - now).abs() < 1e-4 {
                 now += 2e-4;
             }
-            bed.run_until(instant(now));
-            model.run_until(now, &bed.world)?;
-            prop_assert_eq!(bed.status(), model.status(), "{:?} at {}", model, now);
-            let beside = (model.position - f64::from(bed.position())).abs();
-            prop_assert!(beside < f64::from(model.doubt), "{} {:?}", bed.position(), model);
-            bed.settings = settings;
+            dut.run_until(instant(now));
+            model.run_until(now, &dut.out)?;
+            prop_assert_eq!(dut.status(), model.status(), "{:?} at {}", model, now);
+            let beside = (model.position - f64::from(dut.position())).abs();
+            prop_assert!(beside < f64::from(model.doubt), "{} {:?}", dut.position(), model);
+            dut.settings = settings;
             let Some(may) = model.order(order, &settings) else { return Ok(()) };
-            prop_assert_eq!(bed.order(order), may);
+            prop_assert_eq!(dut.order(order), may);
             if order == Order::Quit {
-                model.position = f64::from(bed.position());
+                model.position = f64::from(dut.position());
                 model.doubt = 2;
             }
         }
-        let steps = bed.world.steps(bed.now);
+        let steps = dut.out.walked(dut.now);
         let made: i32 = steps.iter().map(|step| if step.forward { 1 } else { -1 }).sum();
-        prop_assert_eq!(made, bed.position());
+        prop_assert_eq!(made, dut.position());
     }
 
     #[test]
@@ -687,21 +674,21 @@ proptest! {
         first in settings(),
         pauses in proptest::collection::vec((0_u64..800_000, 0_u64..800_000, settings()), 0..8),
     ) {
-        let mut bed = Bed::new();
-        bed.settings = first;
-        prop_assert!(bed.order(Order::Move));
+        let mut dut = Dut::new();
+        dut.settings = first;
+        prop_assert!(dut.order(Order::Move));
         for (runs, pauses, settings) in pauses {
-            bed.run_until(bed.now + runs.micros());
-            bed.settings = settings;
-            prop_assert!(bed.order(Order::Pause));
-            bed.run_until(bed.now + pauses.micros());
-            prop_assert!(bed.order(Order::Resume));
+            dut.run_until(dut.now + runs.micros());
+            dut.settings = settings;
+            prop_assert!(dut.order(Order::Pause));
+            dut.run_until(dut.now + pauses.micros());
+            prop_assert!(dut.order(Order::Resume));
         }
-        while bed.motor.deadline() < Instant::NEVER {
-            bed.run_until(bed.motor.deadline());
+        while dut.motor.deadline() < Instant::NEVER {
+            dut.run_until(dut.motor.deadline());
         }
-        prop_assert_eq!((bed.position(), bed.status()), (first.steps, 0x11));
-        let steps = bed.world.steps(bed.now);
+        prop_assert_eq!((dut.position(), dut.status()), (first.steps, 0x11));
+        let steps = dut.out.walked(dut.now);
         prop_assert_eq!(steps.len(), first.steps.unsigned_abs() as usize);
         prop_assert!(steps.iter().all(|step| step.forward == (first.steps > 0)));
     }
@@ -710,21 +697,21 @@ proptest! {
     fn the_direction_is_that_of_the_steps(
         jogs in proptest::collection::vec((0_u64..400_000, settings()), 1..20),
     ) {
-        let mut bed = Bed::new();
+        let mut dut = Dut::new();
         let mut told = vec![];
         for (wait, settings) in jogs {
-            let until = bed.now + wait.micros();
-            while bed.motor.deadline() <= until {
-                bed.run_until(bed.motor.deadline());
-                told.push((bed.now, bed.motor.is_forward(bed.now)));
+            let until = dut.now + wait.micros();
+            while dut.motor.deadline() <= until {
+                dut.run_until(dut.motor.deadline());
+                told.push((dut.now, dut.motor.is_forward(dut.now)));
             }
-            bed.run_until(until);
-            bed.settings = settings;
-            prop_assert!(bed.order(Order::Jog));
+            dut.run_until(until);
+            dut.settings = settings;
+            prop_assert!(dut.order(Order::Jog));
         }
         let mut forward = false;
         let mut expected = vec![];
-        for step in bed.world.steps(bed.now) {
+        for step in dut.out.walked(dut.now) {
             if step.forward != forward {
                 forward = step.forward;
                 expected.push((step.at - 5.micros(), forward));

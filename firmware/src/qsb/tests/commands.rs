@@ -4,21 +4,21 @@ use super::*;
 
 #[test]
 fn an_answer_leaves_when_its_command_has_ended() {
-    let mut bed = Bed::ready(Qsb::m());
-    bed.command_at(10.millis(), "R0E");
-    assert_eq!(bed.texts(), [(Instant::from(10.millis()), "r 0E 00000000 !".into())]);
-    assert_eq!(bed.world.sent.last().unwrap().1, "r 0E 00000000 !\r\n", "EOR is 0B: spaces, CR and LF");
+    let mut dut = Dut::ready(Qsb::m());
+    dut.command_at(10.millis(), "R0E");
+    assert_eq!(dut.texts(), [(Instant::from(10.millis()), "r 0E 00000000 !".into())]);
+    assert_eq!(dut.sent().last().unwrap().1, "r 0E 00000000 !\r\n", "EOR is 0B: spaces, CR and LF");
 }
 
 #[test]
 fn an_answer_waits_for_what_is_still_leaving() {
-    let mut bed = Bed::ready(Qsb::m());
-    bed.wait(10.millis());
-    bed.hear(b"R00\rR08\rR03\r");
-    let texts = bed.texts();
+    let mut dut = Dut::ready(Qsb::m());
+    dut.wait(10.millis());
+    dut.hear(b"R00\rR08\rR03\r");
+    let texts = dut.texts();
     // A command is 4 characters, an answer 17: each leaves behind the one before.
-    let first = Instant::from(10.millis()) + bed.character * 4;
-    let answer = bed.character * 17;
+    let first = Instant::from(10.millis()) + dut.character * 4;
+    let answer = dut.character * 17;
     assert_eq!(
         texts,
         [
@@ -31,26 +31,26 @@ fn an_answer_waits_for_what_is_still_leaving() {
 
 #[test]
 fn cr_and_lf_end_a_command_once() {
-    let mut bed = Bed::ready(Qsb::m());
-    bed.hear(b"R00\r\nR00\n\rR00\rR00\n\n\r\r\n");
-    bed.wait(10.millis());
-    assert_eq!(bed.texts().len(), 4);
+    let mut dut = Dut::ready(Qsb::m());
+    dut.hear(b"R00\r\nR00\n\rR00\rR00\n\n\r\r\n");
+    dut.wait(10.millis());
+    assert_eq!(dut.texts().len(), 4);
 }
 
 #[test]
 fn a_backspace_erases_a_partial_command() {
-    let mut bed = Bed::ready(Qsb::m());
-    assert_eq!(bed.ask("W0C\x08R0C"), "r 0C 0000FFFF !");
-    assert_eq!(bed.ask("nonsense that is far too long\x08R08"), "r 08 000001F3 !");
-    bed.input(bed.now, Input::Spoiled { port: USB });
-    assert_eq!(bed.ask("\x08R08"), "r 08 000001F3 !");
-    bed.hear(b"R08\x08\r");
-    assert_eq!(bed.texts(), [], "nothing is left of it");
+    let mut dut = Dut::ready(Qsb::m());
+    assert_eq!(dut.ask("W0C\x08R0C"), "r 0C 0000FFFF !");
+    assert_eq!(dut.ask("nonsense that is far too long\x08R08"), "r 08 000001F3 !");
+    dut.tell(Input::Spoiled { port: USB });
+    assert_eq!(dut.ask("\x08R08"), "r 08 000001F3 !");
+    dut.hear(b"R08\x08\r");
+    assert_eq!(dut.texts(), [], "nothing is left of it");
 }
 
 #[test]
 fn what_is_not_understood_is_unsupported() {
-    let mut bed = Bed::ready(Qsb::m());
+    let mut dut = Dut::ready(Qsb::m());
     for (command, answer) in [
         ("Q0E", "x 0E 00000000 !"),
         ("r0E", "x 0E 00000000 !"),
@@ -79,23 +79,24 @@ fn what_is_not_understood_is_unsupported() {
         ("S08", "x 08 00000000 !"),
         ("S07", "x 07 00000000 !"),
     ] {
-        assert_eq!(bed.ask(command), answer, "{command}");
+        assert_eq!(dut.ask(command), answer, "{command}");
     }
-    assert_eq!(bed.ask("R0C"), "r 0C 0000FFFF !", "nothing was written");
+    assert_eq!(dut.ask("R0C"), "r 0C 0000FFFF !", "nothing was written");
 }
 
 #[test]
 fn a_spoiled_character_spoils_its_command() {
-    let mut bed = Bed::ready(Qsb::m());
-    bed.hear(b"R0");
-    bed.input(bed.now + bed.character, Input::Spoiled { port: USB });
-    assert_eq!(bed.ask("8"), "x 00 00000000 !");
-    assert_eq!(bed.ask("R08"), "r 08 000001F3 !");
+    let mut dut = Dut::ready(Qsb::m());
+    dut.hear(b"R0");
+    let at = dut.now + dut.character;
+    dut.input(at, Input::Spoiled { port: USB });
+    assert_eq!(dut.ask("8"), "x 00 00000000 !");
+    assert_eq!(dut.ask("R08"), "r 08 000001F3 !");
 }
 
 #[test]
 fn a_refused_value_comes_back_and_changes_nothing() {
-    let mut bed = Bed::ready(Qsb::m());
+    let mut dut = Dut::ready(Qsb::m());
     for (command, answer, read, kept) in [
         ("W0003", "e 00 00000003 !", "R00", "r 00 00000000 !"),
         ("W0013", "e 00 00000013 !", "R00", "r 00 00000000 !"),
@@ -116,17 +117,17 @@ fn a_refused_value_comes_back_and_changes_nothing() {
         ("W12FFFFCD37", "e 12 FFFFCD37 !", "R12", "r 12 00000020 !"),
         ("W1510", "e 15 00000010 !", "R15", "r 15 0000000B !"),
     ] {
-        assert_eq!(bed.ask(command), answer);
-        assert_eq!(bed.ask(read), kept, "{command}");
+        assert_eq!(dut.ask(command), answer);
+        assert_eq!(dut.ask(read), kept, "{command}");
     }
     for command in ["W094", "W0A2", "W16B", "W1680A", "W1610A0A", "W1670B", "W16FFFFFFFF"] {
-        assert!(bed.ask(command).starts_with("e "), "{command}");
+        assert!(dut.ask(command).starts_with("e "), "{command}");
     }
 }
 
 #[test]
 fn eor_formats_its_own_answer() {
-    let mut bed = Bed::ready(Qsb::m());
+    let mut dut = Dut::ready(Qsb::m());
     for (command, answer) in [
         ("W150", "w1500000000!"),
         ("W151", "w1500000001!\n"),
@@ -137,34 +138,35 @@ fn eor_formats_its_own_answer() {
         ("W154", "w150000000400000008!"),
     ] {
         if command.contains("15F") {
-            bed.run_until(tick(8));
+            dut.run_until(tick(8));
         }
-        let seen = bed.world.sent.len();
-        bed.hear(command.as_bytes());
-        bed.hear(b"\r");
-        assert_eq!(bed.world.sent[seen].1, answer);
-        bed.run_until(bed.world.sent[seen].0 + bed.character * answer.len() as u64);
+        let seen = dut.out.bytes.len();
+        dut.hear(command.as_bytes());
+        dut.hear(b"\r");
+        assert_eq!(dut.sent()[seen].1, answer);
+        let end = dut.sent()[seen].0 + dut.character * answer.len() as u64;
+        dut.run_until(end);
     }
 }
 
 #[test]
 fn refusals_have_a_time_stamp_too() {
-    let mut bed = Bed::ready(Qsb::m());
-    bed.write("W15F");
-    bed.run_until(tick(0x12));
-    assert_eq!(bed.ask("R99"), "x 99 00000000 00000012 !");
-    assert_eq!(bed.ask("W0003"), "e 00 00000003 00000012 !");
-    assert_eq!(bed.ask("W0D1"), "w 0D 00000001 00000000 !");
+    let mut dut = Dut::ready(Qsb::m());
+    dut.write("W15F");
+    dut.run_until(tick(0x12));
+    assert_eq!(dut.ask("R99"), "x 99 00000000 00000012 !");
+    assert_eq!(dut.ask("W0003"), "e 00 00000003 00000012 !");
+    assert_eq!(dut.ask("W0D1"), "w 0D 00000001 00000000 !");
 }
 
 #[test]
 fn notes_tell_what_was_asked() {
-    let mut bed = Bed::ready(Qsb::m());
-    bed.ask("R00");
-    bed.ask("W0003");
-    bed.ask("Z00");
+    let mut dut = Dut::ready(Qsb::m());
+    dut.ask("R00");
+    dut.ask("W0003");
+    dut.ask("Z00");
     assert_eq!(
-        bed.world.notes,
+        dut.out.noted(),
         [
             Note::Request { port: USB, unit: 0, function: b'R' },
             Note::Refused { port: USB, function: b'W', code: b'e' },

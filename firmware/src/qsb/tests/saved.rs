@@ -2,7 +2,7 @@
 
 use super::*;
 
-impl Bed {
+impl Dut {
     /// Power off and on, with nothing connected; ready at once.
     fn cycle(&mut self) {
         self.wait(1.secs());
@@ -13,7 +13,7 @@ impl Bed {
 
 #[test]
 fn command_3_saves_the_parameters() {
-    let mut bed = Bed::ready(Qsb::m());
+    let mut dut = Dut::ready(Qsb::m());
     let rows = [
         ("00", "00000001"),
         ("02", "00000F00"),
@@ -30,86 +30,86 @@ fn command_3_saves_the_parameters() {
         ("15", "0000000B"),
     ];
     for (register, value) in rows {
-        bed.write(&std::format!("W{register}{value}"));
+        dut.write(&std::format!("W{register}{value}"));
     }
-    bed.write("W0D1");
-    bed.write("W163");
-    bed.wait(10.millis());
-    bed.write("W0C7");
-    bed.cycle();
+    dut.write("W0D1");
+    dut.write("W163");
+    dut.wait(10.millis());
+    dut.write("W0C7");
+    dut.cycle();
     for (register, value) in rows {
-        assert_eq!(bed.ask(&std::format!("R{register}")), std::format!("r {register} {value} !"));
+        assert_eq!(dut.ask(&std::format!("R{register}")), std::format!("r {register} {value} !"));
     }
-    assert_eq!(bed.level(DIO0), Level::Low, "configuration first, then the outputs");
-    assert_eq!(bed.level(DIO3), Level::Float);
+    assert_eq!(dut.level(DIO0), Level::Low, "configuration first, then the outputs");
+    assert_eq!(dut.level(DIO3), Level::Float);
 }
 
 #[test]
 fn without_command_3_the_factory_values_come_back() {
-    let mut bed = Bed::ready(Qsb::s());
-    bed.write("W0C7");
-    bed.cycle();
-    assert_eq!(bed.ask("R0C"), "r 0C 0000FFFF !");
+    let mut dut = Dut::ready(Qsb::s());
+    dut.write("W0C7");
+    dut.cycle();
+    assert_eq!(dut.ask("R0C"), "r 0C 0000FFFF !");
 }
 
 #[test]
 fn a_save_takes_10_ms_and_another_begins_anew() {
-    let mut bed = Bed::ready(Qsb::m());
-    bed.command_at(100.millis(), "W163");
-    bed.command_at(105.millis(), "W163");
-    bed.run_until(1.secs());
+    let mut dut = Dut::ready(Qsb::m());
+    dut.command_at(100.millis(), "W163");
+    dut.command_at(105.millis(), "W163");
+    dut.run_until(1.secs());
     let at: Vec<_> = [100_u64, 105, 115].map(|ms| Instant::from(ms.millis())).to_vec();
-    assert_eq!(bed.world.stores, at);
+    assert_eq!(dut.out.stores.iter().map(|(at, ..)| *at).collect::<Vec<_>>(), at);
 }
 
 #[test]
 fn a_save_that_power_cuts_leaves_the_factory_values() {
-    let mut bed = Bed::ready(Qsb::m());
-    bed.write("W0C7");
-    bed.write("W163");
-    bed.power_on(Boot { fast: true, ..Boot::default() });
-    assert_eq!(bed.ask("R0C"), "r 0C 0000FFFF !");
+    let mut dut = Dut::ready(Qsb::m());
+    dut.write("W0C7");
+    dut.write("W163");
+    dut.power_on(Boot { fast: true, ..Boot::default() });
+    assert_eq!(dut.ask("R0C"), "r 0C 0000FFFF !");
 }
 
 #[test]
 fn a_reset_by_the_host_cuts_no_save() {
-    let mut bed = Bed::ready(Qsb::m());
-    bed.write("W0C7");
-    bed.write("W163");
-    bed.input(bed.now, Input::Attached { port: USB, here: true });
-    bed.wait(10.millis());
-    assert_eq!(bed.ask("R0C"), "r 0C 00000007 !");
+    let mut dut = Dut::ready(Qsb::m());
+    dut.write("W0C7");
+    dut.write("W163");
+    dut.tell(Input::Attached { port: USB, here: true });
+    dut.wait(10.millis());
+    assert_eq!(dut.ask("R0C"), "r 0C 00000007 !");
 }
 
 #[test]
 fn a_rate_saves_itself_and_nothing_else() {
-    let mut bed = Bed::ready(Qsb::m());
-    bed.write("W0C7");
-    bed.write("W163");
-    bed.write("W0C8");
+    let mut dut = Dut::ready(Qsb::m());
+    dut.write("W0C7");
+    dut.write("W163");
+    dut.write("W0C8");
     // The save has not ended: its image is what is kept.
-    bed.write("W1640A");
-    bed.character = Duration::from_ticks(1_389);
-    bed.cycle();
-    assert_eq!(bed.world.lines.last().unwrap().1.to_string(), "115200 8N1");
-    assert_eq!(bed.ask("R0C"), "r 0C 00000007 !");
+    dut.write("W1640A");
+    dut.character = Duration::from_ticks(1_389);
+    dut.cycle();
+    assert_eq!(dut.out.lines.last().unwrap().2.to_string(), "115200 8N1");
+    assert_eq!(dut.ask("R0C"), "r 0C 00000007 !");
 }
 
 #[test]
 fn streams_wake_up_after_the_banner() {
-    let mut bed = Bed::ready(Qsb::m());
-    bed.write("W0C10");
-    bed.ask("S0E");
-    bed.ask("S01");
-    bed.write("W163");
-    bed.wait(1.secs());
-    let power = bed.now;
-    bed.drive.power_on(power, Boot::default(), &mut bed.world);
-    bed.texts();
-    bed.run_until(power + 100.millis());
-    bed.pin(DIO0, false);
-    bed.run_until(power + 101.millis());
-    let texts = bed.texts();
+    let mut dut = Dut::ready(Qsb::m());
+    dut.write("W0C10");
+    dut.ask("S0E");
+    dut.ask("S01");
+    dut.write("W163");
+    dut.wait(1.secs());
+    let power = dut.now;
+    dut.fixture.power_on(Boot::default());
+    dut.texts();
+    dut.run_until(power + 100.millis());
+    dut.pin(DIO0, false);
+    dut.run_until(power + 101.millis());
+    let texts = dut.texts();
     // The banner comes in tick 25 (48.8 ms); from there on an interval of 16.
     assert_eq!(
         texts,
@@ -123,57 +123,57 @@ fn streams_wake_up_after_the_banner() {
 
 #[test]
 fn the_motor_drive_wakes_up() {
-    let mut bed = Bed::ready(Qsb::m());
-    bed.write("W162");
-    bed.write("W163");
-    bed.cycle();
-    assert_eq!(bed.ask("R13"), "r 13 00000011 !");
-    bed.write("W160");
-    bed.write("W163");
-    bed.cycle();
-    assert_eq!(bed.ask("R13"), "r 13 00000001 !");
+    let mut dut = Dut::ready(Qsb::m());
+    dut.write("W162");
+    dut.write("W163");
+    dut.cycle();
+    assert_eq!(dut.ask("R13"), "r 13 00000011 !");
+    dut.write("W160");
+    dut.write("W163");
+    dut.cycle();
+    assert_eq!(dut.ask("R13"), "r 13 00000001 !");
 }
 
 #[test]
 fn command_0_ends_the_motor_drive_and_brings_the_saved_port_back() {
-    let mut bed = Bed::ready(Qsb::m());
-    bed.write("W02E00");
-    bed.write("W01D");
-    bed.write("W163");
-    bed.wait(20.millis());
-    bed.write("W162");
+    let mut dut = Dut::ready(Qsb::m());
+    dut.write("W02E00");
+    dut.write("W01D");
+    dut.write("W163");
+    dut.wait(20.millis());
+    dut.write("W162");
     // DIO1 and DIO2 are the motor's: step low, direction low.
-    assert_eq!(bed.ask("R01"), "r 01 00000009 !");
-    bed.write("W02F00");
-    bed.write("W010");
-    assert_eq!(bed.ask("R01"), "r 01 00000000 !");
-    let from = bed.world.levels.len();
-    bed.write("W160");
-    assert_eq!(bed.ask("R13"), "r 13 00000001 !");
-    assert_eq!(bed.ask("R02"), "r 02 00000E00 !");
-    assert_eq!(bed.ask("R01"), "r 01 0000000D !");
-    let levels = [DIO0, DIO1, DIO2, DIO3].map(|pin| bed.levels(pin, from).last().map(|(_, level)| *level));
+    assert_eq!(dut.ask("R01"), "r 01 00000009 !");
+    dut.write("W02F00");
+    dut.write("W010");
+    assert_eq!(dut.ask("R01"), "r 01 00000000 !");
+    let from = dut.out.levels.len();
+    dut.write("W160");
+    assert_eq!(dut.ask("R13"), "r 13 00000001 !");
+    assert_eq!(dut.ask("R02"), "r 02 00000E00 !");
+    assert_eq!(dut.ask("R01"), "r 01 0000000D !");
+    let levels = [DIO0, DIO1, DIO2, DIO3].map(|pin| dut.levels(pin, from).last().map(|(_, level)| *level));
     assert_eq!(levels, [Some(Level::Float), Some(Level::Low), Some(Level::Float), Some(Level::Float)]);
 }
 
 #[test]
 fn the_motor_drives_lines_are_left_alone() {
-    let mut bed = Bed::ready(Qsb::m());
-    bed.write("W162");
-    assert_eq!([bed.level(DIO1), bed.level(DIO2)], [Level::Low; 2]);
-    assert_eq!(bed.world.plans, 1);
-    let from = bed.world.levels.len();
+    let mut dut = Dut::ready(Qsb::m());
+    dut.write("W162");
+    assert_eq!([dut.level(DIO1), dut.level(DIO2)], [Level::Low; 2]);
+    assert_eq!(dut.out.plans.len(), 1);
+    let from = dut.out.levels.len();
     for command in ["W02F00", "W010", "W01F", "W020", "W161"] {
-        bed.write(command);
+        dut.write(command);
     }
-    assert_eq!(bed.levels(DIO1, from), []);
-    assert_eq!(bed.levels(DIO2, from), []);
-    assert_eq!(bed.ask("R13"), "r 13 00000011 !", "command 1 leaves the motor drive");
+    assert_eq!(dut.levels(DIO1, from), []);
+    assert_eq!(dut.levels(DIO2, from), []);
+    assert_eq!(dut.ask("R13"), "r 13 00000011 !", "command 1 leaves the motor drive");
 }
 
 #[test]
 fn the_motor_obeys_its_commands() {
-    let mut bed = Bed::ready(Qsb::m());
+    let mut dut = Dut::ready(Qsb::m());
     for (command, answer) in [
         ("W168", "e 16 00000008 !"),
         ("W169", "e 16 00000009 !"),
@@ -191,18 +191,18 @@ fn the_motor_obeys_its_commands() {
         ("R13", "r 13 00000012 !"),
         ("W168", "e 16 00000008 !"),
     ] {
-        assert_eq!(bed.ask(command), answer);
+        assert_eq!(dut.ask(command), answer);
     }
-    bed.ask("S13");
-    bed.texts();
-    bed.wait(5.secs());
-    let texts: Vec<_> = bed.texts().into_iter().map(|(_, text)| text).collect();
+    dut.ask("S13");
+    dut.texts();
+    dut.wait(5.secs());
+    let texts: Vec<_> = dut.texts().into_iter().map(|(_, text)| text).collect();
     assert_eq!(texts, ["s 13 00000011 !"]);
 }
 
 #[test]
 fn presets_before_power_are_saved() {
-    let mut bed = Bed::off(Qsb::m());
+    let mut dut = Dut::off(Qsb::m());
     for (reg, value) in [
         (Reg::IntervalRate, 7),
         (Reg::SerialNumber, 99_999),
@@ -210,63 +210,63 @@ fn presets_before_power_are_saved() {
         (Reg::Mdr1, 0x1FF),
         (Reg::Mode, 17),
     ] {
-        assert_eq!(bed.poke(reg, value), Ok(()));
+        assert_eq!(dut.try_set(reg, value), Ok(()));
     }
-    assert_eq!(bed.poke(Reg::TimeStamp, 1), Err(Refused::ReadOnly));
-    assert_eq!(bed.poke(Reg::Streams, 0x1F), Ok(()));
-    assert_eq!(bed.poke(Reg::MotorDrive, 1), Ok(()));
-    bed.power_on(Boot { fast: true, ..Boot::default() });
-    assert_eq!(bed.world.lines[0].1.to_string(), "115200 8N1");
-    bed.character = Duration::from_ticks(1_389);
-    assert_eq!(bed.ask("R0C"), "r 0C 00000007 !");
-    assert_eq!(bed.ask("R0E"), "r 0E 00000000 !");
-    assert_eq!(bed.ask("R14"), "r 14 9999910E !");
-    assert_eq!(bed.ask("R04"), "r 04 000001FC !");
-    assert_eq!(bed.ask("R00"), "r 00 00000001 !");
-    assert_eq!(bed.ask("R13"), "r 13 00000011 !");
+    assert_eq!(dut.try_set(Reg::TimeStamp, 1), Err(Refused::ReadOnly));
+    assert_eq!(dut.try_set(Reg::Streams, 0x1F), Ok(()));
+    assert_eq!(dut.try_set(Reg::MotorDrive, 1), Ok(()));
+    dut.power_on(Boot { fast: true, ..Boot::default() });
+    assert_eq!(dut.out.lines[0].2.to_string(), "115200 8N1");
+    dut.character = Duration::from_ticks(1_389);
+    assert_eq!(dut.ask("R0C"), "r 0C 00000007 !");
+    assert_eq!(dut.ask("R0E"), "r 0E 00000000 !");
+    assert_eq!(dut.ask("R14"), "r 14 9999910E !");
+    assert_eq!(dut.ask("R04"), "r 04 000001FC !");
+    assert_eq!(dut.ask("R00"), "r 00 00000001 !");
+    assert_eq!(dut.ask("R13"), "r 13 00000011 !");
 }
 
 /// A memory of before there was Firmware, whose image is a word shorter.
 #[test]
 fn an_older_memory_is_still_good() {
-    let mut bed = Bed::off(Qsb::m());
-    assert_eq!(bed.poke(Reg::SerialNumber, 12_345), Ok(()));
-    assert_eq!(bed.poke(Reg::IntervalRate, 7), Ok(()));
+    let mut dut = Dut::off(Qsb::m());
+    assert_eq!(dut.try_set(Reg::SerialNumber, 12_345), Ok(()));
+    assert_eq!(dut.try_set(Reg::IntervalRate, 7), Ok(()));
     let image = MEMORY - 4;
-    let sum = drivetwin_protocol::modbus::rtu::crc(&bed.world.memory[..image]).to_be_bytes();
-    bed.world.memory[image..].fill(0xFF);
-    bed.world.memory[image..image + 2].copy_from_slice(&sum);
-    bed.power_on(Boot { fast: true, ..Boot::default() });
-    assert_eq!((bed.ask("R14").as_str(), bed.ask("R0C").as_str()), ("r 14 1234510E !", "r 0C 00000007 !"));
+    let sum = drivetwin_protocol::modbus::rtu::crc(&dut.out.memory[..image]).to_be_bytes();
+    dut.out.memory[image..].fill(0xFF);
+    dut.out.memory[image..image + 2].copy_from_slice(&sum);
+    dut.power_on(Boot { fast: true, ..Boot::default() });
+    assert_eq!((dut.ask("R14").as_str(), dut.ask("R0C").as_str()), ("r 14 1234510E !", "r 0C 00000007 !"));
     // It can have a preset.
-    assert_eq!(bed.poke(Reg::Firmware, 0x10), Ok(()));
-    assert_eq!(bed.ask("R14"), "r 14 12345110 !");
+    assert_eq!(dut.try_set(Reg::Firmware, 0x10), Ok(()));
+    assert_eq!(dut.ask("R14"), "r 14 12345110 !");
 }
 
 #[test]
 fn a_bad_memory_is_that_of_a_new_adapter_and_refuses_presets() {
-    let mut bed = Bed::off(Qsb::d());
-    bed.world.memory.fill(0x55);
-    assert_eq!(bed.poke(Reg::IntervalRate, 7), Err(Refused::BadMemory));
-    bed.power_on(Boot { fast: true, ..Boot::default() });
-    assert_eq!(bed.ask("R03"), "r 03 0000004F !");
+    let mut dut = Dut::off(Qsb::d());
+    dut.out.memory.fill(0x55);
+    assert_eq!(dut.try_set(Reg::IntervalRate, 7), Err(Refused::BadMemory));
+    dut.power_on(Boot { fast: true, ..Boot::default() });
+    assert_eq!(dut.ask("R03"), "r 03 0000004F !");
     // A rate is saved with the factory's values.
-    bed.write("W0C7");
-    bed.write("W1660A");
-    bed.cycle();
-    assert_eq!(bed.ask("R0C"), "r 0C 0000FFFF !");
-    assert_eq!(bed.ask("R14"), "r 14 0000100E !");
+    dut.write("W0C7");
+    dut.write("W1660A");
+    dut.cycle();
+    assert_eq!(dut.ask("R0C"), "r 0C 0000FFFF !");
+    assert_eq!(dut.ask("R14"), "r 14 0000100E !");
 }
 
 #[test]
 fn what_a_variant_lacks_does_not_wake_up() {
-    let mut bed = Bed::off(Qsb::m());
-    assert_eq!(bed.poke(Reg::Streams, 0x1F), Ok(()));
-    assert_eq!(bed.poke(Reg::MotorDrive, 1), Ok(()));
-    let mut other = Bed::off(Qsb::s());
-    other.world.memory = bed.world.memory;
+    let mut dut = Dut::off(Qsb::m());
+    assert_eq!(dut.try_set(Reg::Streams, 0x1F), Ok(()));
+    assert_eq!(dut.try_set(Reg::MotorDrive, 1), Ok(()));
+    let mut other = Dut::off(Qsb::s());
+    other.out.memory = dut.fixture.out.memory;
     other.power_on(Boot { fast: true, ..Boot::default() });
     other.write("W163");
-    assert_eq!(other.peek(Reg::Streams), 0b01110, "CAPTURE, STR and READ ENCODER");
-    assert_eq!(other.peek(Reg::MotorDrive), 0);
+    assert_eq!(other.get(Reg::Streams), 0b01110, "CAPTURE, STR and READ ENCODER");
+    assert_eq!(other.get(Reg::MotorDrive), 0);
 }

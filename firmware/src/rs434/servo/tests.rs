@@ -1,8 +1,6 @@
 #![expect(clippy::float_arithmetic, reason = "mathematics that is not the code's")]
 
 use core::f64::consts::TAU;
-use std::string::String;
-use std::{format, vec::Vec};
 
 use proptest::prelude::*;
 
@@ -11,6 +9,7 @@ use crate::device::{
     Axis, Boot, Device, Duration, Fault, Input, Nowhere, Pin, Refused, Shaft, Spec, advance, feed,
 };
 use crate::motor::{Rig, Turns};
+use crate::testing::{Recorder, Treatment};
 
 const HALLS: [Pin; 2] = [Pin(0), Pin(1)];
 const HELD: Fault = Fault(0);
@@ -131,40 +130,27 @@ const FACTORY: Settings = Settings {
     closed: false,
 };
 
-/// What a rig put.
-#[derive(Default)]
-struct Log(Vec<String>);
-
-impl Sink for Log {
-    fn put(&mut self, at: Instant, output: Output<'_>) {
-        assert!(matches!(output, Output::Level { .. }), "{output:?} stays inside");
-        self.0.push(format!("{} {output:?}", at.ticks()));
-    }
-
-    fn memory(&self) -> &[u8] {
-        &[]
-    }
+/// Levels of the Hall sensors: all else stays inside.
+fn levels_only() -> Recorder {
+    Recorder::default().ruled(|output| match output {
+        Output::Level { .. } => Treatment::Keep,
+        _ => Treatment::Refuse,
+    })
 }
 
-/// How often Hall sensor A has changed.
-#[derive(Default)]
-struct Edges(i64);
-
-impl Sink for Edges {
-    fn put(&mut self, _at: Instant, output: Output<'_>) {
-        self.0 += i64::from(matches!(output, Output::Level { pin, .. } if pin == HALLS[0]));
-    }
-
-    fn memory(&self) -> &[u8] {
-        &[]
-    }
+/// Edges of Hall sensor A.
+fn edges_of_a() -> Recorder {
+    Recorder::default().ruled(|output| match output {
+        Output::Level { pin, .. } if *pin == HALLS[0] => Treatment::Keep,
+        _ => Treatment::Ignore,
+    })
 }
 
 /// A servo with its motor, and a clock.
 struct Bench {
     rig: Rig<Bare>,
     now: Instant,
-    edges: Edges,
+    edges: Recorder,
 }
 
 impl Bench {
@@ -186,7 +172,7 @@ impl Bench {
     fn of(bare: Bare) -> Self {
         let mut rig = Rig::new(bare);
         rig.power_on(Instant::ZERO, Boot::default(), &mut Nowhere);
-        let mut bench = Self { rig, now: Instant::ZERO, edges: Edges(0) };
+        let mut bench = Self { rig, now: Instant::ZERO, edges: edges_of_a() };
         bench.run(TICK);
         bench
     }
@@ -285,13 +271,13 @@ proptest! {
     #[test]
     fn being_called_late_changes_nothing((settings, counts) in moves(), pauses in proptest::collection::vec(1..400_000_u64, 1..50)) {
         let run = |pauses: &[u64]| {
-            let (mut bench, mut log) = (Bench::new(settings), Log::default());
+            let (mut bench, mut log) = (Bench::new(settings), levels_only());
             bench.tell(tell::GO, counts.into());
             for ticks in pauses {
                 bench.now += Duration::from_ticks(*ticks);
                 advance(&mut bench.rig, bench.now, core::iter::empty(), &mut log);
             }
-            (log.0, bench.shaft())
+            (log.levels, bench.shaft())
         };
         prop_assert_eq!(run(&pauses), run(&[pauses.iter().sum()]));
     }
@@ -323,7 +309,7 @@ proptest! {
             // Which way it turned while it was pushed through standstill one sensor does not tell; how often it
             // passed an edge of that one it does.
             1 => {
-                let (edges, position) = (bench.edges.0, bench.ask(ask::POSITION));
+                let (edges, position) = (bench.edges.levels.len() as i64, bench.ask(ask::POSITION));
                 prop_assert!(position.abs() <= edges && (edges - position) % 2 == 0, "{} {}", edges, position);
             }
             _ => prop_assert_eq!(bench.ask(ask::POSITION), made),
@@ -426,7 +412,7 @@ fn compensation_never_turns_a_move_round() {
         bench.tell(tell::GO, counts);
         assert_eq!((bench.ask(ask::DIRECTION), bench.ask(ask::LEFT)), (0, 0), "{counts} {compensation}");
         bench.run(Duration::secs(1));
-        assert_eq!((bench.ask(ask::POSITION), bench.edges.0), (0, 0), "{counts} {compensation}");
+        assert_eq!((bench.ask(ask::POSITION), bench.edges.levels.len()), (0, 0), "{counts} {compensation}");
     }
 }
 

@@ -17,36 +17,36 @@ const FAULTS: [(&str, u16, bool); 8] = [
 #[test]
 fn faults_raise_their_bits() {
     for (name, bit, stops) in FAULTS {
-        let mut bed = Bed::ready();
-        bed.fault(name, true);
-        assert_eq!(bed.get(Reg::ERROR), 1 << bit, "{name}");
-        assert_eq!(bed.light(RED), stops, "{name}");
-        bed.fault(name, false);
-        bed.write(0x5023, 0);
-        assert_eq!(bed.get(Reg::ERROR), if stops { 1 << bit } else { 0 }, "{name}");
-        bed.write(0x5026, 0x95AF);
-        bed.wait(1.secs());
-        assert_eq!((bed.get(Reg::ERROR), bed.light(RED)), (0, false), "{name}");
+        let mut dut = ready();
+        dut.fault(name, true);
+        assert_eq!(dut.get(Reg::ERROR), 1 << bit, "{name}");
+        assert_eq!(dut.light(RED), stops, "{name}");
+        dut.fault(name, false);
+        dut.write(0x5023, 0);
+        assert_eq!(dut.get(Reg::ERROR), if stops { 1 << bit } else { 0 }, "{name}");
+        dut.write(0x5026, 0x95AF);
+        dut.wait(1.secs());
+        assert_eq!((dut.get(Reg::ERROR), dut.light(RED)), (0, false), "{name}");
     }
 }
 
 #[test]
 fn a_cause_that_stays_comes_back() {
-    let mut bed = Bed::ready();
-    bed.fault("hall", true);
-    bed.fault("current_limit", true);
-    bed.write(0x5023, 0);
-    assert_eq!(bed.get(Reg::ERROR), 1 << 4 | 1 << 11, "a warning comes back at once");
-    bed.write(0x5026, 0x95AF);
-    bed.wait(1.secs());
-    assert_eq!(bed.get(Reg::ERROR), 1 << 4 | 1 << 11);
+    let mut dut = ready();
+    dut.fault("hall", true);
+    dut.fault("current_limit", true);
+    dut.write(0x5023, 0);
+    assert_eq!(dut.get(Reg::ERROR), 1 << 4 | 1 << 11, "a warning comes back at once");
+    dut.write(0x5026, 0x95AF);
+    dut.wait(1.secs());
+    assert_eq!(dut.get(Reg::ERROR), 1 << 4 | 1 << 11);
 }
 
 #[test]
 fn a_write_never_sets_a_bit() {
-    let mut bed = Bed::ready();
-    bed.write(0x5023, 0xFFFF);
-    assert_eq!(bed.read(0x5023), 0);
+    let mut dut = ready();
+    dut.write(0x5023, 0xFFFF);
+    assert_eq!(dut.read(0x5023), 0);
 }
 
 #[test]
@@ -56,63 +56,63 @@ fn temperatures_raise_their_bits_at_their_limits() {
         (Reg::TEMPERATURE_MOSFET, 1_000, 3),
         (Reg::TEMPERATURE_BRAKE, 1_000, 2),
     ] {
-        let mut bed = Bed::ready();
-        assert_eq!(bed.get(reg), 250);
-        bed.set(reg, limit - 1);
-        bed.wait(1.secs());
-        assert_eq!((bed.get(reg), bed.get(Reg::ERROR)), (limit - 1, 0));
-        bed.set(reg, limit);
-        assert_eq!(bed.get(Reg::ERROR), 1 << bit);
-        bed.set(reg, 250);
-        bed.write(0x5023, 0);
-        assert_eq!(bed.get(Reg::ERROR), 1 << bit, "it stays until a restart");
+        let mut dut = ready();
+        assert_eq!(dut.get(reg), 250);
+        dut.set(reg, limit - 1);
+        dut.wait(1.secs());
+        assert_eq!((dut.get(reg), dut.get(Reg::ERROR)), (limit - 1, 0));
+        dut.set(reg, limit);
+        assert_eq!(dut.get(Reg::ERROR), 1 << bit);
+        dut.set(reg, 250);
+        dut.write(0x5023, 0);
+        assert_eq!(dut.get(Reg::ERROR), 1 << bit, "it stays until a restart");
     }
 }
 
 #[test]
 fn an_injected_current_stays_and_raises_what_it_would() {
-    let mut bed = Bed::saved(&[(Reg::REF_CURRENT, 5_000)]);
-    bed.set(Reg::CURRENT_VALID, 5_000);
-    assert_eq!((bed.get(Reg::CURRENT_VALID), bed.get(Reg::ERROR)), (5_000, 0));
-    bed.set(Reg::CURRENT_VALID, 5_001);
-    assert_eq!(bed.get(Reg::ERROR), 1 << 11);
-    bed.set(Reg::CURRENT_VALID, 29_999);
-    assert_eq!(bed.get(Reg::ERROR), 1 << 11);
-    bed.set(Reg::CURRENT_VALID, 30_000);
-    assert_eq!(bed.get(Reg::ERROR), 1 << 11 | 1 << 1);
-    assert_eq!(bed.pdu(&[4, 0x30, 1, 0, 1]), [4, 2, 0x75, 0x30]);
+    let mut dut = saved(&[(Reg::REF_CURRENT, 5_000)]);
+    dut.set(Reg::CURRENT_VALID, 5_000);
+    assert_eq!((dut.get(Reg::CURRENT_VALID), dut.get(Reg::ERROR)), (5_000, 0));
+    dut.set(Reg::CURRENT_VALID, 5_001);
+    assert_eq!(dut.get(Reg::ERROR), 1 << 11);
+    dut.set(Reg::CURRENT_VALID, 29_999);
+    assert_eq!(dut.get(Reg::ERROR), 1 << 11);
+    dut.set(Reg::CURRENT_VALID, 30_000);
+    assert_eq!(dut.get(Reg::ERROR), 1 << 11 | 1 << 1);
+    assert_eq!(dut.pdu(&[4, 0x30, 1, 0, 1]), [4, 2, 0x75, 0x30]);
 }
 
 #[test]
 fn an_injected_current_is_looked_at_again() {
-    let mut bed = Bed::ready();
-    bed.set(Reg::CURRENT_VALID, 5_000);
-    bed.write(0x5009, 5_000);
-    assert_eq!(bed.get(Reg::ERROR), 0);
-    bed.write(0x5009, 4_999);
-    assert_eq!(bed.get(Reg::ERROR), 1 << 11);
-    bed.write(0x5023, 0);
-    assert_eq!(bed.get(Reg::ERROR), 1 << 11, "it is still there");
-    bed.write(0x5009, 5_000);
-    assert_eq!(bed.get(Reg::ERROR), 1 << 11, "it stays until it is cleared");
-    bed.write(0x5023, 0);
-    assert_eq!(bed.get(Reg::ERROR), 0);
+    let mut dut = ready();
+    dut.set(Reg::CURRENT_VALID, 5_000);
+    dut.write(0x5009, 5_000);
+    assert_eq!(dut.get(Reg::ERROR), 0);
+    dut.write(0x5009, 4_999);
+    assert_eq!(dut.get(Reg::ERROR), 1 << 11);
+    dut.write(0x5023, 0);
+    assert_eq!(dut.get(Reg::ERROR), 1 << 11, "it is still there");
+    dut.write(0x5009, 5_000);
+    assert_eq!(dut.get(Reg::ERROR), 1 << 11, "it stays until it is cleared");
+    dut.write(0x5023, 0);
+    assert_eq!(dut.get(Reg::ERROR), 0);
 }
 
 #[test]
 fn the_emergency_stop_is_latched_until_a_restart() {
-    let mut bed = Bed::ready();
-    bed.contact(HARD_STOP, false);
-    assert_eq!((bed.get(Reg::ERROR), bed.light(RED)), (1 << 5, true));
-    bed.contact(HARD_STOP, true);
-    bed.write(0x5023, 0);
-    assert_eq!(bed.get(Reg::ERROR), 1 << 5);
-    bed.contact(HARD_STOP, false);
-    bed.write(0x5026, 0x95AF);
-    bed.wait(1.secs());
-    assert_eq!(bed.get(Reg::ERROR), 1 << 5, "it is open still");
-    bed.contact(HARD_STOP, true);
-    bed.write(0x5026, 0x95AF);
-    bed.wait(1.secs());
-    assert_eq!(bed.get(Reg::ERROR), 0);
+    let mut dut = ready();
+    dut.contact(HARD_STOP, false);
+    assert_eq!((dut.get(Reg::ERROR), dut.light(RED)), (1 << 5, true));
+    dut.contact(HARD_STOP, true);
+    dut.write(0x5023, 0);
+    assert_eq!(dut.get(Reg::ERROR), 1 << 5);
+    dut.contact(HARD_STOP, false);
+    dut.write(0x5026, 0x95AF);
+    dut.wait(1.secs());
+    assert_eq!(dut.get(Reg::ERROR), 1 << 5, "it is open still");
+    dut.contact(HARD_STOP, true);
+    dut.write(0x5026, 0x95AF);
+    dut.wait(1.secs());
+    assert_eq!(dut.get(Reg::ERROR), 0);
 }

@@ -29,7 +29,7 @@ fn delay(ms: u16) -> u32 {
 /// To itself, for ever.
 const STAY: u32 = 0x05 | 1 << 7;
 
-impl Bed {
+impl Fixture<Rig<Rs434>> {
     /// Loads a program over the bus and saves it.
     fn load(&mut self, lines: &[u32]) {
         for (n, line) in (0..).zip(lines) {
@@ -51,44 +51,44 @@ impl Bed {
 
 #[test]
 fn it_starts_runs_and_ends() {
-    let mut bed = Bed::ready();
-    bed.load(&[set(0, 7), put(HOLDING, 0x500B, 0), set(0, 3_000), put(HOLDING, 0x500B, 0), END]);
-    assert_eq!(bed.status(), 1);
-    bed.start();
-    let start = bed.now;
-    bed.run_until(start + 100.micros() - Duration::TICK);
-    assert_eq!((bed.status(), bed.get(Reg::PC_REG), bed.get(Reg::AX_REG)), (2, 0, 0));
-    bed.run_until(start + 100.micros());
-    assert_eq!((bed.status(), bed.get(Reg::PC_REG), bed.get(Reg::AX_REG)), (4, 0, 7));
-    bed.run_until(start + 200.micros());
+    let mut dut = ready();
+    dut.load(&[set(0, 7), put(HOLDING, 0x500B, 0), set(0, 3_000), put(HOLDING, 0x500B, 0), END]);
+    assert_eq!(dut.status(), 1);
+    dut.start();
+    let start = dut.now;
+    dut.run_until(start + 100.micros() - Duration::TICK);
+    assert_eq!((dut.status(), dut.get(Reg::PC_REG), dut.get(Reg::AX_REG)), (2, 0, 0));
+    dut.run_until(start + 100.micros());
+    assert_eq!((dut.status(), dut.get(Reg::PC_REG), dut.get(Reg::AX_REG)), (4, 0, 7));
+    dut.run_until(start + 200.micros());
     // 7 rpm is out of range: a warning, and it goes on.
-    assert_eq!((bed.status(), bed.get(Reg::ERROR), bed.get(Reg::SPEED)), (4, 1 << 13, 1_000));
-    bed.run_until(start + 400.micros());
-    assert_eq!((bed.get(Reg::SPEED), bed.get(Reg::PC_REG), bed.status()), (3_000, 3, 4));
-    bed.run_until(start + 500.micros());
-    assert_eq!((bed.get(Reg::PC_REG), bed.status(), bed.get(Reg::SPEED)), (4, 5, 3_000));
-    assert_eq!(bed.read(0x5005), 2, "what was last written");
+    assert_eq!((dut.status(), dut.get(Reg::ERROR), dut.get(Reg::SPEED)), (4, 1 << 13, 1_000));
+    dut.run_until(start + 400.micros());
+    assert_eq!((dut.get(Reg::SPEED), dut.get(Reg::PC_REG), dut.status()), (3_000, 3, 4));
+    dut.run_until(start + 500.micros());
+    assert_eq!((dut.get(Reg::PC_REG), dut.status(), dut.get(Reg::SPEED)), (4, 5, 3_000));
+    assert_eq!(dut.read(0x5005), 2, "what was last written");
 }
 
 #[test]
 fn a_full_stop_brings_the_registers_back() {
-    let mut bed = Bed::ready();
-    bed.load(&[set(0, 3_000), put(HOLDING, 0x500B, 0), put(HOLDING, 0x6001, 0), delay(10), FULL_END]);
-    bed.set(Reg::AX_REG, 5);
-    bed.set(Reg::TARGET_POSITION4, 44);
-    bed.start();
-    bed.wait(5.millis());
-    assert_eq!((bed.get(Reg::SPEED), bed.get(Reg::AX_REG)), (3_000, 3_000));
+    let mut dut = ready();
+    dut.load(&[set(0, 3_000), put(HOLDING, 0x500B, 0), put(HOLDING, 0x6001, 0), delay(10), FULL_END]);
+    dut.set(Reg::AX_REG, 5);
+    dut.set(Reg::TARGET_POSITION4, 44);
+    dut.start();
+    dut.wait(5.millis());
+    assert_eq!((dut.get(Reg::SPEED), dut.get(Reg::AX_REG)), (3_000, 3_000));
     // What the master writes meanwhile returns, too; the line, ERROR and the buffer stay.
-    bed.set(Reg::TARGET_POSITION4, 45);
-    bed.set(Reg::TIMEOUT_BROADCAST_MODBUS, 6);
-    assert_eq!(bed.try_set(Reg::SPEED, 1), Err(Refused::OutOfRange));
-    bed.try_write(0x500B, 1);
-    bed.wait(10.millis());
-    assert_eq!((bed.status(), bed.get(Reg::PC_REG)), (6, 0));
-    assert_eq!((bed.get(Reg::SPEED), bed.get(Reg::AX_REG), bed.get(Reg::TARGET_POSITION4)), (1_000, 5, 44));
-    assert_eq!((bed.get(Reg::TIMEOUT_BROADCAST_MODBUS), bed.get(Reg::CMD_W) & 0xFFFF), (6, 3_000));
-    assert_eq!((bed.get(Reg::ERROR), bed.get(Reg::MODE_USER_PROGRAM)), (1 << 13, 2));
+    dut.set(Reg::TARGET_POSITION4, 45);
+    dut.set(Reg::TIMEOUT_BROADCAST_MODBUS, 6);
+    assert_eq!(dut.try_set(Reg::SPEED, 1), Err(Refused::OutOfRange));
+    dut.try_write(0x500B, 1);
+    dut.wait(10.millis());
+    assert_eq!((dut.status(), dut.get(Reg::PC_REG)), (6, 0));
+    assert_eq!((dut.get(Reg::SPEED), dut.get(Reg::AX_REG), dut.get(Reg::TARGET_POSITION4)), (1_000, 5, 44));
+    assert_eq!((dut.get(Reg::TIMEOUT_BROADCAST_MODBUS), dut.get(Reg::CMD_W) & 0xFFFF), (6, 3_000));
+    assert_eq!((dut.get(Reg::ERROR), dut.get(Reg::MODE_USER_PROGRAM)), (1 << 13, 2));
 }
 
 #[test]
@@ -103,21 +103,21 @@ fn a_line_that_cannot_be_carried_out_is_bit_8() {
         line(0x05, 0, 0, 0, 1_024),        // behind the last line
     ];
     for line in bad {
-        let mut bed = Bed::ready();
-        bed.load(&[set(9, 1), line, END]);
-        bed.start();
-        bed.wait(1.millis());
-        assert_eq!((bed.status(), bed.get(Reg::ERROR), bed.get(Reg::PC_REG)), (7, 1 << 8, 1), "{line:08X}");
-        assert!(!bed.light(RED), "no error that stays");
-        bed.start();
-        assert_eq!((bed.status(), bed.get(Reg::ERROR)), (2, 0), "a start clears it");
+        let mut dut = ready();
+        dut.load(&[set(9, 1), line, END]);
+        dut.start();
+        dut.wait(1.millis());
+        assert_eq!((dut.status(), dut.get(Reg::ERROR), dut.get(Reg::PC_REG)), (7, 1 << 8, 1), "{line:08X}");
+        assert!(!dut.light(RED), "no error that stays");
+        dut.start();
+        assert_eq!((dut.status(), dut.get(Reg::ERROR)), (2, 0), "a start clears it");
     }
 }
 
 #[test]
 fn it_reads_what_the_bus_reads() {
-    let mut bed = Bed::ready();
-    bed.load(&[
+    let mut dut = ready();
+    dut.load(&[
         line(0x03, 0, 0, 0, 0x1002),       // AX = IN_HARD_STOP_bit
         line(0x03, 0, 1, 2, 0x3009),       // BX = STATUS_USER_PROGRAM
         line(0x03, 0, 2, HOLDING, 0x7006), // CX = PC_REG
@@ -128,152 +128,152 @@ fn it_reads_what_the_bus_reads() {
         put(HOLDING, 0x5023, 0),           // ERROR = 1
         END,
     ]);
-    bed.set(Reg::TARGET_POSITION1, -3);
-    bed.start();
-    bed.wait(10.millis());
-    assert_eq!(bed.status(), 5);
+    dut.set(Reg::TARGET_POSITION1, -3);
+    dut.start();
+    dut.wait(10.millis());
+    assert_eq!(dut.status(), 5);
     let registers = [Reg::AX_REG, Reg::BX_REG, Reg::CX_REG, Reg::DX_REG, Reg::EX_REG, Reg::FX_REG];
-    assert_eq!(registers.map(|reg| bed.get(reg)), [1, 4, 2, 1_001, 0xFFFD, 0xFFFF]);
-    assert_eq!((bed.get(Reg::TARGET_POSITION2), bed.get(Reg::GX_REG), bed.get(Reg::HX_REG)), (-3, 1, 4));
+    assert_eq!(registers.map(|reg| dut.get(reg)), [1, 4, 2, 1_001, 0xFFFD, 0xFFFF]);
+    assert_eq!((dut.get(Reg::TARGET_POSITION2), dut.get(Reg::GX_REG), dut.get(Reg::HX_REG)), (-3, 1, 4));
 }
 
 #[test]
 fn a_wide_write_needs_both_registers_whatever_the_value() {
-    let mut bed = Bed::ready();
+    let mut dut = ready();
     // POSITION_N = 9 is out of range, REF_CURRENT = 2,000 is not: neither is written, and it goes on.
-    bed.load(&[set(0, 9), set(1, 2_000), line(0x13, 0, 0, HOLDING, 0x5008), END]);
-    bed.start();
-    bed.wait(1.millis());
-    assert_eq!((bed.status(), bed.get(Reg::ERROR)), (5, 1 << 13));
-    assert_eq!((bed.get(Reg::POSITION_N), bed.get(Reg::REF_CURRENT)), (1, 20_000));
+    dut.load(&[set(0, 9), set(1, 2_000), line(0x13, 0, 0, HOLDING, 0x5008), END]);
+    dut.start();
+    dut.wait(1.millis());
+    assert_eq!((dut.status(), dut.get(Reg::ERROR)), (5, 1 << 13));
+    assert_eq!((dut.get(Reg::POSITION_N), dut.get(Reg::REF_CURRENT)), (1, 20_000));
     // 5026h = 9 is a wrong key, but 5027h does not exist.
-    bed.load(&[set(0, 9), line(0x13, 0, 0, HOLDING, 0x5026), END]);
-    bed.start();
-    bed.wait(1.millis());
-    assert_eq!((bed.status(), bed.get(Reg::ERROR)), (7, 1 << 13 | 1 << 8));
+    dut.load(&[set(0, 9), line(0x13, 0, 0, HOLDING, 0x5026), END]);
+    dut.start();
+    dut.wait(1.millis());
+    assert_eq!((dut.status(), dut.get(Reg::ERROR)), (7, 1 << 13 | 1 << 8));
 }
 
 #[test]
 fn the_bus_stops_it_and_what_runs_cannot_be_changed() {
-    let mut bed = Bed::ready();
-    bed.load(&[set(0, 1), STAY]);
-    bed.start();
-    bed.wait(1.millis());
-    assert_eq!((bed.status(), bed.read(0x7006)), (4, 1));
+    let mut dut = ready();
+    dut.load(&[set(0, 1), STAY]);
+    dut.start();
+    dut.wait(1.millis());
+    assert_eq!((dut.status(), dut.read(0x7006)), (4, 1));
     // The buffer is not the program.
-    let reply = bed.try_write_all(0x6000, &[1, 0, 0]);
+    let reply = dut.try_write_all(0x6000, &[1, 0, 0]);
     assert_eq!(reply[0], 16);
-    let stores = bed.world.stores.clone();
-    assert_eq!(bed.try_write(0x5025, 0x8426), [0x86, 4]);
-    assert_eq!(bed.world.stores, stores);
-    bed.wait(1.millis());
-    assert_eq!((bed.status(), bed.get(Reg::ERROR)), (4, 0));
-    bed.write(0x5025, 0x9346);
-    bed.write(0x6003, 1);
-    assert_eq!(bed.get(Reg::CMD_R), i64::from(STAY), "the flash came back into the buffer");
-    bed.write(0x5005, 1);
-    assert_eq!((bed.status(), bed.get(Reg::AX_REG)), (1, 1));
-    bed.wait(1.secs());
-    assert_eq!(bed.status(), 1);
+    let stores = dut.out.stores.clone();
+    assert_eq!(dut.try_write(0x5025, 0x8426), [0x86, 4]);
+    assert_eq!(dut.out.stores, stores);
+    dut.wait(1.millis());
+    assert_eq!((dut.status(), dut.get(Reg::ERROR)), (4, 0));
+    dut.write(0x5025, 0x9346);
+    dut.write(0x6003, 1);
+    assert_eq!(dut.get(Reg::CMD_R), i64::from(STAY), "the flash came back into the buffer");
+    dut.write(0x5005, 1);
+    assert_eq!((dut.status(), dut.get(Reg::AX_REG)), (1, 1));
+    dut.wait(1.secs());
+    assert_eq!(dut.status(), 1);
 }
 
 #[test]
 fn nothing_saves_the_program_while_it_runs() {
-    let mut bed = Bed::ready();
-    bed.load(&[set(0, 0x8426), put(HOLDING, 0x5025, 0), STAY]);
-    let stores = bed.world.stores.clone();
-    bed.start();
-    assert_eq!(bed.try_set(Reg::FLAG_SAVE_USER_PROGRAM, 0x8426), Err(Refused::Busy));
-    bed.wait(1.millis());
-    assert_eq!((bed.status(), bed.get(Reg::PC_REG), bed.get(Reg::ERROR)), (7, 1, 1 << 8));
-    assert_eq!(bed.world.stores, stores);
-    bed.set(Reg::FLAG_SAVE_USER_PROGRAM, 0x8426);
-    assert_eq!(bed.world.stores.len(), stores.len() + 2, "it has ended");
+    let mut dut = ready();
+    dut.load(&[set(0, 0x8426), put(HOLDING, 0x5025, 0), STAY]);
+    let stores = dut.out.stores.clone();
+    dut.start();
+    assert_eq!(dut.try_set(Reg::FLAG_SAVE_USER_PROGRAM, 0x8426), Err(Refused::Busy));
+    dut.wait(1.millis());
+    assert_eq!((dut.status(), dut.get(Reg::PC_REG), dut.get(Reg::ERROR)), (7, 1, 1 << 8));
+    assert_eq!(dut.out.stores, stores);
+    dut.set(Reg::FLAG_SAVE_USER_PROGRAM, 0x8426);
+    assert_eq!(dut.out.stores.len(), stores.len() + 2, "it has ended");
 }
 
 #[test]
 fn a_saved_3_starts_with_the_power() {
-    let mut bed = Bed::ready();
-    bed.load(&[set(0, 1), STAY]);
-    bed.write(0x5005, 3);
-    bed.wait(1.millis());
-    assert_eq!(bed.status(), 1);
-    bed.write(0x5024, 0x37FA);
-    bed.wait(10.millis());
-    bed.cycle();
-    assert_eq!((bed.status(), bed.read(0x5005)), (3, 3));
-    bed.wait(1.millis());
-    assert_eq!((bed.status(), bed.get(Reg::AX_REG)), (4, 1));
+    let mut dut = ready();
+    dut.load(&[set(0, 1), STAY]);
+    dut.write(0x5005, 3);
+    dut.wait(1.millis());
+    assert_eq!(dut.status(), 1);
+    dut.write(0x5024, 0x37FA);
+    dut.wait(10.millis());
+    dut.cycle();
+    assert_eq!((dut.status(), dut.read(0x5005)), (3, 3));
+    dut.wait(1.millis());
+    assert_eq!((dut.status(), dut.get(Reg::AX_REG)), (4, 1));
     // A saved 2 does not.
-    bed.write(0x5005, 2);
-    bed.write(0x5024, 0x37FA);
-    bed.wait(10.millis());
-    bed.cycle();
-    bed.wait(1.millis());
-    assert_eq!((bed.status(), bed.read(0x5005)), (1, 2));
+    dut.write(0x5005, 2);
+    dut.write(0x5024, 0x37FA);
+    dut.wait(10.millis());
+    dut.cycle();
+    dut.wait(1.millis());
+    assert_eq!((dut.status(), dut.read(0x5005)), (1, 2));
 }
 
 #[test]
 fn a_new_drive_ends_at_once() {
-    let mut bed = Bed::ready();
-    bed.start();
-    bed.wait(1.millis());
-    assert_eq!((bed.status(), bed.get(Reg::PC_REG), bed.get(Reg::ERROR)), (5, 0, 0));
+    let mut dut = ready();
+    dut.start();
+    dut.wait(1.millis());
+    assert_eq!((dut.status(), dut.get(Reg::PC_REG), dut.get(Reg::ERROR)), (5, 0, 0));
 }
 
 #[test]
 fn a_bad_flash_is_bit_7_and_starts_nothing() {
-    let mut bed = Bed::ready();
-    bed.load(&[STAY]);
-    bed.world.memory[SETTINGS] ^= 1;
-    bed.cycle();
-    assert_eq!((bed.get(Reg::ERROR), bed.light(RED)), (1 << 7, false));
-    bed.start();
-    assert_eq!((bed.status(), bed.get(Reg::ERROR)), (7, 1 << 7 | 1 << 8));
-    bed.write(0x5025, 0x9346);
-    bed.write(0x5023, 0);
-    assert_eq!(bed.get(Reg::ERROR), 1 << 7);
-    bed.load(&[STAY]);
-    bed.start();
-    bed.wait(1.millis());
-    assert_eq!(bed.status(), 4, "a save mends it");
+    let mut dut = ready();
+    dut.load(&[STAY]);
+    dut.out.memory[SETTINGS] ^= 1;
+    dut.cycle();
+    assert_eq!((dut.get(Reg::ERROR), dut.light(RED)), (1 << 7, false));
+    dut.start();
+    assert_eq!((dut.status(), dut.get(Reg::ERROR)), (7, 1 << 7 | 1 << 8));
+    dut.write(0x5025, 0x9346);
+    dut.write(0x5023, 0);
+    assert_eq!(dut.get(Reg::ERROR), 1 << 7);
+    dut.load(&[STAY]);
+    dut.start();
+    dut.wait(1.millis());
+    assert_eq!(dut.status(), 4, "a save mends it");
 }
 
 #[test]
 fn it_may_stop_save_and_restart_its_own_drive() {
     // 5005h = 1.
-    let mut bed = Bed::ready();
-    bed.load(&[set(0, 1), put(HOLDING, 0x5005, 0), set(1, 1), STAY]);
-    bed.start();
-    bed.wait(1.secs());
-    assert_eq!((bed.status(), bed.get(Reg::BX_REG)), (1, 0));
-    assert_eq!((bed.get(Reg::PC_REG), bed.get(Reg::AX_REG)), (1, 1), "they stay as they were");
-    bed.start();
-    assert_eq!((bed.status(), bed.get(Reg::PC_REG)), (2, 0));
+    let mut dut = ready();
+    dut.load(&[set(0, 1), put(HOLDING, 0x5005, 0), set(1, 1), STAY]);
+    dut.start();
+    dut.wait(1.secs());
+    assert_eq!((dut.status(), dut.get(Reg::BX_REG)), (1, 0));
+    assert_eq!((dut.get(Reg::PC_REG), dut.get(Reg::AX_REG)), (1, 1), "they stay as they were");
+    dut.start();
+    assert_eq!((dut.status(), dut.get(Reg::PC_REG)), (2, 0));
     // 5004h = 1 and 5005h = 1 by one line.
-    bed.write(0x5005, 1);
-    bed.load(&[set(0, 1), set(1, 1), line(0x13, 0, 0, HOLDING, 0x5004), set(1, 2), STAY]);
-    bed.start();
-    bed.wait(1.secs());
-    assert_eq!((bed.status(), bed.get(Reg::PC_REG), bed.get(Reg::BX_REG)), (1, 2, 1));
+    dut.write(0x5005, 1);
+    dut.load(&[set(0, 1), set(1, 1), line(0x13, 0, 0, HOLDING, 0x5004), set(1, 2), STAY]);
+    dut.start();
+    dut.wait(1.secs());
+    assert_eq!((dut.status(), dut.get(Reg::PC_REG), dut.get(Reg::BX_REG)), (1, 2, 1));
     // 5024h = 37FAh, 5026h = 95AFh.
-    let mut bed = Bed::ready();
-    bed.load(&[set(0, 0x37FA), put(HOLDING, 0x5024, 0), set(0, 0x95AF), put(HOLDING, 0x5026, 0), STAY]);
-    bed.set(Reg::SPEED, 2_000);
-    bed.start();
-    bed.wait(399.micros());
-    assert_eq!(bed.status(), 4);
-    bed.wait(1.micros());
-    assert_eq!((bed.status(), bed.get(Reg::AX_REG), bed.get(Reg::SPEED)), (1, 0, 2_000));
-    assert_eq!(bed.get(Reg::ERROR), 0, "the restart finished the save");
+    let mut dut = ready();
+    dut.load(&[set(0, 0x37FA), put(HOLDING, 0x5024, 0), set(0, 0x95AF), put(HOLDING, 0x5026, 0), STAY]);
+    dut.set(Reg::SPEED, 2_000);
+    dut.start();
+    dut.wait(399.micros());
+    assert_eq!(dut.status(), 4);
+    dut.wait(1.micros());
+    assert_eq!((dut.status(), dut.get(Reg::AX_REG), dut.get(Reg::SPEED)), (1, 0, 2_000));
+    assert_eq!(dut.get(Reg::ERROR), 0, "the restart finished the save");
 }
 
 #[test]
 fn coils_reset_themselves_for_a_program_too() {
-    let mut bed = Bed::ready();
-    bed.load(&[set(0, 1), put(COIL, 0x2001, 0), line(0x03, 0, 1, COIL, 0x2001), END]);
-    bed.set(Reg::BX_REG, 9);
-    bed.start();
-    bed.wait(1.millis());
-    assert_eq!((bed.status(), bed.get(Reg::BX_REG)), (5, 0));
+    let mut dut = ready();
+    dut.load(&[set(0, 1), put(COIL, 0x2001, 0), line(0x03, 0, 1, COIL, 0x2001), END]);
+    dut.set(Reg::BX_REG, 9);
+    dut.start();
+    dut.wait(1.millis());
+    assert_eq!((dut.status(), dut.get(Reg::BX_REG)), (5, 0));
 }

@@ -3,142 +3,142 @@
 use super::*;
 
 /// Lights as they changed: when, red or green, on.
-fn lights(bed: &Bed) -> Vec<(u64, &'static str, bool)> {
+fn lights(dut: &Fixture<Rig<Rs434>>) -> Vec<(u64, &'static str, bool)> {
     let name = |pin| if pin == RED { "red" } else { "green" };
-    let lit = bed.world.levels.iter().filter(|(_, pin, _)| [RED, GREEN].contains(pin));
+    let lit = dut.out.levels.iter().filter(|(_, pin, _)| [RED, GREEN].contains(pin));
     lit.map(|(at, pin, level)| (at.ticks() / 16_000, name(*pin), *level == Level::High)).collect()
 }
 
 #[test]
 fn it_is_deaf_for_half_a_second() {
-    let mut bed = Bed::booting();
-    bed.run_until(200.millis());
-    assert!(bed.ask(&rtu::read(1, 0x500B, 1)).is_empty());
-    assert_eq!(bed.world.notes, [Note::Dropped { port: Port(0), why: Why::Starting }]);
+    let mut dut = booting();
+    dut.run_until(200.millis());
+    assert!(dut.ask(&rtu::read(1, 0x500B, 1)).is_empty());
+    assert_eq!(dut.out.noted(), [Note::Dropped { port: Port(0), why: Why::Starting }]);
     // The last character that is lost ends with the start.
-    bed.run_until(Instant::from(500.millis()) - CHARACTER);
-    assert!(bed.ask(&rtu::read(1, 0x500B, 1)).is_empty());
-    let mut bed = Bed::booting();
-    bed.run_until(Instant::from(500.millis()) - CHARACTER + Duration::TICK);
-    assert_eq!(bed.read(0x500B), 1_000);
-    assert_eq!(lights(&bed), [(500, "green", true)]);
+    dut.run_until(Instant::from(500.millis()) - CHARACTER);
+    assert!(dut.ask(&rtu::read(1, 0x500B, 1)).is_empty());
+    let mut dut = booting();
+    dut.run_until(Instant::from(500.millis()) - CHARACTER + Duration::TICK);
+    assert_eq!(dut.read(0x500B), 1_000);
+    assert_eq!(lights(&dut), [(500, "green", true)]);
 }
 
 #[test]
 fn a_fast_start_hears_in_its_own_instant() {
-    let mut bed = Bed::new();
-    bed.power_on(Boot { fast: true, ..Boot::default() });
-    bed.input(Instant::ZERO, Input::Bytes { port: Port(0), bytes: &rtu::write(1, 0x500B, 2_000) });
-    bed.input(Instant::ZERO, Input::Idle { port: Port(0) });
-    assert_eq!(bed.get(Reg::SPEED), 2_000);
+    let mut dut = without_power();
+    dut.power_on(Boot { fast: true, ..Boot::default() });
+    dut.input(Instant::ZERO, Input::Bytes { port: Port(0), bytes: &rtu::write(1, 0x500B, 2_000) });
+    dut.input(Instant::ZERO, Input::Idle { port: Port(0) });
+    assert_eq!(dut.get(Reg::SPEED), 2_000);
 }
 
 #[test]
 fn contacts_of_a_fast_start_are_told_before_it() {
-    let mut bed = Bed::new();
-    bed.power_on(Boot { fast: true, ..Boot::default() });
-    bed.contact(HARD_STOP, false);
-    bed.run_until(Instant::ZERO);
-    assert_eq!(bed.get(Reg::ERROR), 1 << 5);
+    let mut dut = without_power();
+    dut.power_on(Boot { fast: true, ..Boot::default() });
+    dut.contact(HARD_STOP, false);
+    dut.run_until(Instant::ZERO);
+    assert_eq!(dut.get(Reg::ERROR), 1 << 5);
 }
 
 #[test]
 fn a_restart_is_answered_and_then_it_is_deaf() {
-    let mut bed = Bed::booting();
-    bed.run_until(1.secs());
-    bed.write(0x500B, 2_000);
-    bed.write(0x7000, 5);
-    bed.write(0x5026, 0x95AF);
-    let restart = bed.now;
-    assert_eq!((bed.get(Reg::SPEED), bed.get(Reg::AX_REG)), (1_000, 0), "it was not saved");
-    assert!(bed.ask(&rtu::read(1, 0x500B, 1)).is_empty());
-    bed.run_until(restart + 500.millis());
-    assert_eq!(bed.read(0x5026), 0);
-    let lights = lights(&bed);
+    let mut dut = booting();
+    dut.run_until(1.secs());
+    dut.write(0x500B, 2_000);
+    dut.write(0x7000, 5);
+    dut.write(0x5026, 0x95AF);
+    let restart = dut.now;
+    assert_eq!((dut.get(Reg::SPEED), dut.get(Reg::AX_REG)), (1_000, 0), "it was not saved");
+    assert!(dut.ask(&rtu::read(1, 0x500B, 1)).is_empty());
+    dut.run_until(restart + 500.millis());
+    assert_eq!(dut.read(0x5026), 0);
+    let lights = lights(&dut);
     assert_eq!(lights.len(), 3);
     assert_eq!((lights[0].2, lights[1].2, lights[2].2), (true, false, true));
 }
 
 #[test]
 fn the_line_changes_with_a_save_and_a_restart() {
-    let mut bed = Bed::ready();
-    assert_eq!(bed.try_write_all(0x5000, &[7, 4, 4, 0])[0], 16);
-    assert_eq!(bed.read(0x5000), 7, "at the old address, on the old line");
-    bed.write(0x5026, 0x95AF);
-    assert_eq!(bed.read(0x5000), 1, "not saved");
-    assert_eq!(bed.try_write_all(0x5000, &[7, 4, 4, 0])[0], 16);
-    bed.write(0x5024, 0x37FA);
-    bed.write(0x5026, 0x95AF);
+    let mut dut = ready();
+    assert_eq!(dut.try_write_all(0x5000, &[7, 4, 4, 0])[0], 16);
+    assert_eq!(dut.read(0x5000), 7, "at the old address, on the old line");
+    dut.write(0x5026, 0x95AF);
+    assert_eq!(dut.read(0x5000), 1, "not saved");
+    assert_eq!(dut.try_write_all(0x5000, &[7, 4, 4, 0])[0], 16);
+    dut.write(0x5024, 0x37FA);
+    dut.write(0x5026, 0x95AF);
     // The save takes its time; the restart does not wait for it and finishes it.
-    bed.wait(1.millis());
-    let line = bed.world.lines.last().unwrap().1;
+    dut.wait(1.millis());
+    let line = dut.out.lines.last().unwrap().2;
     assert_eq!((line.baud, line.bits()), (9_600, 11));
-    assert_eq!((bed.get(Reg::SLAVE_ADDRESS_MODBUS), bed.get(Reg::ERROR)), (7, 0));
+    assert_eq!((dut.get(Reg::SLAVE_ADDRESS_MODBUS), dut.get(Reg::ERROR)), (7, 0));
     let frame = rtu::read(7, 0x5000, 1);
-    let at = bed.now + line.character();
-    bed.input(at, Input::Bytes { port: Port(0), bytes: &frame });
-    bed.wait(1.secs());
-    assert_eq!(bed.world.sent.last().unwrap().1, rtu::frame(7, &[3, 2, 0, 7]).to_vec());
+    let at = dut.now + line.character();
+    dut.input(at, Input::Bytes { port: Port(0), bytes: &frame });
+    dut.wait(1.secs());
+    assert_eq!(dut.out.sent(Port(0)).last().unwrap().1, rtu::frame(7, &[3, 2, 0, 7]).to_vec());
 }
 
 #[test]
 fn clr_flash_for_five_seconds_is_the_factory() {
-    let mut bed = Bed::new();
+    let mut dut = without_power();
     for (reg, value) in [(Reg::SPEED, 5_000), (Reg::BITRATE_MODBUS, 4), (Reg::USE_HALL, 0)] {
-        bed.set(reg, value);
+        dut.set(reg, value);
     }
     let program = vec![0x5A; MEMORY - SETTINGS];
-    bed.world.memory[SETTINGS..].copy_from_slice(&program);
-    bed.power_on(Boot::default());
-    bed.contact(CLR_FLASH, true);
-    bed.run_until(Instant::from(5.secs()) - Duration::TICK);
-    assert_eq!(bed.get(Reg::SPEED), 5_000);
-    let shown = lights(&bed);
+    dut.out.memory[SETTINGS..].copy_from_slice(&program);
+    dut.power_on(Boot::default());
+    dut.contact(CLR_FLASH, true);
+    dut.run_until(Instant::from(5.secs()) - Duration::TICK);
+    assert_eq!(dut.get(Reg::SPEED), 5_000);
+    let shown = lights(&dut);
     assert_eq!(shown[..4], [(0, "red", true), (250, "red", false), (250, "green", true), (500, "red", true)]);
-    bed.run_until(5.secs());
-    assert_eq!((bed.get(Reg::SPEED), bed.get(Reg::USE_HALL)), (1_000, 2));
-    assert_eq!(bed.world.lines.last().unwrap().1.baud, 115_200);
-    bed.run_until(Instant::from(5_500.millis()) - Duration::TICK);
-    assert_eq!((bed.light(RED), bed.light(GREEN)), (false, false));
-    bed.run_until(5_500.millis());
-    assert_eq!((bed.light(RED), bed.light(GREEN)), (false, true));
-    assert_eq!(bed.world.memory[SETTINGS..], program, "the program stays");
+    dut.run_until(5.secs());
+    assert_eq!((dut.get(Reg::SPEED), dut.get(Reg::USE_HALL)), (1_000, 2));
+    assert_eq!(dut.out.lines.last().unwrap().2.baud, 115_200);
+    dut.run_until(Instant::from(5_500.millis()) - Duration::TICK);
+    assert_eq!((dut.light(RED), dut.light(GREEN)), (false, false));
+    dut.run_until(5_500.millis());
+    assert_eq!((dut.light(RED), dut.light(GREEN)), (false, true));
+    assert_eq!(dut.out.memory[SETTINGS..], program, "the program stays");
     // Now it is open: the next start is like any other.
-    bed.cycle();
-    assert_eq!((bed.get(Reg::SPEED), bed.get(Reg::ERROR)), (1_000, 1 << 7));
+    dut.cycle();
+    assert_eq!((dut.get(Reg::SPEED), dut.get(Reg::ERROR)), (1_000, 1 << 7));
 }
 
 #[test]
 fn the_motor_goes_by_the_factory_after_a_reset() {
-    let mut bed = Bed::new();
+    let mut dut = without_power();
     for (reg, value) in [(Reg::SPEED, 3_000), (Reg::RATED_SPEED, 6_000), (Reg::USE_HALL, 0)] {
-        bed.set(reg, value);
+        dut.set(reg, value);
     }
-    bed.power_on(Boot::default());
-    bed.contact(CLR_FLASH, true);
-    bed.run_until(6.secs());
-    bed.coil(0x2000);
-    bed.wait(1.secs());
-    let rpm = bed.get(Reg::SPEED_VALID);
+    dut.power_on(Boot::default());
+    dut.contact(CLR_FLASH, true);
+    dut.run_until(6.secs());
+    dut.coil(0x2000);
+    dut.wait(1.secs());
+    let rpm = dut.get(Reg::SPEED_VALID);
     assert!((950..=1_050).contains(&rpm), "{rpm} rpm");
-    assert!(bed.get(Reg::CURRENT_POSITION) > 200, "16 counts a turn");
+    assert!(dut.get(Reg::CURRENT_POSITION) > 200, "16 counts a turn");
 }
 
 #[test]
 fn clr_flash_that_opens_earlier_changes_nothing() {
-    let mut bed = Bed::new();
-    bed.set(Reg::SPEED, 5_000);
-    bed.power_on(Boot::default());
-    bed.contact(CLR_FLASH, true);
-    bed.run_until(Instant::from(4_999.millis()));
-    bed.contact(CLR_FLASH, false);
-    bed.wait(499.millis());
-    assert_eq!((bed.light(RED), bed.light(GREEN)), (false, false));
-    bed.wait(1.millis());
-    assert!(bed.light(GREEN));
-    assert_eq!(bed.read(0x500B), 5_000);
+    let mut dut = without_power();
+    dut.set(Reg::SPEED, 5_000);
+    dut.power_on(Boot::default());
+    dut.contact(CLR_FLASH, true);
+    dut.run_until(Instant::from(4_999.millis()));
+    dut.contact(CLR_FLASH, false);
+    dut.wait(499.millis());
+    assert_eq!((dut.light(RED), dut.light(GREEN)), (false, false));
+    dut.wait(1.millis());
+    assert!(dut.light(GREEN));
+    assert_eq!(dut.read(0x500B), 5_000);
     // In operation it does nothing.
-    bed.contact(CLR_FLASH, true);
-    bed.wait(6.secs());
-    assert_eq!(bed.read(0x500B), 5_000);
+    dut.contact(CLR_FLASH, true);
+    dut.wait(6.secs());
+    assert_eq!(dut.read(0x500B), 5_000);
 }

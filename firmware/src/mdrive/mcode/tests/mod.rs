@@ -6,76 +6,61 @@ mod print;
 mod program;
 mod serial;
 
-use std::borrow::Cow;
+use core::ops::{Deref, DerefMut};
 use std::string::String;
 use std::vec;
 use std::vec::Vec;
 
 use super::super::{MCODE, MEMORY, Mdrive, Reg};
-use crate::device::{Boot, Device, Input, Instant, Link, Note, Output, Port, Sink, advance};
-use drivetwin_protocol::registers::Register;
+use crate::device::{Boot, Device, Input, Link, Note, Output, Port, advance};
+use crate::testing::{Fixture, Rule, Treatment};
 use drivetwin_protocol::text::next_line;
 
-/// What a drive did.
-#[derive(Default)]
-struct World {
-    memory: Vec<u8>,
-    said: Vec<(Link, String)>,
-    bytes: Vec<u8>,
-    closed: Vec<Link>,
-    notes: Vec<Note>,
-    /// Bytes that are stored before power is lost; all of them if nobody cares.
-    bytes_left: Option<usize>,
-    /// What is said may be no text.
-    raw: bool,
+/// What is said is text.
+const TEXT: Rule = |output| match output {
+    Output::Message { port: MCODE, bytes, .. } if std::str::from_utf8(bytes).is_err() => Treatment::Refuse,
+    _ => NO_TEXT(output),
+};
+
+/// What is said need not be text.
+const NO_TEXT: Rule = |output| match output {
+    Output::Message { port: MCODE, bytes: [], .. } => Treatment::Refuse,
+    Output::Message { port: MCODE, .. }
+    | Output::Close { port: MCODE, .. }
+    | Output::Note(_)
+    | Output::Store { .. } => Treatment::Keep,
+    _ => Treatment::Ignore,
+};
+
+/// A drive with somebody on connection 0.
+struct Dut {
+    fixture: Fixture<Mdrive>,
 }
 
-impl Sink for World {
-    fn put(&mut self, _at: Instant, output: Output<'_>) {
-        match output {
-            Output::Message { port: MCODE, link, bytes } => {
-                assert!(!bytes.is_empty());
-                self.bytes.extend(bytes);
-                let text = String::from_utf8_lossy(bytes);
-                assert!(self.raw || matches!(text, Cow::Borrowed(_)));
-                self.said.push((link, text.into_owned()));
-            }
-            Output::Close { port: MCODE, link } => self.closed.push(link),
-            Output::Note(note) => self.notes.push(note),
-            Output::Store { offset, bytes } => {
-                let stored = bytes.len().min(self.bytes_left.unwrap_or(usize::MAX));
-                let place = usize::from(offset);
-                self.memory[place..place + stored].copy_from_slice(&bytes[..stored]);
-                if let Some(left) = &mut self.bytes_left {
-                    *left -= stored;
-                }
-            }
-            _ => {}
-        }
-    }
+impl Deref for Dut {
+    type Target = Fixture<Mdrive>;
 
-    fn memory(&self) -> &[u8] {
-        &self.memory
+    fn deref(&self) -> &Self::Target {
+        &self.fixture
     }
 }
 
-/// A drive, its world, and what time it is.
-struct Bed {
-    drive: Mdrive,
-    world: World,
-    now: Instant,
+impl DerefMut for Dut {
+    fn deref_mut(&mut self) -> &mut Self::Target {
+        &mut self.fixture
+    }
 }
 
 const HERE: Link = Link(0);
 
-impl Bed {
+impl Dut {
     /// A drive that is ready, with somebody on connection 0, in this echo mode.
     fn ready(drive: Mdrive, echo: i64) -> Self {
-        let world = World { memory: vec![0xFF; MEMORY], ..World::default() };
-        let mut bed = Self { drive, world, now: Instant::ZERO };
-        bed.power_on();
-        bed.poke(Reg::EM, echo);
-        bed
+        let fixture = Fixture::with_memory(drive, vec![0xFF; MEMORY]).ruled(TEXT);
+        let mut dut = Self { fixture };
+        dut.power_on();
+        dut.set(Reg::EM, echo);
+        dut
     }
 
     fn plus() -> Self {
@@ -88,51 +73,44 @@ impl Bed {
     }
 
     fn power_on(&mut self) {
-        self.drive.power_on(self.now, Boot { fast: true, ..Boot::default() }, &mut self.world);
-        self.run_until(self.now);
-        self.input(Input::Opened { port: MCODE, link: HERE });
-        self.world.said.clear();
+        self.power_on_fast();
+        self.tell(Input::Opened { port: MCODE, link: HERE });
+        self.out.messages.clear();
     }
 
     /// Power goes and comes.
     fn cycle(&mut self) {
-        self.world.bytes_left = None;
+        self.out.bytes_left = usize::MAX;
         self.power_on();
     }
 
-    fn run_until(&mut self, at: Instant) {
-        self.now = at;
-        advance(&mut self.drive, at, core::iter::empty(), &mut self.world);
+    /// Texts, and on which connections.
+    fn said(&self) -> Vec<(Link, String)> {
+        let said = self.out.messages.iter();
+        said.map(|(_, _, link, bytes)| (*link, String::from_utf8_lossy(bytes).into_owned())).collect()
     }
 
-    fn input(&mut self, input: Input<'_>) {
-        advance(&mut self.drive, self.now, core::iter::once((self.now, input)), &mut self.world);
-    }
-
-    fn poke(&mut self, reg: Reg, value: i64) {
-        self.drive.poke(self.now, reg.row(), value, &mut self.world).unwrap();
-    }
-
-    fn peek(&self, reg: Reg) -> i64 {
-        self.drive.peek(self.now, reg.row())
+    /// Bytes on all connections.
+    fn bytes(&self) -> Vec<u8> {
+        self.out.messages.iter().flat_map(|(.., bytes)| bytes.clone()).collect()
     }
 
     /// Gives the drive bytes on a connection as fast as it takes them, until it has executed all of their lines.
     fn send(&mut self, link: Link, mut bytes: &[u8]) {
         while let Some(bytes) = next_line(&mut bytes) {
-            self.input(Input::Message { port: MCODE, link, bytes });
+            self.tell(Input::Message { port: MCODE, link, bytes });
             while !self.drive.takes(MCODE) {
-                self.run_until(self.drive.deadline());
+                let due = self.drive.deadline();
+                self.run_until(due);
             }
         }
     }
 
     /// Types `text` on a connection, and returns what comes back there.
     fn types_on(&mut self, link: Link, text: &str) -> String {
-        let before = self.world.said.len();
+        let before = self.out.messages.len();
         self.send(link, text.as_bytes());
-        let said = &self.world.said[before..];
-        said.iter().filter(|(to, _)| *to == link).map(|(_, text)| &**text).collect()
+        self.said()[before..].iter().filter(|(to, _)| *to == link).map(|(_, text)| &**text).collect()
     }
 
     fn types(&mut self, text: &str) -> String {
@@ -144,7 +122,7 @@ impl Bed {
         for line in lines.lines() {
             self.types(line);
             self.types("\r");
-            assert_eq!(self.peek(Reg::ER), 0, "{line}");
+            assert_eq!(self.get(Reg::ER), 0, "{line}");
         }
     }
 
@@ -152,7 +130,7 @@ impl Bed {
     fn error_of(&mut self, line: &str) -> i64 {
         self.types(line);
         self.types("\r");
-        let error = self.peek(Reg::ER);
+        let error = self.get(Reg::ER);
         self.drive.drive.errors.clear();
         error
     }

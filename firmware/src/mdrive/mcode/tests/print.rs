@@ -4,8 +4,8 @@ use super::*;
 
 #[test]
 fn texts_and_values_stand_side_by_side() {
-    let mut bed = Bed::quiet();
-    bed.types_lines("R1=-2147483648\nR2=7\nVA Q1=9");
+    let mut dut = Dut::quiet();
+    dut.types_lines("R1=-2147483648\nR2=7\nVA Q1=9");
     for (line, printed) in [
         ("PR \"Position =\", P", "Position =0\r\n"),
         ("PR MV ST", "00\r\n"),
@@ -19,14 +19,14 @@ fn texts_and_values_stand_side_by_side() {
         ("PR R2 ; 'no more", "7"),
         ("PR vm", "768000\r\n"),
     ] {
-        assert_eq!(bed.types(&std::format!("{line}\r")), printed, "{line}");
+        assert_eq!(dut.types(&std::format!("{line}\r")), printed, "{line}");
     }
-    assert_eq!(bed.peek(Reg::ER), 0);
+    assert_eq!(dut.get(Reg::ER), 0);
 }
 
 #[test]
 fn what_has_several_values_or_another_form() {
-    let mut bed = Bed::quiet();
+    let mut dut = Dut::quiet();
     for (line, printed) in [
         ("PR S1", "0, 0, 0\r\n"),
         ("PR S5", "9, 0\r\n"),
@@ -38,39 +38,39 @@ fn what_has_several_values_or_another_form() {
         ("PR TC", "0\r\n"),
         ("PR SN", "123456789\r\n"),
     ] {
-        assert_eq!(bed.types(&std::format!("{line}\r")), printed, "{line}");
+        assert_eq!(dut.types(&std::format!("{line}\r")), printed, "{line}");
     }
-    bed.types_lines("S2=16,1,1\nCR=0.05\nPG 1\nLB K9\nPG\nTP=-5,K9\nTR=650000,1,3");
-    assert_eq!(bed.types("PR S2 \"/\" CR\r"), "16, 1, 1/0.050\r\n");
-    assert_eq!(bed.types("PR TP\rPR TR\r"), "-5, K9\r\n650000, 1, 3\r\n");
+    dut.types_lines("S2=16,1,1\nCR=0.05\nPG 1\nLB K9\nPG\nTP=-5,K9\nTR=650000,1,3");
+    assert_eq!(dut.types("PR S2 \"/\" CR\r"), "16, 1, 1/0.050\r\n");
+    assert_eq!(dut.types("PR TP\rPR TR\r"), "-5, K9\r\n650000, 1, 3\r\n");
 }
 
 #[test]
 fn identity() {
-    let mut bed = Bed::quiet();
-    let version = bed.types("PR VR\r");
+    let mut dut = Dut::quiet();
+    let version = dut.types("PR VR\r");
     assert!(version.starts_with("3.") && version.matches('.').count() == 3, "{version}");
-    assert!(bed.types("PR PN\r").starts_with("MDI"));
+    assert!(dut.types("PR PN\r").starts_with("MDI"));
     // "Hybrid products will return a second value for the hardware version" (MC 5-80).
-    let mut bed = Bed::ready(Mdrive::hybrid(), 2);
-    let version = bed.types("PR VR\r");
+    let mut dut = Dut::ready(Mdrive::hybrid(), 2);
+    let version = dut.types("PR VR\r");
     assert!(version.starts_with("4.") && version.contains(", "), "{version}");
     // 10 MHz/(0 + 2)
-    assert_eq!(bed.types("PR SS \" \" TS\r"), "5000000 5000000\r\n");
-    assert_eq!(bed.types("PR MU\r"), "0, 0\r\n");
+    assert_eq!(dut.types("PR SS \" \" TS\r"), "5000000 5000000\r\n");
+    assert_eq!(dut.types("PR MU\r"), "0, 0\r\n");
 }
 
 #[test]
 fn the_last_motion_command() {
-    let mut bed = Bed::quiet();
-    bed.types_lines("SL 0\nMR 1");
-    assert_eq!(bed.types("PR MD\r"), "MR\r\n");
+    let mut dut = Dut::quiet();
+    dut.types_lines("SL 0\nMR 1");
+    assert_eq!(dut.types("PR MD\r"), "MR\r\n");
 }
 
 #[test]
 fn nothing_is_printed_of_a_line_with_an_error() {
-    let mut bed = Bed::quiet();
-    bed.types_lines("PG 1\nLB K1\nPG");
+    let mut dut = Dut::quiet();
+    dut.types_lines("PG 1\nLB K1\nPG");
     for (line, error) in [
         ("PR P QQ", 30),
         ("PR \"x\",MA", 35),
@@ -84,30 +84,30 @@ fn nothing_is_printed_of_a_line_with_an_error() {
         ("PR R1+R2", 24),
         ("PR $", 24),
     ] {
-        bed.world.said.clear();
-        assert_eq!(bed.error_of(line), error, "{line}");
-        assert_eq!(bed.world.said, [], "{line}");
+        dut.out.messages.clear();
+        assert_eq!(dut.error_of(line), error, "{line}");
+        assert_eq!(dut.said(), [], "{line}");
     }
     // An error that comes first is not read by a line that is refused.
-    bed.types("HELLO\rPR ER QQ\r");
-    assert_eq!(bed.peek(Reg::ER), 30);
+    dut.types("HELLO\rPR ER QQ\r");
+    assert_eq!(dut.get(Reg::ER), 30);
 }
 
 #[test]
 fn user_variables_and_labels() {
-    let mut bed = Bed::quiet();
-    bed.types_lines("VA V1=512000\nVA X\nPG 100\nLB SU\nVA Q2=5\nE\nPG");
-    assert_eq!(bed.types("PR UV\r"), "V1 = G 512000\r\nX = G 0\r\nSU = 100\r\n\r\n");
-    bed.types_lines("EX 100");
-    bed.run_until(bed.now + crate::device::Duration::millis(10));
-    assert_eq!(bed.types("PR UV\r"), "V1 = G 512000\r\nX = G 0\r\nSU = 100\r\nQ2 = L 5\r\n\r\n");
+    let mut dut = Dut::quiet();
+    dut.types_lines("VA V1=512000\nVA X\nPG 100\nLB SU\nVA Q2=5\nE\nPG");
+    assert_eq!(dut.types("PR UV\r"), "V1 = G 512000\r\nX = G 0\r\nSU = 100\r\n\r\n");
+    dut.types_lines("EX 100");
+    dut.wait(crate::device::Duration::millis(10));
+    assert_eq!(dut.types("PR UV\r"), "V1 = G 512000\r\nX = G 0\r\nSU = 100\r\nQ2 = L 5\r\n\r\n");
 }
 
 #[test]
 fn all_variables() {
-    let mut bed = Bed::quiet();
-    bed.types("HELLO\r");
-    let all = bed.types("PR AL\r");
+    let mut dut = Dut::quiet();
+    dut.types("HELLO\r");
+    let all = dut.types("PR AL\r");
     let lines: Vec<&str> = all.strip_suffix("\r\n\r\n").unwrap().split("\r\n").collect();
     for line in [
         "A = 1000000",
@@ -128,12 +128,12 @@ fn all_variables() {
     // Trips are among them, and each is taken as it is printed.
     for line in ["TI = 0, 0", "TP = 0, 0", "TC = 0", "TT = 0, 0", "TR = 0, 0, 0"] {
         assert!(lines.contains(&line), "{line}");
-        bed.types("ER=0\r");
-        bed.types_lines(line);
+        dut.types("ER=0\r");
+        dut.types_lines(line);
     }
-    bed.types("HELLO\r");
-    assert_eq!(bed.peek(Reg::ER), 20, "only PR ER reads it");
-    let mut bed = Bed::ready(Mdrive::hybrid(), 2);
-    let all = bed.types("PR AL\r");
+    dut.types("HELLO\r");
+    assert_eq!(dut.get(Reg::ER), 20, "only PR ER reads it");
+    let mut dut = Dut::ready(Mdrive::hybrid(), 2);
+    let all = dut.types("PR AL\r");
     assert!(all.contains("\r\nAS = 2\r\n") && all.contains("\r\nEL = 1000\r\n") && !all.contains("\r\nST ="));
 }

@@ -6,28 +6,28 @@ use super::*;
 use crate::mdrive::mcode::program::{ADDRESSES, LINE_BYTES, compact};
 
 /// What L lists.
-fn listed(bed: &mut Bed, place: &str) -> Vec<String> {
-    let text = bed.types(&std::format!("L {place}\r"));
+fn listed(dut: &mut Dut, place: &str) -> Vec<String> {
+    let text = dut.types(&std::format!("L {place}\r"));
     text.split_terminator("\r\n").map(String::from).collect()
 }
 
 #[test]
 fn lines_are_stored_as_they_are_typed() {
-    let mut bed = Bed::plus();
-    assert_eq!(bed.types("PG 100\r"), "PG 100\r\n>");
-    assert_eq!(bed.types(" LB k1  'Label\r"), " LB k1  'Label\r\n>");
-    bed.types_lines("R1=5\n\n  ' only a comment\n PR  \"It's  x\" ,  p\nmr   -5000\nE\nPG");
-    assert_eq!(bed.types("L\r"), "L\r\nLB K1\r\nR1=5\r\nPR \"It's  x\" , P\r\nMR -5000\r\nE\r\n>");
-    assert_eq!(bed.peek(Reg::R1), 0, "it is not carried out");
-    assert_eq!(bed.types("L 102\r"), "L 102\r\nPR \"It's  x\" , P\r\nMR -5000\r\nE\r\n>");
-    assert_eq!(bed.types("L K1\r"), bed.types("L\r").replacen("L\r", "L K1\r", 1));
-    assert_eq!(bed.types("L 105\r"), "L 105\r\n>");
+    let mut dut = Dut::plus();
+    assert_eq!(dut.types("PG 100\r"), "PG 100\r\n>");
+    assert_eq!(dut.types(" LB k1  'Label\r"), " LB k1  'Label\r\n>");
+    dut.types_lines("R1=5\n\n  ' only a comment\n PR  \"It's  x\" ,  p\nmr   -5000\nE\nPG");
+    assert_eq!(dut.types("L\r"), "L\r\nLB K1\r\nR1=5\r\nPR \"It's  x\" , P\r\nMR -5000\r\nE\r\n>");
+    assert_eq!(dut.get(Reg::R1), 0, "it is not carried out");
+    assert_eq!(dut.types("L 102\r"), "L 102\r\nPR \"It's  x\" , P\r\nMR -5000\r\nE\r\n>");
+    assert_eq!(dut.types("L K1\r"), dut.types("L\r").replacen("L\r", "L K1\r", 1));
+    assert_eq!(dut.types("L 105\r"), "L 105\r\n>");
 }
 
 #[test]
 fn what_is_typed_into_a_program_is_judged() {
-    let mut bed = Bed::quiet();
-    bed.types_lines("VA Q1\nPG 1\nLB K1");
+    let mut dut = Dut::quiet();
+    dut.types_lines("VA Q1\nPG 1\nLB K1");
     for (line, error) in [
         // K1 is a line above.
         ("LB K1", 28),
@@ -39,160 +39,160 @@ fn what_is_typed_into_a_program_is_judged() {
         ("S1=1,1,1,1", 24),
         ("BD=19", 37),
     ] {
-        assert_eq!(bed.error_of(line), error, "{line}");
+        assert_eq!(dut.error_of(line), error, "{line}");
     }
-    bed.types_lines("BR K9,Q7>5\nH5=7\nPG");
-    assert_eq!(listed(&mut bed, ""), ["LB K1", "BR K9,Q7>5", "H5=7"]);
-    assert_eq!(bed.error_of("LB K2"), 46, "not in program mode");
+    dut.types_lines("BR K9,Q7>5\nH5=7\nPG");
+    assert_eq!(listed(&mut dut, ""), ["LB K1", "BR K9,Q7>5", "H5=7"]);
+    assert_eq!(dut.error_of("LB K2"), 46, "not in program mode");
 }
 
 #[test]
 fn addresses_and_labels_that_are_not_there() {
-    let mut bed = Bed::quiet();
+    let mut dut = Dut::quiet();
     for line in ["PG 0", "PG 2048", "PG -1", "PG 100000", "L 0", "L 2048", "CP 0", "CP 2048"] {
-        assert_eq!(bed.error_of(line), 42, "{line}");
+        assert_eq!(dut.error_of(line), 42, "{line}");
     }
     for line in ["PG K1", "L K1", "CP K1", "L VM"] {
-        assert_eq!(bed.error_of(line), 30, "{line}");
+        assert_eq!(dut.error_of(line), 30, "{line}");
     }
-    bed.types_lines("PG");
-    assert_eq!(bed.types("PR P\r"), "0\r\n", "not in program mode");
-    bed.types_lines("PG 2047\nE");
-    assert_eq!(bed.error_of("E"), 45);
-    bed.types_lines("PG");
-    assert_eq!(listed(&mut bed, "2047"), ["E"]);
+    dut.types_lines("PG");
+    assert_eq!(dut.types("PR P\r"), "0\r\n", "not in program mode");
+    dut.types_lines("PG 2047\nE");
+    assert_eq!(dut.error_of("E"), 45);
+    dut.types_lines("PG");
+    assert_eq!(listed(&mut dut, "2047"), ["E"]);
 }
 
 /// MC 4.4 ends with 767; programs of real machines have `PG 1000`. Up to 2047 an address is as any other.
 #[test]
 fn addresses_go_on_behind_767() {
-    let mut bed = Bed::quiet();
-    bed.types_lines("PG 767\nR1=1\nR1=R1+10\nE\nPG\nPG 1000\nLB G1\nR2=1\nBR 1003\nR3=1\nE\nPG");
+    let mut dut = Dut::quiet();
+    dut.types_lines("PG 767\nR1=1\nR1=R1+10\nE\nPG\nPG 1000\nLB G1\nR2=1\nBR 1003\nR3=1\nE\nPG");
     let (low, high) = (["R1=1", "R1=R1+10", "E"], ["LB G1", "R2=1", "BR 1003", "R3=1", "E"]);
-    assert_eq!(listed(&mut bed, ""), [&low[..], &high[..]].concat());
-    assert_eq!(listed(&mut bed, "770"), high);
-    assert_eq!(listed(&mut bed, "1000"), high);
-    assert_eq!(bed.types("PR UV\r"), "G1 = 1000\r\n\r\n");
-    bed.cycle();
-    bed.types("EM=2\r");
+    assert_eq!(listed(&mut dut, ""), [&low[..], &high[..]].concat());
+    assert_eq!(listed(&mut dut, "770"), high);
+    assert_eq!(listed(&mut dut, "1000"), high);
+    assert_eq!(dut.types("PR UV\r"), "G1 = 1000\r\n\r\n");
+    dut.cycle();
+    dut.types("EM=2\r");
     for (line, r) in [("EX 767", [11, 0, 0]), ("EX 1000", [11, 1, 1]), ("R3=0\nEX G1", [11, 1, 1])] {
-        bed.types_lines(line);
-        bed.run_until(bed.now + crate::device::Duration::millis(10));
-        assert_eq!([Reg::R1, Reg::R2, Reg::R3].map(|reg| bed.peek(reg)), r, "{line}");
+        dut.types_lines(line);
+        dut.wait(crate::device::Duration::millis(10));
+        assert_eq!([Reg::R1, Reg::R2, Reg::R3].map(|reg| dut.get(reg)), r, "{line}");
     }
     for line in ["EX 999", "EX 1005", "EX 2048"] {
-        assert_eq!(bed.error_of(line), 42, "{line}");
+        assert_eq!(dut.error_of(line), 42, "{line}");
     }
     // Without E it ends behind its last line, and does not go on at the next one of all.
-    bed.types_lines("R2=0\nPG 769\nR1=5\nPG\nEX 769");
-    bed.run_until(bed.now + crate::device::Duration::millis(10));
-    assert_eq!([Reg::R1, Reg::R2, Reg::ER, Reg::BY].map(|reg| bed.peek(reg)), [5, 0, 0, 0]);
-    bed.types_lines("CP 1000");
-    assert_eq!(listed(&mut bed, ""), ["R1=1", "R1=R1+10", "R1=5"]);
+    dut.types_lines("R2=0\nPG 769\nR1=5\nPG\nEX 769");
+    dut.wait(crate::device::Duration::millis(10));
+    assert_eq!([Reg::R1, Reg::R2, Reg::ER, Reg::BY].map(|reg| dut.get(reg)), [5, 0, 0, 0]);
+    dut.types_lines("CP 1000");
+    assert_eq!(listed(&mut dut, ""), ["R1=1", "R1=R1+10", "R1=5"]);
 }
 
 #[test]
 fn a_line_replaces_the_one_at_its_address() {
-    let mut bed = Bed::quiet();
-    bed.types_lines("PG 10\nLB K1\nR1=1\nR1=2\nPG\nPG 10\nLB K2\nR2=1\nPG");
-    assert_eq!(listed(&mut bed, ""), ["LB K2", "R2=1", "R1=2"]);
-    assert_eq!(bed.types("PR UV\r"), "K2 = 10\r\n\r\n");
-    bed.cycle();
-    bed.types("EM=2\r");
-    assert_eq!(listed(&mut bed, ""), ["LB K2", "R2=1", "R1=2"]);
-    assert_eq!(bed.types("PR UV\r"), "K2 = 10\r\n\r\n");
+    let mut dut = Dut::quiet();
+    dut.types_lines("PG 10\nLB K1\nR1=1\nR1=2\nPG\nPG 10\nLB K2\nR2=1\nPG");
+    assert_eq!(listed(&mut dut, ""), ["LB K2", "R2=1", "R1=2"]);
+    assert_eq!(dut.types("PR UV\r"), "K2 = 10\r\n\r\n");
+    dut.cycle();
+    dut.types("EM=2\r");
+    assert_eq!(listed(&mut dut, ""), ["LB K2", "R2=1", "R1=2"]);
+    assert_eq!(dut.types("PR UV\r"), "K2 = 10\r\n\r\n");
 }
 
 /// "This can be caused when you download a program over a program already saved" (MC 9.2, 28).
 #[test]
 fn a_program_is_not_typed_over_itself() {
-    let mut bed = Bed::quiet();
-    bed.types_lines("PG 1\nLB K1\nR1=R1+1\nE\nPG\nPG 1");
-    assert_eq!(bed.error_of("LB K1"), 28);
+    let mut dut = Dut::quiet();
+    dut.types_lines("PG 1\nLB K1\nR1=R1+1\nE\nPG\nPG 1");
+    assert_eq!(dut.error_of("LB K1"), 28);
     // What is refused leaves its address to the next line.
-    bed.types_lines("LB K2\nPG");
-    assert_eq!(listed(&mut bed, ""), ["LB K2", "R1=R1+1", "E"]);
+    dut.types_lines("LB K2\nPG");
+    assert_eq!(listed(&mut dut, ""), ["LB K2", "R1=R1+1", "E"]);
     // K1 has gone with its line, and may be anywhere now.
-    bed.types_lines("PG 1\nLB K1\nPG");
-    assert_eq!(bed.types("PR UV\r"), "K1 = 1\r\n\r\n");
-    bed.types_lines("CP\nPG 1\nLB K1\nPG");
+    dut.types_lines("PG 1\nLB K1\nPG");
+    assert_eq!(dut.types("PR UV\r"), "K1 = 1\r\n\r\n");
+    dut.types_lines("CP\nPG 1\nLB K1\nPG");
 }
 
 /// "LB G1 ... PG 1 ... LB SU" (MC 5-40): with an address program mode goes on there, without one it ends.
 #[test]
 fn program_mode_goes_on_at_an_address() {
-    let mut bed = Bed::quiet();
-    bed.types_lines("PG 100\nLB G1\nPG 1\nLB SU\nPG G1\nR1=5\nPG");
-    assert_eq!((listed(&mut bed, ""), bed.peek(Reg::R1)), (vec!["LB SU".into(), "R1=5".into()], 0));
-    bed.types_lines("PG 1");
-    assert_eq!(bed.error_of("PG 2048"), 42);
-    bed.types_lines("E\nPG");
-    assert_eq!(listed(&mut bed, ""), ["E", "R1=5"]);
+    let mut dut = Dut::quiet();
+    dut.types_lines("PG 100\nLB G1\nPG 1\nLB SU\nPG G1\nR1=5\nPG");
+    assert_eq!((listed(&mut dut, ""), dut.get(Reg::R1)), (vec!["LB SU".into(), "R1=5".into()], 0));
+    dut.types_lines("PG 1");
+    assert_eq!(dut.error_of("PG 2048"), 42);
+    dut.types_lines("E\nPG");
+    assert_eq!(listed(&mut dut, ""), ["E", "R1=5"]);
 }
 
 /// Nobody else's lines are stored, and a connection that is lost leaves nothing behind.
 #[test]
 fn program_mode_is_of_the_connection_that_began_it() {
-    let mut bed = Bed::quiet();
+    let mut dut = Dut::quiet();
     let there = Link(1);
-    bed.input(Input::Opened { port: MCODE, link: there });
-    bed.types_on(there, "PG 10\rR1=1\r");
-    assert_eq!(bed.types("PR R1\rL\r"), "0\r\nR1=1\r\n");
-    bed.types("PG 20\rR2=2\r");
-    bed.types_on(there, "R1=2\r");
-    bed.input(Input::Closed { port: MCODE, link: there });
-    bed.input(Input::Opened { port: MCODE, link: there });
-    assert_eq!(bed.types_on(there, "PR R2\rL\r"), "0\r\nR1=1\r\nR1=2\r\nR2=2\r\n");
-    bed.types_lines("R2=3\nPG");
-    assert_eq!(bed.types("L 20\r"), "R2=2\r\nR2=3\r\n");
+    dut.tell(Input::Opened { port: MCODE, link: there });
+    dut.types_on(there, "PG 10\rR1=1\r");
+    assert_eq!(dut.types("PR R1\rL\r"), "0\r\nR1=1\r\n");
+    dut.types("PG 20\rR2=2\r");
+    dut.types_on(there, "R1=2\r");
+    dut.tell(Input::Closed { port: MCODE, link: there });
+    dut.tell(Input::Opened { port: MCODE, link: there });
+    assert_eq!(dut.types_on(there, "PR R2\rL\r"), "0\r\nR1=1\r\nR1=2\r\nR2=2\r\n");
+    dut.types_lines("R2=3\nPG");
+    assert_eq!(dut.types("L 20\r"), "R2=2\r\nR2=3\r\n");
 }
 
 #[test]
 fn cp_clears_from_an_address_or_a_label_on() {
-    let mut bed = Bed::quiet();
-    bed.types_lines("VA Q1=5\nPG 100\nLB K1\nE\nPG\nPG 200\nLB K2\nE\nPG\nPG 1\nLB K3\nE\nPG");
-    bed.types_lines("CP K2");
-    assert_eq!(listed(&mut bed, ""), ["LB K3", "E", "LB K1", "E"]);
-    bed.types_lines("CP 101");
-    assert_eq!(listed(&mut bed, ""), ["LB K3", "E", "LB K1"]);
-    bed.cycle();
-    bed.types_lines("EM=2");
-    assert_eq!(listed(&mut bed, ""), ["LB K3", "E", "LB K1"]);
-    assert_eq!(bed.types("PR UV\r"), "K3 = 1\r\nK1 = 100\r\n\r\n");
-    bed.types_lines("VA Q1=5\nCP");
-    assert_eq!(listed(&mut bed, ""), [""; 0]);
-    assert_eq!(bed.types("PR UV\r"), "Q1 = G 5\r\n\r\n", "globals stay");
-    bed.cycle();
-    bed.types_lines("EM=2");
-    assert_eq!(listed(&mut bed, ""), [""; 0]);
+    let mut dut = Dut::quiet();
+    dut.types_lines("VA Q1=5\nPG 100\nLB K1\nE\nPG\nPG 200\nLB K2\nE\nPG\nPG 1\nLB K3\nE\nPG");
+    dut.types_lines("CP K2");
+    assert_eq!(listed(&mut dut, ""), ["LB K3", "E", "LB K1", "E"]);
+    dut.types_lines("CP 101");
+    assert_eq!(listed(&mut dut, ""), ["LB K3", "E", "LB K1"]);
+    dut.cycle();
+    dut.types_lines("EM=2");
+    assert_eq!(listed(&mut dut, ""), ["LB K3", "E", "LB K1"]);
+    assert_eq!(dut.types("PR UV\r"), "K3 = 1\r\nK1 = 100\r\n\r\n");
+    dut.types_lines("VA Q1=5\nCP");
+    assert_eq!(listed(&mut dut, ""), [""; 0]);
+    assert_eq!(dut.types("PR UV\r"), "Q1 = G 5\r\n\r\n", "globals stay");
+    dut.cycle();
+    dut.types_lines("EM=2");
+    assert_eq!(listed(&mut dut, ""), [""; 0]);
 }
 
 #[test]
 fn a_locked_program_is_neither_listed_nor_changed() {
-    let mut bed = Bed::quiet();
-    bed.types_lines("PG 1\nLB K1\nE\nPG\nLK=1");
+    let mut dut = Dut::quiet();
+    dut.types_lines("PG 1\nLB K1\nE\nPG\nLK=1");
     for line in ["L", "L K1", "PG 1", "PG K1", "CP 1", "CP K1"] {
-        assert_eq!(bed.error_of(line), 44, "{line}");
+        assert_eq!(dut.error_of(line), 44, "{line}");
     }
     // Not saved, it is gone with the power.
-    bed.cycle();
-    bed.types_lines("EM=2");
-    assert_eq!(listed(&mut bed, ""), ["LB K1", "E"]);
-    bed.types_lines("LK=1\nCP");
-    assert_eq!((bed.peek(Reg::LK), listed(&mut bed, "")), (0, Vec::new()));
+    dut.cycle();
+    dut.types_lines("EM=2");
+    assert_eq!(listed(&mut dut, ""), ["LB K1", "E"]);
+    dut.types_lines("LK=1\nCP");
+    assert_eq!((dut.get(Reg::LK), listed(&mut dut, "")), (0, Vec::new()));
 }
 
 #[test]
 fn a_program_is_not_cleared_in_motion() {
-    let mut bed = Bed::quiet();
-    bed.types_lines("PG 1\nE\nPG\nSL 10000");
-    assert_eq!(bed.error_of("CP"), 74);
-    assert_eq!(listed(&mut bed, ""), ["E"]);
+    let mut dut = Dut::quiet();
+    dut.types_lines("PG 1\nE\nPG\nSL 10000");
+    assert_eq!(dut.error_of("CP"), 74);
+    assert_eq!(listed(&mut dut, ""), ["E"]);
 }
 
 #[test]
 fn there_are_192_labels_and_variables() {
-    let mut bed = Bed::quiet();
+    let mut dut = Dut::quiet();
     // No name of the language begins with these.
     let names: Vec<String> = (0..180)
         .map(|n| {
@@ -204,78 +204,78 @@ fn there_are_192_labels_and_variables() {
         })
         .chain("0123456789ABC".chars().map(|last| std::format!("N{last}")))
         .collect();
-    bed.types_lines("PG 1");
+    dut.types_lines("PG 1");
     for name in &names[..191] {
-        bed.types_lines(&std::format!("LB {name}"));
+        dut.types_lines(&std::format!("LB {name}"));
     }
-    bed.types_lines("PG");
-    bed.types_lines(&std::format!("VA {}", names[191]));
-    assert_eq!(bed.error_of(&std::format!("VA {}", names[192])), 31);
-    bed.types_lines("PG 300");
-    assert_eq!(bed.error_of(&std::format!("LB {}", names[192])), 31);
-    bed.types_lines("PG");
-    assert_eq!(listed(&mut bed, "").len(), 191);
+    dut.types_lines("PG");
+    dut.types_lines(&std::format!("VA {}", names[191]));
+    assert_eq!(dut.error_of(&std::format!("VA {}", names[192])), 31);
+    dut.types_lines("PG 300");
+    assert_eq!(dut.error_of(&std::format!("LB {}", names[192])), 31);
+    dut.types_lines("PG");
+    assert_eq!(listed(&mut dut, "").len(), 191);
 }
 
 #[test]
 fn the_log_fills_up_and_is_emptied() {
-    let mut bed = Bed::quiet();
+    let mut dut = Dut::quiet();
     let line = std::format!("PR \"{}\"", "x".repeat(59));
     assert_eq!(line.len(), LINE_BYTES);
-    bed.types_lines("PG 1");
+    dut.types_lines("PG 1");
     let mut stored = 0;
     loop {
-        bed.types(&line);
-        bed.types("\r");
-        match bed.peek(Reg::ER) {
+        dut.types(&line);
+        dut.types("\r");
+        match dut.get(Reg::ER) {
             0 => stored += 1,
             error => break assert_eq!(error, 45),
         }
     }
     // 69 bytes a line, and one behind the last.
     assert_eq!(stored, 12 * 1024 / 69);
-    bed.drive.drive.errors.clear();
-    bed.types_lines("PG");
-    assert_eq!(listed(&mut bed, "").len(), stored);
-    bed.cycle();
-    bed.types_lines("EM=2");
-    assert_eq!(listed(&mut bed, "").len(), stored);
+    dut.drive.drive.errors.clear();
+    dut.types_lines("PG");
+    assert_eq!(listed(&mut dut, "").len(), stored);
+    dut.cycle();
+    dut.types_lines("EM=2");
+    assert_eq!(listed(&mut dut, "").len(), stored);
     // What is behind the last line that stays is room again.
-    bed.types_lines("CP 2\nPG 2");
-    bed.types_lines(&line);
-    bed.types_lines("PG");
-    assert_eq!(listed(&mut bed, ""), [&*line, &*line]);
-    bed.types_lines("CP\nPG 1\nE\nPG");
-    bed.cycle();
-    bed.types_lines("EM=2");
-    assert_eq!(listed(&mut bed, ""), ["E"]);
+    dut.types_lines("CP 2\nPG 2");
+    dut.types_lines(&line);
+    dut.types_lines("PG");
+    assert_eq!(listed(&mut dut, ""), [&*line, &*line]);
+    dut.types_lines("CP\nPG 1\nE\nPG");
+    dut.cycle();
+    dut.types_lines("EM=2");
+    assert_eq!(listed(&mut dut, ""), ["E"]);
 }
 
 /// The log is full only of what holds.
 #[test]
 fn lines_that_are_replaced_make_room() {
-    let mut bed = Bed::quiet();
+    let mut dut = Dut::quiet();
     let line = |n: usize, text: &str| std::format!("PR \"{n:05}{}\"", text.repeat(54));
-    bed.types_lines("PG 1\nLB K1\nE\nPG");
+    dut.types_lines("PG 1\nLB K1\nE\nPG");
     // As many as there is room for; each is replaced many times over.
     for n in 0..1_000 {
-        bed.types_lines(&std::format!("PG {}\n{}\nPG", 3 + n % 177, line(n, "x")));
+        dut.types_lines(&std::format!("PG {}\n{}\nPG", 3 + n % 177, line(n, "x")));
     }
     let lines = |from: usize| {
         let kept = (0..177).map(move |n| from + (n + 177 - from % 177) % 177);
         ["LB K1".into(), "E".into()].into_iter().chain(kept.map(|n| line(n, "x"))).collect::<Vec<String>>()
     };
-    assert_eq!(listed(&mut bed, ""), lines(823));
-    bed.types_lines("PG 700");
-    assert_eq!(bed.error_of(&line(0, "y")), 45);
-    bed.types_lines("PG");
-    assert_eq!(listed(&mut bed, ""), lines(823));
-    bed.cycle();
-    bed.types_lines("EM=2");
-    assert_eq!(listed(&mut bed, ""), lines(823));
-    assert_eq!(bed.types("PR UV\r"), "K1 = 1\r\n\r\n");
-    bed.types_lines("CP K1");
-    assert_eq!(listed(&mut bed, ""), [""; 0]);
+    assert_eq!(listed(&mut dut, ""), lines(823));
+    dut.types_lines("PG 700");
+    assert_eq!(dut.error_of(&line(0, "y")), 45);
+    dut.types_lines("PG");
+    assert_eq!(listed(&mut dut, ""), lines(823));
+    dut.cycle();
+    dut.types_lines("EM=2");
+    assert_eq!(listed(&mut dut, ""), lines(823));
+    assert_eq!(dut.types("PR UV\r"), "K1 = 1\r\n\r\n");
+    dut.types_lines("CP K1");
+    assert_eq!(listed(&mut dut, ""), [""; 0]);
 }
 
 /// Power lost while lines are moved leaves the program, or none and error 70, and what is stored then is kept.
@@ -283,29 +283,29 @@ fn lines_that_are_replaced_make_room() {
 fn power_lost_while_lines_make_room() {
     let mut outcomes = Vec::new();
     for bytes in (0..).step_by(7) {
-        let mut bed = Bed::quiet();
+        let mut dut = Dut::quiet();
         let long = std::format!("PR \"{}\"", "x".repeat(50));
-        bed.types_lines("PG 1\nR1=1\nR1=2\nR1=3\nE\nPG");
+        dut.types_lines("PG 1\nR1=1\nR1=2\nR1=3\nE\nPG");
         // Until one more of these has no room.
         for _ in 0..12 * 1024 / 60 {
-            bed.types_lines(&std::format!("PG 2\n{long}\nPG"));
+            dut.types_lines(&std::format!("PG 2\n{long}\nPG"));
         }
-        bed.world.bytes_left = Some(bytes);
-        bed.types_lines(&std::format!("PG 2\n{long}\nPG"));
-        let done = bed.world.bytes_left != Some(0);
-        bed.cycle();
-        let error = bed.peek(Reg::ER);
-        bed.types("ER=0\rEM=2\r");
-        let lines = listed(&mut bed, "");
+        dut.out.bytes_left = bytes;
+        dut.types_lines(&std::format!("PG 2\n{long}\nPG"));
+        let done = dut.out.bytes_left != 0;
+        dut.cycle();
+        let error = dut.get(Reg::ER);
+        dut.types("ER=0\rEM=2\r");
+        let lines = listed(&mut dut, "");
         match error {
             0 => assert_eq!(lines, ["R1=1", &*long, "R1=3", "E"], "{bytes}"),
             error => assert_eq!((error, lines), (70, Vec::new()), "{bytes}"),
         }
         outcomes.push(error);
-        bed.types_lines("CP\nPG 5\nE\nPG");
-        bed.cycle();
-        bed.types_lines("EM=2");
-        assert_eq!(listed(&mut bed, ""), ["E"]);
+        dut.types_lines("CP\nPG 5\nE\nPG");
+        dut.cycle();
+        dut.types_lines("EM=2");
+        assert_eq!(listed(&mut dut, ""), ["E"]);
         if done {
             break;
         }
@@ -314,10 +314,10 @@ fn power_lost_while_lines_make_room() {
 }
 
 /// A drive with five lines, two of them replaced.
-fn some_program() -> Bed {
-    let mut bed = Bed::quiet();
-    bed.types_lines("PG 1\nLB K1\nR1=1\nR1=2\nPG\nPG 2\nR1=3\nPG\nPG 100\nLB K2\nE\nPG\nPG 2\nR1=4\nPG");
-    bed
+fn some_program() -> Dut {
+    let mut dut = Dut::quiet();
+    dut.types_lines("PG 1\nLB K1\nR1=1\nR1=2\nPG\nPG 2\nR1=3\nPG\nPG 100\nLB K2\nE\nPG\nPG 2\nR1=4\nPG");
+    dut
 }
 
 #[test]
@@ -326,24 +326,24 @@ fn power_lost_while_a_line_is_stored_leaves_it_there_or_not() {
     let after = ["LB K1", "R1=4", "R1=2", "LB K2", "R2=7"];
     let mut outcomes = Vec::new();
     for bytes in 0.. {
-        let mut bed = some_program();
-        bed.types_lines("PG 101");
-        bed.world.bytes_left = Some(bytes);
-        bed.types_lines("R2=7");
-        let done = bed.world.bytes_left != Some(0);
-        bed.cycle();
-        assert_eq!(bed.peek(Reg::ER), 0);
-        bed.types_lines("EM=2");
-        let lines = listed(&mut bed, "");
+        let mut dut = some_program();
+        dut.types_lines("PG 101");
+        dut.out.bytes_left = bytes;
+        dut.types_lines("R2=7");
+        let done = dut.out.bytes_left != 0;
+        dut.cycle();
+        assert_eq!(dut.get(Reg::ER), 0);
+        dut.types_lines("EM=2");
+        let lines = listed(&mut dut, "");
         outcomes.push(lines == after);
         assert!(lines == before || lines == after, "{bytes}: {lines:?}");
         // What is stored then is not spoiled by the rest.
-        bed.types_lines("PG 102\nPG");
-        bed.types_lines("PG 102\nE\nPG");
-        assert_eq!(listed(&mut bed, "102"), ["E"]);
-        bed.cycle();
-        bed.types_lines("EM=2");
-        assert_eq!(listed(&mut bed, "102"), ["E"]);
+        dut.types_lines("PG 102\nPG");
+        dut.types_lines("PG 102\nE\nPG");
+        assert_eq!(listed(&mut dut, "102"), ["E"]);
+        dut.cycle();
+        dut.types_lines("EM=2");
+        assert_eq!(listed(&mut dut, "102"), ["E"]);
         if done {
             break;
         }
@@ -354,14 +354,14 @@ fn power_lost_while_a_line_is_stored_leaves_it_there_or_not() {
 #[test]
 fn power_lost_while_lines_are_cleared_brings_no_older_ones_back() {
     for bytes in 0.. {
-        let mut bed = some_program();
-        bed.world.bytes_left = Some(bytes);
-        bed.types_lines("CP 2");
-        let done = bed.world.bytes_left != Some(0);
-        bed.cycle();
-        assert_eq!(bed.peek(Reg::ER), 0);
-        bed.types_lines("EM=2");
-        let lines = listed(&mut bed, "");
+        let mut dut = some_program();
+        dut.out.bytes_left = bytes;
+        dut.types_lines("CP 2");
+        let done = dut.out.bytes_left != 0;
+        dut.cycle();
+        assert_eq!(dut.get(Reg::ER), 0);
+        dut.types_lines("EM=2");
+        let lines = listed(&mut dut, "");
         let known = ["LB K1", "R1=4", "R1=2", "LB K2", "E"];
         assert_eq!(lines[0], "LB K1");
         assert!(lines.iter().all(|line| known.contains(&&**line)), "{bytes}: {lines:?}");
@@ -374,50 +374,50 @@ fn power_lost_while_lines_are_cleared_brings_no_older_ones_back() {
 
 #[test]
 fn check_sums_are_looked_at_when_power_comes_and_not_by_each_line() {
-    let mut bed = Bed::quiet();
-    bed.types_lines("PG 1\nE\nPG");
+    let mut dut = Dut::quiet();
+    dut.types_lines("PG 1\nE\nPG");
     // Two bytes of address, one of length, the character; behind it the sum.
-    bed.world.memory[crate::mdrive::saved::PROGRAM + 4] ^= 1;
-    assert_eq!(listed(&mut bed, ""), ["E"]);
-    bed.cycle();
-    assert_eq!(bed.peek(Reg::ER), 70);
+    dut.out.memory[crate::mdrive::saved::PROGRAM + 4] ^= 1;
+    assert_eq!(listed(&mut dut, ""), ["E"]);
+    dut.cycle();
+    assert_eq!(dut.get(Reg::ER), 70);
 }
 
 #[test]
 fn cp_of_everything_is_one_store() {
-    let mut bed = some_program();
-    bed.world.bytes_left = Some(1);
-    bed.types_lines("CP");
-    bed.cycle();
-    bed.types_lines("EM=2");
-    assert_eq!((bed.peek(Reg::ER), listed(&mut bed, "")), (0, Vec::new()));
+    let mut dut = some_program();
+    dut.out.bytes_left = 1;
+    dut.types_lines("CP");
+    dut.cycle();
+    dut.types_lines("EM=2");
+    assert_eq!((dut.get(Reg::ER), listed(&mut dut, "")), (0, Vec::new()));
 }
 
 #[test]
 fn a_log_that_is_none_is_a_flash_error_and_empty() {
     let start = crate::mdrive::saved::PROGRAM;
     for place in 0..40 {
-        let mut bed = some_program();
-        bed.world.memory[start + place] ^= 0x11;
-        bed.cycle();
-        assert_eq!(bed.peek(Reg::ER), 70, "{place}");
-        bed.types("ER=0\r");
-        bed.types_lines("EM=2");
-        assert_eq!(listed(&mut bed, ""), [""; 0]);
-        bed.types_lines("PG 5\nLB K1\nPG");
-        bed.cycle();
-        bed.types_lines("EM=2");
-        assert_eq!(listed(&mut bed, ""), ["LB K1"]);
+        let mut dut = some_program();
+        dut.out.memory[start + place] ^= 0x11;
+        dut.cycle();
+        assert_eq!(dut.get(Reg::ER), 70, "{place}");
+        dut.types("ER=0\r");
+        dut.types_lines("EM=2");
+        assert_eq!(listed(&mut dut, ""), [""; 0]);
+        dut.types_lines("PG 5\nLB K1\nPG");
+        dut.cycle();
+        dut.types_lines("EM=2");
+        assert_eq!(listed(&mut dut, ""), ["LB K1"]);
     }
 }
 
 #[test]
 fn a_label_that_runs_at_power_on_is_found_again() {
-    let mut bed = Bed::quiet();
-    bed.types_lines("PG 50\nlb su\nR1=77\nE\nPG");
-    bed.cycle();
-    bed.run_until(bed.now + crate::device::Duration::millis(10));
-    assert_eq!(bed.peek(Reg::R1), 77);
+    let mut dut = Dut::quiet();
+    dut.types_lines("PG 50\nlb su\nR1=77\nE\nPG");
+    dut.cycle();
+    dut.wait(crate::device::Duration::millis(10));
+    assert_eq!(dut.get(Reg::R1), 77);
 }
 
 proptest! {
@@ -426,22 +426,22 @@ proptest! {
     fn a_program_is_what_the_last_lines_of_its_addresses_say(
         steps in prop::collection::vec((1_u16..30, 1_u16..999, prop::bool::weighted(0.1)), 1..40)
     ) {
-        let mut bed = Bed::quiet();
+        let mut dut = Dut::quiet();
         let mut model = std::collections::BTreeMap::new();
         for (address, value, clears) in steps {
             if clears {
-                bed.types_lines(&std::format!("CP {address}"));
+                dut.types_lines(&std::format!("CP {address}"));
                 model.retain(|other, _| *other < address);
             } else {
-                bed.types_lines(&std::format!("PG {address}\nR1={value}\nPG"));
+                dut.types_lines(&std::format!("PG {address}\nR1={value}\nPG"));
                 model.insert(address, std::format!("R1={value}"));
             }
         }
         let expected: Vec<String> = model.into_values().collect();
-        prop_assert_eq!(&listed(&mut bed, ""), &expected);
-        bed.cycle();
-        bed.types_lines("EM=2");
-        prop_assert_eq!(&listed(&mut bed, ""), &expected);
+        prop_assert_eq!(&listed(&mut dut, ""), &expected);
+        dut.cycle();
+        dut.types_lines("EM=2");
+        prop_assert_eq!(&listed(&mut dut, ""), &expected);
     }
 
     /// What is kept means what was typed.
@@ -454,12 +454,12 @@ proptest! {
 
     #[test]
     fn any_memory_is_survived(bytes in prop::collection::vec(any::<u8>(), 1..300), place in 0_usize..MEMORY) {
-        let mut bed = some_program();
+        let mut dut = some_program();
         let end = (place + bytes.len()).min(MEMORY);
-        bed.world.memory[place..end].copy_from_slice(&bytes[..end - place]);
-        bed.cycle();
-        bed.types("ER=0\rEM=2\rL\rPG 1\rLB K1\rPG\rCP\r");
-        prop_assert_eq!(listed(&mut bed, ""), Vec::<String>::new());
+        dut.out.memory[place..end].copy_from_slice(&bytes[..end - place]);
+        dut.cycle();
+        dut.types("ER=0\rEM=2\rL\rPG 1\rLB K1\rPG\rCP\r");
+        prop_assert_eq!(listed(&mut dut, ""), Vec::<String>::new());
         let _ = ADDRESSES;
     }
 }

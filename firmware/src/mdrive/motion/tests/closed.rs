@@ -508,12 +508,12 @@ fn position_maintenance_takes_rc_against_a_load() {
         let pushed = Settings { machine: Parameters { load_unm: way * 70_000, ..machine }, ..settings };
         bench.set(pushed);
         bench.run(50.millis());
-        assert_eq!(bench.currents.last().map(|(_, ma)| *ma), Some(750), "RC");
+        assert_eq!(bench.out.currents.last().map(|(.., ma)| *ma), Some(750), "RC");
         assert_eq!(bench.v() * way, 40, "it comes back at VI");
         bench.set(settings);
         bench.run(5.secs());
         assert!(bench.c2().abs() <= 10 && bench.errors().is_empty(), "{}", bench.c2());
-        assert_eq!(bench.currents.last().map(|(_, ma)| *ma), Some(150), "HC");
+        assert_eq!(bench.out.currents.last().map(|(.., ma)| *ma), Some(150), "HC");
     }
 }
 

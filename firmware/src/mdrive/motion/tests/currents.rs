@@ -6,14 +6,14 @@ use super::*;
 fn the_run_current_comes_with_a_motion_and_goes_ht_after_it() {
     let mut bench = Bench::new(SLOW);
     // Percents of 3 A.
-    assert_eq!(bench.currents, [(Instant::ZERO, 150)]);
+    assert_eq!(bench.out.currents, [(Instant::ZERO, AXIS, 150)]);
     bench.run(10.millis());
     bench.does(to(100));
     bench.run_out();
     let end = bench.now;
     bench.run(10.secs());
     let begin = Instant::from(10.millis());
-    assert_eq!(bench.currents[1..], [(begin, 750), (end + 500.millis(), 150)]);
+    assert_eq!(bench.out.currents[1..], [(begin, AXIS, 750), (end + 500.millis(), AXIS, 150)]);
 }
 
 #[test]
@@ -25,9 +25,9 @@ fn a_motion_within_ht_keeps_the_current() {
     bench.does(to(2));
     bench.run_out();
     bench.run(499.millis());
-    assert_eq!(bench.currents.len(), 2);
+    assert_eq!(bench.out.currents.len(), 2);
     bench.run(2.millis());
-    assert_eq!(bench.currents.len(), 3);
+    assert_eq!(bench.out.currents.len(), 3);
 }
 
 #[test]
@@ -36,21 +36,21 @@ fn with_ht_0_the_current_is_never_reduced() {
     let mut bench = Bench::new(Settings { hold_delay_ms: 0, ..SLOW });
     bench.does(to(1));
     bench.run(100.secs());
-    assert_eq!(bench.currents.last(), Some(&(Instant::ZERO, 750)));
+    assert_eq!(bench.out.currents.last(), Some(&(Instant::ZERO, AXIS, 750)));
     // What is set late enough acts at once.
     bench.set(Settings { hold_delay_ms: 2, ..SLOW });
-    assert_eq!(bench.currents.last(), Some(&(bench.now, 150)));
+    assert_eq!(bench.out.currents.last(), Some(&(bench.now, AXIS, 150)));
 }
 
 #[test]
 fn percents_act_at_once_where_they_count() {
     let mut bench = Bench::new(SLOW);
     bench.set(Settings { hold_percent: 100, run_percent: 1, ..SLOW });
-    assert_eq!(bench.currents.last(), Some(&(Instant::ZERO, 3_000)));
+    assert_eq!(bench.out.currents.last(), Some(&(Instant::ZERO, AXIS, 3_000)));
     bench.does(Order::Slew(1));
-    assert_eq!(bench.currents.last(), Some(&(Instant::ZERO, 30)));
+    assert_eq!(bench.out.currents.last(), Some(&(Instant::ZERO, AXIS, 30)));
     bench.set(Settings { hold_percent: 100, run_percent: 67, ..SLOW });
-    assert_eq!(bench.currents.last(), Some(&(Instant::ZERO, 2_010)));
+    assert_eq!(bench.out.currents.last(), Some(&(Instant::ZERO, AXIS, 2_010)));
 }
 
 #[test]
@@ -69,7 +69,7 @@ fn what_holds_without_current_follows_all_the_same() {
 fn without_its_bridge_the_indexer_runs_and_the_shaft_does_not() {
     // MC 5-19.
     let mut bench = Bench::new(Settings { enabled: false, ..SLOW });
-    assert_eq!(bench.currents, [(Instant::ZERO, 0)]);
+    assert_eq!(bench.out.currents, [(Instant::ZERO, AXIS, 0)]);
     bench.does(to(1_000));
     bench.run_out();
     assert_eq!((bench.c1(), bench.c2()), (1_000, 0));

@@ -14,10 +14,10 @@ fn clock(bench: &mut Bench, steps: u32, step: i32, every: Duration) {
 fn at_a_ratio_of_1_every_step_is_made_at_once() {
     let mut bench = Bench::new(Settings { follows_clock: true, ..SLOW });
     clock(&mut bench, 100, -1, 100.micros());
-    let expected: Vec<_> = (1..=100).map(|n| (Instant::from(Duration::micros(100 * n)), -1)).collect();
-    assert_eq!(bench.steps, expected);
+    let expected: Vec<_> = (1..=100).map(|n| (Instant::from(Duration::micros(100 * n)), AXIS, -1)).collect();
+    assert_eq!(bench.out.steps, expected);
     assert_eq!((bench.c1(), bench.is_moving(), bench.v()), (-100, true, -10_000));
-    assert_eq!(bench.currents.last().map(|(_, ma)| *ma), Some(750));
+    assert_eq!(bench.out.currents.last().map(|(.., ma)| *ma), Some(750));
     bench.run(2.millis());
     assert_eq!(bench.c2(), -4);
     bench.run_out();
@@ -34,7 +34,7 @@ fn at_another_ratio_it_ramps_and_makes_all_steps() {
     clock(&mut bench, 100, 1, 250.micros());
     assert!(bench.v() > 1_000 && bench.v() < 1_500, "{}", bench.v());
     clock(&mut bench, 3_900, 1, 250.micros());
-    assert_eq!((bench.v(), bench.steps.len()), (4_000, 0));
+    assert_eq!((bench.v(), bench.out.steps.len()), (4_000, 0));
     bench.run_out();
     assert_eq!((bench.c1(), bench.c2()), (4_000, 160));
 }
@@ -61,7 +61,7 @@ fn another_ratio_ends_what_it_follows() {
     bench.run_out();
     let there = bench.c1();
     clock(&mut bench, 10, 1, MS);
-    assert_eq!((bench.c1(), bench.steps.len()), (there + 10, 10));
+    assert_eq!((bench.c1(), bench.out.steps.len()), (there + 10, 10));
 }
 
 #[test]
@@ -90,7 +90,7 @@ fn a_slew_goes_on_into_clock_mode() {
     bench.run(1.secs());
     bench.set(follows);
     clock(&mut bench, 1_000, 1, MS);
-    assert_eq!((bench.v(), bench.steps.len()), (2_000, 0));
+    assert_eq!((bench.v(), bench.out.steps.len()), (2_000, 0));
     bench.does(Order::Slew(0));
     bench.run_out();
     let there = bench.c1();

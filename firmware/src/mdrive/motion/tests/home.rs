@@ -100,13 +100,13 @@ fn what_overshoots_the_switch_comes_back() {
 
 /// Motions of a homing, in order: direction, and the greatest speed in steps/s.
 fn motions(track: &Track) -> Vec<(bool, i64)> {
-    let of = |plan: &Plan| {
+    let of = |(.., plan): &(Instant, Axis, Plan)| {
         let most =
             plan.segments().iter().filter(|segment| segment.ticks > 0).max_by_key(|segment| segment.h)?;
         // A segment is as fast at its end as the next one at its beginning.
         (most.h > 0).then_some((most.back, most.h / 16_000_000))
     };
-    track.bench.plans.iter().filter_map(of).collect()
+    track.bench.out.plans.iter().filter_map(of).collect()
 }
 
 /// Figure 5.1: S is the direction of the search, C that of the creep.
@@ -116,7 +116,7 @@ fn the_motions_are_those_of_figure_5_1() {
         for settle_ms in [0, 50] {
             // 1 and 2: slew, deceleration; 3 and 4: creep, and the step at its end.
             let mut track = Track::new(Settings { settle_ms, ..SLOW }, start(kind), (0, 3_000));
-            track.bench.plans.clear();
+            track.bench.out.plans.clear();
             track.bench.does(Order::Home(kind));
             track.run_out();
             assert_eq!(motions(&track), [(s, 5_000), (s, 5_000), (c, 1_000), (c, 1_000)], "HM {kind}");
@@ -124,7 +124,7 @@ fn the_motions_are_those_of_figure_5_1() {
             // What is overshot is searched for backward: 1,100 steps at up to √(1,000² + 1,100 · 10,000) steps/s, and on
             // at VI.
             let mut track = Track::new(Settings { settle_ms, ..SLOW }, start(kind), (0, 100));
-            track.bench.plans.clear();
+            track.bench.out.plans.clear();
             track.bench.does(Order::Home(kind));
             track.run_out();
             let motions = motions(&track);

@@ -16,9 +16,10 @@ use std::vec::Vec;
 use drivetwin_protocol::time::Span;
 
 use super::{Contact, Event, Motion, Order, Settings};
-use crate::device::{Duration, Instant, Output, Plan, Sink};
+use crate::device::{Axis, Duration, Instant, Output, Plan, Sink};
 use crate::mdrive::error::Error;
 use crate::motor::stepper::Parameters;
+use crate::testing::{Recorder, Treatment};
 
 /// The factory's (FB 5).
 const FACTORY: Settings = Settings {
@@ -52,6 +53,8 @@ const FACTORY: Settings = Settings {
 /// 1,200 steps.
 const SLOW: Settings = Settings { speed: 5_000, up: 10_000, down: 10_000, ..FACTORY };
 
+const AXIS: Axis = Axis(0);
+
 /// 1 ms.
 const MS: Duration = Duration::millis(1);
 
@@ -59,44 +62,18 @@ const MS: Duration = Duration::millis(1);
 struct Bench {
     motion: Motion,
     now: Instant,
-    plans: Vec<Plan>,
-    currents: Vec<(Instant, u32)>,
-    steps: Vec<(Instant, i32)>,
-    /// Steps since the last plan.
-    beside: i32,
+    out: Recorder,
     events: Vec<(Instant, Event)>,
     /// Edges that a remote encoder has made.
     edges: i32,
 }
 
-#[derive(Default)]
-struct Outputs {
-    plans: Vec<Plan>,
-    currents: Vec<(Instant, u32)>,
-    steps: Vec<(Instant, i32)>,
-    beside: i32,
-}
-
-impl Sink for Outputs {
-    fn put(&mut self, at: Instant, output: Output<'_>) {
-        match output {
-            Output::Plan { plan, .. } => {
-                assert_eq!(plan.start(), at);
-                self.plans.push(*plan);
-                self.beside = 0;
-            }
-            Output::Current { ma, .. } => self.currents.push((at, ma)),
-            Output::Step { steps, .. } => {
-                self.steps.push((at, steps));
-                self.beside += steps;
-            }
-            other => panic!("{other:?}"),
-        }
-    }
-
-    fn memory(&self) -> &[u8] {
-        &[]
-    }
+/// Plans, currents and steps: the motion puts nothing else.
+fn recorder() -> Recorder {
+    Recorder::default().ruled(|output| match output {
+        Output::Plan { .. } | Output::Current { .. } | Output::Step { .. } => Treatment::Keep,
+        _ => Treatment::Refuse,
+    })
 }
 
 impl Motion {
@@ -111,10 +88,7 @@ impl Bench {
         let mut bench = Self {
             motion: Motion::new(FACTORY),
             now: Instant::ZERO,
-            plans: Vec::new(),
-            currents: Vec::new(),
-            steps: Vec::new(),
-            beside: 0,
+            out: recorder(),
             events: Vec::new(),
             edges: 0,
         };
@@ -124,12 +98,11 @@ impl Bench {
 
     /// Something happens now.
     fn tell<T>(&mut self, does: impl FnOnce(&mut Motion, Instant, &mut dyn Sink) -> T) -> T {
-        let mut out = Outputs::default();
-        let answer = does(&mut self.motion, self.now, &mut out);
-        self.beside = if out.plans.is_empty() { self.beside + out.beside } else { out.beside };
-        self.plans.extend(out.plans);
-        self.currents.extend(out.currents);
-        self.steps.extend(out.steps);
+        let before = self.out.plans.len();
+        let answer = does(&mut self.motion, self.now, &mut self.out);
+        for (at, _, plan) in &self.out.plans[before..] {
+            assert_eq!(plan.start(), *at);
+        }
         while let Some(event) = self.motion.take_event() {
             self.events.push((self.now, event));
         }

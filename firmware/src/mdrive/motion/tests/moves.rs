@@ -129,11 +129,11 @@ fn mt_belongs_to_the_move_and_then_comes_ht() {
     let mut bench = Bench::new(Settings { settle_ms: 50, ..SLOW });
     bench.does(to(100));
     bench.run_out();
-    let end = bench.plans.last().unwrap().end();
+    let end = bench.out.plan().end();
     assert_eq!(bench.now, end + 50.millis());
-    assert_eq!(bench.currents.last(), Some(&(Instant::ZERO, 750)));
+    assert_eq!(bench.out.currents.last(), Some(&(Instant::ZERO, AXIS, 750)));
     bench.run(500.millis());
-    assert_eq!(bench.currents.last(), Some(&(end + 550.millis(), 150)));
+    assert_eq!(bench.out.currents.last(), Some(&(end + 550.millis(), AXIS, 150)));
 }
 
 #[test]

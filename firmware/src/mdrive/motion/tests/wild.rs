@@ -151,12 +151,12 @@ proptest! {
             // What stands stands.
             let rests = !bench.is_moving();
             prop_assert!(!rests || bench.v() == 0 && !bench.is_positioning() && !bench.is_changing());
-            let ma = bench.currents.last().map(|(_, ma)| *ma);
+            let ma = bench.out.currents.last().map(|(.., ma)| *ma);
             let percent = if rests && bench.motion.holds { now.hold_percent } else { now.run_percent };
             prop_assert_eq!(ma, Some(if now.enabled { u32::from(percent) * 30 } else { 0 }));
             // What was put out is what it does.
-            let planned = bench.plans.last().unwrap();
-            let position = planned.position_at(bench.now).wrapping_add(bench.beside);
+            let planned = bench.out.plan();
+            let position = planned.position_at(bench.now).wrapping_add(bench.out.steps_since_plan());
             prop_assert_eq!(position, bench.motion.motor.position(bench.now));
         }
         bench.tell(|motion, at, out| motion.halt(at, out));

@@ -10,7 +10,7 @@ mod speed_input;
 
 use drivetwin_protocol::time::Span;
 
-use crate::device::{Boot, Duration, Instant, Output, Pin, Sink};
+use crate::device::{Boot, Duration, Instant, Nowhere, Pin};
 use crate::mdrobot::drive::Drive;
 use crate::mdrobot::registers::Pid;
 use crate::mdrobot::servo::Order;
@@ -19,39 +19,28 @@ use crate::mdrobot::{
     START_STOP,
 };
 
-/// Nobody listens, and the memory is new.
-struct Nowhere;
-
-impl Sink for Nowhere {
-    fn put(&mut self, _: Instant, _: Output<'_>) {}
-
-    fn memory(&self) -> &[u8] {
-        &[]
-    }
-}
-
 /// A drive without a motor, and what time it is.
-struct Bed {
+struct Dut {
     drive: Drive,
     now: Instant,
     /// Hall edges forward so far.
     counts: i32,
 }
 
-impl Bed {
+impl Dut {
     /// A new drive that is ready at 0, with nothing wired to it.
     fn ready() -> Self {
-        let mut bed = Self::starting(true);
-        bed.start();
-        bed
+        let mut dut = Self::starting(true);
+        dut.start();
+        dut
     }
 
     /// A new drive that has got power at 0.
     fn starting(fast: bool) -> Self {
-        let mut bed = Self { drive: Drive::new(), now: Instant::ZERO, counts: 0 };
-        bed.drive.power_on(Instant::ZERO, Boot { fast, ..Boot::default() }, &mut Nowhere);
-        bed.halls();
-        bed
+        let mut dut = Self { drive: Drive::new(), now: Instant::ZERO, counts: 0 };
+        dut.drive.power_on(Instant::ZERO, Boot { fast, ..Boot::default() }, &mut Nowhere);
+        dut.halls();
+        dut
     }
 
     /// Its start is over.
@@ -62,17 +51,17 @@ impl Bed {
 
     /// One that the bus commands, and that it lets move.
     fn armed() -> Self {
-        let mut bed = Self::ready();
-        bed.set(Pid::UI_COM, 1);
-        bed.set(Pid::START_STOP, 1);
-        bed
+        let mut dut = Self::ready();
+        dut.set(Pid::UI_COM, 1);
+        dut.set(Pid::START_STOP, 1);
+        dut
     }
 
     /// One that the connectors command, with RUN/BRAKE closed.
     fn connected() -> Self {
-        let mut bed = Self::ready();
-        bed.close(RUN_BRAKE);
-        bed
+        let mut dut = Self::ready();
+        dut.close(RUN_BRAKE);
+        dut
     }
 
     /// Time goes on; what the inputs and functions want to be woken for comes in time.

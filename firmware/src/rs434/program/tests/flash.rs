@@ -8,8 +8,8 @@ const CRC: u16 = (SETTINGS + 4 * 1_024) as u16;
 
 #[test]
 fn lines_go_to_the_buffer_and_come_back() {
-    let mut drive = Drive::off(Memory::new());
-    assert!(drive.program.power_on(&drive.memory));
+    let mut drive = Drive::off(new_memory());
+    assert!(drive.program.power_on(&drive.out));
     assert_eq!(drive.program.read_line(0), 0, "it is empty");
     drive.program.write_line(0, 0x1234_5678);
     drive.program.write_line(1_023, 0xFFFF_FFFF);
@@ -20,36 +20,35 @@ fn lines_go_to_the_buffer_and_come_back() {
 
 #[test]
 fn a_new_drive_has_a_program_that_ends_at_once() {
-    let mut drive = Drive::off(Memory::new());
-    assert!(drive.program.power_on(&drive.memory), "that is no error");
+    let mut drive = Drive::off(new_memory());
+    assert!(drive.program.power_on(&drive.out), "that is no error");
     drive.program.start(drive.now, Status::StartedByBus);
     assert_eq!((drive.step(), drive.program.status()), (Step::End, Status::Ended));
     drive.program.write_line(3, 7);
-    assert!(drive.program.load(&drive.memory));
+    assert!(drive.program.load(&drive.out));
     assert_eq!(drive.program.read_line(3), 0, "its flash holds zeros");
 }
 
 #[test]
 fn a_save_takes_10_ms_and_lasts() {
-    let mut drive = Drive::off(Memory::new());
-    drive.program.power_on(&drive.memory);
+    let mut drive = Drive::off(new_memory());
+    drive.program.power_on(&drive.out);
     drive.program.write_line(0, set(AX, 0x1234));
-    drive.program.save(drive.now, &mut drive.memory);
+    drive.program.save(drive.now, &mut drive.out);
     let right = drive.now + 10.millis();
     assert_eq!(drive.program.save_due(), right);
-    let places: Vec<_> =
-        drive.memory.stores.iter().map(|(_, offset, bytes)| (*offset, bytes.len())).collect();
+    let places: Vec<_> = drive.out.stores.iter().map(|(_, offset, bytes)| (*offset, bytes.len())).collect();
     assert_eq!(places, [(CRC, 2), (SETTINGS as u16, 4_096)], "a CRC that is wrong, then the lines");
-    assert_eq!(drive.memory.bytes[SETTINGS..][..5], [0x01, 0x00, 0x34, 0x12, 0x00], "the low byte first");
-    drive.program.finish_save(right, &mut drive.memory);
+    assert_eq!(drive.out.memory[SETTINGS..][..5], [0x01, 0x00, 0x34, 0x12, 0x00], "the low byte first");
+    drive.program.finish_save(right, &mut drive.out);
     assert_eq!(drive.program.save_due(), Instant::NEVER);
-    assert_eq!(drive.memory.stores.len(), 3);
-    assert_eq!(drive.memory.bytes, Memory::with(&[set(AX, 0x1234)]).bytes);
+    assert_eq!(drive.out.stores.len(), 3);
+    assert_eq!(drive.out.memory, memory_with(&[set(AX, 0x1234)]).memory);
 
     // It runs, and comes back into an empty buffer.
-    assert!(drive.program.power_on(&drive.memory));
+    assert!(drive.program.power_on(&drive.out));
     assert_eq!(drive.program.read_line(0), 0, "power empties the buffer");
-    assert!(drive.program.load(&drive.memory));
+    assert!(drive.program.load(&drive.out));
     assert_eq!(drive.program.read_line(0), set(AX, 0x1234));
     drive.program.start(drive.now, Status::StartedByBus);
     assert_eq!((drive.finish(), drive.registers()[0]), (Status::Ended, 0x1234));
@@ -67,56 +66,56 @@ fn what_runs_is_the_flash_and_not_the_buffer() {
 
 #[test]
 fn it_runs_and_comes_back_while_its_save_is_not_over() {
-    let mut drive = Drive::off(Memory::new());
-    drive.program.power_on(&drive.memory);
+    let mut drive = Drive::off(new_memory());
+    drive.program.power_on(&drive.out);
     drive.program.write_line(0, set(AX, 3));
-    drive.program.save(drive.now, &mut drive.memory);
+    drive.program.save(drive.now, &mut drive.out);
     drive.program.start(drive.now, Status::StartedByBus);
     assert_eq!((drive.finish(), drive.registers()[0]), (Status::Ended, 3));
     drive.program.write_line(0, 0);
-    assert!(drive.program.load(&drive.memory));
+    assert!(drive.program.load(&drive.out));
     assert_eq!(drive.program.read_line(0), set(AX, 3));
     // A restart does not wait for its time.
-    drive.program.finish_save(drive.now, &mut drive.memory);
-    assert!(drive.program.power_on(&drive.memory));
+    drive.program.finish_save(drive.now, &mut drive.out);
+    assert!(drive.program.power_on(&drive.out));
 }
 
 #[test]
 fn power_lost_inside_a_save_leaves_a_bad_flash_or_one_of_both_programs() {
-    let [old, new] = [[set(AX, 1), STOP], [set(AX, 2), STOP]].map(|lines| Memory::with(&lines).bytes);
+    let [old, new] = [[set(AX, 1), STOP], [set(AX, 2), STOP]].map(|lines| memory_with(&lines).memory);
     let mut drive = Drive::running(&[set(AX, 1), STOP]);
     drive.finish();
     drive.program.write_line(0, set(AX, 2));
-    drive.program.save(drive.now, &mut drive.memory);
-    drive.program.finish_save(drive.now + 10.millis(), &mut drive.memory);
-    assert_eq!(drive.memory.bytes, new);
-    let stores = drive.memory.stores.split_off(0);
+    drive.program.save(drive.now, &mut drive.out);
+    drive.program.finish_save(drive.now + 10.millis(), &mut drive.out);
+    assert_eq!(drive.out.memory, new);
+    let stores = drive.out.stores.split_off(0);
     let stored: Vec<(usize, u8)> =
         stores.iter().flat_map(|(_, offset, bytes)| (usize::from(*offset)..).zip(bytes.clone())).collect();
     assert_eq!(stored.len(), 4_096 + 4);
-    let mut cut = Drive::off(Memory { bytes: old.clone(), stores: Vec::new() });
+    let mut cut = Drive::off(Recorder::with_memory(old.clone()));
     for (place, byte) in stored {
-        cut.memory.bytes[place] = byte;
-        let passes = cut.program.power_on(&cut.memory);
-        assert_eq!(passes, cut.memory.bytes == old || cut.memory.bytes == new);
+        cut.out.memory[place] = byte;
+        let passes = cut.program.power_on(&cut.out);
+        assert_eq!(passes, cut.out.memory == old || cut.out.memory == new);
     }
-    assert!(cut.program.power_on(&cut.memory), "all of it was stored");
+    assert!(cut.program.power_on(&cut.out), "all of it was stored");
 }
 
 #[test]
 fn a_bad_flash_starts_nothing_and_leaves_the_buffer_alone() {
-    let mut memory = Memory::with(&[set(AX, 1), STOP]);
-    memory.bytes[SETTINGS + 40] ^= 1;
-    let mut drive = Drive::off(memory);
-    assert!(!drive.program.power_on(&drive.memory));
+    let mut out = memory_with(&[set(AX, 1), STOP]);
+    out.memory[SETTINGS + 40] ^= 1;
+    let mut drive = Drive::off(out);
+    assert!(!drive.program.power_on(&drive.out));
     drive.program.start(drive.now, Status::StartedByBus);
     assert_eq!((drive.program.status(), drive.program.line_due()), (Status::Failed, Instant::NEVER));
     drive.program.write_line(0, 5);
-    assert!(!drive.program.load(&drive.memory));
+    assert!(!drive.program.load(&drive.out));
     assert_eq!(drive.program.read_line(0), 5);
     // A save mends it.
     drive.program.write_line(0, STOP);
-    drive.program.save(drive.now, &mut drive.memory);
+    drive.program.save(drive.now, &mut drive.out);
     drive.program.start(drive.now, Status::StartedByBus);
     assert_eq!(drive.program.status(), Status::StartedByBus);
     assert_eq!((drive.step(), drive.program.status()), (Step::End, Status::Ended));

@@ -224,13 +224,13 @@ fn loops_nest_8_deep() {
 fn both_ends() {
     let registers = [1, 2, 3, 4, 5, 6, 7, 8, 9, 10];
     let lines = |end| [set(AX, 100), set(JX, 200), end];
-    let mut drive = Drive::off(Memory::with(&lines(STOP))).with_registers(registers);
-    drive.program.power_on(&drive.memory);
+    let mut drive = Drive::off(memory_with(&lines(STOP))).with_registers(registers);
+    drive.program.power_on(&drive.out);
     assert_eq!(drive.registers(), [0; 10], "a boot empties them");
 
     // 0x00: registers stay, and PC at the line.
-    let mut drive = Drive::off(Memory::with(&lines(STOP)));
-    drive.program.power_on(&drive.memory);
+    let mut drive = Drive::off(memory_with(&lines(STOP)));
+    drive.program.power_on(&drive.out);
     drive = drive.with_registers(registers);
     drive.program.start(drive.now, Status::StartedByPower);
     assert_eq!(drive.program.status(), Status::StartedByPower);
@@ -238,8 +238,8 @@ fn both_ends() {
     assert_eq!((drive.registers(), drive.program.vm.line), ([100, 2, 3, 4, 5, 6, 7, 8, 9, 200], 2));
 
     // 0x0D: they return to what they were before the start.
-    let mut drive = Drive::off(Memory::with(&lines(FULL_STOP)));
-    drive.program.power_on(&drive.memory);
+    let mut drive = Drive::off(memory_with(&lines(FULL_STOP)));
+    drive.program.power_on(&drive.out);
     drive = drive.with_registers(registers);
     drive.program.start(drive.now, Status::StartedByBus);
     assert_eq!(drive.path(2), [0, 1]);

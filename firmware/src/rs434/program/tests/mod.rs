@@ -12,8 +12,9 @@ use drivetwin_protocol::time::Span;
 
 use super::vm::{CannotWrite, Step, World};
 use super::{Program, Status, image, run};
-use crate::device::{Instant, Output, Sink};
+use crate::device::Instant;
 use crate::rs434::{LINES, MEMORY};
+use crate::testing::Recorder;
 
 const AX: u32 = 0;
 const BX: u32 = 1;
@@ -63,43 +64,24 @@ fn add(register: u32, value: u32) -> u32 {
     line(0x19, 0, register, 0, value)
 }
 
-/// A memory that remembers what was stored, and when.
-struct Memory {
-    bytes: Vec<u8>,
-    stores: Vec<(Instant, u16, Vec<u8>)>,
+/// A new memory, and what is stored there.
+fn new_memory() -> Recorder {
+    Recorder::new(MEMORY)
 }
 
-impl Memory {
-    fn new() -> Self {
-        Self { bytes: vec![0xFF; MEMORY], stores: Vec::new() }
-    }
-
-    fn with(lines: &[u32]) -> Self {
-        let mut memory = Self::new();
-        let image = image(lines.iter().copied());
-        memory.bytes[MEMORY - image.len()..].copy_from_slice(&image);
-        memory
-    }
-}
-
-impl Sink for Memory {
-    fn put(&mut self, at: Instant, output: Output<'_>) {
-        if let Output::Store { offset, bytes } = output {
-            self.bytes[usize::from(offset)..][..bytes.len()].copy_from_slice(bytes);
-            self.stores.push((at, offset, bytes.to_vec()));
-        }
-    }
-
-    fn memory(&self) -> &[u8] {
-        &self.bytes
-    }
+/// A memory with a program.
+fn memory_with(lines: &[u32]) -> Recorder {
+    let mut out = new_memory();
+    let image = image(lines.iter().copied());
+    out.memory[MEMORY - image.len()..].copy_from_slice(&image);
+    out
 }
 
 /// A drive that is nothing but a few registers and a program.
 struct Drive {
     now: Instant,
     program: Program,
-    memory: Memory,
+    out: Recorder,
     /// Space, address and value of the registers there are.
     bus: Vec<(Space, u16, u16)>,
     /// What was written to them.
@@ -114,7 +96,7 @@ impl World for Drive {
     }
 
     fn memory(&self) -> &[u8] {
-        &self.memory.bytes
+        &self.out.memory
     }
 
     fn read(&mut self, space: Space, first: u16, wide: bool) -> Option<u32> {
@@ -151,15 +133,15 @@ impl World for Drive {
 impl Drive {
     /// One with a program in its flash, started at 0.
     fn running(lines: &[u32]) -> Self {
-        let mut drive = Self::off(Memory::with(lines));
-        assert!(drive.program.power_on(&drive.memory), "the image passes");
+        let mut drive = Self::off(memory_with(lines));
+        assert!(drive.program.power_on(&drive.out), "the image passes");
         drive.program.start(drive.now, Status::StartedByBus);
         drive
     }
 
-    fn off(memory: Memory) -> Self {
+    fn off(out: Recorder) -> Self {
         let (now, program) = (Instant::ZERO, Program::new());
-        Self { now, program, memory, bus: Vec::new(), written: Vec::new(), stops: None }
+        Self { now, program, out, bus: Vec::new(), written: Vec::new(), stops: None }
     }
 
     fn with_registers(mut self, registers: [u16; 10]) -> Self {

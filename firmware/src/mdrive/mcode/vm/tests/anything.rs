@@ -115,31 +115,34 @@ proptest! {
         lines in proptest::collection::vec(text(), 30..31),
         events in proptest::collection::vec(event(), 1..60),
     ) {
-        let mut bed = Bed::new(Mdrive::plus());
+        let mut dut = Dut::new(Mdrive::plus());
         for (address, line) in (1..).zip(&lines) {
             let label = format!("LB K{}", address / 8 + 1);
             let line = if address % 8 == 1 { &label } else { line };
-            bed.store(address, line);
+            dut.store(address, line);
         }
-        bed.commands("EX 1");
+        dut.commands("EX 1");
         for (wait, event) in events {
-            bed.wait(wait.micros());
+            dut.wait(wait.micros());
             match event {
                 Event::Typed(line) => {
-                    let _ = bed.command(&line);
+                    let _ = dut.command(&line);
                 }
-                Event::Level(pin, high) if Pin(pin) != ANALOG => bed.level(Pin(pin), high),
+                Event::Level(pin, high) if Pin(pin) != ANALOG => dut.level(Pin(pin), high),
                 Event::Level(..) => {}
-                Event::Key(one) => bed.mdrive.drive.mcode.vm.step(bed.now, one),
+                Event::Key(one) => {
+                    let Fixture { drive, now, .. } = &mut dut.fixture;
+                    drive.drive.mcode.vm.step(*now, one);
+                }
             }
-            bed.wait(Duration::ZERO);
-            prop_assert!(bed.mdrive.deadline() > bed.now);
+            dut.wait(Duration::ZERO);
+            prop_assert!(dut.drive.deadline() > dut.now);
             // Or what is accepted would wait for an RS that does nothing.
-            prop_assert!(!bed.drive().motion.is_paused() || bed.drive().mcode.vm.is_paused());
+            prop_assert!(!dut.drive().motion.is_paused() || dut.drive().mcode.vm.is_paused());
         }
-        bed.commands("TE=0; OE 0");
-        bed.wait(1.secs());
-        bed.commands("OE 0; E");
-        prop_assert_eq!((bed.get(Reg::BY), bed.drive().mcode.vm.deadline()), (0, Instant::NEVER));
+        dut.commands("TE=0; OE 0");
+        dut.wait(1.secs());
+        dut.commands("OE 0; E");
+        prop_assert_eq!((dut.value(Reg::BY), dut.drive().mcode.vm.deadline()), (0, Instant::NEVER));
     }
 }

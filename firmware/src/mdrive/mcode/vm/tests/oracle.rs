@@ -257,25 +257,25 @@ proptest! {
         lines in proptest::collection::vec(line(), 20..=21),
         registers in proptest::array::uniform4(prop_oneof![any::<i32>(), -9..=9_i32]),
     ) {
-        let mut bed = Bed::new(Mdrive::plus());
+        let mut dut = Dut::new(Mdrive::plus());
         for (n, value) in (1..).zip(registers) {
-            bed.commands(&format!("R{n}={value}"));
+            dut.commands(&format!("R{n}={value}"));
         }
         for (address, line) in (1..).zip(&lines) {
-            bed.store(address, &line.text());
+            dut.store(address, &line.text());
         }
         let [a, b, c, d] = registers.map(i128::from);
         let mut oracle = Oracle {
             lines, registers: [0, a, b, c, d], next: 1, calls: Vec::new(), runs: true, error: 0,
         };
-        bed.commands("EX 1");
+        dut.commands("EX 1");
         for step in 0..100 {
-            bed.lines(1);
+            dut.lines(1);
             oracle.step();
             let [_, ours @ ..] = oracle.registers;
-            prop_assert_eq!(bed.r().map(i128::from), ours, "after line {}", step);
-            prop_assert_eq!(bed.get(Reg::ER), oracle.error);
-            prop_assert_eq!(bed.get(Reg::BY), i32::from(oracle.runs));
+            prop_assert_eq!(dut.r().map(i128::from), ours, "after line {}", step);
+            prop_assert_eq!(dut.value(Reg::ER), oracle.error);
+            prop_assert_eq!(dut.value(Reg::BY), i32::from(oracle.runs));
             if !oracle.runs {
                 break;
             }

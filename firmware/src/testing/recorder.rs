@@ -1,0 +1,207 @@
+//! Outputs by kind.
+
+use std::vec::Vec;
+
+use super::{new_memory, store};
+use crate::device::{
+    Axis, Duration, Instant, Level, Line, Link, Note, Output, Pin, Plan, Port, Rotation, Sink,
+};
+use crate::motor::Parameters;
+
+/// Treatment of an output by a [`Recorder`].
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Treatment {
+    /// It is recorded.
+    Keep,
+    /// It is not recorded; a store is carried out in the memory all the same.
+    Ignore,
+    /// The device must not put it: the test fails.
+    Refuse,
+}
+
+/// Treatment of each output.
+pub type Rule = fn(&Output<'_>) -> Treatment;
+
+/// A sink that keeps what a device puts, by kind and with its instant, and carries stores out in its memory.
+///
+/// A [`Rule`] says what the device may put: an output that is [refused](Treatment::Refuse) panics.
+#[derive(Clone, Debug)]
+pub struct Recorder {
+    /// Non-volatile memory.
+    pub memory: Vec<u8>,
+    /// Bytes that the memory still takes before power is lost; `usize::MAX` from the beginning.
+    pub bytes_left: usize,
+    /// Treatment of each output.
+    pub rule: Rule,
+    /// [`Output::Bytes`].
+    pub bytes: Vec<(Instant, Port, Vec<u8>)>,
+    /// [`Output::Message`].
+    pub messages: Vec<(Instant, Port, Link, Vec<u8>)>,
+    /// [`Output::Close`].
+    pub closed: Vec<(Instant, Port, Link)>,
+    /// [`Output::Line`].
+    pub lines: Vec<(Instant, Port, Line)>,
+    /// [`Output::Level`].
+    pub levels: Vec<(Instant, Pin, Level)>,
+    /// [`Output::Wave`]: period, and time at a high level.
+    pub waves: Vec<(Instant, Pin, Duration, Duration)>,
+    /// [`Output::Plan`].
+    pub plans: Vec<(Instant, Axis, Plan)>,
+    /// [`Output::Step`].
+    pub steps: Vec<(Instant, Axis, i32)>,
+    /// [`Output::Current`], in mA.
+    pub currents: Vec<(Instant, Axis, u32)>,
+    /// [`Output::Duty`], in 1/65536.
+    pub duties: Vec<(Instant, Axis, i32)>,
+    /// [`Output::Draws`], in mA.
+    pub draws: Vec<(Instant, Axis, i32)>,
+    /// [`Output::Motor`].
+    pub motors: Vec<(Instant, Axis, Parameters)>,
+    /// [`Output::Rotation`].
+    pub rotations: Vec<(Instant, Axis, Rotation)>,
+    /// [`Output::Store`]: offset and bytes, also those for which `bytes_left` was too small.
+    pub stores: Vec<(Instant, u16, Vec<u8>)>,
+    /// [`Output::Note`].
+    pub notes: Vec<(Instant, Note)>,
+    /// Steps since the last plan.
+    beside: i32,
+}
+
+/// One without a memory, for what saves nothing.
+impl Default for Recorder {
+    fn default() -> Self {
+        Self::new(0)
+    }
+}
+
+impl Recorder {
+    /// A recorder with a new memory of that many bytes, which keeps everything.
+    #[must_use]
+    pub fn new(size: usize) -> Self {
+        Self::with_memory(new_memory(size))
+    }
+
+    /// A recorder with this memory, which keeps everything.
+    #[must_use]
+    pub fn with_memory(memory: Vec<u8>) -> Self {
+        Self {
+            memory,
+            bytes_left: usize::MAX,
+            rule: |_| Treatment::Keep,
+            bytes: Vec::new(),
+            messages: Vec::new(),
+            closed: Vec::new(),
+            lines: Vec::new(),
+            levels: Vec::new(),
+            waves: Vec::new(),
+            plans: Vec::new(),
+            steps: Vec::new(),
+            currents: Vec::new(),
+            duties: Vec::new(),
+            draws: Vec::new(),
+            motors: Vec::new(),
+            rotations: Vec::new(),
+            stores: Vec::new(),
+            notes: Vec::new(),
+            beside: 0,
+        }
+    }
+
+    /// The same, with this rule.
+    #[must_use]
+    pub fn ruled(mut self, rule: Rule) -> Self {
+        self.rule = rule;
+        self
+    }
+
+    /// The same, but it keeps nothing except its memory.
+    #[must_use]
+    pub fn memory_only(self) -> Self {
+        self.ruled(|_| Treatment::Ignore)
+    }
+
+    /// Forgets all outputs; memory and rule stay.
+    pub fn clear(&mut self) {
+        let memory = core::mem::take(&mut self.memory);
+        *self = Self { bytes_left: self.bytes_left, rule: self.rule, ..Self::with_memory(memory) };
+    }
+
+    /// The notes without their instants.
+    #[must_use]
+    pub fn noted(&self) -> Vec<Note> {
+        self.notes.iter().map(|(_, note)| *note).collect()
+    }
+
+    /// Offset and length of each store, with its instant.
+    #[must_use]
+    pub fn stored(&self) -> Vec<(Instant, u16, usize)> {
+        self.stores.iter().map(|(at, offset, bytes)| (*at, *offset, bytes.len())).collect()
+    }
+
+    /// Bytes put at a port, with their instants.
+    #[must_use]
+    pub fn sent(&self, port: Port) -> Vec<(Instant, Vec<u8>)> {
+        let of_port = self.bytes.iter().filter(|(_, known, _)| *known == port);
+        of_port.map(|(at, _, bytes)| (*at, bytes.clone())).collect()
+    }
+
+    /// The last level of a pin; `None` if the device has put none.
+    #[must_use]
+    pub fn level(&self, pin: Pin) -> Option<Level> {
+        self.levels.iter().rfind(|(_, known, _)| *known == pin).map(|(_, _, level)| *level)
+    }
+
+    /// The last plan; it fails before the first one.
+    #[must_use]
+    #[track_caller]
+    pub fn plan(&self) -> Plan {
+        self.plans.last().expect("the device has put no plan").2
+    }
+
+    /// Steps since the last plan.
+    #[must_use]
+    pub fn steps_since_plan(&self) -> i32 {
+        self.beside
+    }
+}
+
+impl Sink for Recorder {
+    #[track_caller]
+    fn put(&mut self, at: Instant, output: Output<'_>) {
+        let treatment = (self.rule)(&output);
+        assert_ne!(treatment, Treatment::Refuse, "the device must not put {output:?}");
+        if let Output::Store { offset, bytes } = output {
+            store(&mut self.memory, &mut self.bytes_left, offset, bytes);
+        }
+        if treatment == Treatment::Ignore {
+            return;
+        }
+        match output {
+            Output::Bytes { port, bytes } => self.bytes.push((at, port, bytes.to_vec())),
+            Output::Message { port, link, bytes } => self.messages.push((at, port, link, bytes.to_vec())),
+            Output::Close { port, link } => self.closed.push((at, port, link)),
+            Output::Line { port, line } => self.lines.push((at, port, line)),
+            Output::Level { pin, level } => self.levels.push((at, pin, level)),
+            Output::Wave { pin, period, high } => self.waves.push((at, pin, period, high)),
+            Output::Plan { axis, plan } => {
+                self.plans.push((at, axis, *plan));
+                self.beside = 0;
+            }
+            Output::Step { axis, steps } => {
+                self.steps.push((at, axis, steps));
+                self.beside += steps;
+            }
+            Output::Current { axis, ma } => self.currents.push((at, axis, ma)),
+            Output::Duty { axis, duty } => self.duties.push((at, axis, duty)),
+            Output::Draws { axis, ma } => self.draws.push((at, axis, ma)),
+            Output::Motor { axis, parameters } => self.motors.push((at, axis, *parameters)),
+            Output::Rotation { axis, rotation } => self.rotations.push((at, axis, rotation)),
+            Output::Store { offset, bytes } => self.stores.push((at, offset, bytes.to_vec())),
+            Output::Note(note) => self.notes.push((at, note)),
+        }
+    }
+
+    fn memory(&self) -> &[u8] {
+        &self.memory
+    }
+}

@@ -1,0 +1,59 @@
+//! Outputs as text.
+
+use std::format;
+use std::string::String;
+use std::vec::Vec;
+
+use super::{new_memory, store};
+use crate::device::{Instant, Line, Output, Sink};
+
+/// A sink that keeps all outputs as text, in the order in which they were put, and carries stores out in its memory: to
+/// compare two runs.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct Transcript {
+    /// Non-volatile memory.
+    pub memory: Vec<u8>,
+    /// Instant in ticks and output.
+    pub outputs: Vec<String>,
+    /// Settings of the serial line that was put last.
+    pub line: Option<Line>,
+    /// Notes are left out: they count what a drive ignores, which depends on how bytes are split.
+    pub without_notes: bool,
+}
+
+impl Transcript {
+    /// A transcript of all outputs, with a new memory of that many bytes.
+    #[must_use]
+    pub fn new(size: usize) -> Self {
+        Self::with_memory(new_memory(size))
+    }
+
+    /// A transcript of all outputs, with this memory.
+    #[must_use]
+    pub fn with_memory(memory: Vec<u8>) -> Self {
+        Self { memory, outputs: Vec::new(), line: None, without_notes: false }
+    }
+
+    /// The same, without notes.
+    #[must_use]
+    pub fn without_notes(mut self) -> Self {
+        self.without_notes = true;
+        self
+    }
+}
+
+impl Sink for Transcript {
+    fn put(&mut self, at: Instant, output: Output<'_>) {
+        match output {
+            Output::Store { offset, bytes } => store(&mut self.memory, &mut { usize::MAX }, offset, bytes),
+            Output::Line { line, .. } => self.line = Some(line),
+            Output::Note(_) if self.without_notes => return,
+            _ => {}
+        }
+        self.outputs.push(format!("{} {output:?}", at.ticks()));
+    }
+
+    fn memory(&self) -> &[u8] {
+        &self.memory
+    }
+}
