@@ -8,7 +8,7 @@ use drivetwin_firmware::shell::{Caught, Inputs, Links, Shell};
 use embedded_storage::Storage;
 
 use crate::axis::{Axis, Timer};
-use crate::bus::{SerialBus, Uart};
+use crate::bus::{Sender, Uart};
 use crate::hands::{Hands, Release};
 use crate::slips;
 use crate::wire::{AxisPins, End, is_full_duplex};
@@ -23,9 +23,6 @@ pub trait Board {
     type Uart: Uart;
     /// The step timer.
     type Timer: Timer + 'static;
-
-    /// The bus.
-    fn bus() -> &'static SerialBus<Self::Uart>;
 
     /// The axis.
     fn axis() -> &'static Axis<Self::Timer>;
@@ -83,7 +80,7 @@ impl<B: Board> Inputs for Ears<B> {
 type OnBoard<'a, B, D, M, L, const CHARACTERS: usize, const WIRES: usize> = Shell<
     &'a mut D,
     Ears<B>,
-    Hands<&'static SerialBus<<B as Board>::Uart>, <B as Board>::Pin, M, <B as Board>::Timer, WIRES, L>,
+    Hands<Sender<<B as Board>::Uart>, <B as Board>::Pin, M, <B as Board>::Timer, WIRES, L>,
     CHARACTERS,
 >;
 
@@ -116,7 +113,7 @@ where
     B::log(shell.device().spec().kind, boot);
     loop {
         B::feed();
-        B::bus().look();
+        B::Uart::bus().look();
         if shell.turn().is_err() {
             B::sleep_until(shell.deadline());
         }
@@ -135,22 +132,22 @@ where
     M: Storage + AsRef<[u8]>,
     L: Links,
 {
-    let (spec, bus, axis) = (drive.spec(), B::bus(), B::axis());
-    bus.start(is_full_duplex(spec));
+    let (spec, axis) = (drive.spec(), B::axis());
+    B::Uart::bus().start(is_full_duplex(spec));
     B::Uart::start();
     let pins = B::wire(spec, wires);
     let axis_pins = AxisPins::of(spec, pins.iter().map(|(end, _)| *end));
     if axis_pins == AxisPins::Own {
         B::Timer::start();
     }
-    let hands = Hands { bus, pins, memory, axis, axis_pins, follower: Follower::new(), links };
+    let hands = Hands { bus: Sender::new(), pins, memory, axis, axis_pins, follower: Follower::new(), links };
     Shell::new(drive, Ears(PhantomData), hands)
 }
 
 /// `true` if there is work for the loop: an event was caught, or the bus has room again.
 #[must_use]
 pub fn is_awake<B: Board>() -> bool {
-    !B::is_quiet() || B::bus().has_room()
+    !B::is_quiet() || B::Uart::bus().has_room()
 }
 
 /// Sleeps as [`Board::sleep_until`] does. `doze` sleeps until an interrupt comes, which must be at the latest when that

@@ -18,6 +18,9 @@ const MOST: usize = 256;
 
 /// The UART of a bus.
 pub trait Uart: Sized + 'static {
+    /// The bus that it drives.
+    fn bus() -> &'static SerialBus<Self>;
+
     /// Hands it its pins, and lets it interrupt; the drive sets the line.
     fn start();
 
@@ -37,7 +40,7 @@ pub trait Uart: Sized + 'static {
     fn turn(sends: bool);
 
     /// Has [`SerialBus::sent`] called when the last stop bit has left: no more characters wait.
-    fn end(bus: &SerialBus<Self>);
+    fn end();
 }
 
 /// The characters that wait to be sent, and the direction of the bus.
@@ -99,7 +102,7 @@ impl<U: Uart> SerialBus<U> {
     pub fn send(&self) {
         while U::has_room() {
             let Some(byte) = self.to_send.pop() else {
-                U::end(self);
+                U::end();
                 return;
             };
             if !self.full_duplex.load(Ordering::Relaxed) {
@@ -164,40 +167,55 @@ impl<U: Uart> SerialBus<U> {
     }
 }
 
-impl<U: Uart> Bus for &SerialBus<U> {
+/// The sending half of a bus, as the loop has it. It takes no place on the stack.
+#[derive(Debug)]
+pub struct Sender<U>(PhantomData<fn() -> U>);
+
+impl<U: Uart> Sender<U> {
+    /// The sending half.
+    #[expect(clippy::new_without_default, reason = "there is only one")]
+    #[must_use]
+    pub const fn new() -> Self {
+        Self(PhantomData)
+    }
+}
+
+impl<U: Uart> Bus for Sender<U> {
     fn set_line(&mut self, line: Line) {
+        let bus = U::bus();
         critical_section::with(|cs| {
-            if !self.sends() && self.to_send.is_empty() {
-                self.configure(line);
+            if !bus.sends() && bus.to_send.is_empty() {
+                bus.configure(line);
             } else {
-                self.next.borrow(cs).set(line);
-                self.changes.store(true, Ordering::Relaxed);
+                bus.next.borrow(cs).set(line);
+                bus.changes.store(true, Ordering::Relaxed);
             }
         });
     }
 }
 
-impl<U> ErrorType for &SerialBus<U> {
+impl<U> ErrorType for Sender<U> {
     type Error = Infallible;
 }
 
-impl<U: Uart> WriteReady for &SerialBus<U> {
+impl<U: Uart> WriteReady for Sender<U> {
     /// `false` while a change of the line waits: all that is written behind it waits, too.
     fn write_ready(&mut self) -> Result<bool, Infallible> {
-        Ok(!self.changes.load(Ordering::Relaxed) && !self.to_send.is_full())
+        let bus = U::bus();
+        Ok(!bus.changes.load(Ordering::Relaxed) && !bus.to_send.is_full())
     }
 }
 
-impl<U: Uart> Write for &SerialBus<U> {
+impl<U: Uart> Write for Sender<U> {
     fn write(&mut self, bytes: &[u8]) -> Result<usize, Infallible> {
-        let written = bytes.iter().take_while(|byte| self.to_send.push(**byte)).count();
+        let written = bytes.iter().take_while(|byte| U::bus().to_send.push(**byte)).count();
         // The interrupt takes the first one, and comes again whenever there is room.
         U::pend();
         Ok(written)
     }
 
     fn flush(&mut self) -> Result<(), Infallible> {
-        while self.sends() || !self.to_send.is_empty() {}
+        while U::bus().sends() || !U::bus().to_send.is_empty() {}
         Ok(())
     }
 }

@@ -28,7 +28,7 @@ mod wire;
 
 pub use axis::{Axis, Timer};
 pub use board::{Board, is_awake, made, run, sleep_until};
-pub use bus::{SerialBus, Uart};
+pub use bus::{Sender, SerialBus, Uart};
 pub use flash::{Flash, Sectors};
 pub use hands::{Bus, Hands, Release};
 pub use output::{Gpio, Output};

@@ -5,7 +5,7 @@ use drivetwin_firmware::device::{Duration, Instant, Line, Port};
 use drivetwin_firmware::shell::Caught;
 use drivetwin_protocol::line::Parity;
 
-use crate::bus::{SerialBus, Uart};
+use crate::bus::Uart;
 use crate::queue::Queue;
 use crate::register::{Chip, Register};
 
@@ -101,16 +101,11 @@ impl<C: Chip> Pl011Uart<C> {
 
     /// Serves its interrupt, which came at `at`: queues what the bus hears, and sends.
     #[inline]
-    pub fn serve<U: Uart, const ROOM: usize>(
-        self,
-        at: Instant,
-        bus: &SerialBus<U>,
-        queue: &Queue<(Instant, Caught), ROOM>,
-    ) {
+    pub fn serve<U: Uart, const ROOM: usize>(self, at: Instant, queue: &Queue<(Instant, Caught), ROOM>) {
         self.base.plus(0x44).write(Self::INTERRUPTS);
         while self.flags() & Pl011::RX_EMPTY == 0 {
             let character = self.base.read();
-            if bus.hears() {
+            if U::bus().hears() {
                 let heard = match character & Pl011::ERRORS {
                     0 => Caught::Byte(Port(0), (character & 0xFF) as u8),
                     _ => Caught::Spoiled(Port(0)),
@@ -120,34 +115,34 @@ impl<C: Chip> Pl011Uart<C> {
                 let _ = queue.push((at, heard));
             }
         }
-        bus.send();
+        U::bus().send();
     }
 
     /// Begins to look for the end of the last stop bit, for which there is no interrupt: [`Uart::end`]. `after` has a
     /// timer call [`look`](Self::look) so much later.
     #[inline]
-    pub fn end<U: Uart>(self, bus: &SerialBus<U>, after: impl FnOnce(Duration)) {
-        if bus.begin_end() {
-            self.end_or(bus, bus.character(), after);
+    pub fn end<U: Uart>(self, after: impl FnOnce(Duration)) {
+        if U::bus().begin_end() {
+            self.end_or::<U>(U::bus().character(), after);
         }
     }
 
     /// Looks again whether the last stop bit has left.
     #[inline]
-    pub fn look<U: Uart>(self, bus: &SerialBus<U>, after: impl FnOnce(Duration)) {
+    pub fn look<U: Uart>(self, after: impl FnOnce(Duration)) {
         /// The time between two looks, and what a timer adds to it.
         const PAUSE: Duration = Duration::micros(1);
-        if bus.ends() {
-            self.end_or(bus, PAUSE, after);
+        if U::bus().ends() {
+            self.end_or::<U>(PAUSE, after);
         }
     }
 
     #[inline]
-    fn end_or<U: Uart>(self, bus: &SerialBus<U>, again: Duration, after: impl FnOnce(Duration)) {
+    fn end_or<U: Uart>(self, again: Duration, after: impl FnOnce(Duration)) {
         if self.flags() & Pl011::BUSY != 0 {
             after(again);
         } else {
-            bus.sent();
+            U::bus().sent();
         }
     }
 

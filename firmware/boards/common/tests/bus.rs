@@ -4,7 +4,7 @@
 use std::cell::RefCell;
 use std::ops::Range;
 
-use drivetwin_board::{Bus, Flash, Sectors, SerialBus, Uart};
+use drivetwin_board::{Bus, Flash, Sectors, Sender, SerialBus, Uart};
 use drivetwin_firmware::device::{Duration, Line};
 use drivetwin_protocol::line::Parity;
 use embedded_io::{Write, WriteReady};
@@ -42,6 +42,13 @@ fn done() -> Vec<Did> {
 struct Simulated;
 
 impl Uart for Simulated {
+    fn bus() -> &'static SerialBus<Self> {
+        thread_local! {
+            static BUS: &'static SerialBus<Simulated> = Box::leak(Box::new(SerialBus::new()));
+        }
+        BUS.with(|bus| *bus)
+    }
+
     fn start() {}
 
     fn configure(line: Line) {
@@ -65,8 +72,8 @@ impl Uart for Simulated {
         did(Did::Turn(sends));
     }
 
-    fn end(bus: &SerialBus<Self>) {
-        if bus.begin_end() {
+    fn end() {
+        if Self::bus().begin_end() {
             did(Did::End);
         }
     }
@@ -79,74 +86,74 @@ fn interrupt(bus: &SerialBus<Simulated>, room: usize) -> Vec<Did> {
     done()
 }
 
-fn bus(full_duplex: bool) -> SerialBus<Simulated> {
-    let bus = SerialBus::new();
+fn bus(full_duplex: bool) -> (&'static SerialBus<Simulated>, Sender<Simulated>) {
+    let (bus, mut sender) = (Simulated::bus(), Sender::new());
     bus.start(full_duplex);
-    (&bus).set_line(LINE);
+    sender.set_line(LINE);
     assert_eq!(done(), [Did::Configure(LINE)]);
     assert_eq!(bus.character(), LINE.character());
-    bus
+    (bus, sender)
 }
 
 #[test]
 fn a_transceiver_sends_from_before_the_first_character_until_the_last_has_left() {
-    let bus = bus(false);
+    let (bus, mut sender) = bus(false);
     assert!(bus.hears());
-    assert_eq!((&bus).write(b"ab"), Ok(2));
+    assert_eq!(sender.write(b"ab"), Ok(2));
     assert_eq!(done(), [Did::Pend], "the interrupt sends, nobody else");
-    assert_eq!(interrupt(&bus, 1), [Did::Turn(true), Did::Write(b'a')]);
+    assert_eq!(interrupt(bus, 1), [Did::Turn(true), Did::Write(b'a')]);
     assert!(!bus.hears() && !bus.ends());
-    assert_eq!(interrupt(&bus, 1), [Did::Turn(true), Did::Write(b'b')]);
-    assert_eq!(interrupt(&bus, 1), [Did::End], "nothing waits any more");
-    assert_eq!(interrupt(&bus, 1), [], "its end is looked for once");
+    assert_eq!(interrupt(bus, 1), [Did::Turn(true), Did::Write(b'b')]);
+    assert_eq!(interrupt(bus, 1), [Did::End], "nothing waits any more");
+    assert_eq!(interrupt(bus, 1), [], "its end is looked for once");
     assert!(!bus.hears() && bus.ends());
     bus.sent();
     assert_eq!(done(), [Did::Turn(false)]);
     assert!(bus.hears() && !bus.ends());
-    assert_eq!(interrupt(&bus, 1), [], "a character that has come ends nothing");
+    assert_eq!(interrupt(bus, 1), [], "a character that has come ends nothing");
 }
 
 #[test]
 fn what_is_sent_before_the_end_puts_it_off() {
-    let bus = bus(false);
-    assert_eq!((&bus).write(b"a"), Ok(1));
-    assert_eq!(interrupt(&bus, 2), [Did::Pend, Did::Turn(true), Did::Write(b'a'), Did::End]);
-    assert_eq!((&bus).write(b"b"), Ok(1));
-    assert_eq!(interrupt(&bus, 1), [Did::Pend, Did::Turn(true), Did::Write(b'b')]);
+    let (bus, mut sender) = bus(false);
+    assert_eq!(sender.write(b"a"), Ok(1));
+    assert_eq!(interrupt(bus, 2), [Did::Pend, Did::Turn(true), Did::Write(b'a'), Did::End]);
+    assert_eq!(sender.write(b"b"), Ok(1));
+    assert_eq!(interrupt(bus, 1), [Did::Pend, Did::Turn(true), Did::Write(b'b')]);
     assert!(!bus.ends(), "the alarm of before finds that more was sent");
-    assert_eq!(interrupt(&bus, 1), [Did::End]);
+    assert_eq!(interrupt(bus, 1), [Did::End]);
 }
 
 #[test]
 fn a_wire_for_each_direction_is_heard_all_the_while() {
-    let bus = bus(true);
-    assert_eq!((&bus).write(b"a"), Ok(1));
-    assert_eq!(interrupt(&bus, 1), [Did::Pend, Did::Write(b'a')]);
+    let (bus, mut sender) = bus(true);
+    assert_eq!(sender.write(b"a"), Ok(1));
+    assert_eq!(interrupt(bus, 1), [Did::Pend, Did::Write(b'a')]);
     assert!(bus.hears());
 }
 
 #[test]
 fn a_line_changes_when_all_has_left() {
-    let bus = bus(false);
-    assert_eq!((&bus).write(b"a"), Ok(1));
-    (&bus).set_line(OTHER);
-    assert_eq!(interrupt(&bus, 1), [Did::Pend, Did::Turn(true), Did::Write(b'a')]);
-    assert_eq!((&bus).write_ready(), Ok(false), "what comes behind the change waits for it");
+    let (bus, mut sender) = bus(false);
+    assert_eq!(sender.write(b"a"), Ok(1));
+    sender.set_line(OTHER);
+    assert_eq!(interrupt(bus, 1), [Did::Pend, Did::Turn(true), Did::Write(b'a')]);
+    assert_eq!(sender.write_ready(), Ok(false), "what comes behind the change waits for it");
     assert_eq!(bus.character(), LINE.character());
     bus.sent();
     assert_eq!(done(), [Did::Turn(false), Did::Configure(OTHER)]);
     assert_eq!(bus.character(), OTHER.character());
-    assert_eq!((&bus).write_ready(), Ok(true));
+    assert_eq!(sender.write_ready(), Ok(true));
     assert!(bus.character() < Duration::millis(1));
 }
 
 #[test]
 fn more_than_a_frame_does_not_fit() {
-    let bus = bus(false);
-    assert_eq!((&bus).write(&[0; 300]), Ok(256));
-    assert_eq!((&bus).write_ready(), Ok(false));
-    assert_eq!(interrupt(&bus, 1).len(), 3);
-    assert_eq!((&bus).write_ready(), Ok(true));
+    let (bus, mut sender) = bus(false);
+    assert_eq!(sender.write(&[0; 300]), Ok(256));
+    assert_eq!(sender.write_ready(), Ok(false));
+    assert_eq!(interrupt(bus, 1).len(), 3);
+    assert_eq!(sender.write_ready(), Ok(true));
 }
 
 thread_local! {

@@ -19,17 +19,17 @@ const RX: Gpio = gpio::A.pin(0);
 const DE: Gpio = gpio::B.pin(5);
 
 /// The bus.
-pub(crate) static BUS: SerialBus<Uart0> = SerialBus::new();
+static BUS: SerialBus<Uart0> = SerialBus::new();
 
 #[interrupt]
 fn UART0() {
-    UART.serve(clock::now(), &BUS, &QUEUE);
+    UART.serve::<Uart0, _>(clock::now(), &QUEUE);
 }
 
 #[interrupt]
 fn TIMER_2A() {
     SENT.acknowledge();
-    UART.look(&BUS, look_after);
+    UART.look::<Uart0>(look_after);
 }
 
 /// Has the timer's interrupt come after `span`.
@@ -42,6 +42,10 @@ fn look_after(span: Duration) {
 pub(crate) enum Uart0 {}
 
 impl Uart for Uart0 {
+    fn bus() -> &'static SerialBus<Self> {
+        &BUS
+    }
+
     fn start() {
         DE.push_pull();
         // A transceiver may let it go while it sends.
@@ -70,7 +74,7 @@ impl Uart for Uart0 {
         DE.write(sends);
     }
 
-    fn end(bus: &SerialBus<Self>) {
-        UART.end(bus, look_after);
+    fn end() {
+        UART.end::<Self>(look_after);
     }
 }

@@ -29,7 +29,7 @@ use core::panic::PanicInfo;
 use cortex_m::peripheral::{NVIC, SCB};
 use cortex_m::{Peripherals, asm};
 use cortex_m_rt::{ExceptionFrame, exception};
-use drivetwin_board::{Axis, Board, End, Output, Queue, SerialBus, made};
+use drivetwin_board::{Axis, Board, End, Output, Queue, made};
 use drivetwin_firmware::device::{Boot, Device, Instant, Spec};
 use drivetwin_firmware::shell::{Caught, NoLinks};
 use lm3s6965::Interrupt;
@@ -109,10 +109,6 @@ impl Board for Evaluation {
     type Pin = Output<Wired>;
     type Uart = Uart0;
     type Timer = Steps;
-
-    fn bus() -> &'static SerialBus<Uart0> {
-        &bus::BUS
-    }
 
     fn axis() -> &'static Axis<Steps> {
         &steps::AXIS

@@ -15,19 +15,19 @@ use crate::{QUEUE, pins, wires};
 const UART: Pl011Uart<Rp2040> = Pl011Uart::at(Register::at(0x4003_4000, 0), HZ / 1_000_000);
 
 /// The bus.
-pub(crate) static BUS: SerialBus<Uart0> = SerialBus::new();
+static BUS: SerialBus<Uart0> = SerialBus::new();
 /// When sending may be over.
 static END: Alarm = Alarm::new(2);
 
 #[interrupt]
 fn UART0_IRQ() {
-    UART.serve(timer::now(), &BUS, &QUEUE);
+    UART.serve::<Uart0, _>(timer::now(), &QUEUE);
 }
 
 #[interrupt]
 fn TIMER_IRQ_2() {
     if END.has_come() {
-        UART.look(&BUS, look_after);
+        UART.look::<Uart0>(look_after);
     }
 }
 
@@ -42,6 +42,10 @@ fn look_after(span: Duration) {
 pub(crate) enum Uart0 {}
 
 impl Uart for Uart0 {
+    fn bus() -> &'static SerialBus<Self> {
+        &BUS
+    }
+
     fn start() {
         pins::drive_low(DE);
         pins::give_to_uart(wires::TX | wires::RX);
@@ -72,7 +76,7 @@ impl Uart for Uart0 {
     }
 
     #[inline]
-    fn end(bus: &SerialBus<Self>) {
-        UART.end(bus, look_after);
+    fn end() {
+        UART.end::<Self>(look_after);
     }
 }

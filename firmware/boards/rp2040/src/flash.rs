@@ -58,16 +58,16 @@ impl Chip {
         watchdog::feed();
         // SAFETY: "connect_internal_flash" takes nothing.
         let connect: Plain = unsafe { rom(*b"IF") };
+        connect();
         // SAFETY: nor does "flash_exit_xip".
         let exit: Plain = unsafe { rom(*b"EX") };
-        // SAFETY: nor does "flash_flush_cache".
-        let flush: Plain = unsafe { rom(*b"FC") };
-        // SAFETY: nor does "flash_enter_cmd_xip".
-        let enter: Plain = unsafe { rom(*b"CX") };
-        connect();
         exit();
         act();
+        // SAFETY: nor does "flash_flush_cache".
+        let flush: Plain = unsafe { rom(*b"FC") };
         flush();
+        // SAFETY: nor does "flash_enter_cmd_xip".
+        let enter: Plain = unsafe { rom(*b"CX") };
         enter();
     }
 }

@@ -27,7 +27,7 @@ const STOP: Register = Register::at(USART, 0x10);
 const FUNCTION: u32 = 7;
 
 /// The bus.
-pub(crate) static BUS: SerialBus<Usart1> = SerialBus::new();
+static BUS: SerialBus<Usart1> = SerialBus::new();
 /// The data bits of a character.
 static MASK: AtomicU32 = AtomicU32::new(0xFF);
 
@@ -60,6 +60,10 @@ fn USART1() {
 pub(crate) enum Usart1 {}
 
 impl Uart for Usart1 {
+    fn bus() -> &'static SerialBus<Self> {
+        &BUS
+    }
+
     fn start() {
         DE.drive_low();
         TX.give(FUNCTION);
@@ -97,7 +101,7 @@ impl Uart for Usart1 {
         DE.write(sends);
     }
 
-    fn end(_: &SerialBus<Self>) {
+    fn end() {
         CONTROL.replace(Usart::CAN_WRITE | Usart::HAS_SENT, Usart::HAS_SENT);
     }
 }

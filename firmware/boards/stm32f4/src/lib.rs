@@ -42,7 +42,7 @@ use core::panic::PanicInfo;
 use cortex_m::peripheral::{NVIC, SCB};
 use cortex_m::{Peripherals, asm};
 use cortex_m_rt::exception;
-use drivetwin_board::{Axis, Board, End, Output, Queue, Saved, SerialBus, made};
+use drivetwin_board::{Axis, Board, End, Output, Queue, Saved, made};
 use drivetwin_firmware::device::{Boot, Device, Duration, Instant, Spec};
 use drivetwin_firmware::shell::{Caught, NoLinks};
 
@@ -71,6 +71,8 @@ macro_rules! memory {
 
 /// Makes a drive and runs it; its pins and faults are wired like that. `memory` has as many bytes as its spec says that
 /// it saves, `CHARACTERS` is how many characters may wait to be sent.
+// A frame of its own would cost stack for as long as the drive runs.
+#[inline(always)]
 pub fn run<D: Device, const MEMORY: usize, const CHARACTERS: usize, const WIRES: usize>(
     make: fn() -> D,
     memory: &mut [u8; MEMORY],
@@ -92,10 +94,6 @@ impl Board for BlackPill {
     type Pin = Output<Gpio>;
     type Uart = Usart1;
     type Timer = Steps;
-
-    fn bus() -> &'static SerialBus<Usart1> {
-        &bus::BUS
-    }
 
     fn axis() -> &'static Axis<Steps> {
         &steps::AXIS
