@@ -14,6 +14,9 @@ pub trait Timer {
     /// The pins of its axis.
     type Pins: StepDir;
 
+    /// Drives STEP and DIR low.
+    fn start();
+
     /// The clock that it goes by.
     fn now() -> Instant;
 

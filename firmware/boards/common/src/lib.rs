@@ -1,34 +1,42 @@
 //! What boards have in common.
 //!
 //! A board brings a UART, pins, a memory, a step timer and a clock. Its interrupts put what they catch
-//! into a [`Queue`] and fire the [`Axis`]; its loop turns a [`Shell`](drivetwin_firmware::shell::Shell) over
-//! [`Hands`].
+//! into a [`Queue`], have the [`SerialBus`] send, and fire the [`Axis`]; its loop, [`run`], turns a
+//! [`Shell`](drivetwin_firmware::shell::Shell) over [`Hands`]. What it must have for that is a [`Board`].
 #![no_std]
 
 mod axis;
+mod board;
+mod boot;
+mod bus;
+mod flash;
 mod hands;
 #[cfg(feature = "network")]
 mod long;
 #[cfg(feature = "network")]
 pub mod network;
+mod output;
 mod pl011;
 mod queue;
+#[expect(unsafe_code, reason = "registers of the hardware are `unsafe` to touch")]
+mod register;
 mod saved;
 mod slips;
+mod steps;
 mod usart;
 mod wire;
 
 pub use axis::{Axis, Timer};
+pub use board::{Board, is_awake, made, run, sleep_until};
+pub use bus::{Sender, SerialBus, Uart};
+pub use flash::{Flash, Sectors};
 pub use hands::{Bus, Hands, Release};
-pub use pl011::Pl011;
+pub use output::{Gpio, Output};
+pub use pl011::{Pl011, Pl011Uart};
 pub use queue::Queue;
+pub use register::{Chip, Register};
 pub use saved::{Saved, Unreadable};
 pub use slips::{SLIPPED, untold};
+pub use steps::{StepPins, StepPort};
 pub use usart::Usart;
 pub use wire::{AxisPins, End, is_full_duplex};
-
-/// Makes a drive where it stays. What that takes of the stack beside the drive itself is free again when it returns.
-#[inline(never)]
-pub fn made<D>(make: fn() -> D) -> D {
-    make()
-}

@@ -30,6 +30,8 @@ struct Clock;
 impl Timer for Clock {
     type Pins = Pins;
 
+    fn start() {}
+
     fn now() -> Instant {
         NOW.get()
     }

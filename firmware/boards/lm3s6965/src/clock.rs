@@ -15,10 +15,11 @@ use lm3s6965::interrupt;
 
 use crate::registers::Register;
 use crate::timer::{SENT, STEP, WAKE};
-use crate::{bus, caught, ethernet};
+use crate::{Evaluation, ethernet, watchdog};
 
-/// Cycles in a second.
-pub(crate) const HZ: u32 = 50_000_000;
+/// Cycles in a microsecond, and in a second.
+pub(crate) const MHZ: u32 = 50;
+pub(crate) const HZ: u32 = 1_000_000 * MHZ;
 /// Cycles in a period of SysTick, 0.1 s; it can count 2^24.
 const PERIOD: u32 = HZ / 10;
 
@@ -112,16 +113,17 @@ pub(crate) fn cycles_since(from: u32) -> u32 {
     if left <= from { from - left } else { from + PERIOD - left }
 }
 
-/// Sleeps until something is caught, the bus has room again, a frame has come, or `deadline`, at most
-/// [`OneShot::LONGEST`](crate::timer::OneShot::LONGEST) ahead, has come; steps alone wake nobody. A debugger finds it by this name.
+/// Sleeps until something is caught, the bus has room again, a frame has come, or `deadline` has come, and no longer than
+/// the watchdog may wait; steps alone wake nobody. A debugger finds it by this name.
 #[inline(never)]
 #[unsafe(export_name = "sleep_until")]
 pub(crate) fn sleep_until(deadline: Instant) {
+    let deadline = deadline.min(now() + watchdog::NAP);
     WAKE.start(deadline.since(now()));
     loop {
         // What comes between the look and the sleep ends the sleep, and is served behind it.
         cortex_m::interrupt::disable();
-        let woken = !caught::QUEUE.is_empty() || bus::take_room() || ethernet::take_frames();
+        let woken = drivetwin_board::is_awake::<Evaluation>() || ethernet::take_frames();
         let over = woken || now() >= deadline;
         if !over {
             asm::wfi();

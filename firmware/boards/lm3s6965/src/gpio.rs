@@ -1,10 +1,5 @@
 //! Pins (8.5 of the datasheet).
 
-use core::convert::Infallible;
-
-use drivetwin_board::Release;
-use embedded_hal::digital::{ErrorType, OutputPin};
-
 use crate::inputs;
 use crate::registers::Register;
 
@@ -174,55 +169,27 @@ impl Gpio {
     }
 }
 
-/// A pin as the drive drives it.
-pub(crate) struct Output {
-    gpio: Gpio,
+/// A pin at the end of a wire.
+pub(crate) struct Wired {
+    pub(crate) gpio: Gpio,
     /// How it rests while it is released, if it is an input then.
-    rests_high: Option<bool>,
-    released: bool,
+    pub(crate) rests_high: Option<bool>,
 }
 
-impl Output {
-    pub(crate) const fn new(gpio: Gpio, rests_high: Option<bool>) -> Self {
-        Self { gpio, rests_high, released: rests_high.is_some() }
-    }
-
-    fn set(&self, high: bool) {
+impl drivetwin_board::Gpio for Wired {
+    fn set(&self, high: bool, released: bool) {
         match self.rests_high {
-            Some(_) if self.released => {}
+            Some(_) if released => {}
             Some(_) => self.gpio.push(high),
             None => self.gpio.write(high),
         }
     }
-}
 
-impl ErrorType for Output {
-    type Error = Infallible;
-}
-
-impl OutputPin for Output {
-    fn set_low(&mut self) -> Result<(), Infallible> {
-        self.set(false);
-        Ok(())
-    }
-
-    fn set_high(&mut self) -> Result<(), Infallible> {
-        self.set(true);
-        Ok(())
-    }
-}
-
-impl Release for Output {
-    fn release(&mut self, released: bool) {
-        if let Some(rests_high) = self.rests_high
-            && released != self.released
-        {
-            self.released = released;
-            if released {
-                inputs::let_go(self.gpio, rests_high);
-            } else {
-                inputs::take(self.gpio);
-            }
+    fn release(&self, released: bool) {
+        match self.rests_high {
+            Some(rests_high) if released => inputs::let_go(self.gpio, rests_high),
+            Some(_) => inputs::take(self.gpio),
+            None => {}
         }
     }
 }

@@ -3,13 +3,14 @@
 use core::cell::RefCell;
 
 use critical_section::Mutex;
-use drivetwin_board::End;
-use drivetwin_firmware::device::Instant;
+use drivetwin_board::{End, Output};
+use drivetwin_firmware::device::{Instant, Spec};
 use heapless::Vec;
 use lm3s6965::interrupt;
 
-use crate::gpio::{self, Gpio, Port};
-use crate::{caught, clock};
+use crate::gpio::{self, Gpio, Port, Wired};
+use crate::wires::Wire;
+use crate::{QUEUE, clock};
 
 /// Input pins that a board may have.
 const MOST: usize = 16;
@@ -38,22 +39,44 @@ impl Input {
 
     /// Tells the drive of a level that it does not know. If there is no room, it still does not.
     fn tell(&mut self, at: Instant, high: bool) {
-        self.missed = high != self.high && !caught::QUEUE.push((at, self.end.edge(high)));
+        self.missed = high != self.high && !QUEUE.push((at, self.end.edge(high)));
         if !self.missed {
             self.high = high;
         }
     }
 }
 
+/// Wires pins as [`Board::wire`](drivetwin_board::Board::wire) does.
+pub(crate) fn start<const N: usize>(spec: &Spec, wires: &[Wire; N]) -> [(Option<End>, Output<Wired>); N] {
+    let wired = wires.map(|(name, gpio)| {
+        let end = End::of(spec, name);
+        let input = end.filter(|end| end.is_input(spec));
+        let rests_high = input.map(|end| end.rests_high(spec));
+        if let Some(end) = end {
+            if let Some(rests_high) = rests_high {
+                gpio.resting(rests_high);
+                add(gpio, end, rests_high);
+            } else if end.is_open_drain(spec) {
+                gpio.open_drain();
+            } else {
+                gpio.push_pull();
+            }
+        }
+        (end, Output::new(Wired { gpio, rests_high }))
+    });
+    begin();
+    wired
+}
+
 /// An input, and how it rests.
-pub(crate) fn add(gpio: Gpio, end: End, rests_high: bool) {
+fn add(gpio: Gpio, end: End, rests_high: bool) {
     with(|inputs| {
         let _ = inputs.push(Input { gpio, end, high: rests_high, missed: false });
     });
 }
 
 /// Tells which inputs do not rest, as they have been since power came, and listens to all of them from now on.
-pub(crate) fn begin() {
+fn begin() {
     with(|inputs| {
         for input in inputs {
             input.gpio.listen(true);

@@ -1,11 +1,15 @@
 //! What the board says of itself: a line on UART1 and, with the feature `defmt`, more over the debug probe.
 
+use drivetwin_board::Pl011Uart;
 use drivetwin_firmware::device::Line;
 use drivetwin_protocol::line::Parity;
 
+use crate::clock::MHZ;
 use crate::gpio;
-use crate::uart::LOG;
+use crate::registers::{Lm3s6965, Register};
 
+/// The UART for whoever brings the board up (12.6).
+const LOG: Pl011Uart<Lm3s6965> = Pl011Uart::at(Register::at(0x4000_D000, 0), MHZ);
 const LINE: Line = Line::new(115_200, 8, Parity::None, 1);
 
 /// A drive has power.
@@ -15,7 +19,7 @@ pub(crate) fn power(kind: &str) {
     for text in ["drivetwin: ", kind, " has power\r\n"] {
         for byte in text.bytes() {
             while !LOG.has_room() {}
-            LOG.send(byte);
+            LOG.write(byte);
         }
     }
     probe::power(kind);

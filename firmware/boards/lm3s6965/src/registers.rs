@@ -1,33 +1,22 @@
-//! Registers of the hardware: the one place that touches them.
+//! Registers of the LM3S6965.
 
-use core::ptr::{read_volatile, write_volatile};
+use drivetwin_board::Chip;
 
-/// A 32-bit register of a peripheral.
+/// The chip.
 #[derive(Clone, Copy)]
-pub(crate) struct Register(usize);
+pub(crate) enum Lm3s6965 {}
 
-impl Register {
-    /// The register at `offset` of the peripheral at `base`, both from the datasheet.
-    pub(crate) const fn at(base: usize, offset: usize) -> Self {
-        Self(base + offset)
+/// A register of it.
+pub(crate) type Register = drivetwin_board::Register<Lm3s6965>;
+
+// SAFETY: this crate alone makes registers of it, of peripherals as the datasheet has them.
+unsafe impl Chip for Lm3s6965 {
+    /// Sets bits: not of a register that an interrupt changes meanwhile.
+    fn set(register: Register, bits: u32) {
+        register.write(register.read() | bits);
     }
 
-    pub(crate) fn read(self) -> u32 {
-        // SAFETY: every `Register` is a word of a peripheral of the LM3S6965: aligned, always mapped,
-        // and nobody's memory.
-        unsafe { read_volatile(self.0 as *const u32) }
-    }
-
-    pub(crate) fn write(self, value: u32) {
-        // SAFETY: as in `read`; no register that this crate names changes memory by itself.
-        unsafe { write_volatile(self.0 as *mut u32, value) }
-    }
-
-    pub(crate) fn set(self, bits: u32) {
-        self.write(self.read() | bits);
-    }
-
-    pub(crate) fn clear(self, bits: u32) {
-        self.write(self.read() & !bits);
+    fn clear(register: Register, bits: u32) {
+        register.write(register.read() & !bits);
     }
 }

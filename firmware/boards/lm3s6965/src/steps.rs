@@ -21,12 +21,6 @@ pub(crate) static AXIS: Axis<Steps> = Axis::new(Pins { rose: 0 });
 /// What the axis wants is further ahead than the timer goes.
 static FAR: AtomicBool = AtomicBool::new(false);
 
-/// Makes both pins outputs, low.
-pub(crate) fn start() {
-    STEP.push_pull();
-    DIR.push_pull();
-}
-
 #[interrupt]
 fn TIMER_1A() {
     TIMER.acknowledge();
@@ -42,6 +36,11 @@ pub(crate) struct Steps;
 
 impl Timer for Steps {
     type Pins = Pins;
+
+    fn start() {
+        STEP.push_pull();
+        DIR.push_pull();
+    }
 
     fn now() -> Instant {
         clock::now()

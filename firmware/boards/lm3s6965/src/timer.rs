@@ -45,11 +45,6 @@ impl OneShot {
         self.acknowledge();
     }
 
-    /// Whether it is still to come.
-    pub(crate) fn is_running(self) -> bool {
-        self.control().read() & 1 != 0
-    }
-
     /// It has come.
     pub(crate) fn acknowledge(self) {
         self.register(0x024).write(1);

@@ -1,14 +1,15 @@
 //! The end of the flash, for saved registers, by the functions of the boot ROM (2.8.3.1.3).
 //!
 //! They wait while the flash is at work, and so does the loop. Interrupts do not: everything that they need
-//! is in RAM. What they catch meanwhile must fit into the queue (`caught`).
+//! is in RAM. What they catch meanwhile must fit into the queue.
 
 use core::arch::global_asm;
 use core::mem::transmute_copy;
 use core::ops::Range;
 use core::ptr;
 
-use embedded_storage_async::nor_flash::{ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash};
+use drivetwin_board::Sectors;
+use embedded_storage_async::nor_flash::NorFlashErrorKind;
 
 use crate::watchdog;
 
@@ -45,40 +46,29 @@ global_asm!(".global __saved", ".set __saved, {}", const WINDOW + LARGE.start as
 
 /// The flash chip.
 #[derive(Clone, Copy)]
-pub(crate) struct Flash;
+pub(crate) enum Chip {}
 
-impl Flash {
+/// The flash of the board.
+pub(crate) type Flash = drivetwin_board::Flash<Chip>;
+
+impl Chip {
     /// Lets the boot ROM do something to the chip, and makes it readable again.
     fn command(act: impl FnOnce()) {
         type Plain = extern "C" fn();
         watchdog::feed();
         // SAFETY: "connect_internal_flash" takes nothing.
         let connect: Plain = unsafe { rom(*b"IF") };
+        connect();
         // SAFETY: nor does "flash_exit_xip".
         let exit: Plain = unsafe { rom(*b"EX") };
-        // SAFETY: nor does "flash_flush_cache".
-        let flush: Plain = unsafe { rom(*b"FC") };
-        // SAFETY: nor does "flash_enter_cmd_xip".
-        let enter: Plain = unsafe { rom(*b"CX") };
-        connect();
         exit();
         act();
+        // SAFETY: nor does "flash_flush_cache".
+        let flush: Plain = unsafe { rom(*b"FC") };
         flush();
+        // SAFETY: nor does "flash_enter_cmd_xip".
+        let enter: Plain = unsafe { rom(*b"CX") };
         enter();
-    }
-
-    fn erase_sectors(from: u32, count: usize) {
-        /// A block that is erased as a whole where it fits, and the chip's command for that.
-        const BLOCK: (u32, u8) = (1 << 16, 0xD8);
-        // SAFETY: "flash_range_erase" takes these.
-        let erase: extern "C" fn(u32, usize, u32, u8) = unsafe { rom(*b"RE") };
-        Self::command(|| erase(from, count, BLOCK.0, BLOCK.1));
-    }
-
-    fn program_page(at: u32, page: &[u8; PAGE]) {
-        // SAFETY: "flash_range_program" takes these, and reads so many bytes.
-        let program: extern "C" fn(u32, *const u8, usize) = unsafe { rom(*b"RP") };
-        Self::command(|| program(at, page.as_ptr(), PAGE));
     }
 }
 
@@ -101,70 +91,38 @@ unsafe fn rom<F>(letters: [u8; 2]) -> F {
     unsafe { transmute_copy(&function) }
 }
 
-/// Whether `from..to` is in the part that is ours.
-fn check(from: u32, to: Option<u32>) -> Result<(), NorFlashErrorKind> {
-    match to {
-        Some(to) if LARGE.start <= from && from <= to && to <= SMALL.end => Ok(()),
-        _ => Err(NorFlashErrorKind::OutOfBounds),
+impl Sectors for Chip {
+    const OURS: Range<u32> = LARGE.start..SMALL.end;
+    const CAPACITY: usize = CAPACITY;
+    const SECTOR: usize = SECTOR;
+    const WORD: usize = 1;
+    const PAGE: usize = PAGE;
+
+    fn read(offset: u32) -> u8 {
+        let at: *const u8 = ptr::without_provenance(WINDOW + offset as usize);
+        // SAFETY: it lies in the window; nobody writes to the chip at the same time.
+        unsafe { at.read_volatile() }
     }
-}
 
-fn end(from: u32, bytes: &[u8]) -> Option<u32> {
-    u32::try_from(bytes.len()).ok().and_then(|count| from.checked_add(count))
-}
-
-impl ErrorType for Flash {
-    type Error = NorFlashErrorKind;
-}
-
-impl ReadNorFlash for Flash {
-    const READ_SIZE: usize = 1;
-
-    async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), NorFlashErrorKind> {
-        check(offset, end(offset, bytes))?;
-        for (at, byte) in (WINDOW + offset as usize..).zip(bytes) {
-            let at: *const u8 = ptr::without_provenance(at);
-            // SAFETY: it lies in the window; nobody writes to the chip at the same time.
-            *byte = unsafe { at.read_volatile() };
-        }
+    fn erase(offset: u32) -> Result<(), NorFlashErrorKind> {
+        /// A block that is erased as a whole where it fits, and the chip's command for that.
+        const BLOCK: (u32, u8) = (1 << 16, 0xD8);
+        // SAFETY: "flash_range_erase" takes these.
+        let erase: extern "C" fn(u32, usize, u32, u8) = unsafe { rom(*b"RE") };
+        Self::command(|| erase(offset, SECTOR, BLOCK.0, BLOCK.1));
         Ok(())
     }
 
-    fn capacity(&self) -> usize {
-        CAPACITY
-    }
-}
-
-impl NorFlash for Flash {
-    const WRITE_SIZE: usize = 1;
-    const ERASE_SIZE: usize = SECTOR;
-
-    async fn erase(&mut self, from: u32, to: u32) -> Result<(), NorFlashErrorKind> {
-        check(from, Some(to))?;
-        if ![from, to].iter().all(|at| (*at as usize).is_multiple_of(SECTOR)) {
-            return Err(NorFlashErrorKind::NotAligned);
+    fn program(offset: u32, bytes: &[u8]) -> Result<(), NorFlashErrorKind> {
+        // SAFETY: "flash_range_program" takes these, and reads so many bytes.
+        let program: extern "C" fn(u32, *const u8, usize) = unsafe { rom(*b"RP") };
+        // Programming 1 changes nothing.
+        let mut page = [0xFF; PAGE];
+        let place = offset as usize % PAGE;
+        for (byte, new) in page.iter_mut().skip(place).zip(bytes) {
+            *byte = *new;
         }
-        for sector in (from..to).step_by(SECTOR) {
-            Self::erase_sectors(sector, SECTOR);
-        }
-        Ok(())
-    }
-
-    async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), NorFlashErrorKind> {
-        check(offset, end(offset, bytes))?;
-        let (mut at, mut rest) = (offset, bytes);
-        while !rest.is_empty() {
-            // Programming 1 changes nothing.
-            let mut page = [0xFF; PAGE];
-            let place = at as usize % PAGE;
-            let count = rest.len().min(PAGE - place);
-            for (byte, new) in page.iter_mut().skip(place).zip(rest) {
-                *byte = *new;
-            }
-            Self::program_page(at - place as u32, &page);
-            at += count as u32;
-            rest = rest.get(count..).unwrap_or(&[]);
-        }
+        Self::command(|| program(offset - place as u32, page.as_ptr(), PAGE));
         Ok(())
     }
 }

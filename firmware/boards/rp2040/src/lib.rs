@@ -1,7 +1,7 @@
 //! Drives on the Raspberry Pi Pico.
 //!
-//! Each binary is one kind of drive: it says which pin of the board is which of the drive, and has
-//! [`run`] make it. What all have in common is here.
+//! Each binary is one kind of drive: it names what makes it and the wires of the board, and has [`run`] run it. What it
+//! has in common with other boards is in `drivetwin_board`, what all drives have in common here.
 //!
 //! README.md shows how it is wired. Sections beside the code are those of the *RP2040 Datasheet*; those of
 //! the flash chip are in *W25Q16JV*.
@@ -10,10 +10,9 @@
 //! |---|---|
 //! | [`wires`] | which pins are what |
 //! | `boot` | from the reset to a program in RAM |
-//! | [`run`] | the loop |
+//! | `Pico` | the board, as the loop needs it |
 //! | `clock` | the system clock |
 //! | `timer` | time, alarms, sleep |
-//! | `caught` | what interrupts have for the loop |
 //! | `bus` | UART0, and the direction of RS-485 |
 //! | `pins` | levels and edges |
 //! | `steps` | STEP and DIR |
@@ -25,7 +24,6 @@
 
 mod boot;
 mod bus;
-mod caught;
 mod clock;
 mod flash;
 mod log;
@@ -38,100 +36,128 @@ pub mod wires;
 
 use core::panic::PanicInfo;
 
-use cortex_m::Peripherals;
 use cortex_m::peripheral::NVIC;
+use cortex_m::{Peripherals, asm};
 use cortex_m_rt::exception;
-use drivetwin_board::{AxisPins, Hands, Saved, is_full_duplex, made};
-use drivetwin_firmware::device::{Boot, Device, Instant};
-use drivetwin_firmware::motion::Follower;
-use drivetwin_firmware::shell::Shell;
+use drivetwin_board::{Axis, Board, End, Output, Queue, Saved, made};
+use drivetwin_firmware::device::{Boot, Device, Instant, Spec};
+use drivetwin_firmware::shell::{Caught, NoLinks};
 use rp2040_pac::Interrupt;
 
 pub use self::pins::Wire;
 
-use self::bus::Sender;
-use self::caught::Ears;
+use self::bus::Uart0;
 use self::flash::{Flash, MOST_SECTORS};
-use self::pins::Pin;
+use self::pins::Pins;
 use self::steps::Steps;
+use self::timer::{TICKS, WAKE};
 
-/// The saved registers of a drive on this board.
-type Memory<'a> = Saved<'a, Flash, MOST_SECTORS>;
+/// The number of events that may wait, of 24 bytes each: a request of the longest kind, or all that a line of 57,600 baud
+/// brings in the 45 ms in which a sector is erased.
+const ROOM: usize = 256;
 
-/// A drive on this board.
-type Board<'a, D, const CHARACTERS: usize, const WIRES: usize> =
-    Shell<&'a mut D, Ears, Hands<Sender, Pin, Memory<'a>, Steps, WIRES>, CHARACTERS>;
+/// The events that interrupts have for the loop.
+static QUEUE: Queue<(Instant, Caught), ROOM> = Queue::new();
 
-/// Makes a drive and runs it; its pins and faults are wired like that. `MEMORY` is how many bytes its spec says that it
-/// saves, `CHARACTERS` how many characters may wait to be sent.
+/// A place for so many saved registers, until they are found in flash.
+#[macro_export]
+macro_rules! memory {
+    ($bytes:expr) => {
+        &mut [0xFF; $bytes]
+    };
+}
+
+/// Makes a drive and runs it; its pins and faults are wired like that. `memory` has as many bytes as its spec says that
+/// it saves, `CHARACTERS` is how many characters may wait to be sent.
+// A frame of its own would cost stack for as long as the drive runs.
+#[inline(always)]
 pub fn run<D: Device, const MEMORY: usize, const CHARACTERS: usize, const WIRES: usize>(
     make: fn() -> D,
+    memory: &mut [u8; MEMORY],
     wires: &[Wire; WIRES],
 ) -> ! {
-    start::<_, CHARACTERS, _>(&mut made(make), &mut [0xFF; MEMORY], wires)
+    drivetwin_board::run::<Pico, _, _, _, CHARACTERS, _>(
+        &mut made(make),
+        wires,
+        |spec| Saved::<_, MOST_SECTORS>::new(Flash::new(), flash::place(MEMORY), spec.kind, memory),
+        |_| None::<NoLinks>,
+    )
 }
 
-/// Runs the drive, which was made before there is all that this needs of the stack.
-#[inline(never)]
-fn start<D: Device, const CHARACTERS: usize, const WIRES: usize>(
-    drive: &mut D,
-    memory: &mut [u8],
-    wires: &[Wire; WIRES],
-) -> ! {
-    clock::start();
-    timer::start();
-    watchdog::start();
-    let boot = Boot { fast: pins::is_tied(wires::FAST), ..Boot::default() };
-    let saved = Saved::new(Flash, flash::place(memory.len()), drive.spec().kind, memory);
-    let mut shell: Board<'_, D, CHARACTERS, WIRES> = assemble(drive, saved, wires);
-    shell.power_on(Instant::ZERO, boot);
-    log::power(shell.device().spec().kind, boot);
-    if let Some(mut core) = Peripherals::take() {
-        unmask(&mut core.NVIC);
+/// The board.
+enum Pico {}
+
+impl Board for Pico {
+    type Wire = Wire;
+    type Pin = Output<Pins>;
+    type Uart = Uart0;
+    type Timer = Steps;
+
+    fn axis() -> &'static Axis<Steps> {
+        &steps::AXIS
     }
-    loop {
-        watchdog::feed();
-        caught::look_at_bus();
-        if shell.turn().is_err() {
-            timer::sleep_until(shell.deadline());
+
+    fn start() -> Boot {
+        clock::start();
+        timer::start();
+        watchdog::start();
+        Boot { fast: pins::is_tied(wires::FAST), ..Boot::default() }
+    }
+
+    fn wire<const N: usize>(spec: &Spec, wires: &[Wire; N]) -> [(Option<End>, Output<Pins>); N] {
+        pins::start(spec, wires)
+    }
+
+    /// Lets interrupts come. A step is delayed by critical sections alone. All that stamps or sends has one priority, so
+    /// that stamps ascend. The alarm of the loop only has to end its sleep.
+    fn unmask() {
+        let priorities = [
+            (Interrupt::TIMER_IRQ_0, 0x00),
+            (Interrupt::UART0_IRQ, 0x40),
+            (Interrupt::IO_IRQ_BANK0, 0x40),
+            (Interrupt::TIMER_IRQ_2, 0x40),
+            (Interrupt::TIMER_IRQ_1, 0xC0),
+        ];
+        let Some(mut core) = Peripherals::take() else { return };
+        for (interrupt, priority) in priorities {
+            // SAFETY: no critical section relies on priorities.
+            unsafe { core.NVIC.set_priority(interrupt, priority) };
+            // SAFETY: none relies on the interrupt's mask.
+            unsafe { NVIC::unmask(interrupt) };
         }
     }
-}
 
-/// Puts the drive on the board. What that needs of the stack is free again when it returns.
-#[inline(never)]
-fn assemble<'a, D: Device, const CHARACTERS: usize, const WIRES: usize>(
-    drive: &'a mut D,
-    memory: Memory<'a>,
-    wires: &[Wire; WIRES],
-) -> Board<'a, D, CHARACTERS, WIRES> {
-    let spec = drive.spec();
-    bus::start(is_full_duplex(spec));
-    let pins = pins::start(spec, wires);
-    let axis_pins = AxisPins::of(spec, pins.iter().map(|(end, _)| *end));
-    if axis_pins == AxisPins::Own {
-        steps::start();
+    fn log(kind: &str, boot: Boot) {
+        log::power(kind, boot);
     }
-    let axis = &steps::AXIS;
-    let hands = Hands { bus: Sender, pins, memory, axis, axis_pins, follower: Follower::new(), links: None };
-    Shell::new(drive, Ears, hands)
-}
 
-/// Lets interrupts come. Nothing delays a step but a critical section. What stamps or sends has one
-/// priority, so that stamps ascend. The alarm of the loop only has to end its sleep.
-fn unmask(nvic: &mut NVIC) {
-    let priorities = [
-        (Interrupt::TIMER_IRQ_0, 0x00),
-        (Interrupt::UART0_IRQ, 0x40),
-        (Interrupt::IO_IRQ_BANK0, 0x40),
-        (Interrupt::TIMER_IRQ_2, 0x40),
-        (Interrupt::TIMER_IRQ_1, 0xC0),
-    ];
-    for (interrupt, priority) in priorities {
-        // SAFETY: no critical section of this crate relies on priorities.
-        unsafe { nvic.set_priority(interrupt, priority) };
-        // SAFETY: none relies on the interrupt's mask.
-        unsafe { NVIC::unmask(interrupt) };
+    fn past() -> Instant {
+        timer::past()
+    }
+
+    fn caught(until: Instant) -> Option<(Instant, Caught)> {
+        QUEUE.pop_if(|(at, _)| *at <= until)
+    }
+
+    fn is_quiet() -> bool {
+        QUEUE.is_empty()
+    }
+
+    fn tell_missed() {
+        pins::tell_missed();
+    }
+
+    fn feed() {
+        watchdog::feed();
+    }
+
+    #[inline(never)]
+    fn sleep_until(deadline: Instant) {
+        drivetwin_board::sleep_until::<Self>(deadline, |at| {
+            if WAKE.set(at.ticks() / TICKS + 1) {
+                asm::wfi();
+            }
+        });
     }
 }
 

@@ -1,16 +1,14 @@
 //! Pins: levels that the drive drives, and edges that it hears.
 
 use core::cell::Cell;
-use core::convert::Infallible;
 
 use critical_section::Mutex;
-use drivetwin_board::{End, Release};
+use drivetwin_board::{End, Gpio, Output};
 use drivetwin_firmware::device::{Instant, Spec};
-use embedded_hal::digital::{ErrorType, OutputPin};
 use rp2040_pac::interrupt;
 
 use crate::registers::Register;
-use crate::{caught, timer};
+use crate::{QUEUE, timer};
 
 /// Pins of the chip.
 const GPIOS: u32 = 30;
@@ -56,16 +54,10 @@ static TOLD: Mutex<Cell<u32>> = Mutex::new(Cell::new(0));
 /// There was no room to tell a level.
 static MISSED: Mutex<Cell<bool>> = Mutex::new(Cell::new(false));
 
-/// Drives pins high.
+/// Drives pins high or low.
 #[inline]
-pub(crate) fn set_high(pins: u32) {
-    OUT_SET.write(pins);
-}
-
-/// Drives pins low.
-#[inline]
-pub(crate) fn set_low(pins: u32) {
-    OUT_CLEAR.write(pins);
+pub(crate) fn write(pins: u32, high: bool) {
+    if high { OUT_SET.write(pins) } else { OUT_CLEAR.write(pins) }
 }
 
 /// Makes pins outputs, low at first.
@@ -87,38 +79,37 @@ pub(crate) fn is_tied(pin: u32) -> bool {
     IN.read() & pin == 0
 }
 
-/// Wires what `spec` knows by the names of `wires`. All of it is let go, and what does not rest is told, as it has
-/// been since power came.
-pub(crate) fn start<const N: usize>(spec: &Spec, wires: &[Wire; N]) -> [(Option<End>, Pin); N] {
-    let wired = wires.map(|(name, gpios)| (End::of(spec, name), Pin { gpios, released: true }));
-    for (end, pin) in &wired {
+/// Wires pins as [`Board::wire`](drivetwin_board::Board::wire) does.
+pub(crate) fn start<const N: usize>(spec: &Spec, wires: &[Wire; N]) -> [(Option<End>, Output<Pins>); N] {
+    let wired = wires.map(|(name, gpios)| (End::of(spec, name), Pins(gpios)));
+    for (end, pins) in &wired {
         let Some(end) = *end else { continue };
         let high = end.rests_high(spec);
-        each(pin.gpios, |gpio| use_as(gpio, FUNCTION_SIO, high));
+        each(pins.0, |gpio| use_as(gpio, FUNCTION_SIO, high));
         if end.is_input(spec) {
             critical_section::with(|cs| {
-                each(pin.gpios, |gpio| {
+                each(pins.0, |gpio| {
                     if let Some(place) = ENDS.get(gpio as usize) {
                         place.borrow(cs).set(Some(end));
                     }
                 });
                 let told = TOLD.borrow(cs);
-                told.set(if high { told.get() | pin.gpios } else { told.get() & !pin.gpios });
+                told.set(if high { told.get() | pins.0 } else { told.get() & !pins.0 });
             });
         }
     }
     settle();
-    for (end, pin) in &wired {
+    for (end, pins) in &wired {
         if matches!(end, Some(End::Dtr(_))) {
             // A host that is there already has not come now.
             critical_section::with(|cs| {
                 let told = TOLD.borrow(cs);
-                told.set(told.get() & !pin.gpios | IN.read() & pin.gpios);
+                told.set(told.get() & !pins.0 | IN.read() & pins.0);
             });
         }
-        pin.listen(Instant::ZERO, true);
+        pins.listen(Instant::ZERO, true);
     }
-    wired
+    wired.map(|(end, pins)| (end, Output::new(pins)))
 }
 
 fn each(pins: u32, act: impl FnMut(u32)) {
@@ -142,16 +133,14 @@ fn settle() {
     while timer::micros_low().wrapping_sub(since) < MICROS {}
 }
 
-/// What is at the end of a wire, as the drive drives it.
-pub(crate) struct Pin {
-    gpios: u32,
-    released: bool,
-}
+/// The pins at the end of a wire, a bit each.
+#[derive(Clone, Copy)]
+pub(crate) struct Pins(u32);
 
-impl Pin {
+impl Pins {
     /// Hears edges from `at` on, or does not. What has changed meanwhile is told.
     fn listen(&self, at: Instant, on: bool) {
-        each(self.gpios, |gpio| {
+        each(self.0, |gpio| {
             let (bank, shift) = (gpio as usize / 8 * 4, gpio % 8 * 4);
             let enabled = Register::at(ENABLED, bank);
             critical_section::with(|cs| {
@@ -168,44 +157,21 @@ impl Pin {
             });
         });
     }
+}
 
-    /// Drives a level, unless released. Here, and not as soon as it is no longer released, so that it
-    /// never drives the level of before.
-    fn drive(&self) {
-        if !self.released {
-            DRIVEN_SET.write(self.gpios);
+impl Gpio for Pins {
+    fn set(&self, high: bool, released: bool) {
+        write(self.0, high);
+        if !released {
+            DRIVEN_SET.write(self.0);
         }
     }
-}
 
-impl ErrorType for Pin {
-    type Error = Infallible;
-}
-
-impl OutputPin for Pin {
-    fn set_low(&mut self) -> Result<(), Infallible> {
-        set_low(self.gpios);
-        self.drive();
-        Ok(())
-    }
-
-    fn set_high(&mut self) -> Result<(), Infallible> {
-        set_high(self.gpios);
-        self.drive();
-        Ok(())
-    }
-}
-
-impl Release for Pin {
-    /// Drives from its next level on.
-    fn release(&mut self, released: bool) {
-        if released != self.released {
-            self.released = released;
-            if released {
-                DRIVEN_CLEAR.write(self.gpios);
-            }
-            self.listen(timer::now(), released);
+    fn release(&self, released: bool) {
+        if released {
+            DRIVEN_CLEAR.write(self.0);
         }
+        self.listen(timer::now(), released);
     }
 }
 
@@ -242,7 +208,7 @@ fn tell(at: Instant, gpio: u32, flags: u32) {
             if high == is_told_high() {
                 continue;
             }
-            if caught::QUEUE.push((at, end.edge(high))) {
+            if QUEUE.push((at, end.edge(high))) {
                 told.set(told.get() ^ gp(gpio));
             } else {
                 MISSED.borrow(cs).set(true);

@@ -1,37 +1,23 @@
-//! Registers of the hardware: the one place that touches them.
+//! Registers of the RP2040.
 
-use core::ptr::{read_volatile, write_volatile};
+use drivetwin_board::Chip;
 
-/// A 32-bit register of a peripheral.
+/// The chip.
 #[derive(Clone, Copy)]
-pub(crate) struct Register(usize);
+pub(crate) enum Rp2040 {}
 
-impl Register {
-    /// The register at `offset` of the peripheral at `base`, both from the datasheet.
-    pub(crate) const fn at(base: usize, offset: usize) -> Self {
-        Self(base + offset)
+/// A register of it.
+pub(crate) type Register = drivetwin_board::Register<Rp2040>;
+
+// SAFETY: this crate alone makes registers of it, of peripherals as the datasheet has them.
+unsafe impl Chip for Rp2040 {
+    /// Sets bits in one write that nothing comes between (2.1.2); not of the SIO.
+    fn set(register: Register, bits: u32) {
+        register.plus(0x2000).write(bits);
     }
 
-    #[inline]
-    pub(crate) fn read(self) -> u32 {
-        // SAFETY: every `Register` is a word of a peripheral of the RP2040: aligned, always mapped, and
-        // nobody's memory.
-        unsafe { read_volatile(self.0 as *const u32) }
-    }
-
-    #[inline]
-    pub(crate) fn write(self, value: u32) {
-        // SAFETY: as in `read`; no register that this crate names changes memory by itself.
-        unsafe { write_volatile(self.0 as *mut u32, value) }
-    }
-
-    /// Sets bits, in one write that nothing comes between (2.1.2); not of the SIO.
-    pub(crate) fn set(self, bits: u32) {
-        Self(self.0 | 0x2000).write(bits);
-    }
-
-    /// Clears bits as [`set`](Self::set) sets them.
-    pub(crate) fn clear(self, bits: u32) {
-        Self(self.0 | 0x3000).write(bits);
+    /// Clears bits as `set` sets them.
+    fn clear(register: Register, bits: u32) {
+        register.plus(0x3000).write(bits);
     }
 }

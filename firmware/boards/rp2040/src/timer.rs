@@ -4,13 +4,11 @@
 
 use core::cell::Cell;
 
-use cortex_m::asm;
 use critical_section::Mutex;
 use drivetwin_firmware::device::Instant;
 use rp2040_pac::interrupt;
 
 use crate::registers::Register;
-use crate::{caught, watchdog};
 
 /// Ticks of drivetwin's time in a microsecond.
 pub(crate) const TICKS: u64 = 16;
@@ -53,8 +51,7 @@ pub(crate) fn now() -> Instant {
     Instant::from_ticks(micros() * TICKS)
 }
 
-/// The end of the last whole microsecond, for the loop: all that bears this stamp has been caught, and
-/// nothing more will be.
+/// The end of the last whole microsecond, for the loop.
 pub(crate) fn past() -> Instant {
     Instant::from_ticks((micros() * TICKS).saturating_sub(1))
 }
@@ -116,24 +113,7 @@ impl Alarm {
 }
 
 /// Wakes the loop.
-static WAKE: Alarm = Alarm::new(1);
-
-/// Sleeps until something was caught, or until [`past`] is `deadline`.
-#[inline(never)]
-pub(crate) fn sleep_until(deadline: Instant) {
-    /// It wakes that often to feed the watchdog, in µs.
-    const NAP: u64 = 250_000;
-    let due = deadline.ticks() / TICKS + 1;
-    while micros() < due && !caught::is_there() {
-        watchdog::feed();
-        // An interrupt that is kept out ends the sleep, so none is missed between the look and the sleep.
-        critical_section::with(|_| {
-            if !caught::is_there() && WAKE.set(due.min(micros() + NAP)) {
-                asm::wfi();
-            }
-        });
-    }
-}
+pub(crate) static WAKE: Alarm = Alarm::new(1);
 
 #[interrupt]
 fn TIMER_IRQ_1() {

@@ -3,20 +3,17 @@
 //! It has no FIFO: every character interrupts, and is stamped, by itself. The end of the last stop bit interrupts,
 //! too.
 
-use core::cell::Cell;
-use core::convert::Infallible;
+use core::sync::atomic::{AtomicU32, Ordering};
 
-use critical_section::Mutex;
-use drivetwin_board::{Bus, Queue, Usart};
+use drivetwin_board::{SerialBus, Uart, Usart};
 use drivetwin_firmware::device::{Line, Port};
 use drivetwin_firmware::shell::Caught;
-use embedded_io::{ErrorType, Write, WriteReady};
 
 use crate::clock::{self, MHZ};
 use crate::registers::Register;
 use crate::vectors::interrupt;
 use crate::wires::{DE, RX, TX};
-use crate::{caught, timer};
+use crate::{QUEUE, timer};
 
 /// USART1 (19.6).
 const USART: usize = 0x4001_1000;
@@ -29,60 +26,10 @@ const STOP: Register = Register::at(USART, 0x10);
 /// Its number among the functions of PB6 and PB7 (datasheet, table 9).
 const FUNCTION: u32 = 7;
 
-/// Characters that may wait to be sent: one of the longest frames.
-const MOST: usize = 256;
-/// Characters that wait to be sent.
-static TO_SEND: Queue<u8, MOST> = Queue::new();
-static STATE: Mutex<Cell<State>> =
-    Mutex::new(Cell::new(State { sends: false, full_duplex: false, mask: 0xFF, next: None }));
-
-#[derive(Clone, Copy)]
-struct State {
-    /// From the first start bit to the last stop bit.
-    sends: bool,
-    /// There is a wire for each direction: it hears while it sends, and there is nothing to turn around.
-    full_duplex: bool,
-    /// The data bits of a character.
-    mask: u8,
-    /// What the line becomes when all has left.
-    next: Option<Line>,
-}
-
-fn state() -> State {
-    critical_section::with(|cs| STATE.borrow(cs).get())
-}
-
-fn update(change: impl FnOnce(&mut State)) {
-    critical_section::with(|cs| {
-        let mut state = STATE.borrow(cs).get();
-        change(&mut state);
-        STATE.borrow(cs).set(state);
-    });
-}
-
-/// Hands the pins to the UART; the drive sets the line.
-pub(crate) fn start(full_duplex: bool) {
-    update(|state| state.full_duplex = full_duplex);
-    DE.drive_low();
-    TX.give(FUNCTION);
-    RX.give(FUNCTION);
-}
-
-/// Sets the line now; a character under way is lost.
-fn configure(line: Line) {
-    /// What the clock is divided by where a bit of a slow line has more cycles than the UART counts.
-    const SLOW: u32 = 4;
-    let fast = Usart::new(MHZ, line);
-    let Some(Usart { bit, control, stop, mask }) = fast.or_else(|| Usart::new(MHZ / SLOW, line)) else {
-        return;
-    };
-    CONTROL.write(0);
-    clock::divide_uart(fast.is_none());
-    BIT.write(bit);
-    STOP.write(stop);
-    CONTROL.write(control | Usart::ENABLE | Usart::CAN_READ);
-    update(|state| state.mask = mask);
-}
+/// The bus.
+static BUS: SerialBus<Usart1> = SerialBus::new();
+/// The data bits of a character.
+static MASK: AtomicU32 = AtomicU32::new(0xFF);
 
 #[interrupt]
 fn USART1() {
@@ -91,89 +38,70 @@ fn USART1() {
     let status = STATUS.read();
     if status & (Usart::CAN_READ | Usart::OVERRUN) != 0 {
         let character = DATA.read();
-        let State { sends, full_duplex, mask, .. } = state();
-        if !sends || full_duplex {
+        if BUS.hears() {
             let heard = match status & Usart::ERRORS {
-                0 => Caught::Byte(Port(0), (character & u32::from(mask)) as u8),
+                0 => Caught::Byte(Port(0), (character & MASK.load(Ordering::Relaxed)) as u8),
                 _ => Caught::Spoiled(Port(0)),
             };
             // Where the loop is so late that there is no room, the character is lost. Of a Modbus frame the CRC
             // tells; a QSB's command has none.
-            let _ = caught::QUEUE.push((at, heard));
+            let _ = QUEUE.push((at, heard));
         }
     }
-    if CONTROL.read() & Usart::CAN_WRITE != 0 && status & Usart::CAN_WRITE != 0 {
-        send();
+    if CONTROL.read() & Usart::CAN_WRITE != 0 {
+        BUS.send();
     } else if CONTROL.read() & Usart::HAS_SENT != 0 && status & Usart::HAS_SENT != 0 {
-        end();
+        CONTROL.clear(Usart::HAS_SENT);
+        BUS.sent();
     }
 }
 
-/// Gives the UART the next character. Behind the last one it waits until that has left.
-fn send() {
-    let Some(byte) = TO_SEND.pop() else {
-        CONTROL.replace(Usart::CAN_WRITE | Usart::HAS_SENT, Usart::HAS_SENT);
-        return;
-    };
-    let State { full_duplex, .. } = state();
-    if !full_duplex {
-        DE.write(true);
+/// The UART of the bus.
+pub(crate) enum Usart1 {}
+
+impl Uart for Usart1 {
+    fn bus() -> &'static SerialBus<Self> {
+        &BUS
     }
-    update(|state| state.sends = true);
-    DATA.write(u32::from(byte));
-    // In time for what does not fit to be sent without a pause.
-    if TO_SEND.len() == MOST / 2 {
-        caught::bus_has_room();
+
+    fn start() {
+        DE.drive_low();
+        TX.give(FUNCTION);
+        RX.give(FUNCTION);
     }
-}
 
-/// The last stop bit has left.
-fn end() {
-    CONTROL.clear(Usart::HAS_SENT);
-    DE.write(false);
-    if let Some(line) = state().next {
-        configure(line);
+    fn configure(line: Line) {
+        /// The divisor of the clock where a bit of a slow line has more cycles than the UART counts.
+        const SLOW: u32 = 4;
+        let fast = Usart::new(MHZ, line);
+        let Some(Usart { bit, control, stop, mask }) = fast.or_else(|| Usart::new(MHZ / SLOW, line)) else {
+            return;
+        };
+        CONTROL.write(0);
+        clock::divide_uart(fast.is_none());
+        BIT.write(bit);
+        STOP.write(stop);
+        CONTROL.write(control | Usart::ENABLE | Usart::CAN_READ);
+        MASK.store(u32::from(mask), Ordering::Relaxed);
     }
-    update(|state| (state.sends, state.next) = (false, None));
-    caught::bus_has_room();
-}
 
-/// The sending half of the bus.
-pub(crate) struct Sender;
-
-impl Bus for Sender {
-    fn set_line(&mut self, line: Line) {
-        critical_section::with(|_| {
-            if !state().sends && TO_SEND.is_empty() {
-                configure(line);
-            } else {
-                update(|state| state.next = Some(line));
-            }
-        });
+    fn has_room() -> bool {
+        STATUS.read() & Usart::CAN_WRITE != 0
     }
-}
 
-impl ErrorType for Sender {
-    type Error = Infallible;
-}
-
-impl WriteReady for Sender {
-    fn write_ready(&mut self) -> Result<bool, Infallible> {
-        // What comes behind a change of the line waits for it.
-        Ok(!TO_SEND.is_full() && state().next.is_none())
+    fn write(byte: u8) {
+        DATA.write(u32::from(byte));
     }
-}
 
-impl Write for Sender {
-    fn write(&mut self, bytes: &[u8]) -> Result<usize, Infallible> {
-        let written = bytes.iter().take_while(|byte| TO_SEND.push(**byte)).count();
-        // The interrupt takes the first one, and comes again whenever there is room.
+    fn pend() {
         CONTROL.replace(Usart::CAN_WRITE | Usart::HAS_SENT, Usart::CAN_WRITE);
-        Ok(written)
     }
 
-    fn flush(&mut self) -> Result<(), Infallible> {
-        while state().sends || !TO_SEND.is_empty() {}
-        Ok(())
+    fn turn(sends: bool) {
+        DE.write(sends);
+    }
+
+    fn end() {
+        CONTROL.replace(Usart::CAN_WRITE | Usart::HAS_SENT, Usart::HAS_SENT);
     }
 }

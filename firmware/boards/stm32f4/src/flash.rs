@@ -1,13 +1,14 @@
 //! Sectors 1 to 3 of the flash, for saved registers (3.5).
 //!
 //! While it is erased or programmed nothing in it can be fetched, and the loop waits. Interrupts do not: everything
-//! that they need is in RAM. What they catch meanwhile must fit into the queue (`caught`).
+//! that they need is in RAM. What they catch meanwhile must fit into the queue.
 
 use core::arch::global_asm;
 use core::ops::Range;
 use core::ptr;
 
-use embedded_storage_async::nor_flash::{ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash};
+use drivetwin_board::Sectors;
+use embedded_storage_async::nor_flash::NorFlashErrorKind;
 
 use crate::registers::Register;
 use crate::watchdog;
@@ -49,11 +50,14 @@ const BY_WORDS: u32 = 0b10 << 8;
 const START: u32 = 1 << 16;
 const LOCK: u32 = 1 << 31;
 
-/// The flash.
+/// The chip's flash.
 #[derive(Clone, Copy)]
-pub(crate) struct Flash;
+pub(crate) enum Bank {}
 
-impl Flash {
+/// The flash of the board.
+pub(crate) type Flash = drivetwin_board::Flash<Bank>;
+
+impl Bank {
     /// Lets the interface do something, which begins with `control`, and waits until that is done.
     fn command(control: u32, act: impl FnOnce()) -> Result<(), NorFlashErrorKind> {
         const KEYS: [u32; 2] = [0x4567_0123, 0xCDEF_89AB];
@@ -77,66 +81,32 @@ impl Flash {
         CONTROL.write(LOCK);
         if STATUS.read() & ERRORS == 0 { Ok(()) } else { Err(NorFlashErrorKind::Other) }
     }
+}
 
-    fn erase_sector(number: u32) -> Result<(), NorFlashErrorKind> {
+impl Sectors for Bank {
+    const OURS: Range<u32> = SAVED;
+    const CAPACITY: usize = CAPACITY;
+    const SECTOR: usize = SECTOR;
+    const WORD: usize = WORD;
+    const PAGE: usize = WORD;
+
+    fn read(offset: u32) -> u8 {
+        let at: *const u8 = ptr::without_provenance(WINDOW + offset as usize);
+        // SAFETY: it lies in the flash; nobody writes to it at the same time.
+        unsafe { at.read_volatile() }
+    }
+
+    fn erase(offset: u32) -> Result<(), NorFlashErrorKind> {
+        let number = offset / SECTOR as u32;
         let control = ERASE | BY_WORDS | number << 3;
         Self::command(control, || CONTROL.write(control | START))
     }
 
-    /// Programs a word at a multiple of its bytes.
-    fn program(offset: u32, word: [u8; WORD]) -> Result<(), NorFlashErrorKind> {
+    fn program(offset: u32, word: &[u8]) -> Result<(), NorFlashErrorKind> {
+        let word = word.try_into().map_err(|_| NorFlashErrorKind::NotAligned)?;
         let at: *mut u32 = ptr::without_provenance_mut(WINDOW + offset as usize);
         // SAFETY: it lies in the sectors that are ours, as every caller has checked, is aligned, and is nobody's
         // memory.
         Self::command(PROGRAM | BY_WORDS, || unsafe { at.write_volatile(u32::from_le_bytes(word)) })
-    }
-}
-
-/// Whether `count` bytes from `offset` on are ours, and both are multiples of `unit`.
-fn check(offset: u32, count: usize, unit: usize) -> Result<(), NorFlashErrorKind> {
-    let end = u32::try_from(count).ok().and_then(|count| offset.checked_add(count));
-    if !end.is_some_and(|end| SAVED.start <= offset && end <= SAVED.end) {
-        return Err(NorFlashErrorKind::OutOfBounds);
-    }
-    let is_aligned = (offset as usize).is_multiple_of(unit) && count.is_multiple_of(unit);
-    if is_aligned { Ok(()) } else { Err(NorFlashErrorKind::NotAligned) }
-}
-
-impl ErrorType for Flash {
-    type Error = NorFlashErrorKind;
-}
-
-impl ReadNorFlash for Flash {
-    const READ_SIZE: usize = 1;
-
-    async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), NorFlashErrorKind> {
-        check(offset, bytes.len(), Self::READ_SIZE)?;
-        for (at, byte) in (WINDOW + offset as usize..).zip(bytes) {
-            let at: *const u8 = ptr::without_provenance(at);
-            // SAFETY: it lies in the flash; nobody writes to it at the same time.
-            *byte = unsafe { at.read_volatile() };
-        }
-        Ok(())
-    }
-
-    fn capacity(&self) -> usize {
-        CAPACITY
-    }
-}
-
-impl NorFlash for Flash {
-    const WRITE_SIZE: usize = WORD;
-    const ERASE_SIZE: usize = SECTOR;
-
-    async fn erase(&mut self, from: u32, to: u32) -> Result<(), NorFlashErrorKind> {
-        check(from, to.saturating_sub(from) as usize, SECTOR)?;
-        let number = |offset| offset / SECTOR as u32;
-        (number(from)..number(to)).try_for_each(Self::erase_sector)
-    }
-
-    async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), NorFlashErrorKind> {
-        check(offset, bytes.len(), WORD)?;
-        let (words, _) = bytes.as_chunks();
-        (offset..).step_by(WORD).zip(words).try_for_each(|(at, word)| Self::program(at, *word))
     }
 }

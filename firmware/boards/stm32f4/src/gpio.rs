@@ -1,10 +1,5 @@
 //! Pins (8.4).
 
-use core::convert::Infallible;
-
-use drivetwin_board::Release;
-use embedded_hal::digital::{ErrorType, OutputPin};
-
 use crate::inputs;
 use crate::registers::Register;
 
@@ -129,53 +124,18 @@ impl Gpio {
     }
 }
 
-/// A pin as the drive drives it.
-pub(crate) struct Output {
-    gpio: Gpio,
-    released: bool,
-}
-
-impl Output {
-    /// One that is let go.
-    pub(crate) const fn new(gpio: Gpio) -> Self {
-        Self { gpio, released: true }
-    }
-
-    /// Drives a level, unless released. Here, and not as soon as it is no longer released, so that it
-    /// never drives the level of before.
-    fn set(&self, high: bool) {
-        self.gpio.write(high);
-        if !self.released {
-            self.gpio.drive(true);
+impl drivetwin_board::Gpio for Gpio {
+    fn set(&self, high: bool, released: bool) {
+        self.write(high);
+        if !released {
+            self.drive(true);
         }
     }
-}
 
-impl ErrorType for Output {
-    type Error = Infallible;
-}
-
-impl OutputPin for Output {
-    fn set_low(&mut self) -> Result<(), Infallible> {
-        self.set(false);
-        Ok(())
-    }
-
-    fn set_high(&mut self) -> Result<(), Infallible> {
-        self.set(true);
-        Ok(())
-    }
-}
-
-impl Release for Output {
-    /// Drives from its next level on.
-    fn release(&mut self, released: bool) {
-        if released != self.released {
-            self.released = released;
-            if released {
-                self.gpio.drive(false);
-            }
-            inputs::listen(self.gpio, released);
+    fn release(&self, released: bool) {
+        if released {
+            self.drive(false);
         }
+        inputs::listen(*self, released);
     }
 }

@@ -6,14 +6,14 @@ use core::cell::Cell;
 use core::sync::atomic::{AtomicBool, Ordering};
 
 use critical_section::Mutex;
-use drivetwin_board::End;
+use drivetwin_board::{End, Output};
 use drivetwin_firmware::device::{Instant, Spec};
 
-use crate::gpio::{Gpio, Output};
+use crate::gpio::Gpio;
 use crate::registers::Register;
 use crate::vectors::interrupt;
 use crate::wires::Wire;
-use crate::{caught, timer};
+use crate::{QUEUE, timer};
 
 /// EXTI (10.3), a bit for each line.
 const EXTI: usize = 0x4001_3C00;
@@ -56,7 +56,7 @@ impl Input {
     /// Tells the drive of a level that it does not know. If there is no room, it still does not.
     fn tell(&mut self, at: Instant, high: bool) {
         if high == self.high {
-        } else if caught::QUEUE.push((at, self.end.edge(high))) {
+        } else if QUEUE.push((at, self.end.edge(high))) {
             self.high = high;
         } else {
             MISSED.store(true, Ordering::Relaxed);
@@ -64,9 +64,8 @@ impl Input {
     }
 }
 
-/// Wires what `spec` knows by the names of `wires`. All of it is let go, and inputs that do not rest are told, as they
-/// have been since power came.
-pub(crate) fn start<const N: usize>(spec: &Spec, wires: &[Wire; N]) -> [(Option<End>, Output); N] {
+/// Wires pins as [`Board::wire`](drivetwin_board::Board::wire) does.
+pub(crate) fn start<const N: usize>(spec: &Spec, wires: &[Wire; N]) -> [(Option<End>, Output<Gpio>); N] {
     let wired = wires.map(|(name, gpio)| {
         let end = End::of(spec, name);
         if let Some(end) = end {

@@ -6,14 +6,13 @@
 use core::cell::Cell;
 use core::sync::atomic::{AtomicU32, Ordering};
 
-use cortex_m::asm;
 use critical_section::Mutex;
-use drivetwin_firmware::device::{Duration, Instant};
+use drivetwin_firmware::device::Instant;
 
 use crate::clock::MHZ;
 use crate::registers::Register;
+use crate::steps;
 use crate::vectors::interrupt;
-use crate::{caught, steps, watchdog};
 
 /// TIM2 (13.4).
 const TIMER: usize = 0x4000_0000;
@@ -141,24 +140,7 @@ impl Alarm {
 }
 
 /// Wakes the loop.
-static WAKE: Alarm = Alarm::new(2);
-
-/// Sleeps until something was caught, or until [`past`] is `deadline`.
-#[inline(never)]
-pub(crate) fn sleep_until(deadline: Instant) {
-    /// It wakes that often to feed the watchdog.
-    const NAP: Duration = Duration::millis(250);
-    let due = deadline + Duration::from_ticks(1);
-    while now() < due && !caught::is_there() {
-        watchdog::feed();
-        // An interrupt that is kept out ends the sleep, so none is missed between the look and the sleep.
-        critical_section::with(|_| {
-            if !caught::is_there() && WAKE.set(due.min(now() + NAP)) {
-                asm::wfi();
-            }
-        });
-    }
-}
+pub(crate) static WAKE: Alarm = Alarm::new(2);
 
 #[interrupt]
 fn TIM2() {

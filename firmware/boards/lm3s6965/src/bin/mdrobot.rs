@@ -2,16 +2,4 @@
 #![no_std]
 #![no_main]
 
-use cortex_m_rt::entry;
-use drivetwin_firmware::mdrobot::{MEMORY, mdrobot};
-use drivetwin_firmware::shell::ONE_ANSWER;
-use drivetwin_lm3s6965::{Saved, run, wires};
-
-#[unsafe(export_name = "SAVED")]
-#[unsafe(link_section = ".uninit.SAVED")]
-static SAVED: Saved<MEMORY> = Saved::new();
-
-#[entry]
-fn main() -> ! {
-    run::<_, _, ONE_ANSWER, _>(mdrobot, &SAVED, &wires::MDROBOT)
-}
+drivetwin_board::image!(drivetwin_lm3s6965, mdrobot::mdrobot, ONE_ANSWER, MDROBOT);

@@ -2,16 +2,4 @@
 #![no_std]
 #![no_main]
 
-use cortex_m_rt::entry;
-use drivetwin_firmware::rs434::{MEMORY, rs434546};
-use drivetwin_firmware::shell::ONE_ANSWER;
-use drivetwin_lm3s6965::{Saved, run, wires};
-
-#[unsafe(export_name = "SAVED")]
-#[unsafe(link_section = ".uninit.SAVED")]
-static SAVED: Saved<MEMORY> = Saved::new();
-
-#[entry]
-fn main() -> ! {
-    run::<_, _, ONE_ANSWER, _>(rs434546, &SAVED, &wires::RS434)
-}
+drivetwin_board::image!(drivetwin_lm3s6965, rs434::rs434546, ONE_ANSWER, RS434);

@@ -2,12 +2,4 @@
 #![no_std]
 #![no_main]
 
-use cortex_m_rt::entry;
-use drivetwin_firmware::qsb::{MEMORY, Qsb};
-use drivetwin_firmware::shell::ANSWERS;
-use drivetwin_rp2040::{run, wires};
-
-#[entry]
-fn main() -> ! {
-    run::<_, MEMORY, ANSWERS, _>(Qsb::s, &wires::QSB)
-}
+drivetwin_board::image!(drivetwin_rp2040, qsb::Qsb::s, ANSWERS, QSB);

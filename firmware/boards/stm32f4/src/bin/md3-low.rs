@@ -2,12 +2,4 @@
 #![no_std]
 #![no_main]
 
-use cortex_m_rt::entry;
-use drivetwin_firmware::md3::{MEMORY, Md3};
-use drivetwin_firmware::shell::ONE_ANSWER;
-use drivetwin_stm32f4::{run, wires};
-
-#[entry]
-fn main() -> ! {
-    run::<_, MEMORY, ONE_ANSWER, _>(Md3::low, &wires::MD3)
-}
+drivetwin_board::image!(drivetwin_stm32f4, md3::Md3::low, ONE_ANSWER, MD3);

@@ -2,12 +2,4 @@
 #![no_std]
 #![no_main]
 
-use cortex_m_rt::entry;
-use drivetwin_firmware::rs434::{MEMORY, rs434544};
-use drivetwin_firmware::shell::ONE_ANSWER;
-use drivetwin_stm32f4::{run, wires};
-
-#[entry]
-fn main() -> ! {
-    run::<_, MEMORY, ONE_ANSWER, _>(rs434544, &wires::RS434)
-}
+drivetwin_board::image!(drivetwin_stm32f4, rs434::rs434544, ONE_ANSWER, RS434);

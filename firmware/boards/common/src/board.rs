@@ -1,0 +1,191 @@
+//! A board, and the loop that runs a drive on it.
+
+use core::marker::PhantomData;
+
+use drivetwin_firmware::device::{Boot, Device, Duration, Instant, Spec};
+use drivetwin_firmware::motion::Follower;
+use drivetwin_firmware::shell::{Caught, Inputs, Links, Shell};
+use embedded_storage::Storage;
+
+use crate::axis::{Axis, Timer};
+use crate::bus::{Sender, Uart};
+use crate::hands::{Hands, Release};
+use crate::slips;
+use crate::wire::{AxisPins, End, is_full_duplex};
+
+/// A board with one bus, one axis, and pins for the wires of a drive.
+pub trait Board {
+    /// A wire: a pin of the board, and the name of what it is of a drive.
+    type Wire;
+    /// The end of a wire at the board, as the drive drives it.
+    type Pin: Release;
+    /// The UART of the bus.
+    type Uart: Uart;
+    /// The step timer.
+    type Timer: Timer + 'static;
+
+    /// The axis.
+    fn axis() -> &'static Axis<Self::Timer>;
+
+    /// Starts the clocks, the timers and the watchdog, and looks whether FAST is tied.
+    fn start() -> Boot;
+
+    /// Wires what `spec` knows by the names of `wires`. All of it is let go, and what does not rest is told, as it has
+    /// been since power came.
+    fn wire<const N: usize>(spec: &Spec, wires: &[Self::Wire; N]) -> [(Option<End>, Self::Pin); N];
+
+    /// Lets interrupts come. They stamp what they catch, and queue it.
+    fn unmask();
+
+    /// Says that a drive of this kind has power.
+    fn log(kind: &str, boot: Boot);
+
+    /// The instant until which all has been caught, and nothing more will be.
+    fn past() -> Instant;
+
+    /// Takes the oldest event that was caught, if it is not after `until`.
+    fn caught(until: Instant) -> Option<(Instant, Caught)>;
+
+    /// `true` if nothing that was caught waits.
+    fn is_quiet() -> bool;
+
+    /// Tells levels that there was no room to tell.
+    fn tell_missed();
+
+    /// Feeds the watchdog.
+    fn feed();
+
+    /// Sleeps until an event was caught, the bus has room again, or `deadline` has [passed](Self::past).
+    fn sleep_until(deadline: Instant);
+}
+
+/// The inputs of a board.
+struct Ears<B>(PhantomData<B>);
+
+impl<B: Board> Inputs for Ears<B> {
+    fn now(&self) -> Instant {
+        B::past()
+    }
+
+    fn caught(&mut self, until: Instant) -> Option<(Instant, Caught)> {
+        let first = B::caught(until);
+        if first.is_none() && B::is_quiet() {
+            B::tell_missed();
+        }
+        first.or_else(|| slips::untold().map(|slipped| (until, slipped)))
+    }
+}
+
+/// A drive on a board.
+type OnBoard<'a, B, D, M, L, const CHARACTERS: usize, const WIRES: usize> = Shell<
+    &'a mut D,
+    Ears<B>,
+    Hands<Sender<<B as Board>::Uart>, <B as Board>::Pin, M, <B as Board>::Timer, WIRES, L>,
+    CHARACTERS,
+>;
+
+/// Makes a drive where it stays. What that takes of the stack beside the drive itself is free again when it returns.
+#[inline(never)]
+pub fn made<D>(make: fn() -> D) -> D {
+    make()
+}
+
+/// Runs the drive, which was [made](made()) before there is all that this needs of the stack: with its saved registers and
+/// its network, which need the clock, and wired like that. `CHARACTERS` is how many characters may wait to be sent.
+#[inline(never)]
+pub fn run<B: Board, D: Device, M, L, const CHARACTERS: usize, const WIRES: usize>(
+    drive: &mut D,
+    wires: &[B::Wire; WIRES],
+    memory: impl FnOnce(&Spec) -> M,
+    links: impl FnOnce(&Spec) -> Option<L>,
+) -> !
+where
+    M: Storage + AsRef<[u8]>,
+    L: Links,
+{
+    let boot = B::start();
+    let memory = memory(drive.spec());
+    let links = links(drive.spec());
+    let mut shell: OnBoard<'_, B, D, M, L, CHARACTERS, WIRES> = assemble(drive, wires, memory, links);
+    shell.power_on(Instant::ZERO, boot);
+    // Not before: the stack is nowhere as deep as while the drive is put on the board.
+    B::unmask();
+    B::log(shell.device().spec().kind, boot);
+    loop {
+        B::feed();
+        B::Uart::bus().look();
+        if shell.turn().is_err() {
+            B::sleep_until(shell.deadline());
+        }
+    }
+}
+
+/// Puts the drive on the board. What that needs of the stack is free again when it returns.
+#[inline(never)]
+fn assemble<'a, B: Board, D: Device, M, L, const CHARACTERS: usize, const WIRES: usize>(
+    drive: &'a mut D,
+    wires: &[B::Wire; WIRES],
+    memory: M,
+    links: Option<L>,
+) -> OnBoard<'a, B, D, M, L, CHARACTERS, WIRES>
+where
+    M: Storage + AsRef<[u8]>,
+    L: Links,
+{
+    let (spec, axis) = (drive.spec(), B::axis());
+    B::Uart::bus().start(is_full_duplex(spec));
+    B::Uart::start();
+    let pins = B::wire(spec, wires);
+    let axis_pins = AxisPins::of(spec, pins.iter().map(|(end, _)| *end));
+    if axis_pins == AxisPins::Own {
+        B::Timer::start();
+    }
+    let hands = Hands { bus: Sender::new(), pins, memory, axis, axis_pins, follower: Follower::new(), links };
+    Shell::new(drive, Ears(PhantomData), hands)
+}
+
+/// `true` if there is work for the loop: an event was caught, or the bus has room again.
+#[must_use]
+pub fn is_awake<B: Board>() -> bool {
+    !B::is_quiet() || B::Uart::bus().has_room()
+}
+
+/// Sleeps as [`Board::sleep_until`] does. `doze` sleeps until an interrupt comes, which must be at the latest when that
+/// instant has passed.
+#[inline]
+pub fn sleep_until<B: Board>(deadline: Instant, doze: impl Fn(Instant)) {
+    /// The longest sleep without feeding the watchdog.
+    const NAP: Duration = Duration::millis(250);
+    while B::past() < deadline && !is_awake::<B>() {
+        B::feed();
+        // An interrupt that is kept out ends the sleep, so none is missed between the look and the sleep.
+        critical_section::with(|_| {
+            if !is_awake::<B>() {
+                doze(deadline.min(B::past() + NAP));
+            }
+        });
+    }
+}
+
+/// An image with a drive: its module and what makes it, which of the shell's rooms its characters wait in, and the name
+/// of its wires. The crate of the board has `run`, `memory!`, which makes a place for so many saved registers, and
+/// `wires`. A drive `on` a `network` has no room for characters.
+#[macro_export]
+macro_rules! image {
+    ($board:ident, $kind:ident::$($make:ident)::+, $characters:ident, $wires:ident) => {
+        #[cortex_m_rt::entry]
+        fn main() -> ! {
+            use drivetwin_firmware::{$kind, shell};
+            let memory = $board::memory!($kind::MEMORY);
+            $board::run::<_, _, { shell::$characters }, _>($kind::$($make)::+, memory, &$board::wires::$wires)
+        }
+    };
+    ($board:ident on network, $kind:ident::$($make:ident)::+, $wires:ident) => {
+        #[cortex_m_rt::entry]
+        fn main() -> ! {
+            use drivetwin_firmware::$kind;
+            let memory = $board::memory!($kind::MEMORY);
+            $board::run_on_network($kind::$($make)::+, memory, &$board::wires::$wires)
+        }
+    };
+}

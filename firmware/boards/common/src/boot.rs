@@ -1,0 +1,33 @@
+//! A start of the processor that ends in a program in RAM.
+
+/// Places where the processor begins, in flash, the stack pointer and the address to jump to, and a few instructions
+/// that copy the image to RAM and start it there. From then on flash holds nothing but saved registers, so it can be
+/// erased and programmed, when nothing in it can be fetched, while interrupts go on.
+///
+/// The linker script says where the image lies and where it is loaded.
+#[macro_export]
+macro_rules! run_from_ram {
+    () => {
+        core::arch::global_asm!(
+            ".section .entry, \"ax\"
+             .word _stack_start
+             .word _entry
+
+             .global _entry
+             .type _entry, %function
+             .thumb_func
+             _entry:
+                 ldr r0, =__image_start
+                 ldr r1, =__image_end
+                 ldr r2, =__image_load
+             0:  ldm r2!, {{r3}}
+                 stm r0!, {{r3}}
+                 cmp r0, r1
+                 blo 0b
+                 ldr r0, =Reset
+                 bx r0
+             .pool
+             .size _entry, . - _entry"
+        );
+    };
+}

@@ -1,0 +1,66 @@
+//! STEP and DIR, whose levels last as long as a step driver needs.
+
+use core::marker::PhantomData;
+
+use drivetwin_firmware::motion::StepDir;
+
+/// STEP and DIR of a board with a counter that comes round at 2^32.
+pub trait StepPort {
+    /// Counts that a level of STEP or DIR lasts before STEP changes: [`HIGH`](drivetwin_firmware::motion::HIGH), and one
+    /// that has begun already.
+    const STAYS: u32;
+
+    /// The counter.
+    fn count() -> u32;
+
+    /// Drives STEP.
+    fn step(high: bool);
+
+    /// Drives DIR.
+    fn dir(high: bool);
+}
+
+/// STEP and DIR.
+#[derive(Debug)]
+pub struct StepPins<P> {
+    /// The count when STEP rose last.
+    rose: u32,
+    /// The count when it fell or DIR changed, if that was later.
+    ready: u32,
+    port: PhantomData<P>,
+}
+
+impl<P: StepPort> StepPins<P> {
+    /// STEP and DIR, low.
+    #[expect(clippy::new_without_default, reason = "a static needs a constant")]
+    pub const fn new() -> Self {
+        Self { rose: 0, ready: 0, port: PhantomData }
+    }
+
+    /// Waits for what is left of [`StepPort::STAYS`].
+    #[inline]
+    fn wait(since: u32) {
+        while P::count().wrapping_sub(since) < P::STAYS {}
+    }
+}
+
+impl<P: StepPort> StepDir for StepPins<P> {
+    #[inline]
+    fn rise(&mut self) {
+        Self::wait(self.ready);
+        P::step(true);
+        self.rose = P::count();
+    }
+
+    #[inline]
+    fn fall(&mut self) {
+        Self::wait(self.rose);
+        P::step(false);
+        self.ready = P::count();
+    }
+
+    fn turn(&mut self, forward: bool) {
+        P::dir(forward);
+        self.ready = P::count();
+    }
+}
