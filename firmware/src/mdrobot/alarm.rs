@@ -43,7 +43,7 @@ pub(super) struct Alarms {
 impl Alarms {
     pub(super) const NONE: Self = Self { latched: 0, faults: 0, supply: SUPPLY, low: false };
 
-    /// Whether the output is off because of one.
+    /// Returns whether the output is off because of one.
     pub(super) fn any(self) -> bool {
         self.latched != 0
     }
@@ -58,7 +58,7 @@ impl Alarms {
         if self.has(OVER_VOLTAGE) { TOO_MUCH_SUPPLY } else { self.supply }
     }
 
-    /// Whether somebody injects a fault.
+    /// Returns whether a fault is injected.
     fn has(self, fault: Fault) -> bool {
         self.faults & mask(fault) != 0
     }

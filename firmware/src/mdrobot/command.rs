@@ -7,18 +7,18 @@ use super::registers::{LATER, Pid};
 use super::{CLUTCH, FAN};
 use crate::device::{Command, Instant, Level, Output, Pin, Sink};
 
-/// What a code does.
+/// Action of a code.
 #[derive(Clone, Copy, Debug)]
 enum Act {
     /// The same as that PID with any word.
     As(Pid),
     /// The same as that PID with this value.
     Set(Pid, i64),
-    /// Those PIDs have their factory values again.
+    /// Gives those PIDs their factory values again.
     Erase(&'static [Pid]),
-    /// That output takes a level.
+    /// Sets an output to a level.
     Switch(Pin, Level),
-    /// Nothing.
+    /// No effect.
     Nothing,
 }
 
@@ -36,7 +36,7 @@ const fn known(code: u16, name: &'static str, doc: &'static str, missing: &'stat
     (Command { code, name, section: page(code), doc, missing }, Nothing)
 }
 
-/// Where the manual has it.
+/// Page of the manual.
 const fn page(code: u16) -> &'static str {
     match code {
         ..32 => "p. 6",
@@ -88,10 +88,10 @@ const ROWS: [(Command, Act); 38] = [
     does(72, "POSI_SD_OFF", "POSI_SD is 0", Erase(&[Pid::POSI_SD])),
 ];
 
-/// What `describe` tells of them.
+/// Commands as `describe` lists them.
 pub(super) static COMMANDS: [Command; ROWS.len()] = SPLIT.0;
 
-/// What the drive goes by.
+/// Actions as the drive uses them.
 static ACTS: [(u16, Act); ROWS.len()] = SPLIT.1;
 
 const SPLIT: ([Command; ROWS.len()], [(u16, Act); ROWS.len()]) = split(ROWS);

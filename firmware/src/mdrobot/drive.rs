@@ -24,11 +24,11 @@ use crate::motor::Parameters;
 
 /// The most that RPM_DATA shows, either way (p. 12).
 const MOST_RPM: i32 = 5_000;
-/// Of MAX_LOAD and TQ_DATA.
+/// Unit of MAX_LOAD and TQ_DATA, in mA.
 const MA_PER_UNIT: u32 = 100;
-/// Of the PID that has the most.
+/// Words of the longest PID.
 pub(super) const MOST_WORDS: usize = 9;
-/// Of VOLT_IN.
+/// Unit of VOLT_IN, in mV.
 const MV_PER_UNIT: u32 = 100;
 
 /// The motor of a drive's own: 0.06 V·s, which is 0.06 Nm for an ampere. How many poles it has HALL_TYPE says.
@@ -41,14 +41,14 @@ pub(super) const MOTOR: Parameters = Parameters {
     ..Parameters::NOMINAL
 };
 
-/// Whether the drive listens and moves.
+/// State of the drive, from power-on to ready.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum State {
-    /// It never had power.
+    /// Never powered.
     Off,
-    /// It has no ears yet.
+    /// Starting: no message is received yet.
     Booting {
-        /// When it has.
+        /// End of the start.
         due: Instant,
     },
     /// Normal operation, or an alarm.
@@ -68,7 +68,7 @@ pub(super) struct Drive {
     pub(super) servo: Servo,
     /// Poles of the motor of its own: those of HALL_TYPE when power came.
     poles: u16,
-    /// That motor has become another one since it was asked for last.
+    /// True if the motor's parameters have changed since they were read last.
     other_motor: bool,
 }
 
@@ -120,7 +120,7 @@ impl Drive {
         self.look_for_alarms(at, out);
     }
 
-    /// What is due at the instant of a character comes before it.
+    /// Carries out what is due before a character of this instant.
     pub(super) fn wake(&mut self, at: Instant, out: &mut dyn Sink) {
         if self.deadline() <= at {
             self.timeout(at, out);
@@ -232,8 +232,8 @@ impl Drive {
         }
     }
 
-    /// Whether a value that its row accepts may be written: with the key DH of ID and BAUDRATE is judged, and of
-    /// FUNC_CMD_TYPE only DL is.
+    /// Checks that a value that its row accepts may be written: with the key DH of ID and BAUDRATE is checked, and of
+    /// FUNC_CMD_TYPE only DL.
     pub(super) fn permits(&self, pid: Pid, value: i64) -> Result<(), Exception> {
         let legal = match pid {
             Pid::ID => keyed(value).is_none_or(|id| accepts(Pid::CONTROLLER_ID, id)),
@@ -244,7 +244,7 @@ impl Drive {
         if legal { Ok(()) } else { Err(Exception::IllegalDataValue) }
     }
 
-    /// Something was written: what it means, in the order of the PIDs.
+    /// Carries out a written PID, in the order of the PIDs.
     pub(super) fn written(&mut self, at: Instant, pid: Pid, out: &mut dyn Sink) {
         let value = self.bank.get(pid);
         match pid {
@@ -377,17 +377,17 @@ fn servo_settings(bank: &Bank<Pid, { Pid::WORDS }>) -> Settings {
     }
 }
 
-/// Of what is written to ID or BAUDRATE DH, if DL is the key.
+/// DH of a value written to ID or BAUDRATE, if DL is the key.
 fn keyed(value: i64) -> Option<i64> {
     (value & 0xFF == registers::WRITE_CHECK).then_some(value >> 8 & 0xFF)
 }
 
-/// What a PID keeps of a value that is written: FUNC_CMD_TYPE only DL (p. 15).
+/// Value that a PID keeps of a written one: FUNC_CMD_TYPE only DL (p. 15).
 pub(super) fn kept(pid: Pid, value: i64) -> i64 {
     if pid == Pid::FUNC_CMD_TYPE { value & 0xFF } else { value }
 }
 
-/// Whether the row of a PID accepts a value.
+/// Returns whether the row of a PID accepts a value.
 fn accepts(pid: Pid, value: i64) -> bool {
     Pid::ENTRIES.list.get(pid.row()).is_some_and(|row| row.accepts(value))
 }

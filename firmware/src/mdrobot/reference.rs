@@ -1,4 +1,4 @@
-//! Who commands, and what the motor is to do: the last command decides (p. 7, 12, 15).
+//! The reference: the source that commands, and its order to the motor; the last command decides (p. 7, 12, 15).
 
 mod functions;
 #[cfg(test)]
@@ -31,7 +31,7 @@ pub(super) struct Reference {
     reverses: bool,
 }
 
-/// Who may command.
+/// Source that may command.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 struct Who {
     /// The bus, and not the CTRL connector.
@@ -56,10 +56,10 @@ impl Who {
     }
 }
 
-/// What there is to follow.
+/// Command to follow.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum Command {
-    /// Nothing.
+    /// No command.
     Nothing(Rest),
     /// The connectors.
     Connectors {
@@ -76,19 +76,19 @@ enum Command {
     Torque(i16),
     /// A position, which the servo knows: it moves along when the position is cleared.
     Position {
-        /// How fast at most, not negative.
+        /// Largest speed, not negative.
         rpm: i32,
     },
     /// A function that runs.
     Function(Function),
 }
 
-/// How the motor is while there is nothing to follow.
+/// State of the motor without a command.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum Rest {
     /// Free.
     Free,
-    /// Its windings are shorted.
+    /// Shorted windings.
     Brake,
     /// As SLOW_DOWN and STOP_STATUS say.
     Stop,
@@ -118,7 +118,7 @@ enum Verdict {
 }
 
 impl Drive {
-    /// One of the commands of the bus was written: it is carried out if it may be.
+    /// Carries out a written command of the bus, if it may be.
     pub(super) fn command_written(&mut self, at: Instant, pid: Pid, out: &mut dyn Sink) {
         match pid {
             Pid::UI_COM | Pid::FUNC_CMD_TYPE | Pid::FUNC_CMD => return self.reference_changed(at, out),
@@ -134,7 +134,7 @@ impl Drive {
         }
     }
 
-    /// What a command other than of a position asks for; `None` if nobody may ask for it now.
+    /// Command of a PID other than of a position; `None` if it may not command now.
     fn asked(&self, pid: Pid) -> Option<Command> {
         let drives = self.reference.who == Who::BUS;
         let armed = drives && self.bank.word(Pid::START_STOP) != 0;
@@ -207,12 +207,12 @@ impl Drive {
         self.follow(at, out);
     }
 
-    /// When inputs or functions want to be looked at.
+    /// Time of the next work for inputs or functions.
     pub(super) fn sources_due(&self) -> Instant {
         self.inputs.due().min(self.function_due())
     }
 
-    /// They are due.
+    /// Handles that time.
     pub(super) fn sources_timeout(&mut self, at: Instant, out: &mut dyn Sink) {
         let measured = self.inputs.timeout(at);
         if self.function_timeout(at) || measured {
@@ -220,8 +220,8 @@ impl Drive {
         }
     }
 
-    /// Whether somebody else commands from now on. The motor stops, and waits for a command of theirs; what was dropped
-    /// stays so.
+    /// Updates the source that commands; returns whether it is another one. The motor stops, and waits for a command of
+    /// that source; a dropped command stays dropped.
     fn take_who(&mut self) -> bool {
         let who = Who::of(&self.bank);
         let another = who != core::mem::replace(&mut self.reference.who, who);
@@ -243,7 +243,7 @@ impl Drive {
         }
     }
 
-    /// That is how a motor is left that was let go, while the connectors command.
+    /// Sets the state of a released motor, while the connectors command.
     fn rest_dropped(&mut self, rest: Rest) {
         let Reference { who: Who::CONNECTORS, command: Command::Nothing(left), .. } = &mut self.reference
         else {
@@ -281,7 +281,7 @@ impl Drive {
         }
     }
 
-    /// Whether what starts the connectors, or a function, is ON.
+    /// Returns whether the start signal of the connectors, or of a function, is ON.
     fn start_signal(&self) -> bool {
         let who = self.reference.who;
         let contact = match self.step().filter(|_| !who.is_function()) {
@@ -366,7 +366,7 @@ impl Drive {
         }
     }
 
-    /// What the motor is to do.
+    /// Order to the motor.
     fn ordered(&self) -> Order {
         match self.reference.command {
             Command::Nothing(Rest::Free) => Order::Free,
@@ -389,7 +389,7 @@ impl Drive {
         }
     }
 
-    /// What the connectors want the motor to do.
+    /// Order of the connectors to the motor.
     fn connected(&self, started: bool) -> Order {
         if self.is_braked() {
             return Order::Brake;
@@ -422,7 +422,7 @@ impl Drive {
         self.servo.position().saturating_add(counts)
     }
 
-    /// What INV_SIGN_CMD makes of a reference.
+    /// Reference with the sign that INV_SIGN_CMD gives it.
     pub(super) fn turned(&self, reference: i32) -> i32 {
         if self.flag(Pid::INV_SIGN_CMD) { reference.saturating_neg() } else { reference }
     }

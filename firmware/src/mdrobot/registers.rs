@@ -221,9 +221,9 @@ drivetwin_protocol::registers! {
     }
 }
 
-/// What ID and BAUDRATE want in DL (2.4, ID_WRITE_CHK).
+/// Key that ID and BAUDRATE want in DL (2.4, ID_WRITE_CHK).
 pub(super) const WRITE_CHECK: i64 = 0xAA;
-/// What DEFAULT_SET wants (2.4, ID_DEFAULT_CHK).
+/// Key that DEFAULT_SET wants (2.4, ID_DEFAULT_CHK).
 pub(super) const DEFAULT_CHECK: u16 = 0x55;
 
 /// Numbers of FUNC_CMD_TYPE (p. 15).

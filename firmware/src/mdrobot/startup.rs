@@ -1,4 +1,4 @@
-//! How the drive starts.
+//! Start of the drive.
 
 use super::drive::{Drive, State};
 use crate::device::{Boot, Duration, Instant, Sink};
@@ -7,7 +7,7 @@ use crate::device::{Boot, Duration, Instant, Sink};
 const BOOT: Duration = Duration::millis(300);
 
 impl Drive {
-    /// What is around the drive will be told in the instant in which it gets power, also if it starts at once.
+    /// Powers the drive; its inputs come in the same instant, also if it starts at once.
     pub(super) fn boot(&mut self, at: Instant, boot: Boot) {
         self.state = State::Booting { due: if boot.fast { at } else { at + BOOT } };
     }
@@ -28,7 +28,7 @@ impl Drive {
         }
     }
 
-    /// It is ready: what is wrong shows, and what the connectors ask for is done.
+    /// Ends the start: faults show, and the connectors act.
     pub(super) fn ready(&mut self, at: Instant, out: &mut dyn Sink) {
         self.state = State::Ready;
         self.look_for_alarms(at, out);

@@ -1,4 +1,4 @@
-//! What starts and stops the user program, and what of the drive it reaches (6.5, 6.9).
+//! Commands of the user program: start, stop, and its access to the drive (6.5, 6.9).
 
 use core::slice;
 
@@ -68,7 +68,7 @@ impl Drive {
         self.brake();
     }
 
-    /// It came to a line that cannot be carried out, or there is none.
+    /// Handles a line that cannot be carried out, or a missing one.
     fn program_failed(&mut self, at: Instant, out: &mut dyn Sink) {
         self.raise(at, error::PROGRAM, out);
         self.stop();

@@ -28,21 +28,21 @@ use crate::device::{Boot, Duration, Instant, Line, Refused, Sink};
 use crate::memory::Save;
 use crate::motor::Parameters;
 
-/// Whether the drive listens and moves.
+/// State of the drive, from power-on to ready.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum State {
-    /// It never had power.
+    /// Never powered.
     Off,
-    /// It has power: what else holds in this instant is yet to be told.
+    /// Powered: other inputs of this instant are still to come.
     Waking {
-        /// This instant.
+        /// The instant of power-on.
         due: Instant,
     },
-    /// It resets itself to the factory.
+    /// Resetting to the factory's values.
     Clearing(Clearing),
-    /// It has no ears yet.
+    /// Starting: no message is received yet.
     Booting {
-        /// When it has.
+        /// End of the start.
         due: Instant,
     },
     /// Normal operation, or an error.
@@ -57,13 +57,13 @@ pub(super) type Words = Bank<Reg, { Reg::WORDS }>;
 pub(super) struct Drive {
     pub(super) model: Model,
     pub(super) state: State,
-    /// It starts without a delay.
+    /// True without start-up delay.
     pub(super) fast: bool,
-    /// Where TASK_COUNTER comes from.
+    /// State of the random numbers of TASK_COUNTER.
     random: u64,
     pub(super) bank: Words,
     pub(super) save: Option<Save>,
-    /// When it restarts, because FLAG_RESTART was written.
+    /// Time of the restart that FLAG_RESTART asked for.
     pub(super) restart_due: Instant,
 
     pub(super) errors: Errors,
@@ -117,7 +117,7 @@ impl Drive {
         self.begin(at, out);
     }
 
-    /// It restarts itself: saves are finished, and what is around the drive stays as it is.
+    /// Restarts: saves are finished, and inputs stay as they are.
     pub(super) fn restart(&mut self, at: Instant, out: &mut dyn Sink) {
         self.finish_save(at, out);
         self.program.finish_save(at, out);
@@ -142,7 +142,7 @@ impl Drive {
         self.show_halls(at);
     }
 
-    /// When anything but the program is due.
+    /// Next deadline of all but the program.
     pub(super) fn deadline(&self) -> Instant {
         self.startup_due()
             .min(self.inputs.due())
@@ -188,7 +188,7 @@ impl Drive {
         (self.bank.word(Reg::SLAVE_ADDRESS_MODBUS) & 0xFF) as u8
     }
 
-    /// How long every reply waits from its next start on (6.4).
+    /// Delay of every reply from its next start on (6.4).
     pub(super) fn reply_delay(&self) -> Duration {
         Duration::millis(self.bank.word(Reg::TIMEOUT_BROADCAST_MODBUS).into())
     }
@@ -268,14 +268,14 @@ impl Drive {
         self.bank.set(reg, value);
     }
 
-    /// Whether a value that its row accepts may be written now: it is refused while the drive is busy.
+    /// Checks that a value that its row accepts may be written now: it is refused while the drive is busy.
     pub(super) fn permits(&self, reg: Reg, value: i64) -> Result<(), Exception> {
         // What runs is read from the flash.
         let saves = reg == Reg::FLAG_SAVE_USER_PROGRAM && value == key::SAVE_PROGRAM;
         if saves && self.program.is_running() { Err(Exception::ServerDeviceFailure) } else { Ok(()) }
     }
 
-    /// Something was written: what it means, in the manual's order. Whether it means anything at once.
+    /// Carries out a written register, in the manual's order; returns whether it has an effect at once.
     pub(super) fn written(&mut self, at: Instant, reg: Reg, out: &mut dyn Sink) -> bool {
         match reg {
             Reg::START_bit | Reg::STOP_bit | Reg::HARD_STOP_bit | Reg::CLR_POSITION_bit => {
@@ -396,8 +396,7 @@ impl Drive {
     }
 }
 
-/// How far a random number is from the next one: splitmix64 (Steele, Lea, Flood: *Fast Splittable Pseudorandom
-/// Number Generators*).
+/// Difference of two random numbers: splitmix64 (Steele, Lea, Flood: *Fast Splittable Pseudorandom Number Generators*).
 const RANDOM_STEP: u64 = 0x9E37_79B9_7F4A_7C15;
 
 /// A number without a visible connection to `n`.

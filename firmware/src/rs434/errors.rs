@@ -39,7 +39,7 @@ pub(super) mod error {
     pub(in crate::rs434) const STAYS: u16 = STOPS | PROGRAM_TEST | SETTINGS;
 }
 
-/// What each fault of the drive raises, in the order of [`Spec::faults`](crate::device::Spec::faults).
+/// Bits that each fault of the drive raises, in the order of [`Spec::faults`](crate::device::Spec::faults).
 const CAUSES: [u16; 8] = [
     error::SUPPLY_VOLTAGE,
     error::SHORT_CIRCUIT,
@@ -59,9 +59,9 @@ const GOOD_SUPPLY: RangeInclusive<u16> = 80..=300;
 pub(super) struct Errors {
     /// ERROR.
     bits: u16,
-    /// What of it has a cause that somebody injected.
+    /// Bits whose cause is injected.
     causes: u16,
-    /// What CURRENT_VALID was made to show, in mA.
+    /// Injected current for CURRENT_VALID, in mA.
     injected_ma: Option<u16>,
     /// The supply that the drive measures, in 0.1 V.
     supply: u16,
@@ -75,17 +75,17 @@ impl Errors {
         self.bits
     }
 
-    /// Whether the motor must not move.
+    /// Returns whether the motor must not move.
     pub(super) fn stop(self) -> bool {
         self.bits & error::STOPS != 0
     }
 
-    /// Whether somebody brings about this bit.
+    /// Returns whether the cause of this bit is injected.
     pub(super) fn has_cause(self, bit: u16) -> bool {
         self.causes & bit != 0
     }
 
-    /// What CURRENT_VALID was made to show, in mA.
+    /// Injected current for CURRENT_VALID, in mA.
     pub(super) fn injected_ma(self) -> Option<u16> {
         self.injected_ma
     }

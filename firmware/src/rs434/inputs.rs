@@ -10,23 +10,23 @@ use crate::device::{Duration, Instant, Pin, Sink};
 /// A contact that bounces (6.1, Fig. 5).
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Contact {
-    /// It is closed.
+    /// True while it is closed.
     pub(super) closed: bool,
-    /// It is taken for closed: it was for long enough, and not open for long enough since.
+    /// Debounced state: closed for long enough, and not open for long enough since.
     on: bool,
-    /// When what it is now will have lasted long enough.
+    /// Time at which the present state has lasted long enough.
     pub(super) due: Instant,
 }
 
 impl Contact {
     const OPEN: Self = Self { closed: false, on: false, due: Instant::NEVER };
 
-    /// It is taken for what it is.
+    /// Accepts the present state.
     fn take(&mut self) {
         *self = Self { on: self.closed, due: Instant::NEVER, ..*self };
     }
 
-    /// It has changed: that must last for `pressed` if it is closed now, for `waited` if open.
+    /// Handles a change, which must last for `pressed` if it is closed now, for `waited` if open.
     fn change(&mut self, at: Instant, closed: bool, pressed: Duration, waited: Duration) {
         if closed == self.closed {
             return;
@@ -36,7 +36,7 @@ impl Contact {
         self.due = if closed == self.on { Instant::NEVER } else { at + lasts };
     }
 
-    /// Whether it is taken for something else from now on.
+    /// Returns whether the debounced state changes now.
     fn timeout(&mut self, at: Instant) -> bool {
         let changes = self.due <= at;
         if changes {
@@ -60,7 +60,7 @@ pub(super) struct Inputs {
 }
 
 impl Inputs {
-    /// Nothing is wired.
+    /// Without any wire.
     pub(super) const REST: Self =
         Self { in1: Contact::OPEN, in2: Contact::OPEN, hard_stop: true, clr_flash: false, halls: [None; 2] };
 
@@ -175,12 +175,12 @@ impl Drive {
         }
     }
 
-    /// Whether the inputs control the motor, and not the bus.
+    /// Returns whether the inputs control the motor, and not the bus.
     pub(super) fn is_by_inputs(&self) -> bool {
         self.bank.word(Reg::MODE_DEVICE) == 2
     }
 
-    /// Whether each input has its own direction: way 5.
+    /// Returns whether each input has its own direction: way 5.
     pub(super) fn is_by_both(&self) -> bool {
         self.is_by_inputs() && self.bank.word(Reg::MODE_EXT_IN) == 5
     }

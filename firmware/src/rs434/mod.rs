@@ -93,7 +93,7 @@ static NOT_MODELLED: [&str; 6] = [
      does; the winding stays as it is",
 ];
 
-/// What both models have in common.
+/// The description that both models share.
 const fn spec(kind: &'static str, product: &'static str, registers: &'static Table) -> Spec {
     Spec {
         kind,
@@ -156,12 +156,12 @@ pub fn rs434546() -> Rig<Rs434> {
     Rig::new(Rs434::of(Model::Rs434546))
 }
 
-/// How the drive speaks: as its registers were when it started (6.4).
+/// Bus settings, as the registers were when the drive started (6.4).
 #[derive(Clone, Copy, Debug)]
 struct Manners {
     /// SLAVE_ADDRESS_MODBUS.
     unit: u8,
-    /// How long every reply waits: TIMEOUT_BROADCAST_MODBUS.
+    /// Delay of every reply: TIMEOUT_BROADCAST_MODBUS.
     delay: Duration,
 }
 
@@ -172,7 +172,7 @@ pub struct Rs434 {
     /// `None` until the drive knows when it listens.
     manners: Option<Manners>,
     drive: Drive,
-    /// When anything but the program is due.
+    /// Next deadline of all but the program.
     due: Instant,
 }
 
@@ -188,7 +188,7 @@ impl Rs434 {
         }
     }
 
-    /// It starts, or starts again.
+    /// Starts, or starts again.
     fn start(&mut self, at: Instant, out: &mut dyn Sink) {
         self.manners = None;
         self.serial.mute();
@@ -208,7 +208,7 @@ impl Rs434 {
         self.due = self.drive.deadline().min(self.serial.deadline());
     }
 
-    /// Something is due that is no line of the program.
+    /// Handles a deadline that is no line of the program.
     #[inline(never)]
     fn more_is_due(&mut self, at: Instant, out: &mut dyn Sink) {
         self.drive.timeout(at, out);

@@ -1,5 +1,4 @@
-//! What starts and stops the motor, and what it is to do then: rotate, or move by OFFSET or to a position (6.2,
-//! 6.5).
+//! Starts and stops of the motor, and its motions: rotation, moves by OFFSET or to a position (6.2, 6.5).
 
 use super::drive::{Drive, State, Words};
 use super::errors::{Errors, error};
@@ -18,23 +17,23 @@ pub(super) enum Heading {
     Backward,
 }
 
-/// What was asked of the motor.
+/// Motion that was ordered.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum Motion {
-    /// Nothing, though it may still brake.
+    /// No motion, though it may still brake.
     None,
     /// To rotate until it is stopped.
     Rotates,
     /// A move, until it has arrived; one that was stopped, until another motion begins or OFFSET is written.
     Moves {
-        /// Where it goes.
+        /// Target.
         way: Way,
-        /// It was stopped on it; also when it stands by now.
+        /// True once it was stopped on its way; also when it stands by now.
         braking: bool,
     },
 }
 
-/// Where a move goes.
+/// Target of a move.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum Way {
     /// By OFFSET, which counts what is left.
@@ -74,7 +73,7 @@ impl Drive {
         settings(&self.bank, self.errors)
     }
 
-    /// One of the coils was written. Of several at once the strongest counts; all read 0 again (6.2).
+    /// Carries out written coils. Of several at once the strongest counts; all read 0 again (6.2).
     pub(super) fn take_coils(&mut self, at: Instant, out: &mut dyn Sink) {
         let mut take = |reg| {
             let set = self.bank.word(reg) != 0;
@@ -170,7 +169,7 @@ impl Drive {
         }
     }
 
-    /// Whether a move by OFFSET runs that is not the one of this heading.
+    /// Returns whether a move by OFFSET runs that is not the one of this heading.
     fn moves_against(&self, heading: Heading) -> bool {
         let other = if heading == Heading::Backward { Way::Offset } else { Way::MinusOffset };
         matches!(self.motion, Motion::Moves { way, .. } if way == other)
@@ -204,7 +203,7 @@ impl Drive {
         };
     }
 
-    /// Whether DIRECTION is forward.
+    /// Returns whether DIRECTION is forward.
     pub(super) fn is_forward(&self) -> bool {
         self.bank.word(Reg::DIRECTION) != 2
     }
@@ -233,7 +232,7 @@ impl Drive {
         }
     }
 
-    /// Whether nobody can tell where a move is.
+    /// Returns whether there are too few Hall sensors to know the place of a move.
     fn has_too_few_halls(&self) -> bool {
         self.bank.word(Reg::USE_HALL) < 2
     }

@@ -5,7 +5,7 @@ use drivetwin_protocol::modbus::{Frame, Why, ascii, rtu};
 use super::RS485;
 use crate::device::{Duration, Instant, Line, Note, Output, Sink};
 
-/// What hears messages, one for each framing.
+/// Receivers of messages, one for each framing.
 #[derive(Clone, Debug)]
 enum Ears {
     Rtu(rtu::Receiver),
@@ -18,7 +18,7 @@ pub(super) struct Serial {
     /// The time of a character.
     character: Duration,
     ears: Ears,
-    /// What ends before is lost.
+    /// Time before which characters are lost.
     hears_from: Instant,
 }
 
@@ -40,8 +40,7 @@ impl Serial {
         out.put(at, Output::Line { port: RS485, line });
     }
 
-    /// What had come of a message is forgotten, and all that comes is lost until
-    /// [`power_on`](Self::power_on).
+    /// Drops the part of a message that has come, and all characters until [`power_on`](Self::power_on).
     pub(super) fn mute(&mut self) {
         self.hears_from = Instant::NEVER;
         match &mut self.ears {
@@ -75,7 +74,7 @@ impl Serial {
         hears
     }
 
-    /// What is heard of characters of which the first ends at `at`, and when that one ends.
+    /// Characters that are received, of which the first ends at `at`, and the time at which that one ends.
     fn heard<'a>(&self, at: Instant, bytes: &'a [u8]) -> (Instant, &'a [u8]) {
         if at >= self.hears_from {
             return (at, bytes);
@@ -85,7 +84,7 @@ impl Serial {
         (at + self.character * lost, heard)
     }
 
-    /// When a message is over, should nothing more come: in RTU after a silence, in ASCII with its line feed.
+    /// Time at which a message is over, should no more come: in RTU after a silence, in ASCII with its line feed.
     /// [`Instant::NEVER`] otherwise.
     pub(super) fn deadline(&self) -> Instant {
         match &self.ears {
@@ -94,7 +93,7 @@ impl Serial {
         }
     }
 
-    /// Whether a message is over at `at`, or before a character that ends then.
+    /// Returns whether a message is over at `at`, or before a character that ends then.
     pub(super) fn is_over(&self, at: Instant) -> bool {
         self.deadline() <= at
     }

@@ -5,7 +5,7 @@ use drivetwin_protocol::registers::{Entries, Entry, Register, Row, Space, Table,
 
 use super::LINES;
 
-/// What the two models differ in.
+/// Differences of the two models.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum Model {
     /// Up to 20 A.
@@ -174,7 +174,7 @@ drivetwin_protocol::registers! {
     }
 }
 
-/// What the key registers want (6.5).
+/// Keys of the key registers (6.5).
 pub(super) mod key {
     pub(in crate::rs434) const SAVE: i64 = 0x37FA;
     pub(in crate::rs434) const SAVE_PROGRAM: i64 = 0x8426;
@@ -225,19 +225,19 @@ static ROW_AT: [u8; Reg::WORDS] = {
 pub(super) struct Word {
     /// The register that it belongs to.
     pub(super) reg: Reg,
-    /// Its place in the bank.
+    /// Place in the bank.
     pub(super) place: usize,
 }
 
 impl Word {
-    /// What is at an address, if there is something.
+    /// Register at an address, if there is one.
     pub(super) fn at(space: Space, address: u16) -> Option<Self> {
         let place = Reg::ENTRIES.readable(space, address, 1)?.start;
         let row = ROW_AT.get(place).copied().map(usize::from)?;
         Some(Self { reg: Reg::from_row(row)?, place })
     }
 
-    /// It, of its register's value.
+    /// The word of its register's value.
     pub(super) fn of(self, value: i64) -> u16 {
         let is_first = self.place == Reg::ENTRIES.place(self.reg.row());
         if is_first { value as u16 } else { (value >> 16) as u16 }
@@ -247,7 +247,7 @@ impl Word {
         Reg::ENTRIES.list.get(self.reg.row())
     }
 
-    /// Whether it is to be brought up to date before it is read.
+    /// Returns whether it is to be updated before it is read.
     pub(super) fn is_live(self) -> bool {
         self.entry().is_some_and(|entry| entry.live)
     }
@@ -276,7 +276,7 @@ impl Model {
         self.entries().list.get(Reg::REF_CURRENT.row()).map_or(0, |entry| entry.reset as u16)
     }
 
-    /// What the drive takes for a short circuit, in mA (3).
+    /// Current that counts as a short circuit, in mA (3).
     pub(super) fn short_ma(self) -> u32 {
         match self {
             Self::Rs434544 => 30_000,
@@ -284,7 +284,7 @@ impl Model {
         }
     }
 
-    /// What the bus goes by.
+    /// Register map for the bus.
     pub(super) fn entries(self) -> &'static Entries {
         match self {
             Self::Rs434544 => Reg::ENTRIES,

@@ -8,7 +8,7 @@ use super::registers::{Reg, VERSIONS};
 use crate::device::{Duration, Instant, Refused, Sink};
 use crate::memory::{self, Content, Save};
 
-/// How long a save takes, be it of the settings or of the user program; the manual does not say.
+/// Time of a save, of the settings or of the user program; the manual does not give it.
 pub(super) const SAVE: Duration = Duration::millis(10);
 
 impl Drive {

@@ -1,4 +1,4 @@
-//! How the drive starts, resets itself to the factory, and what its two lights show (4, 7).
+//! Start of the drive, its reset to the factory's values, and its two lights (4, 7).
 
 use super::drive::{Drive, State};
 use super::program::Status;
@@ -8,17 +8,17 @@ use crate::device::{Duration, Instant, Level, Output, Pin, Sink};
 
 /// From power-on to the first character that is heard.
 const BOOT: Duration = Duration::millis(500);
-/// How long CLR_FLASH must be closed (7).
+/// Time for which CLR_FLASH must be closed (7).
 const RESET: Duration = Duration::secs(5);
-/// How long each light has its turn meanwhile.
+/// Time that each light is on meanwhile.
 const TURN: Duration = Duration::millis(250);
 
 /// CLR_FLASH is closed.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct Clearing {
-    /// When the other light has its turn.
+    /// Time at which the other light comes on.
     pub(super) next: Instant,
-    /// When the settings are those of the factory.
+    /// Time at which the settings are the factory's.
     over: Instant,
     red: bool,
 }
@@ -35,7 +35,7 @@ impl Lights {
 }
 
 impl Drive {
-    /// What its pins are was told in the instant in which it got power: now it begins to start.
+    /// Begins the start, after the pins of the instant of power-on have come.
     pub(super) fn wake(&mut self, at: Instant, out: &mut dyn Sink) {
         if self.state != (State::Waking { due: at }) {
             return;
@@ -62,7 +62,7 @@ impl Drive {
         }
     }
 
-    /// When its start goes on.
+    /// Time of the next step of the start.
     pub(super) fn startup_due(&self) -> Instant {
         match self.state {
             State::Off | State::Ready => Instant::NEVER,
@@ -71,7 +71,7 @@ impl Drive {
         }
     }
 
-    /// Its start goes on.
+    /// Carries out the next step of the start.
     pub(super) fn startup_timeout(&mut self, at: Instant, out: &mut dyn Sink) {
         match self.state {
             State::Off | State::Ready => {}
@@ -88,7 +88,7 @@ impl Drive {
         }
     }
 
-    /// It is ready: what is wrong shows, contacts and levels act, and a program may begin.
+    /// Ends the start: faults show, contacts and levels act, and a program may begin.
     fn ready(&mut self, at: Instant, out: &mut dyn Sink) {
         self.state = State::Ready;
         self.look_for_errors(at, out);

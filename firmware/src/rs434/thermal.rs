@@ -1,4 +1,4 @@
-//! How warm the drive is: it warms with the square of the motor's current, and no motor warms it to its limits.
+//! Temperatures of the drive: it warms with the square of the motor's current, and no motor warms it to its limits.
 //!
 //! The manual prints neither limits nor times. Each part follows its end temperature with a time constant of
 //! about a minute, in steps of a second, reckoned when somebody asks.
@@ -12,10 +12,9 @@ const MOST_STEPS: u64 = 2_048;
 const SHARE: u32 = 6;
 /// At rest, in 0.1 °C.
 const REST: u16 = 250;
-/// How much warmer the power circuit becomes at the rated current, in 0.1 °C; the processor beside it a quarter
-/// of that.
+/// Temperature rise of the power circuit at the rated current, in 0.1 °C; of the processor beside it a quarter of that.
 const POWER_RISE: u32 = 400;
-/// How much warmer the brake circuit becomes while a motor feeds the rated current back, in 0.1 °C.
+/// Temperature rise of the brake circuit while a motor feeds the rated current back, in 0.1 °C.
 const BRAKE_RISE: u32 = 500;
 
 /// A part of the drive whose temperature is a register (6.3).
@@ -29,7 +28,7 @@ pub(super) enum Part {
     Brake,
 }
 
-/// Something that warms, in 1/65536 of 0.1 °C above [`REST`].
+/// A body that warms, in 1/65536 of 0.1 °C above [`REST`].
 #[derive(Clone, Copy, Debug)]
 struct Body {
     rise: u32,
@@ -53,7 +52,7 @@ pub(super) struct Thermal {
     since: Instant,
     power: Body,
     brake: Body,
-    /// What somebody said the parts have, in 0.1 °C.
+    /// Injected temperatures of the parts, in 0.1 °C.
     injected: [Option<u16>; 3],
 }
 
@@ -97,7 +96,7 @@ impl Thermal {
         *injected = Some(temperature);
     }
 
-    /// Whether a part is so hot that the motor must stop.
+    /// Returns whether a part is so hot that the motor must stop.
     pub(super) fn is_too_hot(&self, at: Instant, part: Part) -> bool {
         let limit = match part {
             Part::Mcu => 850,

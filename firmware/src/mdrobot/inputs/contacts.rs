@@ -3,10 +3,10 @@
 use crate::device::Pin;
 use crate::mdrobot::{ALARM_RESET, DIR, INT_SPEED, RUN_BRAKE, START_STOP};
 
-/// What is at an input of CTRL.
+/// Contact at an input of CTRL.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum Contact {
-    /// Nothing.
+    /// No contact.
     Unwired,
     /// A contact that is open, or a high level.
     Open,
@@ -15,7 +15,7 @@ pub(super) enum Contact {
 }
 
 impl Contact {
-    /// Whether it is ON: closed, or open while it is turned round.
+    /// Returns whether it is ON: closed, or open where it is inverted.
     pub(super) fn is_on(self, inverted: bool) -> bool {
         self == if inverted { Self::Open } else { Self::Closed }
     }

@@ -26,7 +26,7 @@ mod input_type {
 /// The greatest step number: it stands for full scale.
 const STEPS: u16 = 7;
 
-/// What the connectors show.
+/// State of the connectors.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Inputs {
     contacts: Contacts,
@@ -35,16 +35,16 @@ pub(super) struct Inputs {
 }
 
 impl Inputs {
-    /// Nothing is wired.
+    /// Without any wire.
     pub(super) const REST: Self =
         Self { contacts: Contacts::UNWIRED, speed_in: SpeedIn::GROUND, pulse_in: PulseIn::SILENT };
 
-    /// When something that is measured has ended.
+    /// End of the present measurement.
     pub(super) fn due(&self) -> Instant {
         self.speed_in.due.min(self.pulse_in.due)
     }
 
-    /// Whether something that is measured has ended.
+    /// Returns whether a measurement has ended.
     pub(super) fn timeout(&mut self, at: Instant) -> bool {
         let speed_in = self.speed_in.timeout(at);
         self.pulse_in.timeout(at) || speed_in
@@ -79,7 +79,7 @@ impl Drive {
         self.servo.edge(at, sensor, high);
     }
 
-    /// Nobody drives a contact any more, and no wire leads there.
+    /// Leaves a contact open and without a wire.
     pub(super) fn opened(&mut self, at: Instant, pin: Pin, out: &mut dyn Sink) {
         self.contact(at, pin, Contact::Unwired, out);
     }
@@ -140,14 +140,15 @@ impl Drive {
         self.step().is_none() && !self.run_contact()
     }
 
-    /// Whether a limit switch keeps the motor from turning `way`, positive CCW (p. 7; DIR permits CW, START/STOP CCW).
+    /// Returns whether a limit switch keeps the motor from turning `way`, positive CCW (p. 7; DIR permits CW,
+    /// START/STOP CCW).
     pub(super) fn limit_forbids(&self, way: i32) -> bool {
         let Contacts { start_stop, dir, .. } = self.inputs.contacts;
         let switch = if way > 0 { start_stop } else { dir };
         way != 0 && self.flag(Pid::USE_LIMIT_SW) && switch == Contact::Open
     }
 
-    /// What the connectors ask for, positive CCW.
+    /// Speed that the connectors ask for, positive CCW.
     pub(super) fn speed_input(&self) -> Share {
         // Those that know two ways need no DIR.
         let one_way = |share: Share| if self.is_clockwise() { -share } else { share };
@@ -170,7 +171,7 @@ impl Drive {
         }
     }
 
-    /// What a voltage asks for between LOW_SPEED_LIMIT and HIGH_SPEED_LIMIT (p. 14).
+    /// Speed that a voltage asks for between LOW_SPEED_LIMIT and HIGH_SPEED_LIMIT (p. 14).
     fn analogue(&self, digit: u16) -> Share {
         let high = match self.bank.word(Pid::HIGH_SPEED_LIMIT) {
             0 => FULL_SCALE,
@@ -179,7 +180,7 @@ impl Drive {
         speed_in::analogue(digit, self.bank.word(Pid::LOW_SPEED_LIMIT), high)
     }
 
-    /// Whether a register of one bit is 1.
+    /// Returns whether a register of one bit is 1.
     pub(super) fn flag(&self, pid: Pid) -> bool {
         self.bank.word(pid) == 1
     }

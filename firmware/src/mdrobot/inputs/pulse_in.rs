@@ -16,19 +16,19 @@ const GREATEST_RATE: u64 = 500_000;
 const RC_LEAST: Duration = Duration::micros(1_050);
 const RC_MIDDLE: (Duration, Duration) = (Duration::micros(1_400), Duration::micros(1_600));
 
-/// What is measured at PULSE_IN.
+/// Measurement at PULSE_IN.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct PulseIn {
-    /// When the last pulse began.
+    /// Start of the last pulse.
     rose: Option<Instant>,
-    /// How long one lasted.
+    /// Length of a pulse.
     width: Option<Duration>,
-    /// When counting began, and pulses since.
+    /// Start of counting, and pulses since.
     gate: Instant,
     count: u32,
     /// Pulses that were counted, and in what time.
     counted: (u32, Duration),
-    /// When there are none any more.
+    /// Time at which pulses count as gone.
     pub(super) due: Instant,
 }
 
@@ -43,7 +43,7 @@ impl PulseIn {
         due: Instant::NEVER,
     };
 
-    /// It has another level. Whether it measures something new.
+    /// Handles an edge; returns whether there is a new measurement.
     pub(super) fn edge(&mut self, at: Instant, high: bool) -> bool {
         if !high {
             self.width = self.rose.map(|rose| at.since(rose));
@@ -63,7 +63,7 @@ impl PulseIn {
         whole
     }
 
-    /// Whether there are no pulses any more.
+    /// Returns whether pulses are gone.
     pub(super) fn timeout(&mut self, at: Instant) -> bool {
         let silent = self.due <= at;
         if silent {
@@ -72,7 +72,7 @@ impl PulseIn {
         silent
     }
 
-    /// What their rate asks for.
+    /// Speed by the rate of the pulses.
     pub(super) fn rate(self) -> Share {
         let (count, span) = self.counted;
         // Both sides of the fraction times the time in ticks.
@@ -82,7 +82,7 @@ impl PulseIn {
         Share::new(above.cast_signed(), (GREATEST_RATE - LEAST_RATE).saturating_mul(ticks).cast_signed())
     }
 
-    /// What their width asks for, as of a radio control.
+    /// Speed by the width of the pulses, as of a radio control.
     pub(super) fn rc(self) -> Share {
         let Some(width) = self.width else { return Share::NONE };
         let (first, last) = RC_MIDDLE;

@@ -18,7 +18,7 @@ impl Share {
         Self { part: part.min(whole).max(-whole), whole }
     }
 
-    /// That much of `full`, towards zero.
+    /// The share of `full`, towards zero.
     pub(in crate::mdrobot) fn of(self, full: u16) -> i32 {
         // No more than `full`, because no part is more than its whole.
         (self.part * i64::from(full)).checked_div(self.whole).unwrap_or(0) as i32

@@ -3,7 +3,7 @@
 use super::Share;
 use crate::device::{Duration, Instant};
 
-/// What 5 V measure, with 10 bits.
+/// Measurement of 5 V, with 10 bits.
 pub(super) const FULL_SCALE: u16 = 1_023;
 const FULL_SCALE_MV: i32 = 5_000;
 
@@ -13,16 +13,16 @@ const MIDDLE: core::ops::RangeInclusive<u16> = 409..=614;
 /// Pulses are faster than 5 kHz: a level that lasts for longer is a voltage.
 const SLOWEST: Duration = Duration::micros(200);
 
-/// What is measured at SPEED_IN.
+/// Measurement at SPEED_IN.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct SpeedIn {
     /// 0 to [`FULL_SCALE`].
     pub(super) digit: u16,
     high: bool,
-    /// When it rose last, and how long it was high then.
+    /// Last rise, and the length of the high level then.
     rose: Option<Instant>,
     on: Option<Duration>,
-    /// When the level will have lasted for too long to be of a pulse.
+    /// Time at which the level has lasted too long to be of a pulse.
     pub(super) due: Instant,
 }
 
@@ -36,7 +36,7 @@ impl SpeedIn {
         *self = Self { digit: digit as u16, ..Self::GROUND };
     }
 
-    /// It has another level. Whether it measures something new.
+    /// Handles an edge; returns whether there is a new measurement.
     pub(super) fn edge(&mut self, at: Instant, high: bool) -> bool {
         (self.high, self.due) = (high, at + SLOWEST);
         if !high {
@@ -52,7 +52,7 @@ impl SpeedIn {
         pulsed
     }
 
-    /// Whether its level has become a voltage.
+    /// Returns whether its level has become a voltage.
     pub(super) fn timeout(&mut self, at: Instant) -> bool {
         let steady = self.due <= at;
         if steady {
@@ -63,7 +63,7 @@ impl SpeedIn {
     }
 }
 
-/// What a voltage asks for: nothing below `low`, all of it from `high` on (p. 14).
+/// Speed that a voltage asks for: none below `low`, all of it from `high` on (p. 14).
 pub(super) fn analogue(digit: u16, low: u16, high: u16) -> Share {
     let [digit, low, high] = [digit, low, high].map(i64::from);
     if digit < low {
@@ -75,7 +75,7 @@ pub(super) fn analogue(digit: u16, low: u16, high: u16) -> Share {
     }
 }
 
-/// What a joystick asks for, to either side of its middle.
+/// Speed that a joystick asks for, to either side of its middle.
 pub(super) fn joystick(digit: u16) -> Share {
     let (first, last) = (*MIDDLE.start(), *MIDDLE.end());
     let past = i64::from(digit) - i64::from(digit.clamp(first, last));

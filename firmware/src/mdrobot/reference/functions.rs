@@ -15,12 +15,12 @@ pub(super) enum Function {
     Speed {
         /// Positive CCW.
         rpm: i32,
-        /// When that is.
+        /// End of that.
         until: Instant,
     },
     /// POSITION: goes so far, and stays there.
     Position {
-        /// How fast at most, not negative.
+        /// Largest speed, not negative.
         rpm: i32,
     },
     /// SPEED_MOMENTARY: turns while the signal is ON.
@@ -32,7 +32,7 @@ pub(super) enum Function {
     Add {
         /// Positive CCW.
         rpm: i32,
-        /// When its time is over; [`Instant::NEVER`] once it is.
+        /// End of its time; [`Instant::NEVER`] once it is over.
         until: Instant,
     },
 }
@@ -77,7 +77,7 @@ impl Drive {
         }
     }
 
-    /// When the time of the function that runs is over.
+    /// End of the function that runs.
     pub(super) fn function_due(&self) -> Instant {
         match self.reference.command {
             Command::Function(Function::Speed { until, .. } | Function::Add { until, .. }) => until,
@@ -85,7 +85,7 @@ impl Drive {
         }
     }
 
-    /// Its time may be over. Whether the motor has something else to do then.
+    /// Handles that time; returns whether the order to the motor changes.
     pub(super) fn function_timeout(&mut self, at: Instant) -> bool {
         if self.function_due() > at {
             return false;

@@ -1,4 +1,4 @@
-//! What each tick does: the laws by which an order becomes a duty.
+//! Control laws of each tick, by which an order becomes a duty.
 
 use fixed::types::I40F24;
 
@@ -8,7 +8,7 @@ use crate::device::{Duration, Instant, Sink};
 
 /// The loop is 14 to 24 ms behind a ramp with the gains of the factory, and looks so far ahead, in ms.
 const AHEAD_MS: I40F24 = I40F24::lit("8");
-/// How long a motor may be behind a ramp.
+/// Longest time that a motor may be behind a ramp.
 const TRAILS: Duration = Duration::millis(200);
 
 impl Servo {
@@ -57,7 +57,7 @@ impl Servo {
         self.see(at, output, Some((wanted, emf)));
     }
 
-    /// Whether the reference of the speed is 0 for good, and the motor left alone: if so, whether it is shorted.
+    /// Returns whether the speed reference is 0 for good, and the motor is released: if so, whether it is shorted.
     pub(super) fn is_over(&self, at: Instant) -> Option<bool> {
         if self.goal() != Some(0) {
             return None;
@@ -70,7 +70,7 @@ impl Servo {
         }
     }
 
-    /// Whether the motor has not yet come to the end of a ramp to 0 that is over.
+    /// Returns whether the motor is still behind the end of a ramp to 0.
     fn trails(&self, at: Instant) -> bool {
         self.settings.slow_down > 0 && at.since(self.paced) < TRAILS && self.reading(at).round() != 0
     }
@@ -81,7 +81,7 @@ impl Servo {
         if let Order::Velocity(rpm) = self.order { Some(rpm.clamp(-most, most)) } else { None }
     }
 
-    /// What the terminals may carry while it controls the motor, in mA: MAX_LOAD, or the torque's part of it.
+    /// Current limit while it controls the motor, in mA: MAX_LOAD, or the torque's part of it.
     pub(super) fn allowed(&self) -> u32 {
         let Order::Torque(torque) = self.order else { return self.limit() };
         let part =
@@ -89,7 +89,7 @@ impl Servo {
         u32::try_from(part).unwrap_or(u32::MAX)
     }
 
-    /// Whether anything is wrong.
+    /// Looks for faults.
     fn see(&mut self, at: Instant, wanted: I40F24, speeds: Option<(I40F24, I40F24)>) {
         let sight = Sight {
             ma: self.current(),

@@ -1,16 +1,16 @@
 //! An encoder: two channels a quarter of a cycle apart, A before B while the motor turns forward.
 
-/// What is known of an encoder.
+/// State of an encoder.
 #[derive(Clone, Debug)]
 pub(super) struct Encoder {
     /// Channels A and B: high unless told otherwise, as their wires rest.
     levels: [bool; 2],
-    /// Its wires are broken.
+    /// True while its wires are broken.
     cut: bool,
 }
 
 impl Encoder {
-    /// Nothing told.
+    /// State before the first edge.
     pub(super) const NEW: Self = Self { levels: [true; 2], cut: false };
 
     /// A channel changed, or tells its level: A, or else B. Which way that is, if it is an edge: forward or not.
@@ -26,7 +26,7 @@ impl Encoder {
         self.levels
     }
 
-    /// Its wires break, and read high, or are whole again.
+    /// Breaks its wires, which then read high, or mends them.
     pub(super) fn cut(&mut self, cut: bool) {
         self.cut = cut;
     }

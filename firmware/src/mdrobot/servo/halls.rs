@@ -6,13 +6,13 @@ use crate::motor::SETTLE;
 /// HU, HV and HW, the highest bit first, forward through a period, as the motor's wheel shows them.
 const FORWARD: [u8; 6] = [0b101, 0b100, 0b110, 0b010, 0b011, 0b001];
 
-/// What is known of a state that cannot be.
+/// State of an impossible code.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum Doubt {
     None,
-    /// They have had it since then.
+    /// Present since then.
     Since(Instant),
-    /// They have had it for too long.
+    /// Present for too long.
     Broken,
 }
 
@@ -21,11 +21,11 @@ enum Doubt {
 pub(super) struct Halls {
     /// HU, HV and HW: high unless told otherwise, as their wires rest.
     levels: [bool; 3],
-    /// When the first of them was told: the others follow, and are no edges.
+    /// Time of the first level at power-on: the others follow, and are no edges.
     told: Option<Instant>,
     /// The wire of HU is broken.
     cut: bool,
-    /// Where in a period the last possible state was.
+    /// Place in a period of the last possible code.
     place: Option<i8>,
     doubt: Doubt,
     /// Edges, forward less backward.
@@ -33,7 +33,7 @@ pub(super) struct Halls {
 }
 
 impl Halls {
-    /// Nothing counted, nothing known.
+    /// State before the first level.
     pub(super) const NEW: Self =
         Self { levels: [true; 3], told: None, cut: false, place: None, doubt: Doubt::None, count: 0 };
 
@@ -80,7 +80,7 @@ impl Halls {
         made
     }
 
-    /// When a state that cannot be will have lasted too long; never if there is none, or it has.
+    /// Time at which an impossible code will have lasted too long; never if there is none, or it has.
     pub(super) fn deadline(&self) -> Instant {
         match self.doubt {
             Doubt::Since(since) => since + SETTLE,
@@ -95,7 +95,7 @@ impl Halls {
         }
     }
 
-    /// Whether they are in such a state, and have been for too long.
+    /// Returns whether they have had an impossible code for too long.
     pub(super) fn are_broken(&self) -> bool {
         self.doubt == Doubt::Broken
     }

@@ -1,4 +1,4 @@
-//! How the drive makes its motor move: control of velocity, position and torque, ramps, and what its sensors read.
+//! The servo: control of velocity, position and torque, ramps, and the readings of the sensors.
 //!
 //! While the drive controls the motor its servo runs every millisecond ([`control`]). Velocity and position are held by
 //! a loop of the speed ([`pi`]), whose reference comes from a [`ramp`] or from the way that is left ([`position`]). Its
@@ -29,10 +29,10 @@ use crate::motor::{AXIS, Edges, FULL_DUTY, Feedback, Known, NEAR, Parameters, TI
 /// The whole supply as an output, and MAX_LOAD as a torque, in registers (p. 12).
 pub(super) const OUTPUTS: u16 = 1_023;
 
-/// What the motor is to do.
+/// Order to the motor.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum Order {
-    /// Nothing: open terminals.
+    /// Open terminals.
     Free,
     /// Shorted windings.
     Brake,
@@ -40,9 +40,9 @@ pub(super) enum Order {
     Velocity(i32),
     /// Go to that count and hold it, at most at so many rpm, not negative.
     Position {
-        /// Where to.
+        /// Target, in counts.
         count: i32,
-        /// How fast at most.
+        /// Largest speed.
         rpm: i32,
     },
     /// An output of so many 1/1023 of the supply.
@@ -51,7 +51,7 @@ pub(super) enum Order {
     Torque(i16),
 }
 
-/// What registers tell it.
+/// Settings from the registers.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct Settings {
     /// MAX_RPM as it acts.
@@ -77,7 +77,7 @@ pub(super) struct Settings {
 }
 
 impl Settings {
-    /// Those of a new drive.
+    /// Settings of a new drive.
     #[cfg(test)]
     pub(super) const FACTORY: Self = Self {
         max_rpm: 3_000,
@@ -124,17 +124,17 @@ pub(super) enum Sensor {
 pub(super) struct Servo {
     settings: Settings,
     order: Order,
-    /// When it looks at the motor next; never while nobody controls it.
+    /// Next control tick; never while the motor is not controlled.
     next: Instant,
     /// The reference of the speed in rpm, on its ramp.
     pace: I40F24,
-    /// When it was last not 0.
+    /// Last time at which it was not 0.
     paced: Instant,
     pi: Pi,
     feedback: Feedback,
-    /// What the terminals are put to; the limit of the current may leave less of it.
+    /// Duty that is asked for; the current limit may leave less of it.
     duty: i32,
-    /// What the terminals may carry, in mA: 0 while they are open.
+    /// Current limit, in mA: 0 while the terminals are open.
     carries: u32,
     swapped: bool,
     halls: Halls,
@@ -143,7 +143,7 @@ pub(super) struct Servo {
     turns: Edges,
     /// Edges of the encoder.
     encoded: Edges,
-    /// Where the count of the Hall sensors is position 0.
+    /// Count of the Hall sensors at position 0.
     zero: i64,
     target: i32,
     watch: Watch,
@@ -205,13 +205,13 @@ impl Servo {
         }
     }
 
-    /// What the motor was to do last.
+    /// Last order.
     #[cfg(test)]
     pub(super) fn ordered(&self) -> Order {
         self.order
     }
 
-    /// What the motor is to do from now on; the same order once more changes nothing.
+    /// Gives an order; the same order once more changes nothing.
     pub(super) fn order(&mut self, at: Instant, order: Order, out: &mut dyn Sink) {
         let before = core::mem::replace(&mut self.order, order);
         if order == before {
@@ -229,12 +229,12 @@ impl Servo {
         }
     }
 
-    /// When it wants to look at the motor.
+    /// Next control tick.
     pub(super) fn deadline(&self) -> Instant {
         self.next.min(self.halls.deadline())
     }
 
-    /// It is due.
+    /// Carries out a control tick.
     pub(super) fn timeout(&mut self, at: Instant, out: &mut dyn Sink) {
         self.halls.settle(at);
         if at >= self.next {
@@ -287,7 +287,7 @@ impl Servo {
         out.put(at, Output::Duty { axis: AXIS, duty: if self.swapped { -self.duty } else { self.duty } });
     }
 
-    /// Whether it controls the motor.
+    /// Returns whether it controls the motor.
     fn looks(&self) -> bool {
         self.next != Instant::NEVER
     }

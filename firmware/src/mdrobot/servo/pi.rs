@@ -8,10 +8,10 @@ use crate::motor::ratio;
 /// The whole supply, as a duty.
 pub(super) const FULL: I40F24 = I40F24::const_from_int(FULL_DUTY as i64);
 
-/// What one of P_GAIN gives for a mistake of the speed, in parts of the duty that makes as much back-EMF: 2 for
+/// Proportional gain of one of P_GAIN: duty for a speed error, in parts of the duty that makes as much back-EMF; 2 for
 /// the 6,000 of the factory.
 const P: I40F24 = I40F24::lit("0.000333333");
-/// What one of I_GAIN adds to it in a ms: 70 a second for the 6,000 of the factory.
+/// Integral gain of one of I_GAIN, a ms: 70 a second for the 6,000 of the factory.
 const I: I40F24 = I40F24::lit("0.0000116667");
 
 /// The part of a limit of the current by which the loop asks for more: so the limit, and no rounding, holds it.
@@ -27,7 +27,7 @@ impl Pi {
     /// With nothing gathered.
     pub(super) const NEW: Self = Self { integral: I40F24::ZERO };
 
-    /// It goes on from that output.
+    /// Continues from that output.
     pub(super) fn begin(&mut self, output: I40F24) {
         self.integral = output.clamp(-FULL, FULL);
     }

@@ -1,4 +1,4 @@
-//! Where the motor is and where it goes, and how fast it goes there (p. 15).
+//! Position control: present position, target, and the speed towards it (p. 15).
 
 use fixed::types::I40F24;
 
@@ -63,7 +63,7 @@ impl Servo {
         }
     }
 
-    /// Where position control goes, or went last, in counts; it moves along when the position is cleared.
+    /// Target of position control, or the last one, in counts; it moves along when the position is cleared.
     pub(in crate::mdrobot) fn target(&self) -> i32 {
         self.target
     }

@@ -2,7 +2,7 @@
 
 use fixed::types::I40F24;
 
-/// What SLOW_START and SLOW_DOWN at their greatest take from 0 to MAX_RPM, in ms.
+/// Longest ramps of SLOW_START and SLOW_DOWN from 0 to MAX_RPM, in ms.
 const LONGEST_MS: i64 = 15_000;
 /// Their greatest value.
 const GREATEST: i64 = 1_023;

@@ -1,4 +1,4 @@
-//! What the sensors and the motor tell: how fast it turns, and what it gets.
+//! Readings of the sensors and the motor: speed, and the effect of the duty.
 
 use fixed::types::I40F24;
 
@@ -113,7 +113,7 @@ impl Servo {
         core::mem::take(&mut self.alarms)
     }
 
-    /// Whether the Hall sensors are in a state that cannot be.
+    /// Returns whether the Hall sensors have an impossible code.
     pub(in crate::mdrobot) fn halls_are_broken(&self) -> bool {
         self.halls.are_broken()
     }

@@ -1,4 +1,4 @@
-//! What goes wrong with a motor that is driven (p. 9).
+//! Fault detection of a motor that is driven (p. 9).
 
 use fixed::types::I40F24;
 
@@ -15,21 +15,21 @@ const ENCODER: Duration = Duration::millis(600);
 /// A mistake that shrank by this part since it began is being corrected.
 const LESS: i64 = 16;
 
-/// Something that is wrong if it lasts.
+/// A condition that is a fault if it lasts (on-delay).
 #[derive(Clone, Copy, Debug)]
 struct Lasting(Option<Instant>);
 
 impl Lasting {
     const NOT: Self = Self(None);
 
-    /// Whether it has been so for as long as that.
+    /// Returns whether the condition has lasted for `span`.
     fn is(&mut self, so: bool, at: Instant, span: Duration) -> bool {
         self.0 = so.then(|| self.0.unwrap_or(at));
         self.0.is_some_and(|since| at.since(since) >= span)
     }
 }
 
-/// Something that is wrong if it lasts and does not become less.
+/// An error that is a fault if it lasts and does not improve.
 #[derive(Clone, Copy, Debug)]
 struct Mending {
     wrong: Lasting,
@@ -40,7 +40,7 @@ struct Mending {
 impl Mending {
     const NOT: Self = Self { wrong: Lasting::NOT, first: I40F24::ZERO };
 
-    /// Whether it has been wrong for as long as that, now by so much, and has not become less in that time.
+    /// Returns whether the error has lasted for `span`, is now `by`, and has not improved in that time.
     fn fails(&mut self, by: Option<I40F24>, at: Instant, span: Duration) -> bool {
         let by_now = by.unwrap_or(I40F24::ZERO);
         if self.wrong.0.is_none() {
@@ -57,10 +57,10 @@ impl Mending {
     }
 }
 
-/// What a look sees.
+/// Readings of a control tick.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Sight {
-    /// What it draws.
+    /// Current in mA.
     pub(super) ma: i32,
     /// MAX_LOAD.
     pub(super) limit_ma: u32,
@@ -74,7 +74,7 @@ pub(super) struct Sight {
     pub(super) hall: Option<Instant>,
 }
 
-/// What goes wrong, and since when.
+/// Conditions that may become faults, and their times.
 #[derive(Clone, Debug)]
 pub(super) struct Watch {
     load: Lasting,
@@ -86,7 +86,7 @@ pub(super) struct Watch {
 }
 
 impl Watch {
-    /// Nothing, so far.
+    /// State without any condition.
     pub(super) const NEW: Self = Self {
         load: Lasting::NOT,
         stands: Lasting::NOT,
@@ -95,7 +95,7 @@ impl Watch {
         silent: None,
     };
 
-    /// What a look sees, and what of it is wrong.
+    /// Takes the readings of a control tick; returns the fault bits.
     pub(super) fn look(&mut self, at: Instant, sight: Sight) -> u16 {
         let mut alarms = 0;
         if self.load.is(sight.ma != 0 && sight.ma.unsigned_abs() >= sight.limit_ma, at, OVER_LOAD) {

@@ -46,14 +46,14 @@ impl Instruction {
         (self.0 >> 16) as u16
     }
 
-    /// What uCmd says; `None` if there is no such command.
+    /// Command of uCmd; `None` if there is no such command.
     #[must_use]
     pub fn command(self) -> Option<Command> {
         COMMANDS.get(usize::from(self.code())).copied()
     }
 }
 
-/// What a command does.
+/// Operation of a command.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Operation {
     /// END: the program is over; the motor and all registers stay as they are.
@@ -100,7 +100,7 @@ pub enum Operation {
     Not,
 }
 
-/// What fields a command uses. Of two operands the first one is S1 and D, the second one S2.
+/// Fields that a command uses. Of two operands the first one is S1 and D, the second one S2.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Form {
     /// None.
@@ -137,9 +137,9 @@ pub enum Form {
 /// A command.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Command {
-    /// What it does.
+    /// Operation.
     pub operation: Operation,
-    /// Whether with 32 bits, which lie in two registers, the low half in the first one.
+    /// True with 32 bits, which lie in two registers, the low half in the first one.
     pub wide: bool,
     /// With what.
     pub form: Form,
@@ -186,7 +186,7 @@ const fn pair(name: &'static str, operation: Operation, form: Form) -> (&'static
     (name, Command { operation, wide: true, form })
 }
 
-/// How many commands there are; the code of each is its place.
+/// Number of commands; the code of each is its place.
 const COUNT: usize = 0x67;
 
 #[rustfmt::skip]
@@ -307,7 +307,7 @@ const TABLE: [(&str, Command); COUNT] = {
     ]
 };
 
-/// What each code commands. No board needs more of the table.
+/// Commands by their codes. No board needs more of the table.
 #[expect(clippy::indexing_slicing, reason = "only ever evaluated by the compiler")]
 pub static COMMANDS: [Command; COUNT] = {
     let mut commands = [TABLE[0].1; COUNT];

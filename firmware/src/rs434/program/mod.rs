@@ -19,14 +19,14 @@ use super::{LINES, SETTINGS};
 use crate::device::{Duration, Instant, Sink};
 use crate::memory::{self, Content, Save};
 
-/// How long a line takes; that of a DELAY is longer.
+/// Time of a line; that of a DELAY is longer.
 pub(super) const LINE: Duration = Duration::micros(100);
 
 /// Bytes of all lines, which lie behind the settings. Their CRC lies behind them, high byte first.
 const BYTES: usize = 4 * LINES;
 
-/// What the last bytes of a drive's memory are with a program in it: its lines, followed by zeros up to the last
-/// one. Of more than [`LINES`] the first ones count.
+/// The last bytes of a drive's memory with a program in it: its lines, followed by zeros up to the last one. Of more
+/// than [`LINES`] the first ones count.
 #[must_use]
 pub fn image(lines: impl IntoIterator<Item = u32>) -> [u8; BYTES + 2] {
     let mut image = [0; BYTES + 2];
@@ -39,35 +39,35 @@ pub fn image(lines: impl IntoIterator<Item = u32>) -> [u8; BYTES + 2] {
     image
 }
 
-/// How the program came to its state, as STATUS_USER_PROGRAM says (6.3).
+/// State of the program, as STATUS_USER_PROGRAM shows it (6.3).
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 #[repr(u16)]
 pub(super) enum Status {
-    /// It has not run since power-on, or the bus stopped it.
+    /// Not run since power-on, or stopped by the bus.
     Stopped = 1,
     /// The bus has started it: its first line comes when a line's time is over.
     StartedByBus = 2,
     /// Power-on has started it, likewise.
     StartedByPower = 3,
-    /// It runs.
+    /// Running.
     Running = 4,
-    /// It came to CMD_STOP_PROGRAM.
+    /// Ended at CMD_STOP_PROGRAM.
     Ended = 5,
-    /// It came to CMD_FULL_STOP_PROGRAM.
+    /// Ended at CMD_FULL_STOP_PROGRAM.
     FullyEnded = 6,
-    /// It came to a line that cannot be carried out.
+    /// Ended at a line that cannot be carried out.
     Failed = 7,
 }
 
 /// The buffer, the flash and the state of the program.
 #[derive(Clone, Debug)]
 pub(super) struct Program {
-    /// What the program works with.
+    /// Registers of the program.
     pub(super) vm: Vm,
     status: Status,
-    /// When the next line is carried out.
+    /// Time of the next line.
     line_due: Instant,
-    /// What the flash holds, once a save that runs is over.
+    /// Content of the flash, once a save that runs is over.
     flash: Content,
     save: Option<Save>,
     /// AX to JX at the start, to which CMD_FULL_STOP_PROGRAM returns.
@@ -105,7 +105,7 @@ impl Program {
         self.status
     }
 
-    /// Whether lines are carried out, or will be.
+    /// Returns whether lines are carried out, or will be.
     pub(super) fn is_running(&self) -> bool {
         matches!(self.status, Status::StartedByBus | Status::StartedByPower | Status::Running)
     }
@@ -174,12 +174,12 @@ impl Program {
         true
     }
 
-    /// When the next line is carried out: see [`run`].
+    /// Time of the next line: see [`run`].
     pub(super) fn line_due(&self) -> Instant {
         self.line_due
     }
 
-    /// When a save is over: see [`finish_save`](Self::finish_save).
+    /// End of a save: see [`finish_save`](Self::finish_save).
     pub(super) fn save_due(&self) -> Instant {
         self.save.map_or(Instant::NEVER, Save::due)
     }
@@ -190,7 +190,7 @@ impl Program {
         self.flash != Content::Bad
     }
 
-    /// Whether nothing was ever saved.
+    /// Returns whether there was never a save.
     fn is_new(&self) -> bool {
         self.flash == Content::New
     }

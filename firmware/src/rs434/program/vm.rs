@@ -1,4 +1,4 @@
-//! What a line of the program does (6.9).
+//! Execution of the lines of a program (6.9).
 
 use drivetwin_protocol::registers::Space;
 use heapless::Vec;
@@ -10,45 +10,45 @@ use crate::rs434::{LINES, SETTINGS};
 /// The system registers, AX to JX.
 pub(in crate::rs434) const REGISTERS: usize = 10;
 
-/// What a program works with, besides the drive's registers.
+/// Registers of a program, besides the drive's.
 #[derive(Clone, Debug)]
 pub(in crate::rs434) struct Vm {
     /// AX, BX … JX.
     pub(in crate::rs434) registers: [u16; REGISTERS],
     /// The line that is being carried out: PC_REG.
     pub(in crate::rs434) line: u16,
-    /// Where it goes on, if no round of a loop ends there.
+    /// Next line, if no round of a loop ends there.
     next: u16,
     calls: Vec<Call, 16>,
-    /// Those of all subroutines, the innermost last.
+    /// Loops of all subroutines, the innermost last.
     loops: Vec<Loop, 8>,
-    /// How many of them belong to callers.
+    /// Number of them that belong to callers.
     outside: usize,
 }
 
 /// A subroutine that has been called.
 #[derive(Clone, Copy, Debug)]
 struct Call {
-    /// Where its caller goes on.
+    /// Line at which its caller goes on.
     back: u16,
-    /// What [`Vm::outside`] is there.
+    /// Value of [`Vm::outside`] there.
     outside: usize,
 }
 
 /// A FOR whose rounds are not over.
 #[derive(Clone, Copy, Debug)]
 struct Loop {
-    /// Its first line.
+    /// First line.
     start: u16,
-    /// Its lines.
+    /// Number of lines.
     length: u16,
     /// Rounds to go, this one included.
     left: u16,
 }
 
-/// What a program can reach: the drive, with itself in it.
+/// Everything a program can reach: the drive, with the program in it.
 pub(in crate::rs434) trait World {
-    /// It and what it works with.
+    /// The program, with its registers.
     fn program(&mut self) -> &mut Program;
 
     /// The drive's flash.
@@ -69,7 +69,7 @@ pub(in crate::rs434) trait World {
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(in crate::rs434) struct CannotWrite;
 
-/// What follows from a line.
+/// Result of a line.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(in crate::rs434) enum Step {
     /// The next line, in a line's time.
@@ -82,7 +82,7 @@ pub(in crate::rs434) enum Step {
     End,
     /// CMD_FULL_STOP_PROGRAM.
     FullEnd,
-    /// It cannot be carried out.
+    /// The line cannot be carried out.
     Error,
 }
 
@@ -278,7 +278,7 @@ impl Vm {
         Some(Step::Next)
     }
 
-    /// Whether a jump is taken.
+    /// Returns whether a jump is taken.
     fn jumps(&self, jump: Operation, wide: bool) -> bool {
         let [ax, bx, _, _, _, _, gx, hx, ix, jx] = self.registers;
         let (first, second) = if wide { (join(gx, hx), join(ix, jx)) } else { (ax.into(), bx.into()) };
@@ -291,7 +291,7 @@ impl Vm {
         }
     }
 
-    /// Where a jump goes.
+    /// Target of a jump.
     fn target(&self, instruction: Instruction) -> Option<u16> {
         let data = instruction.data();
         if instruction.type_jmp() {

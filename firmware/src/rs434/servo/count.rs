@@ -1,4 +1,4 @@
-//! What the edges of the Hall sensors count.
+//! Counts of the edges of the Hall sensors.
 
 use crate::device::Instant;
 use crate::motor::SETTLE;

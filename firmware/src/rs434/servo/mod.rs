@@ -1,4 +1,4 @@
-//! How the drive makes its motor move: ramps, moves, and what its Hall sensors count.
+//! The servo: ramps, moves, and the counts of its Hall sensors.
 //!
 //! While something moves, the servo runs every millisecond ([`TICK`]). The registers ([`Settings`]) and the way that is
 //! left give the speed that the motor is to have at the next tick ([`Rates`]); what the motor reports ([`Feedback`]),
@@ -50,7 +50,7 @@ const MADE: i64 = 4;
 /// Order to the motor.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum Order {
-    /// Nothing: it stands, or is turned by others.
+    /// No motion: the motor stands, or is turned from outside.
     None,
     /// Turn on and on.
     Rotate { forward: bool },
@@ -62,7 +62,7 @@ enum Order {
     Halt,
 }
 
-/// Where a move has nothing left.
+/// End of a move.
 #[derive(Clone, Copy, Debug)]
 struct Goal {
     count: i64,
@@ -101,9 +101,9 @@ pub(super) struct Servo {
     edges: Edges,
     /// Angle of the shaft, in 2⁻³² turns, and count of its edges from which they are compared.
     compared: Option<(i64, i64)>,
-    /// Of the present move, or of one that was stopped on its way.
+    /// Goal of the present move, or of one that was stopped on its way.
     goal: Option<Goal>,
-    /// Of the last move.
+    /// Counts left of the last move.
     left: i32,
     errors: u16,
 }
@@ -443,7 +443,7 @@ impl Servo {
         motor.holds() && slides <= SLIDE && self.way_to(at, count).abs() <= NEAR
     }
 
-    /// Whether what was ordered is done, at that speed.
+    /// Returns whether the order is done, at that speed.
     fn has_arrived(&self, at: Instant, speed: I40F24) -> bool {
         let motor = &self.feedback.motor;
         let slow = if motor.holds() { STANDING } else { motor.rpm(FULL_DUTY) / PULLED };
@@ -455,7 +455,7 @@ impl Servo {
         }
     }
 
-    /// It stands.
+    /// Ends the motion at standstill.
     fn rest(&mut self, at: Instant, out: &mut dyn Sink) {
         if matches!(self.order, Order::Move { .. }) {
             (self.goal, self.left) = (None, 0);
@@ -470,7 +470,7 @@ impl Servo {
         self.order != Order::None
     }
 
-    /// What moves is what the pace says, if it says anything.
+    /// Updates the direction to that of the setpoint, if there is one.
     fn face(&mut self) {
         if self.pace != 0 {
             self.facing = if self.pace > 0 { 1 } else { -1 };
@@ -494,7 +494,7 @@ impl Servo {
         }
     }
 
-    /// What moves: 0 nothing, 1 forward, −1 backward. Braking is moving.
+    /// Direction of motion: 0 none, 1 forward, −1 backward. Braking is motion.
     pub(super) fn direction(&self) -> i8 {
         if self.is_moving() { self.facing } else { 0 }
     }

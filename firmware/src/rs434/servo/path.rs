@@ -1,4 +1,4 @@
-//! How the reference of the speed goes on from tick to tick: by ramps, and towards a place.
+//! Path of the speed reference from tick to tick: by ramps, and towards a target.
 
 use fixed::types::I40F24;
 
@@ -51,8 +51,8 @@ impl Rates {
         (if back { -most } else { most }, Self { down: self.down * CATCHES_UP, ..self })
     }
 
-    /// Whether it goes too far: what moves at `speed` has less `way` left than DEC, and a current that can take
-    /// `brakes` in a tick, need to stop it. What moves the other way comes back first.
+    /// Returns whether it would overshoot: at `speed` there is less `way` left than DEC, and a current that can take
+    /// `brakes` in a tick, need to stop. A motion the other way reverses first.
     pub(super) fn is_too_fast(self, way: I40F24, speed: I40F24, brakes: I40F24) -> bool {
         let goes_there = (speed > 0) == (way > 0);
         goes_there && speed * speed > self.down.min(brakes) * way.abs() * 2

@@ -1,4 +1,4 @@
-//! What a motion goes by: as the registers say it (6.5), and in the servo's units.
+//! Settings of a motion: as registers (6.5), and in the servo's units.
 
 use fixed::types::I40F24;
 
@@ -10,7 +10,7 @@ const TICKS_PER_SECOND: i64 = 1_000;
 /// The speed in rpm of a turn a tick.
 pub(super) const RPM: i64 = 60 * TICKS_PER_SECOND;
 
-/// What a motion goes by (6.5).
+/// Settings of a motion (6.5).
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(in crate::rs434) struct Settings {
     /// SPEED, in rpm.
@@ -42,7 +42,7 @@ impl Settings {
         2 * i64::from(self.pulses.max(1)) * i64::from(self.halls.max(1))
     }
 
-    /// Whether sensors tell where the motor is.
+    /// Returns whether sensors give the motor's position.
     pub(super) fn sees(&self) -> bool {
         self.halls > 0
     }
@@ -60,7 +60,7 @@ impl Settings {
         I40F24::from_bits(bits.max(1))
     }
 
-    /// What its ramps and speeds are now.
+    /// Ramps and speeds.
     pub(super) fn rates(&self) -> Rates {
         Rates { speed: self.of_rpm(self.speed), up: self.of_ramp(self.acc), down: self.of_ramp(self.dec) }
     }
