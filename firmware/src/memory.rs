@@ -87,8 +87,8 @@ pub fn latest(memory: &[u8], words: usize) -> Option<&[u8]> {
     latest_copy(memory, copy(words)).map(|copy| copy.words)
 }
 
-/// Saves the words of a bank over the older of two copies of `COPY` bytes ([`copy`]). Power that is lost meanwhile leaves
-/// the other: as long as the store has not come to its end, the two counts of its copy differ.
+/// Saves the words of a bank over the older of two copies of `COPY` bytes ([`copy`]). Power that is lost meanwhile
+/// leaves the other: as long as the store has not come to its end, the two counts of its copy differ.
 pub fn save_copy<const COPY: usize>(entries: &Entries, bank: &[u16], at: Instant, out: &mut dyn Sink) {
     let last = latest_copy(out.memory(), COPY);
     // The first save leaves the beginning alone, where a memory of one image has it.

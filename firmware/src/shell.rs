@@ -87,9 +87,9 @@ pub enum Came {
 /// port has.
 pub trait Links {
     /// Does what is due on the network at `now` and returns what came on one of the connections, and when, with the
-    /// bytes of a [`Came::Message`] in `message`. Where an interrupt stamps frames, that is before `now`. Where `device`
-    /// does not [accept](Device::accepts) connections they wait, and where it does not [take](Device::takes) more nothing
-    /// but openings is returned.
+    /// bytes of a [`Came::Message`] in `message`. Where an interrupt stamps frames, that is before `now`. Where
+    /// `device` does not [accept](Device::accepts) connections they wait, and where it does not [take](Device::takes)
+    /// more nothing but openings is returned.
     ///
     /// # Errors
     /// Nothing came. Then this wants to be called again as soon as there is a frame, and then at the latest.

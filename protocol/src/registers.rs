@@ -166,8 +166,8 @@ pub enum Legal {
     OneOf(&'static [i64]),
     /// Each word from the first to the second, in bus order; only where the low word is first.
     Each(&'static [(u16, u16)]),
-    /// Text of up to eight characters from blank to `~`, two in a word, 0 behind the last one; only where the high word is
-    /// first.
+    /// Text of up to eight characters from blank to `~`, two in a word, 0 behind the last one; only where the high word
+    /// is first.
     Text,
 }
 

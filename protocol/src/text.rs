@@ -25,8 +25,8 @@ pub struct Line<const N: usize> {
     pub flaw: Option<Flaw>,
 }
 
-/// Takes the next line, with the CR or LF that ends it, off the front of `text`; if none ends there, all of it. `None` of
-/// an empty text. An LF at the front ends nothing: it belongs to the CR before it.
+/// Takes the next line, with the CR or LF that ends it, off the front of `text`; if none ends there, all of it. `None`
+/// of an empty text. An LF at the front ends nothing: it belongs to the CR before it.
 pub fn next_line<'a>(text: &mut &'a [u8]) -> Option<&'a [u8]> {
     let ends = |(n, &character): (usize, &u8)| character == CR || (character == LF && n > 0);
     let last = text.iter().enumerate().position(ends);

@@ -1,8 +1,8 @@
 //! Splitters of a host beside receivers that hear silence: both find the same requests, however the bytes are cut into
 //! reads, and though the check sum of a prefix holds by chance.
 //!
-//! Requests are typed from the application specification (6.1 to 6.21). A CRC is linear, so the bytes that make it hold at
-//! any place are found by solving a system of equations.
+//! Requests are typed from the application specification (6.1 to 6.21). A CRC is linear, so the bytes that make it hold
+//! at any place are found by solving a system of equations.
 #![allow(missing_docs, clippy::unwrap_used, clippy::indexing_slicing, reason = "a test")]
 
 use drivetwin_protocol::line::{Line, Parity};
@@ -156,8 +156,8 @@ fn silent(burst: &[u8], voices: Voices) -> usize {
     }
 }
 
-/// Asserts that no split of a frame into reads cuts it, though its first `chance` bytes hold a CRC: at no length before its
-/// end is anything taken off the front. Of a long one every 61st length is tried, and those where it could be cut.
+/// Asserts that no split of a frame into reads cuts it, though its first `chance` bytes hold a CRC: at no length before
+/// its end is anything taken off the front. Of a long one every 61st length is tried, and those where it could be cut.
 fn assert_never_cut(frame: &[u8], chance: usize, voices: Voices) {
     let step = if frame.len() > 40 { 61 } else { 1 };
     let here = chance..frame.len().min(chance + 2);

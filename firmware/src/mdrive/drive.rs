@@ -31,7 +31,7 @@ use super::variables::{entry, is_number, words};
 use crate::device::{Boot, Fault, Instant, Refused, Sink};
 use crate::motor::stepper::Parameters;
 
-/// What the two products differ in.
+/// Differences of the two products.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum Model {
     /// MDrivePlus².
@@ -41,7 +41,7 @@ pub(super) enum Model {
 }
 
 impl Model {
-    /// Its bit in the table.
+    /// Bit in the table.
     pub(super) const fn variant(self) -> u8 {
         match self {
             Self::Plus => PLUS,
@@ -57,21 +57,21 @@ impl Model {
     }
 }
 
-/// Whether the drive hears.
+/// State of the drive, from power-on to ready.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum State {
-    /// It never had power.
+    /// Never powered.
     Off,
-    /// It hears nothing yet.
+    /// Starting: no message is received yet.
     Booting {
-        /// When it does.
+        /// End of the start.
         due: Instant,
         /// The power has come, so that the Ethernet controller starts, too.
         whole: bool,
     },
-    /// It hears, and calibrates before it signs on.
+    /// Receiving, and calibrating before it signs on.
     Calibrating,
-    /// It has signed on.
+    /// Signed on.
     Ready,
 }
 
@@ -205,7 +205,7 @@ impl Drive {
         })
     }
 
-    /// Something went wrong: EF, ER, the fault output, OE.
+    /// Handles an error: EF, ER, the fault output, OE.
     pub(super) fn fail(&mut self, at: Instant, error: Error, out: &mut dyn Sink) {
         self.errors.set(error);
         self.call_error_handler(at, out);
@@ -354,7 +354,7 @@ fn machine(bank: &Bank<Reg, { Reg::WORDS }>) -> Parameters {
     }
 }
 
-/// What the I/O goes by.
+/// Settings of filters and pulses of the I/O.
 pub(super) fn filters(bank: &Bank<Reg, { Reg::WORDS }>) -> io::Filters {
     let byte = |reg| (bank.word(reg) & 0xFF) as u8;
     io::Filters {

@@ -1,4 +1,4 @@
-//! What MCode calls errors (MC 9), and the flag and number that tell of the last one.
+//! Errors of MCode (MC 9), and the flag and number of the last one.
 
 use drivetwin_protocol::modbus::pdu::Exception;
 
@@ -101,13 +101,14 @@ pub(super) enum Error {
 }
 
 impl Error {
-    /// Whether a program ends with it that OE's handler does not see; it goes on with its next line after others.
+    /// Returns whether a program ends with it if OE's handler does not see it; after others it goes on with its next
+    /// line.
     pub(super) fn ends_program(self) -> bool {
         matches!(self, Self::UnknownLabel | Self::StackOverflow | Self::IllegalAddress | Self::TooManyCalls)
     }
 
-    /// What the bus says when this error refuses a request: 04 where the drive's state forbids what would be legal
-    /// otherwise, 03 for everything else.
+    /// Exception of the bus when this error refuses a request: 04 where the drive's state forbids a request that is
+    /// legal otherwise, 03 for all others.
     pub(super) fn exception(self) -> Exception {
         match self {
             Self::NoOutput

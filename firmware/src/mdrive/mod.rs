@@ -47,7 +47,7 @@ const INDEX: Pin = Pin(10);
 const STALL: Fault = Fault(0);
 /// The electronics become too hot.
 const OVER_TEMPERATURE: Fault = Fault(1);
-/// Of a Hybrid.
+/// A fault of a Hybrid.
 const LOCKED_ROTOR: Fault = Fault(2);
 const LEAD_LIMIT: Fault = Fault(3);
 const LAG_LIMIT: Fault = Fault(4);
@@ -95,7 +95,7 @@ static MDRIVE_HYBRID: Spec = spec(
     &["stall", "over_temperature", "locked_rotor", "lead_limit", "lag_limit", "calibration"],
 );
 
-/// What there is not, and why: the Hybrid's lines are the last ones.
+/// Parts that are not modelled, and why: the Hybrid's lines are the last ones.
 static NOT_MODELLED: [&str; 23] = [
     "MCode over UDP (FB 6.3, MC 1.2.2)",
     "BD, CK, DG, DN, PY, QD and Ctrl-J (MC 1.2.2): of drives with a serial port; error 37 unless SerialCommands is 1: \
@@ -128,7 +128,7 @@ static NOT_MODELLED: [&str; 23] = [
 /// Lines of it that are the Hybrid's alone.
 const OF_HYBRID: usize = 8;
 
-/// What both products have in common.
+/// The description that both products share.
 const fn spec(
     kind: &'static str,
     product: &'static str,

@@ -1,4 +1,4 @@
-//! What comes on port 502: the functions of FB 4.
+//! Requests on port 502: the functions of FB 4.
 //!
 //! What names an address that is not there, or has another structure, never reaches the drive; what the drive refuses
 //! is an error of MCode, too.
@@ -36,7 +36,7 @@ static RULES: Rules = Rules {
     read_only: Exception::IllegalDataAddress,
 };
 
-/// Of the identification: regular objects, also one by one.
+/// Conformity of the identification: regular objects, also one by one.
 const CONFORMITY: u8 = identification::REGULAR | identification::SINGLE_OBJECTS;
 
 /// The most of a parameter string (FB 4.3.3).
@@ -44,18 +44,18 @@ const MOST_STRING: usize = 28;
 /// A mnemonic in a request: backwards, behind blanks.
 const MNEMONIC: usize = 4;
 
-/// What functions 65 and 66 are for (FB 4.3.1).
+/// Targets of functions 65 and 66 (FB 4.3.1).
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum Specific {
     /// Values to read and to write.
     Values,
-    /// Something to do.
+    /// A command.
     Command(Command),
     /// EX, with an address or a label.
     Execute,
 }
 
-/// What takes nothing.
+/// A command without a value.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum Command {
     /// E.
@@ -67,7 +67,7 @@ enum Command {
 }
 
 impl Specific {
-    /// What a mnemonic is for.
+    /// Target of a mnemonic.
     fn find(mnemonic: &[u8], model: Model) -> Option<Self> {
         match mnemonic {
             b"S1" | b"S2" | b"S3" | b"S4" | b"S5" | b"S13" | b"TR" => Some(Self::Values),
@@ -236,7 +236,7 @@ impl Drive {
     }
 }
 
-/// What motion may refuse when it is to begin, and not only when it is judged.
+/// Returns whether motion may refuse it when it is to begin, and not only when it is checked.
 fn is_order(reg: Reg) -> bool {
     matches!(reg, Reg::HM | Reg::MA | Reg::MR)
 }

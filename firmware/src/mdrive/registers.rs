@@ -15,7 +15,7 @@ const RESOLUTIONS: &[i64] =
 /// The most lines of an encoder: what EL holds.
 const MOST_LINES: i64 = u16::MAX as i64;
 
-/// What the motor and its load are of a new drive.
+/// Motor and load of a new drive.
 const LOAD: Parameters = Parameters::NOMINAL;
 
 drivetwin_protocol::registers! {
@@ -54,7 +54,8 @@ drivetwin_protocol::registers! {
         EE = rw(0x001E, "5").u8().range(0, 1).saved(),
         /// 1: there was an error.
         EF = ro(0x001F, "5").u8().range(0, 1).live(),
-        /// The number of the last error; reading it, or writing 0, clears it and EF. Others can be written in MCode only.
+        /// The number of the last error; reading it, or writing 0, clears it and EF. Others can be written in MCode
+        /// only.
         ER = rw(0x0021, "5").range(0, 0).live(),
         /// Current that holds, in %.
         HC = rw(0x0029, "5").u8().range(0, 100).reset(5).saved(),

@@ -1,4 +1,4 @@
-//! What the non-volatile memory holds beside programs: variables and flags, set-up of I/O, global user variables (S,
+//! Content of the non-volatile memory beside programs: variables and flags, set-up of I/O, global user variables (S,
 //! IP, FD).
 //!
 //! Variables come first, global user variables behind them, each with a check sum. Both are bad while they are
@@ -22,12 +22,12 @@ const GLOBAL: usize = 6;
 const GLOBAL_BYTES: usize = GLOBAL * names::MOST;
 /// Bytes of global user variables behind the variables, with a CRC.
 pub(super) const GLOBALS: usize = GLOBAL_BYTES + 2;
-/// Where the program's log begins.
+/// Offset of the program's log.
 pub(super) const PROGRAM: usize = VARIABLES + GLOBALS;
 /// Bytes of the non-volatile memory.
 pub(super) const MEMORY: usize = PROGRAM + program::BYTES;
 
-/// How long a save takes; the manuals do not say.
+/// Time of a save; the manuals do not give it.
 pub(super) const SAVE: Duration = Duration::millis(10);
 
 /// A save that runs.
@@ -141,7 +141,8 @@ impl Drive {
         self.saving = Some(Saving { variables, globals });
     }
 
-    /// LK is 0 for good: "this will clear the program and reset LK to 0" (MC 5-42). Of what is saved nothing else changes.
+    /// LK is 0 for good: "this will clear the program and reset LK to 0" (MC 5-42). Of what is saved nothing else
+    /// changes.
     pub(super) fn save_unlocked(&mut self, at: Instant, out: &mut dyn Sink) {
         self.finish_save(at, out);
         if memory::content(out.memory(), Reg::SAVED_WORDS) != Content::Good {

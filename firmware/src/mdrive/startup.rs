@@ -1,4 +1,4 @@
-//! How the drive starts, and starts again: Ctrl-C, a reset input.
+//! Start and restart of the drive: Ctrl-C, a reset input.
 
 use super::drive::{Drive, Model, State, motion_settings};
 use super::error::{Error, Errors};
@@ -8,7 +8,7 @@ use super::mcode::trip::Trips;
 use super::mcode::vm::Vm;
 use crate::device::{Boot, Duration, Instant, Sink};
 
-/// What it says when it is ready, on MCode (MC 5-26).
+/// Text that it sends when it is ready, on MCode (MC 5-26).
 pub(super) const SIGN_ON: &[u8] = b"Copyright 2001-2010 by Schneider Electric Motion USA.\r\n";
 
 /// The program that runs when it is ready (MC 5-71).
@@ -50,7 +50,7 @@ impl Drive {
         self.state = State::Booting { due: if self.boot.fast { at } else { at + BOOT }, whole };
     }
 
-    /// What the drive is at ends: errors, the program that runs, trips.
+    /// Ends all activity: errors, the program that runs, trips.
     pub(super) fn forget(&mut self) {
         self.errors = Errors::NONE;
         self.end_program();
@@ -58,13 +58,13 @@ impl Drive {
         self.mcode.trips = Trips::NONE;
     }
 
-    /// Whether what comes on its ports reaches it.
+    /// Returns whether input on its ports reaches it.
     pub(super) fn hears(&self) -> bool {
         matches!(self.state, State::Calibrating | State::Ready)
     }
 
-    /// Whether its ports accept connections: the Ethernet controller, of both of them, starts with the power, and works
-    /// while the drive alone starts again.
+    /// Returns whether its ports accept connections: the Ethernet controller, of both of them, starts with the power,
+    /// and works while the drive alone starts again.
     pub(super) fn accepts_connections(&self) -> bool {
         !matches!(self.state, State::Off | State::Booting { whole: true, .. })
     }
@@ -76,7 +76,7 @@ impl Drive {
         }
     }
 
-    /// It hears: a Hybrid calibrates, unless it starts without delay.
+    /// Begins to receive: a Hybrid calibrates, unless it starts without delay.
     pub(super) fn ready(&mut self, at: Instant, out: &mut dyn Sink) {
         self.state = State::Calibrating;
         if self.model == Model::Hybrid {
@@ -88,7 +88,7 @@ impl Drive {
         }
     }
 
-    /// It is ready once it is calibrated (MC 5-9): signs on, runs SU.
+    /// Signs on and runs SU, once it is calibrated (MC 5-9).
     pub(super) fn sign_on(&mut self, at: Instant, out: &mut dyn Sink) {
         if self.state != State::Calibrating || self.hybrid.is_calibrating() {
             return;

@@ -169,8 +169,9 @@ impl Plan {
         Self::of(at, &[stop, up, cruise])
     }
 
-    /// As [`towards`](Self::towards), of an axis that starts and stops at the speed `rates.start`, or at `speed` if that
-    /// is less: from standstill it begins with it, and a ramp to standstill ends with it. `rates.speed` does not matter.
+    /// As [`towards`](Self::towards), of an axis that starts and stops at the speed `rates.start`, or at `speed` if
+    /// that is less: from standstill it begins with it, and a ramp to standstill ends with it. `rates.speed` does not
+    /// matter.
     #[must_use]
     pub fn slew(&self, at: Instant, speed: I24F8, rates: Rates) -> Self {
         let (now, d) = self.segment_at(at);
@@ -200,9 +201,9 @@ impl Plan {
         }
     }
 
-    /// A ramp to standstill that ends on a whole step, at least half a step from here. It begins late enough for that, and
-    /// ends at the speed `rates.start`, or at the present one if that is less. A shaft that follows stays where this ends;
-    /// with [`slew`](Self::slew) it falls back by a part of a step.
+    /// A ramp to standstill that ends on a whole step, at least half a step from here. It begins late enough for that,
+    /// and ends at the speed `rates.start`, or at the present one if that is less. A shaft that follows stays where
+    /// this ends; with [`slew`](Self::slew) it falls back by a part of a step.
     #[must_use]
     pub fn stop_on_step(&self, at: Instant, rates: Rates) -> Self {
         let (now, d) = self.segment_at(at);

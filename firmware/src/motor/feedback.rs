@@ -86,8 +86,8 @@ impl Known {
         self.load.abs() <= self.friction
     }
 
-    /// By how much a limit of the current, and so much of the supply as a duty, can slow down in a [`TICK`] a shaft that
-    /// turns that way, with what load and friction do, in rpm.
+    /// By how much a limit of the current, and so much of the supply as a duty, can slow down in a [`TICK`] a shaft
+    /// that turns that way, with what load and friction do, in rpm.
     pub(crate) fn brakes(&self, limit_ma: u32, most_duty: i32, way: i64) -> I40F24 {
         let current = self.lost(limit_ma.into()).min(self.rpm(most_duty));
         (current + self.torque(way) * way) * self.gain

@@ -33,7 +33,8 @@ impl Rotation {
         }
     }
 
-    /// Returns whether nobody would tell it from another one: the angle is the same to 2⁻²⁴ turns, the speed to 0.001 rpm.
+    /// Returns whether nobody would tell it from another one: the angle is the same to 2⁻²⁴ turns, the speed to 0.001
+    /// rpm.
     pub(super) fn is_like(self, other: Self) -> bool {
         const ANGLE: u64 = 1 << 8;
         const SPEED: u64 = 1 << 16;

@@ -34,7 +34,7 @@ use crate::device::{Boot, Device, Duration, Fault, Input, Instant, Pin, Refused,
 pub struct Fixture<D> {
     /// The device.
     pub drive: D,
-    /// Its outputs and its memory.
+    /// Outputs and memory of the device.
     pub out: Recorder,
     /// The time.
     pub now: Instant,
@@ -103,13 +103,13 @@ impl<D: Device> Fixture<D> {
         self.run_until(self.now + span);
     }
 
-    /// Something happens, then; what is due by that time comes with it.
+    /// Gives the device an input at that time; what is due by then comes with it.
     pub fn input(&mut self, at: Instant, input: Input<'_>) {
         self.now = at;
         advance(&mut self.drive, at, core::iter::once((at, input)), &mut self.out);
     }
 
-    /// Something happens now.
+    /// Gives the device an input now.
     pub fn tell(&mut self, input: Input<'_>) {
         self.input(self.now, input);
     }

@@ -11,9 +11,9 @@ use crate::motor::Parameters;
 /// Treatment of an output by a [`Recorder`].
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Treatment {
-    /// It is recorded.
+    /// Recorded.
     Keep,
-    /// It is not recorded; a store is carried out in the memory all the same.
+    /// Not recorded; a store is carried out in the memory all the same.
     Ignore,
     /// The device must not put it: the test fails.
     Refuse,
@@ -67,7 +67,7 @@ pub struct Recorder {
     beside: i32,
 }
 
-/// One without a memory, for what saves nothing.
+/// A recorder without a memory, for devices that save nothing.
 impl Default for Recorder {
     fn default() -> Self {
         Self::new(0)

@@ -35,8 +35,8 @@ const VALUE_BYTES: usize = PDU_BYTES - HEAD_BYTES - 2;
 /// order of their identifiers, as it has room for.
 ///
 /// `conformity` is 1 for a device with basic objects (0 to 2), [`REGULAR`] with regular (to 0x7F), 3 with extended
-/// ones, and [`SINGLE_OBJECTS`] where it gives single ones. A higher category than it has is answered with what it has; a
-/// stream from an object that it does not know starts from the first one.
+/// ones, and [`SINGLE_OBJECTS`] where it gives single ones. A higher category than it has is answered with what it has;
+/// a stream from an object that it does not know starts from the first one.
 ///
 /// # Errors
 /// [`Exception::IllegalFunction`] for another type than 14, [`Exception::IllegalDataAddress`] for a single object

@@ -17,10 +17,10 @@ const FORTH: i32 = 6;
 const FORTH_TAKES: Duration = Duration::millis(1_580);
 const BACK: i32 = 3;
 const BACK_TAKES: Duration = Duration::millis(790);
-/// How long one takes in all whose rotor cannot move (MC 5-9).
+/// Time of a calibration whose rotor cannot move (MC 5-9).
 const BLOCKED: Duration = Duration::secs(10);
 
-/// How far it has come with it.
+/// State of calibration.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum Calibration {
     Not,
@@ -30,7 +30,7 @@ pub(super) enum Calibration {
     Failed,
 }
 
-/// One that runs.
+/// A calibration that runs.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct Run {
     stage: Stage,
@@ -38,7 +38,7 @@ pub(super) struct Run {
     since: Instant,
 }
 
-/// What it is at.
+/// Stage of a calibration.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum Stage {
     Settles,
@@ -51,7 +51,7 @@ enum Stage {
 }
 
 impl Calibration {
-    /// Whether it is behind it, with whatever end.
+    /// Returns whether it is over, with whatever result.
     pub(super) fn is_over(self) -> bool {
         matches!(self, Self::Done | Self::Failed)
     }
@@ -65,7 +65,7 @@ impl Calibration {
 }
 
 impl Hybrid {
-    /// It starts without a delay: calibrated.
+    /// Marks it as calibrated, for a start without delay.
     pub(in crate::mdrive) fn set_calibrated(&mut self) {
         self.calibration = Calibration::Done;
     }
@@ -109,7 +109,7 @@ impl Drive {
         Ok(())
     }
 
-    /// What comes behind a stage of a calibration (MC 5-9).
+    /// Goes on to the next stage of a calibration (MC 5-9).
     pub(super) fn calibrate_on(&mut self, at: Instant, out: &mut dyn Sink) {
         let Calibration::Runs(Run { stage, due, since }) = self.hybrid.calibration else { return };
         let (stage, lasts) = match stage {

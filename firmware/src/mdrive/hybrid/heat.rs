@@ -1,12 +1,12 @@
-//! How warm its electronics are (MC 5-38, 5-81). The manual has no figures but WT's: the rest is decided here.
+//! Temperature of the electronics (MC 5-38, 5-81). The manual has no figures but WT's: the rest is decided here.
 
 use crate::device::{Duration, Instant};
 use drivetwin_protocol::time::TICKS_PER_SECOND;
 
-/// What it is at work, and what an overheated one comes to, in m°C.
+/// Temperatures at work and overheated, in m°C.
 const COOL: i64 = 40_000;
 const HOT: i64 = 95_000;
-/// How fast it gets there, in m°C/s.
+/// Rate of change, in m°C/s.
 const PER_SECOND: i64 = 10_000;
 /// At that it disables itself: 10 °C above the warning of the factory (MC 9.5, error 71), in °C.
 pub(super) const SHUTDOWN: i64 = 90;
@@ -14,7 +14,7 @@ pub(super) const SHUTDOWN: i64 = 90;
 /// The temperature.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Heat {
-    /// What heats it is there.
+    /// True while the cause of heat is present.
     heats: bool,
     /// The temperature when that came or went, in m°C.
     from: i64,
@@ -24,7 +24,7 @@ pub(super) struct Heat {
 impl Heat {
     pub(super) const COOL: Self = Self { heats: false, from: COOL, since: Instant::ZERO };
 
-    /// What heats it comes or goes.
+    /// Sets the cause of heat.
     pub(super) fn set(&mut self, at: Instant, heats: bool) {
         *self = Self { heats, from: self.milli(at), since: at };
     }
@@ -34,7 +34,8 @@ impl Heat {
         self.milli(at) / 1_000
     }
 
-    /// When it has come to so many °C, or has left them on its way down; [`Instant::NEVER`] if it is not on that way.
+    /// Time at which it reaches so many °C, or leaves them on its way down; [`Instant::NEVER`] if it is not on that
+    /// way.
     pub(super) fn passes(&self, celsius: i64) -> Instant {
         let way = if self.heats { celsius * 1_000 - self.from } else { self.from - celsius * 1_000 + 1 };
         let left = if self.heats { HOT - self.from } else { self.from - COOL };

@@ -36,7 +36,7 @@ mod mode {
     pub(super) const TORQUE: u16 = 3;
 }
 
-/// What SS and TS divide (FB 5.1), in Hz.
+/// Frequency that SS and TS divide (FB 5.1), in Hz.
 const OSCILLATOR: i32 = 10_000_000;
 
 /// The speed of SS and TS, 0 to 255, in steps/s.
@@ -44,7 +44,7 @@ pub(super) fn frequency(n: i32) -> i32 {
     OSCILLATOR.checked_div(n.saturating_add(2)).unwrap_or(0)
 }
 
-/// What SS or TS is of a speed in steps/s, the fastest that is not slower.
+/// SS or TS for a speed in steps/s, the fastest that is not slower.
 pub(super) fn divider(frequency: i32) -> i32 {
     OSCILLATOR.checked_div(frequency).unwrap_or(0) - 2
 }
@@ -60,21 +60,21 @@ impl Causes {
         self.0 & 1 << (n & 7) != 0
     }
 
-    /// One comes or goes.
+    /// Sets or clears a fault.
     fn set(&mut self, Fault(n): Fault, on: bool) {
         let bit = 1 << (n & 7);
         self.0 = if on { self.0 | bit } else { self.0 & !bit };
     }
 }
 
-/// What it is at. An MDrivePlus² has none of it but a bridge that heat can switch off.
+/// State of the Hybrid's circuitry. An MDrivePlus² has none of it but a bridge that heat can switch off.
 #[derive(Clone, Debug)]
 pub(super) struct Hybrid {
     calibration: Calibration,
     rotor: Rotor,
     /// Since when the rotor, which does not move, has been at its bounds.
     at_bounds: Option<Instant>,
-    /// When the rotor comes to something that counts, or has been locked for long enough.
+    /// Time at which the rotor comes to a state that counts, or has been locked for long enough.
     rotor_due: Instant,
     /// LG or LD to which it has come.
     limit: Option<Limit>,
@@ -115,7 +115,7 @@ impl Hybrid {
         *self = if whole { Self::NONE } else { Self { heat, causes, ..Self::NONE } };
     }
 
-    /// Whether the bridge is off, whatever DE says.
+    /// Returns whether the bridge is off, whatever DE is.
     pub(super) fn is_disabled(&self) -> bool {
         self.is_disabled
     }
@@ -168,8 +168,8 @@ impl Drive {
         }
     }
 
-    /// The motion has another plan, or C1 has come to an end of its range, beyond which it goes on at the other one: error
-    /// 105 of a Hybrid.
+    /// The motion has another plan, or C1 has come to an end of its range, beyond which it goes on at the other one:
+    /// error 105 of a Hybrid.
     pub(super) fn watch_position(&mut self, at: Instant, out: &mut dyn Sink) {
         if self.model != Model::Hybrid {
             return;
@@ -193,12 +193,12 @@ impl Drive {
         }
     }
 
-    /// Whether there is current, but for what the circuitry has switched off.
+    /// Returns whether there is current, but for what the circuitry has switched off.
     pub(super) fn has_bridge(&self) -> bool {
         self.bank.word(Reg::DE) != 0 && !self.hybrid.is_disabled
     }
 
-    /// Whether the circuitry looks after the rotor.
+    /// Returns whether the circuitry controls the rotor.
     fn watches_rotor(&self) -> bool {
         let is_on = self.bank.word(Reg::AS) != mode::OFF && self.has_bridge();
         is_on && self.hybrid.calibration.is_over()

@@ -1,4 +1,4 @@
-//! What the circuitry does with the rotor: torque mode, make-up, its bounds (MC 5-10, 5-44 to 5-50, 5-72 to 5-76).
+//! Control of the rotor by the circuitry: torque mode, make-up, its bounds (MC 5-10, 5-44 to 5-50, 5-72 to 5-76).
 //!
 //! In torque mode the rotor turns on its own, with its inertia: it is as fast as torque has made it, a hand that holds
 //! it stops it, and what ends torque mode slows it down.
@@ -15,19 +15,19 @@ use crate::motion::{MAX_ACCELERATION, Rates};
 
 /// Accelerations here are in full steps of so many in a turn.
 const STEPS_PER_REV: u32 = 200;
-/// What full torque accelerates the rotor by, in full steps/s²: nothing is said of its load.
+/// Acceleration of the rotor by full torque, in full steps/s²: the manual gives no load.
 const TORQUE_ACCELERATION: u32 = 39_062;
 /// The least that slows it down without a current, in full steps/s².
 const LEAST_DECELERATION: u64 = 390;
-/// Where no torque is left, in full steps/s: 3,000 rpm.
+/// Speed at which no torque is left, in full steps/s: 3,000 rpm.
 const PULL_OUT: u32 = 10_000;
 
-/// What it does with the rotor.
+/// Control of the rotor.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum Rotor {
-    /// It is where it belongs, or nobody looks after it.
+    /// None: it is where it belongs, or is not controlled.
     Free,
-    /// It makes up for what it lags.
+    /// Makes up for its lag.
     MakesUp,
     /// Torque turns it, unless it is stopped from outside.
     Spins { spin: Spin, is_stopped: bool },
@@ -44,14 +44,14 @@ pub(super) struct Spin {
 }
 
 impl Hybrid {
-    /// Whether the rotor turns though nothing has ordered a motion.
+    /// Returns whether the rotor turns without a commanded motion.
     pub(super) fn turns(&self) -> bool {
         matches!(self.rotor, Rotor::Spins { is_stopped: false, .. } | Rotor::Slows(_))
     }
 }
 
 impl Drive {
-    /// Whether anything moves: what S, SC, CF, MS and the like do not go with.
+    /// Returns whether anything moves: S, SC, CF, MS and the like are refused then.
     pub(in crate::mdrive) fn is_in_motion(&self) -> bool {
         self.motion.is_moving() || self.hybrid.turns()
     }
@@ -173,7 +173,7 @@ impl Drive {
         }
     }
 
-    /// What friction slows the rotor down by, in full steps/s².
+    /// Deceleration of the rotor by friction, in full steps/s².
     fn coasts(&self) -> u32 {
         /// Full steps/s² of 1 µN·m at 1 g·cm²: 10 rad/s², 200 full steps a turn.
         const EACH: u64 = 318;
@@ -196,7 +196,7 @@ impl Drive {
         self.hybrid.rotor = Rotor::Free;
     }
 
-    /// What the rotor lags when a motion is over is made up for with MU, at the speed of MF or SS.
+    /// Makes up for the rotor's lag at the end of a motion with MU, at the speed of MF or SS.
     fn make_up(&mut self, at: Instant, out: &mut dyn Sink) {
         if self.hybrid.rotor == Rotor::MakesUp {
             let ends = self.motion.plan_ends();
@@ -282,7 +282,7 @@ impl Drive {
     }
 }
 
-/// What a share of the torque accelerates by, in full steps/s².
+/// Acceleration by a share of the torque, in full steps/s².
 fn by_torque(percent: u16) -> u32 {
     TORQUE_ACCELERATION * u32::from(percent) / 100
 }

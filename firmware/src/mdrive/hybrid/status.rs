@@ -1,4 +1,4 @@
-//! What the circuitry tells: AF, LL, LR, IT, errors and trips (MC 5-2, 5-41, 5-42, 5-71).
+//! Status of the circuitry: AF, LL, LR, IT, errors and trips (MC 5-2, 5-41, 5-42, 5-71).
 
 use super::calibration::Calibration;
 use super::rotor::Rotor;
@@ -74,13 +74,13 @@ impl Drive {
         .fold(0, |bits, (_, bit)| bits | bit)
     }
 
-    /// Whether the circuitry corrects what the rotor does.
+    /// Returns whether the circuitry corrects the rotor.
     pub(in crate::mdrive) fn corrects_rotor(&self) -> bool {
         self.hybrid.at_bounds.is_some() || self.hybrid.rotor != Rotor::Free || self.motion.is_too_fast()
     }
 
-    /// LL, in steps. In torque mode and until the rotor stands after it, while it calibrates and while the circuitry is off
-    /// there is none.
+    /// LL, in steps. In torque mode and until the rotor stands after it, while it calibrates and while the circuitry is
+    /// off there is none.
     pub(in crate::mdrive) fn lag(&self, at: Instant) -> i32 {
         let is_bound = self.watches_rotor() && !self.is_in_torque_mode() && !self.hybrid.turns();
         if is_bound { self.motion.lag(at) } else { 0 }
@@ -117,7 +117,7 @@ impl Drive {
         }
     }
 
-    /// Something is wrong with the rotor, and may trip.
+    /// Reports an error of the rotor, which may trip.
     pub(super) fn tell(&mut self, at: Instant, error: Error, condition: u8, out: &mut dyn Sink) {
         // "There is no error generation when enabling trip" on these (MC 5-71): the trip takes its place.
         if !self.trips_on_status(condition) {

@@ -7,16 +7,16 @@ use crate::device::{Duration, Instant};
 
 /// Full scale.
 const MOST: i32 = 1_023;
-/// What 4 mA read as: less than that does not come of a transmitter of 4 to 20 mA (MC 5-65).
+/// Reading of 4 mA: less does not come from a transmitter of 4 to 20 mA (MC 5-65).
 const LEAST_OF_4_MA: i32 = 205;
 /// Full scale of a current, in mV across the shunt.
 const MOST_OF_CURRENT_MV: i32 = 20 * SHUNT_OHM as i32;
-/// How often it is read; the manuals do not say.
+/// Interval of readings; the manuals do not give it.
 const INTERVAL: Duration = Duration::millis(1);
 /// Digits of an average behind the point.
 const FRACTION: u32 = 16;
 
-/// What it measures.
+/// Measured quantity.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum Range {
     Volts5,
@@ -36,12 +36,12 @@ pub(super) struct Analogue {
     over: u8,
     /// The average of the readings so far, with [`FRACTION`].
     average: i32,
-    /// How many readings these were, since time began.
+    /// Number of these readings, since time began.
     taken: u64,
 }
 
 impl Analogue {
-    /// Of the factory, at 0 V.
+    /// Factory settings, at 0 V.
     pub(super) const ZERO: Self = Self { range: Range::Volts5, mv: 0, over: 0, average: 0, taken: 0 };
 
     /// A restart: as the factory has it, but its voltage stays as it is.

@@ -8,7 +8,7 @@ use super::point::flag;
 use crate::device::{Duration, Instant, Level, Output, Pin, Plan, Sink};
 use crate::motion::{SETUP, Step, Walker};
 
-/// How steps are told.
+/// Code of the steps.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum Code {
     /// A pulse at I/O 7 for each, I/O 8 is active backward.
@@ -70,7 +70,7 @@ impl Point {
 /// I/O 7 and 8.
 #[derive(Clone, Debug)]
 pub(super) struct Clock {
-    /// Of both: they are set up in pairs (MC 5-66).
+    /// Function of both: they are set up in pairs (MC 5-66).
     kind: Kind,
     seven: Point,
     eight: Point,
@@ -81,7 +81,7 @@ pub(super) struct Clock {
     /// Steps to be followed that nobody has taken, and thousandths of another one.
     steps: i32,
     rest: i32,
-    /// Whether a plan is wanted.
+    /// True if a plan is wanted.
     is_new: bool,
     train: Train,
 }
@@ -91,13 +91,13 @@ pub(super) struct Clock {
 struct Train {
     walker: Walker,
     next: Option<Step>,
-    /// When the last step was, or the last plan came.
+    /// Time of the last step, or of the last plan.
     last: Instant,
     /// The direction that is shown.
     backward: bool,
     /// Edges of the quadrature.
     phase: i32,
-    /// When the pulse ends; [`Instant::NEVER`] between pulses.
+    /// End of the pulse; [`Instant::NEVER`] between pulses.
     ends: Instant,
 }
 
@@ -111,7 +111,8 @@ impl Train {
         ends: Instant::NEVER,
     };
 
-    /// When the direction turns for the next step, if that goes the other way: [`SETUP`] before it, or half-way to it.
+    /// Time at which the direction changes for the next step, if that goes the other way: [`SETUP`] before it, or
+    /// half-way to it.
     fn turns(&self) -> Option<Instant> {
         let Step { at, forward } = self.next?;
         let half = Duration::from_ticks(at.since(self.last).ticks() / 2);
@@ -177,12 +178,12 @@ impl Clock {
         }
     }
 
-    /// Whether the motor follows pulses.
+    /// Returns whether the motor follows pulses.
     pub(super) fn follows(&self) -> bool {
         matches!(self.kind(), Some(Kind::Follows(_)))
     }
 
-    /// Whether it must be told of the motion's plan, for the first time.
+    /// Returns whether it needs the motion's plan, for the first time.
     pub(super) fn wants_plan(&self) -> bool {
         self.is_new
     }
@@ -203,7 +204,7 @@ impl Clock {
         }
     }
 
-    /// Somebody drives a point to a level. `filter` is FM.
+    /// Sets the level of a point. `filter` is FM.
     pub(super) fn see(&mut self, at: Instant, pin: Pin, high: bool, filter: u8) {
         let changed = self.point(pin).is_some_and(|point| point.seen.see(at, high, min_pulse(filter)));
         if changed {
@@ -240,7 +241,7 @@ impl Clock {
         }
     }
 
-    /// What both points are set up for, and do while CM is 1.
+    /// Function of both points, while CM is 1.
     fn kind(&self) -> Option<Kind> {
         self.enabled.then_some(self.kind)
     }

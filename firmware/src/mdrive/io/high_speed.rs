@@ -19,7 +19,7 @@ pub(super) struct HighSpeed {
     active_high: bool,
     seen: Lasting,
     driven: Level,
-    /// When the pulse ends; [`Instant::NEVER`] without one.
+    /// End of the pulse; [`Instant::NEVER`] without one.
     ends: Instant,
 }
 
@@ -60,7 +60,7 @@ impl HighSpeed {
         Ok(())
     }
 
-    /// Somebody drives it to a level. Returns whether that captures.
+    /// Sets its level; returns whether that captures.
     pub(super) fn see(&mut self, at: Instant, high: bool, lasting: Duration) -> bool {
         self.seen.see(at, high, lasting) && self.captures()
     }
@@ -86,7 +86,7 @@ impl HighSpeed {
         self.seen.timeout(at) && self.captures()
     }
 
-    /// Whether the level that counts now is one that captures.
+    /// Returns whether the level that counts now is one that captures.
     fn captures(&self) -> bool {
         self.kind == Kind::Captures && self.seen.level == self.active_high
     }

@@ -6,7 +6,7 @@ use crate::device::{Duration, Instant};
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Lasting {
     pub(super) level: bool,
-    /// When the other level will have lasted; [`Instant::NEVER`] if it is not there.
+    /// Time at which the other level will have lasted long enough; [`Instant::NEVER`] if it is not there.
     pub(super) due: Instant,
 }
 
@@ -15,7 +15,7 @@ impl Lasting {
         Self { level, due: Instant::NEVER }
     }
 
-    /// It is at `level`, which counts once that has lasted so long. Returns whether another one counts now.
+    /// Sets the level, which counts once that has lasted for `lasting`. Returns whether another one counts now.
     pub(super) fn see(&mut self, at: Instant, level: bool, lasting: Duration) -> bool {
         if level == self.level {
             self.due = Instant::NEVER;

@@ -1,5 +1,5 @@
-//! The I/O points: what IO1 to IO4 are, the analogue input, the clock points IO7 and IO8, capture and trip at I/O 13, the
-//! channels of a remote encoder behind their filter.
+//! The I/O points: what IO1 to IO4 are, the analogue input, the clock points IO7 and IO8, capture and trip at I/O 13,
+//! the channels of a remote encoder behind their filter.
 //!
 //! They know nothing of the rest of the drive: what they have to tell they keep as events.
 //!
@@ -39,7 +39,7 @@ const MIN_PULSES: [u64; 10] = [50, 150, 200, 300, 500, 900, 1_700, 3_300, 6_500,
 /// channels.
 const EVENTS: usize = 20;
 
-/// What the I/O tells the rest of the drive.
+/// Events of the I/O for the rest of the drive.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum Event {
     /// A contact of the motion became active, or not.
@@ -62,7 +62,7 @@ pub(super) enum Event {
     Clock(i32),
 }
 
-/// What outputs show.
+/// State that outputs show.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub(super) struct Shown {
     pub(super) moving: bool,
@@ -75,7 +75,7 @@ pub(super) struct Shown {
     pub(super) makes_up: bool,
 }
 
-/// What filters and pulses go by, as the variables are now.
+/// Settings of filters and pulses, as the variables are now.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub(super) struct Filters {
     /// D1 to D4, in ms.
@@ -107,7 +107,7 @@ impl Filters {
         Duration::millis(self.debounce_ms.get(index).copied().unwrap_or(0).into())
     }
 
-    /// How long a pulse of an output is: to the nearest tick, but there is none without length.
+    /// Width of an output pulse: to the nearest tick, but never zero.
     fn width(&self) -> Duration {
         const PER_SECOND: u64 = 1_000_000_000 / 50;
         let ticks = (u64::from(self.pulse) * TICKS_PER_SECOND + PER_SECOND / 2) / PER_SECOND;
@@ -115,7 +115,7 @@ impl Filters {
     }
 }
 
-/// How long a level must last behind FC or FM: in whole ticks, not less than the pulse.
+/// Time for which a level must last behind FC or FM: in whole ticks, not less than the pulse.
 fn min_pulse(filter: u8) -> Duration {
     let ns = MIN_PULSES.get(usize::from(filter)).copied().unwrap_or(0);
     Duration::from_ticks((ns * TICKS_PER_SECOND).div_ceil(1_000_000_000))
@@ -295,7 +295,7 @@ impl Io {
         self.analogue.value(at)
     }
 
-    /// Whether some input has the type of this contact, and whether it is active.
+    /// State of the input that has the type of this contact: true if it is active; `None` without one.
     pub(super) fn contact(&self, contact: Contact) -> Option<bool> {
         let point = self.points.iter().find(|point| point.kind() == Kind::Contact(contact))?;
         Some(point.is_active())
@@ -308,12 +308,12 @@ impl Io {
         place.and_then(|place| self.filters.debounce_ms.get(place)).copied().unwrap_or(0)
     }
 
-    /// Whether the motor follows clock inputs: CM with S7 and S8 as inputs.
+    /// Returns whether the motor follows clock inputs: CM with S7 and S8 as inputs.
     pub(super) fn follows_clock(&self) -> bool {
         self.clock.follows()
     }
 
-    /// Whether clock outputs must be told of the motion's plan, though that has not changed.
+    /// Returns whether clock outputs need the motion's plan, though it has not changed.
     pub(super) fn wants_plan(&self) -> bool {
         self.clock.wants_plan()
     }
@@ -335,7 +335,7 @@ impl Io {
         self.high_speed.pulse(at, self.filters.width(), out);
     }
 
-    /// Somebody drives a pin.
+    /// Sets the level of a pin.
     pub(super) fn edge(&mut self, at: Instant, pin: Pin, high: bool, out: &mut dyn Sink) {
         self.timeout(at, out);
         match pin {
@@ -352,7 +352,7 @@ impl Io {
         }
     }
 
-    /// Nobody drives a pin any more.
+    /// Leaves a pin open.
     pub(super) fn opened(&mut self, at: Instant, pin: Pin, out: &mut dyn Sink) {
         self.timeout(at, out);
         match channel(pin) {
@@ -409,7 +409,7 @@ impl Io {
         self.tell(place, became_active);
     }
 
-    /// Somebody drives a channel of a remote encoder, or nobody any more. FM is for it, too (MC 5-26).
+    /// Sets the level of a channel of a remote encoder, or leaves it open. FM is for it, too (MC 5-26).
     fn see_channel(&mut self, at: Instant, channel: Channel, level: Option<bool>) {
         if self.remote.see(at, channel, level, min_pulse(self.filters.clock)) {
             self.push(Event::Channel(channel, level));
@@ -457,7 +457,7 @@ fn channel(pin: Pin) -> Option<Channel> {
     }
 }
 
-/// Whether only a Hybrid has a type of I/O 1 to 4.
+/// Returns whether only a Hybrid has a type of I/O 1 to 4.
 pub(super) fn is_of_hybrid(kind: u16) -> bool {
     Kind::of(kind).is_some_and(Kind::is_of_hybrid)
 }

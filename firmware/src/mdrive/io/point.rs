@@ -6,7 +6,7 @@ use super::lasting::Lasting;
 use super::{Event, Shown};
 use crate::device::{Duration, Instant, Level, Output, Pin, Sink};
 
-/// What a point is for.
+/// Type of a point.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum Kind {
     /// A general purpose input.
@@ -21,7 +21,7 @@ pub(super) enum Kind {
     Shows(Shows),
 }
 
-/// What an output with a type shows.
+/// State that an output with a type shows.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum Shows {
     Moving,
@@ -61,12 +61,12 @@ impl Kind {
         })
     }
 
-    /// Whether only a Hybrid has it (FB 4.3.1).
+    /// Returns whether only a Hybrid has it (FB 4.3.1).
     pub(super) fn is_of_hybrid(self) -> bool {
         matches!(self, Self::Shows(Shows::LockedRotor | Shows::Hybrid | Shows::MakesUp))
     }
 
-    /// Whether only one point may be this (MC 9.1).
+    /// Returns whether only one point may have it (MC 9.1).
     pub(super) fn is_dedicated(self) -> bool {
         !matches!(self, Self::Input | Self::Output)
     }
@@ -91,7 +91,7 @@ impl Shows {
     }
 }
 
-/// What S1 to S4 say.
+/// Set-up by S1 to S4.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct SetUp {
     pub(super) kind: Kind,
@@ -126,8 +126,8 @@ pub(super) fn flag(value: u16) -> Result<bool, Error> {
 }
 
 impl SetUp {
-    /// Whether a pin that is high when this is set up is a reset, even if it falls then: "If setting the input to sourcing,
-    /// active true, ground the input first or a reset will occur" (MC 5-63, type 11).
+    /// Returns whether a pin that is high when this is set up is a reset, even if it falls then: "If setting the input
+    /// to sourcing, active true, ground the input first or a reset will occur" (MC 5-63, type 11).
     pub(super) fn resets_when_high(self) -> bool {
         self.kind == Kind::Tells(Event::Reset) && self.sources && self.active_high
     }
@@ -137,13 +137,13 @@ impl SetUp {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Point {
     set_up: SetUp,
-    /// What is done to it from outside; `None` if nothing.
+    /// Level from outside; `None` if it is open.
     outside: Option<bool>,
     held: Lasting,
-    /// When an input that was set up can be used (MC 5-64, note 2); [`Instant::NEVER`] if it can.
+    /// Time at which an input that was set up can be used (MC 5-64, note 2); [`Instant::NEVER`] if it can.
     settles: Instant,
     active: bool,
-    /// What it puts out.
+    /// Level that it drives.
     driven: Level,
 }
 
@@ -161,7 +161,7 @@ impl Point {
         self.set_up.kind
     }
 
-    /// Whether it is active: an input as it has settled, an output as it is to be.
+    /// Returns whether it is active: an input as it has settled, an output as it is to be.
     pub(super) fn is_active(&self) -> bool {
         self.active
     }
@@ -193,7 +193,8 @@ impl Point {
         is_new
     }
 
-    /// Begins as it was set up: an input is inactive until it has settled. Returns whether it is active now and was not.
+    /// Begins as it was set up: an input is inactive until it has settled. Returns whether it is active now and was
+    /// not.
     pub(super) fn begin(&mut self, at: Instant, pin: Pin, debounce: Duration, out: &mut dyn Sink) -> bool {
         self.drive(at, pin, out);
         self.settles = at + debounce;
@@ -209,7 +210,7 @@ impl Point {
         self.judge();
     }
 
-    /// Something else is done to it from outside. Returns whether it becomes active.
+    /// Sets the level from outside; returns whether it becomes active.
     pub(super) fn see(&mut self, at: Instant, outside: Option<bool>, debounce: Duration) -> bool {
         self.outside = outside;
         self.look(at, debounce)
@@ -285,7 +286,7 @@ impl Point {
         self.held.see(at, level, debounce) && self.judge()
     }
 
-    /// Whether an input becomes active by what counts now.
+    /// Returns whether an input becomes active by the level that counts now.
     fn judge(&mut self) -> bool {
         if self.kind().is_output() || self.settles != Instant::NEVER {
             return false;

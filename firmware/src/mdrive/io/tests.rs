@@ -349,8 +349,8 @@ fn what_an_input_asks_for_is_told_once_each_time_it_becomes_active() {
     }
 }
 
-/// MC 5-63: "If setting the input to sourcing, active true, ground the input first or a reset will occur." An open pin was
-/// pulled up until then.
+/// MC 5-63: "If setting the input to sourcing, active true, ground the input first or a reset will occur." An open pin
+/// was pulled up until then.
 #[test]
 fn a_reset_that_sources_resets_unless_it_is_grounded() {
     let reset = [Event::Reset, Event::Active(1)];

@@ -1,8 +1,8 @@
 //! The connections on which MCode is spoken, four at most: what echoes, what ends a line, keys (MC 3.4.4, 7.1.1).
 //!
 //! A line belongs to its connection, as does program mode, which ends with it; echo mode is the drive's. A connection
-//! hears nothing before it speaks, but for what is said to all. The drive executes one line at a time, whoever has typed
-//! it, and takes nothing else from its connections meanwhile.
+//! hears nothing before it speaks, but for what is said to all. The drive executes one line at a time, whoever has
+//! typed it, and takes nothing else from its connections meanwhile.
 
 mod line;
 mod time;
@@ -30,20 +30,20 @@ const BACKSPACE: u8 = 0x08;
 const ESCAPE: u8 = 0x1B;
 const DELETE: u8 = 0x7F;
 
-/// What comes back of a line that is typed, by EM (MC 7.1.1).
+/// Echo of a line that is typed, by EM (MC 7.1.1).
 mod echo {
     /// Each character, and a prompt.
     pub(super) const FULL: u16 = 0;
     /// CR LF when it is accepted.
     pub(super) const HALF: u16 = 1;
-    /// Nothing but what is printed.
+    /// Only what is printed.
     pub(super) const NONE: u16 = 2;
     /// The whole line, once it has ended.
     pub(super) const AFTERWARDS: u16 = 3;
 }
 
 impl Drive {
-    /// Somebody connects; a fifth one is closed.
+    /// Opens a connection; a fifth one is closed.
     pub(in crate::mdrive) fn console_opened(&mut self, at: Instant, link: Link, out: &mut dyn Sink) {
         self.mcode.consoles.close(link);
         if self.mcode.consoles.open(link).is_err() {
@@ -161,7 +161,8 @@ impl Drive {
         }
     }
 
-    /// Of party mode: whether a character is for this drive and no name of one. Keys may be for all (MC 5-11, 5-23).
+    /// Returns whether a character is for this drive and no name of one, in party mode. Keys may be for all (MC 5-11,
+    /// 5-23).
     fn is_for_me(&mut self, at: Instant, link: Link, character: u8, out: &mut dyn Sink) -> bool {
         let active = self.mcode.consoles.party == Party::Active;
         let called = self.mcode.consoles.find(link).map_or(Called::Others, |console| console.called);
@@ -282,7 +283,7 @@ impl Drive {
         }
     }
 
-    /// What comes after a line that came with check sums of that CK: its error, an acknowledgement, and a prompt.
+    /// Ends a line that came with checksums of that CK: its error, an acknowledgement, and a prompt.
     fn conclude(
         &mut self,
         at: Instant,
@@ -379,21 +380,21 @@ impl Drive {
         Ok(())
     }
 
-    /// What is typed on a connection is stored from an address on, or no more.
+    /// Stores lines that are typed on a connection from an address on, or ends that.
     fn program_from(&mut self, link: Link, address: Option<u16>) {
         if let Some(console) = self.mcode.consoles.find(link) {
             console.programming = address;
         }
     }
 
-    /// What comes back on a connection, if it is for this drive to answer.
+    /// Answers on a connection, if it is for this drive to answer.
     fn answer(&self, at: Instant, link: Link, bytes: &[u8], out: &mut dyn Sink) {
         for link in &self.hearers(link) {
             say(at, *link, bytes, out);
         }
     }
 
-    /// Who hears the answer to a connection: itself, unless all drives of a party were called.
+    /// Connections that get the answer to one: itself, unless all drives of a party were called.
     pub(super) fn hearers(&self, link: Link) -> Vec<Link, MOST> {
         let mut links = Vec::new();
         let console = self.mcode.consoles.list.iter().find(|console| console.link == link);
@@ -404,7 +405,7 @@ impl Drive {
         links
     }
 
-    /// What comes back of a line that is typed (EM): one of [`echo`].
+    /// Echo of a line that is typed (EM): one of [`echo`].
     fn echo_mode(&self) -> u16 {
         self.bank.word(Reg::EM)
     }
@@ -414,7 +415,7 @@ impl Drive {
         if self.bank.word(Reg::ES) & 1 != 0 { ESCAPE } else { CTRL_E }
     }
 
-    /// What asks for a line in EM 0: a question mark while there is an error (MC 9).
+    /// Prompt in EM 0: a question mark while there is an error (MC 9).
     fn prompt(&self) -> &'static [u8] {
         match (self.echo_mode(), self.errors.is_set()) {
             (echo::FULL, false) => b">",
@@ -424,11 +425,11 @@ impl Drive {
     }
 }
 
-/// What follows a line that was carried out.
+/// Answer to a line that was carried out.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum Answer {
     Prompt,
-    /// Its check sum was wrong: nothing has happened.
+    /// Wrong checksum: without effect.
     Spoiled,
     /// The sign-on was the answer, with a prompt.
     Greeting,

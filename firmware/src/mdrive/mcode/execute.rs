@@ -1,4 +1,4 @@
-//! What a statement does.
+//! Execution of statements.
 
 use super::super::drive::Drive;
 use super::super::error::Error;
@@ -139,7 +139,7 @@ impl Drive {
         Ok(())
     }
 
-    /// What an expression comes to, in 32 bits that wrap, without a fraction.
+    /// Value of an expression, in 32 bits that wrap, without a fraction.
     ///
     /// # Errors
     /// 21 for a division by 0, 30 for a name that is no variable.
@@ -149,7 +149,7 @@ impl Drive {
         Ok(if ratio { value / i64::from(RATIO_ONE) } else { value } as i32)
     }
 
-    /// What an expression comes to, in thousandths for a `ratio`.
+    /// Value of an expression, in thousandths for a `ratio`.
     fn compute(&mut self, at: Instant, expression: &Expression<'_>, ratio: bool) -> Result<i64, Error> {
         let (mut value, mut ratio) = (0, ratio);
         for step in expression.steps() {
@@ -201,7 +201,7 @@ impl Drive {
         self.mcode.names.set(name, value)
     }
 
-    /// What IV waits for has come. A fraction is for CR.
+    /// Takes the number that IV waits for. A fraction is for CR.
     fn take_input(&mut self, at: Instant, number: &Expression<'_>, out: &mut dyn Sink) -> Result<(), Error> {
         match self.mcode.vm.take_input() {
             Some(Operand::Variable(reg)) if reg == Reg::CR || !number.is_ratio() => {
@@ -212,7 +212,7 @@ impl Drive {
         }
     }
 
-    /// Whether IV may wait for a variable.
+    /// Checks that IV may wait for a variable.
     ///
     /// # Errors
     /// 25 for what is read only, 30 for a name that is no variable.

@@ -8,14 +8,14 @@ use self::table::{Class, ITEMS, Item};
 use super::super::registers::{HYBRID, Reg};
 use super::statement::List;
 
-/// What a name of the language is.
+/// Meaning of a name of the language.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(in crate::mdrive) enum Mnemonic {
     /// A variable or a flag with one number.
     Variable(Reg),
-    /// One of several values.
+    /// A list of several values.
     List(List),
-    /// Something to do.
+    /// An instruction.
     Instruction(Instruction),
     /// A word for PR alone.
     Keyword(Keyword),
@@ -23,7 +23,7 @@ pub(in crate::mdrive) enum Mnemonic {
     NotAvailable,
 }
 
-/// What is done and not set, also where the bus has a register for it, by its name (MC 5).
+/// An instruction, also where the bus has a register for it, by its name (MC 5).
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(in crate::mdrive) enum Instruction {
     BP,
@@ -58,13 +58,13 @@ pub(in crate::mdrive) enum Instruction {
 }
 
 impl Instruction {
-    /// Whether nothing may stand behind it.
+    /// Returns whether it takes no operand.
     pub(super) fn stands_alone(self) -> bool {
         matches!(self, Self::E | Self::RT | Self::PS | Self::RS | Self::S | Self::FD | Self::IP | Self::CF)
     }
 }
 
-/// What PR alone knows, by its name (MC 5).
+/// A keyword of PR, by its name (MC 5).
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(in crate::mdrive) enum Keyword {
     /// All variables and flags.
@@ -87,7 +87,7 @@ pub(in crate::mdrive) type Word = [u8; 3];
 /// Beside the variants of the product: the commands of the serial sister are there, too.
 pub(in crate::mdrive) const SERIAL: u8 = 1 << 7;
 
-/// What `word`, in capitals, is to a drive of these variants; `None` if it is free for the user.
+/// Meaning of `word`, in capitals, to a drive of these variants; `None` if it is free for the user.
 pub(in crate::mdrive) fn find(word: &[u8], variants: u8) -> Option<Mnemonic> {
     let word = padded(word)?;
     let item = ITEMS.get(ITEMS.binary_search_by(|item| item.word.cmp(&word)).ok()?)?;
@@ -110,7 +110,7 @@ pub(in crate::mdrive) fn variables(variants: u8) -> impl Iterator<Item = (&'stat
         })
 }
 
-/// One to three characters, padded.
+/// Pads one to three characters.
 fn padded(text: &[u8]) -> Option<Word> {
     match *text {
         [a] => Some([a, b' ', b' ']),

@@ -5,10 +5,10 @@ use heapless::Vec;
 use super::super::error::Error;
 use super::statement::Name;
 
-/// How many there may be.
+/// Most names.
 pub(in crate::mdrive) const MOST: usize = 192;
 
-/// What a name of the user is.
+/// Meaning of a name of the user.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(in crate::mdrive) enum Meaning {
     /// LB: the address of its line.
@@ -39,7 +39,7 @@ impl Names {
         self.list.iter().copied()
     }
 
-    /// Whether [`Self::add`] would take a name.
+    /// Checks that [`Self::add`] would take a name.
     ///
     /// # Errors
     /// 28 if it is there, 31 if there is no room.
@@ -83,7 +83,7 @@ impl Names {
     }
 }
 
-/// What it is to set a name that is not there: 10 if it is one that an I/O might have, else 20 (MC 9.1, 9.2).
+/// Error of setting a name that is not there: 10 if it is one that an I/O might have, else 20 (MC 9.1, 9.2).
 pub(in crate::mdrive) fn unknown(name: &[u8]) -> Error {
     match name.trim_ascii_end() {
         [letter, number @ ..] if b"DIOSdios".contains(letter) && is_number(number) => Error::IllegalIo,

@@ -1,5 +1,5 @@
-//! How a line is taken apart: `=`, a blank or nothing separates name and value, either case will do, blanks may be
-//! anywhere between words.
+//! Parser of lines: `=`, a blank or nothing separates name and value, either case will do, blanks may be anywhere
+//! between words.
 
 mod expression;
 mod scanner;
@@ -15,7 +15,7 @@ use super::mnemonic::{self, Instruction, Mnemonic, SERIAL, Word};
 use super::names::{Names, unknown};
 use super::statement::{List, Name, Operand, Parameter, Place, Statement};
 
-/// What a line says to a drive of these variants, whose user has these names.
+/// Parses a line for a drive of these variants, whose user has these names.
 ///
 /// # Errors
 /// 10, 20, 24 to 26, 29, 30, 33, 34, 37, 38, 81: it says nothing that the drive could do. 21: a number that no variable holds.
@@ -38,7 +38,7 @@ pub(in crate::mdrive) fn parse<'a>(
     }
 }
 
-/// Whether a line says nothing but a number.
+/// Returns whether a line is only a number.
 pub(super) fn begins_number(line: &[u8]) -> bool {
     matches!(line.trim_ascii_start().first(), Some(b'0'..=b'9' | b'+' | b'-' | b'.'))
 }
@@ -65,7 +65,7 @@ pub(in crate::mdrive) fn name(word: &[u8]) -> Option<Name> {
 }
 
 impl Drive {
-    /// What a line says to this drive.
+    /// Parses a line for this drive.
     ///
     /// # Errors
     /// Those of [`parse`].
@@ -79,7 +79,7 @@ impl Drive {
     }
 }
 
-/// What a word is in the language, in either case.
+/// Meaning of a word in the language, in either case.
 pub(super) fn find(word: &[u8], variants: u8) -> Option<Mnemonic> {
     let mut capitals = Word::default();
     let target = capitals.get_mut(..word.len())?;

@@ -16,13 +16,13 @@ use crate::device::Instant;
 /// The end of a line.
 pub(in crate::mdrive) const CR_LF: &[u8] = b"\r\n";
 
-/// Where text goes, piece by piece.
+/// Destination of text, piece by piece.
 pub(in crate::mdrive) trait Text {
     /// Takes some characters.
     fn say(&mut self, text: &[u8]);
 }
 
-/// What stands behind PR, one by one.
+/// Item of PR.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum Item<'a> {
     Text(&'a [u8]),

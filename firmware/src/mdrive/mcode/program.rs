@@ -84,7 +84,7 @@ impl<'a> Record<'a> {
         Ok(Some((Self { address, void: first != high, line }, sum)))
     }
 
-    /// Its bytes in the log.
+    /// Bytes of the line in the log.
     fn len(&self) -> usize {
         FRAME + self.line.len()
     }
@@ -105,7 +105,7 @@ fn record(address: u16, line: &[u8]) -> Stored {
     record
 }
 
-/// Whether there can be a line.
+/// Returns whether a line can have this address.
 fn is_address(address: u16) -> bool {
     (1..ADDRESSES).contains(&usize::from(address))
 }
@@ -115,12 +115,12 @@ fn sum_of(address: u16, line: &[u8]) -> u16 {
     record.last_chunk().copied().map_or(0, u16::from_be_bytes)
 }
 
-/// Where each line is.
+/// Places of the lines.
 #[derive(Clone, Debug)]
 pub(in crate::mdrive) struct Program {
     /// Places in the log, by address.
     index: [u16; ADDRESSES],
-    /// Where the log ends.
+    /// End of the log.
     end: u16,
 }
 
@@ -202,7 +202,7 @@ impl Program {
         self.end = end;
     }
 
-    /// What the lines take that hold, but for that of an address.
+    /// Bytes of the lines that hold, but for that of an address.
     fn bytes_beside(&self, address: u16, memory: &[u8]) -> usize {
         let others = (1..ADDRESSES as u16).filter(|&other| other != address);
         others.filter_map(|other| self.line(memory, other)).map(|line| FRAME + line.len()).sum()

@@ -1,5 +1,5 @@
-//! What only the serial sisters of the drive have, which share a line (MC 7.1): party mode, in which a line begins with
-//! the name of the drive that it is for and ends with Ctrl-J, and check sums.
+//! Features of the drive's serial variants, which share a line (MC 7.1): party mode, in which a line begins with the
+//! name of the drive that it is for and ends with Ctrl-J, and checksums.
 
 use super::super::drive::Drive;
 use super::super::registers::Reg;
@@ -30,7 +30,7 @@ pub(super) enum Called {
     Plain,
     /// The next character says it.
     Next,
-    /// This drive, by that name.
+    /// The drive itself, called by that name.
     Me(u8),
     /// All drives.
     All,
@@ -49,7 +49,7 @@ impl Called {
 }
 
 impl Drive {
-    /// Whether lines are called.
+    /// Returns whether lines begin with a name.
     pub(super) fn is_party(&self) -> bool {
         self.is_serial() && self.bank.word(Reg::PY) != 0
     }
@@ -64,7 +64,7 @@ impl Drive {
         if self.is_serial() { self.bank.word(Reg::CK) } else { 0 }
     }
 
-    /// Whether the drive is its serial sister.
+    /// Returns whether the drive is a serial variant.
     pub(super) fn is_serial(&self) -> bool {
         self.bank.word(Reg::SerialCommands) != 0
     }
@@ -79,7 +79,7 @@ impl Drive {
         }
     }
 
-    /// Whether the drive answers who called it so: all together only with DG 0 (MC 5-19).
+    /// Returns whether the drive answers a line that called it so: all together only with DG 0 (MC 5-19).
     pub(super) fn answers(&self, called: Called) -> bool {
         match called {
             Called::Plain | Called::Me(_) => true,
@@ -94,7 +94,7 @@ pub(super) fn check_sum(text: &[u8]) -> u8 {
     sum(text).wrapping_neg() | 0x80
 }
 
-/// Whether a line, with the name before it, ends with its check sum.
+/// Returns whether a line, with the name before it, ends with its checksum.
 pub(super) fn is_checked(name: u8, line: &[u8]) -> bool {
     sum(line).wrapping_add(name) & 0x7F == 0
 }

@@ -1,4 +1,4 @@
-//! What is printed on connections: PR and L, in messages, with check sums where lines have some.
+//! Output on connections: PR and L, in messages, with checksums where lines have some.
 
 use core::mem;
 
@@ -56,13 +56,13 @@ impl Drive {
     }
 }
 
-/// What is printed on connections, gathered to messages.
+/// Output on connections, gathered to messages.
 struct Speech<'o> {
     at: Instant,
     links: Vec<Link, MOST>,
     /// A line of the program has room, with its check sum and its end.
     text: Vec<u8, { LINE_BYTES + 3 }>,
-    /// Where lines have check sums: what that of this one is made of.
+    /// True if lines have checksums.
     sums: bool,
     sum: Option<u8>,
     out: &'o mut dyn Sink,

@@ -21,7 +21,7 @@ pub(in crate::mdrive) enum Operand {
 }
 
 impl Operand {
-    /// Whether it may have a fraction.
+    /// Returns whether it may have a fraction.
     pub(super) fn is_ratio(self) -> bool {
         matches!(self, Self::Ratio(_) | Self::Variable(Reg::CR))
     }
@@ -107,7 +107,7 @@ pub(in crate::mdrive) enum List {
 }
 
 impl List {
-    /// How many values it has.
+    /// Number of values.
     pub(in crate::mdrive) fn len(self) -> usize {
         match self {
             Self::Io(Reg::S1 | Reg::S2 | Reg::S3 | Reg::S4) => 3,
@@ -161,14 +161,14 @@ pub(in crate::mdrive) enum Parameter {
     Value(Operand),
     /// The subroutine of a trip; its address is a value.
     Label(Name),
-    /// Nothing between two commas.
+    /// No value between two commas.
     Absent,
 }
 
-/// What a line says.
+/// A statement: the meaning of a line.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub(in crate::mdrive) enum Statement<'a> {
-    /// Nothing but blanks or a comment.
+    /// Only blanks or a comment.
     Empty,
     /// A number alone: the last motion command again, or what IV waits for.
     Number(Expression<'a>),

@@ -14,7 +14,7 @@ use crate::device::{Duration, Instant, Sink};
 /// TR is not faster than 20 kHz (MC 5-75): what comes sooner waits.
 const FASTEST: Duration = Duration::micros(50);
 
-/// How often TR may be told to repeat (MC 5-75).
+/// Most repetitions of TR (MC 5-75).
 const MOST_REPEATS: u16 = 65_000;
 
 /// Types of I/O 1 to 4 that are outputs (MC 5-64), and of I/O 13 (MC 5-67).
@@ -25,13 +25,13 @@ const TRIP_OUTPUT: u16 = 61;
 const ALL: [Trip; 6] = [Trip::Input, Trip::Position, Trip::Capture, Trip::Time, Trip::Relative, Trip::Hybrid];
 
 impl Trip {
-    /// Its bit in TE.
+    /// Bit in TE.
     pub(super) fn bit(self) -> u8 {
         1 << self as u8
     }
 }
 
-/// What a trip waits for, and what it does then.
+/// Definition of a trip: its condition and its action.
 #[derive(Clone, Copy, Debug)]
 struct Definition {
     /// An input, a position, a time in ms, a distance, or flags.
@@ -47,10 +47,10 @@ pub(in crate::mdrive) struct Trips {
     definitions: [Option<Definition>; ALL.len()],
     enabled: u8,
     captured: i32,
-    /// When the position of TP comes, if motion goes on as planned.
+    /// Time at which the position of TP comes, if motion goes on as planned.
     position_due: Instant,
     time_due: Instant,
-    /// When that of TR comes, which it is, how often it is to come still, and not before when.
+    /// Time, position and repetitions left of TR, and the earliest time for it.
     relative_due: Instant,
     relative_position: i32,
     repeats_left: u16,
@@ -80,7 +80,7 @@ impl Trips {
         self.captured
     }
 
-    /// What a trip prints as: as it was defined, or zeros.
+    /// Parameters of a trip as printed: as it was defined, or zeros.
     pub(in crate::mdrive) fn parameters(&self, trip: Trip) -> Vec<Parameter, 3> {
         let number = |number| Parameter::Value(Operand::Number(number));
         let definition = self.definition(trip);
@@ -94,12 +94,12 @@ impl Trips {
         all.get(trip.parameters()).and_then(|shown| Vec::from_slice(shown).ok()).unwrap_or_default()
     }
 
-    /// When the next one trips, if all goes on as planned.
+    /// Time of the next trip, if motion goes on as planned.
     pub(in crate::mdrive) fn deadline(&self) -> Instant {
         self.position_due.min(self.time_due).min(self.relative_due)
     }
 
-    /// What the trip with that bit calls.
+    /// Subroutine of the trip with that bit.
     pub(super) fn subroutine(&self, bit: u8) -> Option<Place> {
         let trip = ALL.into_iter().find(|trip| trip.bit() == bit)?;
         self.definition(trip)?.subroutine
@@ -109,7 +109,7 @@ impl Trips {
         self.definitions.get(trip as usize).copied().flatten()
     }
 
-    /// What a trip waits for that is on.
+    /// Condition of a trip that is on.
     fn value(&self, trip: Trip) -> Option<i32> {
         let definition = self.definition(trip)?;
         (self.enabled & trip.bit() != 0).then_some(definition.value)
@@ -195,7 +195,7 @@ impl Drive {
         Ok(Some(Definition { value, subroutine, repeats }))
     }
 
-    /// Whether what a trip waits for is an input.
+    /// Checks that the condition of a trip is an input.
     ///
     /// # Errors
     /// 12: it is an output.
@@ -240,7 +240,7 @@ impl Drive {
         Ok(())
     }
 
-    /// Whether TE may be this.
+    /// Checks that TE may have this value.
     ///
     /// # Errors
     /// As [`Self::enable_trips`].
@@ -270,7 +270,7 @@ impl Drive {
         }
     }
 
-    /// Whether a state of the Hybrid, as bits of TA, trips.
+    /// Returns whether a state of the Hybrid, as bits of TA, trips.
     pub(in crate::mdrive) fn trips_on_status(&self, flags: u8) -> bool {
         self.mcode.trips.value(Trip::Hybrid).is_some_and(|wanted| wanted & i32::from(flags) != 0)
     }
@@ -309,7 +309,7 @@ impl Drive {
         self.foresee_relative(at);
     }
 
-    /// Whether TR goes by what the encoder counts: whatever turns the shaft makes it come at another time.
+    /// Returns whether TR uses the encoder's count: whatever turns the shaft changes its time.
     pub(in crate::mdrive) fn trips_on_counts(&self) -> bool {
         self.mcode.trips.value(Trip::Relative).is_some() && self.bank.word(Reg::EE) != 0
     }
@@ -334,7 +334,7 @@ impl Drive {
         }
     }
 
-    /// When TP trips. It counts motor steps, with EE = 1, too (MC 5-74).
+    /// Predicts the time of TP. It counts motor steps, with EE = 1, too (MC 5-74).
     fn foresee_position(&mut self, at: Instant) {
         if let Some(position) = self.mcode.trips.value(Trip::Position) {
             self.mcode.trips.position_due = self.motion.reaches_steps(at, position);
@@ -364,7 +364,8 @@ impl Drive {
         }
     }
 
-    /// When TR trips, which counts as P does (MC 5-75): not before [`FASTEST`] has passed, and then wherever it is.
+    /// Predicts the time of TR, which counts as P does (MC 5-75): not before [`FASTEST`] has passed, and then wherever
+    /// it is.
     fn foresee_relative(&mut self, at: Instant) {
         if self.mcode.trips.value(Trip::Relative).is_some() {
             let is_there = self.is_at_relative(at);
@@ -374,7 +375,7 @@ impl Drive {
         }
     }
 
-    /// Whether P has come to where TR trips, or beyond.
+    /// Returns whether P has reached or passed the position of TR.
     fn is_at_relative(&self, at: Instant) -> bool {
         let ahead = self.mcode.trips.relative_position.wrapping_sub(self.read(at, Reg::P));
         let distance = self.mcode.trips.value(Trip::Relative).unwrap_or(0);

@@ -12,13 +12,13 @@ use super::super::registers::Reg;
 use super::statement::{Name, Operand, Place};
 use crate::device::{Duration, Instant};
 
-/// How long a line takes, that of a label, too; it is carried out at the end.
+/// Time of a line, that of a label, too; it is carried out at the end.
 pub(in crate::mdrive) const LINE: Duration = Duration::micros(210);
 
 /// Depth to which CL and trips may nest. Neither manual says it. OE's handler has a place of its own.
 const DEPTH: usize = 16;
 
-/// What the program is at.
+/// Phase of the program.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum Phase {
     /// There is none.
@@ -33,7 +33,7 @@ enum Phase {
     Key,
 }
 
-/// How it runs (EX's second parameter).
+/// Mode of running (EX's second parameter).
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum Mode {
     Run,
@@ -50,7 +50,7 @@ enum Mode {
 struct Call {
     address: u16,
     phase: Phase,
-    /// Whether OE has called it.
+    /// True if OE has called it.
     handles: bool,
 }
 
@@ -58,7 +58,7 @@ struct Call {
 #[derive(Clone, Copy, Debug)]
 struct BreakPoint {
     address: u16,
-    /// How often it is passed before.
+    /// Passes left before it breaks.
     count: u16,
     left: u16,
 }
@@ -73,16 +73,16 @@ pub(in crate::mdrive) struct Vm {
     calls: Vec<Call, { DEPTH + 1 }>,
     mode: Mode,
     break_point: Option<BreakPoint>,
-    /// What is called when an error comes (OE).
+    /// Handler of errors (OE).
     handler: Option<Place>,
-    /// What is to be called as soon as a line has ended: OE's handler, and the subroutines of trips, in the bits of TE.
+    /// Calls that are due as soon as a line has ended: OE's handler, and the subroutines of trips, in the bits of TE.
     handler_is_due: bool,
     trips_due: u8,
     /// Since when PS holds it.
     paused: Option<Instant>,
     /// The variable that IV named last.
     awaited: Option<Operand>,
-    /// Whether a number that is typed goes there (IF).
+    /// True while a number that is typed goes there (IF).
     input_pending: bool,
     /// MA, MR or SL, whichever was the last (MD).
     last_motion: Option<Reg>,
@@ -106,22 +106,22 @@ impl Vm {
         }
     }
 
-    /// Whether there is a program that runs, or that PS holds (BY).
+    /// Returns whether a program runs, or is held by PS (BY).
     pub(in crate::mdrive) fn is_running(&self) -> bool {
         self.phase != Phase::Idle
     }
 
-    /// Whether PS holds program and motion.
+    /// Returns whether PS holds program and motion.
     pub(in crate::mdrive) fn is_paused(&self) -> bool {
         self.paused.is_some()
     }
 
-    /// Whether it waits for a key, after a single step.
+    /// Returns whether it waits for a key, after a single step.
     pub(in crate::mdrive) fn is_stepping(&self) -> bool {
         self.phase == Phase::Key && !self.is_paused()
     }
 
-    /// Whether a number that is typed goes to IV's variable (IF).
+    /// Returns whether a number that is typed goes to IV's variable (IF).
     pub(in crate::mdrive) fn awaits_input(&self) -> bool {
         self.input_pending
     }
@@ -156,7 +156,7 @@ impl Vm {
         self.last_motion
     }
 
-    /// Something was commanded, by whomever.
+    /// Notes a command, from any source.
     pub(in crate::mdrive) fn remember(&mut self, order: Order) {
         match order {
             Order::To { .. } => self.last_motion = Some(Reg::MA),
@@ -189,7 +189,7 @@ impl Vm {
         self.break_point = address.map(|address| BreakPoint { address, count, left: count });
     }
 
-    /// What is called when an error comes (OE).
+    /// Sets the handler of errors (OE).
     pub(super) fn set_handler(&mut self, handler: Option<Place>) {
         self.handler = handler;
     }
@@ -253,7 +253,7 @@ impl Vm {
         self.phase = if self.mode == Mode::Step { Phase::Key } else { Phase::Line(at + LINE) };
     }
 
-    /// Whether it comes to its break point for the last time.
+    /// Returns whether it comes to its break point for the last time.
     fn breaks(&mut self) -> bool {
         let Some(point) = &mut self.break_point else { return false };
         if !matches!(self.mode, Mode::Trace | Mode::ToBreakPoint) || point.address != self.address {
@@ -264,17 +264,17 @@ impl Vm {
         breaks
     }
 
-    /// Whether motion's end is what the next line waits for.
+    /// Returns whether the next line waits for the end of motion.
     fn waits_for_motion(&self) -> bool {
         self.phase == Phase::Motion && !self.is_paused()
     }
 
-    /// Whether something is to be called.
+    /// Returns whether a call is due.
     fn is_interrupted(&self) -> bool {
         self.handler_is_due || self.trips_due != 0
     }
 
-    /// Whether an error's handler runs: errors of its own do not call it again.
+    /// Returns whether an error's handler runs: errors of its own do not call it again.
     fn handles(&self) -> bool {
         self.calls.iter().any(|call| call.handles)
     }

@@ -13,31 +13,31 @@ const ATTEMPTS: u8 = 3;
 /// Period at which a shaft that its load turns is looked at.
 const LOOK: Duration = Duration::millis(1);
 
-/// How a way has ended.
+/// End of a move.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum Verdict {
     InPosition,
-    /// It is on its way there.
+    /// Being corrected.
     Corrected,
-    /// It is not, and stays so.
+    /// Off the target, and stays so.
     Off,
 }
 
-/// What is compared.
+/// Comparison of plan and encoder.
 #[derive(Clone, Debug)]
 pub(super) struct Closed {
-    /// Where the plan and the encoder were when a motion began, or since, and how far apart they were there: steps
-    /// times [`Scale::counts`] less counts times [`Scale::steps`].
+    /// Plan and encoder when a motion began, or since, and their difference there: steps times [`Scale::counts`] less
+    /// counts times [`Scale::steps`].
     steps: i32,
     counts: i32,
     apart: i64,
-    /// When it is SF counts behind, if the encoder counts no more until then.
+    /// Time at which it is SF counts behind, if the encoder counts no more until then.
     pub(super) due: Instant,
-    /// It was, in this motion.
+    /// True once it stalled in this motion.
     stalled: bool,
     /// ST.
     pub(super) has_stalled: bool,
-    /// Where the encoder is to be kept.
+    /// Count at which the encoder is to be kept.
     aim: Option<i32>,
 }
 
@@ -52,7 +52,7 @@ impl Closed {
         aim: None,
     };
 
-    /// How far the encoder is behind the plan.
+    /// Following error: encoder behind the plan.
     fn apart(&self, scale: Scale, steps: i32, counts: i32) -> i64 {
         let (steps, counts) = (steps.wrapping_sub(self.steps), counts.wrapping_sub(self.counts));
         self.apart + i64::from(steps) * scale.counts - i64::from(counts) * scale.steps
@@ -78,12 +78,12 @@ impl Motion {
         self.closed.apart(self.settings.scale(), self.motor.position(at), count)
     }
 
-    /// How far behind is a stall.
+    /// Following error that is a stall.
     fn stalls_at(&self) -> i64 {
         i64::from(self.settings.stall_factor.max(1)) * self.settings.scale().steps
     }
 
-    /// Whether a stall is looked for.
+    /// Returns whether stalls are detected.
     fn watches(&self) -> bool {
         self.settings.closed && !self.stands() && !self.closed.stalled
     }
@@ -169,7 +169,7 @@ impl Motion {
         (off.unsigned_abs() > u32::from(self.settings.deadband)).then_some(off)
     }
 
-    /// How the end of a way is. With EE = 1 its aim is what is kept from then on.
+    /// Judges the end of a move. With EE = 1 its aim is kept from then on.
     pub(super) fn judge(&mut self, at: Instant, way: Move, out: &mut dyn Sink) -> Verdict {
         let Some(aim) = way.aim.filter(|_| self.settings.closed) else { return Verdict::InPosition };
         self.closed.aim = Some(aim);
@@ -202,7 +202,7 @@ impl Motion {
         true
     }
 
-    /// Where it stands is what PM keeps from now on.
+    /// Lets PM keep the present position from now on.
     pub(super) fn keep(&mut self, at: Instant) {
         self.closed.aim = self.settings.closed.then(|| self.encoder.count(at, &self.motor));
     }

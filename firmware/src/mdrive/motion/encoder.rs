@@ -3,15 +3,15 @@
 use super::motor::Motor;
 use crate::device::{Duration, Instant};
 
-/// What counts as C2 does, but is never preset.
+/// The encoder, which counts as C2 does, but is never preset.
 ///
 /// The built-in encoder is at count 0, on its index, at angle 0. A remote one counts instead once something drives its
 /// channels, from the same count on; forward its channel A is before B.
 #[derive(Clone, Debug)]
 pub(super) struct Encoder {
-    /// Of the built-in one, in a turn.
+    /// Counts of the built-in encoder in a turn.
     counts_per_rev: u32,
-    /// What the count is more than that of the encoder that counts.
+    /// Offset of the count to that of the encoder that counts.
     origin: i32,
     remote: i32,
     channels: [Option<bool>; 3],
@@ -31,7 +31,7 @@ impl Encoder {
         Self { counts_per_rev: 4 * u32::from(lines), origin: 0, remote: 0, channels: [None; 3] }
     }
 
-    /// Whether a remote one counts.
+    /// Returns whether a remote encoder counts.
     pub(super) fn is_remote(&self) -> bool {
         matches!(self.channels, [Some(_), ..] | [_, Some(_), _])
     }
@@ -41,7 +41,7 @@ impl Encoder {
         count.wrapping_add(self.origin)
     }
 
-    /// Whether it is on its index.
+    /// Returns whether it is on its index.
     pub(super) fn is_on_index(&self, at: Instant, motor: &Motor) -> bool {
         match self.channels {
             [.., index] if self.is_remote() => index == Some(true),
@@ -59,7 +59,8 @@ impl Encoder {
         count.checked_rem_euclid(self.counts_per_rev.into()).unwrap_or(0)
     }
 
-    /// When the built-in encoder comes onto its index next, or leaves it; never if the shaft turns otherwise before.
+    /// Time at which the built-in encoder comes onto its index next, or leaves it; never if the shaft changes its
+    /// motion before.
     pub(super) fn index_changes(&self, at: Instant, motor: &Motor) -> Instant {
         let pace = motor.pace();
         let way = if pace.h == 0 { pace.a.signum() } else { pace.h.signum() };
@@ -94,8 +95,8 @@ impl Encoder {
         at + Duration::from_ticks(first)
     }
 
-    /// When the built-in encoder comes to `count` next, by what [`Self::count`] is; never if the shaft turns otherwise
-    /// before, or a remote one counts.
+    /// Time at which the built-in encoder comes to `count` next, by [`Self::count`]; never if the shaft changes its
+    /// motion before, or a remote one counts.
     pub(super) fn reaches(&self, at: Instant, motor: &Motor, count: i32) -> Instant {
         let pace = motor.pace();
         if self.is_remote() || pace.h == 0 && pace.a == 0 {
@@ -123,7 +124,7 @@ impl Encoder {
         }
     }
 
-    /// Who counts the edges of a remote encoder himself has so many more, and sees its channels A and B at these levels.
+    /// Adds edges of a remote encoder that were counted outside, with its channels A and B at these levels.
     pub(super) fn take_edges(&mut self, at: Instant, motor: &Motor, edges: i32, [a, b]: [bool; 2]) {
         let [.., index] = self.channels;
         self.connect(at, motor, [Some(a), Some(b), index]);

@@ -10,7 +10,7 @@ use super::{Motion, Settings};
 use crate::device::{Duration, Instant, Plan, Sink};
 use drivetwin_protocol::time::TICKS_PER_SECOND;
 
-/// How often the speed is looked at.
+/// Interval at which the speed is computed.
 const LOOK: Duration = Duration::millis(1);
 /// A clock that says nothing for so long stands.
 const QUIET: Duration = Duration::millis(10);
@@ -18,15 +18,15 @@ const QUIET: Duration = Duration::millis(10);
 /// The ratio without ramps.
 const AT_ONCE: u16 = 1_000;
 
-/// What the clock asks for.
+/// State of following a clock.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct Follow {
-    /// Where the plan is to be.
+    /// Position for the plan.
     target: i32,
     /// Steps since the last look, and when the last of them came.
     steps: i32,
     last: Instant,
-    /// When the last of those before came.
+    /// Time of the last one before.
     before: Instant,
     speed: I24F8,
 }
@@ -35,7 +35,7 @@ impl Follow {
     pub(super) const NEW: Self =
         Self { target: 0, steps: 0, last: Instant::ZERO, before: Instant::ZERO, speed: I24F8::ZERO };
 
-    /// What the clock asks for, in steps/s.
+    /// Speed of the clock, in steps/s.
     pub(super) fn speed(&self) -> I24F8 {
         self.speed
     }
@@ -63,7 +63,7 @@ impl Follow {
 }
 
 impl Settings {
-    /// Whether steps of the clock are made without ramps.
+    /// Returns whether steps of the clock are made without ramps.
     pub(super) fn follows_at_once(&self) -> bool {
         self.ratio == AT_ONCE
     }

@@ -8,7 +8,7 @@ use crate::device::{Instant, Sink};
 use crate::mdrive::error::Error;
 
 impl Motion {
-    /// Whether contacts ask for a jog, and in which direction (MC 5-39).
+    /// Direction of a jog that contacts ask for, if any (MC 5-39).
     fn jog_wanted(&self) -> Option<bool> {
         let is_active = |contact| self.is_active(contact);
         match (is_active(Contact::JogPlus), is_active(Contact::JogMinus)) {

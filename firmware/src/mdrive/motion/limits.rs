@@ -32,7 +32,7 @@ impl Motion {
         self.refresh(at, out);
     }
 
-    /// Whether a held limit forbids that direction. In clock mode limits do nothing (MC 5-13).
+    /// Returns whether an active limit forbids that direction. In clock mode limits have no effect (MC 5-13).
     pub(super) fn is_barred(&self, back: bool) -> bool {
         let limit = if back { Contact::MinusLimit } else { Contact::PlusLimit };
         self.is_active(limit) && !self.settings.follows_clock
@@ -64,8 +64,8 @@ impl Motion {
         self.stop_for_limit(at, out);
     }
 
-    /// With a ramp, or at the next whole step with LM 4 to 6; nothing goes on. A shaft that fell back by a part of a step
-    /// could leave the limit again.
+    /// With a ramp, or at the next whole step with LM 4 to 6; nothing goes on. A shaft that fell back by a part of a
+    /// step could leave the limit again.
     pub(super) fn stop_for_limit(&mut self, at: Instant, out: &mut dyn Sink) {
         self.forget_what_waits();
         if self.stands() {

@@ -47,7 +47,7 @@ use super::error::Error;
 use crate::device::{Duration, Instant, Sink};
 use crate::motor::stepper::Parameters;
 
-/// What the motion goes by, as the variables are now.
+/// Settings of the motion, as the variables are now.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct Settings {
     /// VI, VM, in steps/s or counts/s.
@@ -92,7 +92,7 @@ pub(super) struct Settings {
     pub(super) machine: Parameters,
 }
 
-/// What the motor is to do. Positions and speeds are those of the user: steps, or counts with EE = 1.
+/// Order to the motor. Positions and speeds are in the user's units: steps, or counts with EE = 1.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum Order {
     /// MA.
@@ -117,10 +117,10 @@ pub(super) enum Contact {
     JogMinus,
 }
 
-/// What the motion tells the rest of the drive.
+/// Events of the motion for the rest of the drive.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum Event {
-    /// Something went wrong.
+    /// An error.
     Failed(Error),
     /// A limit stops the program, too (LM 3, 6).
     StopsProgram,
@@ -134,15 +134,15 @@ pub(super) struct Motion {
     settings: Settings,
     motor: Motor,
     encoder: Encoder,
-    /// What C1 and C2 are more than the position of the plan and the count of the encoder.
+    /// Offsets of C1 and C2 to the position of the plan and the count of the encoder.
     c1: i32,
     c2: i32,
-    /// How far the rotor is behind the steps made where a Hybrid says that it does not lag.
+    /// Steps by which the rotor is behind where a Hybrid reports no lag.
     lag_origin: i32,
     activity: Activity,
-    /// When that goes on.
+    /// Time of the next step of that.
     due: Instant,
-    /// What begins when the present motion is over.
+    /// Task that begins when the present motion is over.
     waiting: Option<Task>,
     /// PS: nothing of it begins before RS; what it has interrupted.
     paused: bool,
@@ -151,7 +151,7 @@ pub(super) struct Motion {
     contacts: u8,
     closed: Closed,
     follow: Follow,
-    /// When a homing to the index sees another state of it.
+    /// Time at which a homing to the index sees another state of it.
     index_due: Instant,
     on_index: bool,
     /// Since when it is at rest.
@@ -211,7 +211,7 @@ impl Motion {
         self.refresh(at, out);
     }
 
-    /// Nothing drives the remote encoder any more.
+    /// Disconnects the remote encoder.
     pub(super) fn unplug(&mut self, at: Instant) {
         for channel in [Channel::A, Channel::B, Channel::Index] {
             self.encoder.channel(at, &self.motor, channel, None);
@@ -343,7 +343,7 @@ impl Motion {
         self.refresh(at, out);
     }
 
-    /// What follows from what has happened: the current, and what is to be looked at next.
+    /// Updates the current and the next deadlines.
     fn refresh(&mut self, at: Instant, out: &mut dyn Sink) {
         self.look_at_index(at, out);
         if self.hold_due() <= at {
@@ -364,7 +364,7 @@ impl Motion {
         enabled.then_some(percent)
     }
 
-    /// When the current goes down to that of HC: HT after the end of all motion, or never (MC 5-32).
+    /// Time at which the current goes down to that of HC: HT after the end of all motion, or never (MC 5-32).
     fn hold_due(&self) -> Instant {
         match (self.activity, self.settings.hold_delay_ms) {
             (Activity::Rest, 1..) if !self.holds => {

@@ -37,17 +37,17 @@ impl Motor {
         (self.ma, self.pull_ma) = (None, None);
     }
 
-    /// What it does.
+    /// Present plan.
     pub(super) fn plan(&self) -> &Plan {
         &self.plan
     }
 
-    /// Where the plan is, in steps.
+    /// Position of the plan, in steps.
     pub(super) fn position(&self, at: Instant) -> i32 {
         self.plan.position_at(at)
     }
 
-    /// Whether it moves in that direction, or will before it stands.
+    /// Returns whether it moves in that direction, or will before it stands.
     pub(super) fn heads(&self, at: Instant, back: bool) -> bool {
         let mut end = self.plan.start();
         self.plan.segments().iter().any(|segment| {
@@ -91,7 +91,7 @@ impl Motor {
         }
     }
 
-    /// Whether the plan is faster than the shaft may be.
+    /// Returns whether the plan is faster than the shaft can be.
     pub(super) fn is_too_fast(&self) -> bool {
         self.response.is_too_fast
     }
@@ -108,7 +108,7 @@ impl Motor {
         out.put(at, Output::Plan { axis: AXIS, plan: &plan });
     }
 
-    /// Its shaft is held, or let go.
+    /// Blocks the shaft, or releases it.
     pub(super) fn hold(&mut self, at: Instant, held: bool, out: &mut dyn Sink) {
         self.shaft.input(at, Input::Fault { fault: STALL, on: held }, out);
     }
@@ -149,22 +149,22 @@ impl Motor {
         self.shaft.set_microsteps(at, microsteps);
     }
 
-    /// Whether the shaft does what the plan says, as far as it may.
+    /// Returns whether the shaft follows the plan, as far as it can.
     pub(super) fn follows(&self) -> bool {
         self.pull_ma != Some(0) && !self.shaft.stalled()
     }
 
-    /// Where the shaft is, in 2⁻³² turns. It holds until [`Self::deadline`].
+    /// Angle of the shaft, in 2⁻³² turns. It holds until [`Self::deadline`].
     pub(super) fn angle(&self, at: Instant) -> i64 {
         self.shaft.angle_at(at)
     }
 
-    /// How the shaft turns at present.
+    /// Present motion of the shaft.
     pub(super) fn pace(&self) -> Pace {
         self.shaft.pace()
     }
 
-    /// When the shaft turns otherwise, which is when the plan does, or becomes too fast for it.
+    /// Time at which the shaft changes its motion: with the plan, or when that becomes too fast for it.
     pub(super) fn deadline(&self) -> Instant {
         self.shaft.deadline().min(self.response.due)
     }

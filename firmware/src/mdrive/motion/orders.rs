@@ -12,7 +12,7 @@ use crate::motion::Rates;
 /// "The time required to calculate the move is 2.5 mSec" (MC 5-45).
 const RECKONING: Duration = Duration::micros(2_500);
 
-/// What it is at.
+/// Present activity.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum Activity {
     Rest,
@@ -41,21 +41,21 @@ pub(super) enum Activity {
     },
 }
 
-/// What becomes of an order while a Hybrid's circuitry turns it.
+/// Treatment of an order while a Hybrid's circuitry turns the shaft.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum Yields {
-    /// It is carried out at once.
+    /// Carried out at once.
     AtOnce,
-    /// It waits until the rotor stands.
+    /// Waits until the rotor stands.
     AtStandstill,
-    /// Nothing.
+    /// Dropped.
     Never,
 }
 
 /// A way to a position.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct Move {
-    /// Where the plan is to be.
+    /// Target of the plan.
     pub(super) target: i32,
     /// With EE = 1, where the encoder is to be.
     pub(super) aim: Option<i32>,
@@ -63,16 +63,16 @@ pub(super) struct Move {
     pub(super) ordered: bool,
     /// The name is sent at its end.
     pub(super) announces: bool,
-    /// It does not stop there.
+    /// True if it does not stop there.
     pub(super) goes_on: bool,
     /// The user's speed that it goes on with: VM where it began.
     pub(super) speed: u32,
-    /// How often its position was corrected.
+    /// Corrections of its position so far.
     pub(super) tries: u8,
 }
 
 impl Move {
-    /// What brings the encoder back to `aim`.
+    /// Move that brings the encoder back to `aim`.
     pub(super) fn back_to(aim: i32) -> Self {
         Self {
             target: 0,
@@ -86,12 +86,12 @@ impl Move {
     }
 }
 
-/// What is to begin later.
+/// Task for later.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum Task {
     /// MA or MR, and when it is calculated.
     Order(Order, Instant),
-    /// What PS has interrupted.
+    /// A move that PS has interrupted.
     Move(Move),
     Slew(i32),
     Home(Order),
@@ -193,7 +193,7 @@ impl Motion {
         i32::try_from(steps).ok()
     }
 
-    /// Whether no limit forbids a way; else it tells of it.
+    /// Returns whether no limit forbids a move; else reports the error.
     fn is_free(&mut self, at: Instant, target: i32) -> bool {
         let steps = target.wrapping_sub(self.motor.position(at));
         let barred = steps != 0 && self.is_barred(steps < 0);
@@ -225,7 +225,7 @@ impl Motion {
         self.changed = true;
     }
 
-    /// Whether no plan runs.
+    /// Returns whether no plan runs.
     pub(super) fn stands(&self) -> bool {
         matches!(self.activity, Activity::Rest | Activity::Reckons(_) | Activity::Settles(_))
     }
@@ -338,7 +338,7 @@ impl Motion {
         }
     }
 
-    /// It stands, and is given MT.
+    /// Begins the settling time MT at standstill.
     pub(super) fn settle(&mut self, at: Instant, way: Option<Move>, out: &mut dyn Sink) {
         let settle = Duration::millis(self.settings.settle_ms.into());
         self.enter(Activity::Settles(way), at + settle);

@@ -8,17 +8,17 @@ use crate::device::{Duration, Instant, Plan};
 use crate::motion::Segment;
 use drivetwin_protocol::time::TICKS_PER_SECOND;
 
-/// What brings a shaft down to that, in steps/s²: the A and D of the factory.
+/// Deceleration of a shaft down to that, in steps/s²: the A and D of the factory.
 const DECELERATION: u32 = 1_000_000;
 
-/// How fast the shaft may be.
+/// Largest speed of the shaft.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Response {
     /// In steps/s.
     pub(super) most: u32,
     /// The plan is faster.
     pub(super) is_too_fast: bool,
-    /// When it comes to be so, or no more.
+    /// Time at which it becomes too fast, or no longer is.
     pub(super) due: Instant,
 }
 
@@ -34,7 +34,7 @@ impl Response {
         self.is_too_fast != before
     }
 
-    /// What the shaft is to do of a plan.
+    /// Motion of the shaft for a plan.
     pub(super) fn of(&self, at: Instant, plan: &Plan) -> Plan {
         if !self.is_too_fast {
             return *plan;
@@ -43,7 +43,7 @@ impl Response {
         plan.towards(at, if plan.speed_at(at) < 0 { -most } else { most }, DECELERATION)
     }
 
-    /// When a plan comes to be too fast next, or no longer.
+    /// Time at which a plan becomes too fast next, or no longer is.
     fn changes(&self, at: Instant, plan: &Plan) -> Instant {
         let mut begin = plan.start();
         for segment in plan.segments() {
@@ -56,7 +56,7 @@ impl Response {
         if self.is_too_fast { begin } else { Instant::NEVER }
     }
 
-    /// When it does so within a segment of it, `from` ticks in or later.
+    /// Tick at which it does so within a segment, `from` ticks in or later.
     fn passes(&self, segment: &Segment, from: u64) -> Option<u64> {
         if from >= segment.ticks {
             return None;

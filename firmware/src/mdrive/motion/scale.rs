@@ -17,7 +17,7 @@ impl Settings {
         if self.closed { self.closed_scale() } else { Scale { steps: 1, counts: 1 } }
     }
 
-    /// What it is with EE = 1.
+    /// Scale with EE = 1.
     pub(in crate::mdrive) fn closed_scale(&self) -> Scale {
         let steps = i64::from(self.machine.steps_per_rev) * i64::from(self.microsteps);
         Scale { steps, counts: 4 * i64::from(self.lines.max(1)) }

@@ -1,11 +1,11 @@
-//! What variables show of the motion: counters, velocity, flags.
+//! Readback of the motion in variables: counters, velocity, flags.
 
 use super::Motion;
 use super::orders::{Activity, Task};
 use crate::device::{Instant, Plan};
 
 impl Motion {
-    /// What it does: C1, but for what was preset.
+    /// Present plan: C1, but for its preset.
     pub(in crate::mdrive) fn plan(&self) -> &Plan {
         self.motor.plan()
     }
@@ -55,7 +55,7 @@ impl Motion {
         self.settings.scale().speed_in_counts(speed)
     }
 
-    /// Whether anything moves it that C1 counts, or is about to (MV).
+    /// Returns whether a motion that C1 counts runs, or is about to (MV).
     pub(in crate::mdrive) fn is_moving(&self) -> bool {
         match self.activity {
             Activity::Rest => false,
@@ -64,7 +64,7 @@ impl Motion {
         }
     }
 
-    /// Whether it is on its way to a position, or will be (MP).
+    /// Returns whether it moves to a position, or will (MP).
     pub(in crate::mdrive) fn is_positioning(&self) -> bool {
         match self.activity {
             Activity::Reckons(way) | Activity::Moves(way) | Activity::Settles(Some(way)) => way.ordered,
@@ -72,17 +72,17 @@ impl Motion {
         }
     }
 
-    /// Whether its speed changes (VC).
+    /// Returns whether its speed changes (VC).
     pub(in crate::mdrive) fn is_changing(&self, at: Instant) -> bool {
         self.is_moving() && self.motor.plan().segment_at(at).0.a != 0
     }
 
-    /// Whether the encoder is on its index (I6).
+    /// Returns whether the encoder is on its index (I6).
     pub(in crate::mdrive) fn is_on_index(&self, at: Instant) -> bool {
         self.encoder.is_on_index(at, &self.motor)
     }
 
-    /// Whether it stalled, and nobody has taken note since (ST).
+    /// Returns whether it stalled, since ST was cleared (ST).
     pub(in crate::mdrive) fn has_stalled(&self) -> bool {
         self.closed.has_stalled
     }
@@ -92,8 +92,8 @@ impl Motion {
         self.closed.has_stalled = stalled;
     }
 
-    /// When P comes to be `position` next, after `at`; [`Instant::NEVER`] if it does not. With EE = 1 that holds no longer
-    /// than the shaft turns as it does.
+    /// Time at which P comes to be `position` next, after `at`; [`Instant::NEVER`] if it does not. With EE = 1 that
+    /// holds only while the shaft keeps its motion.
     pub(in crate::mdrive) fn reaches(&self, at: Instant, position: i32) -> Instant {
         if self.settings.closed {
             self.encoder.reaches(at, &self.motor, position.wrapping_sub(self.c2))
@@ -102,7 +102,8 @@ impl Motion {
         }
     }
 
-    /// When C1 comes to be `steps` next, after `at`, if it goes on as planned; [`Instant::NEVER`] if it does not.
+    /// Time at which C1 comes to be `steps` next, after `at`, if motion goes on as planned; [`Instant::NEVER`] if it
+    /// does not.
     pub(in crate::mdrive) fn reaches_steps(&self, at: Instant, steps: i32) -> Instant {
         if self.is_uncounted() {
             return Instant::NEVER;
@@ -110,8 +111,8 @@ impl Motion {
         self.motor.plan().when(at, steps.wrapping_sub(self.c1))
     }
 
-    /// Whether its plan or C1 or C2 has become another one since this was last asked: what [`Self::reaches_steps`] said
-    /// holds no more.
+    /// Returns whether its plan or C1 or C2 has changed since the last call: then predictions of
+    /// [`Self::reaches_steps`] are void.
     pub(in crate::mdrive) fn has_changed(&mut self) -> bool {
         core::mem::take(&mut self.changed)
     }

@@ -1,4 +1,4 @@
-//! What a Hybrid's circuitry does with the shaft on its own: C1 does not count it (MC 5-9).
+//! Motion by a Hybrid's circuitry alone: C1 does not count it (MC 5-9).
 
 use fixed::types::I24F8;
 
@@ -7,9 +7,9 @@ use super::{Motion, Settings};
 use crate::device::{Duration, Instant, Plan, Sink};
 use crate::motion::Rates;
 
-/// Where position and shaft round differently, they are that much apart.
+/// Difference by which position and shaft may be apart, because they round differently.
 const ROUNDING: u32 = 1;
-/// How often a rotor that is too slow is looked at.
+/// Interval at which a rotor that is too slow is checked.
 const LOOK: Duration = Duration::millis(1);
 
 impl Motion {
@@ -53,7 +53,7 @@ impl Motion {
         self.begin_uncounted(at, plan, percent, Yields::AtStandstill, out);
     }
 
-    /// What spins is stopped from outside.
+    /// Stops a spinning shaft from outside.
     pub(in crate::mdrive) fn stop_uncounted(&mut self, at: Instant, out: &mut dyn Sink) {
         self.go_uncounted(at, self.motor.plan().halt(at), out);
     }
@@ -70,24 +70,24 @@ impl Motion {
         }
     }
 
-    /// How fast the circuitry turns it, in steps/s, but for a fraction.
+    /// Speed by the circuitry, in steps/s, but for a fraction.
     pub(in crate::mdrive) fn turns(&self, at: Instant) -> I24F8 {
         let speed = self.motor.plan().speed_at(at);
         let size = I24F8::saturating_from_num(speed.abs());
         if speed < 0 { -size } else { size }
     }
 
-    /// Whether what turns it has inertia.
+    /// Returns whether this motion has inertia.
     pub(super) fn spins(&self) -> bool {
         matches!(self.activity, Activity::Uncounted { yields: Yields::Never | Yields::AtStandstill, .. })
     }
 
-    /// When the plan of it is done.
+    /// End of its plan.
     pub(in crate::mdrive) fn plan_ends(&self) -> Instant {
         self.motor.plan().end()
     }
 
-    /// Whether nothing moves but what C1 does not count.
+    /// Returns whether no motion that C1 counts runs.
     pub(in crate::mdrive) fn is_at_rest(&self) -> bool {
         self.activity == Activity::Rest
     }
@@ -103,17 +103,17 @@ impl Motion {
         self.motor.can_turn(forward)
     }
 
-    /// Whether the circuitry turns it.
+    /// Returns whether the circuitry turns it.
     pub(in crate::mdrive) fn is_uncounted(&self) -> bool {
         matches!(self.activity, Activity::Uncounted { .. })
     }
 
-    /// Whether the shaft does what the plan says.
+    /// Returns whether the shaft follows the plan.
     pub(in crate::mdrive) fn follows(&self) -> bool {
         self.motor.follows()
     }
 
-    /// Whether the shaft stands, and is where the plan has it.
+    /// Returns whether the shaft stands, and is where the plan has it.
     pub(in crate::mdrive) fn shaft_stands(&self) -> bool {
         let pace = self.motor.pace();
         self.motor.follows() && pace.h == 0 && pace.a == 0
@@ -130,13 +130,13 @@ impl Motion {
         self.lag_origin = self.behind(at);
     }
 
-    /// Whether it is too fast for the rotor, which lags more and more.
+    /// Returns whether it is too fast for the rotor, which lags more and more.
     pub(in crate::mdrive) fn is_too_fast(&self) -> bool {
         self.motor.is_too_fast()
     }
 
-    /// When the rotor comes to lag by so many steps, if it stands, or is to be looked at again, if it is too slow or
-    /// its load turns it; [`Instant::NEVER`] if it lags no more than now.
+    /// Time at which the rotor comes to lag by so many steps, if it stands, or is to be checked again, if it is too
+    /// slow or its load turns it; [`Instant::NEVER`] if it lags no more than now.
     pub(in crate::mdrive) fn lags(&self, at: Instant, steps: i32) -> Instant {
         if self.follows() {
             return if self.is_too_fast() { at + LOOK } else { Instant::NEVER };

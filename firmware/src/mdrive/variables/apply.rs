@@ -1,4 +1,4 @@
-//! What a value that is written does.
+//! Effect of written values.
 
 use super::{entry, output_bit, step, user_name};
 use crate::device::{Instant, Sink};

@@ -1,4 +1,4 @@
-//! Whether a value may be written, before anything is done.
+//! Checks of a value before a write has any effect.
 
 use drivetwin_protocol::registers::{Register, Space};
 
@@ -14,8 +14,7 @@ use crate::mdrive::registers::Reg;
 const MOST_DELAY_MS: i32 = 65_535;
 
 impl Drive {
-    /// Whether a write may bring this, while others are `as_is`: what they are, or what the same request makes of
-    /// them.
+    /// Checks that a write may bring this, while others are `as_is`: as they are, or as the same request makes them.
     ///
     /// # Errors
     /// As [`Self::write`].
@@ -60,7 +59,7 @@ impl Drive {
         }
     }
 
-    /// Whether a value is in its range, and goes with what others are.
+    /// Checks that a value is in its range, and fits the others.
     ///
     /// # Errors
     /// As [`Self::write`].
@@ -85,7 +84,7 @@ impl Drive {
         }
     }
 
-    /// Whether a write has a Hybrid calibrate (FB 5.1, CA).
+    /// Returns whether a write has a Hybrid calibrate (FB 5.1, CA).
     pub(in crate::mdrive) fn calibrates(&self, reg: Reg, value: i32) -> bool {
         let calibrates = match reg {
             Reg::AS => self.held(reg) == 0 && value != 0,
@@ -100,12 +99,12 @@ impl Drive {
         calibrates && self.model == Model::Hybrid
     }
 
-    /// Whether the drive's model has an I/O of this type.
+    /// Returns whether the drive's model has an I/O of this type.
     pub(super) fn has_type(&self, kind: u16) -> bool {
         self.model == Model::Hybrid || !io::is_of_hybrid(kind)
     }
 
-    /// Whether these can be active, a bit each.
+    /// Checks that these can be active, a bit each.
     ///
     /// # Errors
     /// 9: one of them is no general purpose output, or there is none at all.
@@ -122,7 +121,7 @@ impl Drive {
         row.and_then(Reg::from_row).filter(|&reg| self.is_there(reg)).ok_or(Error::NotCountable)
     }
 
-    /// What a variable becomes when it is counted; of one that is held, from this on.
+    /// Value of a variable when it is counted; from `held` on, of one that is kept.
     pub(super) fn counted(&self, at: Instant, reg: Reg, by: i32, held: i32) -> Result<i32, Error> {
         if !is_countable(reg) {
             return Err(Error::NotCountable);
@@ -132,12 +131,12 @@ impl Drive {
     }
 }
 
-/// Whether DN may be this character: a to z, A to Z, 0 to 9 (MC 5-20).
+/// Returns whether DN may be this character: a to z, A to Z, 0 to 9 (MC 5-20).
 fn is_name(character: i32) -> bool {
     u8::try_from(character).is_ok_and(|character| character.is_ascii_alphanumeric())
 }
 
-/// What a value outside of its range is.
+/// Error of a value outside of its range.
 pub(in crate::mdrive) fn illegal(reg: Reg) -> Error {
     match reg {
         Reg::HM => Error::HomeType,
@@ -147,7 +146,7 @@ pub(in crate::mdrive) fn illegal(reg: Reg) -> Error {
     }
 }
 
-/// Whether IC and DC count it: none that only does something, no baud rate (MC 9.2).
+/// Returns whether IC and DC count it: no commands, no baud rate (MC 9.2).
 fn is_countable(reg: Reg) -> bool {
     let does = matches!(
         reg,

@@ -19,11 +19,11 @@ use super::mcode::statement::{Name, Operand};
 use super::registers::Reg;
 use crate::device::{Instant, Sink};
 
-/// What a ratio of 1 is kept as (CR).
+/// Stored form of a ratio of 1 (CR).
 pub(super) const RATIO_ONE: i32 = 1_000;
 /// AS: torque mode.
 const TORQUE: i64 = 3;
-/// What they may be in MCode (MC 5-70, 5-76), in Hz.
+/// Range in MCode (MC 5-70, 5-76), in Hz.
 const FREQUENCIES: RangeInclusive<i32> = 38_910..=5_000_000;
 
 impl Drive {
@@ -86,7 +86,7 @@ impl Drive {
         }
     }
 
-    /// What an operand of MCode is now, without a fraction; what reading it does is done.
+    /// Value of an operand of MCode, without a fraction; reading it has its effects.
     ///
     /// # Errors
     /// 30: there is no such user variable.
@@ -104,7 +104,7 @@ impl Drive {
         }
     }
 
-    /// What an operand is now in thousandths, which CR is kept in.
+    /// Value of an operand in thousandths, which CR is kept in.
     ///
     /// # Errors
     /// As [`Self::operand`].
@@ -116,7 +116,7 @@ impl Drive {
         }
     }
 
-    /// Whether a row is there: its model has it, and if it is a user variable it is declared.
+    /// Returns whether a row is present: its model has it, and if it is a user variable it is declared.
     pub(super) fn is_there(&self, reg: Reg) -> bool {
         self.has(reg) && user_name(reg).is_none_or(|name| self.user_variable(name).is_some())
     }
@@ -176,12 +176,12 @@ impl Drive {
         i32::try_from(self.bank.get(reg)).unwrap_or(i32::MAX)
     }
 
-    /// Whether its model has a row.
+    /// Returns whether its model has a row.
     pub(super) fn has(&self, reg: Reg) -> bool {
         entry(reg).variants & self.model.variant() != 0
     }
 
-    /// Whether there is a user variable of that name.
+    /// Returns whether there is a user variable of that name.
     pub(super) fn has_user_variable(&self, name: Name) -> bool {
         self.user_variable(name).is_some()
     }
@@ -194,7 +194,7 @@ impl Drive {
     }
 }
 
-/// What the bus and the drive go by of a variable.
+/// Entry of a variable in the register map.
 pub(super) fn entry(reg: Reg) -> &'static Entry {
     static NONE: Entry = Row::setting(0, "no row").entry;
     Reg::ENTRIES.list.get(reg.row()).unwrap_or(&NONE)
@@ -209,17 +209,17 @@ pub(super) fn words(reg: Reg, value: i64) -> [u16; 3] {
     }
 }
 
-/// Whether it has one value, and not several.
+/// Returns whether it has one value, and not several.
 pub(super) fn is_number(reg: Reg) -> bool {
     !matches!(entry(reg).shape, Shape::Words(_))
 }
 
-/// What IC and DC add.
+/// Step of IC and DC.
 fn step(reg: Reg) -> i32 {
     if reg == Reg::DC { -1 } else { 1 }
 }
 
-/// Whether MCode has it in Hz.
+/// Returns whether MCode has it in Hz.
 fn is_frequency(reg: Reg) -> bool {
     matches!(reg, Reg::SS | Reg::TS)
 }
@@ -234,7 +234,7 @@ fn output_bit(reg: Reg) -> i32 {
     }
 }
 
-/// What a program declares for a register of FB 5.2 to be there.
+/// Name that a program declares for a register of FB 5.2 to be present.
 fn user_name(reg: Reg) -> Option<Name> {
     let digit = match reg {
         Reg::V1 => b'1',

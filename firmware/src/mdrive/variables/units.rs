@@ -35,7 +35,7 @@ impl Drive {
         self.bank.word(Reg::EE) != 0
     }
 
-    /// Whether its row accepts a value; with EE in counts.
+    /// Returns whether its row accepts a value; with EE in counts.
     pub(super) fn accepts(&self, reg: Reg, value: i32) -> bool {
         let fits = match reg {
             Reg::A | Reg::D => value <= MOST_COUNTS_PER_S2,
@@ -45,13 +45,13 @@ impl Drive {
         mcode_accepts(reg, value.into()) && (fits || !self.is_closed())
     }
 
-    /// Whether an encoder of so many lines goes with so many microsteps: MS is at least EL x 8 / 200 with a motor of
+    /// Returns whether an encoder of so many lines fits so many microsteps: MS is at least EL x 8 / 200 with a motor of
     /// 200 full steps (MC 5-21).
     pub(super) fn fits(&self, lines: i32, microsteps: i32) -> bool {
         lines * 8 <= microsteps * self.held(Reg::FullSteps)
     }
 
-    /// Whether EE may become 1.
+    /// Checks that EE may become 1.
     ///
     /// # Errors
     /// 36 if MS is too low for EL, 90 if something would become too low.
@@ -83,5 +83,5 @@ impl Drive {
     }
 }
 
-/// What EE has in other units.
+/// Variables that EE has in other units.
 const SCALED: [Reg; 4] = [Reg::A, Reg::D, Reg::VI, Reg::VM];

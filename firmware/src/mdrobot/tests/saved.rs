@@ -327,8 +327,8 @@ fn a_memory_of_somebody_else_brings_what_may_be() {
     assert_eq!(dut.read(167), 7);
 }
 
-/// A memory of one image with 31 words, before TAR_POSI_VEL, POSI_SS and POSI_SD: COM_TAR_SPEED and the gains are found,
-/// and the three have their factory values.
+/// A memory of one image with 31 words, before TAR_POSI_VEL, POSI_SS and POSI_SD: COM_TAR_SPEED and the gains are
+/// found, and the three have their factory values.
 #[test]
 fn a_memory_without_the_later_pids_is_good() {
     let mut words = [0_u16; 31];

@@ -89,8 +89,8 @@ impl Segment {
         (stop, stop.step(steps_in(stop.phase(before) + i128::from(left))))
     }
 
-    /// On at this speed and a ramp down to the speed `last`, or none if this is not faster. They end with the first whole
-    /// step that is within reach, and at least the phase `least` away.
+    /// On at this speed and a ramp down to the speed `last`, or none if this is not faster. They end with the first
+    /// whole step that is within reach, and at least the phase `least` away.
     #[inline(never)]
     pub(super) fn stop_on_step(self, last: i64, down: NonZero<u32>, least: i64) -> [Self; 2] {
         let last = last.min(self.h);

@@ -6,7 +6,7 @@ use crate::device::{Duration, Instant, Link};
 use crate::mdrive::mcode::program::LINE_BYTES;
 use crate::mdrive::mcode::serial::{Called, Party};
 
-/// How many there may be.
+/// Most connections.
 pub(in crate::mdrive) const MOST: usize = 4;
 
 /// Characters that wait behind a line that is being executed, where somebody gives more than the drive
@@ -18,12 +18,12 @@ pub(in crate::mdrive) const WAITING: usize = 256;
 pub(super) struct Console {
     pub(super) link: Link,
     pub(super) line: Vec<u8, LINE_BYTES>,
-    /// It was too long, and has been refused: what is left of it is nothing any more.
+    /// True once it was too long, and is refused: the rest is dropped.
     pub(super) refused: bool,
     /// CR was the last character: LF belongs to it.
     pub(super) returned: bool,
     pub(super) called: Called,
-    /// Of program mode: the address of the next line.
+    /// Address of the next line, in program mode.
     pub(super) programming: Option<u16>,
 }
 
@@ -38,7 +38,7 @@ impl Console {
 pub(in crate::mdrive) struct Consoles {
     pub(super) list: Vec<Console, MOST>,
     pub(super) party: Party,
-    /// Whose line is being executed, and until when: one at a time.
+    /// Connection whose line is being executed, and its end: one at a time.
     executing: Option<(Link, Instant)>,
     /// Characters that have come meanwhile, in their order.
     waiting: Deque<(Link, u8), WAITING>,
@@ -69,7 +69,7 @@ impl Consoles {
         }
     }
 
-    /// Whether somebody types lines that are stored.
+    /// Returns whether lines are being typed that are stored.
     pub(in crate::mdrive) fn is_programming(&self) -> bool {
         self.list.iter().any(|console| console.programming.is_some())
     }

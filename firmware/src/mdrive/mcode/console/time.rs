@@ -12,8 +12,8 @@ const COMMON: Duration = Duration::millis(2);
 const STORING: Duration = Duration::millis(4);
 /// S, IP, FD, CP, L, and a long PR.
 const LONGEST: Duration = Duration::millis(5);
-/// Each item of PR, on top of the shortest time. A client measured 24 ms at 9,600 baud for `pr EF,"_"ER`, of which its 19
-/// characters take 19.8 ms.
+/// Each item of PR, on top of the shortest time. A client measured 24 ms at 9,600 baud for `pr EF,"_"ER`, of which its
+/// 19 characters take 19.8 ms.
 const ITEM: Duration = Duration::millis(1);
 
 impl Drive {

@@ -68,7 +68,7 @@ pub(super) enum Class {
     NotAvailable,
 }
 
-/// Something to do.
+/// An instruction.
 const fn does(name: &[u8], instruction: Instruction) -> Item {
     Item { word: word(name), class: Class::Instruction(instruction), variants: u8::MAX }
 }
@@ -127,7 +127,7 @@ const LIST: ([Item; 256], usize) = {
 
 const NOTHING: Item = takes(b" ");
 
-/// What the name of a row is: something to do, or the row.
+/// Class of the name of a row: an instruction, or the row.
 const fn class_of(word: Word, row: u8) -> Class {
     let mut i = 0;
     while i < INSTRUCTIONS.len() {

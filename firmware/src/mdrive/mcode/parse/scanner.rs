@@ -1,4 +1,4 @@
-//! What lines are made of: words, numbers, operands, places.
+//! Parts of lines: words, numbers, operands, places.
 
 use core::iter::repeat;
 
@@ -8,7 +8,7 @@ use crate::mdrive::mcode::mnemonic::Mnemonic;
 use crate::mdrive::mcode::statement::{Name, Operand, Place};
 use crate::mdrive::registers::Reg;
 
-/// What a number may be.
+/// Kind of a number.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum Kind {
     Whole,
@@ -22,7 +22,7 @@ impl Kind {
     }
 }
 
-/// What is left of a line.
+/// The rest of a line.
 pub(super) struct Scanner<'a> {
     pub(super) rest: &'a [u8],
     pub(super) variants: u8,
@@ -58,7 +58,7 @@ impl<'a> Scanner<'a> {
         find(word, self.variants)
     }
 
-    /// Nothing more may come.
+    /// Checks that the line ends here.
     pub(super) fn end(&mut self) -> Result<(), Error> {
         match self.peek() {
             None => Ok(()),
@@ -67,7 +67,7 @@ impl<'a> Scanner<'a> {
         }
     }
 
-    /// What follows a comma, if there is one; else nothing more may come.
+    /// Part behind a comma, if there is one; else the line must end.
     pub(super) fn optional<T>(
         &mut self,
         item: impl FnOnce(&mut Self) -> Result<T, Error>,
@@ -93,7 +93,7 @@ impl<'a> Scanner<'a> {
         }
     }
 
-    /// What IC and DC are about.
+    /// Operand of IC and DC.
     pub(super) fn counted(&mut self) -> Result<Operand, Error> {
         match self.next() {
             Some(Mnemonic::List(_) | Mnemonic::Keyword(_) | Mnemonic::Instruction(_)) => {
@@ -103,7 +103,7 @@ impl<'a> Scanner<'a> {
         }
     }
 
-    /// What IV is about.
+    /// Operand of IV.
     pub(super) fn input(&mut self) -> Result<Operand, Error> {
         match self.next() {
             // A number is not all that it has.
@@ -114,7 +114,7 @@ impl<'a> Scanner<'a> {
         }
     }
 
-    /// What the next word is in the language.
+    /// Meaning of the next word in the language.
     fn next(&mut self) -> Option<Mnemonic> {
         let word = self.word();
         self.find(word)

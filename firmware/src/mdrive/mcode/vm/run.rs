@@ -1,4 +1,4 @@
-//! How the program runs: what begins, holds, interrupts and ends it, and its lines.
+//! Run of the program: its start, holds, interrupts and end, and its lines.
 
 use heapless::Vec;
 
@@ -59,8 +59,8 @@ impl Drive {
         Ok(())
     }
 
-    /// E: the program ends; motion goes on, but for what PS has interrupted, and what waits behind that: nothing is left
-    /// that RS could resume.
+    /// E: the program ends; motion goes on, but for what PS has interrupted, and what waits behind that: nothing is
+    /// left that RS could resume.
     pub(in crate::mdrive) fn end_program(&mut self) {
         if self.mcode.vm.is_paused() {
             self.motion.forget_what_waits();
@@ -115,7 +115,7 @@ impl Drive {
         }
     }
 
-    /// Something has happened: H goes on with the next line once motion is over.
+    /// Lets H go on with the next line once motion is over.
     pub(in crate::mdrive) fn look_for_standstill(&mut self, at: Instant) {
         if self.mcode.vm.waits_for_motion() && !self.motion.is_moving() {
             self.mcode.vm.begin(at);
@@ -155,7 +155,7 @@ impl Drive {
         }
     }
 
-    /// What interrupts is called at once, but for a line that is being carried out, or a pause.
+    /// Calls what interrupts at once, but for a line that is being carried out, or a pause.
     fn interrupt_program(&mut self, at: Instant, out: &mut dyn Sink) {
         let vm = &self.mcode.vm;
         if vm.is_interrupted() && !vm.is_paused() && !matches!(vm.phase, Phase::Line(_)) {
@@ -186,8 +186,8 @@ impl Drive {
         }
     }
 
-    /// A line, or a call, of the program has gone wrong. That may end it, but not where OE's handler is called: "program
-    /// execution continues with the instruction after the one that caused the error" (MC 5-52).
+    /// A line, or a call, of the program has gone wrong. That may end it, but not where OE's handler is called:
+    /// "program execution continues with the instruction after the one that caused the error" (MC 5-52).
     fn fail_program(&mut self, at: Instant, error: Error, out: &mut dyn Sink) {
         let handles = self.mcode.vm.handles();
         if error.ends_program() && !self.calls_error_handler() {

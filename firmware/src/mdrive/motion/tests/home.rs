@@ -54,8 +54,9 @@ impl Track {
     }
 }
 
-/// Ends of the four kinds: off the switch, on the side to which they creep. The first two search backward, the first and
-/// the last creep forward. The contact of this track changes where a step is made, and the motion ends with the next one.
+/// Ends of the four kinds: off the switch, on the side to which they creep. The first two search backward, the first
+/// and the last creep forward. The contact of this track changes where a step is made, and the motion ends with the
+/// next one.
 fn ends(switch: (i32, i32)) -> [(u8, i32); 4] {
     [(1, switch.1 + 1), (2, switch.0 - 2), (3, switch.0 - 2), (4, switch.1 + 1)]
 }
@@ -121,8 +122,8 @@ fn the_motions_are_those_of_figure_5_1() {
             track.run_out();
             assert_eq!(motions(&track), [(s, 5_000), (s, 5_000), (c, 1_000), (c, 1_000)], "HM {kind}");
 
-            // What is overshot is searched for backward: 1,100 steps at up to √(1,000² + 1,100 · 10,000) steps/s, and on
-            // at VI.
+            // What is overshot is searched for backward: 1,100 steps at up to √(1,000² + 1,100 · 10,000) steps/s, and
+            // on at VI.
             let mut track = Track::new(Settings { settle_ms, ..SLOW }, start(kind), (0, 100));
             track.bench.out.plans.clear();
             track.bench.does(Order::Home(kind));

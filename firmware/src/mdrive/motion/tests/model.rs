@@ -99,12 +99,12 @@ proptest! {
                     model.step();
                     bench.run(10.micros());
                     // Speeds that agree when an order comes may be a step of the steeper ramp apart. Down to where it
-                    // turns round, on the flatter one, that takes longer by their ratio; so much later the ramp behind it
-                    // begins.
+                    // turns round, on the flatter one, that takes longer by their ratio; so much later the ramp behind
+                    // it begins.
                     let (steep, flat) = (f64::from(up.max(down)), f64::from(up.min(down)));
                     let near = STEP * steep * (3.0 + steep / flat) + 1.0;
-                    // Each end of a ramp is off by a step of the model at most. Speeds that agree when an order comes, but
-                    // for `near`, turn round that much apart.
+                    // Each end of a ramp is off by a step of the model at most. Speeds that agree when an order comes,
+                    // but for `near`, turn round that much apart.
                     let off = (f64::from(bench.c1()) - model.x).abs();
                     let late = (3.0 * STEP * steep + 1.0) / flat;
                     let beside = 3.0 + f64::from(turn) * STEP * f64::from(start) + late * model.v.abs();

@@ -78,7 +78,8 @@ fn it_follows_a_ramp() {
                     "{} for {should} from {from} to {to}, {ms} ms, {motor:?}",
                     bench.real_rpm()
                 );
-                // RPM_DATA is that of the last edges: of 2 ms at least, or of a count, of which 500 rpm make 100 a second.
+                // RPM_DATA is that of the last edges: of 2 ms at least, or of a count, of which 500 rpm make 100 a
+                // second.
                 let shown = (f64::from(bench.rpm()) - bench.real_rpm()).abs();
                 let a_ms =
                     [start, down].into_iter().filter(|&raw| raw > 0).map(slope).fold(0.0, f64::max) / 1e3;

@@ -80,8 +80,8 @@ fn conditions() {
     }
 }
 
-/// From left to right, as programs of real machines have it: `R2 = P - R1 / 2` is half of the difference. Each step has 32
-/// bits.
+/// From left to right, as programs of real machines have it: `R2 = P - R1 / 2` is half of the difference. Each step has
+/// 32 bits.
 #[test]
 fn chains_of_operators() {
     let mut dut = Dut::new(Mdrive::plus());
