@@ -32,13 +32,13 @@ drivetwin_protocol::registers! {
         CE = rw(0x0009, "5").u8().range(0, 1).reset(1).saved(),
         /// 1: clock inputs or outputs at I/O 7 and 8.
         CM = rw(0x000B, "5").u8().range(0, 1).saved().only(PLUS),
-        /// How long input 1 must last, in ms.
+        /// Debounce time of input 1, in ms.
         D1 = rw(0x000F, "5").u8().saved(),
-        /// How long input 2 must last, in ms.
+        /// Debounce time of input 2, in ms.
         D2 = rw(0x0010, "5").u8().saved(),
-        /// How long input 3 must last, in ms.
+        /// Debounce time of input 3, in ms.
         D3 = rw(0x0011, "5").u8().saved(),
-        /// How long input 4 must last, in ms.
+        /// Debounce time of input 4, in ms.
         D4 = rw(0x0012, "5").u8().saved(),
         /// Readings that I5 is averaged over.
         D5 = rw(0x0013, "5").u8().saved(),
@@ -83,7 +83,7 @@ drivetwin_protocol::registers! {
         IN = ro(0x003B, "5").u8().range(0, 255).live(),
         /// 1: the jog inputs jog.
         JE = rw(0x003F, "5").u8().range(0, 1).saved(),
-        /// What a limit does, 1 to 6.
+        /// Reaction to a limit, 1 to 6.
         LM = rw(0x0042, "5").u8().range(1, 6).reset(1).saved(),
         /// Moves to a position; reads the last one.
         MA = rw(0x0043, "5").i32(),
@@ -93,7 +93,7 @@ drivetwin_protocol::registers! {
         MR = rw(0x0046, "5").i32(),
         /// Microsteps in a full step.
         MS = rw(0x0048, "5").one_of(RESOLUTIONS).reset(256).saved(),
-        /// How long the motor settles, in ms.
+        /// Settling time of the motor, in ms.
         MT = rw(0x0049, "5").range(0, 65_000).saved(),
         /// 1: it moves, or settles.
         MV = ro(0x004A, "5").u8().range(0, 1).live(),
@@ -141,16 +141,16 @@ drivetwin_protocol::registers! {
         V = ro(0x0085, "5").i32().live(),
         /// 1: the velocity changes.
         VC = ro(0x0088, "5").u8().range(0, 1).live(),
-        /// Where a ramp begins and ends, in steps/s; counts/s with EE. Below VM.
+        /// Initial and final speed of a ramp, in steps/s; counts/s with EE. Below VM.
         VI = rw(0x0089, "5").i32().range(1, 4_999_999).reset(1_000).saved(),
         /// The most of a move, in steps/s; counts/s with EE. Above VI.
         VM = rw(0x008B, "5").i32().range(2, 5_000_000).reset(768_000).saved(),
 
         /// 0 off, 1 fixed current, 2 variable current, 3 torque.
         AS = rw(0x008E, "5.1").u8().range(0, 3).reset(2).saved().only(HYBRID),
-        /// What the Hybrid is at, a bit each; above 255 in MCode only.
+        /// Status of the Hybrid, a bit each; above 255 in MCode only.
         AF = ro(0x008F, "5.1").u8().live().only(HYBRID),
-        /// How it calibrates.
+        /// Calibration mode.
         CA = rw(0x0090, "5.1").u8().range(0, 1).reset(1).saved().only(HYBRID),
         /// Bounds of the rotor's lag: 1.1, 1.3, 1.5 or 1.7 full steps.
         CB = rw(0x0091, "5.1").u8().range(0, 3).reset(1).saved().only(HYBRID),
@@ -168,7 +168,7 @@ drivetwin_protocol::registers! {
         LL = ro(0x0099, "5.1").i32().live().only(HYBRID),
         /// 1: the rotor is locked.
         LR = ro(0x009B, "5.1").u8().range(0, 1).live().only(HYBRID),
-        /// How long a rotor must not move to be locked, in ms. Two bytes in the second of its registers.
+        /// Time for which a rotor must not move to be locked, in ms. Two bytes in the second of its registers.
         LT = rw(0x009C, "5.1").u32().range(2, 65_535).reset(2_000).saved().only(HYBRID),
         /// Steps/s at which missed steps are made up for, if MU is 1.
         MF = rw(0x009E, "5.1").i32().range(306, 5_000_000).reset(768_000).saved().only(HYBRID),
@@ -212,7 +212,7 @@ drivetwin_protocol::registers! {
         EL = variable(4, "MC 5-22").range(1, MOST_LINES).reset(512).saved(),
         /// Echo: 0 all and prompts, 1 CR LF, 2 nothing, 3 afterwards.
         EM = variable(5, "MC 5-22").range(0, 3).saved(),
-        /// What stops all: 0 Ctrl-E, 1 Esc, 2 and 3 the same, addressed.
+        /// Key that stops all: 0 Ctrl-E, 1 Esc, 2 and 3 the same, addressed.
         ES = variable(6, "MC 5-23").range(0, 3).reset(1).saved(),
         /// Filter of the capture input.
         FC = variable(7, "MC 5-25").range(0, 9).saved(),

@@ -27,7 +27,7 @@ drivetwin_protocol::registers! {
         BRAKE = wo(6, "p. 6"),
         /// Only in the header.
         ACK = known(7, "2.4"),
-        /// What to do: see the table of commands.
+        /// Command: see the table of commands.
         COMMAND = wo(10, "p. 6").u8(),
         /// Any word: clears alarms whose cause is gone.
         ALARM_RESET = wo(12, "p. 7"),
@@ -62,7 +62,7 @@ drivetwin_protocol::registers! {
         START_INV_SIGN = rw(36, "p. 9").u8().range(0, 1).saved(),
         /// 1: RUN/BRAKE is ON while high.
         RUN_INV_SIGN = rw(37, "p. 9").u8().range(0, 1).saved(),
-        /// How an open limit switch stops: 0 free, 1 electric brake.
+        /// Stop by an open limit switch: 0 free, 1 electric brake.
         LIMIT_STOP_COND = rw(40, "p. 9").u8().range(0, 1).saved(),
         /// 1: the speed input is a torque.
         TQ_CTRL = rw(44, "p. 10").u8().range(0, 1).saved(),
@@ -109,9 +109,9 @@ drivetwin_protocol::registers! {
         TQ_PO = known(150, "2.4"),
         /// Only in the header.
         OVER_MODULATION = known(152, "2.4"),
-        /// How fast a speed reference grows: 0 to 1,023 are 0 to 15 s for MAX_RPM.
+        /// Ramp up of a speed reference: 0 to 1,023 are 0 to 15 s for MAX_RPM.
         SLOW_START = rw(153, "p. 13").range(0, 1_023).saved(),
-        /// How fast a speed reference falls: 0 to 1,023 are 0 to 15 s for MAX_RPM.
+        /// Ramp down of a speed reference: 0 to 1,023 are 0 to 15 s for MAX_RPM.
         SLOW_DOWN = rw(154, "p. 13").range(0, 1_023).saved(),
         /// Not 0: the speed under START/STOP, RUN/BRAKE and DIR, in rpm, in place of the speed input.
         TAR_VEL = rw(155, "p. 13").range(0, 5_000).saved(),
@@ -192,7 +192,7 @@ drivetwin_protocol::registers! {
         CURVE_PT = known(226, "2.4"),
         /// Only in the header.
         PRESET_DATA = known(227, "2.4"),
-        /// Where position control goes, in counts.
+        /// Target of position control, in counts.
         TAR_POSI = ro(230, LATER).i32().live(),
         /// Only in the header.
         VEL_GAIN_W = known(231, "2.4"),
@@ -200,7 +200,7 @@ drivetwin_protocol::registers! {
         TIME = known(234, "2.4"),
         /// Only in the header.
         CAN_RESEND = known(238, "2.4"),
-        /// Of the functions of speed: rpm, run time in 0.1 s.
+        /// Functions of speed: rpm, run time in 0.1 s.
         FUNC_SPEED = rw(239, "p. 16").words(2).reset(10 << 16 | 1_000).saved(),
         /// Only in the header.
         PHASE_OFFSET = known(241, "2.4"),
@@ -208,7 +208,7 @@ drivetwin_protocol::registers! {
         POSI_CMD = wo(243, "p. 16").i32(),
         /// Goes so many counts on.
         INC_POSI_CMD = wo(244, "p. 16").i32(),
-        /// Of the function POSITION: rpm, counts.
+        /// Function POSITION: rpm, counts.
         FUNC_POSI = rw(250, "p. 17").words(2).reset(240 << 16 | 1_500).saved(),
 
         /// The id that holds from the next power-on; set by ID.

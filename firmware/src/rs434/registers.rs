@@ -42,17 +42,17 @@ drivetwin_protocol::registers! {
 
         /// 0 the motor stands, 1 it turns forward, 2 backward.
         STATUS = input(0x3000, "6.3").range(0, 2).live(),
-        /// What the supply gives the motor, in mA; 0 while current flows back.
+        /// Current from the supply to the motor, in mA; 0 while current flows back.
         CURRENT_VALID = input(0x3001, "6.3").live(),
-        /// How fast it turns, in rpm.
+        /// Speed of the motor, in rpm.
         SPEED_VALID = input(0x3002, "6.3").live(),
         /// Edges of the Hall sensors, forward less backward.
         CURRENT_POSITION = input(0x3003, "6.3").i32().live(),
-        /// Of the processor, in 0.1 °C.
+        /// Temperature of the processor, in 0.1 °C.
         TEMPERATURE_MCU = input(0x3005, "6.3").reset(250).live(),
-        /// Of the power circuit, in 0.1 °C.
+        /// Temperature of the power circuit, in 0.1 °C.
         TEMPERATURE_MOSFET = input(0x3006, "6.3").reset(250).live(),
-        /// Of the brake circuit, in 0.1 °C.
+        /// Temperature of the brake circuit, in 0.1 °C.
         TEMPERATURE_BRAKE = input(0x3007, "6.3").reset(250).live(),
         /// Another random number at each read.
         TASK_COUNTER = input(0x3008, "6.3").live(),
@@ -76,39 +76,39 @@ drivetwin_protocol::registers! {
         MODE_USER_PROGRAM = rw(0x5005, "6.5").range(1, 3).reset(1).saved(),
         /// 1 continuous rotation, 2 by OFFSET, 3 to the position POSITION_N.
         MODE_ROTATION = rw(0x5006, "6.5").range(1, 3).reset(1).saved(),
-        /// What IN1 and IN2 do, 1 to 5.
+        /// Function of IN1 and IN2, 1 to 5.
         MODE_EXT_IN = rw(0x5007, "6.5").range(1, 5).reset(1).saved(),
         /// To which of the four positions.
         POSITION_N = rw(0x5008, "6.5").range(1, 4).reset(1).saved(),
         /// The most that the motor may draw, in mA.
         REF_CURRENT = rw(0x5009, "6.5").range(1_000, 20_000).reset(20_000).saved(),
-        /// How fast the motor turns at its full voltage, in rpm.
+        /// Speed of the motor at its full voltage, in rpm.
         RATED_SPEED = rw(0x500A, "6.5").range(1_000, 15_000).reset(3_000).saved(),
-        /// How fast it is to turn, in rpm.
+        /// Speed setpoint, in rpm.
         SPEED = rw(0x500B, "6.5").range(30, 15_000).reset(1_000).saved(),
-        /// How it speeds up: 10 is 100 rps², 1,000 is 5,000 rps², linear between.
+        /// Acceleration: 10 is 100 rps², 1,000 is 5,000 rps², linear between.
         ACC = rw(0x500C, "6.5").range(10, 1_000).reset(100).saved(),
-        /// How it slows down, in the unit of ACC.
+        /// Deceleration, in the unit of ACC.
         DEC = rw(0x500D, "6.5").range(10, 1_000).reset(100).saved(),
         /// 1 forward, 2 backward.
         DIRECTION = rw(0x500E, "6.5").range(1, 2).reset(1).saved(),
         /// Pulses of one Hall sensor in a turn.
         PULSES_PER_REVOLUTION = rw(0x500F, "6.5").range(1, 12).reset(4).saved(),
-        /// How many Hall sensors there are.
+        /// Number of Hall sensors.
         USE_HALL = rw(0x5010, "6.5").range(0, 2).reset(2).saved(),
         /// The motor's terminals while it stands: 0 open, 1 closed.
         MODE_COIL = rw(0x5011, "6.5").range(0, 1).saved(),
         /// Counts by which the point moves where a move stops, along the motion.
         OFFSET_COMPENSATION = rw(0x5012, "6.5").i16().saved(),
-        /// How long a contact must be closed for a pulse, in ms.
+        /// Time for which a contact must be closed for a pulse, in ms.
         PRESSED_INPUTS_EXTERN = rw(0x5013, "6.1").reset(10).saved(),
-        /// How long it must be open behind one, in ms.
+        /// Time for which it must be open behind one, in ms.
         WAITED_INPUTS_EXTERN = rw(0x5014, "6.1").reset(10).saved(),
         /// Counts to go; counts down to 0 as they are gone.
         OFFSET = rw(0x5015, "6.5").i32().saved().live(),
         /// Not 0: what every start copies to OFFSET.
         OFFSET_CONST = rw(0x5017, "6.5").i32().saved(),
-        /// Where a move to a position goes: the start copies one of the four.
+        /// Target of a move to a position: the start copies one of the four.
         TARGET_POSITION = rw(0x5019, "6.5").i32().saved(),
         /// Position 1.
         TARGET_POSITION1 = rw(0x501B, "6.5").i32().saved(),
@@ -136,27 +136,27 @@ drivetwin_protocol::registers! {
         /// The instruction that READ_CMD brought: the command, then its data.
         CMD_R = rw(0x6004, "6.6").u32(),
 
-        /// Of the user program: its uAdrSysReg 0, the low word of a pair with BX_REG.
+        /// Register of the user program: its uAdrSysReg 0, the low word of a pair with BX_REG.
         AX_REG = rw(0x7000, "6.7").live(),
-        /// Of the user program: its uAdrSysReg 1, the low word of a pair with CX_REG.
+        /// Register of the user program: its uAdrSysReg 1, the low word of a pair with CX_REG.
         BX_REG = rw(0x7001, "6.7").live(),
-        /// Of the user program: its uAdrSysReg 2, the low word of a pair with DX_REG.
+        /// Register of the user program: its uAdrSysReg 2, the low word of a pair with DX_REG.
         CX_REG = rw(0x7002, "6.7").live(),
-        /// Of the user program: its uAdrSysReg 3, the low word of a pair with EX_REG.
+        /// Register of the user program: its uAdrSysReg 3, the low word of a pair with EX_REG.
         DX_REG = rw(0x7003, "6.7").live(),
-        /// Of the user program: its uAdrSysReg 4, the low word of a pair with FX_REG.
+        /// Register of the user program: its uAdrSysReg 4, the low word of a pair with FX_REG.
         EX_REG = rw(0x7004, "6.7").live(),
-        /// Of the user program: its uAdrSysReg 5, the low word of a pair with GX_REG.
+        /// Register of the user program: its uAdrSysReg 5, the low word of a pair with GX_REG.
         FX_REG = rw(0x7005, "6.7").live(),
         /// The line that the user program is at.
         PC_REG = ro(0x7006, "6.7").live(),
-        /// Of the user program: its uAdrSysReg 6, the low word of a pair with HX_REG.
+        /// Register of the user program: its uAdrSysReg 6, the low word of a pair with HX_REG.
         GX_REG = rw(0x7007, "6.7").live(),
-        /// Of the user program: its uAdrSysReg 7, the low word of a pair with IX_REG.
+        /// Register of the user program: its uAdrSysReg 7, the low word of a pair with IX_REG.
         HX_REG = rw(0x7008, "6.7").live(),
-        /// Of the user program: its uAdrSysReg 8, the low word of a pair with JX_REG.
+        /// Register of the user program: its uAdrSysReg 8, the low word of a pair with JX_REG.
         IX_REG = rw(0x7009, "6.7").live(),
-        /// Of the user program: its uAdrSysReg 9, the high word of a pair with IX_REG only.
+        /// Register of the user program: its uAdrSysReg 9, the high word of a pair with IX_REG only.
         JX_REG = rw(0x700A, "6.7").live(),
 
         /// Driver type: 1001 is the RS 434544, 1002 the RS 434546.
