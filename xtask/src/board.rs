@@ -20,11 +20,11 @@ pub(crate) struct Board {
     pub(crate) name: &'static str,
     pub(crate) package: &'static str,
     pub(crate) target: &'static str,
-    /// Where the vector table is, once the image runs; `None` if it is behind the stack.
+    /// Address of the vector table, once the image runs; `None` if it is behind the stack.
     vectors: Option<u64>,
-    /// Where RAM begins.
+    /// Start of RAM.
     ram: u64,
-    /// Whether it has Ethernet, and so an image of the drives with TCP ports, too.
+    /// True if it has Ethernet, and so an image of the drives with TCP ports, too.
     has_ethernet: bool,
 }
 
@@ -105,7 +105,7 @@ impl Board {
         Ok(kinds)
     }
 
-    /// Where its images lie once they are built, each with the name of its kind.
+    /// Folder of its images once they are built, each with the name of its kind.
     pub(crate) fn images(&self, sh: &Shell) -> PathBuf {
         target_dir(sh).join(self.target).join(PROFILE)
     }
@@ -142,7 +142,7 @@ impl Board {
         self.build(sh, kind)
     }
 
-    /// Whether it must have an image of a kind of drive: each has one wherever its ports are.
+    /// Returns whether it must have an image of a kind of drive: each has one wherever its ports are.
     pub(crate) fn carries(&self, kind: &str) -> bool {
         self.has_ethernet || !spec(kind).is_some_and(Spec::is_on_network)
     }
@@ -158,7 +158,7 @@ impl Board {
     }
 }
 
-/// What every kind of drive is.
+/// Description of every kind of drive.
 fn specs() -> Vec<&'static Spec> {
     macro_rules! specs {
         ($($make:expr),* $(,)?) => { vec![$(($make)().spec()),*] };
@@ -171,12 +171,12 @@ pub(crate) fn kinds() -> Vec<&'static str> {
     specs().into_iter().map(|spec| spec.kind).collect()
 }
 
-/// What a kind of drive is.
+/// Description of a kind of drive.
 pub(crate) fn spec(kind: &str) -> Option<&'static Spec> {
     specs().into_iter().find(|spec| spec.kind == kind)
 }
 
-/// How a person talks to a kind of drive whose line is at `address` of this machine.
+/// Commands by which a person talks to a kind of drive whose line is at `address` of this machine.
 pub(crate) fn hint(kind: &str, address: &str) -> String {
     let spec = spec(kind);
     match spec.and_then(|spec| spec.ports.first()).map(|port| port.ends) {
@@ -194,7 +194,7 @@ pub(crate) fn hint(kind: &str, address: &str) -> String {
     }
 }
 
-/// How a person talks to a kind of drive whose Modbus and MCode are at these ports of this machine.
+/// Commands by which a person talks to a kind of drive whose Modbus and MCode are at these ports of this machine.
 pub(crate) fn network_hint(kind: &str, [modbus, mcode]: [u16; 2]) -> String {
     let first = first_register(spec(kind));
     format!(
@@ -227,7 +227,7 @@ pub(crate) fn golden(sh: &Shell) -> Result<()> {
     Ok(test.env("DRIVETWIN_IMAGES", images).run()?)
 }
 
-/// What only the exact time of the emulated Pico can prove.
+/// Runs the tests that need the exact time of the emulated Pico.
 pub(crate) fn pico(sh: &Shell) -> Result<()> {
     let images = RP2040.all(sh)?;
     let host = host();

@@ -1,16 +1,16 @@
-//! What a drive may cost. `cargo xtask size` measures every line, and fails where one costs more, or where
-//! something is measured that has no line here.
+//! Budgets of the drives. `cargo xtask size` measures every line, and fails where one costs more, or where a measured
+//! value has no line here.
 
 use crate::board::BOARDS;
 
-/// What something may cost at most.
+/// Budget of a measured value.
 #[derive(Debug)]
 pub(crate) struct Budget {
-    /// What is measured: instructions, if it does not say something else.
+    /// Measured value: instructions, if it does not say otherwise.
     pub(crate) what: &'static str,
     /// On a Cortex-M3 and the lm3s6965, on a Cortex-M0+ and the rp2040, and on a Cortex-M4F and the stm32f4.
     pub(crate) most: [u64; PLACES],
-    /// Why so much.
+    /// Reason.
     pub(crate) why: &'static str,
 }
 
@@ -24,7 +24,7 @@ const fn image(what: &'static str, most: [u64; PLACES], why: &'static str) -> Bu
     Budget { what, most, why }
 }
 
-/// How many boards there are, or processors.
+/// Number of boards, or processors.
 pub(crate) const PLACES: usize = BOARDS.len();
 
 /// Stands for what is not measured on a board, or depends on the host there.

@@ -25,11 +25,11 @@ pub(crate) fn host() -> Vec<&'static str> {
 /// Checks that are run together.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum Group {
-    /// What runs here.
+    /// Checks that run here.
     Host,
     /// Masters that we did not write, and the binary.
     Foreign,
-    /// What runs on Cortex-M, and its emulators.
+    /// Checks that run on Cortex-M, and its emulators.
     Boards,
 }
 
@@ -190,8 +190,8 @@ pub(crate) fn run_one(sh: &Shell, name: &str) -> Result<()> {
     (check.run)(sh)
 }
 
-/// Of the cases of the property tests: whether a commit passes depends on it alone. New ones are for
-/// [`soak`] and for `cargo test`.
+/// Seed of the property tests' cases: whether a commit passes depends on it alone. New ones are for [`soak`] and for
+/// `cargo test`.
 const SEED: &str = "434544";
 
 /// Runs the property tests with `cases` new cases each.
@@ -234,7 +234,7 @@ pub(crate) fn drivetwin(sh: &Shell) -> PathBuf {
     target_dir(sh).join("release/drivetwin")
 }
 
-/// Where cargo builds.
+/// Folder in which cargo builds.
 pub(crate) fn target_dir(sh: &Shell) -> PathBuf {
     sh.current_dir().join(std::env::var_os("CARGO_TARGET_DIR").unwrap_or_else(|| "target".into()))
 }

@@ -32,7 +32,7 @@ const KNOWN: &str = "known";
 const TAKES_PLUGIN: std::ops::RangeInclusive<u32> = 6..=10;
 const TAKES_SECOND: u32 = 9;
 
-/// Whether the QEMU that is here takes the plugin.
+/// Returns whether the QEMU that is here takes the plugin.
 pub(crate) fn takes_plugin(sh: &Shell) -> bool {
     qemu_version(sh).is_some_and(|version| TAKES_PLUGIN.contains(&version))
 }
@@ -48,7 +48,7 @@ pub(crate) fn kinds() -> impl Iterator<Item = &'static str> {
     board::kinds().into_iter().filter(|kind| !board::spec(kind).is_some_and(Spec::is_on_network))
 }
 
-/// What a group of a program took, in instructions.
+/// Cost of a group of a program, in instructions.
 #[derive(Debug)]
 pub(crate) struct Group {
     pub(crate) name: String,
@@ -137,7 +137,7 @@ fn name(program: &str) -> String {
     format!("counted-{program}")
 }
 
-/// What a run has left behind.
+/// Results of a run.
 struct Run {
     said: String,
     log: String,

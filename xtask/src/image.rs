@@ -9,7 +9,7 @@ use crate::checks::target_dir;
 /// A program for a Cortex-M.
 pub(crate) struct Image(Vec<u8>);
 
-/// What a program takes, in bytes.
+/// Size of a program, in bytes.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Sizes {
     /// Code, constants, and what variables begin with.
@@ -86,7 +86,7 @@ impl Image {
         Ok(symbol.with_context(|| format!("there is no symbol `{name}`"))?.address())
     }
 
-    /// How many places in the code call a function that panics.
+    /// Number of places in the code that call a function that panics.
     pub(crate) fn panic_sites(&self) -> Result<u64> {
         let file = self.file()?;
         // `unwrap_failed`, `slice_index_fail` and their like call what panics for whoever calls them.
@@ -112,7 +112,7 @@ impl Image {
     }
 }
 
-/// Where a `bl` or a `b.w` at this address leads (ARM DDI 0403, A7.7.12 and A7.7.18).
+/// Target of a `bl` or a `b.w` at this address (ARM DDI 0403, A7.7.12 and A7.7.18).
 fn branch(at: u64, code: &[u8]) -> Option<u64> {
     let [a, b, c, d] = *code else { return None };
     let (first, second) = (u32::from(u16::from_le_bytes([a, b])), u32::from(u16::from_le_bytes([c, d])));

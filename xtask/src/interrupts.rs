@@ -19,7 +19,7 @@ use crate::counted::Counting;
 use crate::image::Image;
 use crate::qemu;
 
-/// How long an answer is waited for before the board is asked again.
+/// Longest wait for an answer before the board is asked again.
 const PATIENCE: Duration = Duration::from_secs(1);
 
 const BUS: &str = "bus's interrupt";
@@ -37,21 +37,21 @@ const ON_NETWORK: [(&str, &str); 2] = [("ETHERNET", NETWORK), ("SysTick", CLOCK)
 /// 2.3.2).
 const EXCEPTIONS: [(u32, &str); 3] = [(16, STEPS), (16 + 13, PINS), (16 + 20, BUS)];
 
-/// What a drive has to do while it is measured.
+/// Work of a drive while it is measured.
 pub(crate) struct Work {
     /// The kind of drive.
     pub(crate) kind: &'static str,
-    /// What it is told; the last thing is a move.
+    /// Orders; the last one is a move.
     orders: fn() -> Vec<Vec<u8>>,
-    /// What it is asked until the move is over.
+    /// Question that is asked until the move is over.
     question: fn() -> Vec<u8>,
     /// Takes an answer off what has come; `None` if it is not all there.
     answer: fn(&mut Vec<u8>) -> Option<Vec<u8>>,
-    /// Whether that answer says that the move is over.
+    /// Returns whether that answer says that the move is over.
     is_over: fn(&[u8]) -> bool,
-    /// Whether a move has steps.
+    /// True if a move has steps.
     steps: bool,
-    /// What happens at pins of the Pico while it moves.
+    /// Changes of pins of the Pico while it moves.
     edges: &'static [(u8, &'static str)],
 }
 
@@ -189,7 +189,7 @@ pub(crate) const WORKS: [Work; 5] = [
     },
 ];
 
-/// What was counted: each interrupt's purpose with its most instructions, and bytes of the stack.
+/// Counts: each interrupt's purpose with its most instructions, and bytes of the stack.
 pub(crate) struct Worst {
     pub(crate) interrupts: Vec<(&'static str, u64)>,
     pub(crate) stack: u64,
@@ -276,7 +276,7 @@ fn lm3s6965(sh: &Shell, counting: &Counting<'_>, work: &Work) -> Result<Worst> {
     Ok(Worst { interrupts, stack: number(&log, "stack ", "stack")? })
 }
 
-/// How QEMU is told that its standard input and output are the serial port of the drive.
+/// Options of QEMU that make its standard input and output the serial port of the drive.
 fn on_line() -> Vec<String> {
     ["-monitor", "none", "-serial", "stdio", "-serial", "file:/dev/stderr"].map(str::to_owned).to_vec()
 }
@@ -298,7 +298,7 @@ fn start(image: &Path, plugin: &str, log: &Path, ports: &[String]) -> Result<Chi
         .context("qemu-system-arm does not start")
 }
 
-/// What is said to a drive, and what it says.
+/// The two directions of a drive's line.
 type Line = (Box<dyn Write>, Box<dyn Read + Send>);
 
 /// The line to the drive, once that has power.

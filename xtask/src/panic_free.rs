@@ -7,7 +7,7 @@ use crate::board::{PROFILE, kinds};
 use crate::counted::PROCESSORS;
 use crate::image::{Image, Sizes};
 
-/// What the panic handler calls and nobody defines.
+/// Function that the panic handler calls and no crate defines.
 const UNDEFINED: &str = "a_panic_can_happen";
 
 /// Cargo's profiles in which nothing may panic: what tests build, and what is flashed.
@@ -61,7 +61,7 @@ fn rustc<'a>(sh: &'a Shell, target: &str, profile: &str, program: &str) -> Cmd<'
     cmd!(sh, "cargo rustc --quiet --profile {profile} --package panic-free --bin {program} --target {target}")
 }
 
-/// What a drive without a board takes, once [`link`] has linked it as it would be flashed.
+/// Size of a drive without a board, once [`link`] has linked it as it would be flashed.
 pub(crate) fn sizes(sh: &Shell, target: &str, kind: &str) -> Result<Sizes> {
     let image = Image::of(sh, target, PROFILE, &format!("proof-{kind}"));
     image.with_context(|| format!("tests/panic-free has no program of {kind}"))?.sizes()

@@ -20,7 +20,7 @@ const PORTS: [u16; 2] = [502, 503];
 const NETWORK: &str = "user,model=stellaris,net=192.168.33.0/24,host=192.168.33.2,dhcpstart=192.168.33.15";
 /// The drive there.
 const DRIVE: &str = "192.168.33.1";
-/// What the board says once a drive hears.
+/// Text of the board's log once a drive receives.
 const BOOTED: &str = " has power";
 
 /// Builds the image of a kind of drive and runs it, its UART0, or its TCP ports, on free TCP ports of this machine, until
@@ -45,7 +45,7 @@ fn qemu(image: &Path) -> Command {
     qemu
 }
 
-/// What is said where it cannot be started.
+/// Error where it cannot be started.
 const CANNOT_START: &str = "cannot start QEMU with setpriv, of util-linux";
 
 /// A drive with a serial port.
@@ -87,7 +87,7 @@ fn run_on_network(kind: &str, image: &Path) -> Result<ExitStatus> {
     Ok(qemu.wait()?)
 }
 
-/// How QEMU forwards the TCP ports of the drive: to free ports of this machine, which its monitor tells.
+/// Options of QEMU that forward the TCP ports of the drive: to free ports of this machine, which its monitor reports.
 pub(crate) fn on_network() -> Vec<String> {
     let forward = PORTS.map(|port| format!("hostfwd=tcp:127.0.0.1:0-{DRIVE}:{port}"));
     let mut arguments = ["-monitor", "stdio", "-serial", "null", "-serial", "file:/dev/stderr", "-nic"]
@@ -114,7 +114,7 @@ pub(crate) fn wait_for_power(said: &mut impl BufRead) -> Result<()> {
     Ok(())
 }
 
-/// Where the drive's ports are on this machine, as the monitor tells.
+/// Ports of this machine for the drive's, as the monitor reports them.
 fn forwarded(told: impl BufRead) -> Result<[u16; 2]> {
     let mut found = [None; PORTS.len()];
     for line in told.lines() {

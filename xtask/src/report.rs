@@ -1,4 +1,4 @@
-//! What became of each check, and how long it took.
+//! Result of each check, and its time.
 
 use std::io::Write;
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -10,9 +10,9 @@ pub(crate) struct Report {
     rows: Mutex<Vec<Row>>,
 }
 
-/// What became of a check.
+/// Result of a check.
 pub(crate) struct Row {
-    /// Its place in the list of all.
+    /// Place in the list of all.
     pub(crate) place: usize,
     pub(crate) name: &'static str,
     pub(crate) took: Duration,

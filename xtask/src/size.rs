@@ -10,7 +10,7 @@ use crate::image::Sizes;
 use crate::tools::{Tool, Tools};
 use crate::{interrupts, panic_free};
 
-/// What measuring needs.
+/// Tools for measuring.
 pub(crate) const NEEDS: [Tool; 3] = [Tool::ThumbTargets, Tool::Counting, Tool::Node];
 
 /// Brings what measuring needs, and measures.
@@ -78,7 +78,7 @@ fn sizes(sh: &Shell, kind: &str, table: &mut Table) -> Result<()> {
     Ok(())
 }
 
-/// What was measured, in its order, on each board or its processor: see [`Budget`].
+/// Measured values, in their order, on each board or its processor: see [`Budget`].
 #[derive(Default)]
 struct Table(Vec<(String, [Option<u64>; PLACES])>);
 

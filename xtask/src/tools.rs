@@ -1,4 +1,4 @@
-//! What the checks need beside Rust, and how it gets here.
+//! Tools that the checks need beside Rust, and their installation.
 //!
 //! Rust's own parts come by rustup, Debian packages by apt-get where this process may install them and none must go
 //! for them, Python packages into an environment of their own under `target/`. What cannot be brought is
@@ -21,7 +21,7 @@ pub(crate) const THUMB_TARGETS: [&str; 3] =
 pub(crate) const OTHER_SYSTEMS: [&str; 3] =
     ["wasm32-unknown-unknown", "x86_64-pc-windows-msvc", "aarch64-apple-darwin"];
 
-/// Something a check needs.
+/// A tool that a check needs.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum Tool {
     /// The formatter.
@@ -47,7 +47,7 @@ pub(crate) enum Tool {
     Node,
 }
 
-/// What the checks of a run have asked for.
+/// Tools that the checks of a run have asked for.
 #[derive(Default)]
 pub(crate) struct Tools(Mutex<State>);
 
@@ -112,7 +112,7 @@ impl Tool {
         }
     }
 
-    /// What a person types to get it.
+    /// Command that a person types to get it.
     fn remedy(self) -> &'static str {
         match self {
             Self::Rustfmt => "rustup component add rustfmt",
@@ -181,23 +181,23 @@ impl Tool {
     }
 }
 
-/// Where Node finds more authorities, and where Debian keeps those that the machine trusts.
+/// Variable by which Node finds more authorities, and the file in which Debian keeps those that the machine trusts.
 const TRUSTED: &str = "NODE_EXTRA_CA_CERTS";
 const AUTHORITIES: &str = "/etc/ssl/certs/ca-certificates.crt";
 
-/// Whether Node is here, and new enough for the emulator.
+/// Returns whether Node is here, and new enough for the emulator.
 fn has_node(sh: &Shell) -> bool {
     let version = cmd!(sh, "node --version").quiet().ignore_stderr().read().unwrap_or_default();
     let major = version.trim_start_matches('v').split('.').next().and_then(|major| major.parse().ok());
     major.is_some_and(|major: u32| major >= 20)
 }
 
-/// Whether a program starts and answers.
+/// Returns whether a program starts and answers.
 fn runs(sh: &Shell, program: &str) -> bool {
     cmd!(sh, "{program} --version").quiet().ignore_stdout().ignore_stderr().run().is_ok()
 }
 
-/// Whether the core library of a target is installed, with rustup or without.
+/// Returns whether the core library of a target is installed, with rustup or without.
 fn has_target(sh: &Shell, target: &str) -> bool {
     let libraries = cmd!(sh, "rustc --print target-libdir --target {target}").quiet().read();
     libraries.is_ok_and(|path| sh.path_exists(path))
@@ -234,7 +234,7 @@ impl Apt {
 }
 
 const REQUIREMENTS: &str = "tests/foreign/requirements.txt";
-/// What is installed without what it asks for.
+/// Packages that are installed without their dependencies.
 const ALONE: &str = "tests/foreign/requirements-alone.txt";
 
 /// The interpreter of the environment for foreign masters.
@@ -246,7 +246,7 @@ fn environment(sh: &Shell) -> PathBuf {
     target_dir(sh).join("foreign-masters")
 }
 
-/// Whether the environment was made from the requirements as they are.
+/// Returns whether the environment was made from the requirements as they are.
 fn environment_is_current(sh: &Shell) -> bool {
     let made_from = sh.read_file(environment(sh).join("requirements.txt"));
     made_from.is_ok_and(|made_from| requirements(sh).is_ok_and(|wanted| wanted == made_from))
@@ -271,7 +271,7 @@ fn make_environment(sh: &Shell) -> Result<()> {
 /// Programs for Node: the emulated Pico, foreign masters.
 const PACKAGES: [&str; 2] = ["tests/pico", "tests/foreign/node"];
 
-/// Whether the packages are those of the lock file: npm notes after an installation what it has installed.
+/// Returns whether the packages are those of the lock file: npm notes after an installation what it has installed.
 fn is_current(sh: &Shell, folder: &str) -> bool {
     let note = sh.read_file(format!("{folder}/node_modules/.package-lock.json"));
     let wanted = sh.read_file(format!("{folder}/package-lock.json"));

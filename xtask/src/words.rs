@@ -88,7 +88,7 @@ fn first_lines(text: &str) -> Vec<(usize, &str)> {
     firsts
 }
 
-/// Whether a comment begins with a question, and whether with a pointer.
+/// Returns whether a comment begins with a question, and whether with a pointer.
 fn judge(comment: &str) -> (bool, bool) {
     let word = comment.split(|c: char| !c.is_alphabetic()).next().unwrap_or_default();
     (QUESTIONS.contains(&word), POINTERS.contains(&word))

@@ -81,7 +81,7 @@ fn turn<D: Device>(shell: &mut DriveShell<'_, D>) {
 struct Board {
     now: Cell<Instant>,
     caught: Cell<Option<Caught>>,
-    /// How long what the drive said last was, and how it began.
+    /// Length of the drive's last message, and its beginning.
     said: Cell<(usize, [u8; 3])>,
 }
 
@@ -95,7 +95,7 @@ impl Inputs for &Board {
     }
 }
 
-/// What the drive does to the board.
+/// Outputs of the drive to the board.
 struct Hands<'a>(&'a Board);
 
 impl Outputs for Hands<'_> {

@@ -1,4 +1,4 @@
-//! What a program says that has its instructions counted by the plugin `insncount`.
+//! Marks of a program that has its instructions counted by the plugin `insncount`.
 //!
 //! A program is a list of groups; a group is one thing, done several times:
 //!
@@ -19,10 +19,10 @@ use core::ptr;
 
 pub use core::hint::black_box as opaque;
 
-/// What a debugger does for the program (ARM IHI 0105, semihosting).
+/// Operation of a debugger for the program (ARM IHI 0105, semihosting).
 const WRITE0: usize = 0x04;
 const EXIT: usize = 0x18;
-/// Why a program ends.
+/// Reason of a program's end.
 const APPLICATION_EXIT: *const c_void = ptr::without_provenance(0x20026);
 const RUN_TIME_ERROR: *const c_void = ptr::without_provenance(0x20023);
 

@@ -1,4 +1,4 @@
-//! What is counted.
+//! Counters.
 
 use std::fmt;
 use std::ops::Range;
@@ -22,7 +22,7 @@ pub(crate) struct Counter {
     lowest: u32,
 }
 
-/// What a program wants to have counted under one name.
+/// Parts of a program that are counted under one name.
 #[derive(Default)]
 struct Group {
     parts: u64,

@@ -89,7 +89,7 @@ fn stored(address: u32) {
     plugin().counter.stored(address);
 }
 
-/// What is said when QEMU ends.
+/// Report when QEMU ends.
 fn report() -> String {
     plugin().counter.to_string()
 }

@@ -18,7 +18,7 @@ use crate::thumb::Instruction;
 
 /// Which plugin is meant.
 type Id = u64;
-/// What a callback is given back.
+/// Data that a callback gets back.
 type Data = *mut c_void;
 
 /// `QEMU_PLUGIN_CB_NO_REGS`
@@ -73,10 +73,10 @@ pub static qemu_plugin_version: c_int = if cfg!(feature = "second-interface") { 
 /// The first version in which QEMU copies the bytes of an instruction.
 const COPIES: c_int = 3;
 
-/// Whether this QEMU does.
+/// True if this QEMU copies them.
 static DOES_COPY: AtomicBool = AtomicBool::new(false);
 
-/// What QEMU says about itself; the beginning of it.
+/// Information of QEMU about itself; the beginning of it.
 #[repr(C)]
 pub struct Info {
     target: *const c_char,
@@ -84,7 +84,7 @@ pub struct Info {
     version: c_int,
 }
 
-/// Where QEMU begins.
+/// Entry point for QEMU.
 ///
 /// # Safety
 /// `info` points to what QEMU says, and `argv` to `argc` strings, as QEMU's do.
@@ -122,7 +122,7 @@ pub unsafe extern "C" fn qemu_plugin_install(
 pub(crate) struct Block(*const c_void);
 
 impl Block {
-    /// Its instructions, in their order.
+    /// Instructions, in their order.
     pub(crate) fn instructions(&self) -> impl Iterator<Item = Translated<'_>> {
         // SAFETY: QEMU gave us this block, and we are in its callback.
         let count = unsafe { qemu_plugin_tb_n_insns(self.0) };
@@ -141,13 +141,13 @@ const LONGEST: usize = 4;
 pub(crate) struct Translated<'a>(*mut c_void, PhantomData<&'a Block>);
 
 impl Translated<'_> {
-    /// Where it lies.
+    /// Address.
     fn address(&self) -> u32 {
         // SAFETY: the block that it is borrowed from is valid.
         unsafe { qemu_plugin_insn_vaddr(self.0) as u32 }
     }
 
-    /// What the instruction is.
+    /// Decoded instruction.
     pub(crate) fn decode(&self) -> Instruction {
         // SAFETY: the block that it is borrowed from is valid.
         let size = unsafe { qemu_plugin_insn_size(self.0) };

@@ -1,20 +1,20 @@
-//! What an instruction does to the depth of calls (ARM DDI 0403, A5 and A7.7).
+//! Effect of an instruction on the depth of calls (ARM DDI 0403, A5 and A7.7).
 
 /// An instruction at its address.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) struct Instruction {
-    /// Where it lies.
+    /// Address.
     pub(crate) address: u32,
-    /// Where the next one lies.
+    /// Address of the next one.
     pub(crate) next: u32,
-    /// What is special about it.
+    /// Kind of instruction.
     pub(crate) kind: Kind,
 }
 
-/// What is special about an instruction.
+/// Kind of an instruction, by its effect on the depth of calls.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum Kind {
-    /// Nothing.
+    /// No effect.
     Plain,
     /// `mov r9, r9`
     Group,
@@ -29,8 +29,8 @@ pub(crate) enum Kind {
 }
 
 impl Instruction {
-    /// Of the two or four bytes at `address`. More may follow them: QEMU 7 has looked beyond the last halfword but one
-    /// of a page.
+    /// Decodes the two or four bytes at `address`. More may follow them: QEMU 7 has looked beyond the last halfword but
+    /// one of a page.
     pub(crate) fn decode(address: u32, code: &[u8]) -> Self {
         let (length, kind) = match *code {
             // A5.1: what begins with 0b11101 and above is a word.

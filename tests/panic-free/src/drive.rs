@@ -52,7 +52,7 @@ macro_rules! program {
         #[used]
         static STATE: [AtomicU8; size_of_made(&($make as fn() -> _))] = [const { AtomicU8::new(0) }; _];
 
-        /// Where the linker begins.
+        /// Entry point for the linker.
         #[unsafe(no_mangle)]
         extern "C" fn start() -> ! {
             exercise($make)

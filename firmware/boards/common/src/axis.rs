@@ -6,7 +6,7 @@ use critical_section::Mutex;
 use drivetwin_firmware::device::{Duration, Instant};
 use drivetwin_firmware::motion::{StepDir, StepTimer, Stepper};
 
-/// How far ahead the timer is set for a pulse that is overdue: so much is left for what else interrupts.
+/// Lead of the timer for a pulse that is overdue: time for other interrupts.
 const BREATH: Duration = Duration::micros(2);
 
 /// The step timer of a board.
@@ -34,8 +34,8 @@ impl<T: Timer> Axis<T> {
         Self(Mutex::new(RefCell::new(Stepper::new(pins))))
     }
 
-    /// What the timer's interrupt does, when it comes at what it was [set](Timer::set) to: one pulse. Another
-    /// one that is overdue by then waits until the interrupt comes again, so that others are served between.
+    /// Carries out the timer's interrupt, at the time that was [set](Timer::set): one pulse. Another one that is
+    /// overdue by then waits until the interrupt comes again, so that others are served between.
     #[inline]
     pub fn fire(&self) {
         self.lend(|stepper| set::<T>(stepper.fire()));

@@ -1,4 +1,4 @@
-//! What a board does for its drive.
+//! Outputs of a board for its drive.
 
 use drivetwin_firmware::device::{self, Duration, Line, Pin, Plan, Port};
 use drivetwin_firmware::motion::{Followed, Follower, StepTimer};
@@ -27,15 +27,15 @@ pub trait Release: OutputPin {
 pub struct Hands<B, P, M, T: Timer + 'static, const PINS: usize, L = NoLinks> {
     /// The bus.
     pub bus: B,
-    /// Where each pin goes; `None` if the drive has nothing of that name.
+    /// Target of each pin; `None` if the drive has no such name.
     pub pins: [(Option<End>, P); PINS],
     /// The non-volatile memory, and what it holds.
     pub memory: M,
     /// The axis.
     pub axis: &'static Axis<T>,
-    /// Where its STEP and DIR are.
+    /// STEP and DIR.
     pub axis_pins: AxisPins,
-    /// What gives it its plans.
+    /// Loader of its plans.
     pub follower: Follower,
     /// The network, if the drive has a port there.
     pub links: Option<L>,

@@ -1,4 +1,4 @@
-//! What boards have in common.
+//! Code that boards share.
 //!
 //! A board brings a UART, pins, a memory, a step timer and a clock. Its interrupts put what they catch
 //! into a [`Queue`], have the [`SerialBus`] send, and fire the [`Axis`]; its loop, [`run`], turns a

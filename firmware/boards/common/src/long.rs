@@ -4,7 +4,7 @@ use heapless::Vec;
 
 /// Bytes that a piece holds; with what else it needs it takes 128.
 const PIECE: usize = 120;
-/// How many there are: for the listing of the longest program of an MDrive, which has up to 13 KiB.
+/// Number of pieces: for the listing of the longest program of an MDrive, which has up to 13 KiB.
 pub const PIECES: usize = 112;
 const _: () = assert!(PIECES * PIECE >= 13 * 1_024);
 
@@ -20,11 +20,11 @@ impl Piece {
     pub const EMPTY: Self = Self { bytes: Vec::new(), next: None };
 }
 
-/// What waits on one connection, from its first piece to its last.
+/// Bytes that wait on one connection, from its first piece to its last.
 #[derive(Debug, Default)]
 pub(crate) struct Chain {
     ends: Option<[u8; 2]>,
-    /// How many bytes of the first one have left.
+    /// Bytes of the first piece that have left.
     gone: usize,
 }
 

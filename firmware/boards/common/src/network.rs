@@ -30,7 +30,7 @@ pub const BYTES: usize = PLACES * (UNHEARD + UNSENT);
 const UNHEARD: usize = 256;
 /// Bytes of answers that have not left. What has no room there is a long answer, and all of them share one room.
 const UNSENT: usize = 640;
-/// Nothing is taken from a connection while more bytes of its answers than that have not left.
+/// Bytes of unsent answers beyond which a connection is not read.
 const ENOUGH: usize = UNSENT / 2;
 const _: () = assert!(UNSENT - ENOUGH >= ADU_BYTES, "a Modbus reply always has room");
 
@@ -40,9 +40,9 @@ const BURST: usize = 8;
 const LOOK: time::Duration = time::Duration::from_secs(10);
 /// Without a sign of a client for so long it is gone.
 const GONE: time::Duration = time::Duration::from_secs(30);
-/// Who only knocks has his place no longer than that: time for its answer to be lost and sent again.
+/// Longest time of a connection that is not established: time for its answer to be lost and sent again.
 const KNOCK: time::Duration = time::Duration::from_secs(3);
-/// What a client that is to leave may still take of that time; it is thrown out then.
+/// Longest time for a client to take its last bytes before it is closed.
 const FAREWELL: Duration = Duration::secs(10);
 
 /// The factory address of an MDrive, 192.168.33.1, and its subnet mask, 255.255.0.0 (FB 6.3).
@@ -50,20 +50,20 @@ const ADDRESS: IpCidr = IpCidr::new(IpAddress::v4(192, 168, 33, 1), 16);
 
 /// A network controller.
 pub trait Frames: phy::Device {
-    /// Whether a frame has come.
+    /// Returns whether a frame has come.
     fn has_frame(&self) -> bool;
 
-    /// When the last one came.
+    /// Time of the last frame.
     fn came(&self) -> Instant;
 }
 
-/// Where connections live: with a network it is a board's largest thing.
+/// Memory of connections: with a network it is a board's largest part.
 pub struct Places<'a> {
     /// The connections.
     pub sockets: &'a mut [SocketStorage<'a>; PLACES],
-    /// What has come of a Modbus request.
+    /// Splitters of Modbus requests.
     pub splitters: &'a mut [Splitter; LINKS],
-    /// What has come, and what waits to leave.
+    /// Buffers of received and unsent bytes.
     pub bytes: &'a mut [u8; BYTES],
     /// Long answers.
     pub long: &'a mut [Piece; PIECES],
@@ -78,9 +78,9 @@ pub struct Network<'a, F> {
     long: Long<'a>,
     /// Which of them is asked next.
     turn: usize,
-    /// When the network wants to be looked at.
+    /// Time of the next poll.
     due: Instant,
-    /// When that came which was looked at last.
+    /// Time of the frame that was handled last.
     at: Instant,
 }
 
@@ -216,14 +216,14 @@ struct Connection<'a> {
     link: Link,
     socket: SocketHandle,
     framing: Framing<'a>,
-    /// What waits of a long answer.
+    /// Rest of a long answer.
     long: Chain,
     stage: Stage,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Stage {
-    /// Nobody is there whom the drive knows.
+    /// Free: the drive knows no client there.
     Free,
     /// The drive knows of it.
     Open,
@@ -232,12 +232,12 @@ enum Stage {
 }
 
 impl Connection<'_> {
-    /// Whether the drive knows of it by that number.
+    /// Returns whether the drive knows it by that number.
     fn is_open(&self, port: Port, link: Link) -> bool {
         self.port == port && self.link == link && self.stage == Stage::Open
     }
 
-    /// What came first.
+    /// The next event.
     fn next(
         &mut self,
         socket: &mut Socket<'_>,
@@ -310,7 +310,7 @@ impl Connection<'_> {
     }
 }
 
-/// How messages are told from each other.
+/// Framing of messages.
 enum Framing<'a> {
     /// By the length in their header: Modbus/TCP.
     Mbap(&'a mut Splitter),
@@ -319,7 +319,7 @@ enum Framing<'a> {
 }
 
 impl<'a> Framing<'a> {
-    /// Of a port whose messages end so; `None` of one without connections.
+    /// Framing of a port whose messages end so; `None` of one without connections.
     fn of(ends: Ends, splitters: &mut impl Iterator<Item = &'a mut Splitter>) -> Option<Self> {
         match ends {
             Ends::Mbap => splitters.next().map(Self::Mbap),
@@ -336,7 +336,7 @@ impl<'a> Framing<'a> {
         }
     }
 
-    /// Of a new connection.
+    /// Begins a new connection.
     fn begin(&mut self) {
         if let Self::Mbap(splitter) = self {
             **splitter = Splitter::new();

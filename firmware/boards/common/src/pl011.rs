@@ -9,7 +9,7 @@ use crate::bus::Uart;
 use crate::queue::Queue;
 use crate::register::{Chip, Register};
 
-/// What its registers need for a line.
+/// Register values for a line.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Pl011 {
     /// UARTIBRD: whole cycles of its clock in a sixteenth of a bit.

@@ -33,17 +33,17 @@ impl<T, const N: usize> Queue<T, N> {
         self.with(|queue| if is(queue.front()?) { queue.pop_front() } else { None })
     }
 
-    /// How many wait.
+    /// Number of waiting items.
     pub fn len(&self) -> usize {
         self.with(|queue| Some(queue.len())).unwrap_or(N)
     }
 
-    /// Whether nothing waits.
+    /// Returns whether it is empty.
     pub fn is_empty(&self) -> bool {
         self.with(|queue| queue.front().map(|_| ())).is_none()
     }
 
-    /// Whether nothing more fits.
+    /// Returns whether it is full.
     pub fn is_full(&self) -> bool {
         self.with(|queue| queue.is_full().then_some(())).is_some()
     }

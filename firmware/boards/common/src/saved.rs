@@ -20,7 +20,7 @@ use sequential_storage::map::{MapConfig, MapStorage};
 /// The kind of drive, as far as it fits, and behind it the number of the piece.
 type Key = [u8; 16];
 
-/// What is known of the flash: without it, making room in a sector takes a search for each of its items.
+/// Cache of the flash: without it, making room in a sector takes a search for each of its items.
 type Known<const SECTORS: usize> =
     Cache<ArrayPageStates<SECTORS>, ArrayPagePointers<SECTORS>, ArrayKeyPointers<Key, KNOWN_ITEMS>, Key>;
 type Map<F, const SECTORS: usize> = MapStorage<Key, F, Known<SECTORS>>;
@@ -41,7 +41,7 @@ struct Items<F: NorFlash, const SECTORS: usize> {
 }
 
 impl<F: NorFlash + Copy, const SECTORS: usize> Items<F, SECTORS> {
-    /// Those of that kind, which lie in that part of the flash.
+    /// Saved registers of that kind, which lie in that part of the flash.
     fn of(kind: &str, flash: F, place: Range<u32>) -> Self {
         let mut key = [0; _];
         for (place, letter) in key.iter_mut().take(size_of::<Key>() - 1).zip(kind.bytes()) {
@@ -95,9 +95,8 @@ pub struct Saved<'a, F: NorFlash, const SECTORS: usize> {
 }
 
 impl<'a, F: NorFlash + Copy, const SECTORS: usize> Saved<'a, F, SECTORS> {
-    /// What a drive of that kind saved at that `place` of the flash, in `bytes`; all `0xFF` if it never did, or if the
-    /// flash holds something else than saved registers. What finding that out needs of the stack is free again when
-    /// this returns.
+    /// Reads what a drive of that kind saved at that `place` of the flash, into `bytes`; all `0xFF` if it never did, or
+    /// if the flash holds other data than saved registers. The stack that this needs is free again when it returns.
     ///
     /// # Panics
     /// If the place is less than two sectors, or no whole ones.

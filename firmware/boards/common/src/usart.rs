@@ -3,7 +3,7 @@
 use drivetwin_firmware::device::Line;
 use drivetwin_protocol::line::Parity;
 
-/// What its registers need for a line.
+/// Register values for a line.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Usart {
     /// USART_BRR: cycles of its clock in a bit.

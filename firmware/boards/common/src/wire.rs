@@ -1,9 +1,9 @@
-//! Where the wires of a board go.
+//! Wires of a board, and what of a drive each leads to.
 
 use drivetwin_firmware::device::{AxisSpec, Ends, Fault, Level, Pin, Port, PortSpec, Role, Spec};
 use drivetwin_firmware::shell::Caught;
 
-/// What of a drive is at the end of a wire.
+/// End of a wire at the drive.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum End {
     /// A pin.
@@ -19,7 +19,7 @@ pub enum End {
 const PORT: Port = Port(0);
 
 impl End {
-    /// What `spec` calls by that name: a pin, or else a fault; `DTR` of a drive that learns of its host.
+    /// End of that name: a pin, or else a fault; `DTR` of a drive that learns of its host.
     #[must_use]
     pub fn of(spec: &Spec, name: &str) -> Option<Self> {
         if let Some(pin) = spec.pin(name) {
@@ -31,7 +31,7 @@ impl End {
         (name == "DTR" && is_full_duplex(spec)).then_some(Self::Dtr(PORT))
     }
 
-    /// Whether the drive looks at it.
+    /// Returns whether the drive reads it.
     #[must_use]
     pub fn is_input(self, spec: &Spec) -> bool {
         match self {
@@ -43,7 +43,7 @@ impl End {
         }
     }
 
-    /// What it reads while nothing is wired to it: low only where the manual says so.
+    /// Returns the idle level without a wire: low only where the manual says so.
     #[must_use]
     pub fn rests_high(self, spec: &Spec) -> bool {
         match self {
@@ -54,7 +54,7 @@ impl End {
         }
     }
 
-    /// Whether the drive pulls it low or lets it go, but never drives it high.
+    /// Returns whether the drive pulls it low or releases it, but never drives it high.
     #[must_use]
     pub fn is_open_drain(self, spec: &Spec) -> bool {
         match self {
@@ -66,7 +66,7 @@ impl End {
         }
     }
 
-    /// What a change of its level is to the drive.
+    /// Event for a change of its level.
     #[must_use]
     pub const fn edge(self, high: bool) -> Caught {
         match self {
@@ -77,14 +77,14 @@ impl End {
     }
 }
 
-/// Whether the bus of a drive has a wire for each direction; else it has one for both, with a transceiver
-/// that must be turned around.
+/// Returns whether the bus of a drive has a wire for each direction; else it has one for both, with a transceiver that
+/// must be turned around.
 #[must_use]
 pub fn is_full_duplex(spec: &Spec) -> bool {
     matches!(spec.ports, [PortSpec { ends: Ends::Character, .. }, ..])
 }
 
-/// How STEP and DIR of a drive's axis leave the board.
+/// Pins of STEP and DIR of a drive's axis.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum AxisPins {
     /// There is no axis, or its motor is inside the drive and its steps leave nowhere.
@@ -96,7 +96,7 @@ pub enum AxisPins {
 }
 
 impl AxisPins {
-    /// Of the axis of `spec`, with what is `wired` to the board beside STEP and DIR.
+    /// Pins for the axis of `spec`, with what is `wired` to the board beside STEP and DIR.
     #[must_use]
     pub fn of(spec: &Spec, mut wired: impl Iterator<Item = Option<End>>) -> Self {
         match spec.axes {

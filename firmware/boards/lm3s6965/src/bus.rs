@@ -13,7 +13,7 @@ use crate::timer::SENT;
 use crate::{QUEUE, clock};
 
 const UART: Pl011Uart<Lm3s6965> = Pl011Uart::at(Register::at(0x4000_C000, 0), MHZ);
-/// What the transceiver hears. Behind it is the UART's output.
+/// Input from the transceiver. Behind it is the UART's output.
 const RX: Gpio = gpio::A.pin(0);
 /// The direction of the transceiver: it sends while this is high.
 const DE: Gpio = gpio::B.pin(5);

@@ -17,7 +17,7 @@ use crate::registers::Register;
 use crate::{clock, gpio};
 
 const ETHERNET: usize = 0x4004_8000;
-/// What happened; what is written there is acknowledged.
+/// Events; a write acknowledges them.
 const RIS: Register = Register::at(ETHERNET, 0x000);
 const IM: Register = Register::at(ETHERNET, 0x004);
 const RCTL: Register = Register::at(ETHERNET, 0x008);
@@ -26,19 +26,19 @@ const DATA: Register = Register::at(ETHERNET, 0x010);
 const IA0: Register = Register::at(ETHERNET, 0x014);
 const IA1: Register = Register::at(ETHERNET, 0x018);
 const MDV: Register = Register::at(ETHERNET, 0x024);
-/// How many frames have come.
+/// Number of frames that have come.
 const NP: Register = Register::at(ETHERNET, 0x034);
 const TR: Register = Register::at(ETHERNET, 0x038);
 
 /// Bytes that the controller has for frames that have come (16.1).
 const FIFO: usize = 2_048;
-/// What is in a FIFO beside a frame that came: its length before it and its check sequence behind it.
+/// Bytes in a FIFO beside a received frame: its length before it and its check sequence behind it.
 const AROUND: usize = 2 + 4;
 /// Bytes of a frame that its length does not count as it is sent: two addresses and a type.
 const HEADER: usize = 14;
 /// A frame has come.
 const RECEIVED: u32 = 1 << 0;
-/// Of RCTL: frames come, those with a wrong check sequence do not, the FIFO of what has come is flushed.
+/// RCTL: receive frames, reject those with a wrong check sequence, flush the receive FIFO.
 const ENABLE: u32 = 1 << 0;
 const REFUSE_SPOILED: u32 = 1 << 3;
 const FLUSH: u32 = 1 << 4;
@@ -47,7 +47,7 @@ const NEW_TX: u32 = 1 << 0;
 
 /// A frame has come since the last time.
 static FRAMES: AtomicBool = AtomicBool::new(false);
-/// When the last frame came.
+/// Time of the last frame.
 static CAME: Mutex<Cell<Instant>> = Mutex::new(Cell::new(Instant::ZERO));
 
 /// The TCP ports of a drive, on the network. `None` if they are there already. What this needs of the stack is free again
@@ -79,7 +79,7 @@ fn begin([a, b, c, d, e, f]: [u8; 6]) {
     const PAD: u32 = 1 << 1;
     const CHECK_SEQUENCE: u32 = 1 << 2;
     const FULL_DUPLEX: u32 = 1 << 4;
-    /// What makes 2.5 MHz of the clock.
+    /// Divisor of the clock for 2.5 MHz.
     const DIVISOR: u32 = clock::HZ / 2 / 2_500_000 - 1;
     MDV.write(DIVISOR);
     IA0.write(u32::from_le_bytes([a, b, c, d]));
@@ -95,7 +95,7 @@ fn flush() {
     RCTL.write(REFUSE_SPOILED | ENABLE);
 }
 
-/// Whether a frame has come since the last time.
+/// Returns whether a frame has come since the last call.
 pub(crate) fn take_frames() -> bool {
     FRAMES.swap(false, Ordering::Relaxed)
 }
@@ -145,7 +145,7 @@ fn has_frame() -> bool {
     NP.read() & 0x3F != 0
 }
 
-/// Whether the last frame has left.
+/// Returns whether the last frame has left.
 fn has_sent() -> bool {
     TR.read() & NEW_TX == 0
 }

@@ -35,13 +35,13 @@ const PDR: usize = 0x514;
 const DEN: usize = 0x51C;
 
 impl Port {
-    /// Its pin `n`, 0 to 7.
+    /// Pin `n` of the port, 0 to 7.
     #[must_use]
     pub const fn pin(self, n: u32) -> Gpio {
         Gpio { port: self, bit: 1 << (n & 7) }
     }
 
-    /// Whether pins that listen have changed, a bit each.
+    /// Pins with interrupts that have changed, a bit each.
     pub(crate) fn changed(self) -> u32 {
         self.register(MIS).read()
     }
@@ -120,7 +120,7 @@ impl Gpio {
         if driven { direction.set(self.bit) } else { direction.clear(self.bit) }
     }
 
-    /// Its level; of an output, the one it is driven to.
+    /// Level of the pin; of an output, the one it is driven to.
     #[inline]
     pub(crate) fn is_high(self) -> bool {
         self.data().read() != 0
@@ -131,7 +131,7 @@ impl Gpio {
         self.data().write(if high { self.bit } else { 0 });
     }
 
-    /// Whether it is in a mask of its port's pins.
+    /// Returns whether it is in a mask of its port's pins.
     pub(crate) fn is_in(self, port: Port, pins: u32) -> bool {
         self.port == port && pins & self.bit != 0
     }
@@ -148,7 +148,7 @@ impl Gpio {
         }
     }
 
-    /// Its level, with no edge of it left untold.
+    /// Level of the pin, after its pending edge is cleared.
     pub(crate) fn settle(self) -> bool {
         loop {
             self.register(ICR).write(self.bit);
@@ -172,7 +172,7 @@ impl Gpio {
 /// A pin at the end of a wire.
 pub(crate) struct Wired {
     pub(crate) gpio: Gpio,
-    /// How it rests while it is released, if it is an input then.
+    /// Idle level while it is released, if it is an input then.
     pub(crate) rests_high: Option<bool>,
 }
 

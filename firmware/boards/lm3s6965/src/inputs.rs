@@ -15,7 +15,7 @@ use crate::{QUEUE, clock};
 /// Input pins that a board may have.
 const MOST: usize = 16;
 
-/// What inputs are wired to.
+/// Inputs and their pins.
 static INPUTS: Mutex<RefCell<Vec<Input, MOST>>> = Mutex::new(RefCell::new(Vec::new()));
 
 struct Input {
@@ -23,7 +23,7 @@ struct Input {
     end: End,
     /// As the drive knows it.
     high: bool,
-    /// Whether it has changed since, and there was no room to tell.
+    /// True if it has changed since, and there was no room to report it.
     missed: bool,
 }
 

@@ -176,7 +176,7 @@ fn prioritise(nvic: &mut NVIC) {
     }
 }
 
-/// Nothing can be right after that: the board starts again.
+/// Starts the board again, because no state can be trusted after a fault.
 #[exception]
 unsafe fn HardFault(_: &ExceptionFrame) -> ! {
     SCB::sys_reset()

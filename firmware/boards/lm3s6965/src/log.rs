@@ -1,4 +1,4 @@
-//! What the board says of itself: a line on UART1 and, with the feature `defmt`, more over the debug probe.
+//! Log of the board: a line on UART1 and, with the feature `defmt`, more over the debug probe.
 
 use drivetwin_board::Pl011Uart;
 use drivetwin_firmware::device::Line;
@@ -32,7 +32,7 @@ mod probe {
     use crate::clock;
     use crate::registers::Register;
 
-    /// Why the board started (5.5).
+    /// Cause of the reset (5.5).
     const RESC: Register = Register::at(0x400F_E000, 0x05C);
 
     defmt::timestamp!("{=u64:us}", clock::now().ticks() / 16);

@@ -8,7 +8,7 @@ use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use cortex_m::peripheral::SCB;
 use embedded_storage::{ReadStorage, Storage};
 
-/// What says that the memory was ever written. RAM that comes up by chance is not this.
+/// Mark of a memory that was written. RAM that comes up by chance does not have it.
 const WRITTEN: [u32; 2] = [0x7374_616E, 0x6469_6E21];
 
 /// `N` bytes that survive a reset, but not that the board has no power. They belong into a section that

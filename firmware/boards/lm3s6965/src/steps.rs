@@ -18,7 +18,7 @@ pub(crate) const DIR: Gpio = gpio::B.pin(4);
 /// The axis.
 pub(crate) static AXIS: Axis<Steps> = Axis::new(Pins { rose: 0 });
 
-/// What the axis wants is further ahead than the timer goes.
+/// True if the next pulse is further ahead than the timer can count.
 static FAR: AtomicBool = AtomicBool::new(false);
 
 #[interrupt]
@@ -66,7 +66,7 @@ impl Timer for Steps {
 
 /// The pins of the axis.
 pub(crate) struct Pins {
-    /// What SysTick showed when STEP rose.
+    /// Value of SysTick when STEP rose.
     rose: u32,
 }
 

@@ -45,7 +45,7 @@ impl OneShot {
         self.acknowledge();
     }
 
-    /// It has come.
+    /// Acknowledges its interrupt.
     pub(crate) fn acknowledge(self) {
         self.register(0x024).write(1);
     }

@@ -11,7 +11,7 @@ const CONTROL: Register = Register::at(WATCHDOG, 0x008);
 const CLEAR: Register = Register::at(WATCHDOG, 0x00C);
 const TEST: Register = Register::at(WATCHDOG, 0x418);
 
-/// How long the loop sleeps at most.
+/// Longest sleep of the loop.
 pub(crate) const NAP: Duration = Duration::millis(250);
 
 /// Starts it; nothing but a reset ends it.

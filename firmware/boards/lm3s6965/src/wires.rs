@@ -3,7 +3,7 @@
 use crate::gpio::{A, B, C, D, E, F, G, Gpio};
 use crate::steps;
 
-/// What of a drive, by its name, is wired to which pin of the board.
+/// A name of the drive, and the pin of the board that it is wired to.
 pub type Wire = (&'static str, Gpio);
 
 /// An MD3, by the names of its manual.

@@ -16,7 +16,7 @@ const UART: Pl011Uart<Rp2040> = Pl011Uart::at(Register::at(0x4003_4000, 0), HZ /
 
 /// The bus.
 static BUS: SerialBus<Uart0> = SerialBus::new();
-/// When sending may be over.
+/// Alarm at the end of sending.
 static END: Alarm = Alarm::new(2);
 
 #[interrupt]

@@ -17,7 +17,7 @@ const SECTOR: usize = 4096;
 const PAGE: usize = 256;
 /// Bytes of the chip.
 const CAPACITY: usize = 2 << 20;
-/// Where it is read.
+/// Address at which it is read.
 const WINDOW: usize = 0x1000_0000;
 
 /// A memory of more bytes, which is more than one piece, is a large one. An item of a small one has been like that ever
@@ -26,12 +26,12 @@ const MOST_SMALL: usize = 256;
 
 /// The last sectors, for small memories: they need not wait until the pieces of a large one are moved.
 const SMALL: Range<u32> = sectors(4, CAPACITY as u32);
-/// Those before, for others.
+/// Sectors before those, for other kinds.
 const LARGE: Range<u32> = sectors(MOST_SECTORS, SMALL.start);
 /// Sectors of the larger of the two.
 pub(crate) const MOST_SECTORS: usize = 8;
 
-/// Where a memory of so many bytes is.
+/// Place of a memory of so many bytes.
 pub(crate) const fn place(bytes: usize) -> Range<u32> {
     if bytes <= MOST_SMALL { SMALL } else { LARGE }
 }

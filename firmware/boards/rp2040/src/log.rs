@@ -1,4 +1,4 @@
-//! What the board says of itself: with the feature `defmt` a line over the debug probe, else nothing.
+//! Log of the board: with the feature `defmt` a line over the debug probe, else none.
 
 pub(crate) use self::probe::power;
 

@@ -13,8 +13,7 @@ use crate::{QUEUE, timer};
 /// Pins of the chip.
 const GPIOS: u32 = 30;
 
-/// What of a drive, by its name, is wired to which pins of the board, a bit each: several show an output
-/// alike.
+/// A name of the drive, and the pins of the board that it is wired to, a bit each: several show an output alike.
 pub type Wire = (&'static str, u32);
 
 /// The bit of pin `GPn`.
@@ -30,7 +29,7 @@ const OUT_CLEAR: Register = Register::at(SIO, 0x18);
 const DRIVEN_SET: Register = Register::at(SIO, 0x24);
 const DRIVEN_CLEAR: Register = Register::at(SIO, 0x28);
 
-/// What the pins are for, and their interrupts (2.19.6.1).
+/// Functions of the pins, and their interrupts (2.19.6.1).
 const IO: usize = 0x4001_4000;
 /// Registers of the interrupts: of eight pins each, four bits a pin.
 const RAISED: usize = IO + 0xF0;
@@ -46,7 +45,7 @@ const PADS: usize = 0x4001_C000;
 const FUNCTION_UART: u32 = 2;
 const FUNCTION_SIO: u32 = 5;
 
-/// What each pin is to the drive, if it looks at it.
+/// End of each pin's wire at the drive, if the drive reads it.
 static ENDS: [Mutex<Cell<Option<End>>>; GPIOS as usize] =
     [const { Mutex::new(Cell::new(None)) }; GPIOS as usize];
 /// Levels as the drive knows them, a bit each.
@@ -72,7 +71,7 @@ pub(crate) fn give_to_uart(pins: u32) {
     each(pins, |gpio| use_as(gpio, FUNCTION_UART, true));
 }
 
-/// Whether a jumper ties a pin to ground.
+/// Returns whether a jumper ties a pin to ground.
 pub(crate) fn is_tied(pin: u32) -> bool {
     each(pin, |gpio| use_as(gpio, FUNCTION_SIO, true));
     settle();
@@ -230,7 +229,7 @@ pub(crate) fn tell_missed() {
     }
 }
 
-/// Whether edges of a pin interrupt.
+/// Returns whether edges of a pin interrupt.
 fn is_heard(gpio: u32) -> bool {
     Register::at(ENABLED, gpio as usize / 8 * 4).read() >> (gpio % 8 * 4) & (FELL | ROSE) != 0
 }

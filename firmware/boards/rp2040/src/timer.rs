@@ -65,7 +65,7 @@ pub(crate) fn nearest(at: Instant) -> u64 {
 /// An alarm of TIMER.
 pub(crate) struct Alarm {
     number: usize,
-    /// What it is set to, in µs.
+    /// Time it is set to, in µs.
     due: Mutex<Cell<u64>>,
 }
 
@@ -96,14 +96,13 @@ impl Alarm {
         comes
     }
 
-    /// Its interrupt has been seen.
+    /// Acknowledges its interrupt.
     #[inline]
     pub(crate) fn acknowledge(&self) {
         INTR.write(1 << self.number);
     }
 
-    /// What its interrupt does first: acknowledges it, and asks whether what it was set to has come. Else it
-    /// will come again.
+    /// Acknowledges its interrupt, and returns whether the time has come. Else the interrupt will come again.
     #[inline]
     pub(crate) fn has_come(&self) -> bool {
         self.acknowledge();

@@ -9,15 +9,15 @@ const LOAD: Register = Register::at(WATCHDOG, 0x04);
 #[cfg(feature = "defmt")]
 const REASON: Register = Register::at(WATCHDOG, 0x08);
 const TICK: Register = Register::at(WATCHDOG, 0x2C);
-/// What a reset by the watchdog resets (2.13.5).
+/// Parts that a reset by the watchdog resets (2.13.5).
 const PSM_WDSEL: Register = Register::at(0x4001_0000, 0x8);
 
 const TRIGGER: u32 = 1 << 31;
 const ENABLE: u32 = 1 << 30;
-/// It stands still while a debugger holds a core.
+/// Stops it while a debugger holds a core.
 const PAUSE: u32 = 0b111 << 24;
 
-/// How long it waits: a second. The slowest erase of a sector takes 0.4 s (flash chip, 9.6).
+/// Time-out: a second. The slowest erase of a sector takes 0.4 s (flash chip, 9.6).
 const MICROS: u32 = 1_000_000;
 
 /// Starts to count microseconds from the crystal.
@@ -49,7 +49,7 @@ pub(crate) fn reset() -> ! {
     }
 }
 
-/// Why it reset the board (4.7.6): 0 if it did not, 1 if it was not fed, 2 after [`reset`].
+/// Reason of its last reset of the board (4.7.6): 0 if there was none, 1 if it was not fed, 2 after [`reset`].
 #[cfg(feature = "defmt")]
 pub(crate) fn reason() -> u32 {
     REASON.read() & 0b11

@@ -104,7 +104,7 @@ pub const MDROBOT: [Wire; 20] = apart(
     ],
 );
 
-/// What every drive has.
+/// Pins that every drive has.
 const BUS: u32 = TX | RX | DE | FAST;
 
 /// These wires, each at pins of its own, beside those that are `taken`. Two at one pin do not compile.

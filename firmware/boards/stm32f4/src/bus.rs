@@ -23,7 +23,7 @@ const BIT: Register = Register::at(USART, 0x08);
 const CONTROL: Register = Register::at(USART, 0x0C);
 const STOP: Register = Register::at(USART, 0x10);
 
-/// Its number among the functions of PB6 and PB7 (datasheet, table 9).
+/// Number of the function of PB6 and PB7 (datasheet, table 9).
 const FUNCTION: u32 = 7;
 
 /// The bus.

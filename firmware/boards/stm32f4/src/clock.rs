@@ -74,7 +74,7 @@ pub(crate) fn divide_uart(by_4: bool) {
     CONFIGURATION.replace(APB2_PRESCALER, if by_4 { APB2_BY_4 } else { 0 });
 }
 
-/// Why the chip was reset last, as bits of RCC_CSR (6.3.20), which are clear from then on.
+/// Reason of the last reset, as bits of RCC_CSR (6.3.20), which this clears.
 #[cfg(feature = "defmt")]
 pub(crate) fn take_reset() -> u32 {
     const STATUS: Register = Register::at(RCC, 0x74);

@@ -19,13 +19,13 @@ const SECTOR: usize = 16 << 10;
 const WORD: usize = 4;
 /// Bytes of the flash.
 const CAPACITY: usize = 512 << 10;
-/// Where it is read.
+/// Address at which it is read.
 const WINDOW: usize = 0x0800_0000;
 
 /// Sectors for saved registers. The processor begins in the one before; those behind are larger, and take four times
 /// as long to erase, or more.
 pub(crate) const SECTORS: usize = 3;
-/// What is ours.
+/// Part for saved registers.
 pub(crate) const SAVED: Range<u32> = SECTOR as u32..((1 + SECTORS) * SECTOR) as u32;
 
 // For `black_pill.x`, which has nothing else lie there.

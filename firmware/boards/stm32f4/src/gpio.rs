@@ -14,7 +14,7 @@ pub const B: Port = Port(1);
 /// Port C.
 pub const C: Port = Port(2);
 
-/// What a pin is, two bits each.
+/// Mode of a pin, two bits each.
 const MODE: usize = 0x00;
 const INPUT: u32 = 0b00;
 const OUTPUT: u32 = 0b01;
@@ -31,7 +31,7 @@ const SET: usize = 0x18;
 const FUNCTION: usize = 0x20;
 
 impl Port {
-    /// Its pin `n`.
+    /// Pin `n` of the port.
     ///
     /// # Panics
     /// `n` is not 0 to 15; in a constant that does not compile.
@@ -41,7 +41,7 @@ impl Port {
         Gpio { port: self, n, is_lit_low: false }
     }
 
-    /// Its number among the ports: of port A, 0.
+    /// Number of the port: of port A, 0.
     pub(crate) const fn number(self) -> u32 {
         self.0 as u32
     }
@@ -70,7 +70,7 @@ impl Gpio {
         self.port
     }
 
-    /// Its number in its port, which is that of its line at EXTI, too.
+    /// Number in its port, which is that of its line at EXTI, too.
     pub(crate) const fn n(self) -> usize {
         self.n
     }
@@ -105,7 +105,7 @@ impl Gpio {
         self.two_bits(MODE, ALTERNATE);
     }
 
-    /// Its level.
+    /// Level of the pin.
     #[inline]
     pub(crate) fn is_high(self) -> bool {
         self.port.register(IN).read() & 1 << self.n != 0

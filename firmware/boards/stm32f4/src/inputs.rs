@@ -27,7 +27,7 @@ const PORTS: usize = 0x4001_3808;
 /// Lines that belong to pins.
 const LINES: usize = 16;
 
-/// What is behind each line.
+/// Input of each line.
 static INPUTS: [Mutex<Cell<Option<Input>>>; LINES] = [const { Mutex::new(Cell::new(None)) }; LINES];
 /// There was no room to tell a level.
 static MISSED: AtomicBool = AtomicBool::new(false);
@@ -41,7 +41,7 @@ struct Input {
 }
 
 impl Input {
-    /// Its level, with no edge of it left pending.
+    /// Level of the pin, after its pending edge is cleared.
     fn settle(&self) -> bool {
         let line = 1 << self.gpio.n();
         loop {

@@ -1,4 +1,4 @@
-//! What the board says of itself: with the feature `defmt` a line over the debug probe, else nothing.
+//! Log of the board: with the feature `defmt` a line over the debug probe, else none.
 
 pub(crate) use self::probe::power;
 
@@ -10,7 +10,7 @@ mod probe {
     use crate::registers::Register;
     use crate::{clock, timer};
 
-    /// What goes on while the processor sleeps (23.16.3).
+    /// Parts that run while the processor sleeps (23.16.3).
     const DEBUG: Register = Register::at(0xE004_2000, 0x04);
 
     defmt::timestamp!("{=u64:us}", timer::now().ticks() / 16);

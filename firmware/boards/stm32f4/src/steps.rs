@@ -12,7 +12,7 @@ pub(crate) static AXIS: Axis<Steps> = Axis::new(StepPins::new());
 
 static ALARM: Alarm = Alarm::new(1);
 
-/// What the timer's interrupt does.
+/// Carries out the timer's interrupt.
 #[inline]
 pub(crate) fn look() {
     if ALARM.has_come() {

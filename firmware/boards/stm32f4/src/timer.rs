@@ -26,13 +26,13 @@ const LAST: Register = Register::at(TIMER, 0x2C);
 /// Compare registers of the channels.
 const COMPARE: usize = TIMER + 0x34;
 
-/// It came round, in the status and among the interrupts. Channels 1 and 2 follow.
+/// Overflow, in the status and among the interrupts. Channels 1 and 2 follow.
 const ROUND: u32 = 1 << 0;
 
-/// What stands still while a debugger holds the processor (23.16.4).
+/// Parts that stop while a debugger holds the processor (23.16.4).
 const FROZEN: Register = Register::at(0xE004_2000, 0x08);
 
-/// How often it came round.
+/// Number of overflows.
 static ROUNDS: AtomicU32 = AtomicU32::new(0);
 
 /// Starts to count.
@@ -95,7 +95,7 @@ impl Alarm {
         Self { channel, due: Mutex::new(Cell::new(Instant::NEVER)) }
     }
 
-    /// Its bit in the status and among the interrupts.
+    /// Bit in the status and among the interrupts.
     const fn bit(&self) -> u32 {
         ROUND << self.channel
     }
@@ -120,14 +120,13 @@ impl Alarm {
         })
     }
 
-    /// Its interrupt has been seen.
+    /// Acknowledges its interrupt.
     #[inline]
     fn acknowledge(&self) {
         STATUS.write(!self.bit());
     }
 
-    /// What its interrupt does first: acknowledges it, and asks whether what it was set to has come. Else it
-    /// will come again.
+    /// Acknowledges its interrupt, and returns whether the time has come. Else the interrupt will come again.
     #[inline]
     pub(crate) fn has_come(&self) -> bool {
         if STATUS.read() & INTERRUPTS.read() & self.bit() == 0 {

@@ -2,7 +2,7 @@
 
 use crate::gpio::{A, B, C, Gpio};
 
-/// What of a drive, by its name, is wired to which pin of the board.
+/// A name of the drive, and the pin of the board that it is wired to.
 pub type Wire = (&'static str, Gpio);
 
 /// To the transceiver of the bus.
@@ -108,12 +108,12 @@ pub const MDROBOT: [Wire; 19] = apart(
 /// A wire, and whether the drive hears it.
 type Row = (Wire, bool);
 
-/// One that the drive hears, also if it drives it at times.
+/// A wire that the drive reads, also if it drives it at times.
 const fn input(name: &'static str, gpio: Gpio) -> Row {
     ((name, gpio), true)
 }
 
-/// One that the drive only drives.
+/// A wire that the drive only drives.
 const fn output(name: &'static str, gpio: Gpio) -> Row {
     ((name, gpio), false)
 }

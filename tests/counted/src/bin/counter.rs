@@ -1,4 +1,4 @@
-//! What an edge costs the LS7366R, and steps at once.
+//! Cost of an edge to the LS7366R, and of steps at once.
 #![no_std]
 #![no_main]
 

@@ -1,4 +1,4 @@
-//! What a step costs, and a plan.
+//! Cost of a step, and of a plan.
 #![no_std]
 #![no_main]
 
@@ -12,7 +12,7 @@ use drivetwin_firmware::device::{Instant, Plan};
 use drivetwin_firmware::motion::{Follower, Rates, StepDir, StepTimer, Stepper, Walker};
 use fixed::types::{I24F8, U24F8};
 
-/// What an interrupt and the loop share on a board.
+/// State that an interrupt and the loop share on a board.
 struct Shared<T>(UnsafeCell<T>);
 
 // SAFETY: this program has no interrupts.

@@ -1,4 +1,4 @@
-//! What a line of the user program of an RS 434544 costs.
+//! Cost of a line of the user program of an RS 434544.
 #![no_std]
 #![no_main]
 

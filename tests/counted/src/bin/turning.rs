@@ -1,4 +1,4 @@
-//! What a ms costs a drive on its board while its motor turns: the looks of its servo, and its motor.
+//! Cost of a ms to a drive on its board while its motor turns: the control ticks of its servo, and its motor.
 #![no_std]
 #![no_main]
 
@@ -10,7 +10,7 @@ use drivetwin_firmware::device::{Axis, Boot, Device, Duration, Instant, Output, 
 use drivetwin_firmware::mdrobot::{Pid, mdrobot};
 use drivetwin_firmware::rs434::{Reg, rs434544};
 
-/// How long it turns until it is looked at, in ms, and how long it is looked at.
+/// Time that it turns before it is measured, in ms, and time of the measurement.
 const SPEEDS_UP: u32 = 1_000;
 const LOOKED_AT: u32 = 100;
 

@@ -6,7 +6,7 @@ use drivetwin_firmware::counter::{Channel, Ls7366r, Transmission};
 use drivetwin_firmware::device::Instant;
 use panic_free::{opaque, perhaps_panic};
 
-/// Where the linker begins.
+/// Entry point for the linker.
 #[unsafe(no_mangle)]
 extern "C" fn start() -> ! {
     let mut counter = Ls7366r::new(opaque(false), opaque(false), opaque(false));

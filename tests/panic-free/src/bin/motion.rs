@@ -6,7 +6,7 @@ use drivetwin_firmware::device::{Instant, Plan};
 use drivetwin_firmware::motion::{Rates, Walker};
 use panic_free::{opaque, perhaps_panic};
 
-/// Where the linker begins.
+/// Entry point for the linker.
 #[unsafe(no_mangle)]
 extern "C" fn start() -> ! {
     loop {

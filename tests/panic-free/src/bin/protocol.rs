@@ -61,7 +61,7 @@ impl Map for Slave {
     }
 }
 
-/// Where the linker begins.
+/// Entry point for the linker.
 #[unsafe(no_mangle)]
 extern "C" fn start() -> ! {
     let mut slave = Slave(Bank::factory());

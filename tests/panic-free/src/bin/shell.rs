@@ -19,7 +19,7 @@ use panic_free::{opaque, perhaps_panic};
 /// Any drive on any board.
 struct Anything;
 
-/// Where the linker begins.
+/// Entry point for the linker.
 #[unsafe(no_mangle)]
 extern "C" fn start() -> ! {
     let mut shell = Shell::<_, _, _, ONE_ANSWER>::new(Anything, Anything, Anything);
