@@ -151,8 +151,8 @@ fn hunt(options: &Options) -> bool {
         }
     }
     let seconds = begun.elapsed().as_secs_f64();
-    let Tally { answered, saved, events, bytes } = all;
-    println!("swarm: {seeds} seeds from {first} in {seconds:.0} s, {failures} failed");
+    let Tally { answered, saved, events, given_up, bytes } = all;
+    println!("swarm: {seeds} seeds from {first} in {seconds:.0} s, {failures} failed, {given_up} given up");
     println!("  {answered} answers, {saved} saves, {events} events, at most {} KiB a bench", bytes >> 10);
     failures > 0
 }

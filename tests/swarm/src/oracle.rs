@@ -20,6 +20,9 @@ static ALLOCATED: PeakAlloc = PeakAlloc;
 /// Bytes that a bench may take with a [ring](run::RING) of its trace, and all that clients have heard.
 const MOST_BYTES: usize = 4 << 20;
 
+/// The failure of a plan that takes too long, and says nothing about the drives.
+pub(crate) const TOO_MUCH: &str = "too much";
+
 /// Something that does not hold.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub(crate) struct Failure {
@@ -51,6 +54,8 @@ pub(crate) struct Tally {
     pub(crate) answered: u64,
     pub(crate) saved: u64,
     pub(crate) events: u64,
+    /// Plans that were given up, because they have too many events.
+    pub(crate) given_up: u64,
     /// The most bytes that a bench took.
     pub(crate) bytes: usize,
 }
@@ -61,6 +66,7 @@ impl Tally {
         self.answered += other.answered;
         self.saved += other.saved;
         self.events += other.events;
+        self.given_up += other.given_up;
         self.bytes = self.bytes.max(other.bytes);
     }
 }
@@ -81,10 +87,14 @@ pub(crate) fn keep_panics() {
 
 /// Runs a plan in each way and judges all of it.
 pub(crate) fn judge(plan: &Plan) -> Result<Tally, Failure> {
-    panic::catch_unwind(AssertUnwindSafe(|| judge_all(plan))).unwrap_or_else(|_| {
+    let judged = panic::catch_unwind(AssertUnwindSafe(|| judge_all(plan))).unwrap_or_else(|_| {
         let (place, said) = PANIC.take().unwrap_or_default();
         Err(Failure::new(format!("panic at {place}"), said))
-    })
+    });
+    match judged {
+        Err(failure) if failure.what == TOO_MUCH => Ok(Tally { given_up: 1, ..Tally::default() }),
+        judged => judged,
+    }
 }
 
 fn judge_all(plan: &Plan) -> Result<Tally, Failure> {

@@ -11,7 +11,7 @@ use drivetwin_sim::record::trace::{Recording, TraceKeep};
 use fastrand::Rng;
 
 use crate::dialect::Family;
-use crate::oracle::Failure;
+use crate::oracle::{Failure, TOO_MUCH};
 use crate::plan::{NAMES, Name, Plan, Step, Who};
 
 /// A way to run a plan; the same happens in each.
@@ -78,6 +78,13 @@ const MOST_EVENTS: u64 = 30_000;
 /// Events of a drive in a tick, and in a span however short: what is more would be a clock that stands.
 const MOST_AT_ONCE: u64 = 4_096;
 const MOST_A_TICK: u64 = 16;
+
+/// Events in a step of a plan after which the plan is given up: an output that is wired to an input of its own drive may
+/// change at every tick.
+const MOST_A_STEP: u64 = 300_000;
+
+/// Longest time that such a bench runs before its events are counted.
+const SLICE: Duration = Duration::millis(10);
 
 /// A bench in the middle of a plan.
 pub(crate) struct Runner<'a> {
@@ -265,6 +272,16 @@ impl Runner<'_> {
     /// Brings the bench to an instant, and looks that it does not count for ever what happens at one.
     fn go_on(&mut self, until: Instant) -> Result<(), Failure> {
         let (from, before) = (self.bench.now(), self.bench.trace().mark());
+        if self.layout.wires.is_empty() {
+            self.bench.run_until(until);
+        }
+        while self.bench.now() < until {
+            self.bench.run_until(until.min(self.bench.now() + SLICE));
+            if self.bench.trace().mark() - before > MOST_A_STEP {
+                return Err(Failure::new(TOO_MUCH, format!("{MOST_A_STEP} events in a step")));
+            }
+        }
+        // What is due at this instant.
         self.bench.run_until(until);
         let made = self.bench.trace().mark() - before;
         let drives = self.bench.seats().len() as u64;
