@@ -1,5 +1,5 @@
-//! What every register, and every variable that only MCode has, does beyond reading back, typed by hand from FB 5 and
-//! the pages of MC. S1 to S13 and trips have tests of their own (inputs, outputs, trips), EM has too (console).
+//! Effects of every register, and of every variable that only MCode has, beyond reading back, typed by hand from FB 5
+//! and the pages of MC. S1 to S13 and trips have tests of their own (inputs, outputs, trips), EM has too (console).
 
 use drivetwin_firmware::device::{Encoder, Level};
 use drivetwin_protocol::time::Span;
@@ -116,7 +116,7 @@ fn missed_turn_is_made_up(rig: &mut Rig, ms: u64) -> i64 {
     i64::from(rig.long(LL) == 0)
 }
 
-/// What a trip calls counts in R1.
+/// Counts the calls of a trip in R1.
 fn trip_program(rig: &mut Rig) {
     rig.program("PG 1\nLB K1\nIC R1\nRT\nE\nPG");
     rig.set(&["TT=100,K1"]);
@@ -133,7 +133,7 @@ fn declares(rig: &mut Rig) {
     }
 }
 
-/// What MCode makes of a user's variable.
+/// Value of a user's variable in MCode.
 fn as_distance(rig: &mut Rig, name: &str) -> i64 {
     rig.set(&[&format!("MR {name}")]);
     rig.wait_still(1.secs());

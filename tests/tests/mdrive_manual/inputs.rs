@@ -1,4 +1,4 @@
-//! What inputs do: limits, home, jog, stop, pause, run, reset (MC 5-30, 5-43, 5-63, 7.2).
+//! Effects of inputs: limits, home, jog, stop, pause, run, reset (MC 5-30, 5-43, 5-63, 7.2).
 
 use drivetwin_protocol::time::{Duration, Span};
 

@@ -7,7 +7,7 @@ use crate::rig::{CALIBRATION, KINDS, Kind, Rig};
 /// From MA or MR to the first step: "the time required to calculate the move is 2.5 mSec" (MC 5-45).
 const CALCULATION: f64 = 0.002_5;
 
-/// How long a move takes from the command on, in s: a trapezoid or a triangle that begins and ends at VI.
+/// Time of a move from the command on, in s: a trapezoid or a triangle that begins and ends at VI.
 fn lasts(distance: f64, vi: f64, vm: f64, a: f64, d: f64) -> f64 {
     let ramps = (vm * vm - vi * vi) / 2.0 * (1.0 / a + 1.0 / d);
     if ramps <= distance {

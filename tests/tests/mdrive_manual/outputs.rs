@@ -1,4 +1,4 @@
-//! What outputs show (MC 5-64), the clock outputs (MC 5-66) and the trip output (MC 5-67).
+//! Outputs (MC 5-64), the clock outputs (MC 5-66) and the trip output (MC 5-67).
 
 use drivetwin_firmware::device::Level;
 use drivetwin_protocol::time::Span;

@@ -4,7 +4,7 @@ use drivetwin_protocol::time::Span;
 
 use crate::rig::{KINDS, Rig};
 
-/// How a program is started.
+/// Way in which a program is started.
 #[derive(Clone, Copy, Debug)]
 enum By {
     Mcode,

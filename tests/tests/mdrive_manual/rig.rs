@@ -185,7 +185,7 @@ impl Rig {
 
 /// Port 502.
 impl Rig {
-    /// What the drive answers to a PDU, behind a header that is the request's (FB 3.2.1).
+    /// Answer of the drive to a PDU, behind a header that is the request's (FB 3.2.1).
     #[track_caller]
     pub(crate) fn ask(&mut self, pdu: &[u8]) -> Vec<u8> {
         self.transaction = self.transaction.wrapping_add(1);
@@ -310,7 +310,7 @@ impl Rig {
         self.key(format!("{line}\r").as_bytes())
     }
 
-    /// What has come since.
+    /// Text that has come since the last call.
     pub(crate) fn heard(&mut self) -> String {
         let mut bytes = Vec::new();
         self.bench.receive(self.mcode, &mut bytes);
@@ -342,7 +342,7 @@ impl Rig {
         self.bench.peek(self.seat, row)
     }
 
-    /// What PR prints of an item, without its CR LF.
+    /// Text that PR prints of an item, without its CR LF.
     #[track_caller]
     pub(crate) fn show(&mut self, item: &str) -> String {
         let text = self.say(&format!("PR {item}"));
@@ -350,7 +350,7 @@ impl Rig {
         line.unwrap_or_else(|| panic!("PR {item} printed {text:?}: no CR LF at its end")).to_owned()
     }
 
-    /// What PR prints, as a number.
+    /// Number that PR prints.
     #[track_caller]
     pub(crate) fn value(&mut self, item: &str) -> i64 {
         let text = self.show(item);
@@ -393,7 +393,7 @@ impl Rig {
         self.wait(most, 1.millis(), |rig| rig.peek("BY") == 0)
     }
 
-    /// Why the connection to port 503 is closed.
+    /// Reason why the connection to port 503 is closed.
     pub(crate) fn ended(&self, client: Client) -> Option<Ended> {
         self.bench.ended(client)
     }

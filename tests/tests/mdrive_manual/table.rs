@@ -2,7 +2,7 @@
 
 use crate::rig::{KINDS, Kind};
 
-/// What a register is for.
+/// Access to a register.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum Access {
     /// Read and written; comes back after a save and a power failure (MC 5-62).
@@ -32,7 +32,7 @@ pub(crate) struct Row {
     /// Registers: one, or two. Those of LT are two for two bytes.
     pub(crate) count: u16,
     pub(crate) legal: Legal,
-    /// Of a new drive at rest; `None` where it is for another test.
+    /// Value of a new drive at rest; `None` where it is for another test.
     pub(crate) default: Option<i64>,
     pub(crate) access: Access,
     /// Which product has it.
@@ -206,7 +206,7 @@ pub(crate) static TABLE: &[Row] = &[
     row("V8", 0x00B6, 4, LONG, 0, User),
 ];
 
-/// What FB calls reserved, first and last address.
+/// Addresses that FB calls reserved, first and last.
 pub(crate) const RESERVED: &[(u16, u16)] = &[
     (0x0002, 0x0004),
     (0x000A, 0x000A),

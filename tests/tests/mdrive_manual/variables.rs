@@ -4,10 +4,10 @@ use crate::rig::{CALIBRATION, KINDS, Kind, Rig};
 
 struct Row {
     name: &'static str,
-    /// What PR prints of a new drive; empty where that is for another test.
+    /// Text that PR prints of a new drive; empty where that is for another test.
     fresh: &'static str,
     legal: &'static [i64],
-    /// What is refused, with which error.
+    /// Values that are refused, with their errors.
     refused: &'static [(i64, i64)],
     only: Option<Kind>,
 }
@@ -361,7 +361,7 @@ fn a_clock_ratio_is_a_number() {
     rig.assert_values(&[("R2", 1), ("R3", 3)]);
 }
 
-/// What PR AL prints of a trip is taken back.
+/// A trip is accepted as PR AL prints it.
 #[test]
 fn trips_are_set_as_they_are_printed() {
     let mut rig = Rig::hybrid();

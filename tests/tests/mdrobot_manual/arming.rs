@@ -1,4 +1,4 @@
-//! Who commands (decisions 12 to 15): UI_COM, START_STOP, COM_TAR_SPEED; the last command decides.
+//! Sources of commands (decisions 12 to 15): UI_COM, START_STOP, COM_TAR_SPEED; the last command decides.
 
 use drivetwin_protocol::time::Span;
 

@@ -17,7 +17,7 @@ fn function(kind: u16) -> Rig {
     rig
 }
 
-/// It turns at the function's speed now.
+/// Asserts that it turns at the function's speed now.
 #[track_caller]
 fn assert_runs(rig: &mut Rig, rpm: f64) {
     assert!((rig.rpm() - rpm).abs() <= rpm.abs() * 0.03, "{} rpm, not {rpm}", rig.rpm());

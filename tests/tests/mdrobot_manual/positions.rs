@@ -8,10 +8,10 @@ use crate::rig::Rig;
 /// Counts a turn of the drive's own motor: 3 × 4 poles.
 const TURN: i32 = 12;
 
-/// How a move went.
+/// Result of a move.
 #[derive(Debug)]
 struct Way {
-    /// When it came within a count of its goal, to stay.
+    /// Time at which it came within a count of its goal, to stay.
     arrived: f64,
     /// rpm.
     fastest: f64,

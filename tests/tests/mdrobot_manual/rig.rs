@@ -13,7 +13,7 @@ use crate::pid;
 /// From power-on to the first request that is heard (decision 11).
 pub(crate) const BOOT: Duration = Duration::millis(300);
 
-/// What comes where no reply comes.
+/// The answer where no reply comes.
 pub(crate) const SILENCE: [u8; 0] = [];
 
 /// Everybody's id (p. 3).
@@ -46,7 +46,7 @@ impl Rig {
         Self { bench, seat, poles: 4.0 }
     }
 
-    /// One that is ready, with these PIDs of one word written.
+    /// A rig that is ready, with these PIDs of one word written.
     pub(crate) fn with(settings: &[(u16, u16)]) -> Self {
         let mut rig = Self::new(LineMode::Fast, Setup::default());
         rig.after(BOOT + 1.millis());
@@ -54,14 +54,14 @@ impl Rig {
         rig
     }
 
-    /// One that the bus may move by velocity, with these PIDs written (decision 13).
+    /// A rig that the bus may move by velocity, with these PIDs written (decision 13).
     pub(crate) fn armed(settings: &[(u16, u16)]) -> Self {
         let mut rig = Self::with(settings);
         rig.set(&[(pid::UI_COM, 1), (pid::START_STOP, 1)]);
         rig
     }
 
-    /// One whose motor is on the bench: the drive's own, changed.
+    /// A rig whose motor is on the bench: the drive's own, changed.
     pub(crate) fn turning(settings: &[(u16, u16)], change: impl FnOnce(&mut Parameters)) -> (Self, Motor) {
         let mut rig = Self::new(LineMode::Fast, Setup { apart: true, ..Setup::default() });
         rig.after(BOOT + 1.millis());
@@ -74,7 +74,7 @@ impl Rig {
         (rig, motor)
     }
 
-    /// One whose motor has other poles, by HALL_TYPE at power-on (p. 8).
+    /// A rig whose motor has other poles, by HALL_TYPE at power-on (p. 8).
     pub(crate) fn with_poles(hall_type: u16, poles: f64, settings: &[(u16, u16)]) -> Self {
         let mut rig = Self::with(&[(pid::HALL_TYPE, hall_type)]);
         rig.power_cycle();
@@ -164,12 +164,12 @@ impl Rig {
         self.bench.motion(self.seat, Axis(0))
     }
 
-    /// How fast the shaft turns, in rpm, whatever the drive says of it.
+    /// Speed of the shaft, in rpm, whatever the drive reports.
     pub(crate) fn shaft(&self) -> f64 {
         self.motion().speed.to_num::<f64>() / (3.0 * self.poles) * 60.0
     }
 
-    /// What the motor draws now, in A.
+    /// Current of the motor now, in A.
     pub(crate) fn amperes(&self) -> f64 {
         f64::from(self.motion().current_ma) / 1_000.0
     }
@@ -177,7 +177,7 @@ impl Rig {
 
 /// The bus.
 impl Rig {
-    /// What controller 1 answers to a request: its PDU, or nothing.
+    /// Answer of controller 1 to a request: its PDU, or none.
     pub(crate) fn ask(&mut self, pdu: &[u8]) -> Vec<u8> {
         let reply = self.bench.ask(self.seat, &rtu::frame(1, pdu));
         if reply.is_empty() {
@@ -320,9 +320,9 @@ impl Rig {
     }
 }
 
-/// What tests ask again and again.
+/// Assertions that tests share.
 impl Rig {
-    /// It turns at this speed, as it says and in truth, 2 s after the change.
+    /// Asserts that it turns at this speed, as it reports and in truth, 2 s after the change.
     #[track_caller]
     pub(crate) fn assert_turns(&mut self, rpm: f64) {
         self.after(2.secs());
@@ -333,7 +333,7 @@ impl Rig {
         assert!((shaft - rpm).abs() <= (rpm.abs() * 0.03).max(6.0), "the shaft is at {shaft:.1}, not {rpm}");
     }
 
-    /// It stands 2 s after the change, and for a while.
+    /// Asserts that it stands 2 s after the change, and for a while.
     #[track_caller]
     pub(crate) fn assert_stands(&mut self) {
         self.after(2.secs());

@@ -1,4 +1,4 @@
-//! What outlives the power: what is saved, what DEFAULT_SET restores, id and baud.
+//! Values that outlast power: saved ones, DEFAULT_SET, id and baud.
 
 use drivetwin_firmware::device::Line;
 use drivetwin_protocol::line::Parity;

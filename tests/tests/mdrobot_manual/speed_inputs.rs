@@ -5,7 +5,7 @@ use drivetwin_protocol::time::Span;
 use crate::pid;
 use crate::rig::Rig;
 
-/// It runs by its pins, CCW, with an input type.
+/// A rig that runs by its pins, CCW, with an input type.
 fn by_pins(input_type: u16, settings: &[(u16, u16)]) -> Rig {
     let mut rig = Rig::with(&[(pid::INPUT_TYPE, input_type), (pid::STOP_STATUS, 2)]);
     rig.set(settings);

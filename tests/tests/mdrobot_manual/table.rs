@@ -1,7 +1,7 @@
 //! The table of PIDs (p. 6 to 17), typed by hand, with those of the header that are known from real controllers
 //! (2.4, decision 8), and the rest of the header.
 
-/// What the manual calls type.
+/// Type, as the manual calls it.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum Type {
     /// R, R2 and longer: read only.
@@ -12,7 +12,7 @@ pub(crate) enum Type {
     RW,
 }
 
-/// What a word may be.
+/// Legal values of a word.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum Word {
     /// No range is printed, so every word is legal (decision 3).
@@ -191,7 +191,7 @@ impl Word {
         }
     }
 
-    /// What is just beyond, what is far, and DH beside a legal DL: the whole word is judged (decision 3).
+    /// Illegal values: just beyond, far off, and DH beside a legal DL: the whole word is judged (decision 3).
     fn illegal(&self) -> Vec<u16> {
         match *self {
             Any => vec![],

@@ -21,9 +21,9 @@ const SLOW: Rate =
 /// 115,200 8E1: "fixed values […] of 750 µs […] and 1.750 ms".
 const FAST: Rate = Rate { code: 0x25, character: 11_000_000_000 / 115_200, t15: 750 * US, t35: 1_750 * US };
 
-/// How far from the edge silences are tried, on both sides.
+/// Range of silences that are tried, on both sides of the edge.
 const AROUND: i64 = 12;
-/// How far from it they may be taken for the other: stamps are whole µs, and an interrupt takes part of one.
+/// Range in which they may be taken for the other: stamps are whole µs, and an interrupt takes part of one.
 const TOLERANCE: i64 = 2;
 
 /// Asks again and again, with silences that are longer by a microsecond each time, from [`AROUND`] below

@@ -42,10 +42,10 @@ fn image_of(kind: &str) -> PathBuf {
 /// A character of 9600 8E1, 11 bits.
 const CHARACTER: Nanos = 11_000_000_000 / 9_600;
 
-/// When a board that started at 0 is asked first: it copies itself to RAM before.
+/// Time of the first request to a board that started at 0: it copies itself to RAM before.
 const START: Nanos = 40 * MS;
 
-/// How long a request of one register and its reply take at 9600 baud, with t3.5 behind both.
+/// Time of a request of one register and its reply at 9600 baud, with t3.5 behind both.
 const TURN: Nanos = 40 * MS;
 
 /// Writes registers one after the other, from `at` on; returns when all are done.

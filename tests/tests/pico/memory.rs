@@ -80,12 +80,12 @@ fn power_that_fails_in_a_save_leaves_the_old_the_new_or_a_bad_memory() {
     assert!(order.iter().map(|(_, memory)| *memory).eq([Memory::Old, Memory::Bad, Memory::New]));
 }
 
-/// What is found in the memory after the power failed in a save.
+/// Memory after the power failed in a save.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum Memory {
-    /// What was there before.
+    /// The old content.
     Old,
-    /// What was to be saved.
+    /// The new content.
     New,
     /// A sum that is wrong (7.20).
     Bad,

@@ -31,9 +31,9 @@ fn steps(plan: &Plan) -> Vec<u64> {
     Walker::new(plan, plan.start()).map(|step| step.at.since(plan.start()).ticks()).collect()
 }
 
-/// How late pulses come, in ns, at least and at most. `due` is when the plan starts, if the stamp of the
-/// request's last character is exact; the stamp is up to some µs later, in whole µs. The plan's instants
-/// are rounded to the Pico's microsecond.
+/// Delay of pulses, in ns, at least and at most. `due` is when the plan starts, if the stamp of the request's last
+/// character is exact; the stamp is up to some µs later, in whole µs. The plan's instants are rounded to the Pico's
+/// microsecond.
 fn lateness(rises: &[Nanos], steps: &[u64], due: Nanos) -> (Nanos, i64, i64) {
     assert_eq!(rises.len(), steps.len(), "every step is made, and no other");
     let late = |start: Nanos| {
@@ -52,14 +52,14 @@ fn lateness(rises: &[Nanos], steps: &[u64], due: Nanos) -> (Nanos, i64, i64) {
     (start - due, least, most)
 }
 
-/// When the drive takes a request whose first character's stop bit ends at `asked`: 4.5 characters after
-/// its eighth, in ticks of 1/16 µs (docs/decisions.md, the house, 2 and 3).
+/// Time at which the drive takes a request whose first character's stop bit ends at `asked`: 4.5 characters after its
+/// eighth, in ticks of 1/16 µs (docs/decisions.md, the house, 2 and 3).
 fn taken(asked: Nanos) -> Nanos {
     let stamp = (asked + 7 * CHARACTER).div_ceil(US) * US;
     stamp + (64_166 + 18_333) * 125 / 2
 }
 
-/// How wide each pulse is, and the interval to the next one; the last one has none.
+/// Width of each pulse, and the interval to the next one; the last one has none.
 fn widths(run: &Run) -> Vec<(Nanos, Nanos)> {
     let rises = run.edges(pin::STEP, Drive::High);
     let falls = run.edges(pin::STEP, Drive::Low);
@@ -102,7 +102,7 @@ fn every_pulse_of_a_move_is_where_the_plan_has_it() {
     assert_eq!(value(&run, end), 0);
 }
 
-/// Where an image keeps something.
+/// Address of a symbol of an image.
 fn address(image: &Path, name: &str) -> u64 {
     let bytes = std::fs::read(image).expect("the image is there");
     let file = object::File::parse(bytes.as_slice()).expect("it is an ELF file");

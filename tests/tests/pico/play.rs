@@ -19,30 +19,30 @@ pub(crate) const US: Nanos = 1_000;
 /// The jumper that is low at the start for no start-up delay (firmware/boards/rp2040/README.md).
 const FAST: u8 = 22;
 
-/// What is done to a board.
+/// Stimulus of a board.
 #[derive(Clone, Default)]
 pub(crate) struct Script(String);
 
-/// What a board did.
+/// Event of a board.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum Did {
     /// A character began to leave.
     Sent(u8),
     /// The board drives a pin low or high, or lets it go.
     Pin(u8, Drive),
-    /// It begins to erase the sector at this offset.
+    /// Begins to erase the sector at this offset.
     Erased(u32),
-    /// It begins to program so many bytes at this offset.
+    /// Begins to program so many bytes at this offset.
     Programmed(u32, u32),
-    /// This word of its memory was looked at.
+    /// A word of its memory, as read.
     Peeked(u32),
-    /// Its power went.
+    /// Power went.
     PowerOff,
     /// The watchdog reset it.
     Watchdog,
 }
 
-/// How a pin is driven.
+/// Stimulus of a pin.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum Drive {
     Low,
@@ -53,21 +53,21 @@ pub(crate) enum Drive {
 /// A run.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub(crate) struct Run {
-    /// What the board did, in the order of time.
+    /// Events of the board, in the order of time.
     pub(crate) did: Vec<(Nanos, Did)>,
-    /// What it cost: the lines that begin with `stat`.
+    /// Figures: the lines that begin with `stat`.
     pub(crate) figures: Vec<String>,
 }
 
 impl Script {
-    /// Of a board with the jumper for no start-up delay.
+    /// A script for a board with the jumper for no start-up delay.
     pub(crate) fn fast() -> Self {
         let mut script = Self::default();
         script.at(0, format_args!("pin {FAST} low"));
         script
     }
 
-    /// Something is done at `at`, not before what has been said already.
+    /// Adds a stimulus at `at`, not before earlier ones.
     pub(crate) fn at(&mut self, at: Nanos, what: impl Display) {
         writeln!(self.0, "{}.{:03} {what}", at / US, at % US).expect("a string takes all");
     }
@@ -124,7 +124,7 @@ impl Run {
         run
     }
 
-    /// What was sent in that time, and when it began.
+    /// Characters that were sent in that time, and the start of the first.
     pub(crate) fn sent(&self, from: Nanos, to: Nanos) -> (Nanos, Vec<u8>) {
         let sent = self.did.iter().filter_map(|(at, did)| match did {
             Did::Sent(byte) if (from..to).contains(at) => Some((*at, *byte)),
@@ -134,7 +134,7 @@ impl Run {
         (times.first().copied().unwrap_or(0), bytes)
     }
 
-    /// When each character that was sent in that time began.
+    /// Start of each character that was sent in that time.
     pub(crate) fn times_sent(&self, from: Nanos, to: Nanos) -> Vec<Nanos> {
         let sent = self.did.iter().filter(|(at, did)| matches!(did, Did::Sent(_)) && (from..to).contains(at));
         sent.map(|(at, _)| *at).collect()
@@ -147,7 +147,7 @@ impl Run {
     }
 }
 
-/// What a line says; `None` if it complains.
+/// The event of a line; `None` for a complaint.
 fn parse(what: &str) -> Option<Did> {
     let words: Vec<&str> = what.split(' ').collect();
     Some(match words.as_slice() {

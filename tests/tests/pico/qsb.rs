@@ -12,7 +12,7 @@ const DTR: u8 = 8;
 const DIO1: u8 = 3;
 const DIO2: u8 = 4;
 
-/// When it is told the first thing: the board has copied itself to RAM and said its banner.
+/// Time of the first command: the board has copied itself to RAM and sent its banner.
 const START: Nanos = 40 * MS;
 /// A command and its answer take less.
 const TURN: Nanos = 3 * MS;
@@ -55,8 +55,8 @@ const UP: [(u8, &str); 4] = [(A, "low"), (B, "low"), (A, "high"), (B, "high")];
 /// B before A: down.
 const DOWN: [(u8, &str); 4] = [(B, "low"), (A, "low"), (B, "high"), (A, "high")];
 
-/// What R0E answers when `count` edges of a cycle have come at `rate` a second, in x4, free-running; `before`
-/// that these lines were said.
+/// Answer of R0E after `count` edges of a cycle at `rate` a second, in x4, free-running; `before` that these lines were
+/// sent.
 fn counted(before: &[&str], cycle: &[(u8, &str)], count: usize, rate: u64) -> String {
     let mut script = Script::fast();
     let begin = say(&mut script, START, &["W0303"]);

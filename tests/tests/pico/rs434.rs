@@ -8,7 +8,7 @@ use drivetwin_protocol::modbus::rtu;
 use crate::image_of;
 use crate::play::{Did, Drive, MS, Nanos, Run, Script};
 
-/// When it is asked first: the board has copied itself to RAM.
+/// Time of the first request: the board has copied itself to RAM.
 const START: Nanos = 60 * MS;
 /// A request and its answer take less at 115,200 baud.
 const TURN: Nanos = 10 * MS;
@@ -106,7 +106,7 @@ fn a_program_is_stored_before_the_answer_and_outlasts_the_power() {
     // Every piece of the memory changes each time, and in the end sectors have to be erased.
     const SAVES: u16 = 16;
     const STEP: u16 = 64;
-    /// What firmware/boards/rp2040/README.md promises.
+    /// Limit that firmware/boards/rp2040/README.md promises.
     const LONGEST: Nanos = 300 * MS;
     let mut script = Script::fast();
     let mut at = START;

@@ -1,4 +1,4 @@
-//! What a trace says that the board shows, as it can be asked at any instant.
+//! Expectations of a trace, at any instant.
 
 use drivetwin_firmware::device::{Duration, Instant, Line, Pin, Role};
 use drivetwin_firmware::motion::Walker;
@@ -9,44 +9,44 @@ use drivetwin_tests::on_shell::{self, Seen};
 use crate::host::Connection;
 use crate::patience::PLANNING;
 
-/// What the drive says.
+/// A reply of the drive.
 #[derive(Clone)]
 pub(crate) struct Reply {
     /// On which connection; on a serial port, none.
     pub(crate) to: Option<Connection>,
     /// From when on.
     pub(crate) at: Instant,
-    /// When what it follows without a pause begins. QEMU's UART paces nothing, so it may leave with that.
+    /// Start of the output that it follows without a pause. QEMU's UART paces nothing, so it may leave with that.
     pub(crate) earliest: Instant,
     /// The characters.
     pub(crate) bytes: Vec<u8>,
 }
 
-/// What a trace expects.
+/// Expectations of a trace.
 pub(crate) struct Expected {
-    /// What the drive says.
+    /// Replies of the drive.
     pub(crate) replies: Vec<Reply>,
     /// The settings of the line, and from when on.
     lines: Vec<(Instant, Line)>,
     /// The changes of each pin, which is low when it is given a level for the first time.
     pins: Vec<Vec<(Instant, bool)>>,
-    /// Whether it is an input before, and so is let go.
+    /// True if it is an input before, and so is released.
     let_go: Vec<bool>,
-    /// When each pin was given a level, whether it changed or not.
+    /// Times at which each pin was given a level, whether it changed or not.
     given: Vec<Vec<Instant>>,
     /// STEP and DIR, if they serve other purposes, too.
     shared: Option<(Pin, Pin)>,
     motion: Vec<(Instant, Done)>,
-    /// Whether the board makes steps.
+    /// True if the board makes steps.
     pub(crate) has_steps: bool,
     /// Each step, and whether it is forward.
     steps: Vec<(Instant, bool)>,
-    /// What its memory holds at the end.
+    /// Content of its memory at the end.
     pub(crate) memory: Vec<u8>,
 }
 
 impl Expected {
-    /// Of a trace with one drive, and what it asks of the motor. STEP and DIR may be `shared` pins.
+    /// Expectations of a trace with one drive, and of its motor. STEP and DIR may be `shared` pins.
     pub(crate) fn of(trace: &Trace, motion: Vec<(Instant, Done)>, shared: Option<(Pin, Pin)>) -> Self {
         let [drive] = trace.drives.as_slice() else { panic!("a board has one drive") };
         // The motor of an MDrive is inside, and so are its millions of steps.
@@ -105,12 +105,12 @@ impl Expected {
         expected
     }
 
-    /// Whether a pin is given a level at any time after `after` and before `before`.
+    /// Returns whether a pin is given a level at any time after `after` and before `before`.
     pub(crate) fn is_given(&self, pin: Pin, after: Instant, before: Instant) -> bool {
         self.given[usize::from(pin.0)].iter().any(|at| (after..before).contains(at))
     }
 
-    /// Whether a pin is STEP or DIR at `at`: a plan takes them, a level takes them back.
+    /// Returns whether a pin is STEP or DIR at `at`: a plan takes them, a level takes them back.
     pub(crate) fn is_axis(&self, pin: Pin, at: Instant) -> bool {
         let given = self.given[usize::from(pin.0)].iter().rev().find(|given| **given <= at);
         self.shared.is_some_and(|(step, dir)| pin == step || pin == dir)
@@ -138,7 +138,7 @@ impl Expected {
         change.is_some_and(|(_, high)| *high)
     }
 
-    /// Whether a pin has that level at any time after `after` and before `before`.
+    /// Returns whether a pin has that level at any time after `after` and before `before`.
     pub(crate) fn has_level(&self, pin: Pin, high: bool, after: Instant, before: Instant) -> bool {
         let place = usize::from(pin.0);
         let changes = self.pins[place].iter().map(|(at, _)| at).chain(&self.given[place]);
@@ -159,7 +159,7 @@ impl Expected {
             .sum()
     }
 
-    /// Whether the motor makes steps that way between `after` and `before`. One that is late, or early by a
+    /// Returns whether the motor makes steps that way between `after` and `before`. One that is late, or early by a
     /// part of a step, may also be the one before that or the one behind.
     pub(crate) fn goes(&self, forward: bool, after: Instant, before: Instant) -> bool {
         let first = self.steps.partition_point(|(at, _)| *at < after).saturating_sub(1);
@@ -167,7 +167,7 @@ impl Expected {
         self.steps.iter().take(last + 1).skip(first).any(|(_, way)| *way == forward)
     }
 
-    /// When the motor was told something last, and whether it stood then.
+    /// Last order to the motor, and whether it stood then.
     pub(crate) fn told(&self, at: Instant) -> Option<(Instant, bool)> {
         let index = self.motion.iter().take_while(|(from, _)| *from <= at).count().checked_sub(1)?;
         let (told, _) = self.motion[index];
@@ -178,7 +178,7 @@ impl Expected {
         Some((told, stood))
     }
 
-    /// Whether the motor is given a plan at any time from `after` to `at`.
+    /// Returns whether the motor is given a plan at any time from `after` to `at`.
     pub(crate) fn plans(&self, after: Instant, at: Instant) -> bool {
         let plan = |done: &Done| matches!(done, Done::Planned(..));
         self.motion.iter().any(|(from, done)| plan(done) && (after..=at).contains(from))
@@ -215,7 +215,7 @@ impl Expected {
             .sum()
     }
 
-    /// When something is due to be seen.
+    /// Instants at which there is something to compare.
     pub(crate) fn instants(&self) -> impl Iterator<Item = Instant> {
         let replies = self.replies.iter().map(|reply| reply.at);
         let pins = self.pins.iter().flatten().map(|(at, _)| *at);

@@ -1,4 +1,4 @@
-//! What a trace does to the board.
+//! Inputs of a trace for the board.
 
 use std::fmt;
 
@@ -9,16 +9,16 @@ use crate::expected::Expected;
 use crate::host::Connection;
 use crate::machine::Gpio;
 
-/// What is done to the board.
+/// An input of the board.
 #[derive(Clone)]
 pub(crate) enum Act {
     /// The bus hears one.
     Character(u8),
-    /// Somebody connects.
+    /// A client connects.
     Open(Connection),
-    /// He says something.
+    /// The client sends bytes.
     Say(Connection, Vec<u8>),
-    /// He has no more to say.
+    /// The client closes its connection.
     Close(Connection),
     /// An input goes low or high.
     Drive(&'static str, Gpio, bool),
@@ -41,7 +41,7 @@ impl fmt::Display for Act {
     }
 }
 
-/// What a trace feeds, in the order of time, each character at its own instant.
+/// Inputs of a trace, in the order of time, each character at its own instant.
 pub(crate) fn acts(
     trace: &Trace,
     expected: &Expected,

@@ -1,13 +1,13 @@
-//! What a replay finds out about the board.
+//! Figures that a replay finds about the board.
 
 use std::fmt;
 
 use drivetwin_firmware::device::Duration;
 
-/// What a replay found out.
+/// Figures of a replay.
 #[derive(Default)]
 pub(crate) struct Figures {
-    /// How far virtual time went.
+    /// Virtual time at the end.
     pub(crate) time: Duration,
     /// The longest that anything took.
     pub(crate) latency: Duration,

@@ -6,7 +6,7 @@ use std::os::unix::net::UnixStream;
 /// QEMU's debug stub at the other end of a socket.
 pub(crate) struct Gdb {
     line: UnixStream,
-    /// What has come and was not yet looked at.
+    /// Bytes that have come and were not read yet.
     heard: Vec<u8>,
 }
 

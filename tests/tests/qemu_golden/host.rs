@@ -36,7 +36,7 @@ pub(crate) struct Host {
 }
 
 impl Host {
-    /// One that is connected to nothing.
+    /// A host that is connected to nothing.
     pub(crate) fn new(spec: &'static Spec) -> Self {
         let mut cable = Cable::default();
         let config = Config::new(HardwareAddress::Ethernet(ADDRESS));
@@ -86,7 +86,7 @@ impl Host {
         std::mem::take(&mut self.cable.leaves)
     }
 
-    /// What was heard on each connection since the last time.
+    /// Bytes that came on each connection since the last call.
     pub(crate) fn heard(&mut self) -> Vec<(Connection, Vec<u8>)> {
         let connections: Vec<Connection> = self.connections.keys().copied().collect();
         let heard = connections.into_iter().map(|connection| {

@@ -11,7 +11,7 @@ const WFI: [u8; 2] = 0xBF30_u16.to_le_bytes();
 
 /// An image of the board.
 pub(crate) struct Image {
-    /// Its file.
+    /// File of the image.
     pub(crate) path: PathBuf,
     /// The one place where its loop sleeps.
     pub(crate) sleeps_at: u32,

@@ -1,32 +1,31 @@
-//! Where the motor is, if a board makes its plans a little late.
+//! Position of the motor, if a board makes its plans a little late.
 
 use drivetwin_firmware::device::{Duration, Instant};
 
 use crate::expected::Expected;
 use crate::patience::{PLANNING, earlier};
 
-/// How far behind its instants the board makes a plan that it began late: one from standstill as a whole,
-/// so that each step is late by the same span. One that replaces another joins in where it is; there an
-/// input that was heard a little late also moves the way that follows by a part of a step, and close to
-/// standstill that is long: there one step more or less is right for each that joined in, and it still is
-/// when the motor stands.
+/// Delay by which the board makes a plan that it began late: one from standstill as a whole, so that each step is late
+/// by the same span. One that replaces another joins in where it is; there an input that was received a little late
+/// also moves the way that follows by a part of a step, and close to standstill that is long: there one step more or
+/// less is right for each that joined in, and it still is when the motor stands.
 #[derive(Default)]
 pub(crate) struct Lag {
-    /// When the motor was told last, and whether it stood then.
+    /// Last order to the motor, and whether it stood then.
     told: Option<(Instant, bool)>,
     /// The spans, in microseconds, that explain all that was seen since.
     possible: Vec<u64>,
     /// Steps made by the last look.
     made: i32,
-    /// Of these, those that are right and not in the trace.
+    /// Steps of these that are right and not in the trace.
     aside: i32,
     /// Plans that joined in since the motor stood.
     joined: i32,
 }
 
 impl Lag {
-    /// Whether one lag explains that, and all that was seen of the plan before: so many steps were made
-    /// by an instant after `since` and before `now`.
+    /// Returns whether one lag explains this, and all that was seen of the plan before: so many steps were made by an
+    /// instant after `since` and before `now`.
     pub(crate) fn explains(&mut self, expected: &Expected, made: i32, since: Instant, now: Instant) -> bool {
         let before = std::mem::replace(&mut self.made, made);
         let told = expected.told(now);

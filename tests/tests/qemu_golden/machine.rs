@@ -42,7 +42,7 @@ pub(crate) const CYCLES_PER_US: u64 = 50;
 /// Cycles in a period of SysTick.
 const PERIOD: u64 = 100_000 * CYCLES_PER_US;
 
-/// How long the host may take from one stop to the next before it counts as hung.
+/// Longest time from one stop to the next before it counts as hung.
 const PATIENCE: Duration = Duration::from_secs(60);
 
 /// SysTick's current value, and the register that says which exception is pending (B3.2.4 of the ARMv7-M
@@ -64,7 +64,7 @@ const PERIODIC: u32 = 2;
 /// UART0: flags, of which bit 4 says that nothing has been received.
 const UART_FLAGS: u32 = 0x4000_C018;
 const RX_EMPTY: u32 = 1 << 4;
-/// How often its flags are read until a character that was sent to it is there.
+/// Reads of its flags until a character that was sent to it is there.
 const LOOKS: usize = 1_000_000;
 
 /// A pin of the board: the letter of its port, and its number there.
@@ -77,7 +77,7 @@ impl fmt::Display for Gpio {
     }
 }
 
-/// What of the board there is a line to.
+/// Part of the board that has a line.
 #[derive(Clone, Copy)]
 pub(crate) enum Jack {
     Uart0,
@@ -86,7 +86,7 @@ pub(crate) enum Jack {
 }
 
 impl Jack {
-    /// How QEMU is told that its standard output is this line.
+    /// Options of QEMU that make its standard output this line.
     fn arguments(self) -> &'static [&'static str] {
         match self {
             Self::Uart0 => &["-chardev", "socket,id=bus,fd=1", "-serial", "chardev:bus"],
@@ -95,7 +95,7 @@ impl Jack {
     }
 }
 
-/// Where the ports A to G have their registers (8.4 of the datasheet).
+/// Addresses of the registers of ports A to G (8.4 of the datasheet).
 const PORTS: [u32; 7] =
     [0x4000_4000, 0x4000_5000, 0x4000_6000, 0x4000_7000, 0x4002_4000, 0x4002_5000, 0x4002_6000];
 
