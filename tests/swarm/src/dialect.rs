@@ -120,9 +120,13 @@ impl Family {
     }
 
     /// Returns whether a saved register changes by itself: of an MD3 IOPortData with its pins (7.9), and the sign of
-    /// MoveSteps where it moves to and fro (7.8).
+    /// MoveSteps where it moves to and fro (7.8); of a QSB DIG I/O, which reads levels of pins.
     pub(crate) fn changes_by_itself(self, address: u16) -> bool {
-        self == Self::Md3 && matches!(address, 0x0A | 0x12)
+        match self {
+            Self::Md3 => matches!(address, 0x0A | 0x12),
+            Self::Qsb => address == 0x01,
+            Self::Rs434 | Self::Mdrobot | Self::Mdrive => false,
+        }
     }
 
     /// Longer than the drive takes from power-on to its first answer: MD3 4, RS 434 decision 9, MDROBOT decision 11, QSB
