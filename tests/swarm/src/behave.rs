@@ -174,14 +174,13 @@ impl Runner<'_> {
         let spec = self.bench.spec(seat);
         let family = Family::of(spec.kind);
         let block = family.blocks()[0];
-        let other = |address: u16| match family {
-            Family::Qsb => QSB.iter().all(|(register, _)| *register != address),
-            _ => {
-                !(block.first..block.first + block.count).contains(&address)
-                    && !family.changes_by_itself(address)
-            }
+        let in_block = |address: u16| match family {
+            Family::Qsb => QSB.iter().any(|(register, _)| *register == address),
+            _ => (block.first..block.first + block.count).contains(&address),
         };
-        let rows = dialect::settable(spec).filter(|(_, row)| row.saved != 0 && other(row.address));
+        let is_kept =
+            |row: &Row| row.saved != 0 && !in_block(row.address) && !family.changes_by_itself(row.address);
+        let rows = dialect::settable(spec).filter(|(_, row)| is_kept(row));
         let bits = |row: &Row| if row.saved == u16::MAX { -1 } else { i64::from(row.saved) };
         rows.map(|(place, row)| (row.name, self.bench.peek(seat, place) & bits(row))).collect()
     }
