@@ -10,7 +10,7 @@ use super::drive::Drive;
 use super::error::Error;
 use super::io::Io;
 use super::mcode::{names, program};
-use super::registers::{LASTING, Reg, mcode_accepts};
+use super::registers::{LASTING, Reg};
 use super::variables::{entry, is_number, words};
 use crate::device::{Duration, Instant, Nowhere, Refused, Sink};
 use crate::memory::{self, Content, Save};
@@ -64,20 +64,23 @@ impl Drive {
         content != Content::Bad
     }
 
-    /// A memory of nobody, or of the other model, may hold what no write could bring: that is the factory's then.
+    /// Resets values that no save could have stored, as a memory of the other model may have.
     fn mend(&mut self) {
         let entries = self.model.entries();
         for (row, entry) in entries.list.iter().enumerate() {
             let value = entries.value(self.bank.words(), row);
-            if entry.saved != 0 && !Reg::from_row(row).is_some_and(|reg| mcode_accepts(reg, value)) {
+            if entry.saved != 0 && !Reg::from_row(row).is_some_and(|reg| self.is_possible(reg, value)) {
                 entries.put(self.bank.words_mut(), row, entry.reset);
             }
         }
-        // Each is legal now; they must go together, too.
+        // Each is possible now; they must go together, too.
         let rows = entries.list.iter().enumerate().filter(|(_, entry)| entry.saved != 0);
         let mut numbers = rows.filter_map(|(row, _)| Reg::from_row(row)).filter(|&reg| is_number(reg));
         let held = |reg| self.held(reg);
-        if numbers.any(|reg| self.has(reg) && self.judge_together(reg, held(reg), &held).is_err()) {
+        let conflicts = |reg| {
+            self.has(reg) && !self.is_in_counts(reg) && self.judge_together(reg, held(reg), &held).is_err()
+        };
+        if held(Reg::VI) >= held(Reg::VM) || numbers.any(conflicts) {
             self.renew();
         }
     }

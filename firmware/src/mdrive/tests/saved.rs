@@ -177,6 +177,34 @@ fn a_memory_of_what_no_write_could_bring() {
     }
 }
 
+/// With EE these are in counts, 1/25 of the steps with 256 microsteps and an encoder of 512 lines (MC 7.3.7), and may
+/// be below what a write accepts.
+#[test]
+fn what_ee_made_small_is_kept() {
+    let mut dut = Dut::plus();
+    let small = [(Reg::A, 91), (Reg::D, 200), (Reg::VI, 26), (Reg::VM, 90)];
+    for (reg, value) in small {
+        dut.set(reg, value);
+    }
+    dut.set(Reg::EE, 1);
+    let in_counts = small.map(|(reg, _)| dut.get(reg));
+    assert!(in_counts[..2].iter().all(|value| (1..91).contains(value)), "{in_counts:?}");
+    dut.save();
+    dut.cycle();
+    assert_eq!(small.map(|(reg, _)| dut.get(reg)), in_counts);
+    assert_eq!(dut.get(Reg::EE), 1);
+}
+
+/// D has a value of counts, and EE is 0.
+#[test]
+fn a_memory_of_values_too_small_for_steps() {
+    let mut dut = Dut::plus();
+    dut.drive.drive.bank.set(Reg::D, 6);
+    dut.save();
+    dut.cycle();
+    assert_eq!(dut.get(Reg::D), 1_000_000);
+}
+
 #[test]
 fn a_save_in_motion() {
     let mut dut = Dut::plus();

@@ -45,6 +45,21 @@ impl Drive {
         mcode_accepts(reg, value.into()) && (fits || !self.is_closed())
     }
 
+    /// Returns whether a variable is in counts.
+    pub(in crate::mdrive) fn is_in_counts(&self, reg: Reg) -> bool {
+        self.is_closed() && SCALED.contains(&reg)
+    }
+
+    /// Returns whether a saved value is possible. EE can bring A, D, VI and VM below the least value that a write
+    /// accepts.
+    pub(in crate::mdrive) fn is_possible(&self, reg: Reg, value: i64) -> bool {
+        if self.is_in_counts(reg) {
+            (1..=most_counts(reg).into()).contains(&value)
+        } else {
+            mcode_accepts(reg, value)
+        }
+    }
+
     /// Returns whether an encoder of so many lines fits so many microsteps: MS is at least EL x 8 / 200 with a motor of
     /// 200 full steps (MC 5-21).
     pub(super) fn fits(&self, lines: i32, microsteps: i32) -> bool {
@@ -70,16 +85,20 @@ impl Drive {
     fn scaled(&self, reg: Reg, to_counts: bool) -> i64 {
         let (scale, value) = (motion_settings(&self.bank, None).closed_scale(), self.bank.get(reg));
         let value = if to_counts { scale.in_counts(value) } else { scale.in_steps(value) };
-        let most = match reg {
-            Reg::A | Reg::D => MOST_COUNTS_PER_S2,
-            Reg::VI => MOST_COUNTS_PER_S - 1,
-            _ => MOST_COUNTS_PER_S,
-        };
         match entry(reg).legal {
-            _ if to_counts => value.min(most.into()),
+            _ if to_counts => value.min(most_counts(reg).into()),
             Legal::Range(least, most) => value.max(least).min(most),
             _ => value,
         }
+    }
+}
+
+/// The most of A, D, VI or VM in counts.
+fn most_counts(reg: Reg) -> i32 {
+    match reg {
+        Reg::A | Reg::D => MOST_COUNTS_PER_S2,
+        Reg::VI => MOST_COUNTS_PER_S - 1,
+        _ => MOST_COUNTS_PER_S,
     }
 }
 
